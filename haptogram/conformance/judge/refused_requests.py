@@ -37,8 +37,8 @@ from haptogram_protocol.messages import (
 from ..client.board_client import BoardClient
 
 #: Sequence that is stored, and the one whose upload is under way.
-STORED: Final = 21
-PENDING: Final = 22
+STORED: Final = 5
+PENDING: Final = 6
 _ABSENT: Final = 23
 #: Fields of the configuration with values one beyond a bound.
 OUT_OF_BOUNDS: Final = (
@@ -58,6 +58,7 @@ _FLAG: Final = 0x20
 FOREIGN: Final = 0x0300
 _PERIOD_US: Final = 1000
 _ALONE_MS: Final = 900
+_FAR_US: Final = 60_000_000  # a slow line takes a while until this start is sent
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +216,7 @@ def refused_plays(board: BoardClient) -> Iterator[Refusal]:
             alone = dataclasses.replace(good, unattended_ms=alone_ms)
             yield _refusal(f"unattended_ms = {alone_ms}", alone, bad, **at_once)
     yield _refusal("a start that has passed", good, bad, time_us=now_us - 1000)
-    beyond_us = now_us + identity.max_horizon_us + 5_000_000
+    beyond_us = now_us + identity.max_horizon_us + _FAR_US
     yield _refusal("a start beyond the horizon", good, bad, time_us=beyond_us)
 
 

@@ -1,16 +1,20 @@
 """The healthy board passes everything, and what nothing can show is known by name."""
 
+import contextlib
 import dataclasses
 import functools
+from typing import ClassVar
 
 import pytest
-from boards import run, virtual
+from boards import Wrapped, run, virtual
 
 from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases
 from haptogram.conformance.verdict import Behaviour
 from haptogram.records.frame import Evidence
-from haptogram_protocol.messages import Feature
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import FrameDecoder
+from haptogram_protocol.messages import Feature, UploadCommit, parse_body
 from sim_device.board.board import Board
 from sim_device.mutants.mutant import Mutant
 from sim_device.mutants.replies import GapsLimited
@@ -51,9 +55,29 @@ NOT_HERE = {"HG-1.2/2", "HG-1.2/3", "HG-7.1/2"}
 SMALL = {"HG-2.2/1"}
 
 
+#: Sequences that cases store, all together: none can be deleted, and a board may hold few.
+MOST_SEQUENCES = 11
+#: Targets of commits that a board refuses, and of the phase correction.
+NOT_STORED = {0, 0xEEEE}
+
+
+class Commits(Wrapped):
+    """Notes the targets of all UPLOAD_COMMIT."""
+
+    targets: ClassVar[set[int]] = set()
+
+    def write_some(self, data):
+        written = super().write_some(data)
+        for body in FrameDecoder().feed(data[:written]):
+            if isinstance(body, bytes) and body[0] == UploadCommit.TYPE:
+                with contextlib.suppress(RemoteProtocolError):
+                    self.targets.add(parse_body(body)[1].target)
+        return written
+
+
 @functools.cache
 def result(array, baud=3_000_000, depth=Depth.QUICK):
-    return run(virtual(array=array, baud=baud), depth=depth)
+    return run(virtual(array=array, baud=baud, wrap=Commits), depth=depth)
 
 
 @pytest.mark.parametrize(
@@ -86,6 +110,7 @@ def test_the_healthy_board_passes_everything(array, baud, not_here, depth):
     assert others == {Behaviour.OK, Behaviour.NOT_OBSERVED}
     assert suite.exit_status == 0
     assert suite.device["firmware"] == "haptogram-sim 1"
+    assert 5 < len(Commits.targets - NOT_STORED) <= MOST_SEQUENCES
 
 
 def test_the_same_seed_gives_the_same_result():

@@ -1,5 +1,6 @@
 """Lines and boards that are slow: the suite measures, waits, and says what it could not see."""
 
+import functools
 import random
 import shlex
 import sys
@@ -18,6 +19,8 @@ from haptogram.conformance.run.spawning import SpawnAccess
 from haptogram.conformance.verdict import Behaviour
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.report.conformance.text import suite_text
+from haptogram_protocol.framing import decode_frame
+from haptogram_protocol.messages import Disarm, Phases
 
 DEAF = Path(__file__).parents[2] / "deaf_board.py"
 AT_A_RESET = ("HG-4.1/4-reset", "HG-4.7/1", "HG-6.1/1", "HG-9.2/1")
@@ -60,6 +63,39 @@ def test_the_verdict_names_what_a_reset_would_add():
     assert text.startswith("verdict      PASS (exit status 0); ")
     assert text.endswith(" would add HG-3.6/1-sides, HG-3.6/1-time, HG-6.1/1")
     assert "would add" not in suite_text(run(virtual(array="3x2"), "HG-2.3", "HG-6.1"))
+
+
+class LateDisarm(Wrapped):
+    """Hands DISARM on after 250 ms if a drive was sent before it, *times* times."""
+
+    def __init__(self, inner, times):
+        super().__init__(inner)
+        self.times, self.sounds, self.unread = times, False, b""
+
+    def write_some(self, data):
+        pieces = [piece for piece in data.split(b"\0") if piece]
+        kind = decode_frame(pieces[0])[0] if len(pieces) == 1 else 0
+        self.sounds |= kind == Phases.TYPE
+        if kind == Disarm.TYPE and self.sounds and self.times > 0:
+            self.times, self.sounds = self.times - 1, False
+            end_ns = self.now_ns() + 250_000_000
+            while self.now_ns() < end_ns:
+                self.unread += super().read_available(end_ns)
+        return super().write_some(data)
+
+    def read_available(self, deadline_ns):
+        data, self.unread = self.unread, b""
+        return data or super().read_available(deadline_ns)
+
+
+@pytest.mark.parametrize(("times", "verdict"), [(2, Behaviour.OK), (3, Behaviour.INCONCLUSIVE)])
+def test_an_end_that_arrives_when_a_timer_has_ended_the_output_is_sent_again(times, verdict):
+    access = virtual(array="3x2", wrap=functools.partial(LateDisarm, times=times))
+    [result] = run(access, "HG-6.5/1-moments").results
+    assert result.behaviour is verdict, result.detail
+    assert result.seconds > 0.25 * times
+    if verdict is Behaviour.INCONCLUSIVE:
+        assert result.detail.startswith("DISARM sounding: answered after 25")
 
 
 @pytest.mark.parametrize("size", [2048, 4090, 4095, 4096])

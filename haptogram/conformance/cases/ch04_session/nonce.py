@@ -178,11 +178,11 @@ def a_new_nonce_keeps(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES,
 )
 def a_new_nonce_keeps_sequences(board: BoardClient) -> None:
-    store_phases(board, 9, frames=2)
+    store_phases(board, 3, frames=2)
     board.hello()
     board.arm()
     with board.counting(latched=2):
-        play_now(board, 9, loops=1)
+        play_now(board, 3, loops=1)
         board.wire.idle(10_000)
 
 

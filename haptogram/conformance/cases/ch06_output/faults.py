@@ -25,7 +25,7 @@ from ...client.latching import is_board_silent, latch_now
 from ...client.playback import play_now, store_phases
 from ...outcome import SELF_REPORTED, check, not_observed
 
-_SEQUENCE: Final = 41
+_SEQUENCE: Final = 4
 _QUEUED: Final = 2
 _PLAYBACK: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 _FAULT: Final = (OutputState.FAULT, MuteReason.FAULT)

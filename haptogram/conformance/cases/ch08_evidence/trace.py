@@ -67,10 +67,10 @@ def keys_are_unique(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
     due = [(0, 0, first + number) for number in range(40)]
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, 12, frames=3)
-        play_now(board, 12, loops=2)
+        store_phases(board, 4, frames=3)
+        play_now(board, 4, loops=2)
         board.link.await_event(PlaybackEnded, since, 100_000)
-        due += [(12, loop, index) for loop in range(2) for index in range(3)]
+        due += [(4, loop, index) for loop in range(2) for index in range(3)]
     got = [(latch.sequence, latch.loop, latch.index) for latch in board_latches(board, since, mode)]
     check(len(set(got)) == len(got), f"{len(got)} latches have {len(set(got))} keys")
     wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]

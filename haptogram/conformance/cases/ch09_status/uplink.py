@@ -23,7 +23,7 @@ from ...outcome import SELF_REPORTED, check
 
 _ASKED: Final = 40
 _MS: Final = 1000
-_SEQUENCE: Final = 15
+_SEQUENCE: Final = 2
 _STATUS_TOLD: Final = 4  # STATUS while the uplink is full
 
 

@@ -40,7 +40,7 @@ from ...client.stream_kinds import refused_requests, valid_requests
 from ...client.wire import Received
 from ...outcome import check
 
-_SEQUENCE: Final = 12
+_SEQUENCE: Final = 4
 _UNKNOWN_REQUEST: Final = 0x7B
 _IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10
 _LOW_FLAGS: Final = (1, 2, 4, 8)

@@ -32,7 +32,7 @@ from ...outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 5
 _FRAMES: Final = 4
-_PLAYED: Final = 12
+_PLAYED: Final = 6
 _EDGES: Final = (0x7FFF, 0x8000, 0x00FF, 0xFF00, 0xFFFF, 0x0100)
 
 

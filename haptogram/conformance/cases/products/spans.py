@@ -31,7 +31,7 @@ from ...client.stream_kinds import stream_kinds
 from ...client.uploads import begin_upload, send_pieces
 from ...outcome import SELF_REPORTED, check
 
-_SEQUENCE: Final = 11
+_SEQUENCE: Final = 3
 _PIECES: Final = 12  # chunks of an upload
 _Chunks = list[tuple[int, int]]
 

@@ -30,7 +30,7 @@ from ....judge.timers import muted_by_timer
 from ....outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
-_SEQUENCE: Final = 32
+_SEQUENCE: Final = 7
 
 #: The last latch: key, time, phases and amplitudes; number of the last stream frame, time again.
 LastLatch = tuple[LatchKey | None, int, bytes, int, int]

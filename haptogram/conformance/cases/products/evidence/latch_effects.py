@@ -31,7 +31,7 @@ from ....judge.timers import check_mute_time, muted_by_timer
 from ....outcome import SELF_REPORTED, check, inconclusive
 
 _MS: Final = 1000
-_SEQUENCE: Final = 36
+_SEQUENCE: Final = 4
 _FRAMES: Final = 2
 _LOOPS: Final = 2
 _LATE_US: Final = 5 * _MS

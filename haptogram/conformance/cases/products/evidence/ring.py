@@ -22,7 +22,7 @@ from ....client.latching import latch_now
 from ....client.playback import play_now, store_phases
 from ....outcome import SELF_REPORTED, check, fail
 
-_SEQUENCE: Final = 33
+_SEQUENCE: Final = 7
 _FRAMES: Final = 3
 _LATCHES: Final = 402
 _LAST: Final = 0xFFFFFFFF

@@ -28,7 +28,7 @@ from ....client.uploads import upload_to_board
 from ....outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
-_SEQUENCE: Final = 14
+_SEQUENCE: Final = 2
 _CEILING: Final = 100
 _MODES: Final = (
     (Feature.TRACE, TraceMode.CRC),

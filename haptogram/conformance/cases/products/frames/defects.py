@@ -30,7 +30,7 @@ from ....client.playback import store_phases
 from ....client.stream_kinds import refused_requests, stream_kinds, valid_requests
 from ....outcome import SELF_REPORTED, CaseEndedError, check
 
-_SEQUENCE: Final = 15
+_SEQUENCE: Final = 2
 
 
 # --- Types -------------------------------------------------------------------------------------

@@ -29,7 +29,7 @@ from ....client.stream_kinds import host_types, refused_requests, stream_kinds, 
 from ....client.wire import Received
 from ....outcome import SELF_REPORTED, check
 
-_SEQUENCE: Final = 9
+_SEQUENCE: Final = 3
 _LONG: Final = 3000
 _UNKNOWN_REQUEST: Final = 0x7B
 _FLIPS: Final = (1, 1 << 15, 1 << 16, 1 << 31)

@@ -30,7 +30,7 @@ from ....judge.refused_requests import refused_by_link
 from ....outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
-_SEQUENCE: Final = 34
+_SEQUENCE: Final = 4
 _CEILINGS: Final = (60, 255, 0, 1, 254)
 _SPEEDS_MM_S: Final = (300_000, 380_000, 331_300)
 _WORST_STEPS: Final = 1.5 + 1e-6  # one step beyond the rounding, which is half of one

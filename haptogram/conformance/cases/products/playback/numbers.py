@@ -12,7 +12,7 @@ from ....client.playback import play_now, store_phases
 from ....outcome import SELF_REPORTED, check, fail, inconclusive
 
 _MS: Final = 1000
-_SEQUENCE: Final = 0x7A05
+_SEQUENCE: Final = 0x8001
 _WIDTHS: Final = (8, 15, 16, 24, 31, 32)
 _SEEN: Final = 12  # latches after which a playback of very many frames is stopped
 _LOOK_MS: Final = 60

@@ -15,7 +15,7 @@ from ....client.playback import PERIOD_US, play_at, store_phases
 from ....client.stream_kinds import points_of, stream_kinds
 from ....outcome import SELF_REPORTED, check, inconclusive, not_observed
 
-_SEQUENCE: Final = 13
+_SEQUENCE: Final = 5
 _WINDOW_US: Final = 100_000
 _AHEAD_US: Final = 400_000
 _TRIES: Final = 3

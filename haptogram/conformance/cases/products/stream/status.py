@@ -30,7 +30,7 @@ from ....client.stream_kinds import stream_kinds, valid_requests
 from ....outcome import SELF_REPORTED, check, fail
 from ..stream_types import DROPS, frames_to_drop
 
-_SEQUENCE: Final = 13
+_SEQUENCE: Final = 5
 _AHEAD_US: Final = 400_000
 #: Counters of steps 13 to 16 of HG-3.8.
 _WITH_MARGIN: Final = ("dropped_order", "dropped_full", "dropped_future", "dropped_late")

@@ -19,7 +19,7 @@ from ....judge.timers import EXACT_US, muted_by_timer
 from ....outcome import check, fail
 
 _MS: Final = 1000
-_SEQUENCE: Final = 14
+_SEQUENCE: Final = 2
 _LENGTH_MS: Final = 150  # of a timer, and what the frames take on the line
 _RAMP_MS: Final = 80
 _MOMENTS: Final = (0.4, 0.8, 1.3)  # of the length: the last one in the ramp

@@ -15,7 +15,7 @@ from ....outcome import SELF_REPORTED
 
 _HOLD_MS: Final = 60
 _RAMPS_MS: Final = (100, 300)
-_SEQUENCE: Final = 35
+_SEQUENCE: Final = 4
 _CEILINGS: Final = (255, 254, 128, 100, 1, 0)
 
 
