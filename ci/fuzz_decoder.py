@@ -143,7 +143,7 @@ def _check_dialect(number: int, wire: bytes) -> None:
         wire = _as_session(wire)
     found, again, place = whole.receive_data(wire), list[Any](), 0
     while place < len(wire):
-        end = pieces.next_end(wire, place)
+        end = pieces.next_frame_end(wire, place)
         assert place < end <= len(wire)
         again += pieces.receive_data(wire[place:end])
         assert pieces.pending <= _MAX_PENDING

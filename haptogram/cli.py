@@ -248,12 +248,12 @@ def board_behind_url(url: str) -> Iterator[BoardUnderTest]:
 
 @contextlib.contextmanager
 def _board_in_program(config: PortConfig, label: str) -> Iterator[BoardUnderTest]:
-    from sim_device.protocol_haptogram import open_port
+    from sim_device.protocol_haptogram import open_virtual_port
 
     from .driver.line.port import PyserialTransport
     from .evidence.boards import InProcessBoard
 
-    with contextlib.closing(open_port(config)) as port:
+    with contextlib.closing(open_virtual_port(config)) as port:
         model = port.simulation.settings.truth
         transport = PyserialTransport(port, label)
         yield InProcessBoard(transport, lambda: port.records, port.wait_until_ns, model, label)
@@ -267,7 +267,7 @@ def boards_of_dialect(config: VerifyConfig) -> DialectBoards:
     ConfigurationError
         For a dialect, an option of it or an array that is refused.
     """
-    from sim_device.assembly import ForeignParts
+    from sim_device.assembly import ForeignAssembly
     from sim_device.blueprint import blueprint_of
 
     from .evidence.dialect_run import DialectBoards
@@ -276,7 +276,7 @@ def boards_of_dialect(config: VerifyConfig) -> DialectBoards:
     pitch_mm = config.array.pitch_mm
     blueprint = blueprint_of(BoardConfig.of(**config.dialect_options(), pitch_mm=pitch_mm))
     settings, parts = blueprint.settings, blueprint.parts
-    if settings.wiring is None or not isinstance(parts, ForeignParts):
+    if settings.wiring is None or not isinstance(parts, ForeignAssembly):
         raise ConfigurationError(f"dialect is {config.link.dialect!r}, whose boards have no wiring")
     return DialectBoards(
         parts.emulation.dialect,
@@ -296,7 +296,7 @@ def access_in_program(
     """
     import dataclasses
 
-    from sim_device.protocol_haptogram import Serial, open_port
+    from sim_device.protocol_haptogram import Serial, open_virtual_port
 
     from .conformance.run.access import VirtualAccess
     from .driver.line.port import PyserialTransport
@@ -319,7 +319,7 @@ def access_in_program(
         name = write_board_url(config)
         if boards is not None and config.backdoor is None and config.reconstruct is None:
             config = dataclasses.replace(config, reconstruct=False)
-        port = open_port(config)
+        port = open_virtual_port(config)
         opened[:] = [port]
         if boards is None:
             return PyserialTransport(port, name)
@@ -401,12 +401,12 @@ def records_of_bytes(config: BoardConfig, data: bytes) -> list[dict[str, Any]]:
     ConfigurationError
         If the board cannot be built.
     """
-    from sim_device.protocol_haptogram import open_port
+    from sim_device.protocol_haptogram import open_virtual_port
 
     from .settings.board_url import PortConfig
 
     with contextlib.closing(
-        open_port(PortConfig(board=config, clock="virtual", reconstruct=False))
+        open_virtual_port(PortConfig(board=config, clock="virtual", reconstruct=False))
     ) as port:
         port.wait_until_ns(port.now_ns() + _STARTED_NS)
         port.write(data)

@@ -19,8 +19,8 @@ from .board.stream_queue import StreamQueue
 from .board.timers import OutputTimers
 from .board.uploads import Uploads
 from .dialects.emulation import Emulation
-from .dialects.endpoint import Endpoint
-from .dialects.haptogram import OUTPUT_LIMIT, BoardDialect
+from .dialects.haptogram import OUTPUT_LIMIT, VirtualHaptogramDialect
+from .dialects.virtual_dialect import VirtualDialect
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class BoardAssembly:
     queue: type[StreamQueue] = StreamQueue
     uploads: type[Uploads] = Uploads
     focuser: type[PointFocuser] = PointFocuser
-    dialect: type[BoardDialect] = BoardDialect
+    dialect: type[VirtualHaptogramDialect] = VirtualHaptogramDialect
     connection: type[BoardConnection] = BoardConnection
     decoder: type[FrameDecoder] = FrameDecoder
     clock: type[DeviceClock] = DeviceClock
@@ -43,7 +43,7 @@ class BoardAssembly:
         settings: BoardSettings,
         description_hash: int,
         watch: Callable[[BoardEvent], None] | None = None,
-    ) -> BoardDialect:
+    ) -> VirtualHaptogramDialect:
         """Return a board at the end of its line, powered up; *watch* sees the link's events."""
         parts = BoardParts(self.output, self.timers, self.queue, self.uploads, self.focuser)
 
@@ -67,13 +67,13 @@ class Assembly(Protocol):
         """The clock of the board."""
         ...
 
-    def assemble(self, settings: BoardSettings, description_hash: int) -> Endpoint:
+    def assemble(self, settings: BoardSettings, description_hash: int) -> VirtualDialect:
         """Return the board at the end of its line, powered up."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class ForeignParts:
+class ForeignAssembly:
     """The parts of boards that speak another dialect.
 
     Attributes
@@ -88,6 +88,6 @@ class ForeignParts:
     options: Settings
     clock: type[DeviceClock] = DeviceClock
 
-    def assemble(self, settings: BoardSettings, description_hash: int) -> Endpoint:  # noqa: ARG002  it describes Haptogram's wire
+    def assemble(self, settings: BoardSettings, description_hash: int) -> VirtualDialect:  # noqa: ARG002  it describes Haptogram's wire
         """Return the boards at the end of their line, powered up."""
         return self.emulation.power_up(self.options, settings)

@@ -20,10 +20,10 @@ from haptogram.settings.faults.kinds import REPORTS
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram.settings.option import Settings
 
-from .assembly import Assembly, ForeignParts
+from .assembly import Assembly, ForeignAssembly
 from .board.settings import BoardSettings
 from .dialects.emulation import Emulation
-from .dialects.table import emulation_of, read_options
+from .dialects.table import emulation_of, read_emulation_options
 from .mutants import mutant_parts
 
 # Another board has no frames with a CRC, no reports, and no clock that it shows.
@@ -64,14 +64,14 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
                 f"dialect_option {config.dialect_option[0]} needs a dialect; give dialect too"
             )
         return Blueprint(BoardSettings.of(config), mutant_parts(config.mutant), config.plan)
-    return _of_another_dialect(config, config.dialect)
+    return _blueprint_of_another_dialect(config, config.dialect)
 
 
-def _of_another_dialect(config: BoardConfig, name: str) -> Blueprint:
+def _blueprint_of_another_dialect(config: BoardConfig, name: str) -> Blueprint:
     emulation = emulation_of(name)
-    options = read_options(emulation, config.dialect_option)
-    _check_sense(config, name)
-    emitters = _emitters_of(config, emulation, options)
+    options = read_emulation_options(emulation, config.dialect_option)
+    _check_blueprint(config, name)
+    emitters = _blueprint_emitters(config, emulation, options)
     elements = config.calibration
     mounted = emitters.mounting if elements is None else Calibration.from_file(elements)
     own = BoardSettings.of(dataclasses.replace(config, array=DEFAULT_ARRAY, calibration=None))
@@ -86,10 +86,10 @@ def _of_another_dialect(config: BoardConfig, name: str) -> Blueprint:
         wiring=emulation.wiring(options, emitters.channels),
         firmware=emulation.dialect.title,
     )
-    return Blueprint(settings, ForeignParts(emulation, options), config.plan)
+    return Blueprint(settings, ForeignAssembly(emulation, options), config.plan)
 
 
-def _check_sense(config: BoardConfig, name: str) -> None:
+def _check_blueprint(config: BoardConfig, name: str) -> None:
     if config.mutant is not None:
         raise ConfigurationError(
             f"mutant {config.mutant} is of Haptogram's firmware; leave it out with dialect {name}"
@@ -111,7 +111,7 @@ class _Emitters:
     mounting: Calibration | None = None
 
 
-def _emitters_of(config: BoardConfig, emulation: Emulation, options: Settings) -> _Emitters:
+def _blueprint_emitters(config: BoardConfig, emulation: Emulation, options: Settings) -> _Emitters:
     """Return the emitters of the dialect, or those that *config* names."""
     text = config.array
     if text == DEFAULT_ARRAY:
@@ -119,7 +119,7 @@ def _emitters_of(config: BoardConfig, emulation: Emulation, options: Settings) -
         mounted = None if emulation.mounting is None else emulation.mounting(array)
         return _Emitters(array, range(array.count), mounted)
     if text.endswith(SUFFIXES):
-        return _from_ultraino(Path(text), emulation)
+        return _blueprint_from_ultraino(Path(text), emulation)
     if text in LAYOUTS:
         array = LAYOUTS[text].array()
     else:
@@ -127,7 +127,7 @@ def _emitters_of(config: BoardConfig, emulation: Emulation, options: Settings) -
     return _Emitters(array, range(array.count))
 
 
-def _from_ultraino(path: Path, emulation: Emulation) -> _Emitters:
+def _blueprint_from_ultraino(path: Path, emulation: Emulation) -> _Emitters:
     """Return the emitters of an array file; the program's corrections undo how they are mounted."""
     found = read_ultraino_array(path, emulation.numbered_by)
     mounted = None

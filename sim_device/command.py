@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from .backdoor.worker import ReconstructionWorker
     from .board.settings import BoardSettings
     from .line.port import BoardPort
-    from .simulation import Recorder
+    from .simulation import SimulationRecorder
     from .wallclock import Heartbeat
 
 PROGRAM: Final = "python -m sim_device"
@@ -83,7 +83,7 @@ exit status:
 def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
     """Describe the command and add its options."""
     parser.description = "A virtual ultrasonic phased array at the far end of a serial line."
-    parser.epilog = _epilog(parser.prog)
+    parser.epilog = _board_epilog(parser.prog)
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--link", metavar="PATH", help="pseudo-terminal with this stable name")
     where.add_argument("--tcp", metavar="[HOST:]PORT", help="TCP server [host 127.0.0.1]")
@@ -130,7 +130,7 @@ def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
     log.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
 
 
-def _epilog(program: str) -> str:
+def _board_epilog(program: str) -> str:
     """Return examples, the faults with their parameters, and the dialects."""
     dialects = "\n".join(f"  {name:<23}{title}" for name, title in DIALECT_TITLES.items())
     faults = "\n".join(f"  {text}" for text in described_faults())
@@ -164,15 +164,15 @@ def main(
     set_up(parser, open_recording)
     try:
         options = parser.parse_args(words)
-        _start_log(options)
-        _run(options, open_recording)
+        _start_board_log(options)
+        _run_board(options, open_recording)
     except HaptogramError as error:
         sys.stderr.write(terminal_error_line(program, parser.named(str(error)), sys.stderr) + "\n")
         return 2 if isinstance(error, ConfigurationError) else 1
     return 0
 
 
-def _start_log(options: argparse.Namespace) -> None:
+def _start_board_log(options: argparse.Namespace) -> None:
     logging.basicConfig(
         level=logging.WARNING if options.quiet else logging.INFO,
         format="%(asctime)s %(message)s",
@@ -180,16 +180,16 @@ def _start_log(options: argparse.Namespace) -> None:
     )
 
 
-def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> None:
+def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None) -> None:
     # Here, and not above: --help and a refusal need no numpy.
     from haptogram.machine.view_process import ViewProcess
 
     from .blueprint import blueprint_of
-    from .log import CountLog, NoticeLog
+    from .log import BoardCountLog, BoardNoticeLog
     from .simulation import Simulation
     from .wallclock import Heartbeat
 
-    config = _config(options)
+    config = _board_config_of(options)
     if options.as_device and any(fault.name == "line.disconnect" for fault in config.faults):
         raise ConfigurationError("--as-device holds one port; leave the fault line.disconnect out")
     board = blueprint_of(config)
@@ -198,20 +198,20 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
     pins = _start_pin_capture(options, settings)
-    tap = _start_tap(options, config, settings, open_recording)
+    tap = _start_line_tap(options, config, settings, open_recording)
     port: BoardPort | None = None
     worker: ReconstructionWorker | None = None
     with contextlib.ExitStack() as signals:  # heard until everything is closed
         if options.as_device:
-            options.link = _private_path(signals, "board")
+            options.link = _private_board_path(signals, "board")
         try:
-            port = _open_port(options, settings.line)
+            port = _open_board_port(options, settings.line)
             if options.view and options.backdoor is None:
-                options.backdoor = _SOCKET + _private_path(signals, "backdoor")
-            worker = _start_worker(options, settings)
+                options.backdoor = _SOCKET + _private_board_path(signals, "backdoor")
+            worker = _start_board_worker(options, settings)
             if options.view:
                 signals.enter_context(contextlib.closing(ViewProcess(options.backdoor)))
-            recorders: list[Recorder] = [NoticeLog(), *([worker] if worker else [])]
+            recorders: list[SimulationRecorder] = [BoardNoticeLog(), *([worker] if worker else [])]
             recorders += [tap] if tap else []
             recorders += [pins] if pins else []
             simulation = Simulation(
@@ -222,20 +222,20 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
                 faults=plan,
                 probe=pins,
             )
-            counts = CountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
+            counts = BoardCountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
             heartbeat = Heartbeat(simulation, port, worker, counts, tap)
             if options.until_eof:
                 heartbeat.stop_at_eof(sys.stdin.fileno())
             signals.enter_context(heartbeat.stopped_by_signals())
             if options.as_device:
-                client = _start_client(options, heartbeat)
-            _serve(heartbeat, port.description if client is None else client.device)
+                client = _start_board_client(options, heartbeat)
+            _serve_board(heartbeat, port.description if client is None else client.device)
         finally:
             if port is not None:
                 port.close()
             failed = client is not None and client.close()
             if worker is not None:
-                _end(worker)
+                _end_board_worker(worker)
             if pins is not None and port is not None:
                 _LOG.info("%s", pins.close())
             if tap is not None and (failure := tap.close()):
@@ -244,7 +244,7 @@ def _run(options: argparse.Namespace, open_recording: OpenRecording | None) -> N
         raise HaptogramError(f"{options.client[0]} ended with status {failed}")
 
 
-def _start_tap(
+def _start_line_tap(
     options: argparse.Namespace,
     config: BoardConfig,
     settings: BoardSettings,
@@ -275,7 +275,7 @@ def _start_pin_capture(options: argparse.Namespace, settings: BoardSettings) -> 
     return PinCapture(Path(options.capture), config, settings)
 
 
-def _private_path(stack: contextlib.ExitStack, name: str) -> str:
+def _private_board_path(stack: contextlib.ExitStack, name: str) -> str:
     """Return a path in a folder of its own, which is removed with *stack*."""
     from haptogram.machine.working_folder import WorkingFolder
 
@@ -284,13 +284,13 @@ def _private_path(stack: contextlib.ExitStack, name: str) -> str:
     return str(folder.path / name)
 
 
-def _end(worker: ReconstructionWorker) -> None:
+def _end_board_worker(worker: ReconstructionWorker) -> None:
     worker.close()
     if worker.dropped:
         _LOG.warning("the back door lacks %d latches", worker.dropped)
 
 
-def _start_client(options: argparse.Namespace, heartbeat: Heartbeat) -> DeviceClient:
+def _start_board_client(options: argparse.Namespace, heartbeat: Heartbeat) -> DeviceClient:
     """Start the program of ``--as-device``; the board ends with it."""
     from haptogram.machine.device_client import DeviceClient
 
@@ -300,7 +300,7 @@ def _start_client(options: argparse.Namespace, heartbeat: Heartbeat) -> DeviceCl
     return client
 
 
-def _serve(heartbeat: Heartbeat, description: str) -> None:
+def _serve_board(heartbeat: Heartbeat, description: str) -> None:
     gc.collect()
     gc.freeze()  # what is there now stays: no later collection need look at it
     sys.stdout.write(f"listening on {description}\n")
@@ -308,12 +308,12 @@ def _serve(heartbeat: Heartbeat, description: str) -> None:
     heartbeat.run()
 
 
-def _config(options: argparse.Namespace) -> BoardConfig:
+def _board_config_of(options: argparse.Namespace) -> BoardConfig:
     if options.no_reconstruct and options.backdoor is None:
         raise ConfigurationError("--no-reconstruct acts only with --backdoor; leave it out")
     if options.as_device != bool(options.client):
         raise ConfigurationError("--as-device and a program behind -- need each other")
-    _check_files(options)
+    _check_board_files(options)
     values = given_options(options, BOARD_OPTIONS)
     line = [BOARD_OPTIONS[name].word for name in options_of(LineSettings) if name in values]
     if options.serial is not None:
@@ -325,7 +325,7 @@ def _config(options: argparse.Namespace) -> BoardConfig:
     return BoardConfig.of(**values)
 
 
-def _check_files(options: argparse.Namespace) -> None:
+def _check_board_files(options: argparse.Namespace) -> None:
     """Refuse a link or a back door that has the name of another file of the command line."""
     outputs = {
         option: Path(path)
@@ -348,7 +348,7 @@ def _check_files(options: argparse.Namespace) -> None:
     )
 
 
-def _open_port(options: argparse.Namespace, line: LineSettings) -> BoardPort:
+def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPort:
     from .line.pty_port import PtyPort
     from .line.serial_port import SerialPort
     from .line.tcp_port import TcpPort
@@ -363,7 +363,7 @@ def _open_port(options: argparse.Namespace, line: LineSettings) -> BoardPort:
     return TcpPort(host.strip("[]") or _LOOPBACK, int(port))
 
 
-def _start_worker(
+def _start_board_worker(
     options: argparse.Namespace, settings: BoardSettings
 ) -> ReconstructionWorker | None:
     if options.backdoor is None:

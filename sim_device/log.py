@@ -27,7 +27,7 @@ from .board.events import (
 _LOG: Final = logging.getLogger(__name__)
 
 
-class NoticeLog:
+class BoardNoticeLog:
     """A recorder that logs every notice, and no latch."""
 
     def latch(self, latch: AnyLatch) -> None:
@@ -35,10 +35,10 @@ class NoticeLog:
 
     def notice(self, notice: Notice) -> None:
         """Log a change of the output."""
-        _LOG.info("%s, at %d us", describe_notice(notice), notice.t_us)
+        _LOG.info("%s, at %d us", describe_board_notice(notice), notice.t_us)
 
 
-class CountLog:
+class BoardCountLog:
     """Logs the counters that have moved, every so often.
 
     Parameters
@@ -67,14 +67,14 @@ class CountLog:
             _LOG.info("counts: %s", ", ".join(moved))
 
 
-def describe_notice(notice: Notice) -> str:
+def describe_board_notice(notice: Notice) -> str:
     """Return *notice* in words."""
     if isinstance(notice, SessionOpened):
         return f"session {notice.session:#06x} opened"
     if isinstance(notice, StateChange):
-        return _state(notice.state, notice.reason)
+        return _logged_state(notice.state, notice.reason)
     if isinstance(notice, RampBegan):
-        return f"ramp to silence began: {_words(notice.reason)}"
+        return f"ramp to silence began: {_logged_reason(notice.reason)}"
     if isinstance(notice, RampEnded):
         return "ramp undone: full output" if notice.restored else "ramp ended: silence"
     if isinstance(notice, PowerDown):
@@ -86,24 +86,24 @@ def describe_notice(notice: Notice) -> str:
     if isinstance(notice, WireCompared):
         return "the client speaks " + ("the board's wire" if notice.is_own else "an unknown wire")
     if isinstance(notice, FaultsCounted):
-        return f"faults: {_counts(notice)}"
+        return f"faults: {_logged_counts(notice)}"
     if isinstance(notice, LineCounted):
-        return f"line: {_counts(notice)}"
-    return _playback(notice)
+        return f"line: {_logged_counts(notice)}"
+    return _logged_playback(notice)
 
 
-def _counts(notice: FaultsCounted | LineCounted) -> str:
+def _logged_counts(notice: FaultsCounted | LineCounted) -> str:
     return ", ".join(f"{name} {n}" for name, n in notice.counts.items())
 
 
-def _state(state: OutputState, reason: MuteReason) -> str:
-    return state.name.lower() + ("" if reason is MuteReason.NONE else f": {_words(reason)}")
+def _logged_state(state: OutputState, reason: MuteReason) -> str:
+    return state.name.lower() + ("" if reason is MuteReason.NONE else f": {_logged_reason(reason)}")
 
 
-def _playback(ended: PlaybackEnd) -> str:
+def _logged_playback(ended: PlaybackEnd) -> str:
     played = f"{ended.frames} frames, {ended.loops} whole loops"
     return f"playback of sequence {ended.sequence} ended: {played}"
 
 
-def _words(reason: MuteReason) -> str:
+def _logged_reason(reason: MuteReason) -> str:
     return reason.name.lower().replace("_", " ")

@@ -22,12 +22,12 @@ import serial
 from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url
 
 from .backdoor.recorder import InlineReconstruction
-from .backdoor.records import Record, to_line
-from .backdoor.sinks import RecordSink, open_sink
+from .backdoor.records import Record, backdoor_record_line
+from .backdoor.sinks import RecordSink, open_backdoor_sink
 from .backdoor.worker import ReconstructionWorker
 from .blueprint import blueprint_of
 from .board.settings import BoardSettings
-from .simulation import Recorder, Simulation
+from .simulation import Simulation, SimulationRecorder
 
 _LONGEST_SLEEP_NS: Final = 50_000_000  # another thread may write meanwhile
 
@@ -39,7 +39,7 @@ def register_url_handler() -> None:
         serial.protocol_handler_packages.append(package)
 
 
-def open_port(config: PortConfig, timeout_s: float | None = 0) -> Serial:
+def open_virtual_port(config: PortConfig, timeout_s: float | None = 0) -> Serial:
     """Power up a virtual board in this process, and return the port to it.
 
     Raises
@@ -111,7 +111,7 @@ class Serial(serial.SerialBase):
 
     def _recorders(
         self, settings: BoardSettings, backdoor: str | None, reconstruct: bool | None
-    ) -> list[Recorder]:
+    ) -> list[SimulationRecorder]:
         """Return the recorders: none, unless the configuration asks for records."""
         if backdoor is None and reconstruct is None:
             return []
@@ -121,8 +121,8 @@ class Serial(serial.SerialBase):
             return [self._worker]
         write: Callable[[Record], object] = self.records.append
         if backdoor is not None:
-            self._sink = sink = open_sink(backdoor)
-            write = lambda record: sink.write(to_line(record))  # noqa: E731  one line, used once
+            self._sink = sink = open_backdoor_sink(backdoor)
+            write = lambda record: sink.write(backdoor_record_line(record))  # noqa: E731  one line, used once
         self._inline = InlineReconstruction(settings, write, reconstruct=wanted)
         return [self._inline]
 

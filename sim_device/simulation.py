@@ -1,4 +1,4 @@
-"""One board at the far end of one line: joins the line, the endpoint of a dialect and recorders.
+"""One board at the far end of one line: joins the line, the dialect and recorders.
 
 It knows no clock: times are nanoseconds since power-up, given by the caller, and it goes from event
 to event, so a run on the wall clock and one in virtual time are the same code.
@@ -16,11 +16,11 @@ from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, end_of_frame
 
 from .assembly import HEALTHY, Assembly
-from .board.clock import NS_PER_US, earliest_time, whole_us
+from .board.clock import NS_PER_US, earliest_board_time, whole_board_us
 from .board.events import AnyLatch, LineCounted, Notice, PowerDown, Remark
 from .board.settings import BoardSettings
-from .dialects.endpoint import Endpoint
-from .dialects.haptogram import BoardDialect
+from .dialects.haptogram import VirtualHaptogramDialect
+from .dialects.virtual_dialect import VirtualDialect
 from .faults.clock import faulty_clock
 from .faults.injector import FaultInjector
 from .line.uart import Uart, uart_to_board, uart_to_host
@@ -32,7 +32,7 @@ _LINES: Final = {"down": "to_board", "up": "to_host"}
 MAX_CREDIT_NS: Final = 100_000_000  # of line time, for a process that stalled
 
 
-class Recorder(Protocol):
+class SimulationRecorder(Protocol):
     """Takes down what the board does.  It must not block."""
 
     def latch(self, latch: AnyLatch) -> None:
@@ -63,7 +63,7 @@ class Simulation:
     ----------
     settings : BoardSettings
         The board, with its line.
-    *recorders : Recorder
+    *recorders : SimulationRecorder
         What takes down what the board does.
     paced : bool, keyword-only
         Whether the line takes its time; not, if the bytes come over a real one.
@@ -79,7 +79,7 @@ class Simulation:
     ----------
     settings : BoardSettings
         The board.
-    dialect : Endpoint
+    dialect : VirtualDialect
         The board at the end of its line.
 
     Raises
@@ -91,7 +91,7 @@ class Simulation:
     def __init__(
         self,
         settings: BoardSettings,
-        *recorders: Recorder,
+        *recorders: SimulationRecorder,
         paced: bool = True,
         parts: Assembly = HEALTHY,
         faults: FaultPlan | None = None,
@@ -106,7 +106,7 @@ class Simulation:
             self._injector.has_left(0)
             settings = dataclasses.replace(settings, boot_us=self._clock.boot_us)
         self.settings = settings
-        self.dialect: Endpoint = parts.assemble(settings, description_hash())
+        self.dialect: VirtualDialect = parts.assemble(settings, description_hash())
         self._recorders = recorders
         self._line = settings.line if paced else LineSettings()
         self._down, self._up = uart_to_board(self._line), uart_to_host(self._line)
@@ -178,7 +178,7 @@ class Simulation:
 
     def raise_hardware_fault(self) -> None:
         """Let the hardware of a board of Haptogram's own dialect fail now."""
-        if isinstance(self.dialect, BoardDialect):
+        if isinstance(self.dialect, VirtualHaptogramDialect):
             self.dialect.raise_hardware_fault()
             self._record()
             self._feed_line()
@@ -232,14 +232,14 @@ class Simulation:
         """Return when something happens next by itself, or None."""
         board_us = self.dialect.next_event_us()
         first_ns = None if board_us is None else self._clock.reached_ns(board_us)
-        if (down_ns := self._down.next_event_ns(self.dialect.next_end)) is not None:
-            first_ns = earliest_time(first_ns, whole_us(down_ns))
+        if (down_ns := self._down.next_event_ns(self.dialect.next_frame_end)) is not None:
+            first_ns = earliest_board_time(first_ns, whole_board_us(down_ns))
         if (up_ns := self._up.next_event_ns(end_of_frame)) is not None:
-            first_ns = earliest_time(first_ns, up_ns)
+            first_ns = earliest_board_time(first_ns, up_ns)
         if self._can_feed:
-            first_ns = earliest_time(first_ns, self._up.free_ns)
+            first_ns = earliest_board_time(first_ns, self._up.free_ns)
         if self._injector is not None:
-            first_ns = earliest_time(first_ns, self._injector.next_change_ns(self._now_ns))
+            first_ns = earliest_board_time(first_ns, self._injector.next_change_ns(self._now_ns))
         return None if first_ns is None else max(first_ns, self._now_ns)
 
     def advance_to(self, t_ns: int) -> None:

@@ -14,10 +14,10 @@ from haptogram.records.remark import About
 
 from .backdoor.line_tap import LineTap
 from .backdoor.worker import ReconstructionWorker
-from .board.clock import earliest_time, whole_us
+from .board.clock import earliest_board_time, whole_board_us
 from .line.port import BoardPort
 from .line.sampling import is_baud_understood
-from .log import CountLog
+from .log import BoardCountLog
 from .simulation import Simulation
 
 _SHORT_NS: Final = 60_000  # what a sleep takes at least; the next carrier boundary is nearer
@@ -38,7 +38,7 @@ class Heartbeat:
         Where the host's bytes come and go.
     worker : ReconstructionWorker or None
         Needs to be given time to hand over its records.
-    counts : CountLog or None
+    counts : BoardCountLog or None
         Says how the counters move on.
     tap : LineTap or None
         Takes down the bytes of the port.
@@ -49,7 +49,7 @@ class Heartbeat:
         simulation: Simulation,
         port: BoardPort,
         worker: ReconstructionWorker | None = None,
-        counts: CountLog | None = None,
+        counts: BoardCountLog | None = None,
         tap: LineTap | None = None,
     ) -> None:
         self._simulation, self._port = simulation, port
@@ -186,12 +186,12 @@ class Heartbeat:
         elif self._worker is not None and self._worker.pending:
             hand_over_ns = self._hand_over_ns
         self._due_ns = self._simulation.next_event_ns()
-        next_ns = earliest_time(self._due_ns, hand_over_ns, self._port_due_ns())
+        next_ns = earliest_board_time(self._due_ns, hand_over_ns, self._port_due_ns())
         wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
         if wait_ns is not None and wait_ns <= 0:
             return  # it is due already: the next turn looks at the port all the same
         waiting = [self._wake_read, *self._parents, *self._clients, *reading]
-        ready = self._waiter.wait(waiting, writing, _timeout_s(wait_ns))
+        ready = self._waiter.wait(waiting, writing, _heartbeat_timeout_s(wait_ns))
         if any(client in ready and not os.read(client, _CHUNK) for client in self._clients):
             self._clients.clear()
             self._has_no_client = True
@@ -207,10 +207,10 @@ class Heartbeat:
     def _elapsed_ns(self) -> int:
         """Return the time since power-up, in the whole microseconds on which bytes are taken."""
         elapsed_ns = time.monotonic_ns() - self._start_ns
-        return whole_us(elapsed_ns)
+        return whole_board_us(elapsed_ns)
 
 
-def _timeout_s(wait_ns: int | None) -> float | None:
+def _heartbeat_timeout_s(wait_ns: int | None) -> float | None:
     """Return the longest sleep; 0 if waking up would take longer than the wait."""
     if wait_ns is None:
         return None

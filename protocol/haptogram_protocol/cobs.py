@@ -48,31 +48,31 @@ def cobs_encode(data: bytes) -> bytes:
     bytes
         Encoded bytes without delimiters.
     """
-    return _one_by_one(data) if data.count(0) <= _FEW else _all_at_once(data)
+    return _cobs_byte_by_byte(data) if data.count(0) <= _FEW else _cobs_all_at_once(data)
 
 
-def _one_by_one(data: bytes) -> bytes:
+def _cobs_byte_by_byte(data: bytes) -> bytes:
     pieces = data.split(_ZERO)
-    out = b"".join([_CODES[len(p)] + p if len(p) < BLOCK else _blocks(p) for p in pieces])
+    out = b"".join([_CODES[len(p)] + p if len(p) < BLOCK else _cobs_blocks(p) for p in pieces])
     # A full block at the very end implies no zero, so no code byte follows it.
     last = len(pieces[-1])
     return out[:-1] if last and last % BLOCK == 0 else out
 
 
-def _blocks(piece: bytes) -> bytes:
+def _cobs_blocks(piece: bytes) -> bytes:
     whole = len(piece) - len(piece) % BLOCK
     full = [_CODES[BLOCK] + piece[at : at + BLOCK] for at in range(0, whole, BLOCK)]
     return b"".join([*full, _CODES[len(piece) - whole], piece[whole:]])
 
 
-def _all_at_once(data: bytes) -> bytes:
+def _cobs_all_at_once(data: bytes) -> bytes:
     out = []
     rest = data + _ZERO  # the phantom zero that ends the last piece
     start, end = 0, len(rest)
     while start < end:
         stop = rest.rfind(0, start, start + BLOCK) + 1
         if stop:
-            out.append(_short_pieces(rest[start:stop]))
+            out.append(_short_cobs_pieces(rest[start:stop]))
         else:
             stop = start + BLOCK
             out.append(_CODES[BLOCK] + rest[start:stop])
@@ -82,7 +82,7 @@ def _all_at_once(data: bytes) -> bytes:
     return b"".join(out)
 
 
-def _short_pieces(chunk: bytes) -> bytes:
+def _short_cobs_pieces(chunk: bytes) -> bytes:
     """Return the code of at most 254 bytes that end with a zero.
 
     It is the chunk with its last zero in front, and in place of every zero the distance to the
@@ -126,18 +126,20 @@ def cobs_decode(encoded: bytes) -> bytes:
     at = 0
     if _EMPTY_PIECES in encoded:
         for run in _runs_of_empty_pieces(encoded):
-            at = _walk(encoded, at, run.start(), out, without_zero)
+            at = _walk_cobs_codes(encoded, at, run.start(), out, without_zero)
             empty = run.end() - at  # unless a piece reaches beyond the run
             if empty > 0:
                 out[at : run.end()] = bytes(empty)
                 at = run.end()
-    _walk(encoded, at, len(encoded), out, without_zero)
+    _walk_cobs_codes(encoded, at, len(encoded), out, without_zero)
     for place in reversed(without_zero):
         del out[place : place + 1]
     return bytes(out)
 
 
-def _walk(encoded: bytes, at: int, stop: int, out: bytearray, without_zero: list[int]) -> int:
+def _walk_cobs_codes(
+    encoded: bytes, at: int, stop: int, out: bytearray, without_zero: list[int]
+) -> int:
     """Go from code byte to code byte up to *stop*; return the place of the next one."""
     code = 1
     while at < stop:

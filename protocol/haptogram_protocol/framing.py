@@ -86,10 +86,10 @@ def decode_frame(encoded: bytes, unstuff: Stuffing = cobs_decode) -> bytes:
     decoded = unstuff(encoded)
     if crc32(decoded) == _CRC_OF_ALL and len(decoded) >= _SHORTEST:
         return decoded[:-CRC_BYTES]
-    raise _damage(decoded)
+    raise _framing_damage(decoded)
 
 
-def _damage(decoded: bytes) -> RemoteProtocolError:
+def _framing_damage(decoded: bytes) -> RemoteProtocolError:
     """Return the error of bytes that were COBS and are no frame."""
     if len(decoded) < _SHORTEST:
         return RemoteProtocolError(
@@ -158,7 +158,7 @@ class FrameDecoder:
         found = [decode(encoded) for encoded in ended if encoded]
         if not self._discarding and len(rest) > MAX_ENCODED_BYTES:
             self._discarding = True
-            found.append(_oversize())
+            found.append(_oversized_frame())
         self._partial = b"" if self._discarding else rest
         return found
 
@@ -170,17 +170,17 @@ class FrameDecoder:
         if encoded[0] > size:  # the first byte gives most noise away
             return _NOT_COBS
         if size > MAX_ENCODED_BYTES:
-            return _oversize()
+            return _oversized_frame()
         try:
             decoded = self._unstuff(encoded)
         except self._refusal:
             return _NOT_COBS
         if crc32(decoded) == _CRC_OF_ALL and size > _SHORTEST:  # COBS adds a byte
             return decoded[:-CRC_BYTES]
-        return _damage(decoded)
+        return _framing_damage(decoded)
 
 
-def _oversize() -> RemoteProtocolError:
+def _oversized_frame() -> RemoteProtocolError:
     return RemoteProtocolError(
         f"more than {MAX_ENCODED_BYTES} bytes without a delimiter", reason="oversize"
     )

@@ -188,9 +188,9 @@ class Record:
         form = cast(WireTail, self.TAIL)
         value = getattr(self, form.name)
         data = bytes(value) if form.record is None else b"".join(item.pack() for item in value)
-        if not _tail_fits(form, len(data)):
+        if not _wire_tail_fits(form, len(data)):
             raise LocalProtocolError(
-                f"{type(self).__name__}.{form.name} of {len(data)} bytes; {_tail_rule(form)}"
+                f"{type(self).__name__}.{form.name} of {len(data)} bytes; {_wire_tail_rule(form)}"
             )
         return data
 
@@ -205,15 +205,15 @@ class Record:
         """
         size, form = cls.LAYOUT.size, cls.TAIL
         rest = len(data) - size
-        if rest < 0 or (not _tail_fits(form, rest) if form else rest):
-            rule = f", then {_tail_rule(form)}" if form else ""
+        if rest < 0 or (not _wire_tail_fits(form, rest) if form else rest):
+            rule = f", then {_wire_tail_rule(form)}" if form else ""
             raise RemoteProtocolError(
                 f"{cls.__name__} of {len(data)} bytes; its layout has {size}{rule}",
                 reason="bad_length",
             )
         values = cls.from_raw(cls.LAYOUT.unpack_from(data), 0)
         if form:
-            values.append(_unpack_tail(form, data, size))
+            values.append(_unpack_wire_tail(form, data, size))
         return cls(*values)
 
     @classmethod
@@ -237,15 +237,15 @@ class Record:
         return values
 
 
-def _tail_fits(form: WireTail, length: int) -> bool:
+def _wire_tail_fits(form: WireTail, length: int) -> bool:
     return length % form.unit == 0 and length >= form.least * form.unit
 
 
-def _tail_rule(form: WireTail) -> str:
+def _wire_tail_rule(form: WireTail) -> str:
     return f"{form.name} in units of {form.unit} bytes, at least {form.least}"
 
 
-def _unpack_tail(form: WireTail, data: bytes, start: int) -> Any:
+def _unpack_wire_tail(form: WireTail, data: bytes, start: int) -> Any:
     if form.record is None:
         return data[start:]
     size, record = form.unit, form.record
@@ -268,7 +268,7 @@ def _wire_fields(made: Any) -> tuple[dict[str, WireField], WireTail | None]:
     return fixed, None
 
 
-def _getter(names: tuple[str, ...]) -> Callable[[Record], tuple[Any, ...]]:
+def _record_getter(names: tuple[str, ...]) -> Callable[[Record], tuple[Any, ...]]:
     """Return a function that gets all attributes *names* of a record."""
     if len(names) > 1:
         return operator.attrgetter(*names)
@@ -284,7 +284,7 @@ def record(cls: type[_R]) -> type[_R]:
     made = dataclasses.dataclass(frozen=True, slots=True)(cls)
     made.WIRE, made.TAIL = _wire_fields(made)
     made.LAYOUT = struct.Struct("<" + "".join(field.code for field in made.WIRE.values()))
-    made.VALUES = _getter(tuple(made.WIRE))
+    made.VALUES = _record_getter(tuple(made.WIRE))
     made.ITEMS = sum(field.record.ITEMS if field.record else 1 for field in made.WIRE.values())
     made.CONVERTED = tuple(
         (place, name, field)

@@ -17,7 +17,7 @@ from haptogram_protocol.state import OutputState
 
 from ..board.events import AnyLatch, Latch, Notice, PulseLatch, RampBegan, RampEnded, StateChange
 from ..board.settings import BoardSettings
-from .pin_waveforms import Edges, PinSampler, Pulses
+from .pin_waveforms import Edges, PinPulses, PinSampler
 from .uart_waveforms import UartWaveform
 
 CARRIER: Final = "carrier"
@@ -77,7 +77,7 @@ class PinCapture:
 
     def latch(self, latch: AnyLatch) -> None:
         """Keep what is radiated from now on."""
-        weights = _weights_of(latch)[self._elements]
+        weights = _pin_weights_of(latch)[self._elements]
         if isinstance(latch, PulseLatch) and not self._acts and not weights.any():
             return  # power-up: the capture begins with the first sound
         if self._ramp is not None:
@@ -162,7 +162,7 @@ class PinCapture:
 
     def _write(self, file: TextIO) -> int:
         names = [CARRIER, LATCH, *(f"e{n}" for n in self._elements), *self._lines]
-        codes = [_code(number) for number in range(len(names))]
+        codes = [_pin_capture_code(number) for number in range(len(names))]
         file.write("$comment drive pins of a virtual board of Haptogram $end\n")
         file.write("$timescale 1 ns $end\n$scope module pins $end\n")
         for name, code in zip(names, codes, strict=True):
@@ -175,7 +175,9 @@ class PinCapture:
         ns_per_sample = 1e9 / self._config.capture_rate_hz
         for samples, channels, levels in self._segments():
             edges += len(samples)
-            _write_edges(file, np.rint(samples * ns_per_sample).astype(np.int64), channels, levels)
+            _write_pin_edges(
+                file, np.rint(samples * ns_per_sample).astype(np.int64), channels, levels
+            )
         return edges
 
     def _segments(self) -> Iterator[Edges]:
@@ -187,15 +189,15 @@ class PinCapture:
         samples *= 1.0 + self._config.capture_ppm * 1e-6
         pins = PinSampler(self._count, samples)
         signals = PinSampler(_SIGNALS, samples)
-        silent = Pulses.of_weights(np.zeros(self._count, np.complex128))
+        silent = PinPulses.of_weights(np.zeros(self._count, np.complex128))
         lines = self._line_edges(first_us - _QUIET_PERIODS * self._period_us, samples)
         for begin, end, pulses, is_latch in self._pieces(first_us, silent):
             latched = 0.5 if is_latch else 0.0
-            once = Pulses(np.array([0.0, begin % 1.0]), np.array([0.5, latched]))
+            once = PinPulses(np.array([0.0, begin % 1.0]), np.array([0.5, latched]))
             pieces = [pins.edges(pulses, begin, end)]
             split = min(end, begin + 1.0)
             pieces.append(signals.edges(once, begin, split))
-            idle = Pulses(np.array([0.0, 0.0]), np.array([0.5, 0.0]))
+            idle = PinPulses(np.array([0.0, 0.0]), np.array([0.5, 0.0]))
             pieces.append(signals.edges(idle, split, end))
             low, high = np.searchsorted(lines[0], np.ceil(np.array([begin, end]) * samples))
             pieces.append((lines[0][low:high], lines[1][low:high], lines[2][low:high]))
@@ -220,7 +222,9 @@ class PinCapture:
         order = np.argsort(times, kind="stable")
         return times[order], channels[order], levels[order]
 
-    def _pieces(self, first_us: int, silent: Pulses) -> Iterator[tuple[float, float, Pulses, bool]]:
+    def _pieces(
+        self, first_us: int, silent: PinPulses
+    ) -> Iterator[tuple[float, float, PinPulses, bool]]:
         """Yield begin, end and pulses of every piece in which no pin changes its drive."""
         lead = _QUIET_PERIODS
         end = self._config.capture_ms * 1000.0 / self._period_us + lead
@@ -235,7 +239,7 @@ class PinCapture:
             until = end
             if place + 1 < len(self._acts):
                 until = (self._acts[place + 1][0] - first_us) / self._period_us + lead
-            after = silent if weights is None else Pulses.of_weights(weights)
+            after = silent if weights is None else PinPulses.of_weights(weights)
             behind = self._lingering if weights is None else self._late
             for late, old in self._late_pins(pulses, after, behind):
                 moment = min(begin + late, until)
@@ -245,8 +249,8 @@ class PinCapture:
             pulses = after
 
     def _late_pins(
-        self, before: Pulses, after: Pulses, behind: FloatArray
-    ) -> Iterator[tuple[float, Pulses]]:
+        self, before: PinPulses, after: PinPulses, behind: FloatArray
+    ) -> Iterator[tuple[float, PinPulses]]:
         """Yield how long the pins are mixed of old and new drive, and that mixture.
 
         Each pin is so many microseconds *behind* the board.
@@ -254,14 +258,14 @@ class PinCapture:
         passed = 0.0
         for late in np.unique(behind[behind > 0.0]).tolist():
             old = behind >= late
-            mixed = Pulses(
+            mixed = PinPulses(
                 np.where(old, before.rises, after.rises), np.where(old, before.duties, after.duties)
             )
             yield late / self._period_us - passed, mixed
             passed = late / self._period_us
 
 
-def _weights_of(latch: AnyLatch) -> ComplexArray:
+def _pin_weights_of(latch: AnyLatch) -> ComplexArray:
     if isinstance(latch, Latch):
         return latch.radiated.weights()
     if latch.radiated is None:
@@ -269,16 +273,16 @@ def _weights_of(latch: AnyLatch) -> ComplexArray:
     return latch.radiated
 
 
-def _code(number: int) -> str:
+def _pin_capture_code(number: int) -> str:
     """Return an identifier of VCD: one or two printable characters."""
     base = len(_CODES)
     return _CODES[number] if number < base else _CODES[number // base - 1] + _CODES[number % base]
 
 
-def _write_edges(
+def _write_pin_edges(
     file: TextIO, times_ns: np.ndarray, channels: np.ndarray, levels: np.ndarray
 ) -> None:
-    codes = [_code(number) for number in range(int(channels.max(initial=0)) + 1)]
+    codes = [_pin_capture_code(number) for number in range(int(channels.max(initial=0)) + 1)]
     last = -1
     words = []
     for t_ns, channel, level in zip(

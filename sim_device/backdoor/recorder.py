@@ -24,11 +24,11 @@ from ..board.events import (
 from ..board.settings import BoardSettings
 from .records import (
     Record,
-    board_record,
-    end_record,
-    latch_record,
-    output_record,
-    pulse_record,
+    backdoor_board_record,
+    backdoor_end_record,
+    backdoor_latch_record,
+    backdoor_output_record,
+    backdoor_pulse_record,
 )
 
 MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
@@ -51,7 +51,7 @@ class DriveEstimator:
 
     def estimate(self, latch: AnyLatch) -> Reconstruction:
         """Return the reconstruction of the radiated drive, which knows no target."""
-        key = _radiated(latch)
+        key = _radiated_by_latch(latch)
         if key in self._seen:
             self._seen.move_to_end(key)
         else:
@@ -66,7 +66,7 @@ class DriveEstimator:
 
     def pattern(self, latch: PulseLatch) -> Pattern:
         """Return the pattern of the radiated drive: nobody says what was meant."""
-        key = _radiated(latch)
+        key = _radiated_by_latch(latch)
         if key in self._patterns:
             self._patterns.move_to_end(key)
         else:
@@ -79,7 +79,7 @@ class DriveEstimator:
         steps = self._coarsest(latch)
         if steps not in self._classifiers:
             self._classifiers[steps] = PatternClassifier(self._model, steps)
-        return self._classifiers[steps].classify(_weights(latch))
+        return self._classifiers[steps].classify(_weights_of_latch(latch))
 
     def _coarsest(self, latch: PulseLatch) -> int:
         steps = latch.pulses.steps
@@ -91,21 +91,21 @@ class DriveEstimator:
                 latch.radiated, ramping=latch.ramping, phase_bits=latch.commanded_bits
             )
         return self._reconstructor.reconstruct_weights(
-            _weights(latch), step_rad=math.tau / self._coarsest(latch)
+            _weights_of_latch(latch), step_rad=math.tau / self._coarsest(latch)
         )
 
 
-def _weights(latch: PulseLatch) -> ComplexArray:
+def _weights_of_latch(latch: PulseLatch) -> ComplexArray:
     if latch.radiated is None:
         raise TypeError("a unit's own latch; only a dialect knows which emitters its pulses drive")
     return latch.radiated
 
 
-def _radiated(latch: AnyLatch) -> Hashable:
+def _radiated_by_latch(latch: AnyLatch) -> Hashable:
     """Return the key that latches with the same radiated drive share."""
     if isinstance(latch, Latch):
         return latch.radiated, latch.commanded_bits, latch.ramping
-    return _weights(latch).tobytes(), latch.pulses.steps
+    return _weights_of_latch(latch).tobytes(), latch.pulses.steps
 
 
 class InlineReconstruction:
@@ -136,7 +136,7 @@ class InlineReconstruction:
         self._faults: FaultsCounted | None = None
         self._line: LineCounted | None = None
         self._modulation: Modulation | None = None
-        write(board_record(settings))
+        write(backdoor_board_record(settings))
 
     def warm_up(self) -> None:
         """Make ready, so that the first latch takes no longer than the next one."""
@@ -152,9 +152,9 @@ class InlineReconstruction:
         if isinstance(latch, PulseLatch):
             changed, self._modulation = latch.modulation != self._modulation, latch.modulation
             pattern = estimator.pattern(latch) if estimator else None
-            self._write(pulse_record(latch, estimate, pattern, modulation_changed=changed))
+            self._write(backdoor_pulse_record(latch, estimate, pattern, modulation_changed=changed))
         else:
-            self._write(latch_record(latch, estimate))
+            self._write(backdoor_latch_record(latch, estimate))
 
     def skip_fields(self) -> None:
         """Leave the field out from now on: there is no time left for it."""
@@ -167,12 +167,12 @@ class InlineReconstruction:
         elif isinstance(notice, LineCounted):
             self._line = notice
         else:
-            self._write(output_record(notice))
+            self._write(backdoor_output_record(notice))
 
     def finish(self, *, dropped: int = 0, notices_dropped: int = 0, clean: bool = True) -> None:
         """Write the totals; *dropped* latches and *notices_dropped* notices never came here."""
         self._write(
-            end_record(
+            backdoor_end_record(
                 latched=self._latched + dropped,
                 reconstructed=self._reconstructed,
                 dropped=dropped,

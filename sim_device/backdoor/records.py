@@ -34,7 +34,7 @@ VERSION: Final = 1
 Record: TypeAlias = dict[str, Any]
 
 
-def board_record(settings: BoardSettings) -> Record:
+def backdoor_board_record(settings: BoardSettings) -> Record:
     """Return the first record: what the board is, enough to compute its field."""
     return {
         "kind": "board",
@@ -53,7 +53,7 @@ def board_record(settings: BoardSettings) -> Record:
     }
 
 
-def latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:
+def backdoor_latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:
     """Return the record of one latch, with the field that it made where that was rebuilt."""
     same = latch.radiated is latch.drive or latch.radiated == latch.drive
     return {
@@ -67,15 +67,15 @@ def latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:
         "late": latch.late,
         "t_received_us": latch.t_received_us,
         "commanded_bits": latch.commanded_bits,
-        **_codes(latch.drive),
+        **_backdoor_codes(latch.drive),
         "drive_crc": latch.drive.digest(),
-        "radiated": None if same else _codes(latch.radiated),
+        "radiated": None if same else _backdoor_codes(latch.radiated),
         "ramping": latch.ramping,
         "reconstruction": None if reconstruction is None else reconstruction.as_dict(),
     }
 
 
-def pulse_record(
+def backdoor_pulse_record(
     latch: PulseLatch,
     reconstruction: Reconstruction | None,
     pattern: Pattern | None = None,
@@ -99,7 +99,7 @@ def pulse_record(
     if modulation is None:
         samples = None
     elif modulation_changed:
-        samples = {"rate_hz": modulation.rate_hz, "samples": _base64(modulation.samples)}
+        samples = {"rate_hz": modulation.rate_hz, "samples": _backdoor_base64(modulation.samples)}
     faulty = latch.radiated if latch.is_faulty else None
     return {
         "kind": "pulses",
@@ -108,23 +108,23 @@ def pulse_record(
         "cause": latch.cause,
         "index": latch.index,
         "steps": pulses.steps,
-        "rises": _base64(pulses.rises.astype("<u2").tobytes()),
-        "widths": _base64(pulses.widths.astype("<u2").tobytes()),
+        "rises": _backdoor_base64(pulses.rises.astype("<u2").tobytes()),
+        "widths": _backdoor_base64(pulses.widths.astype("<u2").tobytes()),
         "levels": {str(channel): levels.hex() for channel, levels in pulses.levels.items()},
         "counted": dict(latch.counted),
         "modulation": samples,
-        "radiated": None if faulty is None else _base64(faulty.astype("<c8").tobytes()),
+        "radiated": None if faulty is None else _backdoor_base64(faulty.astype("<c8").tobytes()),
         "reconstruction": None if reconstruction is None else reconstruction.as_dict(),
         "pattern": None if pattern is None else pattern_dict(pattern),
     }
 
 
-def output_record(notice: Notice) -> Record:
+def backdoor_output_record(notice: Notice) -> Record:
     """Return the record of a change of the output, of a session or of the end of a sequence."""
-    return {"kind": "output", "t_us": notice.t_us, **_what(notice)}
+    return {"kind": "output", "t_us": notice.t_us, **_backdoor_output_change(notice)}
 
 
-def end_record(
+def backdoor_end_record(
     *,
     latched: int,
     reconstructed: int,
@@ -148,24 +148,24 @@ def end_record(
     }
 
 
-def to_line(record: Record) -> bytes:
+def backdoor_record_line(record: Record) -> bytes:
     """Return *record* as one line of JSON."""
     return json.dumps(record, separators=(",", ":"), allow_nan=False).encode() + b"\n"
 
 
-def _codes(drive: Drive) -> Record:
+def _backdoor_codes(drive: Drive) -> Record:
     return {
         "phase_bits": drive.phase_bits,
-        "phase_codes": _base64(drive.phase_codes.tobytes()),
-        "amplitude_codes": _base64(drive.amplitude_codes.tobytes()),
+        "phase_codes": _backdoor_base64(drive.phase_codes.tobytes()),
+        "amplitude_codes": _backdoor_base64(drive.amplitude_codes.tobytes()),
     }
 
 
-def _base64(data: bytes) -> str:
+def _backdoor_base64(data: bytes) -> str:
     return base64.b64encode(data).decode()
 
 
-def _what(notice: Notice) -> Record:
+def _backdoor_output_change(notice: Notice) -> Record:
     if isinstance(notice, SessionOpened):
         return {"event": "session", "session": notice.session}
     if isinstance(notice, StateChange):
@@ -185,9 +185,9 @@ def _what(notice: Notice) -> Record:
         return {"event": "wire_compared", "is_own": notice.is_own}
     if isinstance(notice, FaultsCounted | LineCounted):
         raise TypeError(f"{type(notice).__name__} belongs to the last record")
-    return _playback(notice)
+    return _backdoor_playback(notice)
 
 
-def _playback(ended: PlaybackEnd) -> Record:
+def _backdoor_playback(ended: PlaybackEnd) -> Record:
     played = {"sequence": ended.sequence, "loops": ended.loops, "frames": ended.frames}
     return {"event": "playback_ended", **played}

@@ -42,7 +42,7 @@ class RecordSink(Protocol):
         ...
 
 
-def open_sink(target: str, wait: Callable[[], bool] | None = None) -> RecordSink:
+def open_backdoor_sink(target: str, wait: Callable[[], bool] | None = None) -> RecordSink:
     """Return the sink that *target* names: a file, or ``unix:PATH``.
 
     A FIFO is open when somebody reads it. Between two looks for a reader *wait* waits, and tells
@@ -58,7 +58,7 @@ def open_sink(target: str, wait: Callable[[], bool] | None = None) -> RecordSink
     return FileSink(target, wait)
 
 
-def _opened(path: str, wait: Callable[[], bool] | None) -> int:
+def _opened_backdoor(path: str, wait: Callable[[], bool] | None) -> int:
     """Open the file at *path* to append to it; a FIFO as soon as somebody reads it."""
     if wait is None or not Path(path).is_fifo():
         return os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
@@ -84,7 +84,7 @@ class FileSink:
             if not (folder := Path(path).parent).exists():
                 folder.mkdir(parents=True)
                 _LOG.info("%s: a new folder, made for what is written", folder)
-            self._file = os.fdopen(_opened(path, wait), "ab", buffering=0)
+            self._file = os.fdopen(_opened_backdoor(path, wait), "ab", buffering=0)
         except OSError as error:
             raise ConfigurationError(f"cannot write to {path}: {plain_reason(error)}") from error
 
@@ -140,7 +140,7 @@ class SocketSink:
         while (client := self._listener.accept()) is not None:
             self._unsent[client] = bytearray(self._first)
         for client, unsent in list(self._unsent.items()):
-            if not _send(client, unsent):
+            if not _send_backdoor_records(client, unsent):
                 self._drop(client)
             elif len(unsent) > CLIENT_BUFFER:
                 self.dropped_clients += 1
@@ -163,7 +163,7 @@ class SocketSink:
             os.close(client)
 
 
-def _send(client: int, unsent: bytearray) -> bool:
+def _send_backdoor_records(client: int, unsent: bytearray) -> bool:
     """Send from *unsent* what *client* takes; return whether it is still there."""
     try:
         while unsent:

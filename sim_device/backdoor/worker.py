@@ -37,8 +37,8 @@ from haptogram_protocol.messages import LatchKey
 from ..board.events import AnyLatch, Latch, Notice, PulseLatch
 from ..board.settings import BoardSettings
 from .recorder import InlineReconstruction
-from .records import to_line
-from .sinks import RecordSink, open_sink
+from .records import backdoor_record_line
+from .sinks import RecordSink, open_backdoor_sink
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -93,7 +93,7 @@ class ReconstructionWorker:
     settings : BoardSettings
         The board.
     target : str
-        Where the records go, see :func:`~sim_device.backdoor.sinks.open_sink`.
+        Where the records go, see :func:`~sim_device.backdoor.sinks.open_backdoor_sink`.
     reconstruct : bool, keyword-only
         Whether the field is rebuilt.
 
@@ -111,13 +111,13 @@ class ReconstructionWorker:
         self._unsent = b""  # the rest of a batch
         self._batch = 0  # records in it
         self._alive = True
-        self._process = _start_process()
-        self._input.write(_packed([_Job(settings, target, reconstruct)]))
+        self._process = _start_worker_process()
+        self._input.write(_packed_for_worker([_Job(settings, target, reconstruct)]))
         self._input.flush()
         self._await_ready()
         if reconstruct and find_spec("numba") is None:
             _LOG.info("fields are rebuilt without numba, several times slower")
-        _widen(self._input.fileno())
+        _widen_worker_pipe(self._input.fileno())
         os.set_blocking(self._input.fileno(), False)
 
     @property
@@ -176,7 +176,7 @@ class ReconstructionWorker:
 
     def _pack_batch(self) -> None:
         self._batch = min(BATCH, len(self._waiting))
-        self._unsent = _packed([self._waiting.popleft() for _ in range(self._batch)])
+        self._unsent = _packed_for_worker([self._waiting.popleft() for _ in range(self._batch)])
 
     def skip_fields(self) -> None:
         """From now on write every latch down without its field, those on their way included."""
@@ -192,7 +192,7 @@ class ReconstructionWorker:
             self._drain(deadline_s)
         self._alive = False
         for pipe in (self._input, self._process.stdout):
-            _close_quietly(pipe)
+            _close_worker_pipe(pipe)
         try:
             self._process.wait(max(0.0, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:
@@ -214,13 +214,13 @@ class ReconstructionWorker:
         self._unsent, self._batch = b"", 0
 
     def _await_ready(self) -> None:
-        answer = _read_line(self._process.stdout, START_TIMEOUT_S)
+        answer = _read_worker_line(self._process.stdout, START_TIMEOUT_S)
         if answer == _READY:
             return
         self._process.kill()
         self._process.wait()
         for pipe in (self._input, self._process.stdout):
-            _close_quietly(pipe)
+            _close_worker_pipe(pipe)
         if answer:
             raise ConfigurationError(answer.decode(errors="replace").strip())
         raise HaptogramError("the reconstruction worker has not started")
@@ -234,15 +234,20 @@ class _End:
     notices_dropped: int
 
 
-def _start_process() -> subprocess.Popen[bytes]:
+def _start_worker_process() -> subprocess.Popen[bytes]:
     environment = {**os.environ, **dict.fromkeys(_THREADS, "1")}
     environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
     # Not multiprocessing: it would import the caller's main module again, and that may be anything.
-    command = [sys.executable, "-P", "-c", f"from {__name__} import run_worker; run_worker()"]
+    command = [
+        sys.executable,
+        "-P",
+        "-c",
+        f"from {__name__} import run_reconstruction_worker as w; w()",
+    ]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
 
 
-def _packed(items: list[object]) -> bytes:
+def _packed_for_worker(items: list[object]) -> bytes:
     stream = io.BytesIO(bytes(_LENGTH.size))
     stream.seek(_LENGTH.size)
     pickler = pickle.Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL)
@@ -253,32 +258,32 @@ def _packed(items: list[object]) -> bytes:
     return bytes(data)
 
 
-def _by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...]]:
+def _reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...]]:
     """Return a recipe to pickle a dataclass by its values: a third of the time of the usual one."""
     values = operator.attrgetter(*(field.name for field in dataclasses.fields(kind)))
     return lambda item: (kind, values(item))
 
 
-def _reduced_drive(drive: Drive) -> tuple[Any, ...]:
+def _drive_for_worker(drive: Drive) -> tuple[Any, ...]:
     codes = drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes()
-    return _drive_of, (*codes, drive.phase_bits)
+    return _drive_at_worker, (*codes, drive.phase_bits)
 
 
-def _drive_of(phase_codes: bytes, amplitude_codes: bytes, phase_bits: int) -> Drive:
+def _drive_at_worker(phase_codes: bytes, amplitude_codes: bytes, phase_bits: int) -> Drive:
     phases, amplitudes = (np.frombuffer(c, np.uint8) for c in (phase_codes, amplitude_codes))
     return Drive(phases, amplitudes, phase_bits)
 
 
 _REDUCERS: Final[dict[type[Any], Callable[[Any], tuple[Any, ...]]]] = {
-    Drive: _reduced_drive,
-    Latch: _by_fields(Latch),
-    PulseLatch: _by_fields(PulseLatch),
-    PulseDrive: _by_fields(PulseDrive),
-    LatchKey: _by_fields(LatchKey),
+    Drive: _drive_for_worker,
+    Latch: _reducer_by_fields(Latch),
+    PulseLatch: _reducer_by_fields(PulseLatch),
+    PulseDrive: _reducer_by_fields(PulseDrive),
+    LatchKey: _reducer_by_fields(LatchKey),
 }
 
 
-def _widen(pipe: int) -> None:
+def _widen_worker_pipe(pipe: int) -> None:
     """Make a pipe hold more, where the system can: every refused write costs a wake-up."""
     if sys.platform == "linux":
         with contextlib.suppress(OSError, ImportError):  # 64 KiB, the usual size, will do
@@ -287,7 +292,7 @@ def _widen(pipe: int) -> None:
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
 
 
-def _read_line(pipe: Any, timeout_s: float) -> bytes:
+def _read_worker_line(pipe: Any, timeout_s: float) -> bytes:
     """Return the bytes up to the first line feed, the end or the timeout."""
     line, deadline_s = b"", time.monotonic() + timeout_s
     with selectors.DefaultSelector() as selector:
@@ -302,7 +307,7 @@ def _read_line(pipe: Any, timeout_s: float) -> bytes:
     return line
 
 
-def _close_quietly(pipe: Any) -> None:
+def _close_worker_pipe(pipe: Any) -> None:
     with contextlib.suppress(OSError):  # the worker closed its end first
         pipe.close()
 
@@ -310,53 +315,57 @@ def _close_quietly(pipe: Any) -> None:
 # --- The worker's side -------------------------------------------------------------------------
 
 
-def run_worker() -> None:
+def run_reconstruction_worker() -> None:
     """Be the worker: read from standard input until it ends, write the records."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # the board ends the worker, by closing its input
     with contextlib.suppress(OSError):  # the field can wait, the board and its host cannot
         os.nice(_NICENESS)
     signal.signal(_SKIP_FIELDS, signal.SIG_IGN)  # until there is something to leave out
-    items = _items(_READ_BYTES)
+    items = _items_at_worker(_READ_BYTES)
     job = next((item for item in items if item is not None), None)
     if job is None:
         return  # the board has ended before it began
     try:
-        sink = open_sink(job.target, _is_board_there)
+        sink = open_backdoor_sink(job.target, _is_board_of_worker_there)
     except ConfigurationError as error:
-        _answer(1, f"{error}\n".encode())
+        _answer_of_worker(1, f"{error}\n".encode())
         return
     answer = 1  # the board reads this until it has heard that all is ready
     try:
         recorder = InlineReconstruction(
-            job.settings, lambda record: sink.write(to_line(record)), reconstruct=job.reconstruct
+            job.settings,
+            lambda record: sink.write(backdoor_record_line(record)),
+            reconstruct=job.reconstruct,
         )
         recorder.warm_up()
         signal.signal(_SKIP_FIELDS, lambda *_: recorder.skip_fields())
-        _answer(answer, _READY)
+        _answer_of_worker(answer, _READY)
         answer = 2
-        _record_all(items, recorder, sink)
-        _linger(sink)
+        _record_all_at_worker(items, recorder, sink)
+        _linger_at_sink(sink)
     except HaptogramError as error:  # the disc is full: the board goes on, and counts what it lost
-        _answer(answer, f"{error}\n".encode())
+        _answer_of_worker(answer, f"{error}\n".encode())
     finally:
         sink.close()
 
 
-def _is_board_there() -> bool:
+def _is_board_of_worker_there() -> bool:
     """Wait a moment; return False once the board has closed its end of the input, or has died."""
     input_end = select.poll()
     input_end.register(0, 0)
     return not input_end.poll(_LOOK_MS)
 
 
-def _answer(to: int, text: bytes) -> None:
+def _answer_of_worker(to: int, text: bytes) -> None:
     """Tell the board *text*; a board that was ended in the meantime has closed the pipe."""
     with contextlib.suppress(BrokenPipeError):
         os.write(to, text)
 
 
-def _record_all(items: Iterator[Any], recorder: InlineReconstruction, sink: RecordSink) -> None:
+def _record_all_at_worker(
+    items: Iterator[Any], recorder: InlineReconstruction, sink: RecordSink
+) -> None:
     for item in items:
         if isinstance(item, Latch | PulseLatch):
             recorder.latch(item)
@@ -369,7 +378,7 @@ def _record_all(items: Iterator[Any], recorder: InlineReconstruction, sink: Reco
     recorder.finish(clean=False)  # the board ended without saying so
 
 
-def _linger(sink: RecordSink) -> None:
+def _linger_at_sink(sink: RecordSink) -> None:
     """Let slow readers take the last records."""
     deadline_s = time.monotonic() + LINGER_S
     while sink.pending and time.monotonic() < deadline_s:
@@ -377,7 +386,7 @@ def _linger(sink: RecordSink) -> None:
         sink.serve()
 
 
-def _items(chunk: int) -> Iterator[Any]:
+def _items_at_worker(chunk: int) -> Iterator[Any]:
     """Yield the items of the board, None now and then while it is silent; end when it ends."""
     buffer = bytearray()
     with selectors.DefaultSelector() as selector:
@@ -390,10 +399,10 @@ def _items(chunk: int) -> Iterator[Any]:
             if not data:
                 return
             buffer += data
-            yield from _unpacked(buffer)
+            yield from _unpacked_at_worker(buffer)
 
 
-def _unpacked(buffer: bytearray) -> Iterator[Any]:
+def _unpacked_at_worker(buffer: bytearray) -> Iterator[Any]:
     """Yield the whole items at the front of *buffer*, and take them off it."""
     size = _LENGTH.size
     while len(buffer) >= size:

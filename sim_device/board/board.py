@@ -186,9 +186,9 @@ class Board:
         due = self.output.next_timer()
         if self._playback is not None:
             due_us = self.output.boundary_us(self._playback.due_us)
-            due = _earlier((due_us, self._latch_playback), due)
+            due = _earlier_board_event((due_us, self._latch_playback), due)
         if (head := self._queue.head) is not None:
-            due = _earlier((head.t_latch_us, self._latch_stream), due)
+            due = _earlier_board_event((head.t_latch_us, self._latch_stream), due)
         return due
 
     # --- session -------------------------------------------------------------------------------
@@ -412,6 +412,6 @@ class Board:
             )
 
 
-def _earlier(due: Due, other: Due | None) -> Due:
+def _earlier_board_event(due: Due, other: Due | None) -> Due:
     """Return the earlier action; *due*, if both are due at one time."""
     return due if other is None or due[0] <= other[0] else other

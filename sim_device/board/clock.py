@@ -13,7 +13,7 @@ NS_PER_US: Final = 1_000
 _PER_US: Final = _MILLION * NS_PER_US  # parts of a microsecond in which it counts: exact at any ppm
 
 
-def earliest_time(*times: int | None) -> int | None:
+def earliest_board_time(*times: int | None) -> int | None:
     """Return the first of *times*; None stands for never."""
     first = None
     for t in times:
@@ -22,7 +22,7 @@ def earliest_time(*times: int | None) -> int | None:
     return first
 
 
-def whole_us(t_ns: int) -> int:
+def whole_board_us(t_ns: int) -> int:
     """Return *t_ns* rounded up to the microseconds that the board counts in."""
     return -(-t_ns // NS_PER_US) * NS_PER_US
 

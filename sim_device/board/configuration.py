@@ -54,10 +54,10 @@ def check_board_config(config: Config, settings: BoardSettings) -> None:
         text = f"no trace of mode {config.trace_mode.name}"
         raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE["trace_mode"].offset, text)
     for name, (low, high) in _BOUNDS.items():
-        _check(name, getattr(config, name), low, high)
+        _check_board_setting(name, getattr(config, name), low, high)
     if config.status_period_ms:
         least_ms = _least_status_period_ms(settings.line.baud)
-        _check("status_period_ms", config.status_period_ms, least_ms, 0xFFFF)
+        _check_board_setting("status_period_ms", config.status_period_ms, least_ms, 0xFFFF)
 
 
 def board_config_crc(config: Config, correction: bytes) -> int:
@@ -65,7 +65,7 @@ def board_config_crc(config: Config, correction: bytes) -> int:
     return zlib.crc32(config.pack() + correction)
 
 
-def _check(name: str, value: int, low: int, high: int) -> None:
+def _check_board_setting(name: str, value: int, low: int, high: int) -> None:
     if not low <= value <= high:
         text = f"{name} is {value}, must be {low} to {high}"
         raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE[name].offset, text)

@@ -103,8 +103,8 @@ def board_status(board: Board, counts: Mapping[str, int], *, free_bytes: int) ->
         board.last_stream_index & _U32,
         latched.t_latch_us & _U32 if latched else 0,
         min(margins, 0xFFFF),
-        _clip_i32(least_us),
-        _clip_i32(mean_us),
+        _clip_readout_i32(least_us),
+        _clip_readout_i32(mean_us),
         board.config_crc,
         Counters(**counts),
     )
@@ -112,7 +112,7 @@ def board_status(board: Board, counts: Mapping[str, int], *, free_bytes: int) ->
 
 def board_geometry(settings: BoardSettings, request: GetGeometry) -> GeometryReply:
     """Return positions and normals of some transducers, as many as fit one frame."""
-    first, stop = _span(request, settings.count, GeometryReply, Element.LAYOUT.size)
+    first, stop = _readout_span(request, settings.count, GeometryReply, Element.LAYOUT.size)
     positions_um = settings.model.array.positions_um()[first:stop].tolist()
     normals = np.rint(settings.model.array.normals[first:stop] * 32767).astype(int).tolist()
     rows = zip(positions_um, normals, strict=True)
@@ -125,7 +125,7 @@ def board_drive(board: Board, request: ReadDrive) -> DriveReply:
     if not _READ_FEATURE[request.kind] & board.settings.features:
         text = f"no read-back of the {request.kind.name} drive"
         raise RefusalError(ErrorCode.UNSUPPORTED, int(request.TYPE), text)
-    first, stop = _span(request, board.settings.count, DriveReply, 2)
+    first, stop = _readout_span(request, board.settings.count, DriveReply, 2)
     latch = board.latched
     if request.kind is DriveKind.RADIATED:
         shown = board.radiated(board.now_us)
@@ -145,7 +145,7 @@ def board_trace(board: Board, request: ReadTrace) -> TraceReply:
     """Return latches of the trace ring, from the number asked for on, as many as fit one frame."""
     ring = board.output.ring
     oldest = ring[0].number if ring else board.output.latches
-    room = _room(TraceReply) // TraceRecord.LAYOUT.size
+    room = _room_of_reply(TraceReply) // TraceRecord.LAYOUT.size
     start = max(request.first, oldest)
     stop = min(request.first + request.count, start + room)
     records = [_trace_record(latch) for latch in ring if start <= latch.number < stop]
@@ -170,20 +170,20 @@ def _trace_record(latch: Latch) -> TraceRecord:
     )
 
 
-def _room(reply: type[Message]) -> int:
+def _room_of_reply(reply: type[Message]) -> int:
     """Return the bytes that one frame leaves for the tail of *reply*."""
     return MAX_BODY_BYTES - HEADER_BYTES - reply.LAYOUT.size
 
 
-def _span(
+def _readout_span(
     request: GetGeometry | ReadDrive, total: int, reply: type[Message], unit: int
 ) -> tuple[int, int]:
     """Return first and last-but-one of the transducers that a reply shows."""
     if request.first >= total:
         raise RefusalError(ErrorCode.NOT_FOUND, total, f"no transducer {request.first}")
-    fits = _room(reply) // unit
+    fits = _room_of_reply(reply) // unit
     return request.first, min(total, request.first + min(request.count, fits))
 
 
-def _clip_i32(value: int) -> int:
+def _clip_readout_i32(value: int) -> int:
     return max(-(2**31), min(2**31 - 1, value))

@@ -26,11 +26,11 @@ Content: TypeAlias = Drive | Sequence[FocalPoint]
 def full_amplitude_registers(phase_codes: bytes, bits: int) -> Drive:
     """Return the drive of a PHASES frame: every amplitude 255.  HG-5.2."""
     codes = np.frombuffer(phase_codes, dtype=np.uint8)
-    return Drive(codes, _all_full(len(codes)), bits)
+    return Drive(codes, _full_register_codes(len(codes)), bits)
 
 
 @functools.cache
-def _all_full(count: int) -> NDArray[np.uint8]:
+def _full_register_codes(count: int) -> NDArray[np.uint8]:
     codes = np.full(count, 255, dtype=np.uint8)
     codes.flags.writeable = False
     return codes

@@ -72,7 +72,7 @@ class Upload:
         piece = self.data[index * self.frame_size : (index + 1) * self.frame_size]
         if self.begin.kind is UploadKind.PHASES:
             return full_amplitude_registers(piece, 8)
-        return _points(piece)
+        return _uploaded_points(piece)
 
 
 class Uploads:
@@ -187,6 +187,6 @@ class Uploads:
         return self._settings.count
 
 
-def _points(piece: bytes) -> tuple[FocalPoint, ...]:
+def _uploaded_points(piece: bytes) -> tuple[FocalPoint, ...]:
     size = FocalPoint.LAYOUT.size
     return tuple(FocalPoint.unpack(piece[i : i + size]) for i in range(0, len(piece), size))

@@ -18,7 +18,7 @@ from haptogram.settings.option import Settings
 from haptogram_protocol.dialects.codec import BoardEnd, Dialect
 
 from ..board.settings import BoardSettings, Wiring
-from .foreign import ForeignDialect
+from .foreign import VirtualForeignDialect
 from .unit import Unit
 
 INTERFACE: Final = 1
@@ -29,7 +29,7 @@ class NoOptions(Settings):
     """A dialect without options."""
 
 
-def one_board(_: Settings) -> int:
+def one_emulated_board(_: Settings) -> int:
     """Return 1: the boards on a line of a dialect without a choice."""
     return 1
 
@@ -68,7 +68,7 @@ class Emulation:
     unit: Callable[[Any, int], Unit]
     layout: Callable[[Any], BoardLayout]
     options: type[Settings] = NoOptions
-    boards: Callable[[Any], int] = one_board
+    boards: Callable[[Any], int] = one_emulated_board
     mounting: Callable[[TransducerArray], Calibration] | None = None
     numbered_by: str = "orderNumber"
     interface: int = INTERFACE
@@ -90,11 +90,11 @@ class Emulation:
             client_axes=self.layout(options).client_axes,
         )
 
-    def power_up(self, options: Settings, settings: BoardSettings) -> ForeignDialect:
+    def power_up(self, options: Settings, settings: BoardSettings) -> VirtualForeignDialect:
         """Return the boards of *settings* at the end of their line."""
         if settings.wiring is None:
             raise TypeError("settings of a board that speaks Haptogram's own wire")
-        return ForeignDialect(
+        return VirtualForeignDialect(
             self.dialect,
             lambda: self.end(options),
             self.unit(options, settings.boot_us),

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 
-from ..board.clock import earliest_time
+from ..board.clock import earliest_board_time
 from ..board.events import Notice, PulseLatch
 from .client_remarks import ClientRemarks, Unshown
-from .unit import HoldsBack, Unit
+from .unit import HoldsBackUnit, Unit
 
 PAUSE_US: Final = 30_000  # between bytes: what comes then may be another frame
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 
 
-class ForeignDialect:
+class VirtualForeignDialect:
     """All boards on one line that speaks another dialect than Haptogram's.
 
     Bytes are handed to the codec message by message, so that each latch knows what went wrong
@@ -48,7 +48,7 @@ class ForeignDialect:
     Attributes
     ----------
     line_free_us : int
-        See :class:`~sim_device.dialects.endpoint.Endpoint`.
+        See :class:`~sim_device.dialects.endpoint.VirtualDialect`.
     """
 
     def __init__(
@@ -101,15 +101,15 @@ class ForeignDialect:
     @property
     def room_bytes(self) -> int | None:
         """Bytes that the boards take now; None if nothing holds their client back."""
-        return self._unit.room_bytes if isinstance(self._unit, HoldsBack) else None
+        return self._unit.room_bytes if isinstance(self._unit, HoldsBackUnit) else None
 
-    def next_end(self, data: bytes, at: int) -> int:
+    def next_frame_end(self, data: bytes, at: int) -> int:
         """Return the index behind the first byte of *data* from *at* on that may end a message."""
-        return self._end.next_end(data, at)
+        return self._end.next_frame_end(data, at)
 
     def next_event_us(self) -> int | None:
         """Return when the boards next do something by themselves, or None."""
-        return earliest_time(self._unit.next_event_us(), self._quiet_us)
+        return earliest_board_time(self._unit.next_event_us(), self._quiet_us)
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*."""
@@ -131,7 +131,7 @@ class ForeignDialect:
             self._last_us = t_us
         at = 0
         while at < len(data):
-            end = self._end.next_end(data, at)
+            end = self._end.next_frame_end(data, at)
             self._frame_bytes += end - at
             for operation in self._end.receive_data(data[at:end]):
                 self._reply(self._unit.take(operation, t_us))

@@ -68,7 +68,7 @@ from haptogram_protocol.messages import (
 
 from ..board import readout
 from ..board.board import Board
-from ..board.clock import earliest_time
+from ..board.clock import earliest_board_time
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange
 from ..board.refusal import RefusalError
 from ..board.registers import REGISTER_BITS, Content, full_amplitude_registers, split_register_codes
@@ -96,7 +96,7 @@ _NEEDS_ANY: Final[dict[type[Message], Feature]] = {
 _Handler: TypeAlias = Callable[[Any, RequestReceived], Message]
 
 
-class BoardDialect:
+class VirtualHaptogramDialect:
     """One board at the end of one line.
 
     Time is device time, unwrapped, as in :class:`Board`; bytes that come at a moment find
@@ -132,7 +132,7 @@ class BoardDialect:
         self._trace_dropped = 0
         self._traced = 0
         self._next_status_us: int | None = None
-        self._unsupported = _unsupported(board.settings.features)
+        self._unsupported = _unsupported_by_board(board.settings.features)
         self._latches: list[Latch] = []
         self._notices: list[Notice] = []
         self._handlers: dict[type[Message], _Handler] = {
@@ -165,13 +165,13 @@ class BoardDialect:
         """Return None: nothing holds the host back."""
         return None
 
-    def next_end(self, data: bytes, at: int) -> int:
+    def next_frame_end(self, data: bytes, at: int) -> int:
         """Return the index behind the next delimiter."""
         return end_of_frame(data, at)
 
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
-        return earliest_time(self.board.next_event_us(), self._next_status_us)
+        return earliest_board_time(self.board.next_event_us(), self._next_status_us)
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, and say so on the line."""
@@ -257,17 +257,18 @@ class BoardDialect:
     def _content(self, message: Phases | Drives | Points) -> Content:
         count = self.board.settings.count
         if isinstance(message, Points):
-            _demand(len(message.points) <= self.board.settings.max_points, "too many points")
+            _refuse_unless(len(message.points) <= self.board.settings.max_points, "too many points")
             return message.points
         if isinstance(message, Drives):
-            _demand(len(message.data) == 2 * count, "not 2 N codes", "bad_length")
-            _demand(message.bits is PhaseFormat.BITS_8, f"drives of {message.bits} bits")
-            _demand(message.bank == 0, f"bank {message.bank}, there is 0")
+            _refuse_unless(len(message.data) == 2 * count, "not 2 N codes", "bad_length")
+            _refuse_unless(message.bits is PhaseFormat.BITS_8, f"drives of {message.bits} bits")
+            _refuse_unless(message.bank == 0, f"bank {message.bank}, there is 0")
             return split_register_codes(message.data)
         known = message.bits in self.board.settings.phase_formats
-        _demand(known, f"phases of {message.bits} bits")  # without bits there is no right length
+        # without bits there is no right length
+        _refuse_unless(known, f"phases of {message.bits} bits")
         codes = unpack_phases(message.data, message.bits, count)
-        _demand(message.bank == 0, f"bank {message.bank}, there is 0")
+        _refuse_unless(message.bank == 0, f"bank {message.bank}, there is 0")
         return full_amplitude_registers(codes, message.bits)
 
     def _greet(self, hello: Hello, request: RequestReceived) -> None:
@@ -361,7 +362,7 @@ class BoardDialect:
             self._trace(latch)
         for notice in self.board.output.take_notices():
             self._notices.append(notice)
-            if (event := _event(notice)) is not None:
+            if (event := _event_of_notice(notice)) is not None:
                 self._link.send_event(event, now_us=notice.t_us)
 
     def _trace(self, latch: Latch) -> None:
@@ -399,19 +400,19 @@ class BoardDialect:
         return readout.board_status(self.board, self.counters, free_bytes=free)
 
 
-def _unsupported(features: Feature) -> frozenset[type[Message]]:
+def _unsupported_by_board(features: Feature) -> frozenset[type[Message]]:
     """Return the messages that a board with these *features* does not take."""
     lacking = [kind for kind, all_of in _NEEDS.items() if int(all_of) & ~int(features)]
     useless = [kind for kind, any_of in _NEEDS_ANY.items() if not any_of & features]
     return frozenset(lacking + useless)
 
 
-def _demand(holds: bool, text: str, reason: str = "bad_value") -> None:
+def _refuse_unless(holds: bool, text: str, reason: str = "bad_value") -> None:
     if not holds:
         raise RemoteProtocolError(text, reason=reason)
 
 
-def _event(notice: Notice) -> Message | None:
+def _event_of_notice(notice: Notice) -> Message | None:
     """Return what the host is told of *notice*: nothing that it asked for itself."""
     if isinstance(notice, StateChange) and not notice.requested:
         return StateChanged(state=notice.state, reason=notice.reason)

@@ -154,7 +154,7 @@ class InteractlabUnit:
         self.colour = self.colour if frame.colour is None else frame.colour
         self._divider = self._divider if frame.divider is None else frame.divider
         shown_us = self._boundary(now_us + _READ_US)
-        self._next = PulseLatch(shown_us, _pulses(frame), "frame")
+        self._next = PulseLatch(shown_us, _interactlab_pulses(frame), "frame")
         self._looks_us = shown_us + PERIOD_US * ((self._divider or _DIVIDER_OF_0) - 1)
 
     def _boundary(self, t_us: int) -> int:
@@ -162,7 +162,7 @@ class InteractlabUnit:
         return t_us + (self._boot_us - t_us) % PERIOD_US
 
 
-def _pulses(frame: QueueFrame) -> PulseDrive:
+def _interactlab_pulses(frame: QueueFrame) -> PulseDrive:
     return PulseDrive(
         np.frombuffer(frame.phases, np.uint8), np.frombuffer(frame.duties, np.uint8), STEPS
     )
@@ -170,7 +170,7 @@ def _pulses(frame: QueueFrame) -> PulseDrive:
 
 INTERACTLAB: Final = Emulation(
     dialect=wire.INTERACTLAB,
-    end=lambda _: wire.InteractlabBoard(),
+    end=lambda _: wire.InteractlabBoardEnd(),
     unit=lambda _, now_us: InteractlabUnit(now_us),
     layout=lambda _: LAYOUT,
 )

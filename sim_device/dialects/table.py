@@ -51,7 +51,7 @@ def emulation_of(name: str) -> Emulation:
     """
     if name in EMULATIONS:
         return EMULATIONS[name]
-    others = _plugins()
+    others = _emulation_plugins()
     if name not in others:
         known = (*EMULATIONS, *others)
         raise ConfigurationError(
@@ -60,7 +60,7 @@ def emulation_of(name: str) -> Emulation:
     return others[name]
 
 
-def read_options(emulation: Emulation, texts: tuple[str, ...]) -> Settings:
+def read_emulation_options(emulation: Emulation, texts: tuple[str, ...]) -> Settings:
     """Return the options of a dialect from texts like ``boards=2``.
 
     Raises
@@ -81,12 +81,12 @@ def read_options(emulation: Emulation, texts: tuple[str, ...]) -> Settings:
 
 
 @cache
-def _plugins() -> dict[str, Emulation]:
+def _emulation_plugins() -> dict[str, Emulation]:
     """Return the dialects of other packages; one that does not load is named, and left out."""
     found = {}
     for point in entry_points(group=GROUP):
         try:
-            emulation = _loaded(point)
+            emulation = _loaded_emulation(point)
         except Exception as error:
             _LOG.warning("dialect %s of %s is left out: %s", point.name, point.value, error)
         else:
@@ -94,7 +94,7 @@ def _plugins() -> dict[str, Emulation]:
     return found
 
 
-def _loaded(point: EntryPoint) -> Emulation:
+def _loaded_emulation(point: EntryPoint) -> Emulation:
     emulation = point.load()
     if not isinstance(emulation, Emulation):
         raise TypeError(f"a {type(emulation).__name__}, not an Emulation")

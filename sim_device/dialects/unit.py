@@ -46,7 +46,7 @@ class Unit(Protocol):
 
 
 @runtime_checkable
-class HoldsBack(Protocol):
+class HoldsBackUnit(Protocol):
     """A unit with flow control: its client waits while it has no room."""
 
     @property

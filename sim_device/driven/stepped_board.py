@@ -69,7 +69,7 @@ class SteppedBoard:
         return self.receive(int(rest[0]), data).hex() or "-"
 
 
-def _settings_of(limits: dict[str, Any]) -> BoardSettings:
+def _settings_of_stepped_board(limits: dict[str, Any]) -> BoardSettings:
     """Return the board of *limits*."""
     nx, ny, pitch_um = (limits.pop(name) for name in ("grid_nx", "grid_ny", "pitch_um"))
     limits["features"] = Feature(limits.pop("features"))
@@ -79,7 +79,7 @@ def _settings_of(limits: dict[str, Any]) -> BoardSettings:
 
 def run_stepped_board(words: list[str], lines: Iterable[str], answers: TextIO) -> None:
     """Answer every line of *lines* by one line."""
-    board = SteppedBoard(_settings_of(json.loads(words[0])))
+    board = SteppedBoard(_settings_of_stepped_board(json.loads(words[0])))
     for line in lines:
         answers.write(board.step(line) + "\n")
         answers.flush()

@@ -26,16 +26,18 @@ def faulty_clock(plan: FaultPlan, healthy: DeviceClock) -> DeviceClock:
     """
     boot_us = healthy.boot_us
     for fault in plan.named("clock.wrap"):
-        boot_us = _WRAP_US - _amount(fault)
-    boot_us += sum(map(_amount, plan.named("clock.offset")))
+        boot_us = _WRAP_US - _clock_fault_amount(fault)
+    boot_us += sum(map(_clock_fault_amount, plan.named("clock.offset")))
     if boot_us < 0:
         raise ConfigurationError(
-            f"{_listed(plan.named('clock.offset'))}: the device's clock would start at "
+            f"{_listed_faults(plan.named('clock.offset'))}: the device's clock would start at "
             f"{boot_us} us, must be 0 or more"
         )
-    steps = [ClockChange(f.from_ns, step_us=_amount(f)) for f in plan.named("clock.step")]
-    rates = [change for f in plan.named("clock.ppm") for change in _rates(f)]
-    _check_rates(plan, healthy.ppm, rates)
+    steps = [
+        ClockChange(f.from_ns, step_us=_clock_fault_amount(f)) for f in plan.named("clock.step")
+    ]
+    rates = [change for f in plan.named("clock.ppm") for change in _clock_fault_rates(f)]
+    _check_clock_faults(plan, healthy.ppm, rates)
     changes = sorted([*healthy.changes, *steps, *rates], key=lambda change: change.at_ns)
     return dataclasses.replace(healthy, boot_us=boot_us, changes=tuple(changes))
 
@@ -45,32 +47,32 @@ def clock_changes(plan: FaultPlan, clock: DeviceClock) -> Iterator[tuple[str, in
     for fault in plan.faults:
         if fault.name == "clock.wrap":
             yield fault.name, max(0, clock.reached_ns(_WRAP_US))
-        elif fault.name.startswith("clock.") and _amount(fault):
+        elif fault.name.startswith("clock.") and _clock_fault_amount(fault):
             yield fault.name, fault.from_ns
 
 
-def _check_rates(plan: FaultPlan, ppm: int, rates: list[ClockChange]) -> None:
+def _check_clock_faults(plan: FaultPlan, ppm: int, rates: list[ClockChange]) -> None:
     slowest = min(
         (ppm + sum(c.ppm for c in rates if c.at_ns <= rate.at_ns) for rate in rates),
         default=ppm,
     )
     if slowest <= -_MILLION:
         raise ConfigurationError(
-            f"{_listed(plan.named('clock.ppm'))}: the device's clock would be fast by {slowest} "
-            f"ppm, must be above -{_MILLION}: it must not run backwards"
+            f"{_listed_faults(plan.named('clock.ppm'))}: the device's clock would be fast by "
+            f"{slowest} ppm, must be above -{_MILLION}: it must not run backwards"
         )
 
 
-def _amount(fault: Fault) -> int:
+def _clock_fault_amount(fault: Fault) -> int:
     """Return the size of a fault of the clock in whole microseconds or ppm."""
     return round(fault.values["ppm" if fault.name == "clock.ppm" else "us"])
 
 
-def _rates(fault: Fault) -> Iterator[ClockChange]:
-    yield ClockChange(fault.from_ns, ppm=_amount(fault))
+def _clock_fault_rates(fault: Fault) -> Iterator[ClockChange]:
+    yield ClockChange(fault.from_ns, ppm=_clock_fault_amount(fault))
     if fault.until_ns != FOR_EVER_NS:
-        yield ClockChange(fault.until_ns, ppm=-_amount(fault))
+        yield ClockChange(fault.until_ns, ppm=-_clock_fault_amount(fault))
 
 
-def _listed(faults: Iterable[Fault]) -> str:
+def _listed_faults(faults: Iterable[Fault]) -> str:
     return " and ".join(map(str, faults))

@@ -39,7 +39,7 @@ def fault_on_frames(rewrite: Rewrite) -> LineFault:
     ) -> tuple[list[FaultChunk], int]:
         changed, fired = [], 0
         for chunk in chunks:
-            data, count = _on_frames_of(chunk.data, rewrite, values, source)
+            data, count = _fault_on_frames_of(chunk.data, rewrite, values, source)
             changed.append(FaultChunk(chunk.t_ns, data))
             fired += count
         return changed, fired
@@ -47,7 +47,7 @@ def fault_on_frames(rewrite: Rewrite) -> LineFault:
     return act
 
 
-def _on_frames_of(
+def _fault_on_frames_of(
     data: bytes, rewrite: Rewrite, values: Values, source: random.Random
 ) -> tuple[bytes, int]:
     pieces, fired = data.split(DELIMITER), 0
@@ -68,12 +68,12 @@ def sealed_by_fault(body: bytes) -> bytes:
     return encode_frame(body)[1:-1]
 
 
-def _crc(body: bytes, _: Values, source: random.Random) -> bytes:
+def _crc_fault(body: bytes, _: Values, source: random.Random) -> bytes:
     wrong = zlib.crc32(body) ^ 1 << source.randrange(8 * CRC_BYTES)
     return cobs_encode(body + wrong.to_bytes(CRC_BYTES, "little"))
 
 
-def _length(body: bytes, values: Values, source: random.Random) -> bytes | None:
+def _length_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
     more = round(values["bytes"])
     if more < 0:
         cut = body[: max(HEADER_BYTES, len(body) + more)]
@@ -81,7 +81,7 @@ def _length(body: bytes, values: Values, source: random.Random) -> bytes | None:
     return sealed_by_fault(body + source.randbytes(more)) if more else None
 
 
-def _header(change: _Change) -> Rewrite:
+def _header_fault(change: _Change) -> Rewrite:
     def rewrite(body: bytes, values: Values, _: random.Random) -> bytes | None:
         header, payload = Header.unpack(body[:HEADER_BYTES]), body[HEADER_BYTES:]
         fields = {name: getattr(header, name) for name in Header.WIRE}
@@ -91,32 +91,36 @@ def _header(change: _Change) -> Rewrite:
     return rewrite
 
 
-def _shifted(by_us: float, header: Header) -> dict[str, int]:
+def _shifted_header(by_us: float, header: Header) -> dict[str, int]:
     timed = header.type in STREAM_RANGE and not header.flags & Flag.IMMEDIATE
     return {"time_us": (header.time_us + round(by_us)) & 0xFFFFFFFF} if timed else {}
 
 
 FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
     {
-        "frame.crc": fault_on_frames(_crc),
-        "frame.length": fault_on_frames(_length),
+        "frame.crc": fault_on_frames(_crc_fault),
+        "frame.length": fault_on_frames(_length_fault),
         "frame.sequence": fault_on_frames(
-            _header(lambda header, values: {"seq": (header.seq + round(values["by"])) & 0xFFFF})
+            _header_fault(
+                lambda header, values: {"seq": (header.seq + round(values["by"])) & 0xFFFF}
+            )
         ),
         "frame.session": fault_on_frames(
-            _header(
+            _header_fault(
                 lambda header, values: {"session": (header.session + round(values["by"])) & 0xFFFF}
             )
         ),
         "frame.flags": fault_on_frames(
-            _header(lambda header, values: {"flags": header.flags | round(values["bits"])})
+            _header_fault(lambda header, values: {"flags": header.flags | round(values["bits"])})
         ),
-        "frame.type": fault_on_frames(_header(lambda _, values: {"type": round(values["type"])})),
+        "frame.type": fault_on_frames(
+            _header_fault(lambda _, values: {"type": round(values["type"])})
+        ),
         "frame.past": fault_on_frames(
-            _header(lambda header, values: _shifted(-values["us"], header))
+            _header_fault(lambda header, values: _shifted_header(-values["us"], header))
         ),
         "frame.future": fault_on_frames(
-            _header(lambda header, values: _shifted(values["us"], header))
+            _header_fault(lambda header, values: _shifted_header(values["us"], header))
         ),
     }
 )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from haptogram.settings.faults.kinds import is_transducer_fault
 from haptogram.settings.faults.plan import Fault, FaultPlan
 
-from ..board.clock import DeviceClock, earliest_time
+from ..board.clock import DeviceClock, earliest_board_time
 from ..board.events import AnyLatch, FaultsCounted
 from ..board.settings import BoardSettings
 from .clock import clock_changes
@@ -46,21 +46,25 @@ def inject_on_line(
         if act is None or fault.direction not in ("both", direction):
             continue
         if fault.is_there(t_ns):
-            source = _random(plan, number, direction, t_ns, data)
+            source = _fault_random(plan, number, direction, t_ns, data)
             chunks, count = act(chunks, fault.values, source)
             chunks = [chunk for chunk in chunks if chunk.data]  # no fault acts on nothing
             fired[fault.name] = fired.get(fault.name, 0) + count
     return chunks, fired
 
 
-def _on_transducers(plan: FaultPlan, t_ns: int) -> Iterator[tuple[int, Fault, random.Random]]:
+def _faults_on_transducers(
+    plan: FaultPlan, t_ns: int
+) -> Iterator[tuple[int, Fault, random.Random]]:
     """Yield the faults of transducers that are there at *t_ns*, each with its source of chance."""
     for number, fault in enumerate(plan.faults):
         if is_transducer_fault(fault.name) and fault.is_there(t_ns):
-            yield number, fault, _random(plan, number, "device", t_ns, b"")
+            yield number, fault, _fault_random(plan, number, "device", t_ns, b"")
 
 
-def _random(plan: FaultPlan, number: int, where: str, t_ns: int, data: bytes) -> random.Random:
+def _fault_random(
+    plan: FaultPlan, number: int, where: str, t_ns: int, data: bytes
+) -> random.Random:
     return random.Random(f"{plan.seed}/{number}/{where}/{t_ns}/{zlib.crc32(data)}")
 
 
@@ -123,7 +127,7 @@ class FaultInjector:
     def next_change_ns(self, t_ns: int) -> int | None:
         """Return when the port next goes or comes back after *t_ns*."""
         times = [t for fault in self._disconnects for t in (fault.from_ns, fault.until_ns)]
-        return earliest_time(*(t for t in times if t > t_ns))
+        return earliest_board_time(*(t for t in times if t > t_ns))
 
     # --- transducers ---------------------------------------------------------------------------
 
@@ -132,7 +136,7 @@ class FaultInjector:
         if not self._acts_on_transducers:
             return latch
         healthy = radiated = Phasors.of_latch(latch)
-        for number, fault, source in _on_transducers(self.plan, t_ns):
+        for number, fault, source in _faults_on_transducers(self.plan, t_ns):
             now = FaultContext(
                 healthy=healthy,
                 drive=radiated,

@@ -32,7 +32,7 @@ LineFault: TypeAlias = Callable[
 _Edit: TypeAlias = Callable[[bytearray, Values, random.Random], int]
 
 
-def _places(count: int, chance: float, source: random.Random) -> Iterator[int]:
+def _fault_places(count: int, chance: float, source: random.Random) -> Iterator[int]:
     """Yield the places out of *count* that are hit: by their gaps, as most chances are low."""
     if chance <= 0:
         return
@@ -45,7 +45,7 @@ def _places(count: int, chance: float, source: random.Random) -> Iterator[int]:
         yield place
 
 
-def _bytewise(edit: _Edit) -> LineFault:
+def _bytewise_fault(edit: _Edit) -> LineFault:
     def act(
         chunks: list[FaultChunk], values: Values, source: random.Random
     ) -> tuple[list[FaultChunk], int]:
@@ -59,43 +59,43 @@ def _bytewise(edit: _Edit) -> LineFault:
     return act
 
 
-def _flip(data: bytearray, values: Values, source: random.Random) -> int:
-    places = list(_places(8 * len(data), values["ber"], source))
+def _flip_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    places = list(_fault_places(8 * len(data), values["ber"], source))
     for place in places:
         data[place // 8] ^= 1 << place % 8
     return len(places)
 
 
-def _drop(data: bytearray, values: Values, source: random.Random) -> int:
-    places = list(_places(len(data), values["p"], source))
+def _drop_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    places = list(_fault_places(len(data), values["p"], source))
     for place in reversed(places):
         del data[place]
     return len(places)
 
 
-def _insert(data: bytearray, values: Values, source: random.Random) -> int:
-    places = list(_places(len(data), values["p"], source))
+def _insert_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    places = list(_fault_places(len(data), values["p"], source))
     for place in reversed(places):
         data.insert(place, source.randrange(256))
     return len(places)
 
 
-def _burst(data: bytearray, values: Values, source: random.Random) -> int:
-    places = list(_places(len(data), values["p"], source))
+def _burst_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    places = list(_fault_places(len(data), values["p"], source))
     for place in places:
         stop = min(len(data), place + round(values["bytes"]))
         data[place:stop] = source.randbytes(stop - place)
     return len(places)
 
 
-def _truncate(data: bytearray, values: Values, source: random.Random) -> int:
+def _truncate_fault(data: bytearray, values: Values, source: random.Random) -> int:
     fires = source.random() < values["p"]
     if fires:
         del data[source.randrange(len(data)) :]
     return int(fires)
 
 
-def _overrun(data: bytearray, values: Values, source: random.Random) -> int:
+def _overrun_fault(data: bytearray, values: Values, source: random.Random) -> int:
     fires = source.random() < values["p"]
     if fires:
         first = source.randrange(len(data))
@@ -103,14 +103,14 @@ def _overrun(data: bytearray, values: Values, source: random.Random) -> int:
     return int(fires)
 
 
-def _break(data: bytearray, values: Values, source: random.Random) -> int:
+def _break_fault(data: bytearray, values: Values, source: random.Random) -> int:
     fires = data != b"\x00" and source.random() < values["p"]
     if fires:
         data[:] = b"\x00"  # what a receiver makes of a line held low
     return int(fires)
 
 
-def _baud(
+def _baud_fault(
     chunks: list[FaultChunk], values: Values, _: random.Random
 ) -> tuple[list[FaultChunk], int]:
     ratio = 1 + values["ppm"] / 1e6
@@ -119,17 +119,19 @@ def _baud(
     return received, changed
 
 
-def _nothing(
+def _no_line_fault(
     chunks: list[FaultChunk], _: Values, __: random.Random
 ) -> tuple[list[FaultChunk], int]:
     return [], len(chunks)
 
 
-def _gone(_: list[FaultChunk], __: Values, ___: random.Random) -> tuple[list[FaultChunk], int]:
+def _gone_fault(
+    _: list[FaultChunk], __: Values, ___: random.Random
+) -> tuple[list[FaultChunk], int]:
     return [], 0  # it fires once, when the port goes: see FaultInjector.has_left
 
 
-def _duplicate(
+def _duplicate_fault(
     chunks: list[FaultChunk], values: Values, source: random.Random
 ) -> tuple[list[FaultChunk], int]:
     doubled: list[FaultChunk] = []
@@ -138,7 +140,7 @@ def _duplicate(
     return doubled, len(doubled) - len(chunks)
 
 
-def _delay(
+def _delay_fault(
     chunks: list[FaultChunk], values: Values, source: random.Random
 ) -> tuple[list[FaultChunk], int]:
     late_us = values["us"] + values["jitter_us"] * source.random()
@@ -147,7 +149,7 @@ def _delay(
     return late, len(late) if late_ns else 0
 
 
-def _slice(
+def _slice_fault(
     chunks: list[FaultChunk], values: Values, _: random.Random
 ) -> tuple[list[FaultChunk], int]:
     size, gap_ns = round(values["bytes"]), round(values["gap_us"] * _NS_PER_US)
@@ -159,41 +161,41 @@ def _slice(
     return cut, len(cut) - len(chunks)
 
 
-def _held(grid_ns: int, chunks: list[FaultChunk]) -> tuple[list[FaultChunk], int]:
+def _held_by_fault(grid_ns: int, chunks: list[FaultChunk]) -> tuple[list[FaultChunk], int]:
     if grid_ns == 0:
         return chunks, 0
     held = [dataclasses.replace(c, t_ns=-(-c.t_ns // grid_ns) * grid_ns) for c in chunks]
     return held, sum(new != old for new, old in zip(held, chunks, strict=True))
 
 
-def _coalesce(
+def _coalesce_fault(
     chunks: list[FaultChunk], values: Values, _: random.Random
 ) -> tuple[list[FaultChunk], int]:
-    return _held(round(values["us"] * _NS_PER_US), chunks)
+    return _held_by_fault(round(values["us"] * _NS_PER_US), chunks)
 
 
-def _batch(
+def _batch_fault(
     chunks: list[FaultChunk], values: Values, _: random.Random
 ) -> tuple[list[FaultChunk], int]:
-    return _held(round(values["ms"] * _NS_PER_MS), chunks)
+    return _held_by_fault(round(values["ms"] * _NS_PER_MS), chunks)
 
 
 LINE_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
     {
-        "line.flip": _bytewise(_flip),
-        "line.drop": _bytewise(_drop),
-        "line.insert": _bytewise(_insert),
-        "line.burst": _bytewise(_burst),
-        "line.truncate": _bytewise(_truncate),
-        "line.overrun": _bytewise(_overrun),
-        "line.break": _bytewise(_break),
-        "line.baud": _baud,
-        "line.half_open": _nothing,
-        "line.disconnect": _gone,
-        "line.duplicate": _duplicate,
-        "line.delay": _delay,
-        "line.slice": _slice,
-        "line.coalesce": _coalesce,
-        "line.batch": _batch,
+        "line.flip": _bytewise_fault(_flip_fault),
+        "line.drop": _bytewise_fault(_drop_fault),
+        "line.insert": _bytewise_fault(_insert_fault),
+        "line.burst": _bytewise_fault(_burst_fault),
+        "line.truncate": _bytewise_fault(_truncate_fault),
+        "line.overrun": _bytewise_fault(_overrun_fault),
+        "line.break": _bytewise_fault(_break_fault),
+        "line.baud": _baud_fault,
+        "line.half_open": _no_line_fault,
+        "line.disconnect": _gone_fault,
+        "line.duplicate": _duplicate_fault,
+        "line.delay": _delay_fault,
+        "line.slice": _slice_fault,
+        "line.coalesce": _coalesce_fault,
+        "line.batch": _batch_fault,
     }
 )

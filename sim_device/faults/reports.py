@@ -29,16 +29,16 @@ from .line import LineFault, Values
 _TRUE_COUNTERS: Final = ("frames", "latched", "requests")  # those that rise when all is well
 
 
-def _clock(body: bytes, values: Values, source: random.Random) -> bytes | None:
+def _clock_report_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
     header, message = parse_body(body)
     by_us = round(values["us"] + values["jitter_us"] * source.uniform(-1, 1))
     if isinstance(message, Pong):
         times = {name: (getattr(message, name) + by_us) & 0xFFFFFFFF for name in _PONG_TIMES}
         message = dataclasses.replace(message, **times)
-    return _rebuilt(header, message, by_us) if by_us else None
+    return _rebuilt_faulty_report(header, message, by_us) if by_us else None
 
 
-def _status(body: bytes, _: Values, __: random.Random) -> bytes | None:
+def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | None:
     header, message = parse_body(body)
     if not isinstance(message, Status | StatusReply):
         return None
@@ -47,10 +47,10 @@ def _status(body: bytes, _: Values, __: random.Random) -> bytes | None:
     lie = dataclasses.replace(
         message, state=OutputState.ARMED, reason=MuteReason.NONE, counters=counters
     )
-    return None if lie == message else _rebuilt(header, lie, 0)
+    return None if lie == message else _rebuilt_faulty_report(header, lie, 0)
 
 
-def _rebuilt(header: Header, message: Message, by_us: int) -> bytes:
+def _rebuilt_faulty_report(header: Header, message: Message, by_us: int) -> bytes:
     return sealed_by_fault(
         build_body(
             message,
@@ -65,5 +65,8 @@ def _rebuilt(header: Header, message: Message, by_us: int) -> bytes:
 _PONG_TIMES: Final = ("t_rx_us", "t_tx_us")
 
 REPORT_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
-    {"device.clock": fault_on_frames(_clock), "device.status": fault_on_frames(_status)}
+    {
+        "device.clock": fault_on_frames(_clock_report_fault),
+        "device.status": fault_on_frames(_status_report_fault),
+    }
 )

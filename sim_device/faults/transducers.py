@@ -58,41 +58,41 @@ _Shown: TypeAlias = tuple[FloatArray | float, FloatArray | float]
 _Act: TypeAlias = Callable[[FaultContext, Values, random.Random], _Shown]
 
 
-def _off(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+def _off_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
     return now.drive.turns[now.place], 0.0
 
 
-def _intermittent(now: FaultContext, values: Values, source: random.Random) -> _Shown:
+def _intermittent_fault(now: FaultContext, values: Values, source: random.Random) -> _Shown:
     silent = source.random() < values["p"]
     return now.drive.turns[now.place], 0.0 if silent else now.drive.amplitudes[now.place]
 
 
-def _stuck(now: FaultContext, values: Values, _: random.Random) -> _Shown:
+def _stuck_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
     return round(values["code"]) / _CODES, now.drive.amplitudes[now.place]
 
 
-def _delayed(now: FaultContext, values: Values, _: random.Random) -> _Shown:
+def _delayed_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
     turned = (now.drive.turns[now.place] + round(values["code"]) / _CODES) % 1.0
     return turned, now.drive.amplitudes[now.place]
 
 
-def _garbage(now: FaultContext, _: Values, source: random.Random) -> _Shown:
+def _garbage_fault(now: FaultContext, _: Values, source: random.Random) -> _Shown:
     count = now.place.stop - now.place.start
     codes = np.frombuffer(source.randbytes(count), np.uint8)
     return codes / _CODES, now.drive.amplitudes[now.place]
 
 
-def _ok(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+def _ok_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
     return now.healthy.turns[now.place], now.healthy.amplitudes[now.place]
 
 
-def _wrong(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+def _wrong_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
     if now.before is None:
         return now.drive.turns[now.place], 0.0  # nothing has been there before
     return now.before.turns[now.place], now.before.amplitudes[now.place]
 
 
-def _slow(now: FaultContext, values: Values, _: random.Random) -> _Shown:
+def _slow_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
     """Follow the drive as a resonator does: with a time constant.
 
     The envelope is the one at the end of the frame, and a frame is taken to last as long as the
@@ -109,15 +109,15 @@ def _slow(now: FaultContext, values: Values, _: random.Random) -> _Shown:
 
 _DEVICE_FAULTS: Final[Mapping[str, _Act]] = MappingProxyType(
     {
-        "device.ok": _ok,
-        "device.off": _off,
-        "device.dead": _off,
-        "device.stuck": _stuck,
-        "device.delayed": _delayed,
-        "device.intermittent": _intermittent,
-        "device.garbage": _garbage,
-        "device.wrong": _wrong,
-        "device.slow": _slow,
+        "device.ok": _ok_fault,
+        "device.off": _off_fault,
+        "device.dead": _off_fault,
+        "device.stuck": _stuck_fault,
+        "device.delayed": _delayed_fault,
+        "device.intermittent": _intermittent_fault,
+        "device.garbage": _garbage_fault,
+        "device.wrong": _wrong_fault,
+        "device.slow": _slow_fault,
     }
 )
 

@@ -40,7 +40,7 @@ def sample_characters(data: bytes, ratio: float) -> tuple[bytes, int]:
     """
     if is_baud_understood(ratio):
         return data, 0
-    levels = _levels(data)
+    levels = _line_levels(data)
     received, errors, at = bytearray(), 0, 1
     while (edge := levels.find(b"\x01\x00", at - 1)) >= 0:
         edge += 1  # the bit that is low
@@ -55,7 +55,7 @@ def sample_characters(data: bytes, ratio: float) -> tuple[bytes, int]:
     return bytes(received), errors
 
 
-def _levels(data: bytes) -> bytes:
+def _line_levels(data: bytes) -> bytes:
     """Return the line, one level for each bit of the sender, idle before and after."""
     levels = bytearray(b"\x01")
     for byte in data:

@@ -25,7 +25,7 @@ _SHORTAGE: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _PATIENCE_NS: Final = 200_000_000  # until descriptors may be there again
 
 
-class Doorman:
+class SocketDoorman:
     """Takes clients in at a listening socket, and waits where descriptors have run out.
 
     Parameters
@@ -112,7 +112,7 @@ class UnixListener:
         except OSError as error:
             self._socket.close()
             raise ConfigurationError(f"cannot listen on unix:{path}: {error}") from error
-        self._doorman = Doorman(self._socket, f"unix:{path}")
+        self._doorman = SocketDoorman(self._socket, f"unix:{path}")
 
     def accept(self) -> int | None:
         """Return a non-blocking descriptor of a client that waits, or None."""

@@ -11,7 +11,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.text_file import plain_reason
 
 from .port import BoardPort
-from .socket_server import Doorman
+from .socket_server import SocketDoorman
 
 _LOG: Final = logging.getLogger(__name__)
 _GONE: Final = (errno.EIO, errno.EPIPE, errno.ECONNRESET, errno.ENXIO, errno.ENODEV)
@@ -44,7 +44,7 @@ class TcpPort(BoardPort):
         self._is_there = True
         name = self._server.getsockname()
         super().__init__(-1, f"socket://{name[0]}:{name[1]}")
-        self._doorman = Doorman(self._server, self.description)
+        self._doorman = SocketDoorman(self._server, self.description)
 
     @property
     def due_ns(self) -> int | None:
@@ -99,7 +99,7 @@ class TcpPort(BoardPort):
         if (admitted := self._doorman.admit()) is None:
             return
         client, address = admitted
-        if self._client is not None and _has_left(self._client):
+        if self._client is not None and _has_tcp_client_left(self._client):
             self._drop_client()
         if self._client is not None or not self._is_there:
             why = "there is one already" if self._client is not None else "the port is gone"
@@ -124,7 +124,7 @@ class TcpPort(BoardPort):
         return b""
 
 
-def _has_left(client: socket.socket) -> bool:
+def _has_tcp_client_left(client: socket.socket) -> bool:
     """Return True if *client* has closed its end and all that it sent has been read."""
     try:
         return not client.recv(1, socket.MSG_PEEK)

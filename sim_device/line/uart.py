@@ -91,7 +91,7 @@ class Uart:
         self._bursts.append(burst)
         self._in_transit += len(received)
 
-    def next_event_ns(self, next_end: NextEnd) -> int | None:
+    def next_event_ns(self, next_frame_end: NextEnd) -> int | None:
         """Return when the next message may have been received, or else the last byte; None: idle.
 
         Nothing can depend on the bytes before it, so that a frame costs one event and not one for
@@ -100,7 +100,7 @@ class Uart:
         if not self._bursts:
             return None
         burst = self._bursts[0]
-        return self._end_ns(burst, next_end(burst.data, burst.taken))
+        return self._end_ns(burst, next_frame_end(burst.data, burst.taken))
 
     def receive(self, t_ns: int) -> bytes:
         """Return the bytes that are complete by *t_ns*, each once."""
@@ -166,9 +166,9 @@ class PolledUart(Uart):
         super().__init__(baud, sender_ppm=sender_ppm, receiver_ppm=receiver_ppm)
         self._fifo, self._poll_ns = fifo, poll_ns
 
-    def next_event_ns(self, next_end: NextEnd) -> int | None:
+    def next_event_ns(self, next_frame_end: NextEnd) -> int | None:
         """Return when the firmware next finds the end of a message in its FIFO."""
-        t_ns = super().next_event_ns(next_end)
+        t_ns = super().next_event_ns(next_frame_end)
         return None if t_ns is None else self._next_poll_ns(t_ns)
 
     def receive(self, t_ns: int) -> bytes:
@@ -211,7 +211,7 @@ class UsbUart(Uart):
         """Bytes sent that the host does not have yet."""
         return self._in_transit + len(self._held)
 
-    def next_event_ns(self, next_end: NextEnd | None = None) -> int | None:  # noqa: ARG002  it knows no frames
+    def next_event_ns(self, next_frame_end: NextEnd | None = None) -> int | None:  # noqa: ARG002  it knows no frames
         """Return when the next packet goes to the host."""
         full_ns = self.arrival_ns(USB_PACKET_BYTES - len(self._held))
         timer_ns = self._timer_ns()

@@ -20,7 +20,7 @@ from haptogram_protocol.framing import (
 )
 from haptogram_protocol.messages import MESSAGES, Error, ErrorCode, MessageType
 
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 _QUIET_US: Final = 5_000
@@ -57,7 +57,9 @@ class Crc16(BoardConnection):
 
     def _queue(self, wire: bytes, limit: int) -> bool:
         body = cobs_decode(wire[1:-1])[:-CRC_BYTES]
-        return super()._queue(DELIMITER + cobs_encode(body + _crc16(body)) + DELIMITER, limit)
+        return super()._queue(
+            DELIMITER + cobs_encode(body + _mutant_crc16(body)) + DELIMITER, limit
+        )
 
 
 class _Crc16Decoder(FrameDecoder):
@@ -67,7 +69,7 @@ class _Crc16Decoder(FrameDecoder):
             return found
         decoded = cobs_decode(encoded)
         body = decoded[:-CRC_BYTES]
-        right = decoded[-CRC_BYTES:] == _crc16(body)
+        right = decoded[-CRC_BYTES:] == _mutant_crc16(body)
         return body if right else RemoteProtocolError("CRC-16 is wrong", reason="crc")
 
 
@@ -75,7 +77,7 @@ class CobsAt254(FrameDecoder):
     """Adds a zero behind every full piece, as if its code byte were an ordinary one."""
 
     def __init__(self) -> None:
-        super().__init__(Cobs(decode=_with_zero_after_full_pieces))
+        super().__init__(Cobs(decode=_mutant_cobs_encoding))
 
 
 class SpareCodeByteRefused(FrameDecoder):
@@ -239,7 +241,7 @@ class StreamAnswered(BoardConnection):
         return event
 
 
-class CountersBigEndian(BoardDialect):
+class CountersBigEndian(VirtualHaptogramDialect):
     """Sends its counters with the highest byte first."""
 
     @property
@@ -249,11 +251,11 @@ class CountersBigEndian(BoardDialect):
         return {n: int.from_bytes(v.to_bytes(4, "little"), "big") for n, v in right.items()}
 
 
-def _crc16(body: bytes) -> bytes:
+def _mutant_crc16(body: bytes) -> bytes:
     return binascii.crc_hqx(body, 0xFFFF).to_bytes(CRC_BYTES, "little")
 
 
-def _with_zero_after_full_pieces(encoded: bytes) -> bytes:
+def _mutant_cobs_encoding(encoded: bytes) -> bytes:
     out, start = bytearray(), 0
     while start < len(encoded):
         stop = start + encoded[start]

@@ -11,12 +11,12 @@ from haptogram_protocol.messages import Element, GeometryReply, HelloReply
 from ..board.clock import DeviceClock
 from ..board.output import OutputStage
 from .mutant import Mutant
-from .replies import Liar
+from .replies import LyingMutant
 
 _WRAP: Final = 2**32
 
 
-class _OtherGeometry(Liar):
+class _OtherGeometry(LyingMutant):
     """Shows other places than those of its transducers."""
 
     of = GeometryReply
@@ -54,7 +54,7 @@ class GeometryFacingDown(_OtherGeometry):
         return dataclasses.replace(element, nz=-element.nz)
 
 
-class PitchOfAnother(Liar):
+class PitchOfAnother(LyingMutant):
     """Advertises a pitch that is not that of its geometry."""
 
     of = HelloReply
@@ -64,7 +64,7 @@ class PitchOfAnother(Liar):
         return {"pitch_um": message.pitch_um + 160}
 
 
-class EightBitsUnclaimed(Liar):
+class EightBitsUnclaimed(LyingMutant):
     """Advertises phases of 6 and 5 bits only."""
 
     def lie(self, message: Any) -> dict[str, Any]:
@@ -72,7 +72,7 @@ class EightBitsUnclaimed(Liar):
         return {"phase_formats": message.phase_formats & ~1}
 
 
-class QueueOfTwo(Liar):
+class QueueOfTwo(LyingMutant):
     """Advertises a queue of two frames."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -80,7 +80,7 @@ class QueueOfTwo(Liar):
         return {"queue_depth": 2}
 
 
-class RingOfEight(Liar):
+class RingOfEight(LyingMutant):
     """Advertises a trace ring of eight latches."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -88,7 +88,7 @@ class RingOfEight(Liar):
         return {"trace_ring": 8}
 
 
-class ChunksBeyondTheFrame(Liar):
+class ChunksBeyondTheFrame(LyingMutant):
     """Advertises chunks that are longer than any frame."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -96,7 +96,7 @@ class ChunksBeyondTheFrame(Liar):
         return {"max_chunk": 4062}
 
 
-class WindowBeyondTheBuffer(Liar):
+class WindowBeyondTheBuffer(LyingMutant):
     """Advertises a window of more chunks than it can take without a pause."""
 
     def lie(self, message: Any) -> dict[str, Any]:

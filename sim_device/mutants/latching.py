@@ -18,7 +18,7 @@ from ..board.output import OutputStage
 from ..board.registers import Content, to_registers
 from ..board.stream_queue import QueueEntry, StreamFrame, StreamQueue
 from ..board.uploads import Uploads
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 
@@ -82,7 +82,7 @@ class NonAtomic(OutputStage):
         """Latch one half of *drive* and one half of the drive before."""
         previous = self.latched.drive if self.latched else self._silence
         self._pending, before = drive, getattr(self, "_pending", previous)
-        super().latch(key, _halves(drive, before), bits, **how)
+        super().latch(key, _mutant_halves(drive, before), bits, **how)
 
 
 class OffByOneBank(OutputStage):
@@ -141,7 +141,7 @@ class ImmediateKeepsQueue(Board):
         return None
 
 
-class PackedHighBitFirst(BoardDialect):
+class PackedHighBitFirst(VirtualHaptogramDialect):
     """Takes packed phases from the highest bit of every byte on."""
 
     def _content(self, message: Any) -> Content:
@@ -156,7 +156,7 @@ class PackedHighBitFirst(BoardDialect):
         return Drive(np.array(codes, dtype=np.uint8), content.amplitude_codes, content.phase_bits)
 
 
-class RoundsToTheMiddle(BoardDialect):
+class RoundsToTheMiddle(VirtualHaptogramDialect):
     """Latches a code of 6 or 5 bits in the middle of its step, not at its beginning."""
 
     def _content(self, message: Any) -> Content:
@@ -168,7 +168,7 @@ class RoundsToTheMiddle(BoardDialect):
         return Drive(registers.phase_codes + half, registers.amplitude_codes)
 
 
-class PhasesAtHalfAmplitude(BoardDialect):
+class PhasesAtHalfAmplitude(VirtualHaptogramDialect):
     """Drives PHASES frames with amplitude 128."""
 
     def _content(self, message: Any) -> Content:
@@ -204,7 +204,7 @@ class UploadUnchecked(Uploads):
             return super().commit(commit)
 
 
-class TraceTimeOfArrival(BoardDialect):
+class TraceTimeOfArrival(VirtualHaptogramDialect):
     """Reports the time at which a frame came as that of its latch."""
 
     def _trace(self, latch: Any) -> None:
@@ -212,7 +212,7 @@ class TraceTimeOfArrival(BoardDialect):
         super()._trace(dataclasses.replace(latch, t_latch_us=received_us))
 
 
-class TraceOfRadiated(BoardDialect):
+class TraceOfRadiated(VirtualHaptogramDialect):
     """Reports the CRC of what it radiates, not of what it latched."""
 
     def _trace_message(self, latch: Any) -> Any:
@@ -222,7 +222,7 @@ class TraceOfRadiated(BoardDialect):
         return message
 
 
-class TornReadBack(BoardDialect):
+class TornReadBack(VirtualHaptogramDialect):
     """Reads back one half of the latched drive and one half of the drive before it."""
 
     _drives: tuple[Drive, ...] = ()
@@ -237,13 +237,13 @@ class TornReadBack(BoardDialect):
         lies = isinstance(asked, ReadDrive) and asked.kind is DriveKind.LATCHED
         if latch is not None and lies and len(self._drives) == 2:
             board.output.latched = dataclasses.replace(
-                latch, drive=_halves(latch.drive, self._drives[0])
+                latch, drive=_mutant_halves(latch.drive, self._drives[0])
             )
         super()._answer(request)
         board.output.latched = latch
 
 
-class ReadBackTimeIsNow(BoardDialect):
+class ReadBackTimeIsNow(VirtualHaptogramDialect):
     """Reads back a drive with the time of the question, not of the latch."""
 
     def _answer(self, request: Any) -> None:
@@ -254,7 +254,7 @@ class ReadBackTimeIsNow(BoardDialect):
         board.output.latched = latch
 
 
-def _halves(first: Drive, second: Drive) -> Drive:
+def _mutant_halves(first: Drive, second: Drive) -> Drive:
     half = len(first.phase_codes) // 2
     phases, amplitudes = first.phase_codes.copy(), first.amplitude_codes.copy()
     phases[half:], amplitudes[half:] = second.phase_codes[half:], second.amplitude_codes[half:]

@@ -49,7 +49,9 @@ class Mutant:
     def of(cls, part: Part, clause: str, evidence: Evidence, array: str = "") -> Self:
         """Return the mutant whose wrong part is *part*, named after it."""
         name = re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[0-9])(?=[A-Z])", "-", part.__name__).lower()
-        return cls(name, clause, evidence, inspect.getdoc(part) or "", _parts(part), array)
+        return cls(
+            name, clause, evidence, inspect.getdoc(part) or "", _mutant_parts_of(part), array
+        )
 
 
 def mutants_by_name(mutants: Iterable[Mutant]) -> dict[str, Mutant]:
@@ -57,6 +59,6 @@ def mutants_by_name(mutants: Iterable[Mutant]) -> dict[str, Mutant]:
     return {mutant.name: mutant for mutant in mutants}
 
 
-def _parts(part: Part) -> BoardAssembly:
+def _mutant_parts_of(part: Part) -> BoardAssembly:
     name = next(_NAMES[kind] for kind in part.__mro__ if kind in _NAMES)
     return BoardAssembly(**{name: part})

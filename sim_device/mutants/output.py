@@ -22,7 +22,7 @@ from ..board.events import StateChange
 from ..board.output import OutputStage
 from ..board.registers import radiated_drive
 from ..board.timers import OutputTimers
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 _WRAP: Final = 2**32
@@ -176,7 +176,7 @@ class TimeoutsUncounted(OutputStage):
         self.counters.timeouts = counted
 
 
-class StateChangeUnsaid(BoardDialect):
+class StateChangeUnsaid(VirtualHaptogramDialect):
     """Sends no STATE_CHANGED when a timer mutes it."""
 
     def collect(self) -> None:
@@ -214,7 +214,7 @@ class CorrectionIgnored(OutputStage):
         )
 
 
-class ClockLosesTheWrap(BoardDialect):
+class ClockLosesTheWrap(VirtualHaptogramDialect):
     """Compares times as plain 32-bit numbers: what lies behind the wrap has long passed."""
 
     def _unwrap(self, t_wire_us: int | None) -> int | None:

@@ -9,14 +9,14 @@ from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.messages import MessageType
 
-from ..board.clock import earliest_time
-from ..dialects.haptogram import BoardDialect
+from ..board.clock import earliest_board_time
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 _BEHIND_US: Final = 500  # that the main loop takes for other frames
 
 
-class _Overtaking(BoardDialect):
+class _Overtaking(VirtualHaptogramDialect):
     """Carries MUTE out as it arrives, and everything else half a millisecond later."""
 
     def __init__(self, *parts: Any) -> None:
@@ -27,7 +27,7 @@ class _Overtaking(BoardDialect):
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
         due_us = self._waiting[0][0] if self._waiting else None
-        return earliest_time(super().next_event_us(), due_us)
+        return earliest_board_time(super().next_event_us(), due_us)
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, frames that wait among it."""

@@ -15,11 +15,11 @@ from haptogram_protocol.messages import FocalPoint
 
 from ..board.registers import Content, PointFocuser
 from ..board.stream_queue import StreamFrame
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 
-class PointsOfOppositePhase(BoardDialect):
+class PointsOfOppositePhase(VirtualHaptogramDialect):
     """Computes the drive of focal points with the opposite sign of the phase."""
 
     def _stream(self, event: Any) -> None:
@@ -34,7 +34,7 @@ class PointsOfOppositePhase(BoardDialect):
             super()._stream(event)
 
 
-class PointsInTenths(BoardDialect):
+class PointsInTenths(VirtualHaptogramDialect):
     """Reads the coordinates of focal points in tenths of a millimetre."""
 
     def _content(self, message: Any) -> Content:

@@ -14,15 +14,15 @@ from ..board.counters import Drop
 from ..board.registers import Content
 from ..board.settings import BoardSettings
 from ..board.stream_queue import QueueEntry, StreamFrame
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
-from .replies import Liar
+from .replies import LyingMutant
 
 _LEAD_US: Final = 200
 _POINT_US: Final = 300
 
 
-class LeadTooLong(Liar):
+class LeadTooLong(LyingMutant):
     """Advertises a lead that is longer than any host has to expect."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -30,7 +30,7 @@ class LeadTooLong(Liar):
         return {"latch_lead_us": 200_000}
 
 
-class LatchedBeforeItsLead(Liar):
+class LatchedBeforeItsLead(LyingMutant):
     """Advertises a lead and latches without it."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -107,7 +107,7 @@ class ImmediateNotAccepted(Board):
         return dropped
 
 
-class StatusOfTwoMoments(BoardDialect):
+class StatusOfTwoMoments(VirtualHaptogramDialect):
     """Reports how many frames wait as it was at the status before."""
 
     _queued_before = 0
@@ -134,7 +134,7 @@ class LateLatchesUnsaid(Board):
         self.output.latched = self.output._new_latches[-1] = told
 
 
-class StatusOfTheSchedule(BoardDialect):
+class StatusOfTheSchedule(VirtualHaptogramDialect):
     """Reports in `last_latch_us` the time for which the last drive was meant."""
 
     def _stream(self, event: Any) -> None:
@@ -168,7 +168,7 @@ class LateLatchIsNotLast(Board):
             self.last_stream_index = last
 
 
-class LatchesCountedAhead(BoardDialect):
+class LatchesCountedAhead(VirtualHaptogramDialect):
     """Counts a frame as latched when it is queued."""
 
     @property

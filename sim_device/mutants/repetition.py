@@ -8,7 +8,7 @@ from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.messages import Hello, HelloReply, Mute
 
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 
@@ -48,7 +48,7 @@ class RepetitionsOfNow(BoardConnection):
         return super()._judge_control_seq(frame)
 
 
-class RefusalsOfArrival(BoardDialect):
+class RefusalsOfArrival(VirtualHaptogramDialect):
     """Puts the time at which a request came into an ERROR that waits for the line."""
 
     def __init__(self, *parts: Any) -> None:

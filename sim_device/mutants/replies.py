@@ -25,11 +25,11 @@ from haptogram_protocol.messages import (
 from ..board.board import Board
 from ..board.refusal import RefusalError
 from ..board.uploads import Uploads
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 
-class Liar(BoardConnection):
+class LyingMutant(BoardConnection):
     """Answers with other words than the board's."""
 
     of: Any = HelloReply
@@ -45,7 +45,7 @@ class Liar(BoardConnection):
         super().reply(request, message, now_us)
 
 
-class GeometryHashWrong(Liar):
+class GeometryHashWrong(LyingMutant):
     """Advertises the CRC of another geometry."""
 
     def lie(self, message: Any) -> dict[str, Any]:
@@ -53,7 +53,7 @@ class GeometryHashWrong(Liar):
         return {"geometry_hash": message.geometry_hash ^ 1}
 
 
-class GridOfAnother(Liar):
+class GridOfAnother(LyingMutant):
     """Advertises a grid of one row more than it has transducers for."""
 
     def lie(self, message: Any) -> dict[str, Any]:
@@ -61,7 +61,7 @@ class GridOfAnother(Liar):
         return {"grid_ny": message.grid_ny + 1}
 
 
-class ClockInMilliseconds(Liar):
+class ClockInMilliseconds(LyingMutant):
     """Advertises a clock of 1000 ticks a second."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -69,7 +69,7 @@ class ClockInMilliseconds(Liar):
         return {"clock_hz": 1000}
 
 
-class CarrierOfNoWholePeriod(Liar):
+class CarrierOfNoWholePeriod(LyingMutant):
     """Advertises a carrier of 40 500 Hz, whose period is no whole number of microseconds."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -77,7 +77,7 @@ class CarrierOfNoWholePeriod(Liar):
         return {"carrier_hz": 40_500}
 
 
-class HorizonBehindTheWrap(Liar):
+class HorizonBehindTheWrap(LyingMutant):
     """Advertises a horizon of 2^31 us, at which before and after cannot be told apart."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -85,7 +85,7 @@ class HorizonBehindTheWrap(Liar):
         return {"max_horizon_us": 1 << 31}
 
 
-class NameBehindZero(Liar):
+class NameBehindZero(LyingMutant):
     """Has something behind the zero that ends its name."""
 
     def lie(self, _: Any) -> dict[str, Any]:
@@ -93,7 +93,7 @@ class NameBehindZero(Liar):
         return {"firmware": "sim\x00left over"}
 
 
-class GeometryFromZero(Liar):
+class GeometryFromZero(LyingMutant):
     """Calls the first transducer of every GEOMETRY_REPLY number 0."""
 
     of = GeometryReply
@@ -164,7 +164,7 @@ class RepliesWithoutTime(BoardConnection):
         return super()._response(message, seq, 0, session)
 
 
-class LastSeqNotCleared(BoardDialect):
+class LastSeqNotCleared(VirtualHaptogramDialect):
     """Says in a new session, before its first latch, that one was latched."""
 
     def _status(self) -> Any:

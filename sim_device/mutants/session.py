@@ -11,7 +11,7 @@ from haptogram_protocol.messages import STREAM_RANGE, Feature, Hello, HelloReply
 
 from ..board.counters import BoardCounters
 from ..board.output import OutputStage
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 _DAMAGE: Final = frozenset({"crc", "cobs", "short", "oversize"})
@@ -102,7 +102,7 @@ class HelloStartsAtZero(BoardConnection):
             self._control_newest = 0
 
 
-class EventsFirst(BoardDialect):
+class EventsFirst(VirtualHaptogramDialect):
     """Tells what a request led to before it answers the request."""
 
     def _mute(self, message: Any, request: Any) -> Any:
@@ -149,7 +149,7 @@ class FramesUncounted(BoardConnection):
         return super()._judge(body, t_rx_us)
 
 
-class CountersCleared(BoardDialect):
+class CountersCleared(VirtualHaptogramDialect):
     """Clears the counters for every new session."""
 
     def _greet(self, hello: Hello, request: Any) -> None:
@@ -178,7 +178,7 @@ class DiesOnJunk(BoardConnection):
             super().receive_data(data, now_us)
 
 
-class LeaksOnJunk(BoardDialect):
+class LeaksOnJunk(VirtualHaptogramDialect):
     """Loses a buffer of 512 bytes with every damaged frame, and hears nothing once none is left."""
 
     @property
@@ -197,7 +197,7 @@ class LeaksOnJunk(BoardDialect):
         return (*fields[:3], max(0, fields[3] - self._leaked), *fields[4:])
 
 
-class LeaksSlowly(BoardDialect):
+class LeaksSlowly(VirtualHaptogramDialect):
     """Loses 256 bytes of 512 KiB with every damaged frame, unsaid, and is deaf in the end."""
 
     def receive(self, data: bytes, t_us: int) -> None:
@@ -208,7 +208,7 @@ class LeaksSlowly(BoardDialect):
             self.advance_to(t_us)
 
 
-class RestartsOnJunk(BoardDialect):
+class RestartsOnJunk(VirtualHaptogramDialect):
     """Loses its session at a frame that is no COBS."""
 
     _seen = 0
@@ -222,14 +222,14 @@ class RestartsOnJunk(BoardDialect):
             self.board.output.session = self._link.session = 0
 
 
-class StatusNeverSent(BoardDialect):
+class StatusNeverSent(VirtualHaptogramDialect):
     """Sends no STATUS by itself."""
 
     def _schedule_status(self) -> None:
         self._next_status_us = None
 
 
-class MarginsKept(BoardDialect):
+class MarginsKept(VirtualHaptogramDialect):
     """Goes on with the old arrival margins after it has reported them."""
 
     def _status(self) -> Any:
@@ -240,7 +240,7 @@ class MarginsKept(BoardDialect):
         return fields
 
 
-class SixBitsClaimed(BoardDialect):
+class SixBitsClaimed(VirtualHaptogramDialect):
     """Advertises phases of 6 bits and drops them."""
 
     def _content(self, message: Any) -> Any:
@@ -258,7 +258,7 @@ class RingClaimed(OutputStage):
         return super().ring[-1:]
 
 
-class ReservedBitClaimed(BoardDialect):
+class ReservedBitClaimed(VirtualHaptogramDialect):
     """Advertises SYNC_IN, which is reserved."""
 
     def _greet(self, hello: Hello, request: Any) -> None:

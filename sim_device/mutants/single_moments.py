@@ -18,7 +18,7 @@ from ..board.board import Board
 from ..board.counters import Drop
 from ..board.output import OutputStage
 from ..board.stream_queue import QueueEntry, StreamFrame, StreamQueue
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 _FULL: Final = 255
@@ -83,7 +83,7 @@ class LateSticks(Board):
         self._late = entry.late
 
 
-class TimesOf24Bits(BoardDialect):
+class TimesOf24Bits(VirtualHaptogramDialect):
     """Takes the times of stream frames modulo 2^24 us, which is less than its horizon."""
 
     def _unwrap(self, t_wire_us: int | None) -> int | None:
@@ -145,7 +145,7 @@ class ConfigurationClearsMargins(Board):
         self.margins.take()
 
 
-class StatusKeepsMargins(BoardDialect):
+class StatusKeepsMargins(VirtualHaptogramDialect):
     """Goes on with the old margins after STATUS; only STATUS_REPLY begins them anew."""
 
     def _send_status(self, t_us: int) -> None:

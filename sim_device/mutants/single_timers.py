@@ -29,7 +29,7 @@ from ..board.registers import radiated_drive
 from ..board.stream_queue import StreamFrame
 from ..board.timers import NEVER_US, OutputTimers
 from ..board.uploads import Upload, Uploads
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 _MASK_32: Final = 0xFFFFFFFF
@@ -37,18 +37,18 @@ _MASK_32: Final = 0xFFFFFFFF
 # --- Lengths of which too few bits are kept ----------------------------------------------------
 
 
-def _kept(length_ms: int, unit_us: int, bits: int) -> int:
+def _mutant_timer_ms(length_ms: int, unit_us: int, bits: int) -> int:
     """Return a length in ms of which so many bits of units are left."""
     return ((length_ms * 1000 // unit_us) & ((1 << bits) - 1)) * unit_us // 1000
 
 
-def _timer_of_width(field: str, unit_us: int, bits: int) -> type[OutputTimers]:
+def _mutant_timer_of_width(field: str, unit_us: int, bits: int) -> type[OutputTimers]:
     """Return timers that keep one length in so many bits of a unit."""
 
     class OfWidth(OutputTimers):
         def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:
             if unattended_ms is not None and field == "unattended_ms":
-                unattended_ms = _kept(unattended_ms, unit_us, bits)
+                unattended_ms = _mutant_timer_ms(unattended_ms, unit_us, bits)
             super().renew_lease(now_us, _narrowed(config), unattended_ms)
 
         def latched(self, now_us: int, config: Config) -> None:
@@ -60,7 +60,7 @@ def _timer_of_width(field: str, unit_us: int, bits: int) -> type[OutputTimers]:
     def _narrowed(config: Config) -> Config:
         if field not in Config.WIRE:
             return config
-        lengths: dict[str, Any] = {field: _kept(getattr(config, field), unit_us, bits)}
+        lengths: dict[str, Any] = {field: _mutant_timer_ms(getattr(config, field), unit_us, bits)}
         return dataclasses.replace(config, **lengths)
 
     words = "".join(word.capitalize() for word in field.removesuffix("_ms").split("_"))
@@ -153,7 +153,7 @@ class RampFollowsConfig(OutputTimers):
             self._hold.restart(self._hold.deadline_us, self._ramp_us(config))
 
 
-class RequestsRestartStatus(BoardDialect):
+class RequestsRestartStatus(VirtualHaptogramDialect):
     """Starts the status period anew with ARM."""
 
     def _arm(self, message: Arm, request: Any) -> Message:
@@ -188,7 +188,7 @@ class RefusedPlayFlushes(Board):
         super().play(sequence, **more)
 
 
-class RefusedConfigSetsTrace(BoardDialect):
+class RefusedConfigSetsTrace(VirtualHaptogramDialect):
     """Takes the trace fields of a configuration that it refuses."""
 
     def _set_config(self, message: SetConfig, request: Any) -> Message:
@@ -266,7 +266,7 @@ class LoopsOf32Bits(_PlaybackOf):
     _kind = _Loops32
 
 
-class PlayStartOnOneSide(BoardDialect):
+class PlayStartOnOneSide(VirtualHaptogramDialect):
     """Takes the start of PLAY for one before the wrap of the clock, until the clock has wrapped."""
 
     def _play(self, play: Any, request: Any) -> Message:
@@ -306,7 +306,7 @@ class WaitingPlaybackEndsSilently(Board):
 # --- Evidence ----------------------------------------------------------------------------------
 
 
-class TraceDriveUnderCeiling(BoardDialect):
+class TraceDriveUnderCeiling(VirtualHaptogramDialect):
     """Shows amplitudes under the ceiling in TRACE_DRIVE."""
 
     def _trace_message(self, latch: Any) -> Message | None:
@@ -318,7 +318,7 @@ class TraceDriveUnderCeiling(BoardDialect):
         return dataclasses.replace(message, data=message.data[:half] + amplitudes)
 
 
-class ArmRestartsDivision(BoardDialect):
+class ArmRestartsDivision(VirtualHaptogramDialect):
     """Begins to count latches for trace_divider anew with ARM."""
 
     def _arm(self, message: Arm, request: Any) -> Message:
@@ -340,7 +340,7 @@ _WIRE, _SELF, _ = Evidence
 
 MUTANTS: Final = (
     *(
-        Mutant.of(_timer_of_width(field, unit_us, bits), clause, _WIRE)
+        Mutant.of(_mutant_timer_of_width(field, unit_us, bits), clause, _WIRE)
         for (field, clause), widths in _WIDTHS.items()
         for unit_us, bits in widths
     ),

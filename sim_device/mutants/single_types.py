@@ -23,7 +23,7 @@ from haptogram_protocol.messages import (
     signed_difference,
 )
 
-from ..dialects.haptogram import BoardDialect
+from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 _LONG: Final = 2048
@@ -45,7 +45,7 @@ class PiecesOf253(FrameDecoder):
     """Takes a piece of 253 bytes for a full one, in frames of more than 512 bytes."""
 
     def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
-        if len(encoded) > 512 and _FULL - 1 in _codes(encoded)[:-1]:
+        if len(encoded) > 512 and _FULL - 1 in _mutant_codes(encoded)[:-1]:
             return RemoteProtocolError("a zero is lost", reason="crc")
         return super()._decode(encoded)
 
@@ -266,7 +266,7 @@ class RefusedPlayUncounted(BoardConnection):
         self.count("requests", -isinstance(request.message, Play))
 
 
-class DamageRenewsPlayback(BoardDialect):
+class DamageRenewsPlayback(VirtualHaptogramDialect):
     """Renews the unattended time for a frame with a wrong CRC."""
 
     def _dispatch(self, event: Any) -> None:
@@ -276,7 +276,7 @@ class DamageRenewsPlayback(BoardDialect):
         super()._dispatch(event)
 
 
-class BankBeforeLength(BoardDialect):
+class BankBeforeLength(VirtualHaptogramDialect):
     """Judges the bank of PHASES before their length."""
 
     def _content(self, message: Any) -> Any:
@@ -285,7 +285,7 @@ class BankBeforeLength(BoardDialect):
         return super()._content(message)
 
 
-def _codes(encoded: bytes) -> list[int]:
+def _mutant_codes(encoded: bytes) -> list[int]:
     """Return the code bytes of a frame."""
     found, at = [], 0
     while at < len(encoded) and encoded[at]:

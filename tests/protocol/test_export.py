@@ -10,7 +10,7 @@ import pytest
 
 from haptogram_protocol.errors import LocalProtocolError
 from haptogram_protocol.export.tables import schema as export
-from haptogram_protocol.export.tables.__main__ import main
+from haptogram_protocol.export.tables.__main__ import tables_export_main
 from haptogram_protocol.export.tables.spec import update_spec
 from haptogram_protocol.messages import MESSAGES, FocalPoint, Header
 from haptogram_protocol.record import Record, record, wire
@@ -107,12 +107,12 @@ def test_only_what_stands_between_markers_is_rewritten() -> None:
 def test_the_command_rewrites_a_file(tmp_path: Path) -> None:
     spec = tmp_path / "SPEC.md"
     spec.write_text("λ\n<!-- generated: hash -->\nold\n<!-- end -->\n", "utf-8")
-    assert main(["--spec", str(spec)]) == 0
+    assert tables_export_main(["--spec", str(spec)]) == 0
     assert f"{export.description_hash():#010x}" in spec.read_text("utf-8")
 
 
 def test_the_command_prints_the_description(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--json"]) == 0
+    assert tables_export_main(["--json"]) == 0
     assert json.loads(capsys.readouterr().out) == export.wire_description()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from haptogram_protocol.errors import LocalProtocolError
 from haptogram_protocol.export.c import HEADERS
-from haptogram_protocol.export.c.__main__ import main
+from haptogram_protocol.export.c.__main__ import c_export_main
 from haptogram_protocol.export.c.names import c_enumerated, c_member_name
 from haptogram_protocol.messages import DriveKind, GeometryReply, Message
 from haptogram_protocol.record import Record, record, repeated, wire
@@ -27,13 +27,13 @@ def test_a_header_is_what_the_messages_make_of_it(name):
 
 
 def test_the_command_writes_every_header(tmp_path, capsys):
-    assert main([str(tmp_path)]) == 0
+    assert c_export_main([str(tmp_path)]) == 0
     assert {path.name: path.read_text("utf-8") for path in tmp_path.iterdir()} == {
         name: make() for name, make in HEADERS.items()
     }
     assert capsys.readouterr().out.split() == [str(tmp_path / name) for name in HEADERS]
     with pytest.raises(SystemExit):
-        main([str(tmp_path / "missing")])
+        c_export_main([str(tmp_path / "missing")])
 
 
 def compiled(tmp_path, include, *command):

@@ -7,7 +7,7 @@ import pytest
 
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.export.vectors import FILES, vector_file_text, write_vectors
-from haptogram_protocol.export.vectors.__main__ import main
+from haptogram_protocol.export.vectors.__main__ import vectors_export_main
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MESSAGES, pack_phases, unpack_phases
 from protocol_vectors.vector_files import (
@@ -36,11 +36,11 @@ def test_a_file_is_what_the_messages_make_of_it(name):
 
 
 def test_the_command_writes_every_file(tmp_path, capsys):
-    assert main([str(tmp_path)]) == 0
+    assert vectors_export_main([str(tmp_path)]) == 0
     assert {path.name for path in tmp_path.iterdir()} == set(FILES)
     assert capsys.readouterr().out.split() == [str(tmp_path / name) for name in FILES]
     with pytest.raises(SystemExit):
-        main([str(tmp_path / "missing")])
+        vectors_export_main([str(tmp_path / "missing")])
 
 
 def test_writing_twice_changes_nothing(tmp_path):

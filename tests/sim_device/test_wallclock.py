@@ -13,7 +13,7 @@ import pytest
 
 from dialect_boards import DialectBoard
 from haptogram_protocol.dialects.autd3.frame import DeviceFrame
-from haptogram_protocol.dialects.autd3.link import Autd3Host
+from haptogram_protocol.dialects.autd3.link import Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import Hello, Open, Pose, Write
 from haptogram_protocol.dialects.autd3.operations import (
     FociStart,
@@ -219,7 +219,7 @@ class Awake(End):
     ids=lambda operations: type(operations[-1]).__name__,
 )
 def test_a_board_waits_for_a_time_that_never_comes(operations, monkeypatch):
-    board, client = DialectBoard("autd3"), Autd3Host()
+    board, client = DialectBoard("autd3"), Autd3HostEnd()
     data = b"".join(map(client.send, (Hello(), Open((Pose((0, 0, 0), (1, 0, 0, 0)),)))))
     loose = Silencer(True, False, 0xFFFF, 0xFFFF)
     for number, operation in enumerate((loose, *operations)):

@@ -154,7 +154,7 @@ def _print_text(found: _Found, *, verbose: bool) -> bool:
 
 
 def _print_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is always in full
-    from haptogram_protocol.annotation.words import fields_of
+    from haptogram_protocol.annotation.words import annotated_fields_of
 
     piece = found.piece
     line: dict[str, Any] = {"offset": piece.offset, "size": piece.size}
@@ -162,7 +162,7 @@ def _print_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is
         line |= {"sender": found.sender, "t_ns": found.t_ns}
     line |= {"name": piece.name or None, "fault": piece.fault or None}
     if piece.header is not None:
-        line["header"] = fields_of(piece.header)
+        line["header"] = annotated_fields_of(piece.header)
     return _written(json.dumps(line | {"fields": piece.fields}))
 
 

@@ -49,7 +49,7 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import OutputState
 
 from ..outcome import CaseEndedError, check, fail, inconclusive, unimplemented
-from .board_clock import BoardClock
+from .board_clock import ClockClient
 from .request_client import RequestClient
 from .wire import RawFrameWire
 
@@ -93,7 +93,7 @@ class BoardClient:
     ----------
     link : RequestClient
         Sends frames and finds their answers.
-    clock : BoardClock
+    clock : ClockClient
         The device clock.
     identity : HelloReply
         The last HELLO_REPLY.
@@ -128,7 +128,7 @@ class BoardClient:
         self.wire = wire
         self.random = random_source
         self.link = RequestClient(wire, random_source)
-        self.clock = BoardClock(self.link, booted=booted)
+        self.clock = ClockClient(self.link, booted=booted)
         self.description_hash = description_hash
         self._last_nonce = 0
 

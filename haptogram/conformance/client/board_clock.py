@@ -13,7 +13,7 @@ BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
 _SPARE_US: Final = 200  # error of the host's estimate of the device clock, in virtual time
 
 
-class BoardClock:
+class ClockClient:
     """Device times: asked for, estimated, unwrapped and waited for.
 
     Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from typing import Any, Final, TypeVar
 
-from haptogram_protocol.annotation.words import message_summary, message_type_name
+from haptogram_protocol.annotation.words import annotated_message_text, annotated_type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
@@ -167,7 +167,7 @@ class RequestClient:
         found = self.try_answer(seq, since, extra_us)
         if found is None:
             fail(
-                f"no answer to {message_type_name(kind)} (seq {seq}) "
+                f"no answer to {annotated_type_name(kind)} (seq {seq}) "
                 f"within {self._patience(extra_us)}"
             )
         return found
@@ -193,9 +193,10 @@ class RequestClient:
         if isinstance(answer.message, reply):
             return answer.message
         if answer.message is None:
-            fail(f"the answer to {message_type_name(kind)} cannot be read: {answer.fault}")
+            fail(f"the answer to {annotated_type_name(kind)} cannot be read: {answer.fault}")
         fail(
-            f"{message_type_name(kind)} was answered by {message_type_name(answer.message.TYPE)} "
+            f"{annotated_type_name(kind)} was answered by "
+            f"{annotated_type_name(answer.message.TYPE)} "
             f"({self.answer_text(answer)}) instead of {reply.TYPE.name}"
         )
 
@@ -228,13 +229,13 @@ class RequestClient:
         message = answer.message
         if not isinstance(message, Error):
             fail(
-                f"{message_type_name(kind)} should be refused with {wanted}; "
+                f"{annotated_type_name(kind)} should be refused with {wanted}; "
                 f"got {self.answer_text(answer)}"
             )
         same = (message.request, message.code) == (kind, code)
         check(
             same and detail in (None, message.detail),
-            f"{message_type_name(kind)} should be refused with {wanted}; "
+            f"{annotated_type_name(kind)} should be refused with {wanted}; "
             f"got {self.answer_text(answer)}",
         )
         return message
@@ -248,10 +249,12 @@ class RequestClient:
             known = ErrorCode._value2member_map_.get(answer.message.code)
             name = known.name if isinstance(known, ErrorCode) else str(answer.message.code)
             return (
-                f"ERROR({name}) to {message_type_name(answer.message.request)}, "
+                f"ERROR({name}) to {annotated_type_name(answer.message.request)}, "
                 f"detail {answer.message.detail:#x}"
             )
-        return f"{message_type_name(answer.message.TYPE)} ({message_summary(answer.message)})"
+        return (
+            f"{annotated_type_name(answer.message.TYPE)} ({annotated_message_text(answer.message)})"
+        )
 
     # --- received frames -----------------------------------------------------------------------
 

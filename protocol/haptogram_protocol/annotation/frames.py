@@ -9,7 +9,12 @@ from typing import Any, Protocol
 from ..errors import RemoteProtocolError
 from ..framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
 from ..messages import Header, Message, parse_body
-from .words import fields_of, header_text, message_summary, message_type_name
+from .words import (
+    annotated_fields_of,
+    annotated_header_text,
+    annotated_message_text,
+    annotated_type_name,
+)
 
 __all__ = ["Annotated", "Annotator", "FrameAnnotator", "annotated_frame", "annotated_frame_text"]
 
@@ -103,14 +108,14 @@ def annotated_frame(piece: bytes, offset: int = 0) -> Annotated:
     except RemoteProtocolError as error:
         return Annotated(offset, size, "", f"no frame: {error}", str(error))
     header = Header.unpack(body[: Header.LAYOUT.size])
-    name, head = message_type_name(header.type), header_text(header)
+    name, head = annotated_type_name(header.type), annotated_header_text(header)
     try:
         _, message = parse_body(body)
     except RemoteProtocolError as error:
         fields = {"payload": body[Header.LAYOUT.size :].hex()}
         return Annotated(offset, size, name, f"{head}: {error}", str(error), fields, header)
-    text = f"{head}: {message_summary(message)}"
-    return Annotated(offset, size, name, text, "", fields_of(message), header, message)
+    text = f"{head}: {annotated_message_text(message)}"
+    return Annotated(offset, size, name, text, "", annotated_fields_of(message), header, message)
 
 
 def annotated_frame_text(piece: bytes) -> str:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from ..dialects.codec import Dialect, Operation, Reply
 from .frames import Annotated
-from .words import plain
+from .words import annotated_value
 
 __all__ = ["OperationAnnotator"]
 
@@ -69,8 +69,8 @@ class OperationAnnotator:
         sizes = [self._size - behind] + [1] * behind + [0] * (len(found) - 1 - behind)
         fault = self._odd()
         for operation, size in zip(found, sizes, strict=True):
-            name, fields = type(operation).__name__, _fields_of(operation)
-            text = f"{name}{_shown(fields)}" + (f": {fault}" if fault else "")
+            name, fields = type(operation).__name__, _annotated_fields(operation)
+            text = f"{name}{_text_of_annotated_fields(fields)}" + (f": {fault}" if fault else "")
             yield Annotated(self._advance(size), size, name, text, fault, fields)
             fault = ""
 
@@ -90,34 +90,34 @@ class OperationAnnotator:
         return ", ".join(f"{kind} {count}" for kind, count in new.items())
 
 
-def _fields_of(operation: Any) -> dict[str, Any]:
+def _annotated_fields(operation: Any) -> dict[str, Any]:
     return {
-        field.name: _plain(getattr(operation, field.name))
+        field.name: _annotated_value(getattr(operation, field.name))
         for field in dataclasses.fields(operation)
     }
 
 
-def _plain(value: Any) -> Any:
+def _annotated_value(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
-        return {"is": type(value).__name__} | _fields_of(value)
+        return {"is": type(value).__name__} | _annotated_fields(value)
     if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    return plain(value)
+        return [_annotated_value(item) for item in value]
+    return annotated_value(value)
 
 
-def _shown(fields: Mapping[str, Any]) -> str:
+def _text_of_annotated_fields(fields: Mapping[str, Any]) -> str:
     """Return the fields in one line."""
-    words = [f"{name} {_short(value)}" for name, value in fields.items()]
+    words = [f"{name} {_text_of_annotated_value(value)}" for name, value in fields.items()]
     return f" {', '.join(words)}" if words else ""
 
 
-def _short(value: Any) -> str:
+def _text_of_annotated_value(value: Any) -> str:
     if isinstance(value, str) and len(value) > 2 * _SHOWN:
         return f"{value[: 2 * _SHOWN]}... ({len(value) // 2} bytes)"
     if isinstance(value, list):
-        items = ", ".join(map(_short, value[:_SHOWN]))
+        items = ", ".join(map(_text_of_annotated_value, value[:_SHOWN]))
         return f"[{items}{', ...' if len(value) > _SHOWN else ''}]"
     if isinstance(value, dict):
         kind = value.get("is", "")
-        return f"{kind}{_shown({n: v for n, v in value.items() if n != 'is'})}"
+        return f"{kind}{_text_of_annotated_fields({n: v for n, v in value.items() if n != 'is'})}"
     return str(value)

@@ -8,21 +8,27 @@ from typing import Any
 from ..messages import Header, Message, MessageType
 from ..record import Record
 
-__all__ = ["fields_of", "header_text", "message_summary", "message_type_name", "plain"]
+__all__ = [
+    "annotated_fields_of",
+    "annotated_header_text",
+    "annotated_message_text",
+    "annotated_type_name",
+    "annotated_value",
+]
 
 
-def header_text(header: Header) -> str:
+def annotated_header_text(header: Header) -> str:
     """Return a header in words."""
     return (
-        f"{message_type_name(header.type)} seq {header.seq} session {header.session:#06x} "
+        f"{annotated_type_name(header.type)} seq {header.seq} session {header.session:#06x} "
         f"flags {header.flags:#04x} t {header.time_us}"
     )
 
 
-def message_summary(message: Message) -> str:
+def annotated_message_text(message: Message) -> str:
     """Return the fields of a message; bytes and lists by their length."""
     fields = []
-    for name, value in _values(message):
+    for name, value in _annotated_values(message):
         if isinstance(value, bytes | tuple):
             fields.append(f"{len(value)} {name}")
         else:
@@ -30,30 +36,30 @@ def message_summary(message: Message) -> str:
     return ", ".join(fields) or "no payload"
 
 
-def message_type_name(number: int) -> str:
+def annotated_type_name(number: int) -> str:
     """Return the name of a message type, its number if it has none."""
     known = MessageType._value2member_map_.get(number)
     return known.name if isinstance(known, MessageType) else f"type {number:#04x}"
 
 
-def fields_of(record: Record) -> dict[str, Any]:
+def annotated_fields_of(record: Record) -> dict[str, Any]:
     """Return every field of a record in full, of JSON types: bytes as hex, names for values."""
-    return {name: plain(value) for name, value in _values(record)}
+    return {name: annotated_value(value) for name, value in _annotated_values(record)}
 
 
-def plain(value: Any) -> Any:
+def annotated_value(value: Any) -> Any:
     """Return *value* as JSON can hold it."""
     if isinstance(value, bytes | bytearray):
         return value.hex()
     if isinstance(value, enum.Enum):
         return value.name
     if isinstance(value, Record):
-        return fields_of(value)
+        return annotated_fields_of(value)
     if isinstance(value, tuple | list):
-        return [plain(item) for item in value]
+        return [annotated_value(item) for item in value]
     return value
 
 
-def _values(record: Record) -> list[tuple[str, Any]]:
+def _annotated_values(record: Record) -> list[tuple[str, Any]]:
     names = [*record.WIRE, *([record.TAIL.name] if record.TAIL else [])]
     return [(name, getattr(record, name)) for name in names]

@@ -40,7 +40,7 @@ from .counters import LINK_COUNTERS
 from .events import NEED_DATA, BoardEvent, FrameDropped, NeedData, RequestReceived, StreamReceived
 from .inbox import ConnectionInbox
 from .outbox import OUTPUT_LIMIT, ConnectionOutbox
-from .received import IMMEDIATE, ReceivedFrame, error_of_payload, unknown_flags
+from .received import IMMEDIATE, ReceivedFrame, error_of_received_payload, unknown_received_flags
 
 # HG-4.10: never compared with the last request, because a repetition does no harm.
 _IDEMPOTENT: Final = frozenset({MessageType.MUTE, MessageType.UPLOAD_CHUNK})
@@ -177,7 +177,7 @@ class BoardConnection:
             return self._drop(frame, "stale_session", self._wrong_session(header))
         if index is None:
             return self._drop(frame, "duplicate", f"stream seq {header.seq} was here before")
-        if flags := unknown_flags(header):
+        if flags := unknown_received_flags(header):
             return self._drop(frame, "unsupported", f"flags {flags:#04x} are not known")
         try:
             message = MESSAGES[header.type].deserialize(frame.payload)
@@ -222,14 +222,16 @@ class BoardConnection:
                 self.session,
                 self._wrong_session(header),
             )
-        if flags := unknown_flags(header):
+        if flags := unknown_received_flags(header):
             detail = f"flags {flags:#04x} are not known"
             return self._refuse(frame, "unsupported", ErrorCode.UNSUPPORTED, flags, detail)
         kind = MESSAGES[header.type]
         try:
             message = kind.deserialize(frame.payload)
         except RemoteProtocolError as error:
-            return self._refuse(frame, error.reason, *error_of_payload(kind, error), str(error))
+            return self._refuse(
+                frame, error.reason, *error_of_received_payload(kind, error), str(error)
+            )
         if isinstance(message, Hello):
             return self._judge_hello(frame, message)
         return self._judge_control_seq(frame) or self._request(frame, message)

@@ -46,13 +46,15 @@ class ReceivedFrame:
     in_session: bool
 
 
-def unknown_flags(header: Header) -> int:
+def unknown_received_flags(header: Header) -> int:
     """Return the must-understand flags that have no meaning in such a frame.  HG-3.4."""
     known = IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
     return header.flags & MUST_UNDERSTAND & ~known
 
 
-def error_of_payload(kind: type[Message], error: RemoteProtocolError) -> tuple[ErrorCode, int]:
+def error_of_received_payload(
+    kind: type[Message], error: RemoteProtocolError
+) -> tuple[ErrorCode, int]:
     """Return code and detail of the ERROR for a payload that could not be read.  HG-10.2."""
     if error.reason == "bad_length":
         return ErrorCode.BAD_LENGTH, 0 if kind.TAIL else kind.LAYOUT.size

@@ -25,7 +25,7 @@ __all__ = [
     "DialectEnd",
     "Display",
     "HostEnd",
-    "OneWayHost",
+    "OneWayHostEnd",
     "Operation",
     "Reply",
     "no_dialect_bytes_for",
@@ -97,7 +97,7 @@ class HostEnd(DialectEnd[Operation, Reply], Protocol):
 class BoardEnd(DialectEnd[Reply, Operation], Protocol):
     """The board's end of a wire, which a simulator feeds so that each message has its time."""
 
-    def next_end(self, data: bytes, at: int) -> int:
+    def next_frame_end(self, data: bytes, at: int) -> int:
         """Return the index behind the first byte of *data* from *at* on that may end a message.
 
         It is greater than *at*, and the length of *data* if no byte may; an end that cannot tell
@@ -225,7 +225,7 @@ class Dialect:
     display: Callable[[int], Display] | None = None
 
 
-class OneWayHost:
+class OneWayHostEnd:
     """The receiving half of a host's end where boards never answer, or nothing of interest."""
 
     def __init__(self) -> None:

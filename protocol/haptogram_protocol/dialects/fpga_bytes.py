@@ -17,15 +17,15 @@ from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
 from ..errors import LocalProtocolError
-from .codec import OneWayHost, Operation, Reply, no_dialect_bytes_for
+from .codec import OneWayHostEnd, Operation, Reply, no_dialect_bytes_for
 
 __all__ = [
     "Begin",
     "BeginAmplitudes",
     "Clocks",
-    "FpgaBoard",
+    "FpgaBoardEnd",
     "FpgaByteRules",
-    "FpgaHost",
+    "FpgaHostEnd",
     "ModulationStep",
     "Select",
     "SetAmplitudes",
@@ -187,7 +187,7 @@ class _Cursor:
             self.written[board] = written
 
 
-class FpgaBoard:
+class FpgaBoardEnd:
     """The board's end of the line that one or several boards listen to.
 
     Codes are given when the byte behind them is a command, or when the last channel has its own.
@@ -256,7 +256,7 @@ class FpgaBoard:
             self._take(data[at:], found)
         return found
 
-    def next_end(self, data: bytes, at: int) -> int:
+    def next_frame_end(self, data: bytes, at: int) -> int:
         """Return the index behind the next command."""
         match = self._rules.pattern.search(data, at)
         return match.end() if match else len(data)
@@ -359,7 +359,7 @@ class FpgaBoard:
         self._run.clear()
 
 
-class FpgaHost(OneWayHost):
+class FpgaHostEnd(OneWayHostEnd):
     """The host's end of the line: the bytes of operations, and boards that never answer.
 
     Parameters

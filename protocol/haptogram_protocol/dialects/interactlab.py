@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..errors import LocalProtocolError
-from .codec import Codes, Dialect, Display, OneWayHost, Operation, Reply, no_dialect_bytes_for
+from .codec import Codes, Dialect, Display, OneWayHostEnd, Operation, Reply, no_dialect_bytes_for
 
 __all__ = [
     "CHANNELS",
@@ -36,9 +36,9 @@ __all__ = [
     "INTERACTLAB",
     "STEPS",
     "FifoCleared",
-    "InteractlabBoard",
+    "InteractlabBoardEnd",
     "InteractlabDisplay",
-    "InteractlabHost",
+    "InteractlabHostEnd",
     "QueueFrame",
 ]
 
@@ -84,7 +84,7 @@ class FifoCleared(Reply):
     """The board forgets the beginning of a frame.  It has no bytes: only its end is told."""
 
 
-class InteractlabBoard:
+class InteractlabBoardEnd:
     """The board's end.
 
     Attributes
@@ -119,7 +119,7 @@ class InteractlabBoard:
                 self._frame.clear()
         return found
 
-    def next_end(self, data: bytes, at: int) -> int:
+    def next_frame_end(self, data: bytes, at: int) -> int:
         """Return the index behind the last byte of the frame that goes on or starts next."""
         if not self._frame:
             match = _START.search(data, at)
@@ -161,12 +161,12 @@ class InteractlabBoard:
         return QueueFrame(
             values[:CHANNELS],
             duties,
-            _number(side[_COLOUR]) if side[_APPLY_COLOUR] else None,
-            _number(side[_DIVIDER]) if side[_APPLY_DIVIDER] else None,
+            _number_of_bits(side[_COLOUR]) if side[_APPLY_COLOUR] else None,
+            _number_of_bits(side[_DIVIDER]) if side[_APPLY_DIVIDER] else None,
         )
 
 
-class InteractlabHost(OneWayHost):
+class InteractlabHostEnd(OneWayHostEnd):
     """The host's end: the bytes of frames, and a board that never answers."""
 
     def send(self, message: Operation) -> bytes:
@@ -179,14 +179,14 @@ class InteractlabHost(OneWayHost):
         """
         if not isinstance(message, QueueFrame):
             raise no_dialect_bytes_for(message, _WIRE)
-        _check(message)
+        _check_interactlab_operation(message)
         frame = bytearray(message.phases + message.duties)
         frame[0] |= _BIT
         if message.colour is not None:
-            _set_bits(frame, _COLOUR, message.colour)
+            _set_frame_bits(frame, _COLOUR, message.colour)
             frame[_APPLY_COLOUR] |= _BIT
         if message.divider is not None:
-            _set_bits(frame, _DIVIDER, message.divider)
+            _set_frame_bits(frame, _DIVIDER, message.divider)
             frame[_APPLY_DIVIDER] |= _BIT
         return bytes(frame)
 
@@ -214,7 +214,7 @@ class InteractlabDisplay(Display):
         return [phase if duty else None for phase, duty in pairs]
 
 
-def _check(message: QueueFrame) -> None:
+def _check_interactlab_operation(message: QueueFrame) -> None:
     for name, values in (("phases", message.phases), ("duties", message.duties)):
         if len(values) != CHANNELS or max(values) >= _BIT:
             raise LocalProtocolError(f"{name}: {CHANNELS} values of 0 to 127, not {values.hex()}")
@@ -223,12 +223,12 @@ def _check(message: QueueFrame) -> None:
             raise LocalProtocolError(f"{name} {value}; it has {bits} bits")
 
 
-def _number(bits: bytes) -> int:
+def _number_of_bits(bits: bytes) -> int:
     """Return the number whose lowest bit comes first."""
     return sum(bit << place for place, bit in enumerate(bits))
 
 
-def _set_bits(frame: bytearray, where: slice, value: int) -> None:
+def _set_frame_bits(frame: bytearray, where: slice, value: int) -> None:
     for place, at in enumerate(range(where.start, where.stop)):
         frame[at] |= (value >> place & 1) * _BIT
 
@@ -240,8 +240,8 @@ INTERACTLAB: Final = Dialect(
     steps=STEPS,
     channels=CHANNELS,
     frame_bytes=lambda boards: FRAME_BYTES * boards,
-    board=InteractlabBoard,
-    host=InteractlabHost,
+    board=InteractlabBoardEnd,
+    host=InteractlabHostEnd,
     signature=re.compile(rb"[\x80-\xff].{255}[\x00-\x41]{256}", re.DOTALL),
     display=lambda _: InteractlabDisplay(),
 )

@@ -28,9 +28,9 @@ from .codec import Codes, Dialect, Operation
 from .fpga_bytes import (
     Begin,
     Clocks,
-    FpgaBoard,
+    FpgaBoardEnd,
     FpgaByteRules,
-    FpgaHost,
+    FpgaHostEnd,
     ModulationStep,
     Select,
     SetPhases,
@@ -133,8 +133,8 @@ SONICSURFACE: Final = Dialect(
     steps=32,
     channels=CHANNELS,
     frame_bytes=lambda boards: CHANNELS + 2 if boards == 1 else (CHANNELS + 1) * boards + 2,
-    board=functools.partial(FpgaBoard, RULES),
-    host=functools.partial(FpgaHost, RULES),
+    board=functools.partial(FpgaBoardEnd, RULES),
+    host=functools.partial(FpgaHostEnd, RULES),
     signature=re.compile(rb"(?<![\xa0-\xbf])\xfe(?:[\xc0\xc1]?[\x00-\x20]{256}){1,2}\xfd"),
     display=lambda boards: FpgaDisplay(RULES, 32, boards),
 )
@@ -145,8 +145,8 @@ TACTILE: Final = Dialect(
     steps=32,
     channels=CHANNELS,
     frame_bytes=lambda boards: (CHANNELS + 2) * boards,
-    board=functools.partial(FpgaBoard, TACTILE_RULES),
-    host=functools.partial(FpgaHost, TACTILE_RULES),
+    board=functools.partial(FpgaBoardEnd, TACTILE_RULES),
+    host=functools.partial(FpgaHostEnd, TACTILE_RULES),
     signature=re.compile(
         rb"[\xa0-\xbf]\xfe[\x00-\x20]{256}\xfd|\xfe[\x00-\x20]{256}\xfd[\xa0-\xbf]"
     ),

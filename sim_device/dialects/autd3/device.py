@@ -39,13 +39,13 @@ from haptogram_protocol.dialects.autd3.operations import (
 from haptogram_protocol.dialects.codec import Operation
 
 from .drive import FULL
-from .foci import MAX_FOCI_OF_PATTERN, Foci, read_foci
-from .memory import Memory
-from .refusals import Limits, segment_refusal, silencer_refusal
-from .segments import Sampling
+from .foci import MAX_FOCI_OF_PATTERN, Autd3Foci, read_autd3_foci
+from .memory import Autd3Memory
+from .refusals import Autd3Limits, autd3_segment_refusal, autd3_silencer_refusal
+from .segments import Autd3Sampling
 from .silencer import Pace
 
-__all__ = ["Device", "Output", "Patterns"]
+__all__ = ["Autd3Patterns", "Device", "Output"]
 
 _FOCUS_BYTES: Final = 8
 # v12.1.0, the newest firmware that autd3 38 knows
@@ -60,15 +60,15 @@ _FIRMWARE: Final = {
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Patterns:
+class Autd3Patterns:
     """Patterns of a segment; *cause* is the operation that wrote it."""
 
     cause: str
-    data: bytes | Foci
+    data: bytes | Autd3Foci
 
     def drive(self, index: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Return the (249,) phases and intensities of pattern *index*."""
-        if isinstance(self.data, Foci):
+        if isinstance(self.data, Autd3Foci):
             return self.data.drive(index)
         drives = np.frombuffer(self.data, np.uint8)
         return drives[0::2], drives[1::2]
@@ -80,7 +80,7 @@ class Output:
 
     Attributes
     ----------
-    patterns : Patterns
+    patterns : Autd3Patterns
         The same object until an operation shows something else.
     index : int
         Pattern of the sequence.
@@ -88,7 +88,7 @@ class Output:
         Share of the intensity, 0 to 255.
     """
 
-    patterns: Patterns
+    patterns: Autd3Patterns
     index: int
     modulation: int
 
@@ -100,7 +100,7 @@ class Device:
     ----------
     counters : Counter
         Counts ``refused_...``, each error by name, ``sequences_impossible`` and
-        ``sequences_empty``, and those of :class:`~sim_device.dialects.autd3.memory.Memory`.
+        ``sequences_empty``, and those of :class:`~sim_device.dialects.autd3.memory.Autd3Memory`.
 
     Attributes
     ----------
@@ -114,11 +114,13 @@ class Device:
         self._power_up()
 
     def _power_up(self) -> None:
-        self._limits, self.pace = Limits(), Pace()
-        self._sequences: Memory[Patterns, FociStart] = Memory(
-            Patterns("clear", bytes(2 * CHANNELS)), _FOCUS_BYTES, self._counters
+        self._limits, self.pace = Autd3Limits(), Pace()
+        self._sequences: Autd3Memory[Autd3Patterns, FociStart] = Autd3Memory(
+            Autd3Patterns("clear", bytes(2 * CHANNELS)), _FOCUS_BYTES, self._counters
         )
-        self._modulation: Memory[bytes, ModulationStart] = Memory(bytes([FULL]), 1, self._counters)
+        self._modulation: Autd3Memory[bytes, ModulationStart] = Autd3Memory(
+            bytes([FULL]), 1, self._counters
+        )
 
     @property
     def state(self) -> DeviceState:
@@ -174,8 +176,8 @@ class Device:
         return ErrorCode.NONE
 
     def _silence(self, operation: Silencer, _: int) -> ErrorCode:
-        limits = Limits.of(operation, self._limits)
-        error = silencer_refusal(limits, self._sequences.divider, self._modulation.divider)
+        limits = Autd3Limits.of(operation, self._limits)
+        error = autd3_silencer_refusal(limits, self._sequences.divider, self._modulation.divider)
         if not error:
             self._limits = limits
             self.pace = Pace(operation.update_rate, operation.intensity, operation.phase)
@@ -183,9 +185,9 @@ class Device:
 
     def _write_gain(self, operation: Gain, now_ns: int) -> ErrorCode:
         segment = operation.segment
-        if error := segment_refusal(segment):
+        if error := autd3_segment_refusal(segment):
             return error
-        self._sequences.write(segment, Patterns("gain", operation.drives), Sampling())
+        self._sequences.write(segment, Autd3Patterns("gain", operation.drives), Autd3Sampling())
         self._sequences.select(segment)
         if not operation.update:
             return ErrorCode.NONE
@@ -193,7 +195,7 @@ class Device:
 
     def _write_foci(self, operation: FociSTM, now_ns: int) -> ErrorCode:
         memory, segment = self._sequences, operation.segment
-        error = segment_refusal(segment)
+        error = autd3_segment_refusal(segment)
         if operation.start is not None and not error:
             error = self._begin_foci(segment, operation.start)
         if error:
@@ -208,9 +210,9 @@ class Device:
             memory.part += bytes(of_pattern * _FOCUS_BYTES)
         packed = bytes(memory.part[: max(1, count) * of_pattern * _FOCUS_BYTES])
         memory.abandon()
-        foci = read_foci(packed, of_pattern, start.sound_speed)
-        sampling = Sampling(start.divider, len(foci), start.repeat)
-        memory.write(segment, Patterns("foci", foci), sampling)
+        foci = read_autd3_foci(packed, of_pattern, start.sound_speed)
+        sampling = Autd3Sampling(start.divider, len(foci), start.repeat)
+        memory.write(segment, Autd3Patterns("foci", foci), sampling)
         if not operation.update:
             return ErrorCode.NONE
         return memory.show(segment, start.transition_mode, start.transition_value, now_ns)
@@ -221,7 +223,7 @@ class Device:
             return ErrorCode.NOT_SUPPORTED_TAG
         error = self._sequences.refusal(
             segment, start.transition_mode, start.repeat
-        ) or silencer_refusal(self._limits, start.divider, self._modulation.divider)
+        ) or autd3_silencer_refusal(self._limits, start.divider, self._modulation.divider)
         if not error:
             self._sequences.begin(segment, start)
         return error
@@ -231,7 +233,7 @@ class Device:
         if start is not None:
             error = memory.refusal(
                 segment, start.transition_mode, start.repeat
-            ) or silencer_refusal(self._limits, self._sequences.divider, start.divider)
+            ) or autd3_silencer_refusal(self._limits, self._sequences.divider, start.divider)
             if error:
                 memory.abandon()
                 return error
@@ -243,7 +245,7 @@ class Device:
         if not samples:
             self._counters["sequences_empty"] += 1
             samples = bytes([FULL])
-        memory.write(segment, samples, Sampling(begun.divider, len(samples), begun.repeat))
+        memory.write(segment, samples, Autd3Sampling(begun.divider, len(samples), begun.repeat))
         if not operation.update:
             return ErrorCode.NONE
         return memory.show(segment, begun.transition_mode, begun.transition_value, now_ns)
@@ -252,17 +254,17 @@ class Device:
         segment, mode = operation.segment, operation.transition_mode
         if operation.tag is Tag.GAIN_SWAP:
             mode = TransitionMode.IMMEDIATE
-        if error := segment_refusal(segment):
+        if error := autd3_segment_refusal(segment):
             return error
         if operation.tag is Tag.MODULATION_SWAP:
-            memory: Memory[Any, Any] = self._modulation
+            memory: Autd3Memory[Any, Any] = self._modulation
             dividers = self._sequences.divider, memory.divider_of(segment)
         else:
             memory = self._sequences
-            holds_foci = isinstance(self._sequences.written(segment).data, Foci)
+            holds_foci = isinstance(self._sequences.written(segment).data, Autd3Foci)
             is_of_kind = holds_foci is (operation.tag is Tag.FOCI_STM_SWAP)
-            if error := segment_refusal(segment, is_of_kind=is_of_kind):
+            if error := autd3_segment_refusal(segment, is_of_kind=is_of_kind):
                 return error
             dividers = memory.divider_of(segment), self._modulation.divider
-        error = memory.refusal(segment, mode) or silencer_refusal(self._limits, *dividers)
+        error = memory.refusal(segment, mode) or autd3_silencer_refusal(self._limits, *dividers)
         return error or memory.show(segment, mode, operation.transition_value, now_ns)

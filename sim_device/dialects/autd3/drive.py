@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.model.pulses import PulseDrive
 
-__all__ = ["FULL", "STEPS", "pulses_of"]
+__all__ = ["FULL", "STEPS", "autd3_pulses_of"]
 
 STEPS: Final = 512
 FULL: Final = 255
@@ -28,7 +28,7 @@ _WIDTHS: Final = np.array(
 )
 
 
-def pulses_of(
+def autd3_pulses_of(
     phases: NDArray[np.uint8], intensities: NDArray[np.uint8], modulation: NDArray[np.uint8]
 ) -> PulseDrive:
     """Return the pulses of (N,) channels.

@@ -13,7 +13,7 @@ from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.autd3 import link
 
 from ..emulation import Emulation
-from .silenced import SilencedUnit
+from .silenced import Autd3SilencedUnit
 from .unit import PERIOD_US, PERIODS_BETWEEN_LATCHES, Autd3Unit
 
 __all__ = ["AUTD3", "Devices"]
@@ -49,7 +49,7 @@ class Devices(Settings):
     )
 
 
-def _layout(options: Devices) -> BoardLayout:
+def _autd3_layout(options: Devices) -> BoardLayout:
     if options.devices == 1:
         return ONE_DEVICE
     return dataclasses.replace(
@@ -62,14 +62,14 @@ def _layout(options: Devices) -> BoardLayout:
 
 AUTD3: Final = Emulation(
     dialect=link.AUTD3,
-    end=lambda _: link.Autd3Board(),
-    unit=lambda options, now_us: (SilencedUnit if options.silencer == "moves" else Autd3Unit)(
+    end=lambda _: link.Autd3BoardEnd(),
+    unit=lambda options, now_us: (Autd3SilencedUnit if options.silencer == "moves" else Autd3Unit)(
         now_us,
         devices=options.devices,
         system_ns=options.system_ns,
         periods_between_latches=options.latch_us // PERIOD_US,
     ),
-    layout=_layout,
+    layout=_autd3_layout,
     options=Devices,
     boards=lambda options: options.devices,
 )

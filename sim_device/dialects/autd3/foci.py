@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from haptogram_protocol.dialects.autd3.operations import CHANNELS
 
-__all__ = ["MAX_FOCI_OF_PATTERN", "Foci", "read_foci"]
+__all__ = ["MAX_FOCI_OF_PATTERN", "Autd3Foci", "read_autd3_foci"]
 
 MAX_FOCI_OF_PATTERN: Final = 8
 _COLUMNS, _ROWS = 18, 14
@@ -46,7 +46,7 @@ _ANGLES: Final = (
 ).astype(np.uint8)  # [sine, cosine]
 
 
-class Foci:
+class Autd3Foci:
     """The foci of a sequence of patterns.
 
     Parameters
@@ -79,15 +79,17 @@ class Foci:
         return _ANGLES[sines, cosines], np.full(CHANNELS, extras[0], np.uint8)
 
 
-def read_foci(packed: bytes, foci_of_pattern: int, sound_speed: int) -> Foci:
+def read_autd3_foci(packed: bytes, foci_of_pattern: int, sound_speed: int) -> Autd3Foci:
     """Return the foci of whole patterns as they come in the operation."""
     words = np.frombuffer(packed, "<u8").reshape(-1, foci_of_pattern)
-    points = np.stack([_signed(words >> np.uint64(_BITS * axis)) for axis in range(3)], axis=2)
+    points = np.stack(
+        [_signed_autd3_words(words >> np.uint64(_BITS * axis)) for axis in range(3)], axis=2
+    )
     extras = (words >> np.uint64(3 * _BITS)) & np.uint64(0xFF)
-    return Foci(points, extras.astype(np.int64), sound_speed)
+    return Autd3Foci(points, extras.astype(np.int64), sound_speed)
 
 
-def _signed(words: NDArray[np.uint64]) -> NDArray[np.int64]:
+def _signed_autd3_words(words: NDArray[np.uint64]) -> NDArray[np.int64]:
     """Return the lowest 18 bits as a signed number."""
     bits = (words & np.uint64((1 << _BITS) - 1)).astype(np.int64)
     return bits - ((bits >> (_BITS - 1)) << _BITS)

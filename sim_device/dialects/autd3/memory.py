@@ -16,10 +16,10 @@ from haptogram_protocol.dialects.autd3.operations import (
     TransitionMode,
 )
 
-from .refusals import SEGMENTS, segment_refusal, time_refusal, transition_refusal
-from .segments import PERIOD_NS, Sampling, SwapChain
+from .refusals import SEGMENTS, autd3_segment_refusal, autd3_time_refusal, autd3_transition_refusal
+from .segments import PERIOD_NS, Autd3Sampling, Autd3SwapChain
 
-__all__ = ["Memory"]
+__all__ = ["Autd3Memory"]
 
 MAX_ITEMS: Final = 65_536
 
@@ -29,7 +29,7 @@ Content = TypeVar("Content")
 Start = TypeVar("Start", FociStart, ModulationStart)
 
 
-class Memory(Generic[Content, Start]):
+class Autd3Memory(Generic[Content, Start]):
     """Two segments that hold *content*, the first of them out.
 
     Parameters
@@ -55,9 +55,9 @@ class Memory(Generic[Content, Start]):
         self._counters = counters
         self._room = MAX_ITEMS * item_bytes
         self._segment = 0
-        self._samplings = [Sampling()] * SEGMENTS
+        self._samplings = [Autd3Sampling()] * SEGMENTS
         self._written, self._shown = [content] * SEGMENTS, [content] * SEGMENTS
-        self._chain = SwapChain()
+        self._chain = Autd3SwapChain()
 
     @property
     def divider(self) -> int:
@@ -66,7 +66,7 @@ class Memory(Generic[Content, Start]):
 
     def divider_of(self, segment: int) -> int:
         """Return the divider of *segment*, or 65 535 if there is none."""
-        return (self._samplings[segment] if segment < SEGMENTS else Sampling()).divider
+        return (self._samplings[segment] if segment < SEGMENTS else Autd3Sampling()).divider
 
     def written(self, segment: int) -> Content:
         """Return the content of *segment*."""
@@ -76,7 +76,7 @@ class Memory(Generic[Content, Start]):
         """Begin to write *segment*."""
         if start.transition_mode != TransitionMode.LATER:
             self._segment = segment
-        self._samplings[segment] = Sampling(start.divider, 1, start.repeat)
+        self._samplings[segment] = Autd3Sampling(start.divider, 1, start.repeat)
         self.start = start
         self.part.clear()
 
@@ -96,7 +96,7 @@ class Memory(Generic[Content, Start]):
         self.part += data[:room]
         return True
 
-    def write(self, segment: int, content: Content, sampling: Sampling) -> None:
+    def write(self, segment: int, content: Content, sampling: Autd3Sampling) -> None:
         """Fill *segment*."""
         self._written[segment], self._samplings[segment] = content, sampling
 
@@ -106,15 +106,15 @@ class Memory(Generic[Content, Start]):
 
     def refusal(self, segment: int, mode: int, repeat: int | None = None) -> ErrorCode:
         """Return why *segment* cannot be shown by *mode*, with what it holds or *repeat*."""
-        if error := segment_refusal(segment):
+        if error := autd3_segment_refusal(segment):
             return error
         if repeat is None:
             repeat = self._samplings[segment].repeat
-        return transition_refusal(self._segment, segment, repeat, mode)
+        return autd3_transition_refusal(self._segment, segment, repeat, mode)
 
     def show(self, segment: int, mode: int, value: int, now_ns: int) -> ErrorCode:
         """Show *segment* as *mode* says; refuse a time that is too near."""
-        if error := time_refusal(mode, value, now_ns):
+        if error := autd3_time_refusal(mode, value, now_ns):
             return error
         self._segment = segment
         self._shown = list(self._written)

@@ -17,11 +17,11 @@ __all__ = [
     "ENDLESS",
     "MARGIN_NS",
     "SEGMENTS",
-    "Limits",
-    "segment_refusal",
-    "silencer_refusal",
-    "time_refusal",
-    "transition_refusal",
+    "Autd3Limits",
+    "autd3_segment_refusal",
+    "autd3_silencer_refusal",
+    "autd3_time_refusal",
+    "autd3_transition_refusal",
 ]
 
 ENDLESS: Final = 0xFFFF
@@ -32,7 +32,7 @@ _PROMPT: Final = (TransitionMode.IMMEDIATE, TransitionMode.EXT)
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class Autd3Limits:
     """Limits of a strict silencer on dividers; the default of power-up.
 
     Attributes
@@ -48,28 +48,30 @@ class Limits:
     phase: int = 40
 
     @classmethod
-    def of(cls, silencer: Silencer, before: Limits) -> Limits:
+    def of(cls, silencer: Silencer, before: Autd3Limits) -> Autd3Limits:
         """Return the limits that *silencer* sets after *before*."""
         if silencer.update_rate:
             return cls(False, before.intensity, before.phase)
         return cls(silencer.strict, silencer.intensity, silencer.phase)
 
 
-def segment_refusal(segment: int, *, is_of_kind: bool = True) -> ErrorCode:
+def autd3_segment_refusal(segment: int, *, is_of_kind: bool = True) -> ErrorCode:
     """Return error 5 if there is no such segment, or if it holds another kind of data."""
     if segment < SEGMENTS and is_of_kind:
         return ErrorCode.NONE
     return ErrorCode.INVALID_SEGMENT_TRANSITION
 
 
-def time_refusal(mode: int, value_ns: int, now_ns: int) -> ErrorCode:
+def autd3_time_refusal(mode: int, value_ns: int, now_ns: int) -> ErrorCode:
     """Return error 6 if the system time to swap is less than 10 ms ahead of *now_ns*."""
     if mode == TransitionMode.SYSTEM_TIME and value_ns < now_ns + MARGIN_NS:
         return ErrorCode.MISS_TRANSITION_TIME
     return ErrorCode.NONE
 
 
-def silencer_refusal(limits: Limits, sequence_divider: int, modulation_divider: int) -> ErrorCode:
+def autd3_silencer_refusal(
+    limits: Autd3Limits, sequence_divider: int, modulation_divider: int
+) -> ErrorCode:
     """Return error 7 if a strict silencer finds a divider too small."""
     too_fast = (
         modulation_divider < limits.intensity
@@ -81,7 +83,7 @@ def silencer_refusal(limits: Limits, sequence_divider: int, modulation_divider: 
     return ErrorCode.NONE
 
 
-def transition_refusal(current: int, segment: int, repeat: int, mode: int) -> ErrorCode:
+def autd3_transition_refusal(current: int, segment: int, repeat: int, mode: int) -> ErrorCode:
     """Return error 8 if *mode* does not go with a change from *current* to *segment*.
 
     A segment that is out already, or that repeats without end, cannot wait for a moment to start;

@@ -26,13 +26,13 @@ from haptogram_protocol.dialects.autd3.operations import TransitionMode
 
 from .refusals import ENDLESS, SEGMENTS
 
-__all__ = ["PERIOD_NS", "Sampling", "SwapChain"]
+__all__ = ["PERIOD_NS", "Autd3Sampling", "Autd3SwapChain"]
 
 PERIOD_NS: Final = 25_000
 
 
 @dataclass(frozen=True, slots=True)
-class Sampling:
+class Autd3Sampling:
     """Sampling of a segment.
 
     Attributes
@@ -67,11 +67,11 @@ class _Waiting:
     period: int | None
 
 
-class SwapChain:
+class Autd3SwapChain:
     """The two segments of a memory, the first of them out."""
 
     def __init__(self) -> None:
-        self._samplings = [Sampling()] * SEGMENTS
+        self._samplings = [Autd3Sampling()] * SEGMENTS
         self._segment = 0
         self._offset = 0  # sample with which the segment that is out began
         self._waiting: _Waiting | None = None
@@ -93,7 +93,12 @@ class SwapChain:
         return (sampling.index(period) - self._offset) % sampling.length
 
     def swap(
-        self, segment: int, samplings: Sequence[Sampling], mode: int, value_ns: int, period: int
+        self,
+        segment: int,
+        samplings: Sequence[Autd3Sampling],
+        mode: int,
+        value_ns: int,
+        period: int,
     ) -> None:
         """Show *segment* at once or as *mode* says; asked for in *period*.
 
@@ -103,7 +108,7 @@ class SwapChain:
         sampling = samplings[segment]
         self._alternates, self._turns, self._ends = False, None, None
         if sampling.repeat != ENDLESS:
-            self._waiting = _Waiting(segment, _start_of(sampling, mode, value_ns, period))
+            self._waiting = _Waiting(segment, _start_of_segment(sampling, mode, value_ns, period))
             return
         self._waiting = None
         self._segment, self._offset, self._has_ended = segment, 0, False
@@ -147,7 +152,7 @@ class SwapChain:
         self._ends = ticks * max(1, sampling.divider)
 
 
-def _start_of(sampling: Sampling, mode: int, value_ns: int, period: int) -> int | None:
+def _start_of_segment(sampling: Autd3Sampling, mode: int, value_ns: int, period: int) -> int | None:
     """Return the period in which a segment starts that waits since *period*."""
     if mode == TransitionMode.SYNC_INDEX:
         return sampling.next_lap(period)

@@ -17,16 +17,16 @@ from haptogram_protocol.dialects.codec import Operation, Reply
 
 from ...board.events import PulseLatch
 from .device import Output
-from .drive import FULL, pulses_of
+from .drive import FULL, autd3_pulses_of
 from .silencer import Silencer
 from .unit import Autd3Unit
 
-__all__ = ["SilencedUnit"]
+__all__ = ["Autd3SilencedUnit"]
 
 ON_THE_WAY: Final = "silencer"
 
 
-class SilencedUnit(Autd3Unit):
+class Autd3SilencedUnit(Autd3Unit):
     """Devices with silencers; parameters are those of :class:`~.unit.Autd3Unit`."""
 
     def __init__(self, now_us: int, **options: Any) -> None:
@@ -102,7 +102,7 @@ class SilencedUnit(Autd3Unit):
     def _latch_now(self, period: int, cause: str) -> None:
         phases = np.concatenate([silencer.phases for silencer in self._silencers])
         intensities = np.concatenate([silencer.intensities for silencer in self._silencers])
-        pulses = pulses_of(phases, intensities, np.full(len(phases), FULL, np.uint8))
+        pulses = autd3_pulses_of(phases, intensities, np.full(len(phases), FULL, np.uint8))
         if pulses == self._pulses and cause in ("index", "modulation", ON_THE_WAY):
             return
         self._pulses = pulses

@@ -36,7 +36,7 @@ from haptogram_protocol.dialects.codec import Operation, Reply
 
 from ...board.events import PulseLatch
 from .device import Device, Output
-from .drive import STEPS, pulses_of
+from .drive import STEPS, autd3_pulses_of
 from .segments import PERIOD_NS
 
 __all__ = ["PERIODS_BETWEEN_LATCHES", "PERIOD_US", "Autd3Unit"]
@@ -194,7 +194,7 @@ class Autd3Unit:
             drives = [output.patterns.drive(output.index) for output in outputs]
             phases, intensities = zip(*drives, strict=True)
             levels = [np.full(CHANNELS, output.modulation, np.uint8) for output in outputs]
-            self._known[outputs] = pulses_of(
+            self._known[outputs] = autd3_pulses_of(
                 np.concatenate(phases), np.concatenate(intensities), np.concatenate(levels)
             )
         return self._known[outputs]

@@ -52,7 +52,7 @@ class Mega64Chain(ArduinoChain):
     )
 
 
-def _emulation(
+def _arduino_emulation(
     dialect: Dialect,
     outputs: Outputs,
     layout: BoardLayout,
@@ -65,7 +65,7 @@ def _emulation(
 
     return Emulation(
         dialect=dialect,
-        end=lambda options: wire.ArduinoBoard(outputs.firmware, options.boards),
+        end=lambda options: wire.ArduinoBoardEnd(outputs.firmware, options.boards),
         unit=unit,
         layout=lambda _: layout,
         options=options,
@@ -74,12 +74,14 @@ def _emulation(
     )
 
 
-MEGA64: Final = _emulation(
+MEGA64: Final = _arduino_emulation(
     wire.MEGA64, Outputs(wire.MEGA64_FIRMWARE, MEGA64_LAYOUT), ULTRAINO_FLAT8, Mega64Chain
 )
-NANO16: Final = _emulation(
+NANO16: Final = _arduino_emulation(
     wire.NANO16,
     Outputs(wire.NANO16_FIRMWARE, NANO16_LAYOUT, NANO16_CONNECTED),
     ULTRAINO_NANO16,
 )
-NANO8: Final = _emulation(wire.NANO8, Outputs(wire.NANO8_FIRMWARE, NANO8_LAYOUT), ULTRAINO_NANO8)
+NANO8: Final = _arduino_emulation(
+    wire.NANO8, Outputs(wire.NANO8_FIRMWARE, NANO8_LAYOUT), ULTRAINO_NANO8
+)

@@ -15,7 +15,7 @@ PERIOD_US: Final = 25
 _COUNTER: Final = 256  # currentPeriods is a byte
 
 
-class Playlist:
+class ArduinoPlaylist:
     """The pattern that is shown in each period of the carrier, counted from power-up.
 
     Parameters

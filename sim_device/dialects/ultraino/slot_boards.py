@@ -23,7 +23,7 @@ from haptogram_protocol.dialects.ultraino.slots import SlotLayout
 
 from ...board.events import PulseLatch
 from ..unit import LatchingUnit
-from .playlist import PERIOD_US, Playlist
+from .playlist import PERIOD_US, ArduinoPlaylist
 
 POWER_UP: Final = "power-up"
 
@@ -84,7 +84,7 @@ class SlotBoards(LatchingUnit):
         self._shown, self._next = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
         self._shown[:, 0, : layout.steps // 2] = 0xFF
         self._boot_us = now_us
-        self._playlist = Playlist(firmware.patterns, counts=not outputs.shows_one)
+        self._playlist = ArduinoPlaylist(firmware.patterns, counts=not outputs.shows_one)
         self._durations = bytearray(self._playlist.durations)  # for the next commit
         self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
             SetPattern: self._set_pattern,

@@ -23,7 +23,7 @@ from haptogram.evidence.dialects.latches import run_observations
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
 from haptogram_protocol.dialects.table import DIALECTS
-from sim_device.protocol_haptogram import open_port
+from sim_device.protocol_haptogram import open_virtual_port
 from swallowing_port import SwallowingPort
 
 every_dialect = pytest.mark.parametrize("name", DIALECTS)
@@ -48,7 +48,7 @@ def in_virtual_time(name, **options):
     config = PortConfig(
         board=BoardConfig.of(dialect=name, **options), clock="virtual", reconstruct=False
     )
-    with contextlib.closing(open_port(config)) as port:
+    with contextlib.closing(open_virtual_port(config)) as port:
         yield PyserialTransport(port, "board"), port.records
 
 
@@ -138,7 +138,7 @@ def test_a_port_that_says_nothing_gives_evidence_of_the_wire(name):
     board = DIALECTS[name].board(**display.options)
     shown, at = [], 0
     while at < len(far.data):
-        end = board.next_end(far.data, at)
+        end = board.next_frame_end(far.data, at)
         shown.append(board.receive_data(far.data[at:end]))
         at = end
     every = [operation for operations in shown for operation in operations]

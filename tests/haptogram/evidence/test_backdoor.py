@@ -17,7 +17,7 @@ from haptogram.evidence.backdoor import (
 from haptogram.records.frame import Evidence, FrameKey
 from latched_drives import intend, seen
 from sim_device.backdoor.recorder import InlineReconstruction
-from sim_device.backdoor.records import to_line
+from sim_device.backdoor.records import backdoor_record_line
 from virtual_ports import BoardPort
 
 
@@ -25,7 +25,9 @@ def run(path, array=(8, 8), **settings):
     """Run a board with a back door into *path*; return driver and board."""
     port = BoardPort(model=AcousticModel.default(*array), **settings)
     with path.open("ab", buffering=0) as file:
-        recorder = InlineReconstruction(port.board.settings, lambda r: file.write(to_line(r)))
+        recorder = InlineReconstruction(
+            port.board.settings, lambda r: file.write(backdoor_record_line(r))
+        )
         port.latch, port.notice = recorder.latch, recorder.notice
         with Driver(port) as driver:
             driver.arm()

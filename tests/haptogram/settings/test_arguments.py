@@ -21,7 +21,7 @@ from haptogram.settings.arguments import check_choice, check_number, check_whole
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
 from latched_drives import intend
-from sim_device.protocol_haptogram import open_port
+from sim_device.protocol_haptogram import open_virtual_port
 from virtual_ports import BoardPort
 
 NAN, INF = math.nan, math.inf
@@ -285,7 +285,7 @@ def test_a_driver_of_another_wire_refuses_before_the_first_byte(method, name, va
     assert covers(getattr(DialectDriver, method), DIALECT_METHODS[method])
     config = PortConfig(board=BoardConfig.of(dialect="sonicsurface"), clock="virtual")
     with (
-        contextlib.closing(open_port(config)) as board,
+        contextlib.closing(open_virtual_port(config)) as board,
         DialectDriver(PyserialTransport(board, "board"), dialect="sonicsurface") as driver,
     ):
         before, call = len(board.records), getattr(driver, method)

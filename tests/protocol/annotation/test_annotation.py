@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from haptogram_protocol.annotation.frames import Annotated, Annotator, FrameAnnotator
 from haptogram_protocol.annotation.operations import OperationAnnotator
-from haptogram_protocol.annotation.words import fields_of
+from haptogram_protocol.annotation.words import annotated_fields_of
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, FrameDecoder, encode_frame
 from haptogram_protocol.messages import MESSAGES, Header, Message
@@ -35,7 +35,7 @@ def test_a_frame_has_its_header_and_every_field(message: Message, fields: dict[s
     assert (piece.header, piece.message, piece.fault) == (header, message, "")
     assert piece.name == message.TYPE.name
     assert piece.text.startswith(f"{message.TYPE.name} seq {header.seq} session ")
-    assert piece.fields == json.loads(json.dumps(fields_of(message)))
+    assert piece.fields == json.loads(json.dumps(annotated_fields_of(message)))
     assert set(piece.fields) == {*message.WIRE, *([message.TAIL.name] if message.TAIL else [])}
 
 

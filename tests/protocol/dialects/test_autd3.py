@@ -13,7 +13,7 @@ from haptogram_protocol.dialects.autd3.frame import (
     DeviceFrame,
     DeviceState,
 )
-from haptogram_protocol.dialects.autd3.link import MAX_UNANSWERED, Autd3Board, Autd3Host
+from haptogram_protocol.dialects.autd3.link import MAX_UNANSWERED, Autd3BoardEnd, Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import (
     Accepted,
     Close,
@@ -90,14 +90,14 @@ def device_frame(payload: bytes, message_id: int = 1, second: int = 0) -> bytes:
     return struct.pack("<BxH", message_id, second) + payload.ljust(622, b"\0")
 
 
-def opened(devices: int = 1) -> Autd3Board:
-    board = Autd3Board()
+def opened(devices: int = 1) -> Autd3BoardEnd:
+    board = Autd3BoardEnd()
     geometry = b"\x01" + struct.pack("<I", devices) + POSE * devices
     assert board.receive_data(HELLO + geometry) == [Hello(), Open((AT_ORIGIN,) * devices)]
     return board
 
 
-def frames_of(board: Autd3Board, *frames: bytes) -> tuple[DeviceFrame, ...]:
+def frames_of(board: Autd3BoardEnd, *frames: bytes) -> tuple[DeviceFrame, ...]:
     (operation,) = board.receive_data(b"\x03" + b"".join(frames))
     assert isinstance(operation, Write)
     return operation.frames
@@ -114,8 +114,8 @@ def test_the_session_of_a_client_is_these_bytes() -> None:
         Update((AT_ORIGIN,)),
         Close(),
     ]
-    assert Autd3Board().receive_data(line) == operations
-    host = Autd3Host()
+    assert Autd3BoardEnd().receive_data(line) == operations
+    host = Autd3HostEnd()
     assert b"".join(map(host.send, operations)) == line
     replies = bytes.fromhex("00 00 00 00a1 35 00 00".replace("00a1 35", "00 a135"))
     assert host.receive_data(replies) == [
@@ -228,7 +228,7 @@ def test_every_unsupported_operation_has_its_error_code() -> None:
 )
 @pytest.mark.parametrize("chunk", [1, 1000])
 def test_a_link_that_cannot_go_on_says_why_once(line: bytes, reason: str, chunk: int) -> None:
-    board = Autd3Board()
+    board = Autd3BoardEnd()
     chunks = [line[at : at + chunk] for at in range(0, len(line), chunk)]
     found = [operation for part in [*chunks, b"more"] for operation in board.receive_data(part)]
     assert isinstance(found[-1], Undecodable)
@@ -254,7 +254,7 @@ def test_bytes_behind_the_close_are_counted() -> None:
 def test_replies_come_back_from_their_bytes(
     asked: list[Any], refused: set[int], reason: str, data: st.DataObject
 ) -> None:
-    host, board = Autd3Host(), Autd3Board()
+    host, board = Autd3HostEnd(), Autd3BoardEnd()
     text = reason.encode("utf-8", "replace").decode()
     host.send(Hello())
     host.send(Open((AT_ORIGIN, AT_ORIGIN)))
@@ -275,7 +275,7 @@ def test_an_acknowledgement_holds_the_error_above_the_id() -> None:
 
 
 def test_replies_that_nobody_asked_for_are_counted() -> None:
-    host = Autd3Host()
+    host = Autd3HostEnd()
     assert host.receive_data(b"\x00\x00") == []
     host.send(Hello())
     assert host.receive_data(b"\x07\x00") == [Accepted()]
@@ -283,16 +283,16 @@ def test_replies_that_nobody_asked_for_are_counted() -> None:
 
 
 def test_the_text_of_a_refusal_is_bounded() -> None:
-    host = Autd3Host()
+    host = Autd3HostEnd()
     host.send(Hello())
     (reply,) = host.receive_data(b"\xff" + struct.pack("<I", 2**32 - 1))
     assert isinstance(reply, Refused)
     assert "4294967295 bytes" in reply.reason
-    assert len(Autd3Board().send(Refused("x" * 10_000))) == 5 + 4096
+    assert len(Autd3BoardEnd().send(Refused("x" * 10_000))) == 5 + 4096
 
 
 def test_answers_that_are_due_are_bounded() -> None:
-    host = Autd3Host()
+    host = Autd3HostEnd()
     for _ in range(MAX_UNANSWERED):
         host.send(Hello())
     with pytest.raises(LocalProtocolError, match="64 answers are due"):
@@ -319,7 +319,7 @@ def test_frames_that_no_device_takes_are_refused(frame: DeviceFrame, message: st
 
 
 def test_a_write_has_a_frame_for_each_open_device() -> None:
-    host = Autd3Host()
+    host = Autd3HostEnd()
     host.send(Open((AT_ORIGIN,)))
     with pytest.raises(LocalProtocolError, match="0 frames for 1 open devices"):
         host.send(Write(()))

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram_protocol.dialects.autd3.frame import DeviceState
-from haptogram_protocol.dialects.autd3.link import Autd3Host
+from haptogram_protocol.dialects.autd3.link import Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import Accepted, Hello, Refused, States
 from haptogram_protocol.dialects.autd3.operations import ErrorCode
-from haptogram_protocol.dialects.codec import Display, OneWayHost
+from haptogram_protocol.dialects.codec import Display, OneWayHostEnd
 from haptogram_protocol.dialects.sonicsurface import TACTILE_CORRECTION, TACTILE_STEPS
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.errors import LocalProtocolError
@@ -109,9 +109,9 @@ def test_replies_say_why_they_refuse() -> None:
 
 
 def test_answers_are_due_where_boards_answer() -> None:
-    host = Autd3Host()
+    host = Autd3HostEnd()
     assert host.due == 0
     host.send(Hello())
     assert host.due == 1
     host.receive_data(b"\0")
-    assert host.due == OneWayHost().due == 0
+    assert host.due == OneWayHostEnd().due == 0

@@ -81,7 +81,7 @@ def test_pieces_between_ends_hold_no_end_of_a_message(wire: Wire, data: st.DataO
     line = b"".join(host.send(operation) for operation in data.draw(wire.operations))
     board, at, codes = wire.board(), 0, (SetPhases, SetAmplitudes, SetPattern, Forward)
     while at < len(line):
-        end = board.next_end(line, at)
+        end = board.next_frame_end(line, at)
         assert at < end <= len(line)
         early = board.receive_data(line[at : end - 1])
         assert all(isinstance(operation, codes) for operation in early)

@@ -4,7 +4,11 @@ from typing import Any
 
 import pytest
 
-from haptogram_protocol.dialects.interactlab import InteractlabBoard, InteractlabHost, QueueFrame
+from haptogram_protocol.dialects.interactlab import (
+    InteractlabBoardEnd,
+    InteractlabHostEnd,
+    QueueFrame,
+)
 from haptogram_protocol.errors import LocalProtocolError
 
 PHASES = bytes(range(128)) * 2
@@ -47,7 +51,7 @@ ROWS: list[tuple[bytes, list[QueueFrame], dict[str, int]]] = [
 def test_bytes_are_these_frames_and_counts(
     line: bytes, frames: list[QueueFrame], counters: dict[str, int], chunk: int
 ) -> None:
-    board = InteractlabBoard()
+    board = InteractlabBoardEnd()
     chunks = [line[at : at + chunk] for at in range(0, len(line), chunk)]
     assert [found for part in chunks for found in board.receive_data(part)] == frames
     assert board.counters == counters
@@ -56,7 +60,7 @@ def test_bytes_are_these_frames_and_counts(
 
 def test_after_a_lost_byte_frames_stay_out_of_step() -> None:
     """511 more bytes are always taken: the start of the next frame is its last byte."""
-    board = InteractlabBoard()
+    board = InteractlabBoardEnd()
     assert board.receive_data(marked()[:-1] + marked()) == [
         QueueFrame(PHASES, DUTIES[:-1] + PHASES[:1])
     ]
@@ -74,4 +78,4 @@ def test_after_a_lost_byte_frames_stay_out_of_step() -> None:
 )
 def test_the_host_refuses_values_that_do_not_fit(frame: Any, message: str) -> None:
     with pytest.raises(LocalProtocolError, match=message):
-        InteractlabHost().send(frame)
+        InteractlabHostEnd().send(frame)

@@ -7,7 +7,7 @@ import pytest
 
 from haptogram_protocol.dialects import interactlab
 from haptogram_protocol.dialects.autd3 import messages
-from haptogram_protocol.dialects.autd3.link import Autd3Board, Autd3Host
+from haptogram_protocol.dialects.autd3.link import Autd3BoardEnd, Autd3HostEnd
 from haptogram_protocol.dialects.autd3.payload import PAYLOAD_BYTES, parse_autd3_operation
 from haptogram_protocol.dialects.table import DIALECTS
 
@@ -84,7 +84,7 @@ def test_every_bit_of_an_interactlab_frame_is_the_field_that_the_table_names():
     base = bytearray(512)
     for at in (0, 25, 34):
         base[at] = 0x80
-    board = interactlab.InteractlabBoard
+    board = interactlab.InteractlabBoardEnd
 
     def fields(frame):
         end = board()
@@ -110,7 +110,7 @@ def test_every_bit_of_an_interactlab_frame_is_the_field_that_the_table_names():
 
 def test_every_message_of_the_link_begins_with_the_byte_that_the_table_names():
     _, _, *rows = tables("autd3")[0]
-    host, board = Autd3Host(), Autd3Board()
+    host, board = Autd3HostEnd(), Autd3BoardEnd()
     made = {
         "Hello": messages.Hello(),
         "Open": messages.Open(POSES),

@@ -8,13 +8,13 @@ import pytest
 
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
-from sim_device.protocol_haptogram import open_port
+from sim_device.protocol_haptogram import open_virtual_port
 
 DATA = Path(__file__).parents[2] / "data" / "dialects" / "sonicsurface"
 
 
 def latches_of(name, *, reconstruct):
-    port = open_port(
+    port = open_virtual_port(
         PortConfig(
             board=BoardConfig.of(dialect="sonicsurface", temperature_c=24.78),
             clock="virtual",

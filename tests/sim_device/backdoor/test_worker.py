@@ -139,8 +139,8 @@ def test_what_was_seen_lately_is_remembered_within_bounds(monkeypatch):
 
 def test_settings_and_latches_survive_the_way_to_the_worker():
     latches = [a_latch(index) for index in range(3)]
-    packed = bytearray(b"".join(map(reconstruction._packed, (latches[:2], latches[2:]))))  # noqa: SLF001
-    assert list(reconstruction._unpacked(packed)) == latches  # noqa: SLF001
+    packed = bytearray(b"".join(map(reconstruction._packed_for_worker, (latches[:2], latches[2:]))))  # noqa: SLF001
+    assert list(reconstruction._unpacked_at_worker(packed)) == latches  # noqa: SLF001
     assert not packed
     settings = pickle.loads(pickle.dumps(SETTINGS))
     assert settings.model.array.digest() == MODEL.array.digest()
@@ -156,13 +156,13 @@ import os, signal, threading
 from sim_device.backdoor import worker
 from sim_device.board.settings import BoardSettings
 from haptogram.acoustics import AcousticModel
-start = worker._start_process
+start = worker._start_worker_process
 def told():
     process = start()
     print(process.pid, flush=True)
     threading.Timer(2.0, os.kill, (os.getpid(), signal.SIGKILL)).start()
     return process
-worker._start_process = told
+worker._start_worker_process = told
 worker.ReconstructionWorker(BoardSettings(model=AcousticModel.default(4, 4)), {str(fifo)!r})
 """
     board = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

@@ -16,7 +16,7 @@ from haptogram_protocol.dialects.ultraino.slots import (
     NANO16_LAYOUT,
     Pulse,
 )
-from sim_device.dialects.ultraino.playlist import Playlist
+from sim_device.dialects.ultraino.playlist import ArduinoPlaylist
 from sim_device.dialects.ultraino.slot_boards import Outputs, SlotBoards
 
 PATTERNS = 5
@@ -53,7 +53,7 @@ acts = st.lists(
 @settings(max_examples=200)
 @given(acts)
 def test_the_playlist_is_the_firmware_s_loop(acts):
-    firmware, playlist, shown, changes = Firmware(), Playlist(PATTERNS), [], {0: 0}
+    firmware, playlist, shown, changes = Firmware(), ArduinoPlaylist(PATTERNS), [], {0: 0}
     passes = [(0, 1)]  # from when on, and how many periods a whole pass lasts
     for wait, act in [*acts, (700, None)]:
         end = len(shown) + wait

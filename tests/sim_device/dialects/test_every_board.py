@@ -15,7 +15,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.board import BoardConfig
 from haptogram_protocol.dialects import sonicsurface
 from haptogram_protocol.dialects.autd3.frame import DeviceFrame
-from haptogram_protocol.dialects.autd3.link import Autd3Host
+from haptogram_protocol.dialects.autd3.link import Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import Hello, Open, Pose, Write
 from haptogram_protocol.dialects.autd3.operations import Gain
 from haptogram_protocol.dialects.fpga_bytes import Swap
@@ -208,7 +208,7 @@ def counts_of_a_client(dialect, wrong):
     """Return what the latch of a client's gain counts; *wrong* bytes follow the gain."""
     frame = DeviceFrame(1, (Gain(0, True, bytes([wrong, 255] * 249)),))
     asked = Hello(), Open((Pose((0, 0, 0), (1, 0, 0, 0)),)), Write((frame,))
-    dialect.receive(b"".join(map(Autd3Host().send, asked)) + b"\x77" * wrong, dialect.now_us)
+    dialect.receive(b"".join(map(Autd3HostEnd().send, asked)) + b"\x77" * wrong, dialect.now_us)
     dialect.advance_to(dialect.now_us + 1000)
     return dialect.take_latches()[-1].counted
 
@@ -224,7 +224,7 @@ def test_a_latch_counts_nothing_of_a_client_that_has_left(wrong):
 
 def test_a_client_gets_no_answers_of_the_one_before_it():
     dialect = board_of_a_link()
-    dialect.receive(Autd3Host().send(Hello()), dialect.now_us)
+    dialect.receive(Autd3HostEnd().send(Hello()), dialect.now_us)
     assert dialect.output_bytes == 1
     dialect.client_left()
     assert dialect.take_output() == b""

@@ -11,8 +11,8 @@ from dialect_boards import DialectBoard
 from haptogram_protocol.dialects.interactlab import (
     FRAME_BYTES,
     FifoCleared,
-    InteractlabBoard,
-    InteractlabHost,
+    InteractlabBoardEnd,
+    InteractlabHostEnd,
     QueueFrame,
 )
 from sim_device.dialects.interactlab import FIFO_FRAMES, READY_FRAMES, InteractlabUnit
@@ -155,7 +155,7 @@ def test_a_frame_that_waits_is_not_cleared() -> None:
 
 
 def test_the_end_forgets_the_beginning_of_a_frame_that_is_cleared() -> None:
-    board, line = InteractlabBoard(), InteractlabHost().send(frame(5))
+    board, line = InteractlabBoardEnd(), InteractlabHostEnd().send(frame(5))
     assert board.receive_data(line[:300]) == []
     assert board.send(FifoCleared()) == b""
     assert board.send(FifoCleared()) == b""
@@ -175,7 +175,7 @@ def sent_as_fast_as_taken(board: DialectBoard, line: bytes) -> list[int]:
 
 
 def test_a_client_on_a_quick_line_waits_while_28_frames_are_there() -> None:
-    board, host = DialectBoard("interactlab", baud=50_000_000), InteractlabHost()
+    board, host = DialectBoard("interactlab", baud=50_000_000), InteractlabHostEnd()
     board.pass_us(UP_US + 1000)
     frames = [frame(number % 128, divider=8 if not number else None) for number in range(300)]
     rooms = sent_as_fast_as_taken(board, b"".join(map(host.send, frames)))
@@ -191,7 +191,7 @@ def test_a_client_on_a_quick_line_waits_while_28_frames_are_there() -> None:
 
 def test_a_frame_under_way_when_the_fifo_is_cleared_loses_its_beginning() -> None:
     """A second after the board last had a frame, and every second after that."""
-    board, line = DialectBoard("interactlab"), InteractlabHost().send(frame(7))
+    board, line = DialectBoard("interactlab"), InteractlabHostEnd().send(frame(7))
     board.pass_us(UP_US - 10_000)  # the first clear comes in the middle of this frame: 20.5 ms
     board.send(line)
     board.pass_us(1000)

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.framing import end_of_frame
 from sim_device.backdoor import sinks as sinks
-from sim_device.backdoor.sinks import SocketSink, open_sink
+from sim_device.backdoor.sinks import SocketSink, open_backdoor_sink
 from sim_device.board.settings import board_settings
 from sim_device.line.port import PortLostError
 from sim_device.line.pty_port import PtyPort
-from sim_device.line.socket_server import Doorman, UnixListener
+from sim_device.line.socket_server import SocketDoorman, UnixListener
 from sim_device.line.tcp_port import TcpPort
 from sim_device.line.uart import Uart
-from sim_device.log import CountLog
+from sim_device.log import BoardCountLog
 from sim_device.simulation import Simulation
 
 BURSTS = st.lists(st.tuples(st.integers(0, 10**7), st.binary(min_size=1, max_size=40)), max_size=8)
@@ -216,7 +216,7 @@ def connect(path):
 
 
 def test_each_client_of_a_socket_gets_the_first_line_and_all_from_then_on(door):
-    sink = open_sink(f"unix:{door}")
+    sink = open_backdoor_sink(f"unix:{door}")
     sink.write(b"board\n")
     sink.write(b"before\n")
     with connect(door) as client:
@@ -262,7 +262,7 @@ def test_a_stale_socket_is_replaced_and_a_live_one_is_not(door):
 def test_a_file_is_appended_to(tmp_path):
     path = tmp_path / "door.jsonl"
     for number in range(2):
-        sink = open_sink(str(path))
+        sink = open_backdoor_sink(str(path))
         sink.write(json.dumps(number).encode() + b"\n")
         sink.serve()
         assert sink.pending == 0
@@ -272,7 +272,7 @@ def test_a_file_is_appended_to(tmp_path):
 
 def test_counts_are_logged_when_they_have_moved_and_it_is_time(caplog):
     caplog.set_level("INFO")
-    counts = CountLog(1_000)
+    counts = BoardCountLog(1_000)
     counts.update({"latched": 3, "late": 0}, 999)
     counts.update({"latched": 4, "late": 0}, 1_000)
     counts.update({"latched": 4, "late": 0}, 2_000)
@@ -323,7 +323,7 @@ def test_what_becomes_of_an_error_of_accept(code, is_fatal, is_short):
         def accept(self):
             raise OSError(code, os.strerror(code))
 
-    doorman = Doorman(Server(), "port")
+    doorman = SocketDoorman(Server(), "port")
     if is_fatal:
         with pytest.raises(PortLostError, match=f"port: .*: {os.strerror(code)}"):
             doorman.admit()

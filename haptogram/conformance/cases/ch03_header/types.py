@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.annotation.words import message_type_name
+from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
@@ -37,7 +37,7 @@ def answers_with_the_right_type(board: BoardClient) -> None:
         got = board.link.type_of(answer)
         check(
             got in (kind.TYPE + RESPONSE_OFFSET, MessageType.ERROR),
-            f"{kind.TYPE.name} is answered by {message_type_name(got)}",
+            f"{kind.TYPE.name} is answered by {annotated_type_name(got)}",
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Final
 
-from haptogram_protocol.annotation.words import message_type_name
+from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     Arm,
@@ -52,7 +52,7 @@ def responses_belong(board: BoardClient) -> None:
         assert header is not None  # ask
         check(
             header.session == board.link.session,
-            f"{message_type_name(header.type)} has session {header.session:#06x}, "
+            f"{annotated_type_name(header.type)} has session {header.session:#06x}, "
             f"open is {board.link.session:#06x}",
         )
     answer = board.link.ask(Ping(1), session=board.link.session ^ 0x0F0F)
@@ -101,7 +101,7 @@ def refusals_tell_the_time(board: BoardClient) -> None:
         assert answer.header is not None  # answer_to
         due_us = offset_us + answer.t_us - board.wire.line_us(len(answer.piece) + 2)
         off_us = signed_difference(answer.header.time_us, due_us & 0xFFFFFFFF, 32)
-        name = message_type_name(answer.header.type)
+        name = annotated_type_name(answer.header.type)
         check(abs(off_us) <= _CLOCK_US, f"the time of {name} is off by {off_us:+d} us")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.annotation.words import message_type_name
+from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.messages import (
     MESSAGES,
     VERSION_MAJOR,
@@ -88,7 +88,7 @@ def sends_nothing_reserved(board: BoardClient) -> None:
     for piece in undamaged_pieces(full_dialogue(board)):
         header = piece.header
         assert header is not None  # frames_in
-        check(header.type in MESSAGES, f"{message_type_name(header.type)} is in no table")
+        check(header.type in MESSAGES, f"{annotated_type_name(header.type)} is in no table")
         check(piece.reason != "bad_value", f"{annotated_frame_text(piece.piece)}")
         if isinstance(piece.message, Error):
             code = piece.message.code

@@ -49,8 +49,8 @@ from .operations import CHANNELS
 __all__ = [
     "AUTD3",
     "MAX_DEVICES",
-    "Autd3Board",
-    "Autd3Host",
+    "Autd3BoardEnd",
+    "Autd3HostEnd",
 ]
 
 MAX_DEVICES: Final = 64  # ours: the link has a u32
@@ -69,7 +69,7 @@ _POSE: Final = struct.Struct("<7f")
 _STATE_BYTES: Final = 2
 
 
-class Autd3Board:
+class Autd3BoardEnd:
     """The board's end of one connection.
 
     Attributes
@@ -102,7 +102,7 @@ class Autd3Board:
             self._buffer.clear()
         return found
 
-    def next_end(self, data: bytes, at: int) -> int:
+    def next_frame_end(self, data: bytes, at: int) -> int:
         """Return the index behind the bytes that the message needs next."""
         if self._ended:
             return len(data)
@@ -215,7 +215,7 @@ class Autd3Board:
         return Undecodable(reason), 0
 
 
-class Autd3Host:
+class Autd3HostEnd:
     """The client's end of one connection.
 
     Attributes
@@ -334,8 +334,8 @@ AUTD3: Final = Dialect(
     steps=256,
     channels=CHANNELS,
     frame_bytes=lambda boards: 1 + DEVICE_FRAME_BYTES * boards,
-    board=Autd3Board,
-    host=Autd3Host,
+    board=Autd3BoardEnd,
+    host=Autd3HostEnd,
     signature=re.compile(rb"\x10..AUTD3REMOTE", re.DOTALL),
     display=Autd3Display,
 )

@@ -92,34 +92,38 @@ def pack_autd3_operation(operation: Operation) -> bytes:
     return packed + bytes(len(packed) % 2)
 
 
-def _slice(payload: bytes, start: int, size: int) -> bytes:
+def _payload_slice(payload: bytes, start: int, size: int) -> bytes:
     if start + size > len(payload):
         raise IndexError("the operation does not end within its frame")
     return payload[start : start + size]
 
 
-def _read_silencer(payload: bytes, at: int, _: int) -> Silencer:
+def _unpack_autd3_silencer(payload: bytes, at: int, _: int) -> Silencer:
     flags, intensity, phase = _SILENCER.unpack_from(payload, at)
     return Silencer(bool(flags & _FIXED_UPDATE_RATE), bool(flags & _STRICT), intensity, phase)
 
 
-def _write_silencer(operation: Silencer) -> bytes:
+def _pack_autd3_silencer(operation: Silencer) -> bytes:
     flags = _FIXED_UPDATE_RATE * operation.update_rate | _STRICT * operation.strict
-    return _tagged(Tag.SILENCER, _SILENCER.pack(flags, operation.intensity, operation.phase))
+    return _tagged_payload(
+        Tag.SILENCER, _SILENCER.pack(flags, operation.intensity, operation.phase)
+    )
 
 
-def _read_gain(payload: bytes, at: int, _: int) -> Gain:
+def _unpack_autd3_gain(payload: bytes, at: int, _: int) -> Gain:
     segment, flags = _GAIN.unpack_from(payload, at)
-    return Gain(segment, bool(flags & 1), _slice(payload, at + _GAIN.size, _GAIN_BYTES))
+    return Gain(segment, bool(flags & 1), _payload_slice(payload, at + _GAIN.size, _GAIN_BYTES))
 
 
-def _write_gain(operation: Gain) -> bytes:
+def _pack_autd3_gain(operation: Gain) -> bytes:
     if len(operation.drives) != _GAIN_BYTES:
         raise LocalProtocolError(f"{len(operation.drives)} bytes of drives, not {_GAIN_BYTES}")
-    return _tagged(Tag.GAIN, _GAIN.pack(operation.segment, operation.update) + operation.drives)
+    return _tagged_payload(
+        Tag.GAIN, _GAIN.pack(operation.segment, operation.update) + operation.drives
+    )
 
 
-def _read_modulation(payload: bytes, at: int, _: int) -> Modulation:
+def _unpack_autd3_modulation(payload: bytes, at: int, _: int) -> Modulation:
     flags = payload[at + 1]
     start = None
     if flags & _BEGIN:
@@ -130,22 +134,22 @@ def _read_modulation(payload: bytes, at: int, _: int) -> Modulation:
         _, size = _MODULATION_PART.unpack_from(payload, at)
         at += _MODULATION_PART.size
     segment = int(bool(flags & _SEGMENT_1))
-    samples = _slice(payload, at, size)
+    samples = _payload_slice(payload, at, size)
     return Modulation(segment, samples, start, bool(flags & _END), bool(flags & _UPDATE))
 
 
-def _write_modulation(operation: Modulation) -> bytes:
-    flags = _flags(operation) | _SEGMENT_1 * operation.segment
+def _pack_autd3_modulation(operation: Modulation) -> bytes:
+    flags = _autd3_flags(operation) | _SEGMENT_1 * operation.segment
     size, start = len(operation.samples), operation.start
     if start is None:
         head = _MODULATION_PART.pack(flags, size)
     else:
         rest = (start.transition_mode, start.divider, start.repeat, start.transition_value)
         head = _MODULATION_START.pack(flags, size, *rest)
-    return _tagged(Tag.MODULATION, head + operation.samples)
+    return _tagged_payload(Tag.MODULATION, head + operation.samples)
 
 
-def _read_foci(payload: bytes, at: int, foci_of_pattern: int) -> FociSTM:
+def _unpack_autd3_foci(payload: bytes, at: int, foci_of_pattern: int) -> FociSTM:
     flags = payload[at + 1]
     start = None
     if flags & _BEGIN:
@@ -156,15 +160,15 @@ def _read_foci(payload: bytes, at: int, foci_of_pattern: int) -> FociSTM:
     else:
         _, patterns, segment = _FOCI_PART.unpack_from(payload, at)
         at += _FOCI_PART.size
-    foci = _slice(payload, at, patterns * foci_of_pattern * _FOCUS_BYTES)
+    foci = _payload_slice(payload, at, patterns * foci_of_pattern * _FOCUS_BYTES)
     return FociSTM(segment, patterns, foci, start, bool(flags & _END), bool(flags & _UPDATE))
 
 
-def _write_foci(operation: FociSTM) -> bytes:
-    head = (_flags(operation), operation.patterns, operation.segment)
+def _pack_autd3_foci(operation: FociSTM) -> bytes:
+    head = (_autd3_flags(operation), operation.patterns, operation.segment)
     start = operation.start
     if start is None:
-        return _tagged(Tag.FOCI_STM, _FOCI_PART.pack(*head) + operation.foci)
+        return _tagged_payload(Tag.FOCI_STM, _FOCI_PART.pack(*head) + operation.foci)
     packed = _FOCI_START.pack(
         *head,
         start.transition_mode,
@@ -174,31 +178,31 @@ def _write_foci(operation: FociSTM) -> bytes:
         start.repeat,
         start.transition_value,
     )
-    return _tagged(Tag.FOCI_STM, packed + operation.foci)
+    return _tagged_payload(Tag.FOCI_STM, packed + operation.foci)
 
 
-def _read_swap(payload: bytes, at: int, _: int) -> SwapSegment:
+def _unpack_autd3_swap(payload: bytes, at: int, _: int) -> SwapSegment:
     segment, mode, value = _SWAP_WITH_TRANSITION.unpack_from(payload, at)
     return SwapSegment(Tag(payload[at]), segment, mode, value)
 
 
-def _read_gain_swap(payload: bytes, at: int, _: int) -> SwapSegment:
+def _unpack_autd3_gain_swap(payload: bytes, at: int, _: int) -> SwapSegment:
     return SwapSegment(Tag.GAIN_SWAP, payload[at + 1])
 
 
-def _write_swap(operation: SwapSegment) -> bytes:
+def _pack_autd3_swap(operation: SwapSegment) -> bytes:
     if operation.tag is Tag.GAIN_SWAP:
         return struct.pack("<BB", operation.tag, operation.segment)
     rest = (operation.segment, operation.transition_mode, operation.transition_value)
-    return _tagged(operation.tag, _SWAP_WITH_TRANSITION.pack(*rest))
+    return _tagged_payload(operation.tag, _SWAP_WITH_TRANSITION.pack(*rest))
 
 
-def _flags(operation: Modulation | FociSTM) -> int:
+def _autd3_flags(operation: Modulation | FociSTM) -> int:
     begins = operation.start is not None
     return _BEGIN * begins | _END * operation.end | _UPDATE * operation.update
 
 
-def _tagged(tag: Tag, packed: bytes) -> bytes:
+def _tagged_payload(tag: Tag, packed: bytes) -> bytes:
     """Return *packed* with its first byte, which the layouts leave free, set to *tag*."""
     return bytes([tag]) + packed[1:]
 
@@ -208,23 +212,23 @@ _READERS: Final[dict[int, Callable[[bytes, int, int], Operation]]] = {
     Tag.CLEAR: lambda *_: Clear(),
     Tag.SYNC: lambda *_: Sync(),
     Tag.FIRMWARE_INFO: lambda payload, at, _: FirmwareInfo(payload[at + 1]),
-    Tag.MODULATION: _read_modulation,
-    Tag.MODULATION_SWAP: _read_swap,
-    Tag.SILENCER: _read_silencer,
-    Tag.GAIN: _read_gain,
-    Tag.GAIN_SWAP: _read_gain_swap,
-    Tag.FOCI_STM: _read_foci,
-    Tag.FOCI_STM_SWAP: _read_swap,
+    Tag.MODULATION: _unpack_autd3_modulation,
+    Tag.MODULATION_SWAP: _unpack_autd3_swap,
+    Tag.SILENCER: _unpack_autd3_silencer,
+    Tag.GAIN: _unpack_autd3_gain,
+    Tag.GAIN_SWAP: _unpack_autd3_gain_swap,
+    Tag.FOCI_STM: _unpack_autd3_foci,
+    Tag.FOCI_STM_SWAP: _unpack_autd3_swap,
 }
 _WRITERS: Final[dict[type[Operation], Callable[[Any], bytes]]] = {
     Nop: lambda _: bytes([Tag.NOP]),
     Clear: lambda _: bytes([Tag.CLEAR]),
     Sync: lambda _: bytes([Tag.SYNC]),
     FirmwareInfo: lambda operation: struct.pack("<BB", Tag.FIRMWARE_INFO, operation.kind),
-    Modulation: _write_modulation,
-    Silencer: _write_silencer,
-    Gain: _write_gain,
-    FociSTM: _write_foci,
-    SwapSegment: _write_swap,
+    Modulation: _pack_autd3_modulation,
+    Silencer: _pack_autd3_silencer,
+    Gain: _pack_autd3_gain,
+    FociSTM: _pack_autd3_foci,
+    SwapSegment: _pack_autd3_swap,
     Unsupported: lambda operation: struct.pack("<B", operation.tag),
 }

@@ -35,7 +35,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ...errors import LocalProtocolError
-from ..codec import Dialect, OneWayHost, Operation, Reply, no_dialect_bytes_for
+from ..codec import Dialect, OneWayHostEnd, Operation, Reply, no_dialect_bytes_for
 from .operations import CommitDurations, Forward, Restart, SetDurations, SetPattern, Swap
 from .slot_display import ONE_PATTERN, SlotDisplay
 from .slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_CONNECTED, NANO16_LAYOUT, SlotLayout
@@ -48,9 +48,9 @@ __all__ = [
     "NANO8_FIRMWARE",
     "NANO16",
     "NANO16_FIRMWARE",
-    "ArduinoBoard",
+    "ArduinoBoardEnd",
     "ArduinoFirmware",
-    "ArduinoHost",
+    "ArduinoHostEnd",
     "mega64_frame",
 ]
 
@@ -168,7 +168,7 @@ class _Memory:
         self.patterns += 1
 
 
-class ArduinoBoard:
+class ArduinoBoardEnd:
     """The end of a chain of boards: what they take, and what the last one sends.
 
     Patterns are given when their last half is there, or when a swap cuts them short.
@@ -248,7 +248,7 @@ class ArduinoBoard:
                 self._pass_on_strange(part, found)
         return found
 
-    def next_end(self, data: bytes, at: int) -> int:
+    def next_frame_end(self, data: bytes, at: int) -> int:
         """Return the index behind the next swap or command."""
         match = _ACTS.search(data, at)
         return match.end() if match else len(data)
@@ -316,7 +316,7 @@ class ArduinoBoard:
             return
         if len(self._durations) % _BYTES_OF_DURATION:
             self.counters["durations_short"] += 1
-        found.append(SetDurations(_from_pairs(bytes(self._durations))))
+        found.append(SetDurations(_durations_from_pairs(bytes(self._durations))))
         self._durations.clear()
         self._uncommitted = True
 
@@ -326,7 +326,7 @@ class ArduinoBoard:
         found += [Forward(byte - self._boards) for byte in part]
 
 
-class ArduinoHost(OneWayHost):
+class ArduinoHostEnd(OneWayHostEnd):
     """The host's end: the bytes of operations; what a chain sends back is ignored.
 
     Parameters
@@ -358,7 +358,7 @@ class ArduinoHost(OneWayHost):
                 raise LocalProtocolError(
                     f"{len(message.periods)} durations; there are 1 to {firmware.durations}"
                 )
-            return _to_pairs(message.periods)
+            return _durations_to_pairs(message.periods)
         if isinstance(message, Swap):
             return _SWAP
         if isinstance(message, CommitDurations if firmware.durations else Restart):
@@ -388,13 +388,13 @@ def mega64_frame(patterns: list[bytes], durations: bytes = ONE_PATTERN) -> list[
     ]
 
 
-def _frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
+def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
     """Return the bytes of one pattern for each board, its durations, their commit and the swap."""
     durations = 2 * _BYTES_OF_DURATION + len(_COMMAND) if firmware.durations else 0
     return firmware.half_bytes * boards + durations + len(_SWAP)
 
 
-def _from_pairs(pairs: bytes) -> bytes:
+def _durations_from_pairs(pairs: bytes) -> bytes:
     """Return the durations of bytes that hold two bits each, high ones first."""
     padded = pairs + b"\0" * (-len(pairs) % _BYTES_OF_DURATION)
     return bytes(
@@ -406,18 +406,18 @@ def _from_pairs(pairs: bytes) -> bytes:
     )
 
 
-def _to_pairs(durations: bytes) -> bytes:
+def _durations_to_pairs(durations: bytes) -> bytes:
     return bytes(0x30 | value << up & 0xC0 for value in durations for up in (0, 2, 4, 6))
 
 
-def _dialect(
+def _arduino_dialect(
     firmware: ArduinoFirmware, title: str, layout: SlotLayout, connected: bytes = b""
 ) -> Dialect:
-    def board(*, boards: int = 1) -> ArduinoBoard:
-        return ArduinoBoard(firmware, boards)
+    def board(*, boards: int = 1) -> ArduinoBoardEnd:
+        return ArduinoBoardEnd(firmware, boards)
 
-    def host(*, boards: int = 1) -> ArduinoHost:
-        return ArduinoHost(firmware, boards)
+    def host(*, boards: int = 1) -> ArduinoHostEnd:
+        return ArduinoHostEnd(firmware, boards)
 
     def display(boards: int) -> SlotDisplay:
         durations = ONE_PATTERN if firmware.durations else b""
@@ -435,7 +435,7 @@ def _dialect(
         bauds=(115_200,),
         steps=layout.steps,
         channels=len(layout.pins),
-        frame_bytes=functools.partial(_frame_bytes, firmware),
+        frame_bytes=functools.partial(_arduino_frame_bytes, firmware),
         board=board,
         host=host,
         signature=re.compile(pattern + others + ending, re.DOTALL),
@@ -443,8 +443,8 @@ def _dialect(
     )
 
 
-MEGA64: Final = _dialect(MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", MEGA64_LAYOUT)
-NANO16: Final = _dialect(
+MEGA64: Final = _arduino_dialect(MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", MEGA64_LAYOUT)
+NANO16: Final = _arduino_dialect(
     NANO16_FIRMWARE, "Ultraino Arduino Nano16", NANO16_LAYOUT, NANO16_CONNECTED
 )
-NANO8: Final = _dialect(NANO8_FIRMWARE, "Ultraino Arduino Nano8", NANO8_LAYOUT)
+NANO8: Final = _arduino_dialect(NANO8_FIRMWARE, "Ultraino Arduino Nano8", NANO8_LAYOUT)

@@ -34,9 +34,9 @@ from ..fpga_bytes import (
     Begin,
     BeginAmplitudes,
     Clocks,
-    FpgaBoard,
+    FpgaBoardEnd,
     FpgaByteRules,
-    FpgaHost,
+    FpgaHostEnd,
     Select,
     SetAmplitudes,
     SetPhases,
@@ -56,7 +56,7 @@ __all__ = [
     "SIMPLE",
     "SIMPLE_128",
     "chained_fpga_frame",
-    "chained_rules",
+    "chained_fpga_rules",
     "fpga_frame",
 ]
 
@@ -98,33 +98,33 @@ def chained_fpga_frame(codes: list[bytes]) -> list[Operation]:
     return [*operations, Swap()]
 
 
-def _fpga_board(*, fb: str = FALLS_THROUGH) -> FpgaBoard:
+def _fpga_board_end(*, fb: str = FALLS_THROUGH) -> FpgaBoardEnd:
     """Return the end of a board that takes FB as *fb* says."""
-    return FpgaBoard(_simple(fb))
+    return FpgaBoardEnd(_simple_fpga_dialect(fb))
 
 
-def _fpga_host(*, fb: str = FALLS_THROUGH) -> FpgaHost:
+def _fpga_host_end(*, fb: str = FALLS_THROUGH) -> FpgaHostEnd:
     """Return the host's end for a board that takes FB as *fb* says."""
-    return FpgaHost(_simple(fb))
+    return FpgaHostEnd(_simple_fpga_dialect(fb))
 
 
-def _simple(fb: str) -> FpgaByteRules:
+def _simple_fpga_dialect(fb: str) -> FpgaByteRules:
     if fb not in RULES:
         raise LocalProtocolError(f"fb={fb!r}; it is one of {', '.join(map(repr, RULES))}")
     return RULES[fb]
 
 
-def _chained_board(*, boards: int = 2) -> FpgaBoard:
+def _chained_fpga_board_end(*, boards: int = 2) -> FpgaBoardEnd:
     """Return the end of a chain of *boards*, 1 to 16."""
-    return FpgaBoard(chained_rules(boards), boards)
+    return FpgaBoardEnd(chained_fpga_rules(boards), boards)
 
 
-def _chained_host(*, boards: int = 2) -> FpgaHost:
+def _chained_fpga_host_end(*, boards: int = 2) -> FpgaHostEnd:
     """Return the host's end for a chain of *boards*, 1 to 16."""
-    return FpgaHost(chained_rules(boards), boards)
+    return FpgaHostEnd(chained_fpga_rules(boards), boards)
 
 
-def chained_rules(boards: int) -> FpgaByteRules:
+def chained_fpga_rules(boards: int) -> FpgaByteRules:
     """Return the rules of a chain of *boards*, 1 to 16."""
     if not 1 <= boards <= MAX_BOARDS:
         raise LocalProtocolError(f"a chain of {boards} boards; it has 1 to {MAX_BOARDS}")
@@ -147,8 +147,8 @@ SIMPLE: Final = Dialect(
     steps=32,
     channels=CHANNELS,
     frame_bytes=lambda boards: (CHANNELS + 2) * boards,
-    board=_fpga_board,
-    host=_fpga_host,
+    board=_fpga_board_end,
+    host=_fpga_host_end,
     signature=re.compile(rb"(?<![\xa0-\xbf])\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
     display=lambda _: FpgaDisplay(RULES[FALLS_THROUGH], 32),
 )
@@ -159,8 +159,8 @@ SIMPLE_128: Final = Dialect(
     steps=128,
     channels=CHANNELS_128,
     frame_bytes=lambda boards: (CHANNELS_128 + 2) * boards,
-    board=functools.partial(FpgaBoard, RULES_128),
-    host=functools.partial(FpgaHost, RULES_128),
+    board=functools.partial(FpgaBoardEnd, RULES_128),
+    host=functools.partial(FpgaHostEnd, RULES_128),
     signature=re.compile(rb"\xfe[\x00-\x80]{72}\xfd"),
     display=lambda _: FpgaDisplay(RULES_128, 128),
 )
@@ -171,8 +171,8 @@ CHAINED: Final = Dialect(
     steps=32,
     channels=CHANNELS,
     frame_bytes=lambda boards: (CHANNELS + 1) * boards + 1,
-    board=_chained_board,
-    host=_chained_host,
+    board=_chained_fpga_board_end,
+    host=_chained_fpga_host_end,
     signature=re.compile(rb"(?<!\xfe)(?:[\xc0-\xcf][\x00-\x20]{256})+\xfd"),
-    display=lambda boards: FpgaDisplay(chained_rules(boards), 32, boards),
+    display=lambda boards: FpgaDisplay(chained_fpga_rules(boards), 32, boards),
 )

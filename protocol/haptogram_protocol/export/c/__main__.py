@@ -10,7 +10,7 @@ from . import write_c_headers
 _FOLDER = Path(__file__).resolve().parents[3] / "c"
 
 
-def main(arguments: list[str] | None = None) -> int:
+def c_export_main(arguments: list[str] | None = None) -> int:
     """Rewrite the headers; return the exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m haptogram_protocol.export.c",
@@ -26,4 +26,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(c_export_main())

@@ -118,31 +118,31 @@ def c_wire_header() -> str:
     """Return the text of ``haptogram.h``."""
     parts = [
         _TOP,
-        _constants(),
-        _title("Enumerations"),
-        *(_enumeration(kind) for kind in PREFIXES),
-        _counters(),
-        _title("Layouts"),
-        *(_layout(record) for record in ALL if record.WIRE),
-        _messages(),
-        _allowed(),
+        _c_constants(),
+        _c_title("Enumerations"),
+        *(_c_enumeration(kind) for kind in PREFIXES),
+        _c_counters(),
+        _c_title("Layouts"),
+        *(_c_layout(record) for record in ALL if record.WIRE),
+        _c_messages(),
+        _c_allowed_messages(),
         _ACCESS,
         _END,
     ]
     return "\n".join(parts)
 
 
-def _title(text: str) -> str:
+def _c_title(text: str) -> str:
     return f"/* --- {text} {'-' * (89 - len(text))} */\n"
 
 
-def _constants() -> str:
+def _c_constants() -> str:
     lines = [f"#define HG_{name} {value}u" for name, value in CONSTANTS.items()]
     lines.append(f"#define HG_DESCRIPTION_HASH {description_hash():#010x}u")
     return "\n".join(lines) + "\n"
 
 
-def _enumeration(kind: type[enum.IntEnum] | type[enum.IntFlag]) -> str:
+def _c_enumeration(kind: type[enum.IntEnum] | type[enum.IntFlag]) -> str:
     summary = str(kind.__doc__).splitlines()[0]
     lines = [c_comment(summary), f"enum hg_{c_snake_name(kind.__name__)} {{"]
     for number, member in enumerate(c_members(kind), 1):
@@ -152,7 +152,7 @@ def _enumeration(kind: type[enum.IntEnum] | type[enum.IntFlag]) -> str:
     return "\n".join([*lines, "};", ""])
 
 
-def _counters() -> str:
+def _c_counters() -> str:
     names = list(m.Counters.WIRE)
     lines = [
         c_comment("Place of each counter in STATUS; also why a frame was dropped (HG-9.2)."),
@@ -166,11 +166,11 @@ def _counters() -> str:
     return "\n".join([*lines, ""])
 
 
-def _layout(record: type[Record]) -> str:
+def _c_layout(record: type[Record]) -> str:
     upper, lower = c_upper_name(record), c_lower_name(record)
     struct = f"struct hg_wire_{lower}"
     size = record.LAYOUT.size
-    members = [_member(name, field) for name, field in record.WIRE.items()]
+    members = [_c_layout_member(name, field) for name, field in record.WIRE.items()]
     offsets = [
         f"#define HG_OFFSET_{upper}_{name.upper()} {field.offset}u"
         for name, field in record.WIRE.items()
@@ -194,13 +194,13 @@ def _layout(record: type[Record]) -> str:
     )
 
 
-def _member(name: str, field: WireField) -> str:
+def _c_layout_member(name: str, field: WireField) -> str:
     if field.record is not None:
         return c_described(f"    struct hg_wire_{c_lower_name(field.record)} {name};", field.doc)
     return c_described(f"    uint8_t {c_member_name(name)}[{field.size}];", field.doc)
 
 
-def _messages() -> str:
+def _c_messages() -> str:
     rows = []
     for kind in m.MESSAGES.values():
         tail = kind.TAIL
@@ -213,7 +213,7 @@ def _messages() -> str:
     return "\n".join([c_comment(text), c_macro("HG_MESSAGES", rows), ""])
 
 
-def _allowed() -> str:
+def _c_allowed_messages() -> str:
     rows = [
         f"{kind.TYPE.name}, {offset}, {mask:#06x}"
         for kind in m.MESSAGES.values()

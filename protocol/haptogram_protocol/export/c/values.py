@@ -39,38 +39,38 @@ _TOP = """\
 
 def c_values_header() -> str:
     """Return the text of ``haptogram_messages.h``."""
-    structs = [_struct(record) for record in ALL if record.WIRE]
-    return "\n".join([_TOP, *structs, _fields(), _tails(), "#endif\n"])
+    structs = [_c_struct(record) for record in ALL if record.WIRE]
+    return "\n".join([_TOP, *structs, _c_fields(), _c_tails(), "#endif\n"])
 
 
-def _struct(record: type[Record]) -> str:
+def _c_struct(record: type[Record]) -> str:
     lower = c_lower_name(record)
     parameter = f"struct hg_{lower}"
     return "\n".join(
         [
-            c_comment(_summary(record)),
+            c_comment(_c_summary(record)),
             f"{parameter} {{",
             *(
-                c_described(f"    {_member(name, field)};", field.doc)
-                for name, field in _items(record)
+                c_described(f"    {_c_struct_member(name, field)};", field.doc)
+                for name, field in _c_items(record)
             ),
             "};",
             "",
-            *_signature(f"hg_{lower}_read", f"{parameter} *value", "const uint8_t *from"),
+            *_c_signature(f"hg_{lower}_c_read", f"{parameter} *value", "const uint8_t *from"),
             "{",
-            *(f"    {_read(name, field)};" for name, field in _items(record)),
+            *(f"    {_c_read(name, field)};" for name, field in _c_items(record)),
             "}",
             "",
-            *_signature(f"hg_{lower}_write", "uint8_t *to", f"const {parameter} *value"),
+            *_c_signature(f"hg_{lower}_c_write", "uint8_t *to", f"const {parameter} *value"),
             "{",
-            *(f"    {_write(name, field)};" for name, field in _items(record)),
+            *(f"    {_c_write(name, field)};" for name, field in _c_items(record)),
             "}",
             "",
         ]
     )
 
 
-def _signature(name: str, first: str, second: str) -> list[str]:
+def _c_signature(name: str, first: str, second: str) -> list[str]:
     line = f"static inline void {name}({first}, {second})"
     if len(line) <= 100:
         return [line]
@@ -78,16 +78,16 @@ def _signature(name: str, first: str, second: str) -> list[str]:
     return [line[: line.index(second)].rstrip(), f"{indent}{second})"]
 
 
-def _items(record: type[Record]) -> Iterator[tuple[str, WireField]]:
+def _c_items(record: type[Record]) -> Iterator[tuple[str, WireField]]:
     return ((c_member_name(name), field) for name, field in record.WIRE.items())
 
 
-def _summary(record: type[Record]) -> str:
+def _c_summary(record: type[Record]) -> str:
     name = record.TYPE.name if issubclass(record, m.Message) else record.__name__
     return f"{name}: {str(record.__doc__).splitlines()[0]}"
 
 
-def _member(name: str, field: WireField) -> str:
+def _c_struct_member(name: str, field: WireField) -> str:
     if field.record is not None:
         return f"struct hg_{c_lower_name(field.record)} {name}"
     if is_c_text(field):
@@ -95,25 +95,25 @@ def _member(name: str, field: WireField) -> str:
     return f"{SCALARS[field.code][0]} {name}"
 
 
-def _read(name: str, field: WireField) -> str:
+def _c_read(name: str, field: WireField) -> str:
     if field.record is not None:
-        return f"hg_{c_lower_name(field.record)}_read(&value->{name}, from + {field.offset})"
+        return f"hg_{c_lower_name(field.record)}_c_read(&value->{name}, from + {field.offset})"
     if is_c_text(field):
         return f"memcpy(value->{name}, from + {field.offset}, {field.size})"
     return f"value->{name} = hg_get_{SCALARS[field.code][1]}(from + {field.offset})"
 
 
-def _write(name: str, field: WireField) -> str:
+def _c_write(name: str, field: WireField) -> str:
     if field.record is not None:
-        return f"hg_{c_lower_name(field.record)}_write(to + {field.offset}, &value->{name})"
+        return f"hg_{c_lower_name(field.record)}_c_write(to + {field.offset}, &value->{name})"
     if is_c_text(field):
         return f"memcpy(to + {field.offset}, value->{name}, {field.size})"
     return f"hg_put_{SCALARS[field.code][1]}(to + {field.offset}, value->{name})"
 
 
-def _fields() -> str:
+def _c_fields() -> str:
     rows = [
-        f"{c_upper_name(record)}, {name}, {offset}, {_kind(form)}"
+        f"{c_upper_name(record)}, {name}, {offset}, {_c_kind(form)}"
         for record in ALL
         for name, offset, form in c_leaves(record)
     ]
@@ -124,11 +124,11 @@ def _fields() -> str:
     return "\n".join([c_comment(text), c_macro("HG_FIELDS", rows), ""])
 
 
-def _kind(form: WireField) -> str:
+def _c_kind(form: WireField) -> str:
     return "TEXT" if is_c_text(form) else SCALARS[form.code][1].upper()
 
 
-def _tails() -> str:
+def _c_tails() -> str:
     rows = [
         f"{kind.TYPE.name}, {kind.TAIL.name}, "
         f"{c_upper_name(kind.TAIL.record) if kind.TAIL.record else 'BYTES'}"

@@ -11,7 +11,7 @@ from .schema import wire_description
 from .spec import update_spec
 
 
-def main(arguments: list[str] | None = None) -> int:
+def tables_export_main(arguments: list[str] | None = None) -> int:
     """Rewrite SPEC.md, or print the description; return the exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m haptogram_protocol.export.tables",
@@ -29,4 +29,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(tables_export_main())

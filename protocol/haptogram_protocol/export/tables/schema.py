@@ -65,20 +65,20 @@ def wire_description() -> dict[str, Any]:
             }
             for kind in ENUMERATIONS
         },
-        "records": {record.__name__: _record(record) for record in RECORDS},
+        "records": {record.__name__: _described_record(record) for record in RECORDS},
         "messages": {
-            kind.TYPE.name: {"type": int(kind.TYPE), **_record(kind)}
+            kind.TYPE.name: {"type": int(kind.TYPE), **_described_record(kind)}
             for kind in m.MESSAGES.values()
         },
     }
 
 
-def _record(record: type[Record]) -> dict[str, Any]:
+def _described_record(record: type[Record]) -> dict[str, Any]:
     tail = record.TAIL
     return {
         "doc": spec_summary(record),
         "size": record.LAYOUT.size,
-        "fields": [_field(name, field) for name, field in record.WIRE.items()],
+        "fields": [_described_field(name, field) for name, field in record.WIRE.items()],
         "tail": tail
         and {
             "name": tail.name,
@@ -90,7 +90,7 @@ def _record(record: type[Record]) -> dict[str, Any]:
     }
 
 
-def _field(name: str, field: WireField) -> dict[str, Any]:
+def _described_field(name: str, field: WireField) -> dict[str, Any]:
     return {
         "name": name,
         "offset": field.offset,
@@ -122,13 +122,15 @@ def description_hash() -> int:
 
     Words do not matter: two ends whose comments differ understand each other.
     """
-    text = json.dumps(_without_docs(wire_description()), sort_keys=True, separators=(",", ":"))
+    text = json.dumps(
+        _description_without_docs(wire_description()), sort_keys=True, separators=(",", ":")
+    )
     return zlib.crc32(text.encode("ascii"))
 
 
-def _without_docs(value: Any) -> Any:
+def _description_without_docs(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _without_docs(item) for key, item in value.items() if key != "doc"}
+        return {key: _description_without_docs(item) for key, item in value.items() if key != "doc"}
     if isinstance(value, list):
-        return [_without_docs(item) for item in value]
+        return [_description_without_docs(item) for item in value]
     return value

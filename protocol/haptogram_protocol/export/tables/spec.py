@@ -21,12 +21,12 @@ from .schema import CONSTANTS, ENUMERATIONS, description_hash, spec_summary, spe
 from .worked import EXCHANGE, WORKED_FRAMES, worked_spec_frame
 
 
-def _table(head: list[str], rows: list[list[str]]) -> str:
+def _spec_table(head: list[str], rows: list[list[str]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _record_table(name: str) -> str:
+def _spec_record_table(name: str) -> str:
     """Return the byte table of a record or message, given the name of its class."""
     record = getattr(m, name)
     rows = [
@@ -43,73 +43,78 @@ def _record_table(name: str) -> str:
     return (
         head
         + spec_summary(record)
-        + ("\n\n" + _table(["offset", "size", "type", "field", "meaning"], rows) if rows else "")
+        + (
+            "\n\n" + _spec_table(["offset", "size", "type", "field", "meaning"], rows)
+            if rows
+            else ""
+        )
     )
 
 
-def _enumeration_table(name: str) -> str:
+def _spec_enumeration_table(name: str) -> str:
     """Return the table of an enumeration of :data:`ENUMERATIONS`."""
     kind = next(kind for kind in ENUMERATIONS if kind.__name__ == name)
     flags = issubclass(kind, enum.IntFlag)
     rows = [
-        [f"{int(member):#x}" if flags else str(int(member)), f"`{member.name}`", _doc(member)]
+        [f"{int(member):#x}" if flags else str(int(member)), f"`{member.name}`", _spec_doc(member)]
         for member in kind
     ]
-    return _table(["bit" if flags else "value", "name", "meaning"], rows)
+    return _spec_table(["bit" if flags else "value", "name", "meaning"], rows)
 
 
-def _doc(member: enum.IntEnum | enum.IntFlag) -> str:
+def _spec_doc(member: enum.IntEnum | enum.IntFlag) -> str:
     return str(getattr(member, "doc", ""))
 
 
-def _types_table(_: str = "") -> str:
+def _spec_types_table(_: str = "") -> str:
     """Return the table of all message types."""
     rows = [
-        [f"`{kind.TYPE:#04x}`", kind.TYPE.name, _length(kind), spec_summary(kind)]
+        [f"`{kind.TYPE:#04x}`", kind.TYPE.name, _spec_length(kind), spec_summary(kind)]
         for kind in m.MESSAGES.values()
     ]
-    return _table(["type", "name", "payload, bytes", "what it is"], rows)
+    return _spec_table(["type", "name", "payload, bytes", "what it is"], rows)
 
 
-def _length(kind: type[m.Message]) -> str:
+def _spec_length(kind: type[m.Message]) -> str:
     if not kind.TAIL:
         return str(kind.LAYOUT.size)
     tail = f"{kind.TAIL.unit} n" if kind.TAIL.unit > 1 else "n"
     return f"{kind.LAYOUT.size} + {tail}" if kind.LAYOUT.size else tail
 
 
-def _transitions(
+def _spec_transitions(
     table: Mapping[Any, enum.Enum], states: type[enum.Enum], inputs: type[enum.Enum]
 ) -> str:
     rows = [
-        [event.name, *(_target(table.get((state, event))) for state in states)] for event in inputs
+        [event.name, *(_spec_target_state(table.get((state, event))) for state in states)]
+        for event in inputs
     ]
-    return _table(["input \\ state", *(state.name for state in states)], rows)
+    return _spec_table(["input \\ state", *(state.name for state in states)], rows)
 
 
-def _target(state: enum.Enum | None) -> str:
+def _spec_target_state(state: enum.Enum | None) -> str:
     return state.name if state is not None else "-"
 
 
-def _output_table(_: str = "") -> str:
+def _spec_output_table(_: str = "") -> str:
     """Return the transition table of the board's output."""
-    return _transitions(OUTPUT_TRANSITIONS, OutputState, OutputInput)
+    return _spec_transitions(OUTPUT_TRANSITIONS, OutputState, OutputInput)
 
 
-def _link_table(_: str = "") -> str:
+def _spec_link_table(_: str = "") -> str:
     """Return the transition table of the host's link."""
-    return _transitions(LINK_TRANSITIONS, LinkState, LinkInput)
+    return _spec_transitions(LINK_TRANSITIONS, LinkState, LinkInput)
 
 
-def _constants_table(_: str = "") -> str:
+def _spec_constants_table(_: str = "") -> str:
     """Return the table of the numbers that both ends must agree on."""
-    return _table(
+    return _spec_table(
         ["constant", "value", "hex"],
         [[f"`{name}`", str(value), f"`{value:#x}`"] for name, value in CONSTANTS.items()],
     )
 
 
-def _hash_line(_: str = "") -> str:
+def _spec_hash_line(_: str = "") -> str:
     """Return the description hash of this version."""
     return f"`description_hash` of this version: `{description_hash():#010x}`."
 
@@ -117,46 +122,47 @@ def _hash_line(_: str = "") -> str:
 # --- Worked frames and exchange (chapter 13) -----------------------------------------------------
 
 
-def _frames_text(_: str = "") -> str:
+def _spec_frames_text(_: str = "") -> str:
     """Return every worked frame in hex: header and payload, then the bytes on the line."""
     parts = []
     for number, title in enumerate(WORKED_FRAMES, 1):
         body, wire = worked_spec_frame(title)
         parts.append(
-            f"**Frame {number}.** {title}.\n\n```\nbody {_hex(body)}\nline {_hex(wire)}\n```"
+            f"**Frame {number}.** {title}.\n\n"
+            f"```\nbody {_spec_hex(body)}\nline {_spec_hex(wire)}\n```"
         )
     return "\n\n".join(parts)
 
 
-def _exchange_text(_: str = "") -> str:
+def _spec_exchange_text(_: str = "") -> str:
     """Return the worked exchange: when, who, what, and header and payload in hex."""
     lines = ["   us  from"]
     for step in EXCHANGE:
         lines.append(f"{step.t_us:5}  {'host ' if step.from_host else 'board'}  {step.words}")
-        lines += [f"{'':14}{line}" for line in _rows(step.body)]
+        lines += [f"{'':14}{line}" for line in _spec_hex_rows(step.body)]
     return "```\n" + "\n".join(lines) + "\n```"
 
 
-def _hex(data: bytes) -> str:
-    return "\n     ".join(_rows(data))
+def _spec_hex(data: bytes) -> str:
+    return "\n     ".join(_spec_hex_rows(data))
 
 
-def _rows(data: bytes, width: int = 24) -> list[str]:
+def _spec_hex_rows(data: bytes, width: int = 24) -> list[str]:
     return [data[i : i + width].hex(" ") for i in range(0, len(data), width)]
 
 
 # --- SPEC.md -----------------------------------------------------------------------------------
 
 _GENERATORS: Final[Mapping[str, Callable[[str], str]]] = {
-    "record": _record_table,
-    "enumeration": _enumeration_table,
-    "types": _types_table,
-    "output-states": _output_table,
-    "link-states": _link_table,
-    "constants": _constants_table,
-    "hash": _hash_line,
-    "frames": _frames_text,
-    "exchange": _exchange_text,
+    "record": _spec_record_table,
+    "enumeration": _spec_enumeration_table,
+    "types": _spec_types_table,
+    "output-states": _spec_output_table,
+    "link-states": _spec_link_table,
+    "constants": _spec_constants_table,
+    "hash": _spec_hash_line,
+    "frames": _spec_frames_text,
+    "exchange": _spec_exchange_text,
 }
 
 _BLOCK: Final = re.compile(

@@ -121,7 +121,7 @@ _DEFAULT: Final = m.Config()
 _TRACED: Final = m.Config(status_period_ms=0, trace_mode=m.TraceMode.CRC)
 
 
-def _config_crc(config: m.Config) -> int:
+def _worked_config_crc(config: m.Config) -> int:
     return zlib.crc32(config.pack() + bytes(len(_ELEMENTS)))  # HG-7.1/5
 
 
@@ -158,73 +158,75 @@ _IDENTITY: Final = m.HelloReply(
     latch_lead_us=0,
     point_time_us=0,
     boot_id=1,
-    config_crc=_config_crc(_DEFAULT),
+    config_crc=_worked_config_crc(_DEFAULT),
     firmware="example 1",
 )
 
 
-def _wire_us(t_us: int) -> int:
+def _worked_wire_us(t_us: int) -> int:
     """Return a time since the start as it stands on the wire."""
     return (_BOOT_US + t_us) & 0xFFFFFFFF
 
 
-def _host(
+def _worked_host_step(
     t_us: int, words: str, message: m.Message, seq: int, session: int = _SESSION, time_us: int = 0
 ) -> WorkedStep:
     return WorkedStep(t_us, words, message, {"seq": seq, "session": session, "time_us": time_us})
 
 
-def _board(t_us: int, words: str, message: m.Message, seq: int) -> WorkedStep:
-    header = {"seq": seq, "session": _SESSION, "time_us": _wire_us(t_us)}
+def _worked_board_step(t_us: int, words: str, message: m.Message, seq: int) -> WorkedStep:
+    header = {"seq": seq, "session": _SESSION, "time_us": _worked_wire_us(t_us)}
     return WorkedStep(t_us, words, message, header)
 
 
 #: From HELLO to the first latch and MUTE: a board of 2 x 2 transducers that has just started.
 EXCHANGE: Final[tuple[WorkedStep, ...]] = (
-    _host(
+    _worked_host_step(
         1004,
         "HELLO: the host's first request, seq 0, no session yet",
         m.Hello(m.VERSION_MAJOR, m.VERSION_MINOR, _SESSION, _HASH),
         seq=0,
         session=0,
     ),
-    _board(
+    _worked_board_step(
         1004,
         "HELLO_REPLY: seq of the request, session open, DISARMED",
         _IDENTITY,
         seq=0,
     ),
-    _host(
+    _worked_host_step(
         2004, "SET_CONFIG: TRACE for every latch, no STATUS by itself", m.SetConfig(_TRACED), seq=1
     ),
-    _board(
+    _worked_board_step(
         2004,
         "SET_CONFIG_REPLY: what is in force",
-        m.SetConfigReply(_config_crc(_TRACED), _TRACED),
+        m.SetConfigReply(_worked_config_crc(_TRACED), _TRACED),
         seq=1,
     ),
-    _host(3004, "PING: what time is it", m.Ping(7), seq=2),
-    _board(3004, "PONG", m.Pong(7, _wire_us(3004), _wire_us(3004)), seq=2),
-    _host(4004, "ARM", m.Arm(), seq=3),
-    _board(
+    _worked_host_step(3004, "PING: what time is it", m.Ping(7), seq=2),
+    _worked_board_step(
+        3004, "PONG", m.Pong(7, _worked_wire_us(3004), _worked_wire_us(3004)), seq=2
+    ),
+    _worked_host_step(4004, "ARM", m.Arm(), seq=3),
+    _worked_board_step(
         4004,
         "ARM_REPLY: ARMED, and silent until the first latch",
         m.ArmReply(OutputState.ARMED),
         seq=3,
     ),
-    _host(
+    _worked_host_step(
         5004,
         "PHASES: the first stream frame, seq 0xFFF0, t_apply 10 ms after the start; no answer",
         m.Phases(_EIGHT, 0, _PHASES),
         seq=m.FIRST_STREAM_SEQ,
-        time_us=_wire_us(10_000),
+        time_us=_worked_wire_us(10_000),
     ),
-    _board(
+    _worked_board_step(
         10_004,
         "TRACE: the first event, seq 0; latched at the next multiple of 25 us of the clock",
         m.Trace(m.FIRST_STREAM_SEQ, zlib.crc32(_PHASES + b"\xff" * len(_PHASES))),
         seq=0,
     ),
-    _host(12_004, "MUTE", m.Mute(), seq=4),
-    _board(12_004, "MUTE_REPLY: MUTED", m.MuteReply(OutputState.MUTED), seq=4),
+    _worked_host_step(12_004, "MUTE", m.Mute(), seq=4),
+    _worked_board_step(12_004, "MUTE_REPLY: MUTED", m.MuteReply(OutputState.MUTED), seq=4),
 )

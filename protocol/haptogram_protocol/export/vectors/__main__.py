@@ -10,7 +10,7 @@ from . import write_vectors
 _FOLDER = Path(__file__).resolve().parents[3] / "vectors"
 
 
-def main(arguments: list[str] | None = None) -> int:
+def vectors_export_main(arguments: list[str] | None = None) -> int:
     """Rewrite the vectors; return the exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m haptogram_protocol.export.vectors",
@@ -26,4 +26,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(vectors_export_main())

@@ -21,16 +21,16 @@ _E = m.ErrorCode
 def dialogue_vectors() -> list[dict[str, Any]]:
     """Return every vector of ``dialogues-typed.json``."""
     scripts = (
-        _before_a_session(),
-        _other_versions(),
-        _control_wraps(),
-        _first_latch(),
-        _amplitude_zero(),
+        _vector_before_session(),
+        _vector_of_other_versions(),
+        _vector_of_control_wraps(),
+        _vector_of_first_latch(),
+        _vector_of_amplitude_zero(),
     )
     return [script.finish() for script in scripts]
 
 
-def _before_a_session() -> DialogueScript:
+def _vector_before_session() -> DialogueScript:
     s = DialogueScript(
         "before-a-session",
         "HG-4.1/1 HG-4.7/1 HG-4.12/1 HG-6.1/1 HG-6.4/1",
@@ -48,7 +48,7 @@ def _before_a_session() -> DialogueScript:
     return s
 
 
-def _other_versions() -> DialogueScript:
+def _vector_of_other_versions() -> DialogueScript:
     s = DialogueScript(
         "other-versions",
         "HG-4.4/1 HG-11.2/2 HG-11.3/1",
@@ -65,7 +65,7 @@ def _other_versions() -> DialogueScript:
     return s
 
 
-def _control_wraps() -> DialogueScript:
+def _vector_of_control_wraps() -> DialogueScript:
     s = DialogueScript("control-wraps", "HG-3.6/1 HG-4.8/3", "wrap", "request numbers wrap at 2^16")
     s.open_session()
     for seq in (0x4000, 0x7FFF, 0xBFFF, 0xFFFE, 0xFFFF, 0, 1):
@@ -75,7 +75,7 @@ def _control_wraps() -> DialogueScript:
     return s
 
 
-def _first_latch() -> DialogueScript:
+def _vector_of_first_latch() -> DialogueScript:
     s = DialogueScript(
         "first-latch",
         "HG-4.1/1 HG-4.8/4 HG-3.6/3 HG-3.6/4 HG-5.8/1 HG-8.3/1",
@@ -95,7 +95,7 @@ def _first_latch() -> DialogueScript:
     return s
 
 
-def _amplitude_zero() -> DialogueScript:
+def _vector_of_amplitude_zero() -> DialogueScript:
     s = DialogueScript(
         "amplitude-zero", "HG-5.3/2", "layout", "a drive of amplitude 0 is latched as any other"
     )

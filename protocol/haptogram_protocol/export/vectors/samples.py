@@ -13,20 +13,20 @@ from haptogram_protocol.record import Record, WireField
 Choice = Callable[[int, bool], int]  # number of bits, whether signed -> value
 
 
-def _least(bits: int, signed: bool) -> int:
+def _least_vector_value(bits: int, signed: bool) -> int:
     return -(1 << (bits - 1)) if signed else 0
 
 
-def _most(bits: int, signed: bool) -> int:
+def _most_vector_value(bits: int, signed: bool) -> int:
     return (1 << (bits - 1 if signed else bits)) - 1
 
 
-def _ordered(bits: int, _: bool) -> int:
+def _ordered_vector_value(bits: int, _: bool) -> int:
     """Return bytes 01 02 03 ... in their order on the wire: a swapped pair is seen at once."""
     return int.from_bytes(range(1, bits // 8 + 1), "little")
 
 
-def _random(seed: str) -> Choice:
+def _random_vector_value(seed: str) -> Choice:
     source = random.Random(seed)
 
     def choose(bits: int, signed: bool) -> int:
@@ -49,27 +49,31 @@ HOW: Final[Mapping[str, str]] = {
 
 def vector_sample(kind: type[m.Message], how: str) -> m.Message:
     """Return a message of *kind*; *how* is one of :data:`HOW`."""
-    choices = {"least": _least, "most": _most, "ordered": _ordered}
-    choose = choices.get(how) or _random(kind.__name__)
-    made: m.Message = _record(kind, how, choose)
+    choices = {
+        "least": _least_vector_value,
+        "most": _most_vector_value,
+        "ordered": _ordered_vector_value,
+    }
+    choose = choices.get(how) or _random_vector_value(kind.__name__)
+    made: m.Message = _vector_record(kind, how, choose)
     return made
 
 
-def _record(kind: type[Record], how: str, choose: Choice) -> Any:
-    values = {name: _value(field, how, choose) for name, field in kind.WIRE.items()}
+def _vector_record(kind: type[Record], how: str, choose: Choice) -> Any:
+    values = {name: _vector_value(field, how, choose) for name, field in kind.WIRE.items()}
     if tail := kind.TAIL:
         count = max(tail.least, _UNITS[how])
         if tail.record:
-            items = tuple(_record(tail.record, how, choose) for _ in range(count))
+            items = tuple(_vector_record(tail.record, how, choose) for _ in range(count))
             values[tail.name] = items
         else:
             values[tail.name] = bytes(choose(8, False) for _ in range(count * tail.unit))
     return kind(**values)
 
 
-def _value(field: WireField, how: str, choose: Choice) -> Any:
+def _vector_value(field: WireField, how: str, choose: Choice) -> Any:
     if field.record:
-        return _record(field.record, how, choose)
+        return _vector_record(field.record, how, choose)
     if field.code.endswith("s"):
         return _TEXTS[how]
     if field.enumeration:

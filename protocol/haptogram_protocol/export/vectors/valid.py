@@ -12,10 +12,10 @@ from ..tables.worked import WORKED_FRAMES, worked_spec_frame
 from .samples import HOW, vector_sample
 from .vector import (
     SESSION,
-    frame_outcome,
     vector_body,
     vector_ending_in_run,
     vector_entry,
+    vector_frame_outcome,
     vector_wire,
 )
 
@@ -37,19 +37,25 @@ _SAMPLE_FLAGS: Final = {
 
 def valid_frame_vectors() -> list[dict[str, Any]]:
     """Return every vector of ``frames-valid.json``."""
-    return [*_worked(), *_samples(), *_runs(), *_arrays(), _fullest()]
+    return [
+        *_worked_vectors(),
+        *_sample_vectors(),
+        *_run_vectors(),
+        *_array_vectors(),
+        _fullest_vector(),
+    ]
 
 
-def _worked() -> Iterator[dict[str, Any]]:
+def _worked_vectors() -> Iterator[dict[str, Any]]:
     for number, (title, (message, _)) in enumerate(WORKED_FRAMES.items(), 1):
         body, line = worked_spec_frame(title)
-        outcome = [frame_outcome(message, body)]
+        outcome = [vector_frame_outcome(message, body)]
         yield vector_entry(
             f"valid/worked/{number}", line, outcome, "HG-2.1/1 HG-3.1/1", "worked-frame", title
         )
 
 
-def _samples() -> Iterator[dict[str, Any]]:
+def _sample_vectors() -> Iterator[dict[str, Any]]:
     for kind in m.MESSAGES.values():
         for how, about in HOW.items():
             message = vector_sample(kind, how)
@@ -57,65 +63,71 @@ def _samples() -> Iterator[dict[str, Any]]:
             yield vector_entry(
                 f"valid/{kind.TYPE.name.lower()}/{how}",
                 vector_wire(body),
-                [frame_outcome(message, body)],
+                [vector_frame_outcome(message, body)],
                 "HG-2.2/1 HG-2.4/1 HG-3.2/1 HG-3.2/3",
                 _SAMPLE_FLAGS[how],
                 f"{kind.TYPE.name}: {about}",
             )
 
 
-def _runs() -> Iterator[dict[str, Any]]:
+def _run_vectors() -> Iterator[dict[str, Any]]:
     """Yield runs without a zero around the 254 bytes of a full COBS piece."""
     for length in (*range(236, 262), 500, 508, 512, 762, 1016):
         chunk = m.UploadChunk(0x01010101, bytes([0xAA]) * length)
         body = vector_body(chunk, seq=0x0101, time_us=0x01010101)
         text = f"{length} bytes of data, no zero in the whole body"
-        yield _run(f"no-zero-{length}", chunk, body, text)
+        yield _run_vector(f"no-zero-{length}", chunk, body, text)
     for length in (253, 254, 255):
         chunk = m.UploadChunk(0, bytes([0x55]) * length + bytes(1) + bytes([0x55]) * 3)
         text = f"a zero behind {length} bytes without one"
-        yield _run(f"zero-behind-{length}", chunk, vector_body(chunk), text)
+        yield _run_vector(f"zero-behind-{length}", chunk, vector_body(chunk), text)
     for length in (249, 250, 251):
         chunk, body = vector_ending_in_run(length)
-        yield _run(f"ends-{length}", chunk, body, f"ends in {length} bytes of data and the CRC")
+        yield _run_vector(
+            f"ends-{length}", chunk, body, f"ends in {length} bytes of data and the CRC"
+        )
 
 
-def _run(name: str, chunk: m.UploadChunk, body: bytes, text: str) -> dict[str, Any]:
+def _run_vector(name: str, chunk: m.UploadChunk, body: bytes, text: str) -> dict[str, Any]:
     return vector_entry(
         f"valid/cobs/{name}",
         vector_wire(body),
-        [frame_outcome(chunk, body)],
+        [vector_frame_outcome(chunk, body)],
         "HG-2.2/1",
         "cobs-254",
         text,
     )
 
 
-def _arrays() -> Iterator[dict[str, Any]]:
+def _array_vectors() -> Iterator[dict[str, Any]]:
     """Yield stream frames of arrays of many sizes."""
     for count in (1, 2, 63, 64, 100, 255, 256, 257, 512, 1024):
         codes = bytes(n * 37 % 256 for n in range(count))
         for bits in m.PhaseFormat:
             packed = m.pack_phases(bytes(code >> (8 - bits) for code in codes), bits)
             message = m.Phases(bits, 0, packed)
-            yield _stream(f"phases-{bits}-{count}", message, f"{count} phases of {bits} bits")
+            yield _stream_vector(
+                f"phases-{bits}-{count}", message, f"{count} phases of {bits} bits"
+            )
         drives = m.Drives(_EIGHT, 0, codes + codes[::-1])
-        yield _stream(f"drives-{count}", drives, f"phases and amplitudes of {count} transducers")
+        yield _stream_vector(
+            f"drives-{count}", drives, f"phases and amplitudes of {count} transducers"
+        )
 
 
-def _stream(name: str, message: m.Message, text: str) -> dict[str, Any]:
+def _stream_vector(name: str, message: m.Message, text: str) -> dict[str, Any]:
     body = vector_body(message, seq=m.FIRST_STREAM_SEQ, time_us=0xFF676980)
     return vector_entry(
         f"valid/array/{name}",
         vector_wire(body),
-        [frame_outcome(message, body)],
+        [vector_frame_outcome(message, body)],
         "HG-5.2/1",
         "array-size",
         text,
     )
 
 
-def _fullest() -> dict[str, Any]:
+def _fullest_vector() -> dict[str, Any]:
     size = MAX_BODY_BYTES - m.Header.LAYOUT.size - m.UploadChunk.LAYOUT.size
     chunk = m.UploadChunk(0x01010101, bytes([0xA5]) * size)
     body = vector_body(chunk, flags=0x01, seq=0x0101, time_us=0x01010101)
@@ -123,7 +135,7 @@ def _fullest() -> dict[str, Any]:
     return vector_entry(
         "valid/longest",
         vector_wire(body),
-        [frame_outcome(chunk, body)],
+        [vector_frame_outcome(chunk, body)],
         "HG-2.6/1 HG-2.6/2",
         "buffer",
         text,

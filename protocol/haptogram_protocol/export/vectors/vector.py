@@ -46,7 +46,7 @@ def _vector_header_of(body: bytes) -> dict[str, int]:
     return vector_fields_of(m.Header.unpack(body[:HEADER_BYTES]))
 
 
-def frame_outcome(message: m.Message, body: bytes) -> Outcome:
+def vector_frame_outcome(message: m.Message, body: bytes) -> Outcome:
     """Return the outcome of a frame that is taken."""
     return {
         "frame": {
@@ -58,12 +58,12 @@ def frame_outcome(message: m.Message, body: bytes) -> Outcome:
     }
 
 
-def dropped_outcome(reason: str) -> Outcome:
+def vector_dropped_outcome(reason: str) -> Outcome:
     """Return the outcome of bytes that are no frame; *reason* is the counter."""
     return {"drop": reason}
 
 
-def rejected_outcome(reason: str, body: bytes, offset: int = 0) -> Outcome:
+def vector_rejected_outcome(reason: str, body: bytes, offset: int = 0) -> Outcome:
     """Return the outcome of a frame without damage whose message is wrong at *offset*."""
     return {"reject": reason, "header": _vector_header_of(body), "offset": offset}
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics.model.boards.grids import AUTD3
-from sim_device.dialects.autd3.foci import read_foci
+from sim_device.dialects.autd3.foci import read_autd3_foci
 
 STEP_MM = 0.025
 PLACES = [
@@ -54,7 +54,7 @@ def phase_of(pattern, column, row, sound_speed) -> int:
 
 @given(pattern=patterns, sound_speed=st.integers(300 * 64, 380 * 64))
 def test_phases_are_those_of_whole_numbers(pattern, sound_speed) -> None:
-    foci = read_foci(packed(pattern), len(pattern), sound_speed)
+    foci = read_autd3_foci(packed(pattern), len(pattern), sound_speed)
     phases, intensities = foci.drive(0)
     assert len(foci) == 1
     assert set(intensities.tolist()) == {pattern[0][3]}
@@ -69,7 +69,7 @@ def test_phases_are_those_of_whole_numbers(pattern, sound_speed) -> None:
 def test_one_focus_arrives_in_phase(target_mm) -> None:
     """By the geometry of the layout: the elements of the board are those of its firmware."""
     point = [round(value / STEP_MM) for value in target_mm]
-    foci = read_foci(packed([(*point, 255)]), 1, 340 * 64)
+    foci = read_autd3_foci(packed([(*point, 255)]), 1, 340 * 64)
     phases, _ = foci.drive(0)
     distances = np.linalg.norm(AUTD3.array().positions_m - np.array(target_mm) * 1e-3, axis=1)
     total = sum(
@@ -81,7 +81,7 @@ def test_one_focus_arrives_in_phase(target_mm) -> None:
 
 def test_patterns_are_read_in_order() -> None:
     pattern = [(1, 2, 4000, 9), (-5, 6, 4000, 7)]
-    foci = read_foci(packed(pattern + pattern[::-1]), 2, 340 * 64)
+    foci = read_autd3_foci(packed(pattern + pattern[::-1]), 2, 340 * 64)
     assert len(foci) == 2
     assert foci.drive(0)[1][0] == 9
     assert foci.drive(1)[1][0] == 7

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from haptogram_protocol.dialects.autd3.frame import DeviceState
-from haptogram_protocol.dialects.autd3.link import Autd3Board
+from haptogram_protocol.dialects.autd3.link import Autd3BoardEnd
 from haptogram_protocol.dialects.autd3.messages import Accepted, States
-from sim_device.dialects.autd3.silenced import SilencedUnit
+from sim_device.dialects.autd3.silenced import Autd3SilencedUnit
 from sim_device.dialects.autd3.unit import Autd3Unit
 
 DATA = Path(__file__).parents[3] / "data" / "dialects" / "autd3" / "pyautd3_38.0.1.json"
@@ -39,7 +39,7 @@ def played(name, kind=Autd3Unit, **options):
     sent = CASES[name]["sent"]
     first = sent[0][0] - EARLIER
     unit = kind(0, system_ns=first * PERIOD_US * 1000, **options)
-    board, replies = Autd3Board(), []
+    board, replies = Autd3BoardEnd(), []
     for period, packed in sent[:-1]:
         t_us = (period - first) * PERIOD_US - 1
         for operation in board.receive_data(unpacked(packed)):
@@ -65,7 +65,7 @@ def expected(name):
     ("name", "kind"),
     [
         *((name, Autd3Unit) for name in sorted(CASES.keys() - SILENCED - BY_THE_HDL)),
-        *((name, SilencedUnit) for name in sorted(CASES.keys() - BY_THE_HDL)),
+        *((name, Autd3SilencedUnit) for name in sorted(CASES.keys() - BY_THE_HDL)),
     ],
 )
 def test_every_period_has_the_pulses_of_the_emulator(name: str, kind) -> None:
@@ -83,7 +83,7 @@ def test_every_period_has_the_pulses_of_the_emulator(name: str, kind) -> None:
 
 
 def test_latches_on_the_way_come_every_250_us_and_the_last_one_has_the_cause() -> None:
-    _, latches, _, first = played("silenced", SilencedUnit, periods_between_latches=10)
+    _, latches, _, first = played("silenced", Autd3SilencedUnit, periods_between_latches=10)
     shown = dict(zip((p for p, _, _ in expected("silenced")), expected("silenced"), strict=True))
     for latch in latches:
         period = latch.t_latch_us // PERIOD_US + first

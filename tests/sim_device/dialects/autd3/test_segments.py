@@ -6,13 +6,13 @@ from hypothesis import strategies as st
 
 from haptogram_protocol.dialects.autd3.operations import ErrorCode, Silencer, TransitionMode
 from sim_device.dialects.autd3.refusals import (
-    Limits,
-    segment_refusal,
-    silencer_refusal,
-    time_refusal,
-    transition_refusal,
+    Autd3Limits,
+    autd3_segment_refusal,
+    autd3_silencer_refusal,
+    autd3_time_refusal,
+    autd3_transition_refusal,
 )
-from sim_device.dialects.autd3.segments import PERIOD_NS, Sampling, SwapChain
+from sim_device.dialects.autd3.segments import PERIOD_NS, Autd3Sampling, Autd3SwapChain
 
 MODES = list(TransitionMode)
 
@@ -21,7 +21,7 @@ class PeriodByPeriod:
     """The state machine of stm_swapchain.sv, one step a period."""
 
     def __init__(self) -> None:
-        self.samplings = [Sampling(), Sampling()]
+        self.samplings = [Autd3Sampling(), Autd3Sampling()]
         self.segment, self.offset, self.ticks = 0, 0, None
         self.waiting = None
         self.ext = False
@@ -74,7 +74,7 @@ class PeriodByPeriod:
 
 
 samplings = st.builds(
-    Sampling, st.integers(1, 4), st.integers(2, 5), st.sampled_from([0, 1, 2, 0xFFFF])
+    Autd3Sampling, st.integers(1, 4), st.integers(2, 5), st.sampled_from([0, 1, 2, 0xFFFF])
 )
 swaps = st.lists(
     st.tuples(
@@ -86,7 +86,7 @@ swaps = st.lists(
 
 @given(swaps=swaps, stops=st.sets(st.integers(0, 150)), start=st.integers(1, 50))
 def test_segments_are_those_of_a_look_at_every_period(swaps, stops, start) -> None:
-    reference, chain = PeriodByPeriod(), SwapChain()
+    reference, chain = PeriodByPeriod(), Autd3SwapChain()
     due = {}
     at = start
     for gap, segment, sampling, mode, ahead in swaps:
@@ -119,14 +119,14 @@ WAITING = {TransitionMode.SYNC_INDEX, TransitionMode.SYSTEM_TIME, TransitionMode
 @pytest.mark.parametrize("segment", [0, 1])
 @pytest.mark.parametrize("repeat", [0, 3, 0xFFFF])
 def test_a_transition_fits_or_is_error_8(mode, segment, repeat) -> None:
-    found = transition_refusal(0, segment, repeat, mode)
+    found = autd3_transition_refusal(0, segment, repeat, mode)
     must_wait = segment == 1 and repeat != 0xFFFF
     fits = mode == TransitionMode.LATER or (mode in WAITING) == must_wait
     assert found == (ErrorCode.NONE if fits else ErrorCode.INVALID_TRANSITION_MODE)
 
 
 def test_a_transition_that_does_not_exist_is_error_8() -> None:
-    assert transition_refusal(0, 1, 0, 0x55) == ErrorCode.INVALID_TRANSITION_MODE
+    assert autd3_transition_refusal(0, 1, 0, 0x55) == ErrorCode.INVALID_TRANSITION_MODE
 
 
 @pytest.mark.parametrize(
@@ -140,18 +140,18 @@ def test_a_transition_that_does_not_exist_is_error_8() -> None:
     ],
 )
 def test_dividers_suit_a_strict_silencer_or_are_error_7(sequence, modulation, strict, error):
-    assert silencer_refusal(Limits(strict), sequence, modulation) == error
-    lower = Limits.of(Silencer(False, strict, 9, 9), Limits())
-    assert silencer_refusal(lower, max(9, sequence), max(9, modulation)) == 0
-    assert Limits.of(Silencer(True, True, 1, 1), Limits()) == Limits(False)
+    assert autd3_silencer_refusal(Autd3Limits(strict), sequence, modulation) == error
+    lower = Autd3Limits.of(Silencer(False, strict, 9, 9), Autd3Limits())
+    assert autd3_silencer_refusal(lower, max(9, sequence), max(9, modulation)) == 0
+    assert Autd3Limits.of(Silencer(True, True, 1, 1), Autd3Limits()) == Autd3Limits(False)
 
 
 @given(st.integers(0, 2**64 - 1), st.integers(0, 2**63), st.sampled_from(MODES))
 def test_a_time_is_10_ms_ahead_or_error_6(value_ns, now_ns, mode) -> None:
     late = mode == TransitionMode.SYSTEM_TIME and value_ns - now_ns < 10_000_000
-    assert time_refusal(mode, value_ns, now_ns) == (6 if late else 0)
+    assert autd3_time_refusal(mode, value_ns, now_ns) == (6 if late else 0)
 
 
 def test_a_segment_is_there_and_holds_what_is_asked_for_or_error_5() -> None:
-    assert [segment_refusal(number) for number in (0, 1, 2, 255)] == [0, 0, 5, 5]
-    assert segment_refusal(1, is_of_kind=False) == ErrorCode.INVALID_SEGMENT_TRANSITION
+    assert [autd3_segment_refusal(number) for number in (0, 1, 2, 255)] == [0, 0, 5, 5]
+    assert autd3_segment_refusal(1, is_of_kind=False) == ErrorCode.INVALID_SEGMENT_TRANSITION

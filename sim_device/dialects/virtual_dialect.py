@@ -8,7 +8,7 @@ from typing import Protocol
 from ..board.events import AnyLatch, Notice
 
 
-class Endpoint(Protocol):
+class VirtualDialect(Protocol):
     """One board, or all boards on one line, behind the end of that line.
 
     Time is device time, unwrapped, in microseconds; bytes that come at a moment find everything
@@ -43,7 +43,7 @@ class Endpoint(Protocol):
         """Bytes that the board takes now; None if nothing holds its client back."""
         ...
 
-    def next_end(self, data: bytes, at: int) -> int:
+    def next_frame_end(self, data: bytes, at: int) -> int:
         """Return the index behind the first byte of *data* from *at* on that may end a message."""
         ...
 
