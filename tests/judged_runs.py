@@ -76,12 +76,12 @@ def lose(latch: Observation) -> None:
 
 
 def delay(latch: Observation) -> Observation:
-    """The board latches the frame 400 us after its time."""
+    """The board latches the frame 400 µs after its time."""
     return dataclasses.replace(latch, t_latch_us=latch.t_latch_us + 400, late=True)
 
 
 def hurry(latch: Observation) -> Observation:
-    """The board latches the frame 50 us before its time."""
+    """The board latches the frame 50 µs before its time."""
     return dataclasses.replace(latch, t_latch_us=latch.t_latch_us - 50)
 
 

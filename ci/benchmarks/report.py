@@ -159,7 +159,7 @@ def notes(info):
     if "nodes" in info:
         said.append(f"{info['nodes']} nodes")
     if "median_error_um" in info:
-        said.append(f"median error {info['median_error_um']:.1f} um")
+        said.append(f"median error {info['median_error_um']:.1f} µm")
     if "found" in info:
         said.append(f"found {info['found']}")
     return ", ".join(said)
@@ -185,8 +185,8 @@ def case_key(entry):
 
 
 def duration(seconds):
-    for unit, scale in (("s", 1.0), ("ms", 1e3), ("us", 1e6)):
-        if seconds * scale >= 1.0 or unit == "us":
+    for unit, scale in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)):
+        if seconds * scale >= 1.0 or unit == "µs":
             return f"{seconds * scale:.3g} {unit}"
     raise AssertionError
 

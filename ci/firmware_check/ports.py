@@ -41,7 +41,7 @@ PORTS: Final = {
     port.name: port
     for port in (
         Port("musca_b1", "musca-b1", 1_000_000),
-        # A byte of this USART is a turn of QEMU's main loop: 50 us or more.
+        # A byte of this USART is a turn of QEMU's main loop: 50 µs or more.
         Port("netduinoplus2", "netduinoplus2", 115_200),
     )
 }

@@ -51,7 +51,7 @@ class Session(Protocol):
         """Send *datagram*; raise AUTDError if a device refuses it."""
 
     def wait(self, periods: int) -> None:
-        """Let *periods* of 25 us pass."""
+        """Let *periods* of 25 µs pass."""
 
     def system_time(self, periods: int) -> Any:
         """Return the system time in *periods* from now."""
@@ -280,7 +280,7 @@ class Emulated:
 
 
 def system_time(periods: int) -> Any:
-    """Return the system time that *periods* of 25 us make."""
+    """Return the system time that *periods* of 25 µs make."""
     return autd3.DcSysTime.ZERO + autd3.Duration.from_nanos(periods * PERIOD_NS)
 
 

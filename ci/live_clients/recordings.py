@@ -1,6 +1,6 @@
 """What pyautd3 sent and what autd3's own emulator made of it, as test data.
 
-The file has a row for each case: ``sent`` (period of 25 us and bytes), ``changes`` (period, number
+The file has a row for each case: ``sent`` (period of 25 µs and bytes), ``changes`` (period, number
 of the phases in ``phases``, pulse widths in 1/512 period) and ``refusals``. Bytes are compressed by
 zlib, in base64.
 """

@@ -75,19 +75,19 @@ def _beside_c(
 
 def _lateness_goals(run: BenchRun, beside: NDArray[np.float64] | None) -> list[Goal]:
     own, spin_us = run.stages_us["wake"], run.config.spin_us
-    name = f"spin of {spin_us} us" if spin_us else "asleep"
+    name = f"spin of {spin_us} µs" if spin_us else "asleep"
     label = f"1 kHz, {run.config.seconds:g} s, {name}"
     p50, tail = _percentile(own, 50.0), _percentile(own, 99.9)
     if beside is None:
-        return [Goal(f"{label}: lateness p99.9", f"{tail:.1f} us", _NO_COMPILER, "<= 2x C", None)]
+        return [Goal(f"{label}: lateness p99.9", f"{tail:.1f} µs", _NO_COMPILER, "<= 2x C", None)]
     c50, c_tail = _percentile(beside, 50.0), _percentile(beside, 99.9)
-    limit, met = ("<= 1 us", p50 <= 1.0) if spin_us else ("none", None)
+    limit, met = ("<= 1 µs", p50 <= 1.0) if spin_us else ("none", None)
     return [
-        Goal(f"{label}: lateness p50", f"{p50:.1f} us", f"C {c50:.1f} us", limit, met),
+        Goal(f"{label}: lateness p50", f"{p50:.1f} µs", f"C {c50:.1f} µs", limit, met),
         Goal(
             f"{label}: lateness p99.9",
-            f"{tail:.0f} us",
-            f"C {c_tail:.0f} us",
+            f"{tail:.0f} µs",
+            f"C {c_tail:.0f} µs",
             "<= 2x C",
             tail <= 2 * c_tail,
         ),
@@ -165,8 +165,8 @@ def _trip_goal(trips_us: NDArray[np.float64], beside: NDArray[np.float64] | None
     c_us = None if beside is None else float(np.median(beside))
     return Goal(
         "round trip of the driver, p50",
-        f"{own:.0f} us",
-        _NO_COMPILER if c_us is None else f"C ping-pong {c_us:.0f} us",
+        f"{own:.0f} µs",
+        _NO_COMPILER if c_us is None else f"C ping-pong {c_us:.0f} µs",
         "<= 1.4x C",
         None if c_us is None else own <= 1.4 * c_us,
     )

@@ -133,7 +133,7 @@ class LockstepPort:
         for events in (False, True):
             one, other = ([f for f in frames if is_event(f) is events] for frames in (ours, theirs))
             if one != other and not self.disagreement:
-                self.disagreement = f"at {at_us} us one board sent {one}, the other {other}"
+                self.disagreement = f"at {at_us} µs one board sent {one}, the other {other}"
 
 
 def is_event(frame: Frame) -> bool:

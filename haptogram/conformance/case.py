@@ -48,7 +48,7 @@ class Case:
     needs_reset : bool
         Whether the case begins with a board that has just started.
     before_wrap_us : int
-        For a case that waits until the clock passes 2^32 us, 10 s after a reset: how long before
+        For a case that waits until the clock passes 2^32 µs, 10 s after a reset: how long before
         that it has to begin.  Other cases may run between the reset and then.
     needs_session : bool
         Whether a session is opened before the case; else the board's state is unknown.

@@ -42,8 +42,8 @@ def playback_period_us(rate_hz: float, identity: HelloReply) -> int:
     period_us = round(US_PER_S / rate_hz)
     if abs(US_PER_S / period_us - rate_hz) > 1e-9 * rate_hz:
         raise ConfigurationError(
-            f"rate is {rate_hz:g} Hz, a period of {US_PER_S / rate_hz:.6g} us; playback takes "
-            f"whole microseconds: {period_us} us are {US_PER_S / period_us:.9g} Hz"
+            f"rate is {rate_hz:g} Hz, a period of {US_PER_S / rate_hz:.6g} µs; playback takes "
+            f"whole microseconds: {period_us} µs are {US_PER_S / period_us:.9g} Hz"
         )
     return period_us
 
@@ -87,12 +87,12 @@ class PlaybackTiming:
         ready_us = max(frame.ready_after_us(identity) for frame in frames)
         if self.lead_us <= ready_us:
             raise ConfigurationError(
-                f"lead is {self.lead_us} us; the board takes {ready_us} us to make a frame ready"
+                f"lead is {self.lead_us} µs; the board takes {ready_us} µs to make a frame ready"
             )
         computing_us = max(frame.computing_us(identity) for frame in frames)
         if self.period_us < computing_us:
             raise ConfigurationError(
-                f"period is {self.period_us} us; the board takes {computing_us} us to compute a "
+                f"period is {self.period_us} µs; the board takes {computing_us} µs to compute a "
                 "frame of these focal points"
             )
 

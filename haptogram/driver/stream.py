@@ -305,7 +305,7 @@ class _Run:
         clock = self._pinger.clock
         if clock.jumps != self._jumps and abs(clock.jump_us) > _TOLERATED_JUMP_US:
             raise LinkError(
-                f"{self._link.url}: the board's clock jumped by {clock.jump_us} us, noticed after "
+                f"{self._link.url}: the board's clock jumped by {clock.jump_us} µs, noticed after "
                 f"{self.ticks.count} frames: what is queued and to come has wrong times"
             )
         return clock.to_host_ns(due_us - self.lead_us)

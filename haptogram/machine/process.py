@@ -21,7 +21,7 @@ _PRIORITY: Final = 50  # of SCHED_FIFO: above ordinary threads of the kernel, be
 def real_time_process(*, strict: bool = False) -> Iterator[list[str]]:
     """Keep the garbage collector out, and let timers end when they should, while inside.
 
-    A collection of a large program takes 10 to 100 ms; the kernel groups wake-ups within 50 us
+    A collection of a large program takes 10 to 100 ms; the kernel groups wake-ups within 50 µs
     (the slack of a timer) unless it is told not to.  Both need no rights.
 
     Parameters

@@ -150,7 +150,7 @@ def _by_element(name: str, texts: tuple[str, ...], count: int) -> list[float]:
         except ValueError:
             value_us = math.nan
         if not 0.0 <= value_us < math.inf:
-            raise SettingError(name, f"is {text!r}, must be ELEMENT=US with 0 us or more")
+            raise SettingError(name, f"is {text!r}, must be ELEMENT=US with 0 µs or more")
         for place in range(count) if element == "all" else [_element(name, element, count)]:
             found[place] = value_us
     return found

@@ -44,7 +44,7 @@ _SIGNS: Final = {
     "PPM": "ppm",
     "RAD": "rad",
     "S": "s",
-    "US": "us",
+    "US": "µs",
     "X,Y,Z": "mm",
 }
 

@@ -179,7 +179,7 @@ class Board:
 
     def _refuse_past(self, t_us: int) -> None:
         if t_us < self.output.now_us:
-            raise ValueError(f"board is at {self.output.now_us} us, cannot go back to {t_us} us")
+            raise ValueError(f"board is at {self.output.now_us} µs, cannot go back to {t_us} µs")
 
     def _next_due(self) -> Due | None:
         """Return the next action; at one time, latches come before timers."""
@@ -372,8 +372,8 @@ class Board:
         too_fast = limits.max_playback_rate_hz * period_us < 1_000_000
         if too_fast or period_us < points * limits.point_time_us:
             text = (
-                f"period of {period_us} us, limit {limits.max_playback_rate_hz} Hz, and "
-                f"{limits.point_time_us} us for each of {points} points"
+                f"period of {period_us} µs, limit {limits.max_playback_rate_hz} Hz, and "
+                f"{limits.point_time_us} µs for each of {points} points"
             )
             raise RefusalError(ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset, text)
 
@@ -385,7 +385,7 @@ class Board:
             raise RefusalError(ErrorCode.BAD_VALUE, offset, text)
         last_us = self.output.now_us + limits.max_horizon_us
         if start_us is not None and not ready_us <= start_us <= last_us:
-            text = f"start at {start_us} us, {ready_us} to {last_us} us"
+            text = f"start at {start_us} µs, {ready_us} to {last_us} µs"
             raise RefusalError(ErrorCode.BAD_VALUE, 0, text)
 
     def stop(self) -> None:

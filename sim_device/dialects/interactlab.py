@@ -1,7 +1,7 @@
 """Boards of InteractLab: a FIFO of frames that empties by itself.
 
 The first byte of the FIFO that the board reads starts a frame; it looks again *divider* periods of
-25 us later, and at once for a frame that comes while it has nothing to do. What is shown changes on
+25 µs later, and at once for a frame that comes while it has nothing to do. What is shown changes on
 the next boundary of a period. An underrun keeps the last frame. A second after power-up the board
 shows an off-frame, and reads only from then on. Whenever less than one frame has waited for a
 second, the FIFO is cleared: every second while no frame comes, so a frame that is under way at such

@@ -31,7 +31,7 @@ def faulty_clock(plan: FaultPlan, healthy: DeviceClock) -> DeviceClock:
     if boot_us < 0:
         raise ConfigurationError(
             f"{_listed_faults(plan.named('clock.offset'))}: the device's clock would start at "
-            f"{boot_us} us, must be 0 or more"
+            f"{boot_us} µs, must be 0 or more"
         )
     steps = [
         ClockChange(f.from_ns, step_us=_clock_fault_amount(f)) for f in plan.named("clock.step")

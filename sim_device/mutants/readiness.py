@@ -39,7 +39,7 @@ class LatchedBeforeItsLead(LyingMutant):
 
 
 class _Slow(Board):
-    """Needs 200 us to latch, and 300 us more for each focal point."""
+    """Needs 200 µs to latch, and 300 µs more for each focal point."""
 
     def __init__(self, settings: BoardSettings, *parts: Any) -> None:
         slow = dataclasses.replace(settings, latch_lead_us=_LEAD_US, point_time_us=_POINT_US)
@@ -119,7 +119,7 @@ class StatusOfTwoMoments(VirtualHaptogramDialect):
 
 
 class LateLatchesUnsaid(Board):
-    """Takes drives 100 us after their time and reports the time that was scheduled."""
+    """Takes drives 100 µs after their time and reports the time that was scheduled."""
 
     _late_us = 100
 

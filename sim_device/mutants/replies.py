@@ -78,7 +78,7 @@ class CarrierOfNoWholePeriod(LyingMutant):
 
 
 class HorizonBehindTheWrap(LyingMutant):
-    """Advertises a horizon of 2^31 us, at which before and after cannot be told apart."""
+    """Advertises a horizon of 2^31 µs, at which before and after cannot be told apart."""
 
     def lie(self, _: Any) -> dict[str, Any]:
         """Return another horizon."""

@@ -58,7 +58,7 @@ class TwoOnOneBoundary(OutputStage):
 
 
 class LateWindowOf16Bits(Board):
-    """Takes the late window modulo 65536 us."""
+    """Takes the late window modulo 65536 µs."""
 
     def _refuse(self, frame: StreamFrame) -> Drop | None:
         dropped = super()._refuse(frame)
@@ -84,7 +84,7 @@ class LateSticks(Board):
 
 
 class TimesOf24Bits(VirtualHaptogramDialect):
-    """Takes the times of stream frames modulo 2^24 us, which is less than its horizon."""
+    """Takes the times of stream frames modulo 2^24 µs, which is less than its horizon."""
 
     def _unwrap(self, t_wire_us: int | None) -> int | None:
         t_us = super()._unwrap(t_wire_us)

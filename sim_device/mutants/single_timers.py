@@ -65,7 +65,7 @@ def _mutant_timer_of_width(field: str, unit_us: int, bits: int) -> type[OutputTi
 
     words = "".join(word.capitalize() for word in field.removesuffix("_ms").split("_"))
     OfWidth.__name__ = f"{words}Of{bits}BitsOf{unit_us}Us"
-    OfWidth.__doc__ = f"Keeps {field} in {bits} bits of {unit_us} us."
+    OfWidth.__doc__ = f"Keeps {field} in {bits} bits of {unit_us} µs."
     return OfWidth
 
 

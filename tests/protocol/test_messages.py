@@ -141,7 +141,7 @@ def test_the_sizes_that_firmware_is_built_on() -> None:
             )
         )
         == 276
-    )  # 920 us at 3 Mbaud
+    )  # 920 µs at 3 Mbaud
     assert [packed_size(256, bits) for bits in PHASE_FORMAT_BIT] == [256, 192, 160]
 
 

@@ -42,7 +42,7 @@ from vector_recorder.boards import CBoard
 
 SESSION, COUNT, LATE_US = 0x0C97, 4, 7
 BOOT_US = 2**32 - 10_000_000
-T_US = 1004  # a multiple of 25 us of the device clock
+T_US = 1004  # a multiple of 25 µs of the device clock
 
 
 class Host:

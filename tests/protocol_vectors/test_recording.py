@@ -95,7 +95,7 @@ def pings_later(board):
 
 def test_boards_that_disagree_end_the_recording():
     assert record(pings, Off()) is not None
-    with pytest.raises(ValueError, match=r"HG-4.11/1: at 1001004 us one board sent .*PONG"):
+    with pytest.raises(ValueError, match=r"HG-4.11/1: at 1001004 µs one board sent .*PONG"):
         record(pings_later, Off())
 
 

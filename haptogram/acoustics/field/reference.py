@@ -158,7 +158,7 @@ def _gain(
 ) -> FloatArray:
     """Return the directivity of each element toward each point, from its own normal."""
     normals, directivity = model.array.normals, model.transducer.directivity
-    if hasattr(directivity, "gain_towards"):  # isinstance of a Protocol takes 20 us
+    if hasattr(directivity, "gain_towards"):  # isinstance of a Protocol takes 20 µs
         directions = np.stack(offsets, axis=-1) / distance[..., None]
         oriented = cast("OrientedDirectivity", directivity)
         return oriented.gain_towards(directions, normals, model.wavenumber)

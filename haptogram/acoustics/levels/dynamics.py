@@ -81,8 +81,8 @@ class Resonator:
     Examples
     --------
     >>> lag = Resonator.from_bandwidth(2000.0)
-    >>> f"{1e6 * lag.time_constant_s:.0f} us"
-    '276 us'
+    >>> f"{1e6 * lag.time_constant_s:.0f} µs"
+    '276 µs'
     """
 
     time_constant_s: float

@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _elements(found: CaptureDrives) -> Iterator[str]:
     titles = f"{'channel':<12}{'element':>8}{'edges':>10}{'duty':>18}"
-    yield f"{titles}{'period us':>12}{'jitter ns':>11}"
+    yield f"{titles}{'period µs':>12}{'jitter ns':>11}"
     for row in found.elements:
         yield _element(row)
 
@@ -104,7 +104,7 @@ def _element(row: ElementDrives) -> str:
 def _latches(found: CaptureDrives) -> Iterator[str]:
     from haptogram.evidence.captures.findings import is_silent_after
 
-    yield f"{'latch':<7}{'at ms':>12}{'channels':>10}{'within us':>11}"
+    yield f"{'latch':<7}{'at ms':>12}{'channels':>10}{'within µs':>11}"
     for number, latch in enumerate(found.latches):
         torn = "  torn" if found.is_torn(latch) else ""
         silent = "  silent from here" if is_silent_after(found, number) else ""

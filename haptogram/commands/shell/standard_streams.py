@@ -12,13 +12,44 @@ import io
 import os
 import sys
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 from .exit_status import USAGE
+
+#: Signs that not every terminal has (LANG=C without UTF-8), and what stands for them there.
+_PLAIN: Final = str.maketrans(
+    {"µ": "u", "–": "-", "−": "-", "×": "x", "°": " deg ", "±": "+-", "…": "...", "π": "pi"}
+)
+
+
+def writable_text(text: str, encoding: str, errors: str = "strict") -> str:
+    """Return *text* as a stream can write it: in plain signs where it has no others.
+
+    Examples
+    --------
+    >>> writable_text("25 µs", "utf-8"), writable_text("25 µs", "ascii")
+    ('25 µs', '25 µs')
+    """
+    if _can_encode(text, encoding, "strict"):
+        return text
+    plain = text.translate(_PLAIN)
+    if _can_encode(plain, encoding, errors):
+        return plain
+    return plain.encode(encoding, "backslashreplace").decode(encoding)
+
+
+def _can_encode(text: str, encoding: str, errors: str) -> bool:
+    try:
+        text.encode(encoding, errors)
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 class PatientStream:
     """A text stream that keeps its first error instead of raising it, and drops what follows.
+
+    It writes in plain signs what the encoding of the stream does not have.
 
     Attributes
     ----------
@@ -43,7 +74,8 @@ class PatientStream:
 
     def write(self, text: str) -> int:
         """Write *text*, if that is possible."""
-        self._attempt(lambda: self._stream.write(text))
+        encoding, errors = self._stream.encoding or "utf-8", self._stream.errors or "strict"
+        self._attempt(lambda: self._stream.write(writable_text(text, encoding, errors)))
         return len(text)
 
     def write_bytes(self, content: bytes) -> int:

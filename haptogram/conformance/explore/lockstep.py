@@ -136,10 +136,10 @@ class Lockstep:
         slots = max((action.slot for action in actions), default=0) + 4
         for slot in range(slots):
             batch = self._batch(host, [a for a in actions if a.slot == slot])
-            lines += [f"{slot * SLOT_US:>8} us  {a.text}: {wire.hex()}" for a, wire in batch]
+            lines += [f"{slot * SLOT_US:>8} µs  {a.text}: {wire.hex()}" for a, wire in batch]
             found = self._slot(host, slot, b"".join(wire for _, wire in batch), base)
             if found:
-                return Played(f"{slot * SLOT_US} us after the start {found}", tuple(lines))
+                return Played(f"{slot * SLOT_US} µs after the start {found}", tuple(lines))
         return Played("", tuple(lines))
 
     def _batch(self, host: Host, actions: Sequence[Action]) -> list[tuple[Action, bytes]]:

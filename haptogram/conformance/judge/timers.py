@@ -51,7 +51,7 @@ def check_status_steps(
     """FAILED unless the STATUS at these device times are a period apart, within 1 ms."""
     steps = [later - earlier for earlier, later in itertools.pairwise(times_us)]
     off = [step for step in steps if abs(step - period_ms * _MS) > EXACT_US]
-    text = f"status_period_ms = {period_ms}{name and ', '}{name}: steps of {off} us"
+    text = f"status_period_ms = {period_ms}{name and ', '}{name}: steps of {off} µs"
     check_in_time(board, not off, text)
 
 

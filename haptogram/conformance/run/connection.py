@@ -88,7 +88,7 @@ class SuiteConnection:
 
     @property
     def until_wrap_us(self) -> int:
-        """Time until the clock of a board that was just reset passes 2^32 us; else negative."""
+        """Time until the clock of a board that was just reset passes 2^32 µs; else negative."""
         clock = self.board.clock
         return (1 << 32) - clock.device_estimate_us() if clock.booted and not self.lost else -1
 

@@ -155,7 +155,7 @@ class SuiteRunner:
         yield from waiting
 
     def _is_wrap_near(self, case: Case) -> bool:
-        """Return True if the clock passes 2^32 us soon, and late enough for a case about that."""
+        """Return True if the clock passes 2^32 µs soon, and late enough for a case about that."""
         until_us = self._connection.until_wrap_us
         return case.before_wrap_us <= until_us < case.before_wrap_us + _EARLY_US
 

@@ -9,7 +9,7 @@ from haptogram.driver.line.port import Transport
 
 from ..explore.stepped_process import SteppedProcess
 
-#: Rate that cases reckon with where bytes take no time: the longest frame takes less than 1 us.
+#: Rate that cases reckon with where bytes take no time: the longest frame takes less than 1 µs.
 NO_LINE_BAUD: Final = 50_000_000_000
 _START_NS: Final = 1_004_000  # a carrier boundary: 2^32 - 10 s is none
 

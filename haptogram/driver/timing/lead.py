@@ -44,7 +44,7 @@ def sufficient_lead_us(delays_us: list[int], *, frames: int, miss_share: float) 
     -----
     A report tells the worst of its frames only.  So the worst report may be exceeded if one frame
     may be late, the second worst if two may, and so on: if a report held several late frames the
-    guard on top (a quarter, and 200 us) is all there is.
+    guard on top (a quarter, and 200 µs) is all there is.
     """
     ranked = sorted(delays_us, reverse=True)
     worst_us = max(0, ranked[min(int(miss_share * frames), len(ranked) - 1)])

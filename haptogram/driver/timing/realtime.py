@@ -71,8 +71,8 @@ def check_spin(spin_ns: int, period_ns: int) -> None:
     longest_ns = period_ns // _SPIN_SHARE
     if not 0 <= spin_ns <= longest_ns:
         raise ConfigurationError(
-            f"spin_us is {spin_ns / 1e3:g} us; at {1e9 / period_ns:g} Hz it can be 0 to "
-            f"{longest_ns / 1e3:g} us, a quarter of the period"
+            f"spin_us is {spin_ns / 1e3:g} µs; at {1e9 / period_ns:g} Hz it can be 0 to "
+            f"{longest_ns / 1e3:g} µs, a quarter of the period"
         )
 
 

@@ -75,26 +75,26 @@ class Schedule:
         if computing_us > self.period_us:
             raise ConfigurationError(
                 f"rate is {self.rate_hz:g} Hz; the board computes these focal points in "
-                f"{computing_us} us a frame: up to {US_PER_S / computing_us:g} frames/s"
+                f"{computing_us} µs a frame: up to {US_PER_S / computing_us:g} frames/s"
             )
         if self.lead_us > identity.max_horizon_us:
             raise ConfigurationError(
-                f"lead is {self.lead_us} us; the board looks {identity.max_horizon_us} us ahead"
+                f"lead is {self.lead_us} µs; the board looks {identity.max_horizon_us} µs ahead"
             )
         waiting = -(-self.lead_us // self.period_us)
         if waiting > identity.queue_depth:
             longest_us = int(identity.queue_depth * self.period_us)
             raise ConfigurationError(
-                f"a lead of {self.lead_us} us at {self.rate_hz:g} Hz keeps {waiting} frames "
+                f"a lead of {self.lead_us} µs at {self.rate_hz:g} Hz keeps {waiting} frames "
                 f"waiting; the board's queue holds {identity.queue_depth}: lead up to "
-                f"{longest_us} us"
+                f"{longest_us} µs"
             )
         line_us = -(-size * 10 * US_PER_S // baudrate)
         ready_us = max(frame.ready_after_us(identity) for frame in frames)
         if self.lead_us <= line_us + ready_us:
-            board = f", and the board {ready_us} us to make them ready" if ready_us else ""
+            board = f", and the board {ready_us} µs to make them ready" if ready_us else ""
             raise ConfigurationError(
-                f"lead is {self.lead_us} us; {size} bytes at {baudrate} baud take {line_us} us"
+                f"lead is {self.lead_us} µs; {size} bytes at {baudrate} baud take {line_us} µs"
                 f"{board}"
             )
 

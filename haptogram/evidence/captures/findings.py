@@ -51,8 +51,8 @@ def _torn_text(found: CaptureDrives, latch: LatchFound) -> str:
     shown = ", ".join(late[:4]) + (", ..." if len(late) > 4 else "")
     return (
         f"{len(late)} of {len(latch.changes)} channels ({shown}) "
-        f"{found.seconds(latch.skew) * 1e6:.1f} us later than the first, "
-        f"may be {found.seconds(found.period) * 1e6:.1f} us"
+        f"{found.seconds(latch.skew) * 1e6:.1f} µs later than the first, "
+        f"may be {found.seconds(found.period) * 1e6:.1f} µs"
     )
 
 

@@ -191,7 +191,7 @@ CHANNELS: Final = {
             "a frame that the host intended, with the drive that it expects",
             **_KEY,
             number={"type": "integer", "description": "place among all frames"},
-            t_apply_us=_whole("device time at which it is due, us; null: as soon as complete"),
+            t_apply_us=_whole("device time at which it is due, µs; null: as soon as complete"),
             foci={"type": "array", "description": "x, y, z in metres, amplitude, phase in rad"},
             phase_codes=_text("base64, u8 for each element"),
             amplitude_codes=_text("base64, u8 for each element"),

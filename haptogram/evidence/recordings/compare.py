@@ -49,7 +49,7 @@ class Difference:
 
     def __str__(self) -> str:
         """Return it in a line."""
-        when = "" if self.t_us is None else f" at {self.t_us} us"
+        when = "" if self.t_us is None else f" at {self.t_us} µs"
         return f"{self.what}{when}: {self.detail}"
 
 

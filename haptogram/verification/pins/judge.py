@@ -127,8 +127,8 @@ class _PinJudge:
             self._find(
                 "torn",
                 f"frame {frame}: {len(behind)} of {int(usable[frame].sum())} pins (element "
-                f"{shown}) latch {apart[frame] * us:.0f} us or more after the first, may be "
-                f"{us:.0f} us",
+                f"{shown}) latch {apart[frame] * us:.0f} µs or more after the first, may be "
+                f"{us:.0f} µs",
             )
         if not usable.any(axis=1).any():
             self.not_judged["torn"] = "no two drives that the pins tell apart follow each other"
@@ -141,7 +141,7 @@ class _PinJudge:
             self.events.append(f"{frame}: not latched; the pins kept the drive they had")
         for frame in self._late_frames:
             late_us = self.shown.late[frame] * self._period_us
-            self.events.append(f"{frame}: latched {late_us:.0f} us after most others")
+            self.events.append(f"{frame}: latched {late_us:.0f} µs after most others")
 
     def _end(self) -> EndOfSound:
         """Judge how the output falls silent at the end."""

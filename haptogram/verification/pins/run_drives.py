@@ -67,8 +67,8 @@ class RunDrives:
         shortest = float(np.diff(starts).min(initial=np.inf))
         if shortest < LEAST_PERIODS:
             raise ConfigurationError(
-                f"a frame of {shortest / carrier_hz * 1e6:g} us is too short to be told from pins, "
-                f"must be {LEAST_PERIODS / carrier_hz * 1e6:g} us at least: "
+                f"a frame of {shortest / carrier_hz * 1e6:g} µs is too short to be told from pins, "
+                f"must be {LEAST_PERIODS / carrier_hz * 1e6:g} µs at least: "
                 f"{carrier_hz / LEAST_PERIODS:g} frames/s"
             )
         phases = np.stack([f.drive.phase_codes << (8 - f.drive.phase_bits) for f in intended])

@@ -136,8 +136,8 @@ def _sounding_after_mute(record: PinRecord, found: PinStops, mute: float) -> str
     last = max(found.rises[element] for element in late)
     until = "" if set(late) - set(found.sounding) else ", up to the end of the capture"
     return (
-        f"{listed_elements(late)} still on {(last - mute) * us:.0f} us after MUTE arrived, may be "
-        f"for {us:.0f} us{until}"
+        f"{listed_elements(late)} still on {(last - mute) * us:.0f} µs after MUTE arrived, may be "
+        f"for {us:.0f} µs{until}"
     )
 
 
@@ -149,7 +149,7 @@ def _together(record: PinRecord, found: PinStops, after: float | None) -> EndOfS
     if last - first > allowed:
         behind = [e for e, stop in found.stops.items() if stop - first > allowed]
         findings.append(
-            f"{listed_elements(behind)} fall silent {(last - first) * us:.0f} us after the first"
+            f"{listed_elements(behind)} fall silent {(last - first) * us:.0f} µs after the first"
         )
     return EndOfSound(
         tuple(findings), spread_periods=max(0.0, last - first - 1.0), after_mute_periods=after

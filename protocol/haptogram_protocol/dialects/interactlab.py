@@ -70,7 +70,7 @@ class QueueFrame(Operation):
     colour : int or None
         24 bits for the LEDs, if the frame sets them.
     divider : int or None
-        Frames come every *divider* periods of 25 us from this one on, if it sets that; 0 to 255.
+        Frames come every *divider* periods of 25 µs from this one on, if it sets that; 0 to 255.
     """
 
     phases: bytes

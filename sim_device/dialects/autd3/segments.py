@@ -1,4 +1,4 @@
-"""Which segment of a memory is out, and which of its samples, in each period of 25 us.
+"""Which segment of a memory is out, and which of its samples, in each period of 25 µs.
 
 Sequences and modulation have a memory of two segments each. A segment is sampled by the system time
 and not from its start: in period p sample (p // divider) mod length is out, so devices that share a

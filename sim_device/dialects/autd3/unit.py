@@ -2,9 +2,9 @@
 
 A latch is made when an operation shows other patterns, and whenever the pulses change by
 themselves: by the index of a sequence, by a step of the modulation, by a segment that starts or
-ends. What changes by itself makes a latch every 250 us at the most: 4 000 a second, the rate at
+ends. What changes by itself makes a latch every 250 µs at the most: 4 000 a second, the rate at
 which autd3 samples a modulation unless it is told otherwise. Of faster changes the latch shows the
-last. Samples that change nothing are looked at twice in 250 us at the most.
+last. Samples that change nothing are looked at twice in 250 µs at the most.
 
 The devices are synchronised from power-up on, so Sync changes nothing. What the client says of
 poses is kept for whoever asks; foci come in the coordinates of each device.
@@ -57,9 +57,9 @@ class Autd3Unit:
     devices : int
         How many there are; a client that opens another number is refused.
     system_ns : int
-        System time of the power-up, nanoseconds since 2000-01-01 UTC; rounded down to 25 us.
+        System time of the power-up, nanoseconds since 2000-01-01 UTC; rounded down to 25 µs.
     periods_between_latches : int
-        Periods of 25 us between latches that the devices make by themselves.
+        Periods of 25 µs between latches that the devices make by themselves.
 
     Attributes
     ----------

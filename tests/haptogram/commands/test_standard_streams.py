@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from haptogram.cli import main
-from haptogram.commands.shell.standard_streams import patient_standard_streams
+from haptogram.commands.shell.standard_streams import patient_standard_streams, writable_text
 
 FULL = Path("/dev/full")
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
@@ -84,3 +84,22 @@ def test_a_shell_may_close_standard_output() -> None:
     assert ended.returncode == 2
     assert ended.stderr.count("\n") == 1
     assert "--json -: standard output is closed" in ended.stderr
+
+
+@pytest.mark.parametrize(("encoding", "sign"), [("utf-8", "µs"), ("ascii", "us"), ("cp437", "µs")])
+def test_a_terminal_without_a_sign_shows_a_plain_one(encoding: str, sign: str) -> None:
+    command = "from haptogram.cli import main; raise SystemExit(main(['budget']))"
+    run = subprocess.run(
+        [sys.executable, "-c", command],
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+        check=False,
+    )
+    assert (run.returncode, run.stderr) == (0, b"")
+    assert f"times in {sign};" in run.stdout.decode(encoding)
+
+
+def test_a_complaint_is_plain_too_and_a_name_without_a_sign_is_escaped() -> None:
+    assert writable_text("--spin-us is 9 µs", "ascii", "backslashreplace") == "--spin-us is 9 µs"
+    assert writable_text("ä.csv", "ascii") == "\\xe4.csv"
+    assert writable_text("\udce4.csv", "ascii", "surrogateescape") == "\udce4.csv"

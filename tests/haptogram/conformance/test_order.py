@@ -1,4 +1,4 @@
-"""At a wall clock, cases that wait for 2^32 us run when others have used up the waiting time."""
+"""At a wall clock, cases that wait for 2^32 µs run when others have used up the waiting time."""
 
 import dataclasses
 

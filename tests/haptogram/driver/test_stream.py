@@ -266,7 +266,7 @@ def test_a_clock_that_jumps_ends_the_stream_with_an_error_and_never_hangs(jump_u
         lambda sent, rx, tx, received: add(sent, rx + jump_us, tx + jump_us, received),
     )
     driver.arm()
-    with pytest.raises(LinkError, match=r"clock jumped by -?\d+ us, noticed after"), driver:
+    with pytest.raises(LinkError, match=r"clock jumped by -?\d+ µs, noticed after"), driver:
         driver.stream(np.tile(CIRCLE, (60, 1)), 1000)
     assert abs(driver.clock.jump_us - jump_us) < 100
     assert len(driver.intended) < 1500
@@ -328,9 +328,9 @@ def test_a_board_that_needs_time_latches_every_frame_at_its_time():
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"rate_hz": 1200, "mode": "points"}, "computes these focal points in 900 us a frame"),
-        ({"rate_hz": 1000, "lead_us": 1400, "mode": "points"}, "1300 us to make them ready"),
-        ({"rate_hz": 1000, "lead_us": 500}, "400 us to make them ready"),
+        ({"rate_hz": 1200, "mode": "points"}, "computes these focal points in 900 µs a frame"),
+        ({"rate_hz": 1000, "lead_us": 1400, "mode": "points"}, "1300 µs to make them ready"),
+        ({"rate_hz": 1000, "lead_us": 500}, "400 µs to make them ready"),
     ],
 )
 def test_a_stream_that_a_board_cannot_make_ready_is_refused(options, told):
@@ -342,8 +342,8 @@ def test_a_stream_that_a_board_cannot_make_ready_is_refused(options, told):
 def test_a_playback_that_a_board_cannot_make_ready_is_refused():
     with Driver(Jittery(latch_lead_us=400, point_time_us=900), seed=1) as driver:
         driver.arm()
-        with pytest.raises(ConfigurationError, match="takes 1300 us to make a frame ready"):
+        with pytest.raises(ConfigurationError, match="takes 1300 µs to make a frame ready"):
             driver.play(CIRCLE, 500, mode="points", lead_us=1300)
-        with pytest.raises(ConfigurationError, match="takes 900 us to compute a frame"):
+        with pytest.raises(ConfigurationError, match="takes 900 µs to compute a frame"):
             driver.play(CIRCLE, 1250, mode="points")
         assert driver.play(CIRCLE, 1000, mode="points").latched == 120

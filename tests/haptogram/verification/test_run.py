@@ -470,7 +470,7 @@ def test_a_board_that_fell_silent_holds_nothing():
     assert again.frames[3].consequence.focus_error_mm is not None  # armed, and latched again
 
 
-# Silences, and frames that have no time: 100 us, 300 ms, 1.9 s and 2 s, as a board may see them.
+# Silences, and frames that have no time: 100 µs, 300 ms, 1.9 s and 2 s, as a board may see them.
 LATCHED_US, QUIET_US, AGAIN_US, DUE_US = 100, 300_000, 1_900_000, 2_000_000
 
 

@@ -41,8 +41,8 @@ def fed(rows, until_us: int) -> InteractlabUnit:
 
 # rows of (time, frame), latches of frames as (time, code)
 TIMES = [
-    # a frame that comes while the board has nothing to do is read at once (10.24 us), and shown at
-    # the next boundary of 25 us
+    # a frame that comes while the board has nothing to do is read at once (10.24 µs), and shown at
+    # the next boundary of 25 µs
     ([(UP_US + 100, frame(1))], [(UP_US + 125, 1)]),
     ([(UP_US + 114, frame(1))], [(UP_US + 125, 1)]),
     ([(UP_US + 115, frame(1))], [(UP_US + 150, 1)]),
@@ -197,7 +197,7 @@ def test_a_frame_under_way_when_the_fifo_is_cleared_loses_its_beginning() -> Non
     board.pass_us(1000)
     assert [latch.cause for latch in board.latches] == ["power-up", "off-frame"]
     counters = dict(board.simulation.dialect.counters)
-    assert 240 <= counters["bytes_cleared"] <= 255  # 40 us a byte, 10 ms
+    assert 240 <= counters["bytes_cleared"] <= 255  # 40 µs a byte, 10 ms
     board.send(line)
     board.pass_us(1000)
     assert board.latches[-1].pulses.rises[0] == 7

@@ -215,7 +215,7 @@ def on_transducers(simulation):
 
 
 def on_clock(simulation, name):
-    """Return when the clock does something else than before, in steps of 100 us."""
+    """Return when the clock does something else than before, in steps of 100 µs."""
     shown = [simulation.device_us(t_ns) for t_ns in range(0, END_MS * MS + 1, MS // 10)]
     rates = [later - earlier for earlier, later in pairwise(shown)]
     if name == "clock.offset":

@@ -41,7 +41,7 @@ def request_numbers_wrap(board: BoardClient) -> None:
 
 @case(
     "HG-3.6/1",
-    "frames for times on both sides of 2^32 us are latched, each at its time",
+    "frames for times on both sides of 2^32 µs are latched, each at its time",
     variant="time",
     needs_reset=True,
     before_wrap_us=1_000_000,
@@ -63,7 +63,7 @@ def times_wrap(board: BoardClient) -> None:
         last_us = board.status().last_latch_us
     check(
         last_us == times[-1] & 0xFFFFFFFF,
-        f"the last frame was for {times[-1]} us (mod 2^32: {times[-1] & 0xFFFFFFFF}); "
+        f"the last frame was for {times[-1]} µs (mod 2^32: {times[-1] & 0xFFFFFFFF}); "
         f"last_latch_us is {last_us}",
     )
 

@@ -74,7 +74,7 @@ def responses_tell_the_time(board: BoardClient) -> None:
         for time_us, piece in ((times[0], first), (times[2], last)):
             pong = board.link.reply_in(piece, Pong, Ping.TYPE)
             apart_us = abs(signed_difference(time_us, pong.t_tx_us, 32))
-            check(apart_us <= _CLOCK_US, f"header time and t_tx differ by {apart_us} us")
+            check(apart_us <= _CLOCK_US, f"header time and t_tx differ by {apart_us} µs")
         steps = [signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
         check(
             all(0 <= step < 5_000_000 for step in steps),
@@ -89,7 +89,7 @@ def responses_tell_the_time(board: BoardClient) -> None:
 )
 def refusals_tell_the_time(board: BoardClient) -> None:
     if board.wire.limits.slack_us:
-        not_observed("when a byte is on a real line is not known to 10 us here")
+        not_observed("when a byte is on a real line is not known to 10 µs here")
     offset_us = _device_offset_us(board)
     greeting = board.hello_message(board.link.session)
     for message, header in ((Ping(1), {"flags": 0x40}), (greeting, {"session": 0})):
@@ -102,7 +102,7 @@ def refusals_tell_the_time(board: BoardClient) -> None:
         due_us = offset_us + answer.t_us - board.wire.line_us(len(answer.piece) + 2)
         off_us = signed_difference(answer.header.time_us, due_us & 0xFFFFFFFF, 32)
         name = annotated_type_name(answer.header.type)
-        check(abs(off_us) <= _CLOCK_US, f"the time of {name} is off by {off_us:+d} us")
+        check(abs(off_us) <= _CLOCK_US, f"the time of {name} is off by {off_us:+d} µs")
 
 
 def _device_offset_us(board: BoardClient) -> int:
@@ -133,7 +133,7 @@ def answers_promptly(board: BoardClient) -> None:
     size = 2 * len(encode_frame(bytes(26)))
     check(
         took_us <= _PROMPT_US + board.wire.line_us(size),
-        f"the fastest of {_TRIES} answers took {took_us} us",
+        f"the fastest of {_TRIES} answers took {took_us} µs",
     )
 
 

@@ -26,7 +26,7 @@ _READS: Final = 12
 
 @case(
     "HG-5.8/1",
-    "frames for 0 to 49 us past a carrier period are latched on the next one, none before",
+    "frames for 0 to 49 µs past a carrier period are latched on the next one, none before",
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
@@ -48,8 +48,8 @@ def latches_on_the_carrier(board: BoardClient) -> None:
         got_us = board.clock.unwrap(board.status().last_latch_us)
         check(
             got_us == due_us,
-            f"t_apply {t_us} us: latched at {got_us} us, due is {due_us} us "
-            f"({got_us - due_us:+d} us)",
+            f"t_apply {t_us} us: latched at {got_us} µs, due is {due_us} µs "
+            f"({got_us - due_us:+d} µs)",
         )
 
 
@@ -65,7 +65,7 @@ def immediate_on_the_carrier(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
         t_us = board.clock.unwrap(board.status().last_latch_us)
         off_us = t_us % board.clock.carrier_us
-        check(off_us == 0, f"latched at {t_us} us, {off_us} us past a carrier period")
+        check(off_us == 0, f"latched at {t_us} µs, {off_us} µs past a carrier period")
 
 
 @case(

@@ -99,7 +99,7 @@ def sees_its_horizon(board: BoardClient) -> None:
 
 @case(
     "HG-5.7/5",
-    "with late_window_us = 0 frames 1 us to 1 s late are dropped_late, none is latched",
+    "with late_window_us = 0 frames 1 µs to 1 s late are dropped_late, none is latched",
     evidence=SELF_REPORTED,
 )
 def drops_what_is_late(board: BoardClient) -> None:

@@ -58,8 +58,8 @@ def latches_when_ready(board: BoardClient) -> None:
             )
             check(
                 least_us <= got_us <= most_us,
-                f"{message.TYPE.name} of {points} points, latched {got_us - around_us[1]} us after "
-                f"the PING behind it came; ready it is {board.ready_after_us(points)} us after its "
+                f"{message.TYPE.name} of {points} points, latched {got_us - around_us[1]} µs after "
+                f"the PING behind it came; ready it is {board.ready_after_us(points)} µs after its "
                 f"arrival",
             )
 
@@ -89,8 +89,8 @@ def computes_one_after_the_other(board: BoardClient) -> None:
         least_us = board.clock.on_carrier(from_us + board.ready_after_us(2 * most))
         check(
             got_us >= least_us,
-            f"the second frame of {most} points was latched {got_us - from_us} us after the PING "
-            f"before both; {board.ready_after_us(2 * most)} us are due",
+            f"the second frame of {most} points was latched {got_us - from_us} µs after the PING "
+            f"before both; {board.ready_after_us(2 * most)} µs are due",
         )
 
 

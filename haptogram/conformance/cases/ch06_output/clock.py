@@ -50,8 +50,8 @@ class _Watch:
         bound_us = drift_us + max(trip_us, first_trip_us) + 2
         check(
             abs(error_us) <= bound_us,
-            f"after {passed_us / 1e6:.3f} s the device clock is off by {error_us:+d} us; "
-            f"{board.identity.clock_ppm} ppm and the round trips allow {bound_us:.0f} us",
+            f"after {passed_us / 1e6:.3f} s the device clock is off by {error_us:+d} µs; "
+            f"{board.identity.clock_ppm} ppm and the round trips allow {bound_us:.0f} µs",
         )
 
 
@@ -95,7 +95,7 @@ def _to_the_wrap_us(board: BoardClient) -> int:
 def starts_ten_seconds_before_the_wrap(board: BoardClient) -> None:
     board.prepare()
     up_us = _AT_BOOT_US - _to_the_wrap_us(board)
-    check(0 <= up_us < _BOOTED_US, f"soon after a reset the clock is {up_us} us past 2^32 - 10 s")
+    check(0 <= up_us < _BOOTED_US, f"soon after a reset the clock is {up_us} µs past 2^32 - 10 s")
 
 
 @case(
@@ -109,7 +109,7 @@ def starts_ten_seconds_before_the_wrap(board: BoardClient) -> None:
 def counts_beyond_32_bits(board: BoardClient) -> None:
     board.prepare()
     if 2**32 % board.clock.carrier_us == 0:
-        not_observed("2^32 us are whole carrier periods of this board")
+        not_observed("2^32 µs are whole carrier periods of this board")
     board.wire.idle(max(0, _to_the_wrap_us(board) + 10_000))
     board.clock.device_us()
     board.arm()
@@ -117,8 +117,8 @@ def counts_beyond_32_bits(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
         t_us = board.clock.unwrap(board.status().last_latch_us)
         off_us = t_us % board.clock.carrier_us
-        check(t_us > 2**32, f"the latch at {t_us} us is not behind 2^32 us")
-        check(off_us == 0, f"the latch at {t_us} us is {off_us} us past a carrier period")
+        check(t_us > 2**32, f"the latch at {t_us} µs is not behind 2^32 µs")
+        check(off_us == 0, f"the latch at {t_us} µs is {off_us} µs past a carrier period")
 
 
 def _pong(board: BoardClient, answer: Received) -> Pong:
@@ -135,7 +135,7 @@ def stamps_pings(board: BoardClient) -> None:
         inside_us = signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
         check(
             0 <= inside_us <= trip_us + _LIMIT_US,
-            f"t_tx - t_rx is {inside_us} us, the round trip took {trip_us} us",
+            f"t_tx - t_rx is {inside_us} µs, the round trip took {trip_us} µs",
         )
 
 
@@ -162,8 +162,8 @@ def stamps_agree(board: BoardClient) -> None:
     least_us = min(apart, key=abs)  # a host may send in two parts
     check(
         -_LIMIT_US <= least_us <= line_us + _LIMIT_US,
-        f"t_rx is {least_us} us behind the arrival of the frame right before the PING, by its "
-        f"margin; the PING takes {line_us} us on the line",
+        f"t_rx is {least_us} µs behind the arrival of the frame right before the PING, by its "
+        f"margin; the PING takes {line_us} µs on the line",
     )
 
 
@@ -174,7 +174,7 @@ def stamps_agree(board: BoardClient) -> None:
 )
 def stamps_exactly(board: BoardClient) -> None:
     if board.wire.limits.slack_us:
-        not_observed("when a byte is on a real line is not known to 10 us here")
+        not_observed("when a byte is on a real line is not known to 10 µs here")
     device_us = board.clock.device_us()
     ping, first = board.link.request_wire(Ping(1))
     encoded, _ = malformed_frames.mute_of_encoded_size(board.link, 4000)
@@ -187,7 +187,7 @@ def stamps_exactly(board: BoardClient) -> None:
     pong = _pong(board, board.link.answer_to(Ping.TYPE, first, since, 50_000))
     due_us = base_us + sent_us + board.wire.line_us(len(before) + len(ping))
     off_us = signed_difference(pong.t_rx_us, due_us & 0xFFFFFFFF, 32)
-    check(abs(off_us) <= _LIMIT_US, f"t_rx is off by {off_us:+d} us (clock at {device_us})")
+    check(abs(off_us) <= _LIMIT_US, f"t_rx is off by {off_us:+d} µs (clock at {device_us})")
     _check_first_byte(board, base_us)
 
 
@@ -200,4 +200,4 @@ def _check_first_byte(board: BoardClient, base_us: int) -> None:
     pong = _pong(board, answer)
     due_us = base_us + answer.t_us - board.wire.line_us(len(answer.piece) + 2)
     off_us = signed_difference(pong.t_tx_us, due_us & 0xFFFFFFFF, 32)
-    check(abs(off_us) <= _LIMIT_US, f"t_tx of a PONG behind a long reply is off by {off_us:+d} us")
+    check(abs(off_us) <= _LIMIT_US, f"t_tx of a PONG behind a long reply is off by {off_us:+d} µs")

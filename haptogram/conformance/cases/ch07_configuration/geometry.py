@@ -53,7 +53,7 @@ def shows_its_grid(board: BoardClient) -> None:
         got_um = (element.x_um, element.y_um, element.z_um)
         check(
             all(abs(got - due) < 1 for got, due in zip(got_um, due_um, strict=True)),
-            f"transducer {n} is at {got_um} um, due by a grid of {nx} x {ny} and {pitch_um} um "
+            f"transducer {n} is at {got_um} µm, due by a grid of {nx} x {ny} and {pitch_um} µm "
             f"is {due_um}",
         )
         normal = (element.nx, element.ny, element.nz)

@@ -123,6 +123,6 @@ def drives_are_there_when_they_are_said_to_be(board: BoardClient) -> None:
         asked_us = board.clock.unwrap(pong.t_rx_us)
         check(
             asked_us < latch.t_us or shown.key.index == index,
-            f"frame {index} was latched at {latch.t_us} us, says the trace; a read-back asked for "
-            f"{asked_us - latch.t_us} us later shows frame {shown.key.index}",
+            f"frame {index} was latched at {latch.t_us} µs, says the trace; a read-back asked for "
+            f"{asked_us - latch.t_us} µs later shows frame {shown.key.index}",
         )

@@ -81,7 +81,7 @@ def reads_one_latch(board: BoardClient) -> None:
         check(shown.reply.key == LatchKey(0, 0, index), f"key {shown.reply.key}, due is {index}")
         status = board.status()
         got, due = shown.reply.t_latch_us, status.last_latch_us
-        check(got == due, f"the read-back was latched at {got} us, says STATUS {due} us")
+        check(got == due, f"the read-back was latched at {got} µs, says STATUS {due} µs")
         if mode is not None:
             seen = board_latches(board, since, mode)
             check(bool(seen) and seen[-1].crc == shown.crc, "trace and read-back disagree")

@@ -97,9 +97,9 @@ def traces_tell_the_time(board: BoardClient) -> None:
         check(len(seen) == 1, f"one latch gives {len(seen)} TRACE")
         latch = seen[0]
         due_us = board.clock.on_carrier(t_us)
-        check(latch.t_us == due_us, f"traced at {latch.t_us} us, due is {due_us} us")
+        check(latch.t_us == due_us, f"traced at {latch.t_us} µs, due is {due_us} µs")
         status_us = board.clock.unwrap(board.status().last_latch_us)
-        check(latch.t_us == status_us, f"TRACE says {latch.t_us} us, STATUS {status_us} us")
+        check(latch.t_us == status_us, f"TRACE says {latch.t_us} µs, STATUS {status_us} µs")
 
 
 @case(

@@ -137,7 +137,7 @@ DROPS: Final = (
     Drop("HG-5.7/2", "not after the last queued one", "dropped_order", _disordered, queued=1),
     Drop("HG-5.7/3", "that meet a full queue", "dropped_full", _overflowing, queued=-1),
     Drop("HG-5.7/4", "beyond the horizon", "dropped_future", _beyond),
-    Drop("HG-5.7/5", "1 us to 18 minutes late", "dropped_late", _late),
+    Drop("HG-5.7/5", "1 µs to 18 minutes late", "dropped_late", _late),
 )
 
 

@@ -136,7 +136,7 @@ def _spec_frames_text(_: str = "") -> str:
 
 def _spec_exchange_text(_: str = "") -> str:
     """Return the worked exchange: when, who, what, and header and payload in hex."""
-    lines = ["   us  from"]
+    lines = ["   µs  from"]
     for step in EXCHANGE:
         lines.append(f"{step.t_us:5}  {'host ' if step.from_host else 'board'}  {step.words}")
         lines += [f"{'':14}{line}" for line in _spec_hex_rows(step.body)]

@@ -48,7 +48,7 @@ WORKED_FRAMES: Final[Mapping[str, tuple[m.Message, dict[str, int]]]] = {
         m.Phases(_EIGHT, 0, bytes([1]) * 256),
         {"seq": 0x0101, "time_us": 0x01010101},
     ),
-    "PLAY of sequence 3, 1000 us a frame, twice, unattended 5000 ms": (
+    "PLAY of sequence 3, 1000 µs a frame, twice, unattended 5000 ms": (
         m.Play(3, 1000, 2, 5000),
         {"seq": 2, "time_us": 0x00100000},
     ),
@@ -223,7 +223,7 @@ EXCHANGE: Final[tuple[WorkedStep, ...]] = (
     ),
     _worked_board_step(
         10_004,
-        "TRACE: the first event, seq 0; latched at the next multiple of 25 us of the clock",
+        "TRACE: the first event, seq 0; latched at the next multiple of 25 µs of the clock",
         m.Trace(m.FIRST_STREAM_SEQ, zlib.crc32(_PHASES + b"\xff" * len(_PHASES))),
         seq=0,
     ),

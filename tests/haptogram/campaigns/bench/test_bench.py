@@ -104,9 +104,9 @@ def test_a_file_that_is_no_result_is_refused(tmp_path, content, text):
         ({"rate_hz": float("nan")}, "rate_hz is nan, must be 100 to 10000 Hz"),
         ({"seconds": 0}, "seconds is 0, must be 0.001 to 86400 s"),
         ({"seconds": 1e4}, "these are 10000000 frames, must be 300000 at most"),
-        ({"spin_us": -1}, "spin_us is -1, must be 0 to 10000 us"),
-        ({"spin_us": 251}, "spin_us is 251 us; at 1000 Hz it can be 0 to 250 us, a quarter"),
-        ({"spin_us": 63, "rate_hz": 4000}, "at 4000 Hz it can be 0 to 62.5 us"),
+        ({"spin_us": -1}, "spin_us is -1, must be 0 to 10000 µs"),
+        ({"spin_us": 251}, "spin_us is 251 µs; at 1000 Hz it can be 0 to 250 µs, a quarter"),
+        ({"spin_us": 63, "rate_hz": 4000}, "at 4000 Hz it can be 0 to 62.5 µs"),
     ],
 )
 def test_what_cannot_be_measured_is_refused(options, text):
@@ -122,7 +122,7 @@ def test_a_spin_beyond_its_limit_is_one_line_with_its_option(capsys):
     assert main(["bench", "--spin-us", "1000", "--seconds", "0.1"]) == 2
     said = capsys.readouterr()
     assert said.err == (
-        "haptogram bench: --spin-us is 1000 us; at 1000 Hz it can be 0 to 250 us, a quarter of the "
+        "haptogram bench: --spin-us is 1000 µs; at 1000 Hz it can be 0 to 250 µs, a quarter of the "
         "period\n"
     )
     assert said.out == ""

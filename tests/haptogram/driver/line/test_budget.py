@@ -51,7 +51,7 @@ def test_transmission_is_never_shorter_than_the_bits(size, baudrate):
 
 
 def test_a_line_empties_at_its_rate():
-    line = LineModel(1_000_000)  # 10 us a byte
+    line = LineModel(1_000_000)  # 10 µs a byte
     line.add(100, now_ns=5_000)
     assert line.free_ns == 1_005_000
     assert line.unsent_bytes(5_000) == 100

@@ -196,7 +196,7 @@ def test_a_port_without_a_descriptor_waits_and_fails_alike():
 
 
 class VirtualPort(serial.SerialBase):
-    """A port whose time passes only in its blocking reads; its answer takes 7 us."""
+    """A port whose time passes only in its blocking reads; its answer takes 7 µs."""
 
     t_ns = 0
     answer = b""

@@ -165,7 +165,7 @@ def test_the_bound_of_the_drift_is_what_wrong_margins_could_do():
     samples = [ClockSample(0, 0, 1000), ClockSample(10**9, 0, 1000)]
     drift = fit_clock_drift(samples)
     assert drift.ppm == 0.0
-    # one end up by its margin, the other down by its own: 2 us in a second
+    # one end up by its margin, the other down by its own: 2 µs in a second
     assert drift.uncertainty_ppm == pytest.approx(2.0)
 
 

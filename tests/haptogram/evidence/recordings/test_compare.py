@@ -93,5 +93,5 @@ def test_the_same_frames_in_another_order_are_a_difference():
     comparison.note_bytes(4, b"ab", b"ba")
     comparison.close(10**9)
     (difference,) = comparison.differences
-    assert str(difference).startswith("bytes of the board at 4 us: a read of 2 bytes")
+    assert str(difference).startswith("bytes of the board at 4 µs: a read of 2 bytes")
     assert comparison.differing["bytes"] == 1

@@ -164,7 +164,7 @@ def with_mute(record, arrival):
 
 @pytest.mark.parametrize(
     ("before", "finding"),
-    [(-0.9, None), (0.5, None), (1.5, "still on"), (80.0, "2000 us after MUTE arrived")],
+    [(-0.9, None), (0.5, None), (1.5, "still on"), (80.0, "2000 µs after MUTE arrived")],
 )
 def test_with_the_line_of_the_host_the_pins_are_silent_a_period_after_mute(
     before, finding, tmp_path

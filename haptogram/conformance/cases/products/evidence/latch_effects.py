@@ -245,7 +245,7 @@ def _check_traces(
     key = LatchKey(new[-1].sequence, new[-1].loop, new[-1].index)
     check(key == effect.key, f"{text}: the trace names {key}, due is {effect.key}")
     due_us = board.clock.unwrap(after.last_latch_us)
-    check(new[-1].t_us == due_us, f"{text}: traced at {new[-1].t_us} us, latched at {due_us} us")
+    check(new[-1].t_us == due_us, f"{text}: traced at {new[-1].t_us} µs, latched at {due_us} µs")
     flags = [latch.late for latch in new]
     check(flags == [bool(late)] * latched, f"{text}: the traces have LATE {flags}")
 

@@ -45,7 +45,7 @@ def _ask_in_pieces(board: BoardClient, cuts: list[int], pause_us: int) -> None:
     try:
         board.link.reply_in(board.link.answer_to(Ping.TYPE, seq, since), Pong, Ping.TYPE)
     except CaseEndedError as error:
-        how = f"cut at {cuts[:3]} of {len(wire)} bytes, with pauses of {pause_us} us"
+        how = f"cut at {cuts[:3]} of {len(wire)} bytes, with pauses of {pause_us} µs"
         raise CaseEndedError(error.behaviour, f"a PING {how}: {error}") from None
 
 

@@ -90,12 +90,12 @@ def long_periods_are_long(board: BoardClient) -> None:
                 fail(f"a period of {period_us} us: all 3 frames within {_LOOK_MS} ms")
             board.link.call(Stop(), StopReply)
             if board.wire.now_us() - start_us > period_us:
-                inconclusive(f"the host was held up for more than {period_us} us")
+                inconclusive(f"the host was held up for more than {period_us} µs")
 
 
 @case(
     "HG-7.6/4",
-    "one playback of more than 2^32 us: each frame at its time, past 2^31 and 2^32 us too",
+    "one playback of more than 2^32 us: each frame at its time, past 2^31 and 2^32 µs too",
     variant="long",
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
@@ -121,7 +121,7 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
             fail(f"the playback ended before frame {number}, {number * _SLOW_US / 1e6:.0f} s on")
         status = board.status()
         got_us = board.clock.unwrap(status.last_latch_us)
-        check(got_us == due_us, f"frame {number} was latched at {got_us} us, due was {due_us} us")
+        check(got_us == due_us, f"frame {number} was latched at {got_us} µs, due was {due_us} µs")
     board.link.call(Stop(), StopReply)
     found = board.link.await_event(PlaybackEnded, since, 100 * _MS + board.wire.limits.slack_us)
     told = None if found is None else (found[1].loops, found[1].frames)
@@ -155,7 +155,7 @@ def every_start_is_kept(board: BoardClient) -> None:
         in_time = board.clock.device_us() < start_us
         board.clock.wait_until(start_us + _MS)
         got_us = board.clock.unwrap(board.status().last_latch_us)
-        check(not (early and in_time), f"a start {ahead_us} us ahead: latched before it")
+        check(not (early and in_time), f"a start {ahead_us} µs ahead: latched before it")
         check(
-            got_us == start_us, f"a start {ahead_us} us ahead: latched at {got_us - start_us:+d} us"
+            got_us == start_us, f"a start {ahead_us} µs ahead: latched at {got_us - start_us:+d} µs"
         )

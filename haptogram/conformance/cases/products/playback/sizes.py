@@ -93,7 +93,7 @@ def every_shape_is_played(board: BoardClient) -> None:
             ]
             seen = board_latches(board, since, TraceMode.RING)
             got = [(latch.sequence, latch.loop, latch.index, latch.t_us) for latch in seen]
-            name = f"{kind.name}, {frames} frames, {loops} loops, {period} us"
+            name = f"{kind.name}, {frames} frames, {loops} loops, {period} µs"
             wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
             check(not wrong, f"{name}: (sequence, loop, index, time) seen and due: {wrong[:1]}")
             check(len(got) == len(due), f"{name}: {len(got)} latches, {len(due)} were due")

@@ -47,7 +47,7 @@ def _settings(board: BoardClient) -> Iterator[tuple[int, TraceMode]]:
 
 @case(
     "HG-5.7/6",
-    "margins 1 us around 0, a carrier period, the late window: in time, late and LATE, or dropped",
+    "margins 1 µs around 0, a carrier period, the late window: in time, late and LATE, or dropped",
     variant="borders",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
@@ -96,7 +96,7 @@ def _judge(
     after = board.status()
     got_us = after.margin_min_us
     delays_us[kind] = delay_us + due_us - got_us
-    name = f"{kind}, margin {got_us} us, late window {window_us} us"
+    name = f"{kind}, margin {got_us} µs, late window {window_us} µs"
     told = (after.margins, after.margin_mean_us)
     check(told == (1, got_us), f"{name}: margins {told[0]}, margin_mean_us {told[1]}")
     dropped, is_late = got_us < -window_us, -window_us <= got_us < 0

@@ -128,7 +128,7 @@ def every_window(board: BoardClient) -> None:
             due = {"latched": within, "late": late, "dropped_late": not within}
             check(
                 counted == due,
-                f"window {window_us} us, a frame {late_us} us late: counted {counted}",
+                f"window {window_us} µs, a frame {late_us} µs late: counted {counted}",
             )
 
 
@@ -210,7 +210,7 @@ def the_horizon_is_sharp(board: BoardClient) -> None:
         due = (int(within), int(not within))
         check(
             (found.queued, dropped) == due,
-            f"a frame {ahead_us} us ahead, the horizon is {horizon_us} us: queued "
+            f"a frame {ahead_us} µs ahead, the horizon is {horizon_us} us: queued "
             f"{found.queued}, dropped {dropped}",
         )
         board.link.ask(Mute())

@@ -99,7 +99,7 @@ def last_seq_is_of_the_stream(board: BoardClient) -> None:
     second = board.status()
     check(second.last_seq == index, f"after a playback last_seq is {second.last_seq}, not {index}")
     apart_us = signed_difference(second.last_latch_us, first.last_latch_us, 32)
-    check(apart_us > 0, f"a playback of 9 frames moved last_latch_us by {apart_us} us")
+    check(apart_us > 0, f"a playback of 9 frames moved last_latch_us by {apart_us} µs")
     latch_now(board, board.flat_phases())
     third = board.status()
     check(third.last_seq == index + 1, f"last_seq is {third.last_seq}, not {index + 1}")

@@ -67,7 +67,7 @@ def _stays(board: BoardClient, name: str, start: Callable[[], object], length_ms
 
 @case(
     "HG-12.2/1",
-    "leases just above every power of two of 1 us to 1 ms do not run out at once",
+    "leases just above every power of two of 1 µs to 1 ms do not run out at once",
     variant="lengths",
     needs=Feature.CONFIG,
 )
@@ -79,7 +79,7 @@ def leases_do_not_wrap(board: BoardClient) -> None:
 
 @case(
     "HG-12.3/1",
-    "holds just above every power of two of 1 us to 1 ms do not run out at once",
+    "holds just above every power of two of 1 µs to 1 ms do not run out at once",
     variant="lengths",
     needs=Feature.CONFIG,
 )
@@ -92,7 +92,7 @@ def holds_do_not_wrap(board: BoardClient) -> None:
 
 @case(
     "HG-7.6/5",
-    "unattended times just above every power of two of 1 us to 1 ms do not run out at once",
+    "unattended times just above every power of two of 1 µs to 1 ms do not run out at once",
     variant="lengths",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
 )
@@ -109,7 +109,7 @@ def unattended_does_not_wrap(board: BoardClient) -> None:
 
 @case(
     "HG-9.1/1",
-    "status periods just above every power of two of 1 us to 1 ms bring no STATUS at once",
+    "status periods just above every power of two of 1 µs to 1 ms bring no STATUS at once",
     variant="lengths",
     needs=Feature.CONFIG,
 )
@@ -124,7 +124,7 @@ def status_periods_do_not_wrap(board: BoardClient) -> None:
 
 @case(
     "HG-6.11/2",
-    "ramps just above every power of two of 1 us to 1 ms do not end at once",
+    "ramps just above every power of two of 1 µs to 1 ms do not end at once",
     variant="lengths",
     needs=Feature.CONFIG | Feature.AMPLITUDE,
 )

@@ -1,4 +1,4 @@
-"""HG-3.6, HG-12.1: times and timers across 2^32 us."""
+"""HG-3.6, HG-12.1: times and timers across 2^32 µs."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _wait_before_wrap(board: BoardClient, before_us: int) -> int:
 
 @case(
     "HG-3.6/1",
-    "frames are dropped by the same rules on both sides of 2^32 us; a playback starts across it",
+    "frames are dropped by the same rules on both sides of 2^32 µs; a playback starts across it",
     variant="sides",
     needs_reset=True,
     before_wrap_us=3_000_000,
@@ -62,7 +62,7 @@ def both_sides_of_the_wrap(board: BoardClient) -> None:
             try:
                 judge_drop(board, drop, kind)
             except CaseEndedError as error:
-                text = f"{side} 2^32 us, frames {drop.summary}: {error}"
+                text = f"{side} 2^32 µs, frames {drop.summary}: {error}"
                 raise CaseEndedError(error.behaviour, text) from None
         if side == "before" and board.has(_PLAYS):
             _play_across(board)
@@ -81,7 +81,7 @@ def _play_across(board: BoardClient) -> None:
         play = Play(_SEQUENCE, 10 * _MS, 1, 2000)
         board.link.call(play, PlayReply, time_us=start_us)
         ended = board.link.await_event(PlaybackEnded, since, 2 * lead_us + 200 * _MS)
-        name = f"a playback from {offset_us:+d} us of the wrap on"
+        name = f"a playback from {offset_us:+d} µs of the wrap on"
         check(ended is not None, f"{name} did not end")
         got = [latch.t_us for latch in board_latches(board, since, TraceMode.CRC)]
         due = [board.clock.on_carrier(start_us + 10 * _MS * k) for k in range(_FRAMES)]
@@ -137,7 +137,7 @@ _TIMERS: Final[tuple[tuple[Callable[[BoardClient], tuple[MuteReason, int]], Feat
 
 @case(
     "HG-12.1/1",
-    "STATUS, lease, hold, ramp and unattended time that run across 2^32 us end at their times",
+    "STATUS, lease, hold, ramp and unattended time that run across 2^32 µs end at their times",
     variant="wrap",
     needs=Feature.CONFIG,
     needs_reset=True,
@@ -155,7 +155,7 @@ def timers_cross_the_wrap(board: BoardClient) -> None:
         since = board.link.mark()
         reason, start_us = start(board)
         header, _ = muted_by_timer(board, since, 500 * _MS, reason)
-        check_mute_time(board, start_us, header, 200, f"{reason.name} across {wrap_us} us")
+        check_mute_time(board, start_us, header, 200, f"{reason.name} across {wrap_us} µs")
         if board.wire.limits.slack_us:
             return
     period_ms = board.quick_status_ms
@@ -165,5 +165,5 @@ def timers_cross_the_wrap(board: BoardClient) -> None:
     board.wire.idle(6 * period_ms * _MS)
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     if len(times) < 5:
-        fail(f"{len(times)} STATUS in 6 periods across {wrap_us} us")
-    check_status_steps(board, times, period_ms, f"across {wrap_us} us")
+        fail(f"{len(times)} STATUS in 6 periods across {wrap_us} µs")
+    check_status_steps(board, times, period_ms, f"across {wrap_us} µs")
