@@ -21,7 +21,7 @@ from haptogram.errors import HaptogramError
 from haptogram.evidence.run_record import RunRecord, measure_run
 from haptogram.settings.faults.kinds import FAULT_KINDS
 from haptogram.settings.verify_config import VerifyConfig
-from haptogram.verification import FrameVerdict, RunVerdict, verify_run
+from haptogram.verification import FrameVerdict, RunVerdict
 
 WORKERS: Final = 2
 SEED: Final = 1
@@ -137,14 +137,7 @@ def row(fault: str) -> Row:
             found = measure_run(config, board, None)
     except HaptogramError as error:
         return Row((name, *[_NOTHING] * (len(COLUMNS) - 3), "no result", str(error)))
-    run = verify_run(
-        found.intended,
-        found.observations,
-        model=found.model,
-        cut=found.cut,
-        unseen=found.unseen,
-        silences=found.silences,
-    )
+    run = found.verdict()
     cells = (name, _fired(found), *_figures(run), _cause(run, found))
     return Row(cells, run.as_dict()["smallest_miss_mm"])
 

@@ -19,6 +19,7 @@ from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
 from haptogram_protocol.export.vectors import vector_document_text
+from haptogram_protocol.export.vectors.script import BOARD
 from haptogram_protocol.messages import MessageType
 from haptogram_protocol.state import MuteReason
 
@@ -27,15 +28,6 @@ from .port import Frame, LockstepPort, Step, is_event
 
 Dialogue = dict[str, Any]
 
-#: The array and the limits that every dialogue names.
-BOARD: Final = {
-    "grid_nx": 2,
-    "grid_ny": 2,
-    "pitch_um": 10_000,
-    "queue_depth": 32,
-    "max_horizon_us": 10_000_000,
-    "max_points": 8,
-}
 #: Limits of the C board that only the dialogues name which depend on them.
 LIMITS: Final = {
     "trace_ring": 4096,

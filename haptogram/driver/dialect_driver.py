@@ -31,6 +31,11 @@ from haptogram.driver.identity import check_model_air
 from haptogram.driver.line.budget import check_dialect_rate
 from haptogram.driver.line.dialect_line import DialectLine
 from haptogram.driver.line.port import Transport, check_port, open_transport
+from haptogram.driver.timing.limits import (
+    check_hold,
+    check_streamed_frames,
+    check_streaming,
+)
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.errors import ConfigurationError
@@ -43,8 +48,6 @@ from haptogram.settings.arguments import (
     check_argument_kind,
     check_callable,
     check_choice,
-    check_number,
-    check_whole,
 )
 from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.dialects.table import DIALECTS
@@ -54,9 +57,6 @@ _START_NS: Final = 2_000_000  # from the last preparation to the first frame
 _SETTLING_NS: Final = 5_000_000  # from the last byte on the line until a board has latched
 _WITHOUT_A_LINE_BAUD: Final = 1_000_000  # of a port that takes no notice of it
 _PROGRESS_HZ: Final = 20
-_MOST_STREAMED: Final = 10_000_000
-_LONGEST_HOLD_S: Final = 1e7
-_LONGEST_SPIN_US: Final = 1_000_000
 _EARLY: Final = 0.5  # of the silence after which a board forgets
 
 
@@ -288,7 +288,7 @@ class DialectDriver(ClosedByWith):
 
     def hold(self, seconds: float) -> None:
         """Wait so long: the boards hold by themselves what they were shown last."""
-        check_number("seconds", seconds, 0.0, _LONGEST_HOLD_S)
+        check_hold(seconds)
         self._line.run_until(self._line.now_ns() + round(seconds * _NS_PER_S))
 
     def frames(self, targets: Targets, *, solver: Method = "naive") -> list[DialectFrame]:
@@ -330,15 +330,12 @@ class DialectDriver(ClosedByWith):
         check_dialect_rate(
             self.dialect, self.boards, baudrate=self._baudrate, rate_hz=schedule.rate_hz
         )
-        check_whole("loops", loops, 1, _MOST_STREAMED)
-        check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
-        check_argument_kind("realtime", realtime, bool, "True or False")
-        check_callable("progress", progress)
+        check_streaming(loops, spin_us, progress, realtime=realtime)
         if _are_frames(targets):
             once = list(targets)
         else:
             once = self.frames(cast("Targets", targets), solver=solver)
-        total = check_whole("number of frames", loops * len(once), 1, _MOST_STREAMED)
+        total = check_streamed_frames(loops * len(once))
         period_ns, stride = int(schedule.period_us * 1000), max(1, int(rate_hz / _PROGRESS_HZ))
         lateness_us = np.zeros(total)
         with real_time_process(strict=realtime) as refused:

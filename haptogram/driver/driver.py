@@ -20,6 +20,11 @@ from haptogram.driver.output import HostOutput
 from haptogram.driver.playback import MOST_PLAYED, PlaybackTiming, PlayReport, playback_period_us
 from haptogram.driver.session import DriverSession, Sink, choose_session_nonce
 from haptogram.driver.stream import StreamPacing, StreamReport
+from haptogram.driver.timing.limits import (
+    check_hold,
+    check_streamed_frames,
+    check_streaming,
+)
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.driver.upload import upload_correction
 from haptogram.machine.closing import ClosedByWith
@@ -45,9 +50,6 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import OutputState
 
 DEFAULT_PLAY_LEAD_US: Final = 100_000  # from PLAY to the first frame
-_MOST_STREAMED: Final = 10_000_000  # frames in one call: each leaves 64 bytes in its report
-_LONGEST_SPIN_US: Final = 1_000_000
-_LONGEST_HOLD_S: Final = 1e7
 
 
 class Driver(ClosedByWith):
@@ -302,7 +304,7 @@ class Driver(ClosedByWith):
         ConfigurationError
             If nothing was focused on yet, or the board is not armed.
         """
-        check_number("seconds", seconds, 0.0, _LONGEST_HOLD_S)
+        check_hold(seconds)
         self._output.hold(seconds)
 
     def frames(
@@ -374,14 +376,11 @@ class Driver(ClosedByWith):
             then.
         """
         schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=self.identity.queue_depth)
-        check_whole("loops", loops, 1, _MOST_STREAMED)
-        check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
+        check_streaming(loops, spin_us, progress, realtime=realtime)
         check_number("miss_share", miss_share, 0.0, 1.0)
-        for name, value in (("trim", trim), ("realtime", realtime)):
-            check_argument_kind(name, value, bool, "True or False")
-        check_callable("progress", progress)
+        check_argument_kind("trim", trim, bool, "True or False")
         once = self._builder().frames_of(targets, mode, solver)
-        check_whole("number of frames, all loops of them", loops * len(once), 1, _MOST_STREAMED)
+        check_streamed_frames(loops * len(once))
         return self._output.stream(
             once,
             loops,

@@ -11,7 +11,13 @@ from haptogram.acoustics import Calibration, TransducerArray
 from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
-from haptogram.evidence.run_record import RunRecord, note_calibration, recorded_port
+from haptogram.evidence.run_record import (
+    RunRecord,
+    calibration_of_run,
+    close_driver,
+    note_calibration,
+    recorded_port,
+)
 from haptogram.objects.run_frames import (
     MOST_FRAMES,
     frames_of_run,
@@ -78,8 +84,7 @@ def measure_dialect_run(
     model = host_model_of_run(config.array, boards.array)
     if boards.mounting is not None:
         model = model.calibrated(boards.mounting)
-    file = config.elements.calibration
-    elements = None if file is None else Calibration.from_file(file)
+    elements = calibration_of_run(config)
     tap = None if writer is None else recorded_port(board, config.link.baud, writer)
     driver = DialectDriver(
         tap or board.port,
@@ -112,10 +117,7 @@ def measure_dialect_run(
                 frames, config.pace.rate_hz, loops=config.pace.repeat, progress=progress
             )
     finally:
-        try:
-            driver.close()
-        except LinkError as error:
-            found.warnings.append(str(error))
+        close_driver(driver, found)
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if tap is not None:
         tap.tell(board.records())

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, cast
 
 from haptogram.acoustics import AcousticModel, Calibration
-from haptogram.driver.dialect_driver import DialectReport
+from haptogram.driver.dialect_driver import DialectDriver, DialectReport
 from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, Driver
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.line.port import open_transport
@@ -30,7 +30,15 @@ from haptogram.records.frame import STREAM, Intended, Observation
 from haptogram.records.kept import only_kept_records
 from haptogram.settings.arguments import Progress
 from haptogram.settings.verify_config import VerifyConfig
-from haptogram.verification import Cut, check_frame_tolerance, tolerance_of
+from haptogram.verification import (
+    Cut,
+    RunVerdict,
+    Tolerance,
+    Uncertainty,
+    check_frame_tolerance,
+    tolerance_of,
+    verify_run,
+)
 from haptogram_protocol.messages import GROWING_COUNTERS, Counters, HelloReply, StateChanged
 
 if TYPE_CHECKING:
@@ -88,6 +96,28 @@ class RunRecord:
     fault_counts: dict[str, int] | None = None
     troubles: dict[str, dict[str, int]] = field(default_factory=dict)
 
+    def verdict(
+        self,
+        *,
+        min_verified: float = 1.0,
+        tolerance: Tolerance | None = None,
+        uncertainty: Uncertainty | None = None,
+        progress: Progress | None = None,
+    ) -> RunVerdict:
+        """Return the verdict on the run; parameters and errors as of :func:`verify_run`."""
+        return verify_run(
+            self.intended,
+            self.observations,
+            model=self.model,
+            min_verified=min_verified,
+            cut=self.cut,
+            unseen=self.unseen,
+            silences=self.silences,
+            tolerance=tolerance,
+            uncertainty=uncertainty,
+            progress=progress,
+        )
+
 
 def measure_run(
     config: VerifyConfig,
@@ -119,8 +149,7 @@ def measure_run(
     shown = frames_of_run(config.shape, config.pace, config.modulation)
     model = host_model_of_run(config.array)
     own_array = config.link.port is not None and config.array.array is None
-    file = config.elements.calibration
-    elements = None if file is None else Calibration.from_file(file)
+    elements = calibration_of_run(config)
     tap = None if writer is None else recorded_port(board, config.link.baud, writer)
     driver = Driver(
         tap or board.port,
@@ -151,7 +180,7 @@ def measure_run(
             board.finish(driver)  # after an interrupt as well: the board is there
             found.troubles = _troubles(driver, before, _OWN_MUTE if found.interrupted else ())
     finally:
-        _say_goodbye(driver, found)
+        close_driver(driver, found)
     found.warnings += _state_changes(driver, found.report)
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if found.cut is not None:
@@ -179,6 +208,12 @@ def recorded_port(
     port = board.port
     transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
     return RecordingTransport(transport, writer, board.records if board.is_in_process else None)
+
+
+def calibration_of_run(config: VerifyConfig) -> Calibration | None:
+    """Return the calibration of the elements; None: they are taken for equal."""
+    file = config.elements.calibration
+    return None if file is None else Calibration.from_file(file)
 
 
 def note_calibration(found: RunRecord, elements: Calibration, assumed: AcousticModel) -> None:
@@ -303,7 +338,7 @@ def _state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> 
     ]
 
 
-def _say_goodbye(driver: Driver, found: RunRecord) -> None:
+def close_driver(driver: Driver | DialectDriver, found: RunRecord) -> None:
     """Mute the board; if it does not answer, that is a warning and not the end of the results."""
     try:
         driver.close()

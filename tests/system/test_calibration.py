@@ -26,7 +26,6 @@ from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.run_record import measure_run
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.settings.verify_config import VerifyConfig
-from haptogram.verification import verify_run
 from virtual_ports import BAUD, BoardPort
 
 CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "4", "--quiet"]
@@ -169,7 +168,7 @@ def test_a_board_at_a_port_is_judged_by_the_calibration(tmp_path: Path, compensa
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort()  # of equal elements: it shows what it latched, nothing else counts
     found = measure_run(config, board, None)
-    run = verify_run(found.intended, found.observations, model=found.model, unseen=found.unseen)
+    run = found.verdict()
     assert run.counts["on_target"] == (FRAMES if compensate else 0)
     assert run.counts["off_target"] == (0 if compensate else FRAMES)
     assert found.model.calibration is not None

@@ -19,7 +19,7 @@ from haptogram.evidence.boards import PortBoard, ProcessBoard
 from haptogram.evidence.run_record import measure_run
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.settings.verify_config import VerifyConfig
-from haptogram.verification import FrameStatus, Verdict, verify_run
+from haptogram.verification import FrameStatus, Verdict
 from haptogram_protocol.messages import Feature
 from sim_device.board.settings import ALL_FEATURES
 from virtual_ports import BAUD, BoardPort
@@ -142,7 +142,7 @@ def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
 
         found = measure_run(config, ProcessBoard(board), kill_at_half)
     assert found.cut is not None
-    run = verify_run(found.intended, found.observations, model=found.model, cut=found.cut)
+    run = found.verdict()
     assert run.verdict is Verdict.INCONCLUSIVE
     assert run.counts["verified"] > 0
     assert found.cut.reason in run.reasons
@@ -164,7 +164,7 @@ def test_a_board_without_trace_is_read_back_and_the_rest_is_not_verified() -> No
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=ALL_FEATURES & ~traces)
     found = measure_run(config, board, None)
-    run = verify_run(found.intended, found.observations, model=found.model, unseen=found.unseen)
+    run = found.verdict()
     assert run.verdict is Verdict.INCONCLUSIVE
     assert run.counts["sent"] == 63
     assert run.counts["verified"] == run.counts["on_target"] == 1

@@ -6,7 +6,7 @@ from haptogram_protocol.messages import FIRST_STREAM_SEQ, Hello, Mute
 
 from .account.tally import UNEXPLAINED, SoakTally
 from .board import BoardUnderSoak
-from .line import DamagedFrame, Sent, SoakLine, sent_message_type
+from .line import Sent, SoakLine, sent_message_type
 from .oracle import SoakOracle
 
 
@@ -41,12 +41,8 @@ class SoakBoardAccount:
 
         A frame that came whole is taken; a copy of it is known; everything else is damage.
         """
-        if not self._line.expected:
-            self._tally.violate(UNEXPLAINED, f"the board found {verdict!r} where nothing came")
-            return False
-        sent = self._line.expected.popleft()
-        if isinstance(sent, DamagedFrame):
-            sent.explain(verdict, "the board", self._tally)
+        sent = self._line.next_sent(verdict, "the board")
+        if sent is None:
             return False
         self._tally.totals["board frames"] += 1
         if sent.session == self._board.session:

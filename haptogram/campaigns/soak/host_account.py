@@ -6,7 +6,7 @@ from haptogram_protocol.connection import EventReceived, FrameDropped, HostEvent
 from haptogram_protocol.messages import Status
 
 from .account.tally import UNEXPLAINED, SoakTally
-from .line import DamagedFrame, Sent, SoakLine
+from .line import Sent, SoakLine
 
 
 class SoakHostAccount:
@@ -31,12 +31,8 @@ class SoakHostAccount:
     def judge(self, event: HostEvent, session: int) -> bool:
         """Compare *event* with the bytes that came; return whether an undamaged frame made it."""
         verdict = event.reason if isinstance(event, FrameDropped) else type(event).__name__
-        if not self._line.expected:
-            self._tally.violate(UNEXPLAINED, f"the host found {verdict} where nothing came")
-            return False
-        sent = self._line.expected.popleft()
-        if isinstance(sent, DamagedFrame):
-            sent.explain(verdict, "the host", self._tally)
+        sent = self._line.next_sent(verdict, "the host")
+        if sent is None:
             return False
         if sent.hit is not None:
             sent.hit.delivered = True

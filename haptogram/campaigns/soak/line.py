@@ -196,6 +196,17 @@ class SoakLine:
         """True if every frame that was sent has arrived and was matched."""
         return not self.arriving and not self.expected and not self._partial
 
+    def next_sent(self, verdict: int | str, who: str) -> Sent | None:
+        """Return the whole frame of which *who* found *verdict*; None: damage, or nothing came."""
+        if not self.expected:
+            self._tally.violate(UNEXPLAINED, f"{who} found {verdict} where nothing came")
+            return None
+        sent = self.expected.popleft()
+        if isinstance(sent, DamagedFrame):
+            sent.explain(verdict, who, self._tally)
+            return None
+        return sent
+
     def close(self) -> None:
         """Close the account of every fault up to now."""
         for hit in self.hits:

@@ -142,7 +142,7 @@ def _run(
     """Run the job on the board that the settings name; write and print its result."""
     from haptogram.evidence.recordings.intended import record_intended
     from haptogram.report import run as report
-    from haptogram.verification import Verdict, tolerance_of, uncertainty_of, verify_run
+    from haptogram.verification import Verdict, tolerance_of, uncertainty_of
 
     config, virtual = boards.config, boards.virtual
     if writer is not None:
@@ -164,14 +164,8 @@ def _run(
     if found.interrupted:
         announce_interrupt("haptogram verify")
     with _bar("verifying", quiet=quiet) as progress:
-        verdict = verify_run(
-            found.intended,
-            found.observations,
-            model=found.model,
+        verdict = found.verdict(
             min_verified=config.least_verified,
-            cut=found.cut,
-            unseen=found.unseen,
-            silences=found.silences,
             tolerance=tolerance_of(config.tolerance),
             uncertainty=uncertainty_of(config.uncertainty, at_port=config.link.port is not None),
             progress=progress,

@@ -6,6 +6,7 @@ import argparse
 import math
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -66,20 +67,28 @@ CHOSEN = [
 ]
 
 
-def said(command: str, words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
-    """Return the one line that a command ends with, after a look for files and status 2."""
-    is_instead = words[0] in (*NEEDED.get(command, []), "--serial")
-    needed = [] if is_instead else NEEDED.get(command, [])
-    assert main([command, *needed, *words]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
-    assert "Errno" not in err
-    assert list(folder.iterdir()) == []
-    name = f"haptogram {command}: {words[0].partition('=')[0]} "
-    assert err.startswith(name)
-    return err.removeprefix(name)
+@pytest.fixture
+def refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[[str, list[str]], str]:
+    """Run commands in an empty folder; each must end with status 2, one line and no file."""
+    monkeypatch.chdir(tmp_path)
+
+    def line_of(command: str, words: list[str]) -> str:
+        is_instead = words[0] in (*NEEDED.get(command, []), "--serial")
+        needed = [] if is_instead else NEEDED.get(command, [])
+        assert main([command, *needed, *words]) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.count("\n") == 1
+        assert "Traceback" not in err
+        assert "Errno" not in err
+        assert list(tmp_path.iterdir()) == []
+        name = f"haptogram {command}: {words[0].partition('=')[0]} "
+        assert err.startswith(name)
+        return err.removeprefix(name)
+
+    return line_of
 
 
 def test_the_lists_are_those_of_the_commands() -> None:
@@ -99,12 +108,9 @@ def test_every_setting_of_a_run_is_in_one_group_of_the_help() -> None:
 def test_a_number_beyond_its_limits_or_none_is_refused_with_the_limits(
     command: str,
     word: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[[str, list[str]], str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    told = said(command, [f"{word}=xyzzy"], tmp_path, capsys)
+    told = refused(command, [f"{word}=xyzzy"])
     assert told.startswith("is 'xyzzy', ")
     limits = LIMITS.search(told)
     assert limits
@@ -121,7 +127,7 @@ def test_a_number_beyond_its_limits_or_none_is_refused_with_the_limits(
         " ": "is ' ', ",
     }
     for value, begins in beyond.items():
-        line = said(command, [f"{word}={value}"], tmp_path, capsys)
+        line = refused(command, [f"{word}={value}"])
         assert begins in line
         assert f"{limits[2]} to {limits[3]}" in line
 
@@ -132,25 +138,19 @@ def test_a_position_that_is_none_is_refused_with_its_form_and_limits(
     command: str,
     word: str,
     value: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[[str, list[str]], str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert COORDINATES.search(said(command, [f"{word}={value}"], tmp_path, capsys))
+    assert COORDINATES.search(refused(command, [f"{word}={value}"]))
 
 
 @pytest.mark.parametrize(("command", "word"), CHOSEN)
 def test_a_choice_that_is_none_is_refused_with_those_that_are_known(
     command: str,
     word: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[[str, list[str]], str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     for value in ("xyzzy", "", "7.0"):
-        line = said(command, [f"{word}={value}"], tmp_path, capsys)
+        line = refused(command, [f"{word}={value}"])
         assert line.startswith(f"is '{value}'")
         assert CHOICES.search(line)
 
@@ -189,13 +189,10 @@ def test_other_values_that_cannot_be_used_are_refused_as_plainly(
     command: str,
     line: str,
     told: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[[str, list[str]], str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     words = [word.replace("\xa0", " ") for word in line.split(" ")]
-    assert said(command, words, tmp_path, capsys).startswith(told)
+    assert refused(command, words).startswith(told)
 
 
 #: Options that read a file of text, and what a command needs to come to read it.

@@ -57,16 +57,17 @@ class Wrapped:
 
 
 class Dying(Wrapped):
-    """A board whose port is gone after so many writes."""
+    """A board whose port fails after so many writes: the cable was pulled, or *error*."""
 
-    def __init__(self, inner, writes):
+    def __init__(self, inner, writes, error=None):
         super().__init__(inner)
         self.writes = writes
+        self.error = error or LinkLostError("the cable was pulled")
 
     def write_some(self, data):
         self.writes -= 1
         if self.writes < 0:
-            raise LinkLostError("the cable was pulled")
+            raise self.error
         return super().write_some(data)
 
 

@@ -106,23 +106,10 @@ def test_a_failure_beside_an_error_is_still_a_failure():
     assert suite.exit_status == 1
 
 
-class Raising(boards.Wrapped):
-    """A transport whose every write after so many is an error of the program."""
-
-    def __init__(self, inner, writes):
-        super().__init__(inner)
-        self.writes = writes
-
-    def write_some(self, data):
-        self.writes -= 1
-        if self.writes < 0:
-            raise TypeError("the program is wrong")
-        return super().write_some(data)
-
-
 @pytest.mark.parametrize("writes", range(6, 30))
 def test_an_error_before_or_after_a_case_ends_that_case_and_not_the_run(writes):
-    access = boards.virtual(array="2x2", wrap=lambda inner: Raising(inner, writes))
+    wrong = TypeError("the program is wrong")
+    access = boards.virtual(array="2x2", wrap=lambda inner: boards.Dying(inner, writes, wrong))
     cases = [broken(TypeError(), times=0) for _ in range(4)]
     suite = SuiteRunner(access, SuiteOptions()).run(cases)
     assert len(suite.results) == 4

@@ -9,7 +9,7 @@ from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.run_record import RunRecord, measure_run
 from haptogram.records.frame import Evidence
 from haptogram.settings.verify_config import VerifyConfig
-from haptogram.verification import RunVerdict, verify_run
+from haptogram.verification import RunVerdict
 from haptogram_protocol.messages import Feature
 from sim_device.board.settings import ALL_FEATURES
 from virtual_ports import BAUD, BoardPort
@@ -23,14 +23,7 @@ def run_on(port: BoardPort) -> tuple[RunRecord, RunVerdict]:
     board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = port
     found = measure_run(CONFIG, board, None)
-    run = verify_run(
-        found.intended,
-        found.observations,
-        model=found.model,
-        unseen=found.unseen,
-        cut=found.cut,
-    )
-    return found, run
+    return found, found.verdict()
 
 
 @pytest.mark.parametrize("trace", [Feature.TRACE, Feature.TRACE_RING])
@@ -66,7 +59,7 @@ def test_an_interrupt_cancels_what_is_on_its_way_and_loses_nothing() -> None:
     with board_in_virtual_time(config.virtual_board()) as board:
         found = measure_run(config, board, interrupt)
     assert found.interrupted
-    run = verify_run(found.intended, found.observations, model=found.model, cut=found.cut)
+    run = found.verdict()
     assert run.reasons == (f"interrupted after {len(found.intended)} of 504 frames",)
     assert run.counts["sent"] + run.counts["not_sent"] == 504
     assert run.counts["lost"] == 0
@@ -83,7 +76,7 @@ def test_a_frame_that_is_due_at_the_mute_is_not_lost(frame: int) -> None:
     config = VerifyConfig.of(object="circle", radius_mm=20, repeat=10, virtual_time=True)
     with board_in_virtual_time(config.virtual_board()) as board:
         found = measure_run(config, board, interrupt)
-    run = verify_run(found.intended, found.observations, model=found.model, cut=found.cut)
+    run = found.verdict()
     assert (run.counts["lost"], run.effect) == (0, None)
 
 

@@ -1,0 +1,35 @@
+"""Limits that both drivers set to the time of a hold and to the frames of a stream."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram.settings.arguments import (
+    Progress,
+    check_argument_kind,
+    check_callable,
+    check_number,
+    check_whole,
+)
+
+_MOST_STREAMED: Final = 10_000_000  # frames in one call: each leaves 64 bytes in its report
+_LONGEST_SPIN_US: Final = 1_000_000
+_LONGEST_HOLD_S: Final = 1e7
+
+
+def check_hold(seconds: float) -> None:
+    """Refuse to hold a focus for a time that is none, or too long."""
+    check_number("seconds", seconds, 0.0, _LONGEST_HOLD_S)
+
+
+def check_streaming(loops: int, spin_us: int, progress: Progress | None, *, realtime: bool) -> None:
+    """Refuse arguments that every stream takes, before its frames are made."""
+    check_whole("loops", loops, 1, _MOST_STREAMED)
+    check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
+    check_argument_kind("realtime", realtime, bool, "True or False")
+    check_callable("progress", progress)
+
+
+def check_streamed_frames(total: int) -> int:
+    """Return *total*, the frames of all loops, or refuse so many."""
+    return check_whole("number of frames, all loops of them", total, 1, _MOST_STREAMED)
