@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -28,7 +29,10 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_now, store_phases
 from ...client.uploads import begin_upload, upload_to_board
+from ...judge.held_state import changes
+from ...judge.refused_requests import STORED
 from ...outcome import SELF_REPORTED, check
+from .moments.refusals import brought, held_after, situations
 
 _SEQUENCE: Final = 5
 _FRAMES: Final = 4
@@ -189,3 +193,52 @@ def _check_playback_and_upload(board: BoardClient, hello: Hello) -> None:
         board.link.ask(UploadChunk(start, data[start : start + half]))
     taken = board.link.call(UploadCommit(_PLAYED + 1), UploadCommitReply).frames
     check(taken == len(frames), f"an upload around HELLO of the open nonce: {taken} frames")
+
+
+@case(
+    "HG-4.6/1",
+    "a repeated HELLO gets the first reply, with the state and settings of then, after any change",
+    variant="reply",
+    needs=Feature.CONFIG,
+)
+def the_first_reply_stays(board: BoardClient) -> None:
+    upload = partial(upload_to_board, board, UploadKind.CORRECTION, 0)
+    count = board.identity.transducers
+    happenings: dict[str, Callable[[], object]] = {
+        "ARM": board.arm,
+        "SET_CONFIG": lambda: _everything_set(board),
+        "a latch": lambda: latch_now(board, board.flat_phases(3)),
+        "MUTE": lambda: _muted(board),
+    }
+    if board.has(Feature.SEQUENCE_PHASES):
+        happenings["an upload that begins"] = lambda: _uploading(board)
+    if board.has(Feature.CORRECTION):
+        happenings["a new correction"] = lambda: upload(board.random.randbytes(count))
+    first = board.hello()
+    for name, happen in happenings.items():
+        happen()
+        again = board.hello(board.link.session)
+        check(again == first, f"after {name}: HELLO_REPLY was {first}, then {again}")
+    last = board.hello()
+    due = (board.config.sound_speed_mm_s, board.status().config_crc, OutputState.MUTED)
+    told = (last.sound_speed_mm_s, last.config_crc, last.state)
+    check(told == due, f"a new session tells (speed, config_crc, state) {told}, due is {due}")
+    if board.has(Feature.CORRECTION):
+        upload(bytes(count))
+
+
+@case(
+    "HG-4.6/1",
+    "a repeated HELLO, streaming, playing, waiting, off, leaves all that a board holds as it is",
+    variant="moments",
+    evidence=SELF_REPORTED,
+)
+def a_repeated_hello_leaves_all(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, STORED, frames=1)
+    for situation in situations(board):
+        last_us, before = brought(board, situation)
+        held = held_after(board, last_us, lambda: board.hello(board.link.session))
+        held = {key: value for key, value in held.items() if key != "the counter repeated"}
+        text = changes(before, held)
+        check(not text, f"{situation.name}, HELLO with the open nonce: {text}")

@@ -270,25 +270,3 @@ def _check_header(board: BoardClient, answer: Received, message: Message | None)
     )
     types = {int(Error.TYPE)} | ({message.TYPE + RESPONSE_OFFSET} if message is not None else set())
     check(header.type in types, f"{name} is answered by a frame of type {header.type:#04x}")
-
-
-@case(
-    "HG-4.11/1",
-    "before the first HELLO every answer has session 0",
-    variant="closed",
-    needs_reset=True,
-)
-def no_session_is_0(board: BoardClient) -> None:
-    board.link.session = 0
-    answers = {
-        "MUTE": board.link.ask(Mute()),
-        "MUTE of a session": board.link.ask(Mute(), session=0x1234),
-        "PING": board.link.ask(Ping(1)),
-        "PING of a session": board.link.ask(Ping(1), session=0x1234),
-        "an unknown request": board.link.ask_raw(_UNKNOWN_REQUEST),
-        "HELLO of another version": board.link.ask(Hello(2, 0, 1, 0)),
-        "HELLO of nonce 0": board.link.ask(Hello(1, 0, 0, 0)),
-    }
-    for name, answer in answers.items():
-        session = answer.header.session if answer.header is not None else -1
-        check(session == 0, f"no session is open; the answer to {name} has {session:#06x}")

@@ -62,7 +62,7 @@ def readings_are_always_answered(board: BoardClient) -> None:
             name = f"{situation.name}, {message.TYPE.name}"
             if isinstance(answer.message, Error) or answer.message is None:
                 fail(f"{name} is answered by {board.link.answer_text(answer)}")
-        text = changes(before, held_after(board, last_us, None))
+        text = changes(before, held_after(board, last_us))
         check(not text, f"{situation.name}, requests that only ask: {text}")
 
 
@@ -92,7 +92,7 @@ def a_field_changes_only_itself(board: BoardClient) -> None:
         usual = board.config
         for name, value in changed.items():
             board.link.ask(SetConfig(dataclasses.replace(usual, **{name: value})))
-            after = held_after(board, last_us, None)
+            after = held_after(board, last_us)
             held = {key: value for key, value in before.items() if key not in _BY_CONFIG}
             text = changes(before, {key: after[key] for key in held})
             check(not text, f"{situation.name}, {name} is set: {text}")

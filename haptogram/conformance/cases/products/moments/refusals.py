@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -84,6 +85,7 @@ def _set(board: BoardClient) -> None:
             hold_ms=10_000,
             ramp_ms=33 if board.has(Feature.AMPLITUDE) else 0,
             host_timeout_ms=9876,
+            late_window_us=100_000,
             sound_speed_mm_s=355_555,
             trace_mode=TraceMode.RING if ring else TraceMode.OFF,
             amplitude_ceiling=77 if board.has(Feature.AMPLITUDE) else 255,
@@ -206,7 +208,7 @@ def _judge(board: BoardClient, situation: Situation) -> None:
         if board.wire.now_us() - brought_us > _FRESH_US:
             last_us, before = brought(board, situation)
             brought_us = board.wire.now_us()
-        text = changes(before, held_after(board, last_us, refusal))
+        text = changes(before, held_after(board, last_us, partial(refuse, board, refusal)))
         if text:
             fail(f"{situation.name}, refused {refusal.name}: {text}")
 
@@ -215,20 +217,21 @@ def brought(board: BoardClient, situation: Situation) -> tuple[int, Held]:
     """Bring a situation about; return the t_apply of its last frame, and what the board holds."""
     last_us = situation.bring(board)
     board.status()  # the margins start anew
-    return last_us, held_after(board, last_us, None)
+    return last_us, held_after(board, last_us)
 
 
-def held_after(board: BoardClient, last_us: int, refusal: Refusal | None) -> Held:
-    """Return the state after a frame that is dropped for its order, and a refusal."""
+def held_after(
+    board: BoardClient, last_us: int, happen: Callable[[], object] = lambda: None
+) -> Held:
+    """Return the state after a frame that is dropped for its order, and what *happen* does."""
     since = board.link.mark()
     if last_us:
         board.link.send(board.link.stream_wire(board.shortest_stream(), last_us))
-    if refusal is not None:
-        _refuse(board, refusal)
+    happen()
     return read_held(board, since)
 
 
-def _refuse(board: BoardClient, refusal: Refusal) -> Error:
+def refuse(board: BoardClient, refusal: Refusal) -> Error:
     """Send a request that has to be refused; FAILED unless it is."""
     header = dict(refusal.header)
     if refusal.code is ErrorCode.SEQUENCE_REUSED:
@@ -288,6 +291,6 @@ def every_refusal_has_its_code(board: BoardClient) -> None:
         store_phases(board, STORED, frames=1)
     _streaming(board)
     for refusal in list(_while_streaming(board)):
-        code = _refuse(board, refusal).code
+        code = refuse(board, refusal).code
         names = ErrorCode._value2member_map_
         check(code == refusal.code, f"{refusal.name}: {names.get(code, code)!r} instead")

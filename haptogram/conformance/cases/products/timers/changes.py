@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from haptogram_protocol.messages import Feature, Status, TraceMode
+from haptogram_protocol.messages import Feature, SetConfig, SetConfigReply, Status, TraceMode
 from haptogram_protocol.state import MuteReason
 
 from ....case import Depth, case
@@ -40,6 +41,15 @@ def _others(board: BoardClient) -> list[dict[str, Any]]:
     return found
 
 
+def _set_alone(board: BoardClient, **changes: Any) -> int:
+    """Set the configuration and return the time of the reply; no frame follows that may help."""
+    wanted = dataclasses.replace(board.base_config, **changes)
+    answer = board.link.ask(SetConfig(wanted))
+    board.config = board.link.reply_in(answer, SetConfigReply, SetConfig.TYPE).config
+    assert answer.header is not None  # reply_in
+    return board.clock.unwrap(answer.header.time_us)
+
+
 def _start_hold(board: BoardClient) -> int:
     latch_now(board, board.flat_phases())
     return board.clock.unwrap(board.status().last_latch_us)
@@ -71,8 +81,7 @@ def _hold_with(
     start_us = start(board)
     board.wire.idle(max(0, start_us + _BEFORE_MS * _MS - board.clock.device_estimate_us()))
     early_us = board.clock.device_us()
-    board.configure(**after)
-    late_us = board.clock.device_us()
+    late_us = _set_alone(board, **after)
     longest_ms = 2 * max(length_ms, after["hold_ms"]) + after["ramp_ms"]
     header, _ = muted_by_timer(board, since, longest_ms * _MS, MuteReason.HOLD_EXPIRED)
     muted_us = board.clock.unwrap(header.time_us)
@@ -149,8 +158,7 @@ def _lease_with(board: BoardClient, changes: Mapping[str, Any], *, plays: bool) 
     else:
         latch_now(board, board.flat_phases())
     board.wire.idle(_BEFORE_MS * _MS)
-    board.configure(**after)
-    start_us = board.clock.device_us()
+    start_us = _set_alone(board, **after)
     due_ms = (_LENGTH_MS if plays else after["host_timeout_ms"]) + after["ramp_ms"]
     reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
     header, _ = muted_by_timer(board, since, 3 * due_ms * _MS, reason)
@@ -201,8 +209,8 @@ def a_running_status_period_is_changed(board: BoardClient) -> None:
     for before_ms, after_ms in ((65_535, least_ms), (least_ms, 3 * least_ms), (0, least_ms)):
         board.configure(status_period_ms=before_ms)
         board.wire.idle(least_ms * _MS // 2)
-        board.configure(status_period_ms=after_ms)
-        since, start_us = board.link.mark(), board.clock.device_us()
+        since = board.link.mark()
+        start_us = _set_alone(board, status_period_ms=after_ms)
         board.wire.idle(7 * after_ms * _MS // 2 + board.wire.limits.slack_us)
         board.link.barrier()
         found = board.link.events(Status, since)
