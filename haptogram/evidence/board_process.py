@@ -13,6 +13,8 @@ from typing import Final
 from haptogram.errors import ConfigurationError, LinkLostError
 from haptogram.machine.view_process import child_environment
 
+_PROGRAM: Final = "python -m sim_device: "
+_REFUSED: Final = 2
 _READY: Final = "listening on "
 _START_S: Final = 60.0  # an interpreter with numpy takes seconds on a busy machine
 _STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
@@ -80,6 +82,8 @@ class BoardProcess:
         if status < 0:
             return f"the virtual board was ended by {signal.Signals(-status).name}"
         *_, said = ["it said nothing", *self.log().split("\n")[:-1]]
+        if status == _REFUSED and said.startswith(_PROGRAM):  # a reason of the user's own options
+            return said.removeprefix(_PROGRAM)
         return f"the virtual board ended with status {status}: {said}"
 
     def log(self) -> str:

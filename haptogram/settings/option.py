@@ -128,8 +128,8 @@ class Option:
             return ",".join(f"{item:g}" for item in self.default)
         return f"{self.default:g}" if self.kind is float else str(self.default)
 
-    def checked(self, value: Any) -> Any:
-        """Return *value* in its own type.
+    def checked(self, value: Any, shown: str | None = None) -> Any:
+        """Return *value* in its own type; *shown* is what a user wrote, for a refusal.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class Option:
         is_list = isinstance(value, list | tuple)
         if not is_list or self.count not in (0, len(value)) or not all(map(self._fits, value)):
             raise ConfigurationError(
-                f"{self.name} is {shown_argument(value)}, must be {self._list_text}"
+                f"{self.name} is {shown or shown_argument(value)}, must be {self._list_text}"
             )
         return tuple(map(self._checked_item, value))
 
@@ -209,7 +209,7 @@ class Option:
             Names the option, the value and the limit.
         """
         value = self.read(text)
-        return self._checked_item(value) if self.count == 0 else self.checked(value)
+        return self._checked_item(value) if self.count == 0 else self.checked(value, text)
 
     def write(self, value: Any) -> str:
         """Return the text that :meth:`read` takes for *value*."""

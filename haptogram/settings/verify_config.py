@@ -174,11 +174,13 @@ class CaptureConfig(Settings):
         if self.recording is not None and not self.capture:
             raise SettingError("recording", "is what a capture is judged by: name the --capture")
         if self.capture and len(self.channels) not in (1, len(self.capture)):
-            raise SettingError(
-                "channels",
-                f"names {len(self.channels)} maps for {len(self.capture)} captures, must be one "
-                "for all or one for each",
+            captures = len(self.capture)
+            for_them = (
+                "1 capture, must be one"
+                if captures == 1
+                else f"{captures} captures, must be one for all or one for each"
             )
+            raise SettingError("channels", f"names {len(self.channels)} maps for {for_them}")
         if self.channels and not self.capture:
             raise SettingError("channels", "is the map of a capture: name the --capture")
 

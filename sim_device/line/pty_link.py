@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 from pathlib import Path
 from typing import Final
@@ -10,6 +11,7 @@ from typing import Final
 from haptogram.errors import ConfigurationError
 from haptogram.machine.posix import posix_module
 
+_LOG: Final = logging.getLogger(__name__)
 INSTEAD_OF_PTY: Final = "a TCP port, or the URL haptogram:// inside the host's process"
 
 
@@ -29,6 +31,7 @@ class PtyLink:
         self._path = path
         self._lock_path = path.with_name(path.name + ".lock")
         self._target = ""
+        self._make_folder()
         self._lock = self._take_lock()
 
     def point_to(self, target: str) -> None:
@@ -57,6 +60,15 @@ class PtyLink:
             os.unlink(self._lock_path)
         os.close(self._lock)
         self._lock = -1
+
+    def _make_folder(self) -> None:
+        folder = self._path.parent
+        if not folder.exists():
+            try:
+                folder.mkdir(parents=True)
+            except OSError as error:
+                raise self._impossible(error) from error
+            _LOG.info("%s: a new folder, made for the link", folder)
 
     def _take_lock(self) -> int:
         fcntl = posix_module("fcntl", "a pty port", INSTEAD_OF_PTY)

@@ -147,6 +147,8 @@ def client_of(rng, board: str) -> Client:
     array = LAYOUTS[board].array()
     half = np.ptp(array.positions_m, axis=0).max() / 2.0
     local = rng.uniform([-0.6, -0.6, 0.8], [0.6, 0.6, 2.4], (LATCHES, 3))
+    if board in OTHER_BOARDS:
+        local = rng.uniform(-0.5, 0.5, (LATCHES, 3))
     if rng.random() < 0.15:
         local[:, int(rng.integers(2))] = 0.0
     targets = array.centre_m + local * half
@@ -195,6 +197,23 @@ def other_frame_in_other_air(client: Client) -> None:
     frame_of_ultraino(client)
     client.speed = 346.0
     client.labels |= {Defect.SPEED}
+
+
+def inverted(client: Client) -> None:
+    client.spoil = np.conj
+    client.labels = frozenset({Defect.SIGN})
+
+
+def inverted_in_other_air(client: Client) -> None:
+    inverted(client)
+    client.speed = client.rng.choice([340.0, 346.0])
+    client.labels |= {Defect.SPEED}
+
+
+def inverted_and_mirrored(client: Client) -> None:
+    mirrored(client)
+    inverted(client)
+    client.labels |= {Defect.ORDER}
 
 
 def reversed_elements(client: Client) -> None:
@@ -281,6 +300,9 @@ DEFECTS = (
     other_speed,
     mirrored_in_other_air,
     other_frame_in_other_air,
+    inverted,
+    inverted_in_other_air,
+    inverted_and_mirrored,
     reversed_elements,
     silent_elements,
     stray_channels,
@@ -291,7 +313,10 @@ DEFECTS = (
     scattered_targets,
     part_of_the_array,
 )
-WITH_EXPECTATION = {Defect.ORDER, Defect.AXES, Defect.SPEED}
+WITH_EXPECTATION = {Defect.SIGN, Defect.ORDER, Defect.AXES, Defect.SPEED}
+# Boards face to face, and bowls, have other symmetries than flat ones.
+OTHER_BOARDS = ("sonicsurface-stack", "tinylev")
+THERE_TOO = (nothing_wrong, inverted, inverted_in_other_air, scattered_targets)
 
 
 def run_outcome(client: Client, *, expected: bool) -> tuple[str, str]:
@@ -328,6 +353,7 @@ def trial(cases: int, seed: int, tell: Callable[[str], object] = lambda _: None)
     tally, patterns = Tally(), Patterns()
     combinations = [("pattern", board, kind) for kind in KINDS for board in BOARDS]
     combinations += [("run", board, defect) for defect in DEFECTS for board in FLAT]
+    combinations += [("run", board, defect) for defect in THERE_TOO for board in OTHER_BOARDS]
     order = np.random.default_rng(seed).permutation(len(combinations))
     for number in range(cases):
         rng = np.random.default_rng([seed, number])

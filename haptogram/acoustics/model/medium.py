@@ -89,6 +89,20 @@ class Medium:
         return 2.0 * math.pi * check_positive("frequency_hz", frequency_hz) / self.sound_speed_m_s
 
 
+def air_temperature_c(sound_speed_m_s: float) -> float:
+    """Return the temperature of air with this speed of sound, in degrees Celsius.
+
+    The inverse of :meth:`Medium.air` (ISO 9613-1:1993, 8.2).
+
+    Examples
+    --------
+    >>> round(air_temperature_c(346.0), 1)
+    24.8
+    """
+    kelvin = _T_REFERENCE_K * (sound_speed_m_s / _SOUND_SPEED_20C_M_S) ** 2
+    return kelvin - _KELVIN
+
+
 def speed_uncertainty(medium: Medium, temperature_c: float, humidity_percent: float) -> float:
     """Return the relative change of the speed of sound for a change of the air.
 

@@ -34,6 +34,8 @@ INPUTS: Final[Mapping[str, Callable[[str], bool]]] = {
     **dict.fromkeys(("capture", "channels", "file", "map", "recording"), bool),
 }
 
+_POSITIONAL: Final = ("file", "source")
+
 
 class Outputs:
     """The files that the options of a command name.
@@ -106,7 +108,7 @@ def _inputs(settings: object) -> Iterator[tuple[str, Path]]:
         value = getattr(settings, name, None)
         for path in value if isinstance(value, list | tuple) else [value]:
             if path is not None and is_file(str(path)):
-                yield _as_option(name), Path(path)
+                yield "this command" if name in _POSITIONAL else _as_option(name), Path(path)
 
 
 def _as_option(name: str) -> str:

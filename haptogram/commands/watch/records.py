@@ -129,6 +129,7 @@ def open_records(arguments: argparse.Namespace, replay: Replay) -> Iterator[Watc
         elif arguments.dialect is not None:
             found = _replayed(replay(_board_config(arguments), _read_bytes(arguments.source)))
         else:
+            _refuse_bytes_of_client(arguments.source)
             stream = parts.enter_context(BackdoorStream(arguments.source))
             found = WatchedRecords(arguments.source, reader_of(stream))
         parts.callback(found.close)
@@ -163,6 +164,21 @@ def _read_bytes(source: str) -> bytes:
         return Path(source).read_bytes()
     except OSError as error:
         raise ConfigurationError(f"cannot read {source}: {error.strerror}") from error
+
+
+def _refuse_bytes_of_client(source: str) -> None:
+    """Raise if *source* is a file that holds bytes of a client, and say which dialect it needs."""
+    from haptogram_protocol.dialects.looks_like import looks_like_dialect
+
+    path = Path(source)
+    if not path.is_file() or not (data := path.read_bytes()) or data.lstrip().startswith(b"{"):
+        return
+    names = looks_like_dialect(data)
+    like = f"its bytes look like {' or '.join(names)}" if names else "they may be those of a client"
+    which = names[0] if names else "NAME"
+    raise ConfigurationError(
+        f"{source}: holds no records of a back door; {like}: add --dialect {which}"
+    )
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ class Defect(enum.StrEnum):
     BYTES_LOST = "bytes lost in the middle of a frame"
     STOPPED = "frame that stops in its middle"
     OTHER_ARRAY = "frames of another array"
+    SIGN = "phases of the opposite sign"
     ORDER = "another order of the elements"
     AXES = "another coordinate frame"
     SPEED = "another speed of sound"

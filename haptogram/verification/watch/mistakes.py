@@ -14,6 +14,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.model.medium import air_temperature_c
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.fit import PatternPhases, fit_pattern_point
 
@@ -89,6 +90,28 @@ def name_mistake(model: AcousticModel, aims: Sequence[Aim]) -> Diagnosis | None:
     return None
 
 
+def is_explained_alone(model: AcousticModel, aims: Sequence[Aim], rivals: Sequence[Aim]) -> bool:
+    """Return True if *aims* are on target, and *rivals* neither are nor show another mistake."""
+    if len(_distinct(rivals)) < LEAST_TARGETS or name_mistake(model, rivals) is not None:
+        return False
+    misfit, rival = (_Case(model, each).misfit_of_targets() for each in (aims, rivals))
+    return misfit <= _EXPLAINS and rival >= max(_MARGIN * misfit, _LEAST_RIVAL)
+
+
+def hint_at_speed(model: AcousticModel, aims: Sequence[Aim]) -> str | None:
+    """Return which speed of sound would explain foci that are not on target; None: none does.
+
+    Unlike :func:`name_mistake` it takes any number of targets, and asks for no rival.
+    """
+    if not aims:
+        return None
+    case = _Case(model, aims)
+    if case.misfit_of_targets() <= _EXPLAINS:
+        return None
+    name, places = case.in_other_air()
+    return name.parts[-1][1] if case.misfit(places) <= _EXPLAINS else None
+
+
 def _first(item: tuple[float, _Name]) -> float:
     return item[0]
 
@@ -133,12 +156,20 @@ class _Case:
         mean = float(np.sqrt((off**2).sum() / max(self._seen.sum(), 1)))
         return max(mean, float(np.abs(off).max()) * _EXPLAINS / _WORST)
 
+    def misfit_of_targets(self) -> float:
+        """Return how many standard deviations the foci are off their targets."""
+        return self.misfit(self.targets)
+
+    def in_other_air(self) -> tuple[_Name, Places]:
+        """Return the best speed of sound that the client may have assumed."""
+        return self._in_other_air(self.targets, ())
+
     def simple(self) -> Iterator[tuple[_Name, Places]]:
         """Yield each mistake by itself."""
         for name, places in self._orders():
             yield _Name(((Defect.ORDER, name),)), places
         yield self._shifted(self.targets, ())
-        yield self._in_other_air(self.targets, ())
+        yield self.in_other_air()
 
     def double(self) -> Iterator[tuple[_Name, Places]]:
         """Yield two mistakes at once."""
@@ -195,7 +226,9 @@ class _Case:
             moved = self._foci_for(places, share)
         speed = self._model.medium.sound_speed_m_s * (1.0 + share)
         here = f"the air has {self._model.medium.sound_speed_m_s:.1f} m/s"
-        text = f"the client assumes {speed:.1f} m/s, {here}"
+        its_air_c = air_temperature_c(speed)
+        option = f"--temperature-c {its_air_c:.1f}"
+        text = f"the client assumes {speed:.1f} m/s, air of {its_air_c:.1f} C ({option}); {here}"
         return _Name((*before, (Defect.SPEED, text))), moved
 
     def _both(self) -> tuple[_Name, Places]:

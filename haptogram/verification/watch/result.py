@@ -73,6 +73,8 @@ class WatchResult:
         Named defects.
     torn : tuple of (int, str)
         Latches that may be torn, and what was counted of each.
+    hints : tuple of str
+        What may explain where foci are, and is not proven.
     missing : str or None
         Why latches may be missing, or frames are not judged; None: all are there, and judged.
     remarks : tuple of str
@@ -88,6 +90,7 @@ class WatchResult:
     statuses: Mapping[FrameStatus, int] = field(default_factory=Counter)
     diagnoses: tuple[Diagnosis, ...] = ()
     torn: tuple[tuple[int, str], ...] = ()
+    hints: tuple[str, ...] = ()
     missing: str | None = None
     remarks: tuple[str, ...] = ()
     search_ms: tuple[float, float] = (0.0, 0.0)
@@ -118,6 +121,7 @@ class WatchResult:
                 for d in self.diagnoses
             ],
             "torn": [{"latch": number, "counted": text} for number, text in self.torn],
+            "hints": list(self.hints),
             "missing": self.missing,
             "remarks": list(self.remarks),
         }
@@ -150,6 +154,7 @@ class WatchResult:
         lines += [f"  torn      latch {number}: {text}" for number, text in self.torn[:8]]
         if len(self.torn) > 8:
             lines.append(f"  torn      {len(self.torn) - 8} more")
+        lines += [f"  hint      {text}" for text in self.hints]
         remarks = dict.fromkeys(text for text in self.remarks if text != self.missing)
         lines += [f"  remark    {text}" for text in [*remarks][:8]]
         lines += [f"  missing   {self.missing}"] if self.missing else []

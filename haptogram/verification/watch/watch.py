@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections import Counter, OrderedDict, deque
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -17,11 +18,12 @@ from haptogram.records.remark import About
 from haptogram.settings.arguments import check_whole
 
 from ..verdict import WRONG, FrameStatus, FrameVerdict
+from .conjugate import ConjugateFoci
 from .defect import Diagnosis
 from .diagnosis import DefectFinder
 from .expectation import Expectation
 from .latch import SeenLatch
-from .mistakes import Aim, name_mistake
+from .mistakes import Aim, hint_at_speed, name_mistake
 from .result import WatchedLatch, WatchResult
 
 _REMEMBERED: Final = 1024  # drives; clients show the same ones again and again
@@ -72,7 +74,8 @@ class Watch:
         self._statuses: Counter[FrameStatus] = Counter()
         self._times_ms: deque[float] = deque(maxlen=_TIMED)
         self._aims: dict[tuple[float, ...], Aim] = {}
-        self._latches = self._frames = self._focused = 0
+        self._conjugates = ConjugateFoci(model)
+        self._latches = self._frames = self._focused = self._missed = 0
 
     def take(self, latch: SeenLatch) -> WatchedLatch:
         """Return a latch with its pattern, verdict and defects."""
@@ -108,12 +111,13 @@ class Watch:
 
     def result(self, missing: str | None = None) -> WatchResult:
         """Return the numbers so far; *missing* says why latches may be missing."""
-        times = self._times_ms
+        times, mistakes = self._times_ms, self._mistakes()
         return WatchResult(
             latches=self._latches,
             kinds=dict(self._kinds),
             statuses=dict(self._statuses),
-            diagnoses=(*self._finder.diagnoses(), *self._mistakes()),
+            diagnoses=(*self._finder.diagnoses(), *mistakes),
+            hints=() if mistakes else tuple(self._hints()),
             torn=tuple(self._finder.frames.torn),
             missing=missing or self._finder.frames.undecided,
             remarks=tuple(self._finder.frames.remarks),
@@ -155,7 +159,12 @@ class Watch:
         verdict = self._expectation.judge(index, latch, pattern)
         self._statuses[verdict.status] += 1
         foci = self._expectation.frame(index)
-        if isinstance(pattern, OneFocus) and len(foci) == 1 and not latch.torn:
+        if len(foci) > 1 or latch.torn:
+            return verdict
+        if verdict.status in WRONG:
+            self._missed += 1
+            self._conjugates.take(latch, pattern, foci[0])
+        if isinstance(pattern, OneFocus):
             self._focused += 1
             key = tuple(foci[0].tolist())
             if key not in self._aims and len(self._aims) < _MOST_AIMS:
@@ -165,8 +174,20 @@ class Watch:
 
     def _mistakes(self) -> list[Diagnosis]:
         """Return the one mistake that explains where the foci are, if they are not on target."""
-        wrong = any(self._statuses[status] for status in WRONG)
-        if not wrong or self._focused < _FOCUSED * self._frames:
-            return []
-        found = name_mistake(self._model, list(self._aims.values()))
+        found = None
+        if self._are_off_target:
+            found = name_mistake(self._model, list(self._aims.values()))
+        if found is None and self._missed >= max(1, _FOCUSED * self._frames):
+            found = self._conjugates.diagnosis()
         return [] if found is None else [found]
+
+    def _hints(self) -> Iterator[str]:
+        """Yield what may explain where the foci are, and is not proven."""
+        if self._are_off_target and (text := hint_at_speed(self._model, [*self._aims.values()])):
+            yield f"the foci are where they would be if {text}"
+
+    @property
+    def _are_off_target(self) -> bool:
+        """True if some latch is wrong, and nearly all are foci."""
+        wrong = any(self._statuses[status] for status in WRONG)
+        return wrong and self._focused >= _FOCUSED * self._frames

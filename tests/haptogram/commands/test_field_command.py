@@ -218,7 +218,7 @@ def test_what_cannot_be_drawn_is_refused_with_the_reason(run, tmp_path, words, m
 def test_a_place_that_is_no_triple_is_a_usage_error(capsys):
     assert main(["field", "--focus-mm", "1,2"]) == 2
     assert capsys.readouterr().err == (
-        "haptogram field: --focus-mm is (1.0, 2.0), must be X,Y,Z, each -10000 to 10000 mm\n"
+        "haptogram field: --focus-mm is 1,2, must be X,Y,Z, each -10000 to 10000 mm\n"
     )
 
 

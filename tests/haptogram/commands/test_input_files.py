@@ -98,10 +98,14 @@ def test_an_output_does_not_replace_an_input(
     said = capsys.readouterr()
     assert said.err == (
         f"haptogram {command}: {word(options[writer])} {Path(other)}: would replace the file that "
-        f"{word(options[reader])} reads; name another one\n"
+        f"{named(options[reader])} reads; name another one\n"
     )
     assert said.out == ""
     assert source.read_text() == content
+
+
+def named(action: argparse.Action) -> str:
+    return word(action) if action.option_strings else "this command"
 
 
 def word(action: argparse.Action) -> str:

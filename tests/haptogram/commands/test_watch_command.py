@@ -212,6 +212,22 @@ def test_nothing_latched_is_status_3(tmp_path, capsys):
         (("unix:absent",), "no board listens at unix:absent"),
         (("x.bin", "--dialect", "sonicsurface", "--link", "y"), "--link starts a board"),
         ((capture("sonicsurface/on"), "--dialect", "sonic"), "--dialect is 'sonic'; known are"),
+        (("--link", "y", "--dialect", "sonic"), "--dialect is 'sonic'; known are"),
+        (
+            ("--link", "y", "--dialect", "sonicsurface", "--dialect-option", "boards=7"),
+            "boards is 7, must be 1 to 2",
+        ),
+        (("foci.csv",), "foci.csv: holds no records of a back door; they may be those of a client"),
+        (
+            (capture("sonicsurface/on"),),
+            f"{capture('sonicsurface/on')}: holds no records of a back door; its bytes look like "
+            "sonicsurface or ultraino-fpga: add --dialect sonicsurface",
+        ),
+        (
+            ("client.bin", "--dialect", "sonicsurface", "--json", "client.bin"),
+            "--json client.bin: would replace the file that this command reads",
+        ),
+        (("client.bin", "--expect", "1,2"), "--expect is 1,2, must be X,Y,Z, each -10000 to"),
         (
             (capture("sonicsurface/on"), "--dialect", "sonicsurface", "--expect-file", "foci.csv"),
             "--expect-file foci.csv: must begin with the line x,y,z",
@@ -221,6 +237,7 @@ def test_nothing_latched_is_status_3(tmp_path, capsys):
 def test_a_refusal_is_one_line_and_status_2(words, told, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("foci.csv").write_text("a,b,c\n1,2,3\n")
+    Path("client.bin").write_bytes(b"")
     status, out, err = watch(capsys, *words)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert err.startswith(f"haptogram watch: {told}")

@@ -331,3 +331,14 @@ def test_what_becomes_of_an_error_of_accept(code, is_fatal, is_short):
         assert doorman.admit() is None
     assert doorman.refused == is_short
     assert doorman.is_looking is not is_short
+
+
+def test_the_folder_of_a_link_is_made_as_that_of_any_output(tmp_path, caplog):
+    caplog.set_level("INFO")
+    port = PtyPort(tmp_path / "new" / "one" / "board")
+    assert (tmp_path / "new" / "one" / "board").is_symlink()
+    port.close()
+    assert f"{tmp_path / 'new' / 'one'}: a new folder, made for the link" in caplog.text
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigurationError, match="cannot make the link"):
+        PtyPort(tmp_path / "file" / "board")
