@@ -55,7 +55,7 @@ examples:
   PROGRAM --link /tmp/board --baud 3000000 --latency-ms 16
                      as behind a USB adapter whose latency timer was left alone
   PROGRAM --link /tmp/board --baud 3000000 --rx-fifo 16 --rx-poll-us 50
-                     a UART of 16 bytes, emptied every 50 us: one that does not overrun
+                     a UART of 16 bytes, emptied every 50 µs: one that does not overrun
   PROGRAM --link /tmp/board --seed 1 --fault "line.flip ber=1e-5" \\
       --fault "device.stuck column=3 from=2s"
   PROGRAM --link /tmp/board --dialect sonicsurface

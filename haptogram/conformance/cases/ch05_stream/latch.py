@@ -48,7 +48,7 @@ def latches_on_the_carrier(board: BoardClient) -> None:
         got_us = board.clock.unwrap(board.status().last_latch_us)
         check(
             got_us == due_us,
-            f"t_apply {t_us} us: latched at {got_us} µs, due is {due_us} µs "
+            f"t_apply {t_us} µs: latched at {got_us} µs, due is {due_us} µs "
             f"({got_us - due_us:+d} µs)",
         )
 

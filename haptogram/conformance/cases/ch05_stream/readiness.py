@@ -117,7 +117,7 @@ def judges_lateness_by_the_margin(board: BoardClient) -> None:
             late = after.margin_min_us < 0
             check(
                 (after.margins, dropped, latched) == (1, int(late), int(not late)),
-                f"{message.TYPE.name} of {points} points, margin {after.margin_min_us} us: margins "
+                f"{message.TYPE.name} of {points} points, margin {after.margin_min_us} µs: margins "
                 f" {after.margins}, dropped_late {dropped}, latched {latched}",
             )
 

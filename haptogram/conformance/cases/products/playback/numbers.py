@@ -71,7 +71,7 @@ def _periods_us() -> list[int]:
 
 @case(
     "HG-7.6/4",
-    "periods of every width up to 2^32 us: no second frame comes soon after the first",
+    "periods of every width up to 2^32 µs: no second frame comes soon after the first",
     variant="periods",
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
@@ -87,7 +87,7 @@ def long_periods_are_long(board: BoardClient) -> None:
             play_now(board, _SEQUENCE, loops=1, period_us=period_us)
             board.wire.idle(_LOOK_MS * _MS)
             if board.link.events(PlaybackEnded, since):
-                fail(f"a period of {period_us} us: all 3 frames within {_LOOK_MS} ms")
+                fail(f"a period of {period_us} µs: all 3 frames within {_LOOK_MS} ms")
             board.link.call(Stop(), StopReply)
             if board.wire.now_us() - start_us > period_us:
                 inconclusive(f"the host was held up for more than {period_us} µs")
@@ -95,7 +95,7 @@ def long_periods_are_long(board: BoardClient) -> None:
 
 @case(
     "HG-7.6/4",
-    "one playback of more than 2^32 us: each frame at its time, past 2^31 and 2^32 µs too",
+    "one playback of more than 2^32 µs: each frame at its time, past 2^31 and 2^32 µs too",
     variant="long",
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,

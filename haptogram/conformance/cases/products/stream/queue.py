@@ -210,7 +210,7 @@ def the_horizon_is_sharp(board: BoardClient) -> None:
         due = (int(within), int(not within))
         check(
             (found.queued, dropped) == due,
-            f"a frame {ahead_us} µs ahead, the horizon is {horizon_us} us: queued "
+            f"a frame {ahead_us} µs ahead, the horizon is {horizon_us} µs: queued "
             f"{found.queued}, dropped {dropped}",
         )
         board.link.ask(Mute())
