@@ -155,11 +155,15 @@ def check_distinct_files(
     Raises
     ------
     ConfigurationError
-        Names both options.
+        Names both options; or the one whose path the system refuses.
     """
     readers, options = list(inputs), dict[str, str]()
     for option, path in outputs.items():
-        kind = kind_of(path)
+        try:
+            kind = kind_of(path)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise ConfigurationError(f"{option} {str(path)!r} cannot be: {reason}") from error
         is_stream = kind is Kind.STANDARD_OUTPUT
         place = str(kind.value) if is_stream else os.path.realpath(path)
         is_shared = is_stream or kind is Kind.FILE

@@ -9,7 +9,7 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn, TypeVar
 
@@ -82,6 +82,7 @@ class Parser(argparse.ArgumentParser):
             **options,
         )
         self.refused: dict[str, str] = {}
+        self._in_file: dict[str, str] = {}
 
     @property
     def option_actions(self) -> dict[str, argparse.Action]:
@@ -109,11 +110,19 @@ class Parser(argparse.ArgumentParser):
         return found, []
 
     def named(self, message: str) -> str:
-        """Return *message* with the option in place of the Python argument that it begins with."""
+        """Return *message* with the source of the value in place of the name that it begins with.
+
+        The name is a Python argument or an option; the source is a key of a file, or the option.
+        """
         name = message.partition(" ")[0]
-        option = _as_option(name)
-        known = name.isidentifier() and option in self.option_actions
-        return option + message[len(name) :] if known else message
+        key = name.removeprefix("--").replace("-", "_")
+        option = _as_option(key)
+        known = key.isidentifier() and option in self.option_actions and name in (key, option)
+        return self._in_file.get(key, option) + message[len(name) :] if known else message
+
+    def settle_source(self, file: Path | None, keys: Iterable[str]) -> None:
+        """Let errors about *keys* name them as keys of *file*: their values came from there."""
+        self._in_file = {key: f"{file}: {key}" for key in keys}
 
     def error(self, message: str) -> NoReturn:
         """Raise *message* as :class:`UsageError`."""

@@ -106,15 +106,17 @@ def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     """Check the settings, run the job, and return the exit status."""
     from haptogram.report.formats.html import check_html_page
 
-    config = load_verify_config(arguments.config, given_settings(arguments))
+    file, given = arguments.config, given_settings(arguments)
+    config = load_verify_config(file, given)
+    in_file = read_table(file) if file else {}
+    arguments.parser.settle_source(file, (key for key in in_file if given.get(key) is None))
     settings = argparse.Namespace(
         **config.values(),
         frame_kind=config.frame_kind,
         config=arguments.config,
         command_line=arguments.command_line,
     )
-    file = arguments.config
-    refuse_idle_options("verify", arguments, settings, file, read_table(file) if file else ())
+    refuse_idle_options("verify", arguments, settings, file, in_file)
     outputs = Outputs(settings, *(name for name in options_of(OutputConfig) if name != "stamp"))
     provenance = provenance_of_run(settings)
     if config.captures.recording is not None:
