@@ -23,6 +23,7 @@ from .simulation import Simulation
 _SHORT_NS: Final = 60_000  # what a sleep takes at least; the next carrier boundary is nearer
 _HAND_OVER_NS: Final = 20_000_000  # from one batch of records for the worker to the next
 _LONGEST_NS: Final = 3_600_000_000_000  # of one sleep: select(2) takes no more than some centuries
+_LAST_BYTES_NS: Final = 5_000_000  # from one look for the last bytes of a client to the next
 _CHUNK: Final = 4_096
 _ENDINGS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -188,6 +189,8 @@ class Heartbeat:
         self._due_ns = self._simulation.next_event_ns()
         next_ns = earliest_board_time(self._due_ns, hand_over_ns, self._port_due_ns())
         wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
+        if self._has_no_client:  # no descriptor says that its last byte has been taken
+            wait_ns = _LAST_BYTES_NS if wait_ns is None else min(wait_ns, _LAST_BYTES_NS)
         if wait_ns is not None and wait_ns <= 0:
             return  # it is due already: the next turn looks at the port all the same
         waiting = [self._wake_read, *self._parents, *self._clients, *reading]

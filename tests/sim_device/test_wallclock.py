@@ -6,12 +6,13 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 
 import pytest
 
-from dialect_boards import DialectBoard
+from dialect_boards import DATA, DialectBoard
 from haptogram_protocol.dialects.autd3.frame import DeviceFrame
 from haptogram_protocol.dialects.autd3.link import Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import Hello, Open, Pose, Write
@@ -28,6 +29,7 @@ from haptogram_protocol.dialects.autd3.operations import (
 from sim_device.board.settings import board_settings
 from sim_device.line.port import BoardPort, PortLostError
 from sim_device.line.pty_port import PtyPort
+from sim_device.log import BoardCountLog
 from sim_device.simulation import Simulation
 from sim_device.wallclock import Heartbeat
 
@@ -272,6 +274,43 @@ heartbeat.run()
 port.close()
 client.close()
 """
+
+
+class ClientThatEnds(BoardCountLog):
+    """Sends its bytes and ends, after the board has looked at its port and before it sleeps."""
+
+    def __init__(self, link, alive, data):
+        super().__init__(1)
+        self.link, self.alive, self.data = link, alive, data
+
+    def is_due(self, _):
+        if self.data:
+            client = os.open(self.link, os.O_RDWR | os.O_NOCTTY)
+            os.write(client, self.data)
+            os.close(client)
+            os.close(self.alive)
+            self.data = b""
+        return False
+
+
+def test_the_bytes_and_the_end_of_a_client_may_come_in_one_turn(tmp_path):
+    link = tmp_path / "board"
+    alive, its_end = os.pipe()
+    port = PtyPort(str(link))
+    board = DialectBoard("sonicsurface")
+    data = (DATA / "sonicsurface" / "focus_20_150_m15.bin").read_bytes()
+    heartbeat = Heartbeat(board.simulation, port, counts=ClientThatEnds(link, its_end, data))
+    heartbeat.stop_after(alive)
+    guard = threading.Timer(20, heartbeat.stop)  # a board that sleeps for ever fails, and ends
+    guard.start()
+    heartbeat.run()
+    was_in_time = guard.is_alive()
+    guard.cancel()
+    port.close()
+    os.close(alive)
+    assert was_in_time
+    assert not board.simulation.host_unsent
+    assert len(board.latches) == 1 + 1  # that of power-up, and the client's
 
 
 def test_a_client_waits_without_spinning_while_descriptors_have_run_out():
