@@ -85,12 +85,15 @@ def test_a_host_in_40_lines_makes_its_focus(language: str, request: pytest.Fixtu
         if language == "python"
         else request.getfixturevalue("c_host")
     )
-    with VirtualBoard() as board:
-        subprocess.run([*host, board.url], check=True, timeout=120)
-        board.finish()
-        seen, output = board.observations(), board.records()
-    found = [latch.reconstruction for latch in seen]
-    assert len(found) >= 50  # a busy machine may run into the lease
+    for _ in range(5):  # on a busy machine the lease may run out
+        with VirtualBoard() as board:
+            subprocess.run([*host, board.url], check=True, timeout=120)
+            board.finish()
+            seen, output = board.observations(), board.records()
+        found = [latch.reconstruction for latch in seen]
+        if len(found) >= 50:
+            break
+    assert len(found) >= 50
     for focus in found:
         assert isinstance(focus, SingleFocus)
         assert focus.position_m == pytest.approx((0.0, 0.0, 0.15), abs=1e-3)

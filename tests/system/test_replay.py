@@ -20,14 +20,21 @@ from sim_device.mutants import MUTANTS
 
 CAPTURES = Path(__file__).parents[1] / "data" / "dialects"
 BUSY = (0, 1, 3)  # a busy machine loses some frames
+BUSY_TRIES = 6
 MAGIC = b"\x89MCAP0\r\n"
 POINT = ("verify", "--quiet", "--object", "point", "--array", "8x8")
 STILL = (*POINT, "--virtual-time", "--repeat", "20")
 
 
-def record(path, *words, statuses=(0,)):
-    assert main([*map(str, words), "--record", str(path)]) in statuses
-    return path
+def record(path, *words, status=0, tries=1):
+    """Record a run that ends so; on a busy machine it may lose frames, and is tried again."""
+    ends = []
+    for _ in range(tries):
+        ends.append(main([*map(str, words), "--record", str(path)]))
+        if ends[-1] == status:
+            return path
+        path.unlink()
+    pytest.fail(f"the runs ended with {ends}, not {status}")
 
 
 def replay(capsys, path, *words):
@@ -136,7 +143,8 @@ def test_a_board_on_the_wall_clock_does_the_same_again_byte_for_byte(board, tmp_
 @pytest.mark.pty
 @pytest.mark.realtime
 def test_a_run_by_the_host_s_clock_is_set_against_the_board_s(board, tmp_path, capsys):
-    path = record(tmp_path / "run.mcap", *POINT, "--repeat", 20, "--lead-ms", 100, statuses=BUSY)
+    # The recording has the time of the host: a board that took a frame late would differ.
+    path = record(tmp_path / "run.mcap", *POINT, "--repeat", 20, "--lead-ms", 100, tries=BUSY_TRIES)
     status, said = replay(capsys, path)
     assert status == 0, said.out
     assert "fields of the moment left out" in said.out
@@ -155,7 +163,7 @@ def test_a_run_by_the_host_s_clock_is_set_against_the_board_s(board, tmp_path, c
 def test_of_a_board_at_a_port_the_frames_alone_are_compared(board, tmp_path, capsys):
     link = board("--array", "8x8")
     words = (*POINT, "--port", str(link), "--repeat", 20, "--lead-ms", 100)
-    status, said = replay(capsys, record(tmp_path / "port.mcap", *words, statuses=BUSY))
+    status, said = replay(capsys, record(tmp_path / "port.mcap", *words, tries=BUSY_TRIES))
     assert status == 0, said.out
     assert "no latches are in the recording: the frames alone are compared" in said.out
 
@@ -213,7 +221,7 @@ def test_a_recording_that_was_cut_off_is_replayed_as_far_as_it_goes(tmp_path, ca
 
 def test_an_excerpt_of_a_soak_is_inconclusive(tmp_path, capsys):
     words = ("soak", "--quiet", "--hours", "0.001", "--mutant", "latches-one-period-late")
-    path = record(tmp_path / "soak.mcap", *words, statuses=(1,))
+    path = record(tmp_path / "soak.mcap", *words, status=1)
     status, said = replay(capsys, path)
     assert status == 3
     assert "an excerpt of a soak is not replayed" in said.out
