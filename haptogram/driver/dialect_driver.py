@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NoReturn, TypeGuard, cast
+from typing import Final, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -331,10 +331,7 @@ class DialectDriver(ClosedByWith):
             self.dialect, self.boards, baudrate=self._baudrate, rate_hz=schedule.rate_hz
         )
         check_streaming(loops, spin_us, progress, realtime=realtime)
-        if _are_frames(targets):
-            once = list(targets)
-        else:
-            once = self.frames(cast("Targets", targets), solver=solver)
+        once = self._builder().frames_of(targets, solver)
         total = check_streamed_frames(loops * len(once))
         period_ns, stride = int(schedule.period_us * 1000), max(1, int(rate_hz / _PROGRESS_HZ))
         lateness_us = np.zeros(total)
@@ -386,7 +383,3 @@ class DialectDriver(ClosedByWith):
         seen = self._line.send(self._display.frame(frame.codes))
         self._shown_ns = self._line.now_ns()
         return seen
-
-
-def _are_frames(targets: object) -> TypeGuard[Sequence[DialectFrame]]:
-    return isinstance(targets, Sequence) and all(isinstance(t, DialectFrame) for t in targets)

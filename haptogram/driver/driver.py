@@ -238,6 +238,7 @@ class Driver(ClosedByWith):
 
     def time_of_event_us(self, event: EventReceived) -> int:
         """Return the device time of *event*, unwrapped."""
+        check_argument_kind("event", event, EventReceived, "an event, as in Driver.events")
         return self._session.time_of_event_us(event)
 
     def status(self) -> StatusReply:

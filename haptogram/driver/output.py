@@ -123,7 +123,8 @@ class HostOutput:
         )
 
     def _make_ready(self, frames: list[Frame], first_us: int) -> None:
-        """Tell the board the speed of sound of *frames*, and see that it is armed."""
+        """End a playback that goes on, tell the speed of sound of *frames*, see to the arming."""
+        self._player.stop()
         self._configuration.agree_on_sound_speed(frames)
         self._arming.rearm_if_timed_out(first_us)
 

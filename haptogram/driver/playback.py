@@ -16,7 +16,15 @@ from haptogram.records.frame import FrameKey, Intended
 from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import Progress, check_number, check_whole
 from haptogram_protocol.connection import EventReceived
-from haptogram_protocol.messages import HelloReply, Play, PlaybackEnded, PlayReply, StatusReply
+from haptogram_protocol.messages import (
+    HelloReply,
+    Play,
+    PlaybackEnded,
+    PlayReply,
+    StatusReply,
+    Stop,
+    StopReply,
+)
 
 _SEQUENCE_ID: Final = 1  # the only one that this host keeps on a board
 US_PER_S: Final = 1_000_000
@@ -179,6 +187,13 @@ class DriverPlayback:
         self._identity = identity
         self._events = events
         self._news = 0  # where the events since the start of playback begin
+        self._goes_on = False  # a playback for whose end nobody waited
+
+    def stop(self) -> None:
+        """End a playback that was cut short here, and goes on at the board."""
+        if self._goes_on:
+            self._link.request(Stop(), StopReply)
+            self._goes_on = False
 
     def store(self, data: SequenceData) -> None:
         """Upload the sequence to play."""
@@ -202,6 +217,7 @@ class DriverPlayback:
         try:
             end = self._follow(score, progress)
         except BaseException:
+            self._goes_on = True
             score.note(self._due(score))
             raise
         score.note(score.total)

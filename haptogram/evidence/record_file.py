@@ -64,7 +64,18 @@ class RecordFile(ClosedByWith):
         self._frames = self._entries = 0
 
     def __call__(self, entry: Intended | Observation) -> None:
-        """Write *entry*."""
+        """Write *entry*.
+
+        Raises
+        ------
+        ConfigurationError
+            If it is no record of a driver, or the file is closed.
+        """
+        check_argument_kind(
+            "entry", entry, (Intended, Observation), "an Intended or an Observation"
+        )
+        if self._file.closed:
+            raise ConfigurationError(f"{self._file.name}: the record file was closed")
         self._entries += 1
         if isinstance(entry, Observation):
             if entry.radiated is not None or entry.reconstruction is not None:

@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
+from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
     backdoor_fault_counts,
     backdoor_observations,
@@ -355,6 +356,12 @@ def _check_intended(intended: Sequence[Intended]) -> None:
             check_argument_kind(
                 f"intended[{number}]", entry, Intended, "an Intended, as of the driver"
             )
+    sessions = sorted({entry.key.session for entry in intended})
+    if len(sessions) > 1:
+        raise ConfigurationError(
+            f"intended holds frames of the sessions {sessions[0]} and {sessions[1]}; verify one "
+            "session at a time"
+        )
 
 
 def _model_of(config: BoardConfig, elements: Calibration | None) -> AcousticModel:

@@ -29,7 +29,7 @@ from haptogram.driver.frames.frame import (
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
-from haptogram.settings.arguments import check_choice, check_whole
+from haptogram.settings.arguments import check_argument_kind, check_choice, check_whole
 from haptogram_protocol.messages import (
     PHASE_FORMAT_BIT,
     Drives,
@@ -67,6 +67,7 @@ class FrameBuilder:
     """
 
     def __init__(self, model: AcousticModel, identity: HelloReply, phase_bits: int) -> None:
+        check_argument_kind("model", model, AcousticModel, "an AcousticModel")
         if model.array.count != identity.transducers:
             raise ConfigurationError(
                 f"the model has {model.array.count} transducers, the board {identity.transducers}"
@@ -87,7 +88,7 @@ class FrameBuilder:
         ConfigurationError
             As :meth:`build`; or ready frames do not fit the board, *mode* or *solver*.
         """
-        if are_driver_frames(targets):
+        if are_driver_frames(targets, Frame):
             check_frame_request(targets, mode, solver)
             check_frames_to_send(targets, self._model, self._identity, int(self._bits))
             return list(targets)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,11 @@ from haptogram.driver.frames.builder import (
     check_full_amplitude,
     frame_phases_rad,
 )
+from haptogram.driver.frames.frame import are_driver_frames
+from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey, Intended
-from haptogram.settings.arguments import check_choice
+from haptogram.settings.arguments import check_argument_kind, check_choice
 from haptogram_protocol.dialects.codec import Codes, Display
 
 _BATCH: Final = 512  # frames whose phases are computed at a time
@@ -86,6 +88,7 @@ class DialectFrameBuilder:
     """
 
     def __init__(self, model: AcousticModel, display: Display, channels: Sequence[int]) -> None:
+        check_argument_kind("model", model, AcousticModel, "an AcousticModel")
         self._model, self._display = model, display
         self._channels = channels
         if len(self._channels) != model.array.count:
@@ -99,6 +102,29 @@ class DialectFrameBuilder:
             raise ConfigurationError(
                 f"channels holds {told}; the boards have channels 0 to {display.channels - 1}"
             )
+
+    def frames_of(
+        self, targets: Targets | Sequence[DialectFrame], solver: Method
+    ) -> list[DialectFrame]:
+        """Return *targets* as frames: those that are ready are checked, all others are built.
+
+        Raises
+        ------
+        ConfigurationError
+            As :meth:`build`; or ready frames are not for these boards.
+        """
+        if not are_driver_frames(targets, DialectFrame):
+            return self.build(as_frame_foci(cast("Targets", targets)), solver)
+        ours = len(self._channels), self._display.channels, self._display.steps
+        for number, frame in enumerate(targets):
+            its = frame.drive.count, len(frame.codes), frame.steps
+            if its != ours:
+                raise ConfigurationError(
+                    f"frame {number} is for {its[0]} elements at {its[1]} channels of {its[2]} "
+                    f"steps; these boards have {ours[0]} at {ours[1]} of {ours[2]}: make it anew "
+                    "with frames()"
+                )
+        return list(targets)
 
     def build(self, foci: Sequence[tuple[Focus, ...]], solver: Method) -> list[DialectFrame]:
         """Return a frame for each entry of *foci*; equal ones are one and the same.

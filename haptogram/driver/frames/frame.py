@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias, TypeGuard
+from typing import Final, Literal, TypeAlias, TypeGuard, TypeVar
 
 from haptogram.acoustics import AcousticModel, Drive
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
@@ -14,6 +14,7 @@ from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.settings.arguments import shown_argument
 from haptogram_protocol.messages import Drives, Feature, FocalPoint, HelloReply, Phases, Points
 
+_F = TypeVar("_F")
 Mode: TypeAlias = Literal["phases", "drives", "points"]
 
 REGISTER_BITS: Final = 8  # resolution of a board's phase registers
@@ -93,8 +94,8 @@ class Frame:
         )
 
 
-def are_driver_frames(targets: object) -> TypeGuard[Sequence[Frame]]:
-    """Return True if *targets* are frames already.
+def are_driver_frames(targets: object, kind: type[_F]) -> TypeGuard[Sequence[_F]]:
+    """Return True if *targets* are frames of this *kind* already.
 
     Raises
     ------
@@ -103,7 +104,7 @@ def are_driver_frames(targets: object) -> TypeGuard[Sequence[Frame]]:
     """
     if not isinstance(targets, Sequence) or isinstance(targets, str | bytes):
         return False
-    ready = sum(isinstance(target, Frame) for target in targets)
+    ready = sum(isinstance(target, kind) for target in targets)
     if 0 < ready < len(targets):
         raise ConfigurationError(
             f"{ready} of {len(targets)} targets are frames; all must be, or none"

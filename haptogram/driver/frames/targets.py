@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from numbers import Real
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
+from haptogram.settings.arguments import shown_argument
 
 Targets: TypeAlias = ArrayLike | Sequence[Focus] | Sequence[Sequence[Focus]]
 
@@ -27,8 +29,12 @@ def as_frame_foci(targets: Targets) -> list[tuple[Focus, ...]]:
     ConfigurationError
         If there is no frame, a frame without a focus, or something that is no focus.
     """
+    if _is_one_point(targets):
+        raise ConfigurationError(
+            f"targets are one point, {shown_argument(targets)}; they must be a sequence of points"
+        )
     try:
-        entries: Iterable[Any] = targets if isinstance(targets, Sequence) else np.asarray(targets)
+        entries: Iterable[Any] = targets if isinstance(targets, Sequence) else _as_rows(targets)
         frames = [_foci_of(entry) for entry in entries]
     except (TypeError, ValueError) as error:
         if isinstance(error, ConfigurationError):
@@ -37,6 +43,22 @@ def as_frame_foci(targets: Targets) -> list[tuple[Focus, ...]]:
     if not frames:
         raise ConfigurationError("0 targets; there must be 1 or more")
     return frames
+
+
+def _as_rows(targets: Any) -> Iterable[Any]:
+    rows = np.asarray(targets)
+    if rows.ndim == 0:
+        raise ConfigurationError(
+            f"targets are {shown_argument(targets)}; they must be a sequence of points or foci"
+        )
+    return rows
+
+
+def _is_one_point(targets: Any) -> bool:
+    if isinstance(targets, np.ndarray):
+        return bool(targets.shape == (3,))
+    is_row = isinstance(targets, tuple | list) and len(targets) == 3
+    return is_row and all(isinstance(value, Real) for value in targets)
 
 
 def _foci_of(entry: Any) -> tuple[Focus, ...]:

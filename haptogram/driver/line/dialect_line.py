@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from haptogram.driver.line.budget import LineModel
-from haptogram.driver.line.port import Transport
+from haptogram.driver.line.port import ClosedPort, Transport
 from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
 from haptogram_protocol.dialects.codec import Dialect, Display, Operation, Reply
 
@@ -90,6 +90,7 @@ class DialectLine:
     def close(self) -> None:
         """Close the port; never raises."""
         self._transport.close()
+        self._transport = ClosedPort(self._transport)
 
     def _send(self, operations: Sequence[Operation]) -> list[Operation]:
         """Send *operations* in one piece, or up to each answer, and return what a board reads."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Final, TypeAlias, TypeVar
 
 from haptogram.driver.line.budget import LineModel, line_transmission_ns
-from haptogram.driver.line.port import Transport
+from haptogram.driver.line.port import ClosedPort, Transport
 from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
 from haptogram_protocol import NEED_DATA, HostConnection
 from haptogram_protocol.connection import (
@@ -20,7 +20,7 @@ from haptogram_protocol.connection import (
     RequestRefused,
     RequestTimedOut,
 )
-from haptogram_protocol.messages import ErrorCode, Message, UploadChunk
+from haptogram_protocol.messages import Error, ErrorCode, Message, UploadChunk
 
 NS_PER_S: Final = 1_000_000_000
 BURST_NS: Final = 1_800_000  # of line time that may be unsent: two frames of 276 B at 3 Mbaud
@@ -199,6 +199,7 @@ class Link:
 
     def send(self, message: Message, *, t_apply_us: int = 0, immediate: bool = False) -> int:
         """Send a request without waiting: the handler gets its reply, unless somebody waits."""
+        self._check_open()
         seq = self.connection.send_request(
             message, self.now_us(), t_apply_us=t_apply_us, immediate=immediate
         )
@@ -208,6 +209,7 @@ class Link:
     def mute(self, reply: type[_M], timeout_ns: int) -> _M:
         """Mute the board before anything else that waits, and return its reply."""
         # The rest of a frame that was cut off here ends at the MUTE's first delimiter, damaged.
+        self._check_open()
         self._unwritten = b""
         self._awaited.clear()
         self.connection.data_to_send()
@@ -222,6 +224,7 @@ class Link:
 
     def send_chunk(self, chunk: UploadChunk) -> int:
         """Send a part of an upload and return its number; a full window is the caller's affair."""
+        self._check_open()
         seq = self.connection.send_chunk(chunk, self.now_us())
         self._awaited[seq] = None
         self._push()
@@ -258,9 +261,10 @@ class Link:
             )
         if isinstance(outcome, RequestRefused):
             error = outcome.error
+            other = "; another host has opened a session" if _is_taken_over(error) else ""
             raise DeviceError(
                 f"{outcome.request.name} was refused: {_error_name(error.code)}, "
-                f"detail {error.detail}",
+                f"detail {error.detail}{other}",
                 code=error.code,
                 detail=error.detail,
             )
@@ -269,7 +273,17 @@ class Link:
     def close(self) -> None:
         """Close the port, and forget what waits for it; never raises."""
         self._transport.close()
+        self._transport = ClosedPort(self._transport)
         self.connection.port_closed()
+
+    def _check_open(self) -> None:
+        if isinstance(self._transport, ClosedPort):
+            raise self._transport.error()
+
+
+def _is_taken_over(error: Error) -> bool:
+    """Return True if the board has the session of another host, which *error* names: HG-4.12."""
+    return error.code == ErrorCode.STALE_SESSION and error.detail != 0
 
 
 def _error_name(code: int) -> str:

@@ -25,10 +25,12 @@ from haptogram.errors import (
 )
 from haptogram.machine.waiter import DescriptorWaiter
 from haptogram.settings.arguments import check_number, check_whole, shown_argument
+from haptogram.settings.board_url import SCHEME
 
 DEFAULT_BAUDRATE: Final = 3_000_000
 _MOST_BAUDRATE: Final = 1_000_000_000  # a line without a rate, such as a pty, can be taken as fast
 _CHUNK: Final = 65_536
+_UNREGISTERED: Final = "; sim_device.register_url_handler() makes it known"
 _GONE: Final = (OSError, ValueError, TypeError)  # the last two: closed under our feet
 _BUSY: Final = frozenset({errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK})
 _ABSENT: Final = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
@@ -188,6 +190,35 @@ class PyserialTransport:
         _close(self._port)
 
 
+class ClosedPort:
+    """A port that its driver has closed: using it is an error that says so.
+
+    Parameters
+    ----------
+    port : Transport
+        The port, closed by now; its clock goes on.
+    """
+
+    def __init__(self, port: Transport) -> None:
+        self.url = port.url
+        self.now_ns = port.now_ns
+
+    def read_available(self, deadline_ns: int) -> bytes:  # noqa: ARG002  nothing comes
+        """Refuse to read."""
+        raise self.error()
+
+    def write_some(self, data: bytes) -> int:  # noqa: ARG002  nothing goes
+        """Refuse to write."""
+        raise self.error()
+
+    def error(self) -> LinkLostError:
+        """Return the error of whoever uses the port."""
+        return LinkLostError(f"{self.url}: this driver was closed; open another one")
+
+    def close(self) -> None:
+        """Do nothing: it is closed."""
+
+
 def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
     """Open a port for this program alone.
 
@@ -228,7 +259,10 @@ def _open_port(url: str, baudrate: int) -> Any:
     except ConfigurationError:
         raise
     except ValueError as error:
-        raise ConfigurationError(f"port {url!r} at {baudrate} baud: {_one_line(error)}") from error
+        hint = _UNREGISTERED if url.startswith(SCHEME) else ""
+        raise ConfigurationError(
+            f"port {url!r} at {baudrate} baud: {_one_line(error)}{hint}"
+        ) from error
 
 
 def _opening_error(url: str, error: OSError) -> LinkError:
