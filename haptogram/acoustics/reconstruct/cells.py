@@ -12,9 +12,9 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.reference import points_in_front
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import (
-    MAX_TARGET_DISTANCE_M,
     MIN_TARGET_DISTANCE_M,
     steering_reach_m,
+    target_heights_m,
 )
 from haptogram.errors import ConfigurationError
 
@@ -91,7 +91,7 @@ def _coarse_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
     # A line of elements cannot tell y from z (or x from z): look only straight above the line.
     lateral = [0.0 if thin[i] and not thin[1 - i] else reach[i] for i in (0, 1)]
     spans = [(-lateral[0], lateral[0]), (-lateral[1], lateral[1])]
-    spans.append((MIN_TARGET_DISTANCE_M, MAX_TARGET_DISTANCE_M))
+    spans.append(target_heights_m(model.array))
     axes, halves = zip(*(_intervals(low, high) for low, high in spans), strict=True)
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     middle = model.array.centre_m @ model.array.axes.T

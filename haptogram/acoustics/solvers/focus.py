@@ -21,12 +21,14 @@ from haptogram.acoustics.arrays import (
     as_point_array,
 )
 from haptogram.acoustics.field.reference import check_field_points
+from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
 MIN_TARGET_DISTANCE_M: Final = 0.020
 MAX_TARGET_DISTANCE_M: Final = 1.0
 _TARGET_MARGIN_M: Final = 0.150
+_AGAINST: Final = -0.1  # cosine to the array's own z: so far an element looks the other way
 
 _ROUNDING_M: Final = 1e-9
 
@@ -37,9 +39,10 @@ def check_focus_target(model: AcousticModel, target_m: ArrayLike) -> None:
     Raises
     ------
     ConfigurationError
-        Not three finite numbers; less than 20 mm above the array's centre or from any element; more
-        than 1 m from the centre; |x|, |y| beyond the array's half-width plus 150 mm; behind it.
-        Height, x and y are along the array's own axes.
+        Not three finite numbers; less than 20 mm from any element or, where all of them look one
+        way, above the array's centre; not between elements that look at each other; more than 1 m
+        from the centre; |x|, |y| beyond the array's half-width plus 150 mm; behind it. Height, x
+        and y are along the array's own axes.
 
     Examples
     --------
@@ -51,10 +54,12 @@ def check_focus_target(model: AcousticModel, target_m: ArrayLike) -> None:
     target = as_coordinates("target_m", target_m)
     offset = model.array.local_m(target)
     names = _names_along(model)
-    _check_limit(names[2], offset[2], low_m=MIN_TARGET_DISTANCE_M)
+    low_m, high_m = target_heights_m(model.array)
+    _check_limit(names[2], offset[2], low_m=low_m)
     nearest = float(np.linalg.norm(model.array.positions_m - target, axis=1).min())
     _check_limit("distance from an element", nearest, low_m=MIN_TARGET_DISTANCE_M)
     _check_limit("distance", float(np.linalg.norm(offset)), high_m=MAX_TARGET_DISTANCE_M)
+    _check_limit(names[2], offset[2], high_m=high_m)
     reach = steering_reach_m(model)
     _check_limit(names[0], abs(offset[0]), high_m=reach[0])
     _check_limit(names[1], abs(offset[1]), high_m=reach[1])
@@ -68,6 +73,28 @@ def _names_along(model: AcousticModel) -> list[str]:
         return names
     axes = (", ".join(f"{value + 0.0:g}" for value in row) for row in model.array.axes.round(3))
     return [f"{name} along the array's ({axis})" for name, axis in zip(names, axes, strict=True)]
+
+
+def target_heights_m(array: TransducerArray) -> tuple[float, float]:
+    """Return the least and the largest height of a target above the array's centre, in metres.
+
+    It is 20 mm to 1 m. Where elements look down on others that look up (boards face to face, the
+    bowls of TinyLev), a target lies anywhere between the lowest element and the highest one: each
+    board has it in front of itself.
+
+    Examples
+    --------
+    >>> from haptogram.acoustics.model.boards.table import board_layout_of
+    >>> target_heights_m(board_layout_of("sonicsurface").array())
+    (0.02, 1.0)
+    >>> [round(1e3 * z, 1) for z in target_heights_m(board_layout_of("sonicsurface-stack").array())]
+    [-121.5, 121.5]
+    """
+    heights = array.local_m(array.positions_m)[:, 2]
+    against = array.normals @ array.axes[2] < _AGAINST
+    if not against.any() or heights[against].mean() < heights[~against].mean():
+        return MIN_TARGET_DISTANCE_M, MAX_TARGET_DISTANCE_M
+    return float(heights.min()), float(heights.max())
 
 
 def steering_reach_m(model: AcousticModel) -> tuple[float, float]:

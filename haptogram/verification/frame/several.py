@@ -223,9 +223,8 @@ def _limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
     """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
     limits = []
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
-        distance_m = _length(target.position_m - target.model.array.centre_m)
         limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)
-        if not _length(limits[-1]) < LOST * distance_m:
+        if not _length(limits[-1]) < LOST * target.distance_m:
             return None
     return limits
 

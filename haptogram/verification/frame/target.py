@@ -28,6 +28,7 @@ _TURNED_RATIO: Final = 1e-6
 _NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proportion
 _SECOND_ORDER: Final = 1.04  # of the bound of the first order
 _SAME_LINE: Final = 1e-6
+_AT_CENTRE_M: Final = 1e-6
 _MOST_TOLERATED_RAD: Final = 1.2  # beyond it any phase would suit
 _WIDTH_RAD: Final = 2.0 * 0.831  # of a focus at -3 dB, in radians of phase
 
@@ -78,12 +79,22 @@ class FrameTarget:
     def axis(self) -> FloatArray:
         """(3,) unit vector from the centre of the elements that shall sound to the target.
 
-        Each element counts by its intended amplitude.
+        Each element counts by its intended amplitude. At that centre, which only elements around it
+        have, it is the array's own z.
         """
         shares = self.amplitudes / self.amplitudes.sum()
         ray = self.position_m - shares @ self.model.array.positions_m
-        axis: FloatArray = ray / np.linalg.norm(ray)
+        length = np.linalg.norm(ray)
+        axis: FloatArray = ray / length if length > _AT_CENTRE_M else self.model.array.axes[2]
         return axis
+
+    @property
+    def distance_m(self) -> float:
+        """Distance from the array's centre, or from the nearest element if that is more."""
+        places = np.vstack([self.model.array.centre_m, self.model.array.positions_m])
+        distances: list[float] = np.linalg.norm(self.position_m - places, axis=1).tolist()
+        centre, *elements = distances
+        return max(centre, min(elements))
 
     # --- the fitted focus (S2) -----------------------------------------------------------------
 
@@ -106,9 +117,8 @@ class FrameTarget:
         """
         response, observable = self._response
         bound_m = np.abs(response).sum(axis=1) * self.phase_limit_rad
-        distance_m = float(np.linalg.norm(self.position_m - self.model.array.centre_m))
-        bound_m *= np.where(bound_m > _NEAR * distance_m, _SECOND_ORDER, 1.0)
-        return np.where(observable & (bound_m < LOST * distance_m), bound_m, np.inf)
+        bound_m *= np.where(bound_m > _NEAR * self.distance_m, _SECOND_ORDER, 1.0)
+        return np.where(observable & (bound_m < LOST * self.distance_m), bound_m, np.inf)
 
     def nearest_focus_m(self, phases_rad: FloatArray, active: Bools) -> FloatArray:
         """Return (3,) the offset of the focus that a fit finds from the target on."""

@@ -44,6 +44,32 @@ def verify(capsys, *words):
     return status, said.out, said.err
 
 
+@pytest.mark.parametrize(
+    ("words", "center_mm"),
+    [
+        (("sonicsurface", "--dialect-option", "boards=2"), "10,-20,30"),
+        (("sonicsurface", "--dialect-option", "boards=2"), "0,0,121.5"),
+        (("ultraino-fpga-128",), "0,0,0"),
+        (("ultraino-fpga-128",), "2,1,-9"),
+    ],
+)
+def test_boards_that_face_each_other_focus_anywhere_between_them(words, center_mm, capsys):
+    """In their lower half, and in the very middle, which is a height of 0 for both together."""
+    place = ("--object", "point", f"--center-mm={center_mm}")
+    status, out, _ = verify(capsys, "--dialect", *words, "--virtual-time", *place)
+    assert (status, out.splitlines()[0]) == (0, "PASS: every focus is on target")
+
+
+def test_outside_of_boards_that_face_each_other_there_is_no_target(capsys):
+    words = ("--dialect", "sonicsurface", "--dialect-option", "boards=2", "--virtual-time")
+    for center_mm, told in (
+        ("0,0,270", "height z is 148.5 mm, must be at most 121.5 mm"),
+        ("0,0,230", "distance from an element is 14.3918 mm, must be at least 20 mm"),
+    ):
+        status, _, err = verify(capsys, *words, "--object", "point", "--center-mm", center_mm)
+        assert (status, told in err) == (2, True)
+
+
 @every_dialect
 def test_a_short_object_is_verified_on_every_board(name, capsys, tmp_path):
     result = tmp_path / "result.json"
