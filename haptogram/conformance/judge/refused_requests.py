@@ -186,6 +186,9 @@ def _begins(board: BoardClient) -> Iterator[Refusal]:
     if count > 1:
         broken = UploadBegin(UploadKind.PHASES, 0, STORED, 2 * count - 1, 0)
         wrong.append(("a size of no whole frames", broken, length))
+    if board.has(Feature.CORRECTION) and 2 * count <= identity.max_upload_bytes:
+        two = UploadBegin(UploadKind.CORRECTION, 0, 0, 2 * count, 0)
+        wrong.append(("two corrections", two, large))
     beyond = identity.max_upload_bytes // count * count + count
     if beyond < 1 << 32:
         size = UploadBegin(UploadKind.PHASES, 0, STORED, beyond, 0)

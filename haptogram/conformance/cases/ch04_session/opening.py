@@ -8,6 +8,7 @@ from haptogram_protocol.messages import (
     VERSION_MAJOR,
     ErrorCode,
     Hello,
+    HelloReply,
     Mute,
     Ping,
     Pong,
@@ -54,6 +55,14 @@ def has_no_session_after_reset(board: BoardClient) -> None:
 def states_its_version(board: BoardClient) -> None:
     reply = board.hello()
     check(reply.major == VERSION_MAJOR, f"HELLO_REPLY says version {reply.major}.{reply.minor}")
+    for minor in (0, 1, 255):
+        hello = Hello(VERSION_MAJOR, minor, board.new_nonce(), 0xFFFFFFFF)
+        again = board.link.call(hello, HelloReply, session=0)
+        board.adopt(again)
+        told = f"{again.major}.{again.minor}"
+        check(
+            again.minor == reply.minor, f"to HELLO of 1.{minor} the board says that it has {told}"
+        )
     hello = Hello(VERSION_MAJOR + 1, 0, board.new_nonce(), 0)
     board.link.refused(hello, ErrorCode.VERSION, reply.major, session=0)
 

@@ -103,17 +103,26 @@ def leaves_time_to_compute(board: BoardClient) -> None:
     _ended(board, since, 2 * usual_us + board.clock.lead_us + 50 * _MS)
 
 
-@case("HG-7.6/3", "PLAY flushes 3 queued frames", needs=_NEEDS, evidence=SELF_REPORTED)
+@case(
+    "HG-7.6/3",
+    "PLAY, at once and for a time behind them, flushes 3 queued frames",
+    needs=_NEEDS,
+    evidence=SELF_REPORTED,
+)
 def play_flushes(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)
-    board.arm()
-    t_us = board.clock.soon_us(bytes(2000)) + 30_000
-    with board.counting(flushed=3, latched=2):
-        for number in range(3):
-            board.link.send(board.link.stream_wire(board.flat_phases(), t_us + 1000 * number))
-        play_now(board, 1, loops=1)
-        board.clock.require_in_time(t_us)
-        board.clock.wait_until(t_us + 5000)
+    for plays_later in (False, True):
+        board.arm()
+        t_us = board.clock.soon_us(bytes(2000)) + 30_000
+        with board.counting(flushed=3, latched=2):
+            for number in range(3):
+                board.link.send(board.link.stream_wire(board.flat_phases(), t_us + 1000 * number))
+            if plays_later:
+                play_at(board, 1, t_us + 4000, loops=1)
+            else:
+                play_now(board, 1, loops=1)
+            board.clock.require_in_time(t_us)
+            board.clock.wait_until(t_us + 9000)
 
 
 @case(

@@ -43,6 +43,7 @@ from ...outcome import check
 _SEQUENCE: Final = 4
 _UNKNOWN_REQUEST: Final = 0x7B
 _IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10
+_NUMBERS: Final = (0, 1, 0xFF, 0x100, 0x7FFF, 0x8000, 0xFFFE, 0xFFFF)
 _LOW_FLAGS: Final = (1, 2, 4, 8)
 
 #: Something that the board hears between a request and its repetition.
@@ -261,6 +262,25 @@ def every_jump_is_judged_by_its_sign(board: BoardClient) -> None:
             board.link.call(Ping(jump), Pong)
             old = board.link.seq - (1 << bits) & 0xFFFF
             board.link.refused(Ping(jump), ErrorCode.SEQUENCE_REUSED, old, seq=old)
+
+
+@case(
+    "HG-4.9/1",
+    "requests numbered 0, 255, 0x7FFF, 0x8000, 0xFFFF and beside them get the same bytes again",
+    variant="numbers",
+)
+def remembers_every_number(board: BoardClient) -> None:
+    for number in _NUMBERS:
+        board.hello(seq=number - 1 & 0xFFFF)
+        wire, seq = board.link.request_wire(Ping(number), seq=number)
+        since = board.link.mark()
+        board.link.send(wire)
+        first = board.link.answer_to(Ping.TYPE, seq, since)
+        board.link.reply_in(first, Pong, Ping.TYPE)
+        _is_again(board, wire, seq, first, f"PING of number {number:#06x}")
+        board.link.refused(Ping(~number & 0xFFFF), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+        board.link.call(Ping(1), Pong, seq=number + 1)
+        board.link.seq = number + 1
 
 
 # --- What is another request -------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""HG-3.7, HG-4.11, HG-4.12: frames of every type while no session is open."""
+"""HG-4.11, HG-4.12: frames of every type while no session is open."""
 
 from __future__ import annotations
 

@@ -6,9 +6,12 @@ from typing import Final
 
 from haptogram_protocol.messages import (
     Feature,
+    Flag,
     PlaybackEnded,
+    ReadTrace,
     TraceDrive,
     TraceMode,
+    TraceReply,
     UploadKind,
 )
 
@@ -25,6 +28,7 @@ _SEQUENCE: Final = 0x0201
 _SHAPES: Final = ((1, 1, 1003), (1, 258, 0), (3, 100, 0), (300, 1, 0), (2, 1, 70_000))
 _MANY: Final = 66_000  # frames in a playback: more than 16 bits
 _DIVIDER: Final = 260
+_WINDOW_US: Final = 100_000
 
 
 def _store(board: BoardClient, kind: UploadKind, frames: int) -> None:
@@ -112,6 +116,9 @@ def every_shape_is_played(board: BoardClient) -> None:
 def many_frames_are_counted(board: BoardClient) -> None:
     period_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
     store_phases(board, _SEQUENCE, frames=1)
+    rings = board.has(Feature.TRACE_RING | Feature.CONFIG)
+    if rings:
+        board.configure(trace_mode=TraceMode.RING, late_window_us=_WINDOW_US)
     board.arm()
     since = board.link.mark()
     with board.counting(latched=_MANY):
@@ -120,6 +127,22 @@ def many_frames_are_counted(board: BoardClient) -> None:
         event = _ended(board, since, _MANY * period_us)
     told = (event.loops, event.frames)
     check(told == (_MANY, _MANY), f"{_MANY} passes of one frame: PLAYBACK_ENDED says {told}")
+    if rings:
+        _check_many_in_the_ring(board)
+
+
+def _check_many_in_the_ring(board: BoardClient) -> None:
+    """FAILED unless the ring numbers the last latches, and one late frame, beyond 16 bits."""
+    last = board.link.stream_next
+    board.link.send(board.link.stream_wire(board.flat_phases(), board.clock.device_us() - 5000))
+    board.clock.wait_latched(2 * board.identity.transducers)
+    reply = board.link.call(ReadTrace(_MANY - 2, 9), TraceReply)
+    due = [(n, _SEQUENCE, n, 0, 0) for n in (_MANY - 2, _MANY - 1)]
+    due.append((_MANY, 0, 0, last, int(Flag.LATE)))
+    got = [(r.number, r.key.sequence, r.key.loop, r.key.index, r.flags) for r in reply.records]
+    text = "(number, sequence, loop, index, flags) of the last latches"
+    check(got == due, f"{text}: {got}, due are {due}")
+    check(reply.next == _MANY + 1, f"TRACE_REPLY: next is {reply.next} behind {_MANY} latches")
 
 
 @case(
@@ -145,3 +168,38 @@ def wide_dividers_divide(board: BoardClient) -> None:
     due = [(0, 0), *(divmod(n - 1, 3) for n in (_DIVIDER, 2 * _DIVIDER))]
     found = [(key.loop, 0 if key.sequence == 0 else key.index) for key in got]
     check(found == due, f"(loop, index) of the traced latches {found}, due are {due}")
+
+
+@case(
+    "HG-8.4/1",
+    "latches at once, in time, late and played count alike in a division by 2, 3 and 4",
+    variant="kinds",
+    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_latch_counts_in_the_division(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=1)
+    for divider in (2, 3, 4):
+        board.configure(
+            trace_mode=TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US
+        )
+        board.arm()
+        since, latched = board.link.mark(), board.status().counters.latched
+        keys = []
+        for _ in range(3):
+            for lateness_us in (None, _WINDOW_US // 2, -_WINDOW_US // 2):
+                keys.append((0, board.link.stream_next))
+                at_us = None if lateness_us is None else board.clock.device_us() - lateness_us
+                board.link.send(board.link.stream_wire(board.flat_phases(), at_us))
+                board.wire.idle(max(0, -(lateness_us or 0)))
+                board.clock.wait_latched(2 * board.identity.transducers)
+            keys.append((_SEQUENCE, 0))
+            ended = board.link.mark()
+            play_now(board, _SEQUENCE, loops=1)
+            _ended(board, ended, 100_000)
+        counted = (board.status().counters.latched - latched) & 0xFFFFFFFF
+        check(counted == len(keys), f"of {len(keys)} frames {counted} are latched")
+        got = [(e.key.sequence, e.key.index) for _, e in board.link.events(TraceDrive, since)]
+        due = keys[::divider]
+        check(got == due, f"divider {divider}: (sequence, index) traced {got}, due are {due}")

@@ -1,4 +1,4 @@
-"""HG-4.6, HG-7.2: several sequences in the store, replaced in every order."""
+"""HG-4.6, HG-7.2, HG-7.6: several sequences in the store, replaced in every order."""
 
 from __future__ import annotations
 
@@ -9,16 +9,22 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from haptogram_protocol.messages import (
+    Error,
+    ErrorCode,
     Feature,
     Mute,
+    Play,
     PlaybackEnded,
+    PlayReply,
+    Stop,
+    StopReply,
     TraceMode,
     UploadBegin,
     UploadBeginReply,
     UploadKind,
 )
 
-from ....case import case
+from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import board_latches, full_drive
 from ....client.playback import play_now
@@ -26,6 +32,9 @@ from ....client.uploads import upload_to_board
 from ....outcome import SELF_REPORTED, check, fail
 
 _IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
+_ABSENT: Final = 0x6000  # of no sequence; those behind it are stored
+_MANY: Final = 40
+_AHEAD_US: Final = 5_000_000
 _SIZES: Final = ((3, 1, 2), (1, 3, 2), (2, 2, 2))
 
 
@@ -131,3 +140,39 @@ def others_are_uploaded_meanwhile(board: BoardClient) -> None:
     check(len(got) > 4, f"{len(got)} latches while others are uploaded")
     check(got == due[: len(got)], "the sequence that plays changes while others are uploaded")
     store.check_all("uploaded while another one played")
+
+
+@case(
+    "HG-7.6/1",
+    "with one sequence more at a time, up to 40, each is played, and NOT_FOUND tells their number",
+    variant="many",
+    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def many_sequences_are_stored(board: BoardClient) -> None:
+    board.configure(trace_mode=TraceMode.CRC)
+    store, count = Store(board), board.identity.transducers
+    board.arm()
+    held = _refused_play(board, _ABSENT)
+    for sequence in range(_ABSENT + 1, _ABSENT + 1 + _MANY):
+        is_new = _refused_play(board, sequence) is not None
+        begin = UploadBegin(UploadKind.PHASES, 0, sequence, count, 0)
+        if isinstance(board.link.ask(begin).message, Error):  # no room for one more
+            break
+        store.put(sequence, 1)
+        told, due = _refused_play(board, _ABSENT), (held or 0) + is_new
+        check(told == due, f"{due} sequences are stored: NOT_FOUND tells {told}")
+        held = told
+    store.check_all(f"{len(store.crcs)} sequences")
+
+
+def _refused_play(board: BoardClient, sequence: int) -> int | None:
+    """Return the detail of NOT_FOUND, the number of stored sequences; None if this one is there."""
+    start_us = board.clock.device_us() + _AHEAD_US
+    play = Play(sequence, 1000, 1, min(9_999, board.identity.max_unattended_ms))
+    answer = board.link.ask(play, time_us=start_us)
+    if isinstance(answer.message, PlayReply):
+        board.link.call(Stop(), StopReply)
+        return None
+    return board.link.error_in(answer, Play.TYPE, ErrorCode.NOT_FOUND).detail

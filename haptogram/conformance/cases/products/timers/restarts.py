@@ -8,6 +8,7 @@ from typing import Final
 
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
+    STREAM_RANGE,
     Arm,
     ArmReply,
     Feature,
@@ -37,6 +38,15 @@ _MS: Final = 1000
 _LEASES_MS: Final = ((30, 10), (60, 20), (240, 100), (240, 100))
 _OTHER_MS: Final = 200  # by which the lease is longer that an unattended time replaces
 _UNKNOWN_FLAG: Final = 0x40
+_STRANGE_TYPES: Final = {
+    "an unknown stream frame": 0x3E,
+    "an unknown request": 0x7B,
+    "a PING of a wrong length": 0x44,
+    "a response": 0x84,
+    "an unknown response": 0xBE,
+    "an event": 0xC1,
+    "an unknown event": 0xEE,
+}
 STORED: Final = 2  # sequence that is played
 TIMER_MS: Final = 300  # of a timer that nothing renews
 SLOW_US: Final = 9_000_000  # period of a playback of which one frame is seen
@@ -208,11 +218,13 @@ def _muted_after_ms(
 def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callable[[], bytes]]]:
     """Yield frames of the session that renew the lease: their names, and what makes them."""
     kinds = stream_kinds(board)
-    for kind in kinds:
-        yield kind.name, partial(_stream_frame, board, kind)
+    for stream_kind in kinds:
+        yield stream_kind.name, partial(_stream_frame, board, stream_kind)
     for drop in DROPS:
         if drop.armed and not drop.queued and drop.counter != "stale_session":
             yield f"a frame {drop.summary}", partial(_dropped_frame, board, drop, kinds[0])
+    for name, kind in _STRANGE_TYPES.items():
+        yield name, partial(_strange_frame, board, kind)
     for message in valid_requests(board, STORED + plays):
         if message.TYPE.name not in ("DISARM", "PLAY", *(["STOP"] if plays else [])):
             yield message.TYPE.name, partial(_request, board, message)
@@ -226,6 +238,11 @@ def _stream_frame(board: BoardClient, kind: StreamKind) -> bytes:
 
 def _dropped_frame(board: BoardClient, drop: Drop, kind: StreamKind) -> bytes:
     return next(iter(drop.frames(board, kind, 0)))
+
+
+def _strange_frame(board: BoardClient, kind: int) -> bytes:
+    seq = board.link.stream_next if kind in STREAM_RANGE else board.link.next_seq()
+    return encode_frame(board.link.body(kind, bytes(2), seq=seq))
 
 
 def _request(board: BoardClient, message: Message, flags: int = 0) -> bytes:
