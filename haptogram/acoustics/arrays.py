@@ -42,7 +42,7 @@ def as_coordinates(name: str, values: ArrayLike) -> FloatArray:
 
 def as_point_array(name: str, values: ArrayLike) -> FloatArray:
     """Return *values* as an (M, 3) float64 array of coordinates within 1000 km, or raise."""
-    points = _as_array(name, values, np.float64)
+    points = _as_argument_array(name, values, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ConfigurationError(f"{name} has shape {points.shape}, must be (M, 3)")
     check_array_magnitudes(name, points, MAX_POINT_M)
@@ -51,12 +51,12 @@ def as_point_array(name: str, values: ArrayLike) -> FloatArray:
 
 def as_float_array(name: str, values: ArrayLike) -> FloatArray:
     """Return *values* as finite float64 of any shape, or raise."""
-    array = _as_array(name, values, np.float64)
-    _check_finite(name, array)
+    array = _as_argument_array(name, values, np.float64)
+    _check_finite_array(name, array)
     return array
 
 
-def _as_array(name: str, values: ArrayLike, kind: type[_Kind]) -> NDArray[_Kind]:
+def _as_argument_array(name: str, values: ArrayLike, kind: type[_Kind]) -> NDArray[_Kind]:
     try:
         return np.asarray(values, dtype=kind)
     except (TypeError, ValueError) as error:
@@ -66,13 +66,13 @@ def _as_array(name: str, values: ArrayLike, kind: type[_Kind]) -> NDArray[_Kind]
 def as_phasor_array(name: str, values: ArrayLike) -> ComplexArray:
     """Return *values* as finite complex128 of any shape, or raise."""
     phasors = as_complex_array(name, values)
-    _check_finite(name, phasors)
+    _check_finite_array(name, phasors)
     return phasors
 
 
 def as_complex_array(name: str, values: ArrayLike) -> ComplexArray:
     """Return *values* as complex128 of any shape, NaN included, or raise."""
-    return _as_array(name, values, np.complex128)
+    return _as_argument_array(name, values, np.complex128)
 
 
 def check_array_magnitudes(
@@ -82,7 +82,7 @@ def check_array_magnitudes(
     values = array.ravel()
     if np.vdot(values, values).real <= limit * limit:  # a quarter of the time; NaN is not
         return
-    _check_finite(name, array)
+    _check_finite_array(name, array)
     beyond = np.argwhere(np.abs(array) > limit)
     if len(beyond):
         index = tuple(int(i) for i in beyond[0])
@@ -91,7 +91,7 @@ def check_array_magnitudes(
         )
 
 
-def _check_finite(name: str, array: NDArray[np.generic]) -> None:
+def _check_finite_array(name: str, array: NDArray[np.generic]) -> None:
     """Raise, naming the first one, if *array* holds a NaN or an infinity."""
     finite = np.isfinite(array)
     if np.count_nonzero(finite) < finite.size:  # a tenth of the time of all() for a small array

@@ -27,7 +27,7 @@ class Kind(enum.Enum):
     FILE = "file"
 
 
-def kind_of(path: Path) -> Kind:
+def kind_of_file(path: Path) -> Kind:
     """Return the kind of *path*: of what it leads to, or a file where nothing is yet.
 
     ``-`` is standard output, and so is a name of what standard output leads to (``/dev/stdout``, a
@@ -38,9 +38,9 @@ def kind_of(path: Path) -> Kind:
     OSError, ValueError
         If the system refuses the path; ValueError: it has a null character.
     """
-    if path == STANDARD_OUTPUT or _is_open_as(1, path):
+    if path == STANDARD_OUTPUT or _is_file_open_as(1, path):
         return Kind.STANDARD_OUTPUT
-    if _is_open_as(2, path):
+    if _is_file_open_as(2, path):
         return Kind.STANDARD_ERROR
     target = Path(os.path.realpath(path))
     if target.is_dir():
@@ -53,12 +53,12 @@ def kind_of(path: Path) -> Kind:
 def is_standard_output(path: Path) -> bool:
     """Return True if *path* is standard output, by whatever name."""
     try:
-        return kind_of(path) is Kind.STANDARD_OUTPUT
+        return kind_of_file(path) is Kind.STANDARD_OUTPUT
     except (OSError, ValueError):
         return False
 
 
-def _is_open_as(descriptor: int, path: Path) -> bool:
+def _is_file_open_as(descriptor: int, path: Path) -> bool:
     with contextlib.suppress(OSError):
         found = path.stat()
         nothing = os.stat(os.devnull)  # takes everything, from everybody
@@ -72,7 +72,7 @@ def write_file_atomically(path: Path, content: bytes) -> None:
     """Write *content* to *path*: a reader meets the old file or the new one, never a part.
 
     The folder is created where there is none.  What exists and is no regular file (a pipe, a
-    device) is written to, not replaced; see :func:`kind_of` for standard output.
+    device) is written to, not replaced; see :func:`kind_of_file` for standard output.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def write_file_atomically(path: Path, content: bytes) -> None:
         If it cannot be written; the text names the path and the reason.
     """
     try:
-        kind = kind_of(path)
+        kind = kind_of_file(path)
         target = Path(os.path.realpath(path))  # a link keeps pointing to the result
         if kind is Kind.STANDARD_OUTPUT:
             _write_stream(sys.stdout, content)
@@ -90,9 +90,9 @@ def write_file_atomically(path: Path, content: bytes) -> None:
             target.write_bytes(content)
         else:
             target.parent.mkdir(parents=True, exist_ok=True)
-            _replace(target, content)
+            _replace_file(target, content)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        raise _refusal(path, error) from error
+        raise _refusal_of_file(path, error) from error
 
 
 def write_json_file(path: Path, document: Mapping[str, Any]) -> None:
@@ -118,7 +118,7 @@ def check_file_writable(path: Path) -> None:
         Names the path and the reason.
     """
     try:
-        kind, target = kind_of(path), Path(os.path.realpath(path))
+        kind, target = kind_of_file(path), Path(os.path.realpath(path))
         if kind is Kind.STANDARD_OUTPUT:
             if sys.stdout is None or sys.stdout.closed:
                 raise ConfigurationError(f"{path}: standard output is closed; name a file")
@@ -131,13 +131,13 @@ def check_file_writable(path: Path) -> None:
             os.close(os.open(target, os.O_WRONLY | os.O_NONBLOCK))
         elif kind is Kind.FILE:
             folder = next(parent for parent in target.parents if parent.exists())
-            temporary = _temporary(folder)
+            temporary = _temporary_file(folder)
             temporary.touch(exist_ok=False)
             temporary.unlink()
     except ConfigurationError:
         raise
     except (OSError, ValueError) as error:
-        raise _refusal(path, error) from error
+        raise _refusal_of_file(path, error) from error
 
 
 def check_distinct_files(
@@ -160,7 +160,7 @@ def check_distinct_files(
     readers, options = list(inputs), dict[str, str]()
     for option, path in outputs.items():
         try:
-            kind = kind_of(path)
+            kind = kind_of_file(path)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise ConfigurationError(f"{option} {str(path)!r} cannot be: {reason}") from error
@@ -184,7 +184,7 @@ def _is_same_file(path: Path, other: Path) -> bool:
     return path.is_file() and other.is_file() and path.samefile(other)
 
 
-def _refusal(path: Path, error: OSError | ValueError) -> ConfigurationError:
+def _refusal_of_file(path: Path, error: OSError | ValueError) -> ConfigurationError:
     reason = getattr(error, "strerror", None) or str(error)
     return ConfigurationError(f"{path}: cannot be written: {reason}")
 
@@ -195,8 +195,8 @@ def _write_stream(stream: TextIO, content: bytes) -> None:
     stream.buffer.flush()
 
 
-def _replace(target: Path, content: bytes) -> None:
-    temporary = _temporary(target.parent)
+def _replace_file(target: Path, content: bytes) -> None:
+    temporary = _temporary_file(target.parent)
     try:
         with temporary.open("xb") as file:
             file.write(content)
@@ -207,6 +207,6 @@ def _replace(target: Path, content: bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def _temporary(folder: Path) -> Path:
+def _temporary_file(folder: Path) -> Path:
     # In the folder of the target: a rename is atomic within one file system only.
     return folder / f".haptogram-{os.urandom(8).hex()}.tmp"

@@ -19,26 +19,26 @@ _CPU0: Final = Path("/sys/devices/system/cpu/cpu0")
 def machine_fingerprint() -> dict[str, Any]:
     """Return CPU, kernel, governor, virtualisation, load and versions; no name of host or user."""
     return {
-        "cpu": _cpu_model(),
+        "cpu": _machine_cpu_model(),
         "cpus": os.cpu_count(),
         "cpus_usable": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None,
         "kernel": f"{platform.system()} {platform.release()} {platform.machine()}",
-        "preemption": _preemption(),
-        "governor": _read(_CPU0 / "cpufreq/scaling_governor"),
-        "clock_source": _read(
+        "preemption": _machine_preemption(),
+        "governor": _read_machine_file(_CPU0 / "cpufreq/scaling_governor"),
+        "clock_source": _read_machine_file(
             Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
         ),
-        "virtualisation": _virtualisation(),
+        "virtualisation": _machine_virtualisation(),
         "load_1_min": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "haptogram": haptogram.__version__,
-        "packages": {name: _version(name) for name in _PACKAGES},
+        "packages": {name: _package_version(name) for name in _PACKAGES},
     }
 
 
 def cpu_times() -> dict[str, int]:
     """Return ticks of all processors since boot: busy, idle and stolen by the hypervisor."""
-    words = _read(_PROC / "stat")
+    words = _read_machine_file(_PROC / "stat")
     if words is None:
         return {}
     user, nice, system, idle, iowait, irq, softirq, steal = map(int, words.split()[1:9])
@@ -53,36 +53,36 @@ def cpu_share(before: dict[str, int], after: dict[str, int]) -> dict[str, float]
     return {name: value / total for name, value in spent.items()} if total > 0 else {}
 
 
-def _cpu_model() -> str:
-    text = _read(_PROC / "cpuinfo") or ""
+def _machine_cpu_model() -> str:
+    text = _read_machine_file(_PROC / "cpuinfo") or ""
     names = (line.split(":", 1)[1].strip() for line in text.splitlines() if "model name" in line)
     return next(names, platform.processor() or platform.machine())
 
 
-def _preemption() -> str | None:
+def _machine_preemption() -> str | None:
     version = platform.version()
     found = [word for word in version.split() if word.startswith("PREEMPT")]
     return found[0] if found else None
 
 
-def _virtualisation() -> str | None:
+def _machine_virtualisation() -> str | None:
     if not sys.platform.startswith("linux"):
         return None
-    text = _read(_PROC / "cpuinfo") or ""
+    text = _read_machine_file(_PROC / "cpuinfo") or ""
     if "hypervisor" not in text:
         return "none"
-    vendor = _read(Path("/sys/class/dmi/id/sys_vendor"))
+    vendor = _read_machine_file(Path("/sys/class/dmi/id/sys_vendor"))
     return f"virtual machine ({vendor})" if vendor else "virtual machine"
 
 
-def _read(path: Path) -> str | None:
+def _read_machine_file(path: Path) -> str | None:
     try:
         return path.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
         return None
 
 
-def _version(package: str) -> str | None:
+def _package_version(package: str) -> str | None:
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -38,16 +38,16 @@ def real_time_process(*, strict: bool = False) -> Iterator[list[str]]:
     with contextlib.ExitStack() as stack:
         refused: list[str] = []
         if strict:
-            stack.enter_context(_frozen_collector())
-            for asked in (_fixed_priority, _locked_memory):
+            stack.enter_context(_frozen_garbage_collector())
+            for asked in (_fixed_process_priority, _locked_process_memory):
                 refused += stack.enter_context(asked())
-        stack.enter_context(_paused_collector())
-        stack.enter_context(_exact_timers())
+        stack.enter_context(_paused_garbage_collector())
+        stack.enter_context(_exact_process_timers())
         yield refused
 
 
 @contextlib.contextmanager
-def _paused_collector() -> Iterator[None]:
+def _paused_garbage_collector() -> Iterator[None]:
     collected = gc.isenabled()
     gc.disable()
     try:
@@ -58,7 +58,7 @@ def _paused_collector() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _frozen_collector() -> Iterator[None]:
+def _frozen_garbage_collector() -> Iterator[None]:
     gc.collect()
     gc.freeze()
     try:
@@ -68,7 +68,7 @@ def _frozen_collector() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _exact_timers() -> Iterator[None]:
+def _exact_process_timers() -> Iterator[None]:
     slack_ns = _prctl(_PR_GET_TIMERSLACK, 0)
     _set_timer_slack(1)
     try:
@@ -78,7 +78,7 @@ def _exact_timers() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _fixed_priority() -> Iterator[list[str]]:
+def _fixed_process_priority() -> Iterator[list[str]]:
     """Run under SCHED_FIFO: nothing but the kernel and higher priorities interrupts this thread."""
     if not hasattr(os, "sched_setscheduler"):
         yield [f"fixed priority: {sys.platform} has no SCHED_FIFO"]
@@ -99,7 +99,7 @@ def _fixed_priority() -> Iterator[list[str]]:
 
 
 @contextlib.contextmanager
-def _locked_memory() -> Iterator[list[str]]:
+def _locked_process_memory() -> Iterator[list[str]]:
     """Keep every page in memory: a page fault from the disk takes milliseconds."""
     libc = ctypes.CDLL(None, use_errno=True) if os.name == "posix" else None
     if libc is None or not hasattr(libc, "mlockall"):

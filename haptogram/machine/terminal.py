@@ -49,7 +49,7 @@ def printable_text(text: str) -> str:
 def terminal_error_line(program: str, message: str, stream: TextIO) -> str:
     """Return the line of an error on *stream*, the name of the program in red."""
     name = f"{program}:"
-    shown = _painted(name, _RED) if terminal_has_colour(stream) else name
+    shown = _painted_on_terminal(name, _RED) if terminal_has_colour(stream) else name
     return without_job_commands(f"{shown} {message}")
 
 
@@ -61,8 +61,10 @@ def paint_terminal_verdicts(text: str, stream: TextIO) -> str:
     text = without_job_commands(text)
     if not terminal_has_colour(stream):
         return text
-    return _VERDICT.sub(lambda match: match[1] + _painted(match[2], _COLOURS[match[2]]), text)
+    return _VERDICT.sub(
+        lambda match: match[1] + _painted_on_terminal(match[2], _COLOURS[match[2]]), text
+    )
 
 
-def _painted(text: str, colour: str) -> str:
+def _painted_on_terminal(text: str, colour: str) -> str:
     return f"\x1b[1;{colour}m{text}\x1b[0m"

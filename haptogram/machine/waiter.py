@@ -45,7 +45,7 @@ class DescriptorWaiter:
             self._prepare(events)
         selector = self._selector
         is_fine = isinstance(selector, selectors.SelectSelector)
-        ready = selector.select(timeout_s) if is_fine else _polled(selector, timeout_s)
+        ready = selector.select(timeout_s) if is_fine else _polled_descriptors(selector, timeout_s)
         return {key.fd for key, _ in ready}
 
     def _prepare(self, events: dict[int, int]) -> None:
@@ -59,7 +59,7 @@ class DescriptorWaiter:
         self._events = events
 
 
-def _polled(selector: selectors.BaseSelector, timeout_s: float | None) -> _Ready:
+def _polled_descriptors(selector: selectors.BaseSelector, timeout_s: float | None) -> _Ready:
     """Poll for the whole milliseconds of *timeout_s*, and nap through the rest."""
     if timeout_s is None:
         return selector.select()

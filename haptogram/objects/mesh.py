@@ -37,10 +37,10 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         import trimesh
     except ImportError as error:
         raise missing_extra(f"{path}: meshes need trimesh", "mesh") from error
-    _check_file(path)
+    _check_mesh_file(path)
     try:
         # Unprocessed: processing drops triangles that are not finite without a word.
-        source = _as_text(path) if path.suffix.lower() == ".obj" else path
+        source = _mesh_as_text(path) if path.suffix.lower() == ".obj" else path
         kind = path.suffix[1:].lower()
         # A cloud of points has no faces.
         mesh: Any = trimesh.load_mesh(source, file_type=kind, process=False)
@@ -59,7 +59,7 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     return mesh
 
 
-def _check_file(path: Path) -> None:
+def _check_mesh_file(path: Path) -> None:
     """Refuse a path that is no readable file with content."""
     try:
         with path.open("rb") as file:
@@ -72,7 +72,7 @@ def _check_file(path: Path) -> None:
         raise ConfigurationError(f"{path}: the file is empty")
 
 
-def _as_text(path: Path) -> io.StringIO:
+def _mesh_as_text(path: Path) -> io.StringIO:
     """Return the text of an OBJ file, whose names and comments may be in any encoding."""
     return io.StringIO(path.read_text(encoding="utf-8", errors="replace"))
 
@@ -98,7 +98,7 @@ def even_mesh_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> 
     return candidates[kept]
 
 
-def round_trip_order(points: FloatArray) -> Indices:
+def round_trip_over_mesh(points: FloatArray) -> Indices:
     """Return an order of (T, 3) points without long jumps, back to the first one at the end.
 
     Going through a tree, visiting the nodes of even depth before what hangs on them and those of
@@ -107,16 +107,16 @@ def round_trip_order(points: FloatArray) -> Indices:
     points: over an even surface the longest step is about three resolutions.  Going to the nearest
     point that is left is shorter on average, but leaves jumps of half the object.
     """
-    edges = _spanning_tree(points)
+    edges = _mesh_spanning_tree(points)
     neighbours: list[list[int]] = [[] for _ in points]
     for one, other in edges:
         neighbours[one].append(other)
         neighbours[other].append(one)
     lowest = int(np.lexsort((points[:, 0], points[:, 1], points[:, 2]))[0])
-    return np.fromiter(_prepostorder(neighbours, lowest), dtype=np.intp, count=len(points))
+    return np.fromiter(_prepostorder_of_mesh(neighbours, lowest), dtype=np.intp, count=len(points))
 
 
-def _prepostorder(neighbours: list[list[int]], root: int) -> Iterator[int]:
+def _prepostorder_of_mesh(neighbours: list[list[int]], root: int) -> Iterator[int]:
     # Node, where it hangs, whether its depth is odd, whether all that hangs on it has been visited.
     to_do = [(root, root, False, False)]
     while to_do:
@@ -131,20 +131,20 @@ def _prepostorder(neighbours: list[list[int]], root: int) -> Iterator[int]:
         to_do += [(n, node, not odd, False) for n in neighbours[node] if n != parent]
 
 
-def _spanning_tree(points: FloatArray) -> list[tuple[int, int]]:
+def _mesh_spanning_tree(points: FloatArray) -> list[tuple[int, int]]:
     """Return the edges of the shortest tree over *points*; bodies apart are joined afterwards."""
     from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
-    graph = _neighbour_graph(points)
+    graph = _mesh_neighbour_graph(points)
     bodies, body_of = connected_components(graph, directed=False)
     tree = minimum_spanning_tree(graph).tocoo()
     edges = list(zip(tree.row.tolist(), tree.col.tolist(), strict=True))
     if bodies > 1:
-        edges += _bridges(points, [np.flatnonzero(body_of == body) for body in range(bodies)])
+        edges += _mesh_bridges(points, [np.flatnonzero(body_of == body) for body in range(bodies)])
     return edges
 
 
-def _neighbour_graph(points: FloatArray) -> csr_array:
+def _mesh_neighbour_graph(points: FloatArray) -> csr_array:
     from scipy.sparse import csr_array
     from scipy.spatial import cKDTree
 
@@ -155,7 +155,7 @@ def _neighbour_graph(points: FloatArray) -> csr_array:
     return csr_array((distances.ravel(), (rows, others.ravel())), shape=(count, count))
 
 
-def _bridges(points: FloatArray, bodies: list[Indices]) -> Iterator[tuple[int, int]]:
+def _mesh_bridges(points: FloatArray, bodies: list[Indices]) -> Iterator[tuple[int, int]]:
     """Yield an edge from every body but the first to the nearest of those before it.
 
     The nearest by their centres, and then by their points.

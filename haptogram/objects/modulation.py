@@ -146,7 +146,7 @@ class Modulation:
 
         The frequency is the one asked for, but for the rounding.
         """
-        frequency_hz = _check_frequency(self.frequency_hz, rate_hz)
+        frequency_hz = _check_modulation_frequency(self.frequency_hz, rate_hz)
         most = MAX_FRAMES // count
         passes = np.arange(1, most + 1)
         periods = passes * (count * frequency_hz / rate_hz)
@@ -182,7 +182,7 @@ def modulate_amplitude(
         A depth outside 0 to 1, or a frequency above half the rate.
     """
     depth = check_number("depth", depth, 0.0, 1.0)
-    force = (1.0 + depth * np.cos(_phase_rad(frames, frequency_hz))) / (1.0 + depth)
+    force = (1.0 + depth * np.cos(_modulation_phase_rad(frames, frequency_hz))) / (1.0 + depth)
     amplitudes = frames.amplitudes * np.sqrt(np.maximum(force, 0.0))
     return FocusFrames(frames.points_m, amplitudes, frames.rate_hz)
 
@@ -209,7 +209,7 @@ def modulate_place(
             f"the shift is {length_m * 1e3:g} mm long, must be above 0, at most "
             f"{_MAX_SHIFT_M * 1e3:g} mm"
         )
-    swing = np.cos(_phase_rad(frames, frequency_hz))[:, None] * shift
+    swing = np.cos(_modulation_phase_rad(frames, frequency_hz))[:, None] * shift
     return FocusFrames(frames.points_m + swing, frames.amplitudes, frames.rate_hz)
 
 
@@ -245,8 +245,8 @@ def spatio_temporal_modulation(
     travelled = np.concatenate([[0.0], np.cumsum(lengths)])
     check_positive("length of the path", travelled[-1])
     rate_hz = check_positive("rate_hz", rate_hz)
-    frequency_hz = _check_frequency(frequency_hz, rate_hz)
-    count = _whole_frames(check_positive("duration_s", duration_s) * rate_hz)
+    frequency_hz = _check_modulation_frequency(frequency_hz, rate_hz)
+    count = _whole_modulated_frames(check_positive("duration_s", duration_s) * rate_hz)
     place = np.mod(frequency_hz * (np.arange(count) / rate_hz), 1.0) * travelled[-1]
     points = np.stack([np.interp(place, travelled, closed[:, axis]) for axis in range(3)], axis=1)
     return FocusFrames(points, np.ones(count), rate_hz)
@@ -269,13 +269,13 @@ def dwell_modulation(points_m: ArrayLike, *, dwell_s: float, rate_hz: float) -> 
             f"a dwell of {dwell_s * 1e3:g} ms is {frames:.3g} frames at {rate_hz:g} Hz, "
             "must be more than half a frame"
         )
-    per_point = _whole_frames(frames)
-    _whole_frames(per_point * len(points))
+    per_point = _whole_modulated_frames(frames)
+    _whole_modulated_frames(per_point * len(points))
     held = np.repeat(points, per_point, axis=0)
     return FocusFrames(held, np.ones(len(held)), rate_hz)
 
 
-def _check_frequency(frequency_hz: float, rate_hz: float) -> float:
+def _check_modulation_frequency(frequency_hz: float, rate_hz: float) -> float:
     """Return a modulation's frequency as a float if it is above 0, at most half the rate.
 
     Raises
@@ -292,7 +292,7 @@ def _check_frequency(frequency_hz: float, rate_hz: float) -> float:
     return frequency_hz
 
 
-def _whole_frames(frames: float) -> int:
+def _whole_modulated_frames(frames: float) -> int:
     """Return a number of frames, rounded, or raise if it is out of range or overflowed."""
     count = round(min(frames, MAX_FRAMES + 1))
     if not 1 <= count <= MAX_FRAMES:
@@ -300,8 +300,8 @@ def _whole_frames(frames: float) -> int:
     return count
 
 
-def _phase_rad(frames: FocusFrames, frequency_hz: float) -> FloatArray:
-    periods = _check_frequency(frequency_hz, frames.rate_hz) / frames.rate_hz
+def _modulation_phase_rad(frames: FocusFrames, frequency_hz: float) -> FloatArray:
+    periods = _check_modulation_frequency(frequency_hz, frames.rate_hz) / frames.rate_hz
     turns = np.arange(frames.count) * periods
     phase: FloatArray = 2.0 * np.pi * np.mod(turns, 1.0)
     return phase

@@ -51,7 +51,7 @@ def frames_of_run(shape: ShapeConfig, pace: PaceConfig, modulated: ModulationCon
         None if modulated.dwell_ms is None else modulated.dwell_ms / 1e3,
     )
     frames = modulation.frames(sample_object_of_run(shape, pace.repeat), pace.rate_hz)
-    _check_kept(pace.repeat, frames.count, "frames")
+    _check_kept_run_frames(pace.repeat, frames.count, "frames")
     return frames
 
 
@@ -64,12 +64,12 @@ def sample_object_of_run(config: ShapeConfig, repeat: int = 1) -> NDArray[np.flo
         A resolution that the object cannot have, a mesh that cannot be read, or more frames than
         one run can keep.
     """
-    points = _shape(config).sample(config.resolution_mm / 1e3)
-    _check_kept(repeat, len(points), "points")
+    points = _shape_of_run(config).sample(config.resolution_mm / 1e3)
+    _check_kept_run_frames(repeat, len(points), "points")
     return points
 
 
-def _check_kept(repeat: int, count: int, of_what: str) -> None:
+def _check_kept_run_frames(repeat: int, count: int, of_what: str) -> None:
     if count * repeat > MOST_FRAMES:
         raise ConfigurationError(
             f"{repeat} times {count} {of_what} are {count * repeat} frames; "
@@ -77,7 +77,7 @@ def _check_kept(repeat: int, count: int, of_what: str) -> None:
         )
 
 
-def _shape(config: ShapeConfig) -> tactile.TactileObject:
+def _shape_of_run(config: ShapeConfig) -> tactile.TactileObject:
     radius_m = config.radius_mm / 1e3
     x, y, z = (coordinate / 1e3 for coordinate in config.center_mm)
     center_m = (x, y, z)
@@ -94,11 +94,11 @@ def _shape(config: ShapeConfig) -> tactile.TactileObject:
             return tactile.Hemisphere(radius_m, center_m)
     unit_m = UNITS_M[config.unit]
     mesh = tactile.MeshSurface.from_file(config.object, center_m=center_m, unit_m=unit_m)
-    _check_size(mesh, config)
+    _check_mesh_size(mesh, config)
     return mesh
 
 
-def _check_size(mesh: tactile.MeshSurface, config: ShapeConfig) -> None:
+def _check_mesh_size(mesh: tactile.MeshSurface, config: ShapeConfig) -> None:
     """Refuse a mesh whose file is most likely in another unit."""
     size_m = float(np.ptp(mesh.mesh.bounds, axis=0).max())
     size = size_m / UNITS_M[config.unit]
@@ -126,10 +126,10 @@ def targets_of_run(
         Focus.at(point, amplitude / config.drive.foci)
         for point, amplitude in zip(shown.points_m, shown.amplitudes, strict=True)
     ]
-    return foci if config.drive.foci == 1 else _at_once(foci, config.drive.foci)
+    return foci if config.drive.foci == 1 else _run_foci_at_once(foci, config.drive.foci)
 
 
-def _at_once(foci: list[Focus], count: int) -> list[list[Focus]]:
+def _run_foci_at_once(foci: list[Focus], count: int) -> list[list[Focus]]:
     """Return for every frame *count* of the foci, evenly apart along the pass.
 
     Raises

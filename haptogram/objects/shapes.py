@@ -17,7 +17,7 @@ import numpy as np
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.geometry import MAX_COORDINATE_M
 from haptogram.errors import ConfigurationError
-from haptogram.objects.mesh import even_mesh_points, read_mesh, round_trip_order
+from haptogram.objects.mesh import even_mesh_points, read_mesh, round_trip_over_mesh
 from haptogram.settings.arguments import check_argument_kind, check_number, shown_argument
 
 if TYPE_CHECKING:
@@ -56,11 +56,11 @@ class Point:
     position_m: Point3
 
     def __post_init__(self) -> None:
-        _check_finite("position_m", self.position_m)
+        _check_shape_point("position_m", self.position_m)
 
     def sample(self, resolution_m: float) -> FloatArray:
         """Return the (1, 3) point, in metres."""
-        _check_resolution(resolution_m, math.inf)
+        _check_shape_resolution(resolution_m, math.inf)
         return np.array([self.position_m])
 
 
@@ -78,16 +78,16 @@ class Line:
     end_m: Point3
 
     def __post_init__(self) -> None:
-        _check_finite("start_m", self.start_m)
-        _check_finite("end_m", self.end_m)
+        _check_shape_point("start_m", self.start_m)
+        _check_shape_point("end_m", self.end_m)
 
     def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres: out on the even ones, back on the odd ones."""
         start, end = np.array(self.start_m), np.array(self.end_m)
         length_m = float(np.linalg.norm(end - start))
-        _check_resolution(resolution_m, length_m)
-        steps = _count(length_m / resolution_m)
-        order = _there_and_back(steps + 1)
+        _check_shape_resolution(resolution_m, length_m)
+        steps = _points_of_shape(length_m / resolution_m)
+        order = _line_there_and_back(steps + 1)
         points: FloatArray = start + (end - start) * (np.array(order)[:, None] / steps)
         return points
 
@@ -106,13 +106,13 @@ class Circle:
     center_m: Point3
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius_m)
-        _check_finite("center_m", self.center_m)
+        _check_shape_radius(self.radius_m)
+        _check_shape_point("center_m", self.center_m)
 
     def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres, once round."""
-        _check_resolution(resolution_m, 2.0 * self.radius_m)
-        return np.array(self.center_m) + _ring(self.radius_m, 0.0, resolution_m)
+        _check_shape_resolution(resolution_m, 2.0 * self.radius_m)
+        return np.array(self.center_m) + _ring_of_shape(self.radius_m, 0.0, resolution_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,12 +130,12 @@ class Sphere:
     center_m: Point3
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius_m)
-        _check_finite("center_m", self.center_m)
+        _check_shape_radius(self.radius_m)
+        _check_shape_point("center_m", self.center_m)
 
     def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres."""
-        return np.array(self.center_m) + _cap(self.radius_m, math.pi, resolution_m)
+        return np.array(self.center_m) + _cap_of_sphere(self.radius_m, math.pi, resolution_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,13 +163,13 @@ class Hemisphere:
     lower: bool = True
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius_m)
-        _check_finite("center_m", self.center_m)
+        _check_shape_radius(self.radius_m)
+        _check_shape_point("center_m", self.center_m)
         check_argument_kind("lower", self.lower, bool, "True or False")
 
     def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres."""
-        points = _cap(self.radius_m, math.pi / 2.0, resolution_m)
+        points = _cap_of_sphere(self.radius_m, math.pi / 2.0, resolution_m)
         if not self.lower:
             points[:, 2] = -points[:, 2]
         return np.array(self.center_m) + points
@@ -214,7 +214,7 @@ class MeshSurface:
         check_argument_kind("path", path, (str, Path), "the name of a file")
         check_number("unit_m", unit_m, 1e-9, 1e3)
         if center_m is not None:
-            _check_finite("center_m", center_m)
+            _check_shape_point("center_m", center_m)
         mesh: Any = read_mesh(Path(path))  # its type hints are not complete
         mesh.apply_scale(unit_m)
         if center_m is not None:
@@ -226,45 +226,47 @@ class MeshSurface:
 
         Their order closes: the first is next to the last.
         """
-        _check_resolution(resolution_m, float(np.ptp(self.mesh.bounds, axis=0).max()))
-        count = _count(float(self.mesh.area) / resolution_m**2)
+        _check_shape_resolution(resolution_m, float(np.ptp(self.mesh.bounds, axis=0).max()))
+        count = _points_of_shape(float(self.mesh.area) / resolution_m**2)
         points = even_mesh_points(self.mesh, count, resolution_m)
-        return points[round_trip_order(points)]
+        return points[round_trip_over_mesh(points)]
 
 
-def _there_and_back(count: int) -> list[int]:
+def _line_there_and_back(count: int) -> list[int]:
     """Return 0 .. count-1 so that neighbours, and last and first, are two apart at the most."""
     return [*range(0, count, 2), *reversed(range(1, count, 2))]
 
 
-def _ring(radius_m: float, z_m: float, resolution_m: float, start_rad: float = 0.0) -> FloatArray:
+def _ring_of_shape(
+    radius_m: float, z_m: float, resolution_m: float, start_rad: float = 0.0
+) -> FloatArray:
     """Return points once round a circle about the z axis, beginning near *start_rad*."""
-    count = _count(2.0 * math.pi * radius_m / resolution_m)
+    count = _points_of_shape(2.0 * math.pi * radius_m / resolution_m)
     angles = start_rad + 2.0 * math.pi * np.arange(count) / count
     return np.stack(
         [radius_m * np.cos(angles), radius_m * np.sin(angles), np.full(count, z_m)], axis=1
     )
 
 
-def _cap(radius_m: float, opening_rad: float, resolution_m: float) -> FloatArray:
+def _cap_of_sphere(radius_m: float, opening_rad: float, resolution_m: float) -> FloatArray:
     """Return the points of a sphere from its lowest point to the polar angle *opening_rad*.
 
     Rings a resolution apart along the meridian; each begins where the one before ended.
     """
-    _check_resolution(resolution_m, 2.0 * radius_m)
-    _count(2.0 * math.pi * (1.0 - math.cos(opening_rad)) * (radius_m / resolution_m) ** 2)
+    _check_shape_resolution(resolution_m, 2.0 * radius_m)
+    _points_of_shape(2.0 * math.pi * (1.0 - math.cos(opening_rad)) * (radius_m / resolution_m) ** 2)
     rings = max(1, round(opening_rad * radius_m / resolution_m))
     parts: list[FloatArray] = []
     start_rad = 0.0
     for polar in opening_rad * np.arange(rings + 1) / rings:
         around_m = abs(radius_m * math.sin(polar))
-        part = _ring(around_m, -radius_m * math.cos(polar), resolution_m, start_rad)
+        part = _ring_of_shape(around_m, -radius_m * math.cos(polar), resolution_m, start_rad)
         start_rad += 2.0 * math.pi * (len(part) - 1) / len(part)
         parts.append(part)
     return np.concatenate(parts)
 
 
-def _count(wanted: float) -> int:
+def _points_of_shape(wanted: float) -> int:
     """Return a number of points, at least 1.
 
     Raises
@@ -280,7 +282,7 @@ def _count(wanted: float) -> int:
     return max(1, round(wanted))
 
 
-def _check_resolution(resolution_m: float, extent_m: float) -> None:
+def _check_shape_resolution(resolution_m: float, extent_m: float) -> None:
     check_number("resolution_m", resolution_m, _LOWEST_RESOLUTION_M, MAX_COORDINATE_M)
     if resolution_m > extent_m * (1.0 + 1e-9):  # a share of 1 may come out a hair above
         raise ConfigurationError(
@@ -289,11 +291,11 @@ def _check_resolution(resolution_m: float, extent_m: float) -> None:
         )
 
 
-def _check_radius(radius_m: float) -> None:
+def _check_shape_radius(radius_m: float) -> None:
     check_number("radius_m", radius_m, _LOWEST_RESOLUTION_M, MAX_COORDINATE_M)
 
 
-def _check_finite(name: str, point: Point3) -> None:
+def _check_shape_point(name: str, point: Point3) -> None:
     try:
         values = np.asarray(point)
     except ValueError:  # rows of different lengths

@@ -94,7 +94,7 @@ def felt_signal_at(
     samples_per_frame : int
         Samples per frame; they resolve the build-up within one.
     """
-    settled = _settled(engine, frames, as_coordinates("point_m", point_m))
+    settled = _settled_felt_signal(engine, frames, as_coordinates("point_m", point_m))
     follow = resonator or Resonator(0.0)
     frame_s = 1.0 / frames.rate_hz
     # The field is linear in the drives, so its envelope is theirs; from rest, the state after one
@@ -111,7 +111,9 @@ def felt_signal_at(
     return FeltSignal(time_s, pressure, frequency_hz, spectrum)
 
 
-def _settled(engine: FieldEngine, frames: FocusFrames, point_m: FloatArray) -> ComplexArray:
+def _settled_felt_signal(
+    engine: FieldEngine, frames: FocusFrames, point_m: FloatArray
+) -> ComplexArray:
     """Return the pressure (F,) at a point of every frame, once its transducers have settled."""
     foci, which = np.unique(frames.points_m, axis=0, return_inverse=True)
     parts = [

@@ -101,7 +101,7 @@ class Focus:
     phase_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position_m", _as_position(self.position_m))
+        object.__setattr__(self, "position_m", _as_focus_position(self.position_m))
         for name, low, high in (
             ("amplitude", 0.0, 1.0),
             ("phase_rad", -MAX_PHASE_RAD, MAX_PHASE_RAD),
@@ -115,12 +115,12 @@ class Focus:
         return cls(cast("tuple[float, float, float]", position_m), amplitude, phase_rad)
 
 
-def _as_position(position_m: Any) -> tuple[float, float, float]:
+def _as_focus_position(position_m: Any) -> tuple[float, float, float]:
     """Return *position_m* (3,) as three floats, or raise."""
     try:
         if isinstance(position_m, str | bytes | Mapping | Set) or len(position_m) != 3:
             raise TypeError
-        x, y, z = (_as_coordinate(value) for value in position_m)
+        x, y, z = (_as_focus_coordinate(value) for value in position_m)
     except (TypeError, OverflowError) as error:
         raise ConfigurationError(
             f"target {shown_argument(position_m)} is not x, y, z: three finite numbers, in metres"
@@ -128,7 +128,7 @@ def _as_position(position_m: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _as_coordinate(value: Any) -> float:
+def _as_focus_coordinate(value: Any) -> float:
     if isinstance(value, bool) or not (isinstance(value, Real) and math.isfinite(value)):
         raise TypeError
     return float(value)

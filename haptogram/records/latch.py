@@ -159,8 +159,8 @@ class LatchRecord:
             bool(flags & _LATE),
             bool(flags & _RAMPING),
             commanded,
-            _codes_at(data, _HEAD.size, n, bits),
-            _codes_at(data, _HEAD.size + 2 * n, n, radiated_bits) if drives == 2 else None,
+            _latch_codes_at(data, _HEAD.size, n, bits),
+            _latch_codes_at(data, _HEAD.size + 2 * n, n, radiated_bits) if drives == 2 else None,
         )
 
     @classmethod
@@ -179,8 +179,8 @@ class LatchRecord:
             latch.late,
             latch.ramping,
             latch.commanded_bits,
-            _codes_of(drive),
-            None if same else _codes_of(radiated),
+            _latch_codes_of(drive),
+            None if same else _latch_codes_of(radiated),
         )
 
     @classmethod
@@ -198,8 +198,8 @@ class LatchRecord:
             record["late"],
             record["ramping"],
             record["commanded_bits"],
-            _codes_in(record),
-            None if radiated is None else _codes_in(radiated),
+            _latch_codes_in(record),
+            None if radiated is None else _latch_codes_in(radiated),
         )
 
     def as_record(self, reconstruction: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -215,31 +215,31 @@ class LatchRecord:
             "late": self.late,
             "t_received_us": self.t_received_us,
             "commanded_bits": self.commanded_bits,
-            **_record_of(self.latched),
+            **_record_of_latch_codes(self.latched),
             "drive_crc": self.latched.crc,
-            "radiated": None if self.radiated is None else _record_of(self.radiated),
+            "radiated": None if self.radiated is None else _record_of_latch_codes(self.radiated),
             "ramping": self.ramping,
             "reconstruction": None if reconstruction is None else dict(reconstruction),
         }
 
 
-def _codes_of(drive: Drive) -> Codes:
+def _latch_codes_of(drive: Drive) -> Codes:
     return Codes(drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes(), drive.phase_bits)
 
 
-def _codes_at(data: bytes, start: int, count: int, bits: int) -> Codes:
+def _latch_codes_at(data: bytes, start: int, count: int, bits: int) -> Codes:
     middle = start + count
     return Codes(data[start:middle], data[middle : middle + count], bits)
 
 
-def _codes_in(record: Mapping[str, Any]) -> Codes:
+def _latch_codes_in(record: Mapping[str, Any]) -> Codes:
     phases, amplitudes = (
         base64.b64decode(record[name]) for name in ("phase_codes", "amplitude_codes")
     )
     return Codes(phases, amplitudes, record["phase_bits"])
 
 
-def _record_of(codes: Codes) -> dict[str, Any]:
+def _record_of_latch_codes(codes: Codes) -> dict[str, Any]:
     return {
         "phase_bits": codes.bits,
         "phase_codes": base64.b64encode(codes.phases).decode(),

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from haptogram.acoustics.model.model import AcousticModel
 
 
-def model_fields(model: AcousticModel) -> dict[str, Any]:
+def model_record_fields(model: AcousticModel) -> dict[str, Any]:
     """Return the fields of *model*, of JSON types; docs/backdoor.md describes them."""
     array, medium, transducer = model.array, model.medium, model.transducer
     return {
@@ -18,7 +18,7 @@ def model_fields(model: AcousticModel) -> dict[str, Any]:
         "positions_m": array.positions_m.tolist(),
         "normals": array.normals.tolist(),
         "geometry_hash": array.digest(),
-        "calibration": calibration_fields(model.calibration),
+        "calibration": calibration_record_fields(model.calibration),
         "medium": {
             "sound_speed_m_s": medium.sound_speed_m_s,
             "density_kg_m3": medium.density_kg_m3,
@@ -32,7 +32,7 @@ def model_fields(model: AcousticModel) -> dict[str, Any]:
     }
 
 
-def calibration_fields(calibration: Calibration | None) -> dict[str, Any] | None:
+def calibration_record_fields(calibration: Calibration | None) -> dict[str, Any] | None:
     """Return the fields of a calibration; None: there is none."""
     names = ("gain", "phase_rad", "positions_m")
     if calibration is None:

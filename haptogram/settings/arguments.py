@@ -21,7 +21,7 @@ def check_number(name: str, value: Any, low: float, high: float, unit: str = "")
     """Return *value* as a float, or raise unless it is a real number within [low, high]."""
     limits = f"{low:.10g} to {high:.10g} {unit}".rstrip()
     if isinstance(value, numbers.Real) and not isinstance(value, bool):
-        number = _as_float(value)
+        number = _argument_as_float(value)
         if low <= number <= high:  # NaN is not
             return number
         raise ConfigurationError(f"{name} is {shown_argument(value)}, must be {limits}")
@@ -31,14 +31,14 @@ def check_number(name: str, value: Any, low: float, high: float, unit: str = "")
 def check_positive(name: str, value: Any) -> float:
     """Return *value* as a float, or raise unless it is a finite real number above zero."""
     if isinstance(value, numbers.Real) and not isinstance(value, bool):
-        number = _as_float(value)
+        number = _argument_as_float(value)
         if math.isfinite(number) and number > 0.0:
             return number
         raise ConfigurationError(f"{name} is {shown_argument(value)}, must be finite and above 0")
     raise ConfigurationError(f"{name} is {shown_argument(value)}, must be a number")
 
 
-def _as_float(value: numbers.Real) -> float:
+def _argument_as_float(value: numbers.Real) -> float:
     try:
         return float(value)
     except OverflowError:  # a whole number beyond every float
@@ -52,10 +52,12 @@ def check_whole(name: str, value: Any, low: int, high: int, unit: str = "") -> i
         if low <= int(value) <= high:
             return int(value)
         raise ConfigurationError(f"{name} is {shown_argument(value)}, must be {limits}")
-    raise ConfigurationError(f"{name} is {_typed(value)}, must be a whole number, {limits}")
+    raise ConfigurationError(
+        f"{name} is {_argument_with_type(value)}, must be a whole number, {limits}"
+    )
 
 
-def _typed(value: Any) -> str:
+def _argument_with_type(value: Any) -> str:
     """Return *value* as :func:`shown_argument` does, but 8.0, not 8, where the type is wrong."""
     return repr(float(value)) if isinstance(value, float) else shown_argument(value)
 
@@ -73,7 +75,9 @@ def check_choice(name: str, value: Any, known: Collection[Any]) -> None:
     if not isinstance(value, str | int) or isinstance(value, bool) or value not in known:
         texts = [str(choice) for choice in known]
         guess = did_you_mean(value, texts) if isinstance(value, str) else ""
-        raise ConfigurationError(f"{name} is {_typed(value)}; known are {', '.join(texts)}{guess}")
+        raise ConfigurationError(
+            f"{name} is {_argument_with_type(value)}; known are {', '.join(texts)}{guess}"
+        )
 
 
 def did_you_mean(word: str, known: Collection[str]) -> str:

@@ -21,7 +21,7 @@ from .option import (
     option,
     option_group,
     options_of,
-    unknown_text,
+    unknown_setting_text,
 )
 
 DEFAULT_ARRAY: Final = "16x16"
@@ -247,7 +247,7 @@ class BoardConfig(Settings):
             For a fault that is refused, or a plan that cannot be read.
         """
         for name in sorted(values.keys() - BOARD_OPTIONS.keys()):
-            raise SettingError(name, f"is not an option{unknown_text(name, BOARD_OPTIONS)}")
+            raise SettingError(name, f"is not an option{unknown_setting_text(name, BOARD_OPTIONS)}")
         words = FaultWords.of(**{n: values.pop(n) for n in options_of(FaultWords) if n in values})
         faults, seed = read_faults(words.fault, words.fault_plan)
         if values.get("fault_seed") is None:

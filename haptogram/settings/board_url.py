@@ -81,10 +81,12 @@ def read_board_url(url: str, default: BoardConfig | None = None) -> PortConfig:
 def write_board_url(port: PortConfig) -> str:
     """Return the URL that :func:`read_board_url` takes, without the options at their default."""
     values = port.non_default() | port.board.non_default()
-    words = [(name, text) for name, value in values.items() for text in _texts(name, value)]
+    words = [
+        (name, text) for name, value in values.items() for text in _board_url_texts(name, value)
+    ]
     return f"{SCHEME}?{urlencode(words)}" if words else SCHEME
 
 
-def _texts(name: str, value: Any) -> list[str]:
+def _board_url_texts(name: str, value: Any) -> list[str]:
     row = URL_OPTIONS[name]
     return [row.write(item) for item in (value if row.count is not None else [value])]

@@ -264,21 +264,21 @@ def option_group(kind: type[Settings]) -> Any:
 def options_of(kind: type[Any]) -> Mapping[str, Option]:
     """Return the options of a settings class and of its groups by name."""
     key: Any = kind  # mypy takes no class for hashable
-    return _table(key)
+    return _option_table(key)
 
 
 @functools.cache
-def _table(kind: type[Any]) -> Mapping[str, Option]:
+def _option_table(kind: type[Any]) -> Mapping[str, Option]:
     hints, rows = get_type_hints(kind), dict[str, Option]()
     for field in dataclasses.fields(kind):
         if "group" in field.metadata:
             rows |= options_of(field.metadata["group"])
         elif "option" in field.metadata:
-            rows[field.name] = _row(field, hints[field.name])
+            rows[field.name] = _option_row(field, hints[field.name])
     return MappingProxyType(rows)
 
 
-def _row(field: dataclasses.Field[Any], hint: Any) -> Option:
+def _option_row(field: dataclasses.Field[Any], hint: Any) -> Option:
     kinds = get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
     kind = next(kind for kind in kinds if kind is not type(None))
     count = None
@@ -306,7 +306,7 @@ def build_settings(kind: type[_S], values: Mapping[str, Any]) -> _S:
     return kind(**given)
 
 
-def unknown_text(name: str, known: Collection[str]) -> str:
+def unknown_setting_text(name: str, known: Collection[str]) -> str:
     """Return the end of a message about an unknown *name*: a guess at the right one, or all."""
     return did_you_mean(name, known) or f"; known are {', '.join(known)}"
 
@@ -345,7 +345,9 @@ class Settings:
             Also for a name that is no option.
         """
         for name in sorted(values.keys() - options_of(cls).keys()):
-            raise SettingError(name, f"is not a setting{unknown_text(name, options_of(cls))}")
+            raise SettingError(
+                name, f"is not a setting{unknown_setting_text(name, options_of(cls))}"
+            )
         return build_settings(cls, values)
 
     def values(self) -> dict[str, Any]:

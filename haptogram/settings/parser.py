@@ -51,10 +51,10 @@ class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
     """As wide as the terminal; argparse would load shutil, with its compressors, to ask."""
 
     def __init__(self, prog: str) -> None:
-        super().__init__(prog, width=_terminal_columns() - 2)
+        super().__init__(prog, width=_parser_columns() - 2)
 
 
-def _terminal_columns() -> int:
+def _parser_columns() -> int:
     """Return the columns that COLUMNS names, else those of the terminal, else 80."""
     named = os.environ.get("COLUMNS", "")
     if named.isdecimal() and int(named) > 0:
@@ -92,7 +92,10 @@ class Parser(argparse.ArgumentParser):
     def rename(self, **names: str) -> None:
         """Refuse each former name of an option, in favour of its new one."""
         self.refused.update(
-            {_as_option(old): f"is now {_as_option(new)}" for old, new in names.items()}
+            {
+                _setting_as_option(old): f"is now {_setting_as_option(new)}"
+                for old, new in names.items()
+            }
         )
 
     def parse_known_args(  # type: ignore[override]  # overloads; nothing is ever left unknown
@@ -103,7 +106,7 @@ class Parser(argparse.ArgumentParser):
         self._check_options(words)
         found, rest = super().parse_known_args(words, namespace)
         if rest:
-            self.error(f"{_shown(rest[0])} is one word too many")
+            self.error(f"{_shown_option_value(rest[0])} is one word too many")
         if self._subparsers is None:
             found.parser = self
             found.given = frozenset(self._given(words))
@@ -116,7 +119,7 @@ class Parser(argparse.ArgumentParser):
         """
         name = message.partition(" ")[0]
         key = name.removeprefix("--").replace("-", "_")
-        option = _as_option(key)
+        option = _setting_as_option(key)
         known = key.isidentifier() and option in self.option_actions and name in (key, option)
         return self._in_file.get(key, option) + message[len(name) :] if known else message
 
@@ -136,7 +139,7 @@ class Parser(argparse.ArgumentParser):
         if isinstance(action.choices, dict):  # of parsers: those of the commands
             guess = did_you_mean(str(value), action.choices)
             known = f"; known are {', '.join(action.choices)}"
-            self.error(f"there is no command {_shown(value)}{guess or known}")
+            self.error(f"there is no command {_shown_option_value(value)}{guess or known}")
         try:
             check_choice("", value, [str(choice) for choice in action.choices])
         except ConfigurationError as error:
@@ -151,7 +154,7 @@ class Parser(argparse.ArgumentParser):
                 self.error(f"{word} {self.refused[word]}")
             if word not in self.option_actions and not self._is_short(word):
                 guess = did_you_mean(word, self.option_actions)
-                self.error(f"there is no option {_shown(word)}{guess}")
+                self.error(f"there is no option {_shown_option_value(word)}{guess}")
 
     def _is_short(self, word: str) -> bool:
         """Return True for short options, alone or together with others or a value (-vh)."""
@@ -162,7 +165,7 @@ class Parser(argparse.ArgumentParser):
         return (actions[word].dest for word in _options_among(words) if word in actions)
 
 
-def _as_option(name: str) -> str:
+def _setting_as_option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
@@ -195,7 +198,7 @@ def attach_negative_values(words: Sequence[str]) -> list[str]:
     return result
 
 
-def _shown(value: object) -> str:
+def _shown_option_value(value: object) -> str:
     """Return *value* as a message shows it: on one line, not too long, nothing unprintable."""
     text = str(value)
     if not text or not text.isprintable() or " " in text:

@@ -29,26 +29,33 @@ def plain_reason(error: BaseException) -> str:
         return f"it is no text in UTF-8, from byte {error.start} on"
     if isinstance(error, RecursionError):
         return "it is nested too deeply"
-    code = next((found for found in map(_code, _chain(error)) if found is not None), None)
+    code = next(
+        (
+            found
+            for found in map(_text_file_error_code, _text_file_error_chain(error))
+            if found is not None
+        ),
+        None,
+    )
     if code is None:
         return " ".join(str(error).split())
-    text = _REASONS.get(code) or (os.strerror(code) if code > 0 else str(_strerror(error)))
+    text = _REASONS.get(code) or (os.strerror(code) if code > 0 else str(_plain_strerror(error)))
     return text[:1].lower() + text[1:]
 
 
-def _chain(error: BaseException | None) -> Iterator[BaseException]:
+def _text_file_error_chain(error: BaseException | None) -> Iterator[BaseException]:
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__
 
 
-def _code(error: BaseException) -> int | None:
+def _text_file_error_code(error: BaseException) -> int | None:
     """Return the code of an OSError, or of what is like one (termios.error)."""
     code = error.errno if isinstance(error, OSError) else next(iter(error.args), None)
     return code if isinstance(code, int) else None
 
 
-def _strerror(error: BaseException) -> str | None:
+def _plain_strerror(error: BaseException) -> str | None:
     return getattr(error, "strerror", None)
 
 

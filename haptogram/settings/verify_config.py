@@ -12,7 +12,7 @@ from .arguments import did_you_mean
 from .array import ArrayConfig, ElementConfig
 from .board import BoardConfig, FaultWords
 from .line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
-from .option import SettingError, Settings, option, option_group, options_of, unknown_text
+from .option import SettingError, Settings, option, option_group, options_of, unknown_setting_text
 from .shape import ModulationConfig, ShapeConfig
 from .text_file import read_toml
 from .tolerance import ToleranceConfig, UncertaintyConfig
@@ -338,13 +338,15 @@ class VerifyConfig(Settings):
     def result_options(self) -> dict[str, Any]:
         """Return the options that decide the result, for the report: JSON types, no output path."""
         outputs = options_of(OutputConfig)
-        return {name: _for_json(v) for name, v in self.values().items() if name not in outputs}
+        return {
+            name: _setting_for_json(v) for name, v in self.values().items() if name not in outputs
+        }
 
 
-def _for_json(value: Any) -> Any:
+def _setting_for_json(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
-    return [_for_json(item) for item in value] if isinstance(value, tuple) else value
+    return [_setting_for_json(item) for item in value] if isinstance(value, tuple) else value
 
 
 def load_verify_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig:
@@ -363,7 +365,7 @@ def load_verify_config(path: Path | None, overrides: Mapping[str, Any]) -> Verif
         If the file cannot be read, a key is not known, or a value has the wrong type or size; the
         text names the setting as it was written: the key in the file, or the option.
     """
-    in_file = read_table(path) if path is not None else {}
+    in_file = read_settings_table(path) if path is not None else {}
     given = {name: value for name, value in overrides.items() if value is not None}
     try:
         return VerifyConfig.of(**(in_file | given))
@@ -392,7 +394,7 @@ def setting_option_name(setting: str) -> str:
     return f"--{setting.replace('_', '-')}"
 
 
-def read_table(path: Path) -> dict[str, Any]:
+def read_settings_table(path: Path) -> dict[str, Any]:
     """Return the ``[verify]`` table of a TOML file.
 
     Raises
@@ -413,6 +415,6 @@ def read_table(path: Path) -> dict[str, Any]:
     for name in table.keys() - options_of(VerifyConfig).keys():
         if name in _RENAMED:
             raise ConfigurationError(f"{path}: {name!r} is now {_RENAMED[name]!r}")
-        known = unknown_text(name, options_of(VerifyConfig))
+        known = unknown_setting_text(name, options_of(VerifyConfig))
         raise ConfigurationError(f"{path}: {name!r} is not a setting{known}")
     return table

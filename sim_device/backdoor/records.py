@@ -9,7 +9,7 @@ from typing import Any, Final, TypeAlias
 
 from haptogram.acoustics import Drive, Reconstruction
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
-from haptogram.records.model import calibration_fields, model_fields
+from haptogram.records.model import calibration_record_fields, model_record_fields
 
 from ..board.events import (
     ClientLeft,
@@ -48,8 +48,8 @@ def backdoor_board_record(settings: BoardSettings) -> Record:
         "queue_depth": settings.queue_depth,
         "transducers": settings.count,
         **({} if settings.wiring is None else dataclasses.asdict(settings.wiring)),
-        **model_fields(settings.model),
-        "calibration": calibration_fields(settings.calibration),
+        **model_record_fields(settings.model),
+        "calibration": calibration_record_fields(settings.calibration),
     }
 
 

@@ -56,7 +56,7 @@ class GridField:
         if isinstance(engine, NumbaEngine | Numpy32Engine):
             self._matrix = engine.propagators(points)
         else:
-            self._matrix = _reference_matrix(model, points)
+            self._matrix = _grid_field_matrix(model, points)
 
     @property
     def matrix(self) -> NDArray[np.complex64]:
@@ -131,7 +131,7 @@ def box_points_m(low_m: ArrayLike, high_m: ArrayLike, step_m: float) -> FloatArr
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _reference_matrix(model: AcousticModel, points: FloatArray) -> NDArray[np.complex64]:
+def _grid_field_matrix(model: AcousticModel, points: FloatArray) -> NDArray[np.complex64]:
     matrix = np.empty((len(points), model.array.count), dtype=np.complex64)
     for start in range(0, len(points), 256):
         matrix[start : start + 256] = propagators(model, points[start : start + 256])

@@ -74,10 +74,10 @@ class PlaneField:
         check_whole("oversampling", oversampling, 1, _MAX_OVERSAMPLING)
         self._model = model
         self._height_m = float(height_m)
-        self._lattice = _regular_lattice(model.array)
+        self._lattice = _plane_field_lattice(model.array)
         lattice, m = self._lattice, oversampling
         self._m = m
-        axes = [_Axis(levels, half_width_m, m) for levels in (lattice.x_m, lattice.y_m)]
+        axes = [_PlaneAxis(levels, half_width_m, m) for levels in (lattice.x_m, lattice.y_m)]
         self._axes = axes
         check_array_memory("a plane", [m * axis.period for axis in axes], 48)
         self.x_m, self.y_m = axes[0].nodes_m(), axes[1].nodes_m()
@@ -144,7 +144,7 @@ class PlaneField:
         m = self._m
         kernel = np.empty((m * along_x.period, m * along_y.period), dtype=np.complex128)
         axes = self._lattice.axes
-        element = _single_element(self._model, axes[2])
+        element = _plane_field_element(self._model, axes[2])
         x_m, y_m = along_x.offsets_m(), along_y.offsets_m()
         rows = max(1, _KERNEL_POINTS // len(y_m))
         for start in range(0, len(x_m), rows):
@@ -157,7 +157,7 @@ class PlaneField:
         return spectrum
 
 
-class _Axis:
+class _PlaneAxis:
     """One axis of the plane: its nodes, their offsets from the sources, and the transform.
 
     Nodes count from the first source, so that every source is one of them.
@@ -200,7 +200,7 @@ class _Axis:
         return self._step_m * steps
 
 
-def _regular_lattice(array: TransducerArray) -> Lattice:
+def _plane_field_lattice(array: TransducerArray) -> Lattice:
     lattice = find_lattice(array)
     if lattice is None:
         raise ConfigurationError("a plane by convolution needs a planar rectangular lattice")
@@ -214,7 +214,7 @@ def _regular_lattice(array: TransducerArray) -> Lattice:
     return lattice
 
 
-def _single_element(model: AcousticModel, normal: FloatArray) -> AcousticModel:
+def _plane_field_element(model: AcousticModel, normal: FloatArray) -> AcousticModel:
     """Return the model of one element at the origin, that faces as all do.
 
     It is not turned upright: a directivity may have directions of its own.

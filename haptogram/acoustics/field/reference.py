@@ -98,13 +98,13 @@ def propagators(model: AcousticModel, points_m: ArrayLike) -> ComplexArray:
     points = as_point_array("points_m", points_m)
     check_array_memory("a matrix", (len(points), model.array.count), 16)
     check_field_points(model, points)
-    return _propagators(model, points)
+    return _field_propagators(model, points)
 
 
-def _propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
+def _field_propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
     x, y, z = (points[:, None, i] - model.array.positions_m[:, i] for i in range(3))
     distance = np.sqrt(x * x + y * y + z * z)
-    gain = _gain(model, (x, y, z), distance)
+    gain = _field_gain(model, (x, y, z), distance)
     strength = math.sqrt(2.0) * model.transducer.source_strength_pa_m
     magnitude = strength * gain * np.exp(-model.medium.absorption_np_m * distance) / distance
     turns = distance / model.wavelength_m
@@ -148,12 +148,12 @@ def pressure(model: AcousticModel, weights: ArrayLike, points_m: ArrayLike) -> C
     check_array_memory("a field", (*drives.shape[:-1], len(points)), 16)
     check_field_points(model, points)
     result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
-    for chunk in memory_chunks(len(points), _points_at_a_time(model)):
-        result[..., chunk] = drives @ _propagators(model, points[chunk]).T
+    for chunk in memory_chunks(len(points), _field_points_at_a_time(model)):
+        result[..., chunk] = drives @ _field_propagators(model, points[chunk]).T
     return result
 
 
-def _gain(
+def _field_gain(
     model: AcousticModel, offsets: tuple[FloatArray, ...], distance: FloatArray
 ) -> FloatArray:
     """Return the directivity of each element toward each point, from its own normal."""
@@ -166,7 +166,7 @@ def _gain(
     return directivity.gain(along / distance, model.wavenumber)
 
 
-def _points_at_a_time(model: AcousticModel) -> int:
+def _field_points_at_a_time(model: AcousticModel) -> int:
     return max(1, _PAIRS_PER_CHUNK // model.array.count)
 
 
@@ -195,7 +195,7 @@ def points_in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
     points = as_point_array("points_m", points_m)
     front = np.ones(len(points), dtype=np.bool_)
     for part in memory_chunks(len(points), _POINTS_PER_CHUNK):
-        front[part][_behind(model, points[part])] = False
+        front[part][_field_points_behind(model, points[part])] = False
     return front
 
 
@@ -229,14 +229,14 @@ def check_field_points(model: AcousticModel, points: FloatArray) -> None:
         A point within 1 mm of an element, or behind all of them if they are baffled.
     """
     for part in memory_chunks(len(points), _POINTS_PER_CHUNK):
-        behind = part.start + _behind(model, points[part])
+        behind = part.start + _field_points_behind(model, points[part])
         if len(behind):
             ahead_m = (sounding_half_spaces(model) @ np.append(points[behind[0]], 1.0)).max()
             raise ConfigurationError(
                 f"point {behind[0]} is {-ahead_m * 1e3:.3g} mm behind the baffle of the array, "
                 "must be in front of an element"
             )
-    for near, distance in _distances(model, points, MIN_DISTANCE_M):
+    for near, distance in _field_distances(model, points, MIN_DISTANCE_M):
         if distance.min() < MIN_DISTANCE_M:
             point, element = np.unravel_index(int(distance.argmin()), distance.shape)
             raise ConfigurationError(
@@ -251,12 +251,12 @@ def points_clear_of_elements(
     """Return which of (M, 3) points keep a distance from every element, (M,)."""
     points = as_point_array("points_m", points_m)
     clear = np.ones(len(points), dtype=np.bool_)
-    for near, distance in _distances(model, points, distance_m):
+    for near, distance in _field_distances(model, points, distance_m):
         clear[near] = distance.min(axis=1) >= distance_m
     return clear
 
 
-def _behind(model: AcousticModel, points: FloatArray) -> NDArray[np.intp]:
+def _field_points_behind(model: AcousticModel, points: FloatArray) -> NDArray[np.intp]:
     """Return the indices of the points behind every baffled element: one pass for most arrays."""
     first, *others = sounding_half_spaces(model)
     behind = np.flatnonzero(points @ first[:3] + first[3] < 0.0)
@@ -267,7 +267,7 @@ def _behind(model: AcousticModel, points: FloatArray) -> NDArray[np.intp]:
     return behind
 
 
-def _distances(
+def _field_distances(
     model: AcousticModel, points: FloatArray, reach_m: float
 ) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
     """Yield, in parts, the indices of the points about the array and their (m, N) distances.
@@ -278,6 +278,6 @@ def _distances(
     for part in memory_chunks(len(points), _POINTS_PER_CHUNK):
         outside = np.maximum(low - points[part], points[part] - high) >= reach_m
         about = part.start + np.flatnonzero(~outside.any(axis=1))
-        for chunk in memory_chunks(len(about), _points_at_a_time(model)):
+        for chunk in memory_chunks(len(about), _field_points_at_a_time(model)):
             offsets = points[about[chunk]][:, None, :] - model.array.positions_m
             yield about[chunk], np.sqrt(np.einsum("mni,mni->mn", offsets, offsets))

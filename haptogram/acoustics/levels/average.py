@@ -76,11 +76,13 @@ def mean_square_pressure(
     for start in range(0, len(points), size):
         chunk = slice(start, start + size)
         settled = engine.pressure(drives, points[chunk])
-        result[chunk] = _mean_square(settled, frame_s, resonator)
+        result[chunk] = _settled_mean_square(settled, frame_s, resonator)
     return result
 
 
-def _mean_square(settled: ComplexArray, frame_s: float, resonator: Resonator | None) -> FloatArray:
+def _settled_mean_square(
+    settled: ComplexArray, frame_s: float, resonator: Resonator | None
+) -> FloatArray:
     """Return the mean square of fields that settle one after the other, (F, M) -> (M,)."""
     if resonator is None or resonator.time_constant_s == 0.0:
         plain: FloatArray = 0.5 * np.mean(np.abs(settled) ** 2, axis=0)

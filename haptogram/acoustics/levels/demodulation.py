@@ -76,9 +76,9 @@ def radiated_power_w(
     '6.5 W'
     """
     drives = as_sequence(weights, engine.model.array.count)
-    places, per_square_pa = _sphere(engine, directions)
+    places, per_square_pa = _demodulation_sphere(engine, directions)
     power = np.zeros(len(drives))
-    for part in _parts(places, len(drives)):
+    for part in _demodulation_parts(places, len(drives)):
         power += (np.abs(engine.pressure(drives, part)) ** 2).sum(axis=1)
     return power * per_square_pa
 
@@ -132,7 +132,7 @@ def demodulated_lines(
     check_array_memory("lines", (math.ceil(highest),), 64)
     orders = np.arange(max(1, math.ceil(LOWEST_AUDIBLE_HZ * period_s)), math.floor(highest) + 1)
     rate = 2.0 * np.pi * orders / period_s
-    power = _power_lines(engine, drives, frame_s, resonator, orders, directions)
+    power = _demodulated_power_lines(engine, drives, frame_s, resonator, orders, directions)
     spread = 8.0 * np.pi * medium.sound_speed_m_s**3 * medium.absorption_np_m
     law = _NONLINEARITY / (spread * check_positive("distance_m", distance_m))
     pressure_rms_pa = np.abs(law * rate**2 * math.sqrt(2.0) * power).astype(np.float64)
@@ -168,7 +168,7 @@ def demodulated_level_db_a(
     return level_db_spl(math.sqrt(float(np.sum((weighting * pressure_pa) ** 2))))
 
 
-def _power_lines(
+def _demodulated_power_lines(
     engine: FieldEngine,
     drives: ComplexArray,
     frame_s: float,
@@ -181,7 +181,7 @@ def _power_lines(
     In a frame every field goes from where it was to where it settles, p(t) = s + g e^{-t / tau}, so
     that the power is A + 2 B e^{-t / tau} + C e^{-2 t / tau}: transformed in closed form.
     """
-    sums = _frame_sums(engine, drives, resonator.decay(frame_s), directions)
+    sums = _demodulated_frame_sums(engine, drives, resonator.decay(frame_s), directions)
     spectra = np.fft.fft(sums, axis=1)[:, orders % len(drives)]
     period_s = len(drives) * frame_s
     lines = np.zeros(len(orders), dtype=np.complex128)
@@ -191,13 +191,13 @@ def _power_lines(
     return lines
 
 
-def _frame_sums(
+def _demodulated_frame_sums(
     engine: FieldEngine, drives: ComplexArray, left: float, directions: int
 ) -> FloatArray:
     """Return A, 2 B and C of each frame, (3, F)."""
-    places, per_square_pa = _sphere(engine, directions)
+    places, per_square_pa = _demodulation_sphere(engine, directions)
     sums = np.zeros((3, len(drives)))
-    for part in _parts(places, len(drives)):
+    for part in _demodulation_parts(places, len(drives)):
         settled = engine.pressure(drives, part)
         state = periodic_resonator_start(settled, left)
         for index, field in enumerate(settled):
@@ -209,7 +209,7 @@ def _frame_sums(
     return sums * per_square_pa
 
 
-def _sphere(engine: FieldEngine, directions: int) -> tuple[FloatArray, float]:
+def _demodulation_sphere(engine: FieldEngine, directions: int) -> tuple[FloatArray, float]:
     """Return places on a half sphere, and the power that each of them stands for, per Pa^2."""
     check_whole("directions", directions, 10, MAX_DIRECTIONS)
     model, array = engine.model, engine.model.array
@@ -223,6 +223,6 @@ def _sphere(engine: FieldEngine, directions: int) -> tuple[FloatArray, float]:
     return places, undone * area_m2 / (2.0 * model.medium.impedance)
 
 
-def _parts(places: FloatArray, drives: int) -> list[FloatArray]:
+def _demodulation_parts(places: FloatArray, drives: int) -> list[FloatArray]:
     size = max(1, _VALUES_PER_CHUNK // drives)
     return [places[start : start + size] for start in range(0, len(places), size)]

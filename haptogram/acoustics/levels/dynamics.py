@@ -50,7 +50,7 @@ def duty_to_amplitude(duty: ArrayLike) -> FloatArray:
     [0.0, 0.707, 1.0]
     """
     values = as_float_array("duty", duty)
-    _check_within("duty", values, FULL_DUTY)
+    _check_duty_values("duty", values, FULL_DUTY)
     amplitude: FloatArray = np.sin(np.pi * values)
     return amplitude
 
@@ -64,7 +64,7 @@ def amplitude_to_duty(amplitude: ArrayLike) -> FloatArray:
     0.5
     """
     values = as_float_array("amplitude", amplitude)
-    _check_within("amplitude", values, 1.0)
+    _check_duty_values("amplitude", values, 1.0)
     duty: FloatArray = np.arcsin(values) / np.pi
     return duty
 
@@ -201,7 +201,7 @@ def pressure_after_hop(
     return response
 
 
-def _check_within(name: str, values: FloatArray, limit: float) -> None:
+def _check_duty_values(name: str, values: FloatArray, limit: float) -> None:
     if values.size and (values.min() < 0.0 or values.max() > limit):
         worst = values.min() if values.min() < 0.0 else values.max()
         raise ConfigurationError(f"{name} is {worst:g}, must be 0 to {limit:g}")

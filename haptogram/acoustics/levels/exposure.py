@@ -155,12 +155,12 @@ def worst_exposure(
     """
     check_positive("distance_m", distance_m)
     if directions is None:
-        directions = _enough_directions(engine.model)
+        directions = _exposure_directions(engine.model)
     check_whole("directions", directions, 10, MAX_DIRECTIONS)
     array = engine.model.array
 
     def places_m(directions: FloatArray) -> FloatArray:
-        return array.centre_m + distance_m * _ahead(directions, array.facing)
+        return array.centre_m + distance_m * _exposed_directions_ahead(directions, array.facing)
 
     def level(directions: FloatArray) -> FloatArray:
         places = places_m(directions)
@@ -177,13 +177,13 @@ def worst_exposure(
     return exposure_at(engine, weights, places_m(loudest[None]), frame_s)[0]
 
 
-def _enough_directions(model: AcousticModel) -> int:
+def _exposure_directions(model: AcousticModel) -> int:
     """Return the number of directions that lie half of the narrowest lobe, lambda / 2 a, apart."""
     lobe_rad = model.wavelength_m / max(2.0 * model.array.aperture_radius_m, model.wavelength_m)
     return min(math.ceil(2.0 * math.pi * (2.0 / lobe_rad) ** 2), _MOST_DIRECTIONS)
 
 
-def _ahead(directions: FloatArray, facing: FloatArray) -> FloatArray:
+def _exposed_directions_ahead(directions: FloatArray, facing: FloatArray) -> FloatArray:
     """Return unit vectors of *directions*; those that point back are turned into the plane."""
     back = np.minimum(directions @ facing, 0.0)
     level = directions - back[:, None] * facing
@@ -281,7 +281,7 @@ def _audible_lines(
     check_array_memory("lines", (last + 1 - first,), 128)
     orders = np.arange(first, last + 1)
     offset_hz = orders / period_s
-    lines = _step_series(settled, orders) / (
+    lines = _audible_step_series(settled, orders) / (
         1.0 + 2.0j * np.pi * offset_hz * resonator.time_constant_s
     )
     frequency_hz = carrier_hz - offset_hz
@@ -294,7 +294,7 @@ def _audible_lines(
     return np.minimum(keys[heard], AUDIBLE_LIMIT_HZ), sums[heard]
 
 
-def _step_series(values: ComplexArray, orders: NDArray[np.int64]) -> ComplexArray:
+def _audible_step_series(values: ComplexArray, orders: NDArray[np.int64]) -> ComplexArray:
     """Return the Fourier coefficients of a staircase, one per non-zero order.
 
     c_m = (1/T) int p(t) e^{-j 2 pi m t / T} dt; a staircase of F equal steps repeats its discrete

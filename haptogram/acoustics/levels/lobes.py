@@ -104,7 +104,7 @@ def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe
     step = model.wavelength_m / pitch
     orders = range(-math.ceil(2.0 / step), math.ceil(2.0 / step) + 1)
     lobes = [
-        _lobe(model, steered, (m, n), steered[:2] + step * np.array([m, n]))
+        _grating_lobe(model, steered, (m, n), steered[:2] + step * np.array([m, n]))
         for m, n in itertools.product(orders, orders)
         if (m, n) != (0, 0) and np.hypot(steered[0] + m * step, steered[1] + n * step) < 1.0
     ]
@@ -143,7 +143,7 @@ def largest_secondary_lobe(
     drive = as_drive(weights, engine.model.array.count)
     check_field_points(engine.model, target[None])
     level = pressure_level_in_front(engine, drive, points).reshape(x.shape)
-    tops = np.flatnonzero(_local_maxima(level))
+    tops = np.flatnonzero(_lobe_maxima(level))
     if len(tops) < 2:
         return None
     main = np.argmin(np.linalg.norm(points[tops] - target, axis=1))
@@ -160,7 +160,7 @@ def largest_secondary_lobe(
     return SecondaryLobe((x_m, y_m, z_m), 20.0 * math.log10(found / focus))
 
 
-def _lobe(
+def _grating_lobe(
     model: AcousticModel, steered: FloatArray, order: tuple[int, int], sines: FloatArray
 ) -> GratingLobe:
     cosine = math.sqrt(1.0 - float(sines @ sines))
@@ -175,7 +175,7 @@ def _lobe(
     )
 
 
-def _local_maxima(level: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+def _lobe_maxima(level: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     """Return a mask of the values above all eight neighbours; never on the border.
 
     Of equal neighbours, as a symmetric field has them, the last is above the others.

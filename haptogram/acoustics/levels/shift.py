@@ -185,12 +185,12 @@ def find_pressure_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLi
     # A wide stencil while far away, a narrow one for the last digits.
     for width in (engine.model.wavelength_m / 50.0, engine.model.wavelength_m / 250.0):
         for _ in range(_MAX_STEPS):
-            if not _is_clear(engine.model, position):
+            if not _is_pressure_peak_clear(engine.model, position):
                 raise ConfigurationError(
                     f"no maximum of |p| next to {np.asarray(start_m, dtype=float).tolist()} m: the "
                     "field rises up to the array"
                 )
-            step = _ascent_step(engine, drive, position, width)
+            step = _peak_ascent_step(engine, drive, position, width)
             step *= min(1.0, longest / max(float(np.linalg.norm(step)), longest))
             position = position + step
             if np.linalg.norm(step) < _STEP_TOLERANCE_M:
@@ -203,31 +203,31 @@ def find_pressure_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLi
     return position
 
 
-def _is_clear(model: AcousticModel, position: FloatArray) -> bool:
+def _is_pressure_peak_clear(model: AcousticModel, position: FloatArray) -> bool:
     """Return True if a whole stencil around *position* is in front of the array, and off it."""
     margin_m = MIN_DISTANCE_M + model.wavelength_m / 25.0
-    around = position + margin_m * _stencil()
+    around = position + margin_m * _pressure_peak_stencil()
     return bool(
         points_clear_of_elements(model, position[None], margin_m)[0]
         and points_in_front(model, around).all()
     )
 
 
-def _ascent_step(
+def _peak_ascent_step(
     engine: FieldEngine, drive: ArrayLike, position: FloatArray, width: float
 ) -> FloatArray:
     """Return the Newton step, its sign turned wherever the field curves upward."""
-    pressure = engine.pressure(drive, position + width * _stencil())
+    pressure = engine.pressure(drive, position + width * _pressure_peak_stencil())
     if not np.abs(pressure).min() > 0.0:
         raise ConfigurationError(f"no sound at {position.tolist()} m")
-    slope, hessian = _derivatives(2.0 * np.log(np.abs(pressure)), width)
+    slope, hessian = _pressure_peak_derivatives(2.0 * np.log(np.abs(pressure)), width)
     values, vectors = np.linalg.eigh(hessian)
     floor = max(float(np.abs(values).max()), 1e-12) * 1e-6
     step: FloatArray = vectors @ ((vectors.T @ slope) / np.maximum(np.abs(values), floor))
     return step
 
 
-def _stencil() -> FloatArray:
+def _pressure_peak_stencil() -> FloatArray:
     """Return the 19 points of a cube's centre, faces and edges."""
     eye = np.eye(3)
     rows = [np.zeros(3), *eye, *(-eye)]
@@ -236,7 +236,7 @@ def _stencil() -> FloatArray:
     return np.array(rows)
 
 
-def _derivatives(values: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+def _pressure_peak_derivatives(values: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
     slope = (values[1:4] - values[4:7]) / (2.0 * width)
     hessian = np.diag((values[1:4] + values[4:7] - 2.0 * values[0]) / width**2)
     for index, (i, j) in enumerate(_PAIRS):

@@ -73,8 +73,8 @@ def measure_spot(engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike) -
     target = as_coordinates("target_m", target_m)
     if not abs(engine.pressure(drive, target[None])[0]) > 0.0:
         raise ConfigurationError(f"no sound at {target.tolist()} m: it is no focus")
-    sides = [_lateral(engine, drive, target, axis) for axis in engine.model.array.axes[:2]]
-    depth, peak = _axial(engine, drive, target)
+    sides = [_lateral_spot(engine, drive, target, axis) for axis in engine.model.array.axes[:2]]
+    depth, peak = _axial_spot(engine, drive, target)
     (three_x, six_x, null_x), (three_y, six_y, null_y) = sides
     return FocalSpot((three_x, three_y), (six_x, six_y), (null_x, null_y), depth, peak)
 
@@ -101,25 +101,25 @@ def predict_spot_width_m(model: AcousticModel, target_m: ArrayLike) -> tuple[flo
     return widths[0], widths[1]
 
 
-def _lateral(
+def _lateral_spot(
     engine: FieldEngine, drive: ArrayLike, target: FloatArray, axis: FloatArray
 ) -> tuple[float, float, float]:
     """Return the -3 dB, -6 dB and null-to-null widths along one axis through the target."""
-    steps, level = _line(engine, drive, target, axis, _LATERAL_REACH)
+    steps, level = _spot_line(engine, drive, target, axis, _LATERAL_REACH)
     middle = len(steps) // 2
     halves = [(steps[middle:], level[middle:]), (-steps[middle::-1], level[middle::-1])]
-    three = sum(_crossing(s, v, _HALF_POWER * level[middle]) for s, v in halves)
-    six = sum(_crossing(s, v, _HALF_PRESSURE * level[middle]) for s, v in halves)
-    return three, six, sum(_first_minimum(s, v) for s, v in halves)
+    three = sum(_spot_crossing(s, v, _HALF_POWER * level[middle]) for s, v in halves)
+    six = sum(_spot_crossing(s, v, _HALF_PRESSURE * level[middle]) for s, v in halves)
+    return three, six, sum(_first_spot_minimum(s, v) for s, v in halves)
 
 
-def _axial(
+def _axial_spot(
     engine: FieldEngine, drive: ArrayLike, target: FloatArray
 ) -> tuple[tuple[float, float], float]:
     """Return the -3 dB depths on both sides of the axial maximum, and its distance."""
     ray = target - engine.model.array.centre_m
     distance = float(np.linalg.norm(ray))
-    steps, level = _line(
+    steps, level = _spot_line(
         engine, drive, target, ray / distance, _AXIAL_REACH, nearest=-0.8 * distance
     )
     # The main lobe's own maximum: uphill from the target, past nothing.
@@ -127,12 +127,12 @@ def _axial(
     while 0 < top < len(level) - 1 and level[top] < max(level[top - 1], level[top + 1]):
         top += 1 if level[top + 1] > level[top - 1] else -1
     limit = _HALF_POWER * level[top]
-    below = _crossing(steps[top] - steps[top::-1], level[top::-1], limit)
-    above = _crossing(steps[top:] - steps[top], level[top:], limit)
+    below = _spot_crossing(steps[top] - steps[top::-1], level[top::-1], limit)
+    above = _spot_crossing(steps[top:] - steps[top], level[top:], limit)
     return (below, above), float(steps[top])
 
 
-def _line(
+def _spot_line(
     engine: FieldEngine,
     drive: ArrayLike,
     target: FloatArray,
@@ -148,7 +148,7 @@ def _line(
     return offsets, pressure_level_in_front(engine, drive, target + offsets[:, None] * axis)
 
 
-def _crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:
+def _spot_crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:
     """Return the first step at which the level falls to the limit, NaN if it never does."""
     low = np.flatnonzero(level < limit)
     if not len(low):
@@ -158,7 +158,7 @@ def _crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:
     return float(steps[i - 1] + part * (steps[i] - steps[i - 1]))
 
 
-def _first_minimum(steps: FloatArray, level: FloatArray) -> float:
+def _first_spot_minimum(steps: FloatArray, level: FloatArray) -> float:
     """Return the place of the first minimum of |p|^2, which is a parabola near a null."""
     rising = np.flatnonzero(np.diff(level) > 0.0)
     if not len(rising) or rising[0] == 0:

@@ -135,8 +135,8 @@ class Calibration:
         """
         rows = read_element_rows(Path(path), "calibration")
         found: dict[int, tuple[int, list[float]]] = {}
-        for number, cells in _body(path, rows):
-            element, values = _row(f"{path}:{number}", cells)
+        for number, cells in _calibration_body(path, rows):
+            element, values = _calibration_row(f"{path}:{number}", cells)
             if element in found:
                 raise ConfigurationError(
                     f"{path}:{number}: element {element} is given twice, first in line "
@@ -226,7 +226,9 @@ class Calibration:
         )
 
 
-def _body(path: str | Path, rows: Sequence[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+def _calibration_body(
+    path: str | Path, rows: Sequence[tuple[int, list[str]]]
+) -> list[tuple[int, list[str]]]:
     """Return the lines below the header, or raise."""
     if not rows:
         raise ConfigurationError(f"{path}: the file is empty, must begin with {','.join(HEADER)}")
@@ -241,7 +243,7 @@ def _body(path: str | Path, rows: Sequence[tuple[int, list[str]]]) -> list[tuple
     return body
 
 
-def _row(where: str, cells: list[str]) -> tuple[int, list[float]]:
+def _calibration_row(where: str, cells: list[str]) -> tuple[int, list[float]]:
     """Return element, and gain, phase (rad) and place (mm)."""
     if len(cells) != len(HEADER):
         raise ConfigurationError(f"{where}: {len(cells)} values, must be {len(HEADER)}")
@@ -252,12 +254,14 @@ def _row(where: str, cells: list[str]) -> tuple[int, list[float]]:
             f"{MAX_TRANSDUCERS - 1}"
         )
     return int(element), [
-        check_number(f"{where}: {name}", _number(f"{where}: {name}", cell), *_LIMITS[name])
+        check_number(
+            f"{where}: {name}", _calibration_number(f"{where}: {name}", cell), *_LIMITS[name]
+        )
         for name, cell in zip(HEADER[1:], others, strict=True)
     ]
 
 
-def _number(name: str, cell: str) -> float:
+def _calibration_number(name: str, cell: str) -> float:
     try:
         return float(cell)
     except ValueError as error:

@@ -23,13 +23,13 @@ def read_element_rows(path: Path, option: str) -> list[tuple[int, list[str]]]:
         )
     lines = read_text(path, option).splitlines()
     return [
-        (number, _cells(f"{path}:{number}", line))
+        (number, _element_row_cells(f"{path}:{number}", line))
         for number, line in enumerate(lines, start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
 
 
-def _cells(where: str, line: str) -> list[str]:
+def _element_row_cells(where: str, line: str) -> list[str]:
     try:
         return [cell.strip() for cell in next(csv.reader([line]))]
     except csv.Error as error:

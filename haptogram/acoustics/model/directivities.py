@@ -179,7 +179,7 @@ class MeasuredDirectivity:
     def __post_init__(self) -> None:
         angles = as_float_array("angles_deg", self.angles_deg).copy()
         gains = as_float_array("gains", self.gains).copy()
-        _check_table(angles, gains)
+        _check_directivity_table(angles, gains)
         for name, array in (("angles_deg", angles), ("gains", gains)):
             read_only_array(array)
             object.__setattr__(self, name, array)
@@ -193,7 +193,7 @@ class MeasuredDirectivity:
         ConfigurationError
             Names the file, and the line where there is one.
         """
-        header, rows = _read_table(Path(path))
+        header, rows = _read_directivity_table(Path(path))
         angles, gains = np.array(rows).T
         if header[1] == "gain_db":
             gains = 10.0 ** (gains / 20.0)
@@ -225,7 +225,7 @@ class MeasuredDirectivity:
         return result
 
 
-def _check_table(angles: FloatArray, gains: FloatArray) -> None:
+def _check_directivity_table(angles: FloatArray, gains: FloatArray) -> None:
     if angles.ndim != 1 or angles.shape != gains.shape or len(angles) < 2:
         raise ConfigurationError(
             f"angles and gains have shapes {angles.shape} and {gains.shape}, "
@@ -244,7 +244,7 @@ def _check_table(angles: FloatArray, gains: FloatArray) -> None:
         )
 
 
-def _read_table(path: Path) -> tuple[Sequence[str], list[tuple[float, float]]]:
+def _read_directivity_table(path: Path) -> tuple[Sequence[str], list[tuple[float, float]]]:
     lines = read_element_rows(path, "directivity")
     header = lines[0][1] if lines else []
     if header not in (["angle_deg", "gain"], ["angle_deg", "gain_db"]):
@@ -253,10 +253,10 @@ def _read_table(path: Path) -> tuple[Sequence[str], list[tuple[float, float]]]:
         )
     if len(lines) < 3:
         raise ConfigurationError(f"{path}: {len(lines) - 1} angles, must be at least 2")
-    return header, [_read_row(f"{path}:{number}", cells) for number, cells in lines[1:]]
+    return header, [_read_directivity_row(f"{path}:{number}", cells) for number, cells in lines[1:]]
 
 
-def _read_row(where: str, cells: list[str]) -> tuple[float, float]:
+def _read_directivity_row(where: str, cells: list[str]) -> tuple[float, float]:
     try:
         angle, gain = (float(cell) for cell in cells)
     except ValueError as error:

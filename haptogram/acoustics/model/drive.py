@@ -64,8 +64,8 @@ class Drive:
 
     def __post_init__(self) -> None:
         bits = check_phase_bits(self.phase_bits)
-        phases = _as_codes("phase_codes", self.phase_codes, (1 << bits) - 1)
-        amplitudes = _as_codes("amplitude_codes", self.amplitude_codes, FULL_AMPLITUDE)
+        phases = _as_drive_codes("phase_codes", self.phase_codes, (1 << bits) - 1)
+        amplitudes = _as_drive_codes("amplitude_codes", self.amplitude_codes, FULL_AMPLITUDE)
         if len(phases) != len(amplitudes):
             raise ConfigurationError(
                 f"{len(phases)} phase codes and {len(amplitudes)} amplitude codes, must be as many"
@@ -243,7 +243,7 @@ def as_sequence(weights: ArrayLike, count: int) -> ComplexArray:
     return drives
 
 
-def _as_codes(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint8]:
+def _as_drive_codes(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint8]:
     try:
         array = np.asarray(values)
     except ValueError as error:  # rows of different lengths

@@ -92,14 +92,14 @@ class TransducerArray:
 
     def __post_init__(self) -> None:
         positions = as_point_array("positions_m", self.positions_m).copy()
-        _check_count(len(positions))
+        _check_element_count(len(positions))
         if np.abs(positions).max() > MAX_COORDINATE_M:
             worst = float(np.abs(positions).max())
             raise ConfigurationError(
                 f"a coordinate is {worst:g} m, at most {MAX_COORDINATE_M:g} m from the origin"
             )
-        normals = _unit_normals(as_point_array("normals", self.normals), len(positions))
-        _check_spacing(positions)
+        normals = _unit_element_normals(as_point_array("normals", self.normals), len(positions))
+        _check_element_spacing(positions)
         if self.grid_shape is not None and math.prod(self.grid_shape) != len(positions):
             raise ConfigurationError(
                 f"grid {self.grid_shape} does not hold {len(positions)} elements"
@@ -108,7 +108,7 @@ class TransducerArray:
             ("positions_m", positions),
             ("normals", normals),
             ("bounds_m", np.array([positions.min(axis=0), positions.max(axis=0)])),
-            ("fronts", _fronts(positions, normals)),
+            ("fronts", _element_fronts(positions, normals)),
             ("axes", array_axes(positions, normals, self.grid_shape)),
         ):
             read_only_array(array)
@@ -119,20 +119,22 @@ class TransducerArray:
         """Return a planar nx-by-ny grid, centred on the origin and facing +z."""
         for side in (nx, ny):
             check_whole("side of the grid", side, 1, MAX_TRANSDUCERS)
-        _check_count(nx * ny)
+        _check_element_count(nx * ny)
         check_positive("pitch_m", pitch_m)
         ix, iy = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
         x = (ix.ravel() - (nx - 1) / 2) * pitch_m
         y = (iy.ravel() - (ny - 1) / 2) * pitch_m
         positions = np.stack([x, y, np.zeros_like(x)], axis=1)
-        return cls(positions, _facing_up(nx * ny), (nx, ny), float(pitch_m))
+        return cls(positions, _normals_facing_up(nx * ny), (nx, ny), float(pitch_m))
 
     @classmethod
     def from_positions(cls, positions_m: ArrayLike, normals: ArrayLike | None = None) -> Self:
         """Return an array of any shape; without *normals* every element faces +z."""
         positions = as_point_array("positions_m", positions_m)
         faces = (
-            _facing_up(len(positions)) if normals is None else as_point_array("normals", normals)
+            _normals_facing_up(len(positions))
+            if normals is None
+            else as_point_array("normals", normals)
         )
         return cls(positions, faces)
 
@@ -148,7 +150,7 @@ class TransducerArray:
         ConfigurationError
             Names the file, and the line where there is one.
         """
-        rows = _read_rows(Path(path))
+        rows = _read_position_rows(Path(path))
         table = np.array(rows, dtype=np.float64)
         try:
             return cls.from_positions(
@@ -184,10 +186,10 @@ class TransducerArray:
             A matrix that is no rotation, to 1e-9; a value that is not finite; an element beyond
             100 m.
         """
-        turn, shift = _as_rotation(rotation), as_coordinates("shift_m", shift_m)
+        turn, shift = _as_array_rotation(rotation), as_coordinates("shift_m", shift_m)
         positions, normals = self.positions_m @ turn.T + shift, self.normals @ turn.T
         array = type(self)(positions, normals, self.grid_shape, self.pitch_m)
-        return _with_axes(array, self.axes @ turn.T)
+        return _array_with_axes(array, self.axes @ turn.T)
 
     def measured(self, positions_m: ArrayLike) -> Self:
         """Return this array with its elements at (N, 3) *positions_m*; its own axes stay.
@@ -198,7 +200,7 @@ class TransducerArray:
             As of the class.
         """
         array = dataclasses.replace(self, positions_m=as_point_array("positions_m", positions_m))
-        return _with_axes(array, self.axes)
+        return _array_with_axes(array, self.axes)
 
     def local_m(self, points_m: FloatArray) -> FloatArray:
         """Return (..., 3) points of the world along the array's own axes, from its centre."""
@@ -245,7 +247,9 @@ class TransducerArray:
         An array without a pitch takes half the distance of its closest pair instead.
         """
         radius = float(np.linalg.norm(self.positions_m - self.centre_m, axis=1).max())
-        spacing = self.pitch_m if self.pitch_m is not None else _closest_pair(self.positions_m)[0]
+        spacing = (
+            self.pitch_m if self.pitch_m is not None else _closest_elements(self.positions_m)[0]
+        )
         return radius + (spacing / 2 if np.isfinite(spacing) else 0.0)
 
     def positions_um(self) -> NDArray[np.int32]:
@@ -273,7 +277,7 @@ class TransducerArray:
         return zlib.crc32(records.tobytes())
 
 
-def _as_rotation(rotation: ArrayLike) -> FloatArray:
+def _as_array_rotation(rotation: ArrayLike) -> FloatArray:
     """Return *rotation* as a (3, 3) matrix, or raise unless it is a proper rotation."""
     turn = as_float_array("rotation", rotation)
     if turn.shape != (3, 3):
@@ -295,23 +299,23 @@ def _as_rotation(rotation: ArrayLike) -> FloatArray:
 _Array = TypeVar("_Array", bound=TransducerArray)
 
 
-def _with_axes(array: _Array, axes: FloatArray) -> _Array:
+def _array_with_axes(array: _Array, axes: FloatArray) -> _Array:
     """Give a new *array* other axes of its own than its elements suggest."""
     read_only_array(axes)
     object.__setattr__(array, "axes", axes)
     return array
 
 
-def _facing_up(count: int) -> FloatArray:
+def _normals_facing_up(count: int) -> FloatArray:
     return np.tile(np.array([0.0, 0.0, 1.0]), (count, 1))
 
 
-def _check_count(count: int) -> None:
+def _check_element_count(count: int) -> None:
     if not 1 <= count <= MAX_TRANSDUCERS:
         raise ConfigurationError(f"array of {count} transducers, must be 1 to {MAX_TRANSDUCERS}")
 
 
-def _unit_normals(normals: FloatArray, count: int) -> FloatArray:
+def _unit_element_normals(normals: FloatArray, count: int) -> FloatArray:
     if normals.shape != (count, 3):
         raise ConfigurationError(f"normals have shape {normals.shape}, must be ({count}, 3)")
     lengths = np.linalg.norm(normals, axis=1)
@@ -321,7 +325,7 @@ def _unit_normals(normals: FloatArray, count: int) -> FloatArray:
     return unit
 
 
-def _fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
+def _element_fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
     """Return a half-space for each direction: of parallel elements, that of the rearmost."""
     planes = np.column_stack([normals, _ROUNDING_M - (normals * positions).sum(axis=1)])
     rear_first = planes[np.argsort(-planes[:, 3], kind="stable")]
@@ -331,7 +335,7 @@ def _fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
     return np.ascontiguousarray(fronts[middle_first])
 
 
-def _closest_pair(positions: FloatArray) -> tuple[float, int, int]:
+def _closest_elements(positions: FloatArray) -> tuple[float, int, int]:
     """Return the distance (infinite for one element) and the indices of the closest pair."""
     best = (np.inf, 0, 0)
     for n in range(1, len(positions)):  # one row at a time: 1024 x 1024 x 3 would take 25 MB
@@ -342,8 +346,8 @@ def _closest_pair(positions: FloatArray) -> tuple[float, int, int]:
     return (float(np.sqrt(best[0])), best[1], best[2])
 
 
-def _check_spacing(positions: FloatArray) -> None:
-    distance, first, second = _closest_pair(positions)
+def _check_element_spacing(positions: FloatArray) -> None:
+    distance, first, second = _closest_elements(positions)
     if distance <= MIN_SPACING_M:
         raise ConfigurationError(
             f"elements {first} and {second} are {distance * 1e3:.3g} mm apart, "
@@ -351,7 +355,7 @@ def _check_spacing(positions: FloatArray) -> None:
         )
 
 
-def _read_rows(path: Path) -> list[list[float]]:
+def _read_position_rows(path: Path) -> list[list[float]]:
     lines = read_element_rows(path, "array")
     if not lines:
         raise ConfigurationError(f"{path}: no elements")
@@ -362,10 +366,10 @@ def _read_rows(path: Path) -> list[list[float]]:
         )
     if not body:
         raise ConfigurationError(f"{path}: no elements")
-    return [_read_row(f"{path}:{number}", cells, len(header)) for number, cells in body]
+    return [_read_position_row(f"{path}:{number}", cells, len(header)) for number, cells in body]
 
 
-def _read_row(where: str, cells: list[str], width: int) -> list[float]:
+def _read_position_row(where: str, cells: list[str], width: int) -> list[float]:
     if len(cells) != width:
         raise ConfigurationError(f"{where}: {len(cells)} values, must be {width}")
     try:

@@ -49,14 +49,14 @@ def find_lattice(array: TransducerArray) -> Lattice | None:
     offsets = array.positions_m - array.centre_m
     if np.abs(offsets @ normal).max() > TOLERANCE_M:
         return None
-    for direction in _candidate_directions(offsets):
+    for direction in _lattice_directions(offsets):
         lattice = _lattice_along(direction, normal, offsets)
         if lattice is not None:
             return lattice
     return None
 
 
-def _candidate_directions(offsets: FloatArray) -> list[FloatArray]:
+def _lattice_directions(offsets: FloatArray) -> list[FloatArray]:
     """Return x, y, and the way from the first element to its nearest neighbour."""
     candidates = [np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])]
     if len(offsets) > 1:

@@ -128,7 +128,7 @@ def speed_uncertainty(medium: Medium, temperature_c: float, humidity_percent: fl
     """
     kelvin = _T_REFERENCE_K * (medium.sound_speed_m_s / _SOUND_SPEED_20C_M_S) ** 2
     colder = 1.0 / math.sqrt(1.0 - temperature_c / kelvin) - 1.0  # more than warmer
-    water = humidity_percent / 100.0 * _saturation_pressure(kelvin)
+    water = humidity_percent / 100.0 * _air_saturation_pressure(kelvin)
     ratio = (7.0 + water) / (5.0 + water) * 5.0 / 7.0 * 29.0 / (29.0 - 11.0 * water)
     return colder + math.sqrt(ratio) - 1.0
 
@@ -165,17 +165,19 @@ def iso_9613_absorption_np_m(
         )
     kelvin = temperature_c + _KELVIN
     pressure = pressure_pa / _P_REFERENCE_PA
-    water = relative_humidity_percent * _saturation_pressure(kelvin) / pressure
-    return NEPER_PER_DB * _attenuation_db_m(kelvin, pressure, water, frequency_hz)
+    water = relative_humidity_percent * _air_saturation_pressure(kelvin) / pressure
+    return NEPER_PER_DB * _air_attenuation_db_m(kelvin, pressure, water, frequency_hz)
 
 
-def _saturation_pressure(kelvin: float) -> float:
+def _air_saturation_pressure(kelvin: float) -> float:
     """Return the saturation vapour pressure over the reference pressure.  ISO 9613-1, B.2, B.3."""
     exponent: float = -6.8346 * (_T_TRIPLE_K / kelvin) ** 1.261 + 4.6151
     return float(10.0**exponent)
 
 
-def _attenuation_db_m(kelvin: float, pressure: float, water: float, frequency_hz: float) -> float:
+def _air_attenuation_db_m(
+    kelvin: float, pressure: float, water: float, frequency_hz: float
+) -> float:
     """Return equation (5), in dB/m; *pressure* is relative, *water* a molar percentage."""
     warmth = kelvin / _T_REFERENCE_K
     oxygen_hz = pressure * (24.0 + 4.04e4 * water * (0.02 + water) / (0.391 + water))

@@ -29,18 +29,18 @@ def array_axes(
 ) -> FloatArray:
     """Return the (3, 3) axes of an array, see :attr:`.geometry.TransducerArray.axes`."""
     offsets = positions - positions.mean(axis=0)
-    face = _face(offsets, normals)
+    face = _face_axes(offsets, normals)
     if np.abs(face - _UP).max() < _UPRIGHT:  # rounding does not tilt an array
         face = _UP
     if grid_shape is not None:
-        axes = plane_axes(face, _along_rows(positions, face, grid_shape))
+        axes = plane_axes(face, _axes_along_rows(positions, face, grid_shape))
         if axes is not None:
             return axes + 0.0
-    upright = _turned_least(face)
-    for direction in (upright[0], *_first_steps(offsets)):
+    upright = _axes_turned_least(face)
+    for direction in (upright[0], *_first_steps_of_array(offsets)):
         axes = plane_axes(face, direction)
         if axes is not None and grid_rows_and_columns(axes, offsets, _ROUNDED_M) is not None:
-            return _nearest_turn(axes, upright)
+            return _nearest_turn_of_axes(axes, upright)
     return upright
 
 
@@ -74,12 +74,14 @@ def grid_rows_and_columns(
     Levels further apart than *tolerance_m* are different ones.  None if they would leave too many
     nodes of a lattice empty.
     """
-    along_x, along_y = (_levels(offsets @ axis, tolerance_m) for axis in axes[:2])
+    along_x, along_y = (_levels_along_axis(offsets @ axis, tolerance_m) for axis in axes[:2])
     nodes = len(along_x[0]) * len(along_y[0])
     return None if nodes * (1.0 - _MAX_EMPTY) > len(offsets) else (along_x, along_y)
 
 
-def _levels(values: FloatArray, tolerance_m: float) -> tuple[FloatArray, NDArray[np.intp]]:
+def _levels_along_axis(
+    values: FloatArray, tolerance_m: float
+) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return the distinct values, increasing, and which of them each value is."""
     order = np.argsort(values)
     steps = np.diff(values[order]) > tolerance_m
@@ -89,7 +91,7 @@ def _levels(values: FloatArray, tolerance_m: float) -> tuple[FloatArray, NDArray
     return levels, rank
 
 
-def _face(offsets: FloatArray, normals: FloatArray) -> FloatArray:
+def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the normal of the plane or line that the elements lie in; else where they look."""
     facing = mean_normal(normals)
     if facing is None:
@@ -103,7 +105,9 @@ def _face(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     return normal / length if length > _STEEP else facing
 
 
-def _along_rows(positions: FloatArray, face: FloatArray, grid_shape: tuple[int, int]) -> FloatArray:
+def _axes_along_rows(
+    positions: FloatArray, face: FloatArray, grid_shape: tuple[int, int]
+) -> FloatArray:
     """Return the way from the first element to the next along x; 0 for a single element."""
     nx, ny = grid_shape
     if nx > 1:
@@ -112,7 +116,7 @@ def _along_rows(positions: FloatArray, face: FloatArray, grid_shape: tuple[int, 
     return np.cross(positions[min(1, ny - 1)] - positions[0], face)
 
 
-def _turned_least(face: FloatArray) -> FloatArray:
+def _axes_turned_least(face: FloatArray) -> FloatArray:
     """Return the axes of the world, turned by the least angle that brings z to *face*."""
     x, y, z = face.tolist()
     share = 1.0 / (1.0 + z) if z > -1.0 + _UPRIGHT else 0.0
@@ -120,13 +124,13 @@ def _turned_least(face: FloatArray) -> FloatArray:
     return np.eye(3) if axes is None else axes + 0.0
 
 
-def _first_steps(offsets: FloatArray) -> list[FloatArray]:
+def _first_steps_of_array(offsets: FloatArray) -> list[FloatArray]:
     """Return the way from the first element to its nearest neighbour, if there is one."""
     steps = offsets[1:] - offsets[0]
     return [steps[np.linalg.norm(steps, axis=1).argmin()]] if len(steps) else []
 
 
-def _nearest_turn(axes: FloatArray, upright: FloatArray) -> FloatArray:
+def _nearest_turn_of_axes(axes: FloatArray, upright: FloatArray) -> FloatArray:
     """Return *axes*, turned by quarters around the last one so that the first is near *upright*."""
     ways = np.array([axes[0], axes[1], -axes[0], -axes[1]])
     first = ways[int((ways @ upright[0]).argmax())]

@@ -58,8 +58,8 @@ class PulseDrive:
     def __post_init__(self) -> None:
         if not 2 <= self.steps <= MAX_STEPS:
             raise ConfigurationError(f"steps is {self.steps}, must be 2 to {MAX_STEPS}")
-        rises = _as_steps("rises", self.rises, self.steps - 1)
-        widths = _as_steps("widths", self.widths, self.steps)
+        rises = _as_pulse_steps("rises", self.rises, self.steps - 1)
+        widths = _as_pulse_steps("widths", self.widths, self.steps)
         if len(rises) != len(widths):
             raise ConfigurationError(
                 f"{len(rises)} rises and {len(widths)} widths, must be as many"
@@ -118,7 +118,7 @@ class PulseDrive:
         return hash(self._key())
 
 
-def _as_steps(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint16]:
+def _as_pulse_steps(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint16]:
     array = np.asarray(values)
     if array.ndim != 1 or not 1 <= array.size <= MAX_CHANNELS or array.dtype.kind not in "ui":
         raise ConfigurationError(

@@ -66,7 +66,7 @@ class FocusAcquisition:
         arrivals = np.where(used, np.exp(1j * phases_rad[self.subarray]), 0.0)
         score = np.abs(self._phasors @ arrivals.astype(np.complex64))
         best = self._cells[np.argsort(-score)[:_RIVALS]]
-        leaders, others = _separate(best, self._model.array.centre_m)
+        leaders, others = _separate_search_cells(best, self._model.array.centre_m)
         return leaders + others
 
     def fits(
@@ -96,7 +96,9 @@ class FocusAcquisition:
             start, radius = fit.position_m, 2.0 * radius
 
 
-def _separate(cells: FloatArray, centre: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
+def _separate_search_cells(
+    cells: FloatArray, centre: FloatArray
+) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the best cell of each region, then the other cells, each best first."""
     leaders: list[FloatArray] = []
     others: list[FloatArray] = []

@@ -46,17 +46,17 @@ def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
         All of it is behind the array.
     """
     axes = model.array.axes
-    centres, halves = _coarse_cells(model)
+    centres, halves = _coarse_search_cells(model)
     places, finished = positions @ axes.T, []
     while len(centres):
-        spread = model.wavenumber * _ray_spread(centres, places) * halves
+        spread = model.wavenumber * _ray_spread_of_cells(centres, places) * halves
         split = np.linalg.norm(spread, axis=1) > _CELL_SPREAD_RAD
         finished.append(centres[~split])
-        centres, halves = _halve(
+        centres, halves = _halve_search_cells(
             centres[split], halves[split], (spread[split] * _ORDER).argmax(axis=1)
         )
     cells: FloatArray = np.concatenate(finished) @ axes
-    usable = _clearance_m(cells, positions) >= 0.75 * MIN_TARGET_DISTANCE_M
+    usable = _search_cell_clearance_m(cells, positions) >= 0.75 * MIN_TARGET_DISTANCE_M
     usable &= points_in_front(model, cells)
     if not usable.any():
         raise ConfigurationError(
@@ -81,7 +81,7 @@ def cell_phasors(
     return phasors
 
 
-def _coarse_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
+def _coarse_search_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
     """Return centres and half-sizes of a division of the steering volume, along the own axes.
 
     The origin is that of the world.
@@ -92,13 +92,13 @@ def _coarse_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
     lateral = [0.0 if thin[i] and not thin[1 - i] else reach[i] for i in (0, 1)]
     spans = [(-lateral[0], lateral[0]), (-lateral[1], lateral[1])]
     spans.append(target_heights_m(model.array))
-    axes, halves = zip(*(_intervals(low, high) for low, high in spans), strict=True)
+    axes, halves = zip(*(_search_intervals(low, high) for low, high in spans), strict=True)
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     middle = model.array.centre_m @ model.array.axes.T
     return centres + middle, np.tile(np.array(halves), (len(centres), 1))
 
 
-def _intervals(low: float, high: float) -> tuple[FloatArray, float]:
+def _search_intervals(low: float, high: float) -> tuple[FloatArray, float]:
     # A span of whole cells stays so, whatever the rounding of a turned array says.
     count = max(1, math.ceil((high - low) / _COARSE_CELL_M - 1e-6))
     half = (high - low) / count / 2.0
@@ -106,7 +106,7 @@ def _intervals(low: float, high: float) -> tuple[FloatArray, float]:
     return centres, half
 
 
-def _ray_spread(centres: FloatArray, positions: FloatArray) -> FloatArray:
+def _ray_spread_of_cells(centres: FloatArray, positions: FloatArray) -> FloatArray:
     """Return the standard deviation, over the elements, of the unit vectors to each centre."""
     spread = np.empty_like(centres)
     for first in range(0, len(centres), _CELLS_PER_CHUNK):
@@ -119,7 +119,7 @@ def _ray_spread(centres: FloatArray, positions: FloatArray) -> FloatArray:
     return spread
 
 
-def _halve(
+def _halve_search_cells(
     centres: FloatArray, halves: FloatArray, axes: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray]:
     """Return both halves of each cell, cut across its given axis."""
@@ -130,7 +130,7 @@ def _halve(
     return np.concatenate([centres - shift, centres + shift]), np.concatenate([smaller, smaller])
 
 
-def _clearance_m(cells: FloatArray, positions: FloatArray) -> FloatArray:
+def _search_cell_clearance_m(cells: FloatArray, positions: FloatArray) -> FloatArray:
     clearance = np.full(len(cells), np.inf)
     for position in positions:
         clearance = np.minimum(clearance, np.linalg.norm(cells - position, axis=1))

@@ -49,7 +49,7 @@ class SingleFocus:
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields for JSON; infinite values become None."""
-        return _json_fields("single_focus", self)
+        return _estimate_fields("single_focus", self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class NoFocus:
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields for JSON."""
-        return _json_fields("no_focus", self)
+        return _estimate_fields("no_focus", self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,18 +105,21 @@ class NotSingle:
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields for JSON."""
-        return _json_fields("not_single", self)
+        return _estimate_fields("not_single", self)
 
 
 Reconstruction: TypeAlias = SingleFocus | NoFocus | NotSingle
 
 
-def _json_fields(kind: str, result: Reconstruction) -> dict[str, object]:
+def _estimate_fields(kind: str, result: Reconstruction) -> dict[str, object]:
     """Return the fields by name; `asdict`, which copies all that is in them, takes 0.1 ms."""
-    return {"kind": kind, **{f.name: _plain(getattr(result, f.name)) for f in fields(result)}}
+    return {
+        "kind": kind,
+        **{f.name: _plain_estimate(getattr(result, f.name)) for f in fields(result)},
+    }
 
 
-def _plain(value: object) -> object:
+def _plain_estimate(value: object) -> object:
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [_plain_estimate(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

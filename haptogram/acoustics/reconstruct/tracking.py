@@ -96,7 +96,9 @@ class FocusTracker:
         if kernels is None:
             raise missing_extra("numba is not installed", "fast")
         distance = np.linalg.norm(model.array.positions_m - model.array.centre_m, axis=1)
-        self._order, lags_rad = _heard(model, np.argsort(distance, kind="stable"))
+        self._order, lags_rad = _elements_heard_by_tracker(
+            model, np.argsort(distance, kind="stable")
+        )
         if len(self._order) < 4:
             raise ConfigurationError(f"{len(self._order)} elements, a fit needs at least 4")
         self._kernels = kernels
@@ -107,7 +109,7 @@ class FocusTracker:
         self._frame = layout.frame
         self._places = as_single_precision(layout.elements[self._order, :3].T)
         self._lags = as_single_precision(lags_rad / (2.0 * np.pi))
-        self._counts = _widening_counts(len(self._order))
+        self._counts = _widening_counts_of_tracker(len(self._order))
         self._shape = (model.array.count,)
         self._ahead: Point = tuple(model.array.axes[2].tolist())
         self._bottom_m = float(model.array.centre_m @ model.array.axes[2])
@@ -240,7 +242,9 @@ class FocusTracker:
             )
 
 
-def _heard(model: AcousticModel, order: NDArray[np.intp]) -> tuple[NDArray[np.intp], FloatArray]:
+def _elements_heard_by_tracker(
+    model: AcousticModel, order: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], FloatArray]:
     """Return those elements of *order* that radiate, and how late they do, in radians."""
     if model.calibration is None:
         return order, np.zeros(len(order))
@@ -248,7 +252,7 @@ def _heard(model: AcousticModel, order: NDArray[np.intp]) -> tuple[NDArray[np.in
     return order, model.calibration.phase_rad[order]
 
 
-def _widening_counts(count: int) -> list[int]:
+def _widening_counts_of_tracker(count: int) -> list[int]:
     """Return the numbers of elements of the fits, each a part of the next."""
     counts = [min(_FIRST_COUNT, count)]
     while counts[-1] < count:

@@ -53,20 +53,20 @@ def check_focus_target(model: AcousticModel, target_m: ArrayLike) -> None:
     """
     target = as_coordinates("target_m", target_m)
     offset = model.array.local_m(target)
-    names = _names_along(model)
+    names = _coordinate_names_of_focus(model)
     low_m, high_m = target_heights_m(model.array)
-    _check_limit(names[2], offset[2], low_m=low_m)
+    _check_focus_limit(names[2], offset[2], low_m=low_m)
     nearest = float(np.linalg.norm(model.array.positions_m - target, axis=1).min())
-    _check_limit("distance from an element", nearest, low_m=MIN_TARGET_DISTANCE_M)
-    _check_limit("distance", float(np.linalg.norm(offset)), high_m=MAX_TARGET_DISTANCE_M)
-    _check_limit(names[2], offset[2], high_m=high_m)
+    _check_focus_limit("distance from an element", nearest, low_m=MIN_TARGET_DISTANCE_M)
+    _check_focus_limit("distance", float(np.linalg.norm(offset)), high_m=MAX_TARGET_DISTANCE_M)
+    _check_focus_limit(names[2], offset[2], high_m=high_m)
     reach = steering_reach_m(model)
-    _check_limit(names[0], abs(offset[0]), high_m=reach[0])
-    _check_limit(names[1], abs(offset[1]), high_m=reach[1])
+    _check_focus_limit(names[0], abs(offset[0]), high_m=reach[0])
+    _check_focus_limit(names[1], abs(offset[1]), high_m=reach[1])
     check_field_points(model, target[None])
 
 
-def _names_along(model: AcousticModel) -> list[str]:
+def _coordinate_names_of_focus(model: AcousticModel) -> list[str]:
     """Return names of the limits along x, y and z; with the axes, if the array is turned."""
     names = ["offset |x|", "offset |y|", "height z"]
     if model.array.is_upright:
@@ -162,7 +162,7 @@ def superpose_foci(
     return weights
 
 
-def _check_limit(
+def _check_focus_limit(
     name: str, value_m: float, *, low_m: float = -math.inf, high_m: float = math.inf
 ) -> None:
     if value_m < low_m - _ROUNDING_M:

@@ -119,10 +119,10 @@ def fit_focus(
     True
     """
     phases = as_float_vector("phases_rad", phases_rad, model.array.count)
-    used = _as_mask(active, model.array.count)
+    used = _as_fit_mask(active, model.array.count)
     if model.calibration is not None:
         phases = phases + model.calibration.phase_rad
-        used = _as_mask(used & model.calibration.heard, model.array.count)
+        used = _as_fit_mask(used & model.calibration.heard, model.array.count)
     problem = _PhaseProblem(model, phases, used)
     position, steps, converged = problem.solve(as_coordinates("start_m", start_m))
     residual, phase, slopes = problem.residual_of_all(position)
@@ -153,9 +153,9 @@ def focus_phase_response(
     observable : (3,) numpy.ndarray of bool
         Whether the active elements tell this coordinate from the others.
     """
-    used = _as_mask(active, model.array.count)
+    used = _as_fit_mask(active, model.array.count)
     if model.calibration is not None:
-        used = _as_mask(used & model.calibration.heard, model.array.count)
+        used = _as_fit_mask(used & model.calibration.heard, model.array.count)
     problem = _PhaseProblem(model, np.zeros(model.array.count), used)
     response = np.zeros((3, model.array.count))
     response[:, used], observable = problem.response(as_coordinates("position_m", position_m))
@@ -184,7 +184,7 @@ class _PhaseProblem:
         position, damping = start.copy(), 0.0
         residual, slopes = self._linearise(position)
         for iteration in range(1, _MAX_ITERATIONS + 1):
-            step = _damped_step(slopes, residual, damping)
+            step = _damped_fit_step(slopes, residual, damping)
             candidate = position + step
             if np.linalg.norm(step) < _STEP_TOLERANCE_M:
                 return candidate, iteration, True
@@ -226,9 +226,11 @@ class _PhaseProblem:
 
     def _inverse(self, slopes: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return (J^T J)^-1 within the directions that are seen, and which coordinates are."""
-        values, vectors, kept = _spectrum(slopes)
+        values, vectors, kept = _focus_fit_spectrum(slopes)
         # A coordinate is lost if the directions that were dropped contain any of it.
-        observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _told_apart(self._positions)
+        observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _coordinates_told_apart(
+            self._positions
+        )
         return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T, observable
 
     def _ray(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -256,19 +258,21 @@ class _PhaseProblem:
         return wrapped_phases(residual - mean), common + mean
 
 
-def _spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+def _focus_fit_spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return eigenvalues and eigenvectors of J^T J, and which of them the phases can see."""
     values, vectors = np.linalg.eigh(slopes.T @ slopes)
     kept: BoolArray = values > max(values[-1], 1e-12) * _OBSERVABLE_RATIO**2
     return values, vectors, kept
 
 
-def _told_apart(positions: FloatArray) -> BoolArray:
+def _coordinates_told_apart(positions: FloatArray) -> BoolArray:
     """Return a mask of the coordinates that the symmetry of a line mixes with no other.
 
     Elements on one line see a whole circle around it alike, even where the slope along z is not 0.
     """
-    if _apart(*positions[[0, len(positions) // 2, -1]].tolist()):  # most arrays, at a glance
+    if _are_points_off_line(
+        *positions[[0, len(positions) // 2, -1]].tolist()
+    ):  # most arrays, at a glance
         return np.ones(3, dtype=np.bool_)
     centred = positions - positions.mean(axis=0)
     squares, directions = np.linalg.eigh(centred.T @ centred)
@@ -280,22 +284,22 @@ def _told_apart(positions: FloatArray) -> BoolArray:
     return along
 
 
-def _apart(a: list[float], b: list[float], c: list[float]) -> bool:
+def _are_points_off_line(a: list[float], b: list[float], c: list[float]) -> bool:
     """Return True if three points, (3,) each, lie well off a common line."""
     u, v = [q - p for p, q in zip(a, b, strict=True)], [q - p for p, q in zip(a, c, strict=True)]
     uu, vv, uv = math.hypot(*u) ** 2, math.hypot(*v) ** 2, sum(map(operator.mul, u, v))
     return uu * vv - uv * uv > 1e-4 * uu * vv and min(uu, vv) > (100.0 * _POINT_M) ** 2
 
 
-def _damped_step(slopes: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
+def _damped_fit_step(slopes: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
     """Return the Levenberg-Marquardt step within the observable directions, at most 20 mm long."""
-    values, vectors, kept = _spectrum(slopes)
+    values, vectors, kept = _focus_fit_spectrum(slopes)
     seen = vectors[:, kept]
     step: FloatArray = -seen @ ((seen.T @ (slopes.T @ residual)) / (values[kept] * (1.0 + damping)))
     return step * min(1.0, _MAX_STEP_M / max(float(np.linalg.norm(step)), _MAX_STEP_M))
 
 
-def _as_mask(active: ArrayLike | None, count: int) -> BoolArray:
+def _as_fit_mask(active: ArrayLike | None, count: int) -> BoolArray:
     mask = np.ones(count, dtype=np.bool_) if active is None else np.asarray(active, dtype=np.bool_)
     if mask.shape != (count,):
         raise ConfigurationError(f"active has shape {mask.shape}, must be ({count},)")

@@ -85,10 +85,10 @@ def solve_foci(
         check_focus_target(model, point)
     wanted = np.ones(len(points)) if amplitudes is None else amplitudes
     levels = as_float_vector("amplitudes", wanted, len(points))
-    _check_levels(levels)
+    _check_foci_levels(levels)
     start = superpose_foci(model, points, levels, np.zeros(len(points)))
     start /= np.abs(start).max()
-    matrix = _propagators(model, points)
+    matrix = _solver_propagators(model, points)
     return start if method == "naive" else _SOLVERS[method](matrix, levels, start, rounds)
 
 
@@ -135,9 +135,9 @@ def _iterative_backpropagation(
 ) -> ComplexArray:
     """Send the wanted pressures back, cut to the limits of the elements."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
-    scale = _reachable(matrix, wanted)
+    scale = _reachable_foci_levels(matrix, wanted)
     for _ in range(rounds):
-        drive = _clip(back @ (scale * wanted * _phasor(matrix @ drive)))
+        drive = _clip_solved_drive(back @ (scale * wanted * _solver_phasor(matrix @ drive)))
     return drive
 
 
@@ -145,7 +145,7 @@ def _gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
     for _ in range(rounds):
-        drive = _phasor(matrix.conj().T @ (wanted * _phasor(matrix @ drive)))
+        drive = _solver_phasor(matrix.conj().T @ (wanted * _solver_phasor(matrix @ drive)))
     return drive
 
 
@@ -156,13 +156,13 @@ def _weighted_gerchberg_saxton(
     if kernels is None:
         return weighted_gerchberg_saxton(matrix, wanted, drive, rounds)
     scaled = matrix / np.abs(matrix).max()
-    unit = _phasor(drive)
+    unit = _solver_phasor(drive)
     parts = [np.ascontiguousarray(part, dtype=np.float32) for part in (
         scaled.real, scaled.imag, wanted, unit.real, unit.imag
     )]  # fmt: skip
     kernels.gerchberg_saxton_kernel(*parts[:3], rounds, *parts[3:])
     result: ComplexArray = parts[3].astype(np.float64) + 1j * parts[4].astype(np.float64)
-    return _phasor(result)
+    return _solver_phasor(result)
 
 
 def weighted_gerchberg_saxton(
@@ -181,7 +181,7 @@ def weighted_gerchberg_saxton(
     rounds : int
         Iterations.
     """
-    weight, drive = wanted.copy(), _phasor(drive)
+    weight, drive = wanted.copy(), _solver_phasor(drive)
     back = matrix.conj().T.copy()
     for _ in range(rounds):
         pressure = matrix @ drive
@@ -189,7 +189,7 @@ def weighted_gerchberg_saxton(
         weight = weight * ((level / wanted).mean() * wanted / level) ** _DAMPING
         if weight.max() > _LARGEST_WEIGHT:
             weight = weight / _LARGEST_WEIGHT
-        drive = _phasor(back @ (weight * (pressure / level)))
+        drive = _solver_phasor(back @ (weight * (pressure / level)))
     return drive
 
 
@@ -199,22 +199,24 @@ def _gs_pat(
     """Iterate on the F foci alone: the elements appear only in the F x F matrix G B."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     between = matrix @ back
-    scale = _reachable(matrix, wanted)
+    scale = _reachable_foci_levels(matrix, wanted)
     pressure = matrix @ drive
     for _ in range(rounds):
-        pressure = scale * wanted * _phasor(between @ pressure)
+        pressure = scale * wanted * _solver_phasor(between @ pressure)
     # The last step of the paper: amplitudes squared over what came out, to even out the foci.
     reached = between @ pressure
-    return _clip(back @ ((scale * wanted) ** 2 * reached / np.maximum(np.abs(reached) ** 2, 1e-30)))
+    return _clip_solved_drive(
+        back @ ((scale * wanted) ** 2 * reached / np.maximum(np.abs(reached) ** 2, 1e-30))
+    )
 
 
-def _gradient(
+def _gradient_solver(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
     """Minimise the squared misses of |p| from somewhat more than can be reached."""
     from scipy.optimize import minimize  # slow to import, and only this solver needs it
 
-    goal = _reachable(matrix, wanted) * wanted
+    goal = _reachable_foci_levels(matrix, wanted) * wanted
     unit = float((goal**2).sum())
 
     def misfit(phases: FloatArray) -> tuple[float, FloatArray]:
@@ -239,11 +241,11 @@ _SOLVERS: Final[dict[str, _Solver]] = {
     "gs": _gerchberg_saxton,
     "wgs": _weighted_gerchberg_saxton,
     "gspat": _gs_pat,
-    "gradient": _gradient,
+    "gradient": _gradient_solver,
 }
 
 
-def _propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
+def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
     """Return the matrix of foci that each get sound from some element, or raise."""
     matrix = propagators(model, points)
     silent = np.flatnonzero(~matrix.any(axis=1))
@@ -254,24 +256,24 @@ def _propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
     return matrix
 
 
-def _check_levels(levels: FloatArray) -> None:
+def _check_foci_levels(levels: FloatArray) -> None:
     for level in (levels.min(), levels.max()):
         check_number("an amplitude", level, *_LEVELS)
 
 
-def _reachable(matrix: ComplexArray, wanted: FloatArray) -> float:
+def _reachable_foci_levels(matrix: ComplexArray, wanted: FloatArray) -> float:
     """Return the common factor that uses the whole power if the foci do not overlap."""
     largest = np.abs(matrix).sum(axis=1)
     return float(1.0 / np.sqrt(((wanted / largest) ** 2).sum()))
 
 
-def _phasor(values: ComplexArray) -> ComplexArray:
+def _solver_phasor(values: ComplexArray) -> ComplexArray:
     level = np.abs(values)
     phasors: ComplexArray = values / np.where(level > 0.0, level, 1.0)
     return phasors
 
 
-def _clip(drive: ComplexArray) -> ComplexArray:
+def _clip_solved_drive(drive: ComplexArray) -> ComplexArray:
     """Return *drive* with magnitudes of at most 1."""
     clipped: ComplexArray = drive / np.maximum(np.abs(drive), 1.0)
     return clipped
@@ -320,8 +322,8 @@ def solver_quality(
     points = as_point_array("points_m", points_m)
     wanted = as_float_vector("amplitudes", amplitudes, len(points))
     check_whole("number of foci", len(points), 1, _MAX_FOCI)
-    _check_levels(wanted)
-    drive, matrix = as_drive(weights, model.array.count), _propagators(model, points)
+    _check_foci_levels(wanted)
+    drive, matrix = as_drive(weights, model.array.count), _solver_propagators(model, points)
     level = np.abs(matrix @ drive)
     if not level.max() > 0.0:
         raise ConfigurationError("no sound at any focus")

@@ -129,7 +129,7 @@ def lateness_shares(parts: LatenessParts) -> Times:
     carried = np.stack(own, axis=1).astype(np.float64)  # to the next tick: not queue, nor board
     found = np.zeros_like(carried)
     for place in np.flatnonzero(behind):
-        inherited = _proportions(carried[place - 1] if place else None)
+        inherited = _lateness_proportions(carried[place - 1] if place else None)
         carried[place] += (parts.before[place] + old_room[place]) * inherited
         found[place] = old_queue[place] * inherited
     found += carried
@@ -139,7 +139,7 @@ def lateness_shares(parts: LatenessParts) -> Times:
     return whole
 
 
-def _proportions(before: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def _lateness_proportions(before: NDArray[np.float64] | None) -> NDArray[np.float64]:
     total = 0.0 if before is None else float(before.sum())
     if before is None or total <= 0.0:
         # Work that ran into the tick without being a tick is host work: the loop served the port.

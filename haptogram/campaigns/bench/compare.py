@@ -69,18 +69,18 @@ def compare_benches(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Benc
     old, new : mapping
         Results as :func:`haptogram.campaigns.bench.result.bench_dict` makes them.
     """
-    before, after = _percentiles(old), _percentiles(new)
+    before, after = _bench_percentiles(old), _bench_percentiles(new)
     control = {
-        level: _change(_CONTROL, level, before[_CONTROL], after[_CONTROL])
+        level: _bench_change(_CONTROL, level, before[_CONTROL], after[_CONTROL])
         for level in _LEVELS
         if _CONTROL in before and _CONTROL in after
     }
     found = []
     for stage in before:
         for level in _LEVELS:
-            change = _change(stage, level, before[stage], after.get(stage))
+            change = _bench_change(stage, level, before[stage], after.get(stage))
             if change is not None:
-                found.append(_blamed(change, control.get(level)))
+                found.append(_blamed_bench_change(change, control.get(level)))
     return sorted(found, key=lambda change: not change.beyond_noise)
 
 
@@ -88,7 +88,7 @@ def bench_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[st
     """Return a line for each setting, version or part of the machine that differs."""
     lines = []
     for part in ("configuration", "environment"):
-        one, other = _flat(old.get(part, {})), _flat(new.get(part, {}))
+        one, other = _flat_bench_fields(old.get(part, {})), _flat_bench_fields(new.get(part, {}))
         lines += [
             f"{part}: {name} was {one.get(name)}, is {other.get(name)}"
             for name in sorted(one.keys() | other.keys())
@@ -97,27 +97,27 @@ def bench_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[st
     return lines
 
 
-def _percentiles(result: Mapping[str, Any]) -> dict[str, TimingPercentiles]:
+def _bench_percentiles(result: Mapping[str, Any]) -> dict[str, TimingPercentiles]:
     return {name: TimingPercentiles.from_dict(stage) for name, stage in result["stages"].items()}
 
 
-def _change(
+def _bench_change(
     stage: str, level: str, before: TimingPercentiles, after: TimingPercentiles | None
 ) -> BenchChange | None:
     if after is None or not before.blocks or not after.blocks:
         return None
     one, other = before.blocks[level], after.blocks[level]
-    noise_us = _SIGMAS * math.hypot(_error_us(one), _error_us(other)) + _LEAST_US
+    noise_us = _SIGMAS * math.hypot(_bench_error_us(one), _bench_error_us(other)) + _LEAST_US
     return BenchChange(stage, level, float(np.median(one)), float(np.median(other)), noise_us)
 
 
-def _error_us(values: list[float]) -> float:
+def _bench_error_us(values: list[float]) -> float:
     """Return the standard error of the median, robust against single stalls."""
     deviation = float(np.median(np.abs(np.array(values) - np.median(values))))
     return _MEDIAN_LOSS * _MAD_TO_SIGMA * deviation / math.sqrt(len(values))
 
 
-def _blamed(change: BenchChange, control: BenchChange | None) -> BenchChange:
+def _blamed_bench_change(change: BenchChange, control: BenchChange | None) -> BenchChange:
     if control is None or change.stage == _CONTROL or not control.beyond_noise:
         return change
     own, machine = change.after_us - change.before_us, control.after_us - control.before_us
@@ -127,11 +127,11 @@ def _blamed(change: BenchChange, control: BenchChange | None) -> BenchChange:
     )
 
 
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flat_bench_fields(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
-            found |= _flat(value, f"{prefix}{name}.")
+            found |= _flat_bench_fields(value, f"{prefix}{name}.")
         else:
             found[f"{prefix}{name}"] = value
     return found

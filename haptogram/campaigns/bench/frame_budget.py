@@ -108,12 +108,12 @@ def measure_frame_budget(name: str, message: Message, *, baudrate: int) -> Frame
     if baudrate < 1:
         raise ConfigurationError(f"baud is {baudrate}, must be 1 or more")
     cobs = fastest_cobs()
-    wire = _encode(message, cobs.encode)
-    encode_ns = _median_ns(lambda: _encode(message, cobs.encode))
+    wire = _encode_budget_frame(message, cobs.encode)
+    encode_ns = _median_budget_ns(lambda: _encode_budget_frame(message, cobs.encode))
     decoder = FrameDecoder(cobs)
-    decode_ns = _median_ns(lambda: _decode(decoder, wire))
-    with _drained_pty() as (fd, drain):
-        write_ns = _median_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))
+    decode_ns = _median_budget_ns(lambda: _decode_budget_frame(decoder, wire))
+    with _drained_budget_pty() as (fd, drain):
+        write_ns = _median_budget_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))
     size = frame_bytes_on_line(len(build_body(message, flags=0, seq=0, time_us=0, session=1)) - 10)
     return FrameBudget(
         name=name,
@@ -131,32 +131,34 @@ def measure_wake_ns(rate_hz: float) -> int:
     """Return the median lateness of a sleeping loop at *rate_hz*, on this machine now."""
     period_ns = round(1e9 / rate_hz)
     period_ns = min(period_ns, 5_000_000)  # a slow rate would take long
-    loop = PeriodicLoop(time.monotonic_ns, _sleep_until, period_ns=period_ns)
+    loop = PeriodicLoop(time.monotonic_ns, _sleep_until_deadline, period_ns=period_ns)
     with real_time_process():
         start_ns = time.monotonic_ns() + period_ns
         ticks = list(loop.ticks(start_ns, start_ns + (_TICKS + _SETTLE) * period_ns))
     return int(np.median([tick.wake_ns - tick.deadline_ns for tick in ticks[_SETTLE:]]))
 
 
-def _sleep_until(deadline_ns: int) -> None:
+def _sleep_until_deadline(deadline_ns: int) -> None:
     """Sleep until *deadline_ns* of the monotonic clock, on a loop that serves nothing."""
     wait_ns = deadline_ns - time.monotonic_ns()
     if wait_ns > 0:
         time.sleep(wait_ns / 1e9)
 
 
-def _encode(message: Message, stuff: Stuffing) -> bytes:
+def _encode_budget_frame(message: Message, stuff: Stuffing) -> bytes:
     body = build_body(message, flags=0, seq=4711, time_us=123_456_789, session=77)
     return encode_frame(body, stuff)
 
 
-def _decode(decoder: FrameDecoder, wire: bytes) -> None:
+def _decode_budget_frame(decoder: FrameDecoder, wire: bytes) -> None:
     for body in decoder.feed(wire):
         assert isinstance(body, bytes)
         parse_body(body)
 
 
-def _median_ns(work: Callable[[], object], between: Callable[[], object] | None = None) -> int:
+def _median_budget_ns(
+    work: Callable[[], object], between: Callable[[], object] | None = None
+) -> int:
     clock, taken = time.perf_counter_ns, []
     for _ in range(_SETTLE + _TIMES):
         begin_ns = clock()
@@ -168,7 +170,7 @@ def _median_ns(work: Callable[[], object], between: Callable[[], object] | None 
 
 
 @contextlib.contextmanager
-def _drained_pty() -> Iterator[tuple[int, Callable[[int], None]]]:
+def _drained_budget_pty() -> Iterator[tuple[int, Callable[[int], None]]]:
     """Yield a pseudo-terminal to write to, and a function that reads from its other end."""
     tty = posix_module("tty", "the stage of a pty", "bench of a port")
     master, slave = os.openpty()

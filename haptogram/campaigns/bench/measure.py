@@ -95,7 +95,7 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
         If the link broke.
     """
     targets_m = bench_circle(max(1, round(config.rate_hz * config.seconds)), config.rate_hz)
-    with _board(config, writer) as (label, port, prepare, collect):
+    with _bench_board(config, writer) as (label, port, prepare, collect):
         with Driver(
             port, baudrate=config.baud, phase_bits=config.phase_bits, keep=len(targets_m)
         ) as driver:
@@ -114,7 +114,7 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
                 )
             processors = cpu_share(before, cpu_times())
         latches = collect(driver)
-    return _put_together(config, label, driver, report, control, latches, targets_m, processors)
+    return _bench_run_of(config, label, driver, report, control, latches, targets_m, processors)
 
 
 _Collect: TypeAlias = Callable[[Driver], Latches]
@@ -122,17 +122,17 @@ _Board: TypeAlias = tuple[str, str | Transport, Callable[[Driver], None], _Colle
 
 
 @contextlib.contextmanager
-def _board(config: BenchConfig, writer: RecordingWriter | None) -> Iterator[_Board]:
+def _bench_board(config: BenchConfig, writer: RecordingWriter | None) -> Iterator[_Board]:
     """Yield a board: its name, its port, how it is prepared, and how its latches are read."""
     if config.port is not None:
         told = PortBoard(
             config.port, baudrate=config.baud, rate_hz=config.rate_hz, board_computes=False
         )
-        tap = None if writer is None else _tapped(config.port, config, writer)
-        yield config.port, tap or config.port, told.prepare, _self_reported
+        tap = None if writer is None else _tapped_bench_url(config.port, config, writer)
+        yield config.port, tap or config.port, told.prepare, _self_reported_bench_latches
         return
     with VirtualBoard(reconstruct=False) as board:
-        tap = None if writer is None else _tapped(board.url, config, writer, {})
+        tap = None if writer is None else _tapped_bench_url(board.url, config, writer, {})
 
         def collect(driver: Driver) -> Latches:
             board.wait_idle(driver.intended)
@@ -148,7 +148,7 @@ def _board(config: BenchConfig, writer: RecordingWriter | None) -> Iterator[_Boa
         yield label, tap or board.url, lambda _: None, collect
 
 
-def _tapped(
+def _tapped_bench_url(
     url: str, config: BenchConfig, writer: RecordingWriter, board: dict[str, Any] | None = None
 ) -> RecordingTransport:
     """Return an open port, written down; *board* has the options of a virtual board."""
@@ -156,11 +156,11 @@ def _tapped(
     return RecordingTransport(open_transport(url, baudrate=config.baud), writer)
 
 
-def _self_reported(driver: Driver) -> Latches:
+def _self_reported_bench_latches(driver: Driver) -> Latches:
     return {seen.key.index: (None, seen.t_latch_us) for seen in driver.observations}
 
 
-def _put_together(
+def _bench_run_of(
     config: BenchConfig,
     label: str,
     driver: Driver,
@@ -172,15 +172,15 @@ def _put_together(
 ) -> BenchRun:
     ticks, paced = report.ticks, config.port is not None
     due_us = np.array([i.t_apply_us for i in driver.intended], dtype=np.int64)
-    received_us, latched_us = _device_times(driver.intended, latches)
+    received_us, latched_us = _bench_device_times(driver.intended, latches)
     sent = np.ones(report.frames, dtype=bool)
     sent[list(report.skipped)] = False
-    line_transmission_ns = np.where(sent, _transmission_ns(config, driver), 0)
+    line_transmission_ns = np.where(sent, _bench_transmission_ns(config, driver), 0)
     left_ns = ticks.stamp_ns("line_free" if paced else "done")
-    received_ns = _host_times(driver, received_us)
+    received_ns = _bench_host_times(driver, received_us)
     board_ns = received_ns - left_ns
     parts = split_lateness(ticks, line_transmission_ns, np.nan_to_num(board_ns).astype(np.int64))
-    stages = _stages(parts, ticks.lateness_us(), line_transmission_ns, sent)
+    stages = _bench_stages(parts, ticks.lateness_us(), line_transmission_ns, sent)
     stages["board"] = np.maximum(0.0, board_ns) / 1e3
     stages["complete"] = np.where(np.isnan(board_ns), np.nan, parts.total_ns / 1e3)
     stages["margin"] = due_us - received_us
@@ -192,7 +192,7 @@ def _put_together(
         board=label,
         report=report,
         stages_us=stages,
-        misses=_misses(parts, stalled),
+        misses=_bench_misses(parts, stalled),
         focus=bench_focus_error(
             targets_m, due_us, latched_us, carrier_us=1_000_000 // driver.identity.carrier_hz
         ),
@@ -203,7 +203,7 @@ def _put_together(
     )
 
 
-def _stages(
+def _bench_stages(
     parts: LatenessParts,
     lateness_us: NDArray[np.float64],
     line_transmission_ns: NDArray[np.int64],
@@ -220,7 +220,9 @@ def _stages(
     }
 
 
-def _misses(parts: LatenessParts, stalled: NDArray[np.bool_]) -> dict[str, list[LatenessMisses]]:
+def _bench_misses(
+    parts: LatenessParts, stalled: NDArray[np.bool_]
+) -> dict[str, list[LatenessMisses]]:
     return {
         place: [
             count_late_frames(
@@ -232,7 +234,7 @@ def _misses(parts: LatenessParts, stalled: NDArray[np.bool_]) -> dict[str, list[
     }
 
 
-def _device_times(
+def _bench_device_times(
     intended: Sequence[Intended], latches: Latches
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (n,) device times of arrival and latch on the clock of *intended*; nan: not seen."""
@@ -247,12 +249,12 @@ def _device_times(
     return received, latched
 
 
-def _host_times(driver: Driver, device_us: NDArray[np.float64]) -> NDArray[np.float64]:
+def _bench_host_times(driver: Driver, device_us: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array(
         [np.nan if np.isnan(us) else driver.clock.to_host_ns(int(us)) for us in device_us]
     )
 
 
-def _transmission_ns(config: BenchConfig, driver: Driver) -> int:
+def _bench_transmission_ns(config: BenchConfig, driver: Driver) -> int:
     payload = 2 + -(-driver.identity.transducers * config.phase_bits // 8)
     return line_transmission_ns(frame_bytes_on_line(payload), config.baud)

@@ -44,9 +44,9 @@ class TimingPercentiles:
             return cls(0, {}, 0.0, {})
         blocks: dict[str, list[float]] = {}
         if len(values) >= BLOCKS * _LEAST_PER_BLOCK:
-            tenths = [_levels(block) for block in np.array_split(values, BLOCKS)]
+            tenths = [_percentile_levels(block) for block in np.array_split(values, BLOCKS)]
             blocks = {name: [tenth[name] for tenth in tenths] for name in tenths[0]}
-        return cls(len(values), _levels(values), float(values.max()), blocks)
+        return cls(len(values), _percentile_levels(values), float(values.max()), blocks)
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> TimingPercentiles:
@@ -85,6 +85,6 @@ def percentiles_with_missed_ticks(
     return late
 
 
-def _levels(values: NDArray[np.float64]) -> dict[str, float]:
+def _percentile_levels(values: NDArray[np.float64]) -> dict[str, float]:
     found = np.percentile(values, LEVELS, method="inverted_cdf")
     return {f"p{level:g}": float(value) for level, value in zip(LEVELS, found, strict=True)}

@@ -47,7 +47,9 @@ def bench_dict(run: BenchRun) -> dict[str, Any]:
         },
         "clock_uncertainty_us": report.clock_uncertainty_us,
         "stages": {name: found.as_dict() for name, found in run.percentiles().items()},
-        "misses": {place: [_miss(miss) for miss in misses] for place, misses in run.misses.items()},
+        "misses": {
+            place: [_bench_miss(miss) for miss in misses] for place, misses in run.misses.items()
+        },
         "focus_error": run.focus.as_dict(),
         "processors": run.processors,
         "environment": run.environment,
@@ -55,7 +57,7 @@ def bench_dict(run: BenchRun) -> dict[str, Any]:
     }
 
 
-def _miss(miss: LatenessMisses) -> dict[str, Any]:
+def _bench_miss(miss: LatenessMisses) -> dict[str, Any]:
     return {
         "limit_us": miss.limit_us,
         "count": miss.count,

@@ -17,8 +17,8 @@ from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram.machine.files import write_json_file
 
 from .account.tally import MEMORY_GREW, SoakTally
-from .memory import SoakMemory, resident_bytes
-from .segment import MakeBoard, run_segment
+from .memory import SoakMemory, resident_soak_bytes
+from .segment import MakeBoard, run_soak_segment
 from .setup import SoakSetup
 
 if TYPE_CHECKING:
@@ -186,12 +186,12 @@ class SoakCampaign:
         numbers = range(self.done, self.setup.segments)
         if jobs == 1:
             yield (
-                _run(make_board, self.setup, number, progress, recorded=recorded)
+                _run_soak_worker(make_board, self.setup, number, progress, recorded=recorded)
                 for number in numbers
             )
             return
         # Spawned, not forked: no process inherits threads or memory of this one.
-        with multiprocessing.get_context("spawn").Pool(jobs, _leave_interrupts) as pool:
+        with multiprocessing.get_context("spawn").Pool(jobs, _leave_interrupts_to_soak) as pool:
             yield pool.imap(_Work(make_board, self.setup, recorded), numbers)
 
 
@@ -204,10 +204,10 @@ class _Work:
     recorded: bool
 
     def __call__(self, number: int) -> _Done:
-        return _run(self.make_board, self.setup, number, None, recorded=self.recorded)
+        return _run_soak_worker(self.make_board, self.setup, number, None, recorded=self.recorded)
 
 
-def _run(
+def _run_soak_worker(
     make_board: MakeBoard,
     setup: SoakSetup,
     number: int,
@@ -216,7 +216,7 @@ def _run(
     recorded: bool,
 ) -> _Done:
     start_s = setup.start_s(number)
-    tally = run_segment(
+    tally = run_soak_segment(
         make_board,
         seed=setup.seed,
         number=number,
@@ -227,9 +227,9 @@ def _run(
         progress=None if progress is None else lambda done_s: progress(start_s + done_s),
         recorded=recorded,
     )
-    return tally, os.getpid(), resident_bytes()
+    return tally, os.getpid(), resident_soak_bytes()
 
 
-def _leave_interrupts() -> None:
+def _leave_interrupts_to_soak() -> None:
     """Leave Ctrl-C to the process that owns the pool."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -26,7 +26,7 @@ class SoakDrives:
 
     def __init__(self, transducers: int) -> None:
         source = random.Random(_COUNT)
-        made = [_make(number, transducers, source) for number in range(_COUNT)]
+        made = [_make_soak_drives(number, transducers, source) for number in range(_COUNT)]
         self._messages = [message for message, _ in made]
         self._registers = [registers for _, registers in made]
 
@@ -40,7 +40,9 @@ class SoakDrives:
         return codes == self._registers[index % _COUNT]
 
 
-def _make(number: int, count: int, source: random.Random) -> tuple[Phases | Drives, _Registers]:
+def _make_soak_drives(
+    number: int, count: int, source: random.Random
+) -> tuple[Phases | Drives, _Registers]:
     """Return a frame and its registers; some are of another format than most."""
     codes, full = source.randbytes(count), bytes([_FULL]) * count
     if number % _AMPLITUDES_EVERY == 0:

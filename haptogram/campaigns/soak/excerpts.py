@@ -45,7 +45,7 @@ class SoakExcerpt:
                 writer.to_host(start_ns + t_ns, data)
 
 
-class Excerpts:
+class SoakExcerpts:
     """Keeps the last seconds, and all of them as soon as the tally has another violation.
 
     Parameters

@@ -14,7 +14,7 @@ from typing import Final
 from haptogram_protocol.framing import DELIMITER
 
 from .account.tally import DAMAGE, UNEXPLAINED, SoakHit, SoakTally
-from .faults import FAULTS, KINDS
+from .line_damage import FAULTS, KINDS
 
 _NS_PER_S: Final = 1_000_000_000
 _BITS_PER_BYTE: Final = 10

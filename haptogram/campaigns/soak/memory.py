@@ -14,7 +14,7 @@ GROWTH_LIMIT_BYTES: Final = 32 << 20  # a byte lost per frame would be 82 MiB a 
 _STATM: Final = Path("/proc/self/statm")
 
 
-def resident_bytes() -> int:
+def resident_soak_bytes() -> int:
     """Return the resident memory of this process; where the system does not tell, its largest."""
     try:
         return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")

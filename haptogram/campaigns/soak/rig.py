@@ -23,7 +23,7 @@ from .account.tally import UNEXPLAINED, SoakHit, SoakTally
 from .board import BoardUnderSoak, Hopeless
 from .board_account import SoakBoardAccount
 from .drives import SoakDrives
-from .excerpts import Excerpts
+from .excerpts import SoakExcerpts
 from .host_account import SoakHostAccount
 from .line import Sent, SoakLine, sent_message_type
 from .oracle import SoakOracle
@@ -51,7 +51,7 @@ class SoakRig:
         Of all chance.
     tally : SoakTally
         The account.
-    excerpts : Excerpts or None
+    excerpts : SoakExcerpts or None
         Keeps what happens around violations, for a recording.
     course : CourseTaker or None
         Divides the counts among intervals of time.
@@ -72,7 +72,7 @@ class SoakRig:
         share: float,
         source: random.Random,
         tally: SoakTally,
-        excerpts: Excerpts | None = None,
+        excerpts: SoakExcerpts | None = None,
         course: CourseTaker | None = None,
     ) -> None:
         self.now_ns = 0

@@ -27,7 +27,7 @@ from haptogram_protocol.state import OutputState
 from .account.course import CourseTaker
 from .account.tally import SoakTally
 from .board import BoardUnderSoak, Hopeless
-from .excerpts import Excerpts
+from .excerpts import SoakExcerpts
 from .rig import BAUD, SoakRig
 
 PERIOD_US: Final = 1000
@@ -56,7 +56,7 @@ class MakeBoard(Protocol):
         ...
 
 
-def run_segment(
+def run_soak_segment(
     make_board: MakeBoard,
     *,
     seed: int,
@@ -85,19 +85,19 @@ def run_segment(
     """
     source = random.Random(f"{seed}/{number}")
     tally = SoakTally()
-    plan = FaultPlan(_clock_faults(seconds, source), seed + number)
+    plan = FaultPlan(_soak_clock_faults(seconds, source), seed + number)
     board = make_board(
         seed=seed + number,
         baud=BAUD,
         plan=plan,
         running_us=round(start_s * 1e6),
     )
-    excerpts = Excerpts(tally) if recorded else None
+    excerpts = SoakExcerpts(tally) if recorded else None
     course = CourseTaker(tally.course, tally.take_counts, start_s, interval_s)
     rig = SoakRig(board, fault_rate, source, tally, excerpts, course)
     stepped = any(plan.named(_STEP))
     # What is kept for a recording comes and goes: no leak.
-    segment = _Segment(
+    segment = _SoakSegment(
         rig, source, round(seconds * _S), stepped=stepped, watches_memory=not recorded
     )
     try:
@@ -112,7 +112,7 @@ def run_segment(
     return tally
 
 
-def _clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ...]:
+def _soak_clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ...]:
     """Return a drift within what the board declares, and a step in every other segment."""
     drift = Fault("clock.ppm", {"ppm": float(source.randint(-_PPM, _PPM))})
     step_us, at_s = source.randint(*_STEP_US), seconds * source.uniform(0.3, 0.6)
@@ -121,7 +121,7 @@ def _clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ...]:
     return drift, Fault(_STEP, {"us": float(step_us)}, from_ns=round(round(at_s, 6) * _S))
 
 
-class _Segment:
+class _SoakSegment:
     def __init__(
         self,
         rig: SoakRig,
@@ -302,10 +302,10 @@ class _Segment:
         elif self._jumps > self._stepped:
             steps = self._jumps - self._stepped
             self._tally.violate("clock stepped by itself", f"{steps} times")
-        _compare_counters(rig.board.counters, self._tally)
+        _compare_soak_counters(rig.board.counters, self._tally)
 
 
-def _compare_counters(counters: dict[str, int], tally: SoakTally) -> None:
+def _compare_soak_counters(counters: dict[str, int], tally: SoakTally) -> None:
     """Explain every counter of the board, by name."""
     totals = tally.totals
     explained: dict[str, int] = dict.fromkeys(counters, 0)

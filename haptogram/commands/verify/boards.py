@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from haptogram.errors import LinkError
 from haptogram.settings.board_url import SCHEME
 from haptogram.settings.option import options_of
-from haptogram.settings.verify_config import VerifyConfig, load_verify_config, read_table
+from haptogram.settings.verify_config import VerifyConfig, load_verify_config, read_settings_table
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
@@ -84,7 +84,7 @@ class RunBoards:
         boards, given = made.of_dialect(config), given_settings(arguments)
         dialect_display_of(boards.dialect, boards.count)  # refuses one that cannot be driven
         named = {name for name, value in given.items() if value is not None}
-        named |= set(read_table(arguments.config)) if arguments.config else set()
+        named |= set(read_settings_table(arguments.config)) if arguments.config else set()
         usual = {
             name: value for name, value in _usual_rates(config, boards).items() if name not in named
         }

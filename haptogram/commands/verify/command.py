@@ -23,7 +23,7 @@ from haptogram.settings.verify_config import (
     OutputConfig,
     VerifyConfig,
     load_verify_config,
-    read_table,
+    read_settings_table,
 )
 
 from ..acting_options import refuse_idle_options
@@ -108,7 +108,7 @@ def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
 
     file, given = arguments.config, given_settings(arguments)
     config = load_verify_config(file, given)
-    in_file = read_table(file) if file else {}
+    in_file = read_settings_table(file) if file else {}
     arguments.parser.settle_source(file, (key for key in in_file if given.get(key) is None))
     settings = argparse.Namespace(
         **config.values(),

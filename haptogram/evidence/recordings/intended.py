@@ -13,7 +13,7 @@ from haptogram.acoustics import AcousticModel, Drive
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model
 from haptogram.records.frame import Focus, FrameKey, Intended
-from haptogram.records.model import model_fields
+from haptogram.records.model import model_record_fields
 
 from .channels import INTENDED, MODEL
 from .reader import Recording
@@ -47,7 +47,7 @@ def record_intended(
     writer: RecordingWriter, model: AcousticModel, intended: Sequence[Intended]
 ) -> None:
     """Write array, air and frames of a run; a drive that comes again is written once."""
-    fields = {**model_fields(model), _COUNT: len(intended)}
+    fields = {**model_record_fields(model), _COUNT: len(intended)}
     writer.document(MODEL, writer.last_ns, fields)
     first: dict[Drive, int] = {}
     for frame in intended:

@@ -54,27 +54,27 @@ class EquationDemonstration:
 def equation_demonstrations() -> list[EquationDemonstration]:
     """Return the values of the faulty equations next to those of the corrected ones."""
     constants = eq.PaperConstants()
-    level = math.sqrt(2.0) * constants.pressure_pa * 256 * eq.attenuation_eq6(0.1, constants)
+    level = math.sqrt(2.0) * constants.pressure_pa * 256 * eq.paper_attenuation_eq6(0.1, constants)
     return [
         EquationDemonstration(
             "(3) P/P0 at z0 = 0.1 m",
-            eq.attenuation_eq3_printed(0.1, constants),
+            eq.paper_attenuation_eq3_printed(0.1, constants),
             "",
-            eq.attenuation_eq6(0.1, constants),
+            eq.paper_attenuation_eq6(0.1, constants),
             "",
         ),
         EquationDemonstration(
             "(8) F for |p| = sqrt2 256 P0, cube (square) of 1 mm",
-            eq.force_eq8_printed(level, 1e-3, constants),
+            eq.paper_force_eq8_printed(level, 1e-3, constants),
             "N^2/m",
-            eq.force_eq8_corrected(level, 1e-3, constants),
+            eq.paper_force_eq8_corrected(level, 1e-3, constants),
             "N",
         ),
         EquationDemonstration(
             "(9) w_f at r = 0.1 m, 16 x 16",
-            eq.spot_eq9_printed(0.1, 256, constants),
+            eq.paper_spot_eq9_printed(0.1, 256, constants),
             "m^1.5",
-            eq.spot_eq9_corrected(0.1, 256, constants),
+            eq.paper_spot_eq9_corrected(0.1, 256, constants),
             "m",
         ),
         EquationDemonstration(
@@ -96,8 +96,8 @@ def equation_demonstrations() -> list[EquationDemonstration]:
 
 def _pressure_for_table_1_pa(constants: eq.PaperConstants) -> float:
     """Return the P0 with which (7) and (8) give 128 elements the 4 mN of Table 1, at 0.1 m."""
-    level = math.sqrt(2.0) * 128 * eq.attenuation_eq6(0.1, constants)  # per pascal of P0
-    return math.cbrt(4e-3 / eq.force_eq8_printed(level, 1e-3, constants))
+    level = math.sqrt(2.0) * 128 * eq.paper_attenuation_eq6(0.1, constants)  # per pascal of P0
+    return math.cbrt(4e-3 / eq.paper_force_eq8_printed(level, 1e-3, constants))
 
 
 def figure_4_foci() -> list[dict[str, Any]]:

@@ -154,36 +154,40 @@ EQUATIONS: Final = (
 )
 
 
-def attenuation_eq3_printed(distance_m: float, constants: PaperConstants) -> float:
+def paper_attenuation_eq3_printed(distance_m: float, constants: PaperConstants) -> float:
     """Return P/P0 of equation (3)."""
     return math.exp(-2.0 * constants.attenuation_np_m * distance_m)
 
 
-def attenuation_eq6(distance_m: float, constants: PaperConstants) -> float:
+def paper_attenuation_eq6(distance_m: float, constants: PaperConstants) -> float:
     """Return P/P0 of equation (6)."""
     return math.exp(-constants.attenuation_np_m * distance_m)
 
 
-def force_eq8_printed(pressure_peak_pa: float, side_m: float, constants: PaperConstants) -> float:
+def paper_force_eq8_printed(
+    pressure_peak_pa: float, side_m: float, constants: PaperConstants
+) -> float:
     """Return F of equation (8) for a cube in which |p| is constant; its unit is N^2/m."""
     modulus = constants.density_kg_m3 * constants.sound_speed_m_s**2
     return constants.alpha / modulus * pressure_peak_pa**3 / 3.0 * side_m**3
 
 
-def force_eq8_corrected(pressure_peak_pa: float, side_m: float, constants: PaperConstants) -> float:
+def paper_force_eq8_corrected(
+    pressure_peak_pa: float, side_m: float, constants: PaperConstants
+) -> float:
     """Return alpha p_rms^2 / (rho c^2) over a square in which |p| is constant, in newtons."""
     modulus = constants.density_kg_m3 * constants.sound_speed_m_s**2
     return constants.alpha * 0.5 * pressure_peak_pa**2 / modulus * side_m**2
 
 
-def spot_eq9_printed(distance_m: float, count: int, constants: PaperConstants) -> float:
+def paper_spot_eq9_printed(distance_m: float, count: int, constants: PaperConstants) -> float:
     """Return w_f of equation (9) for M N = *count*; its unit is m^1.5."""
     return (
         4.0 * math.pi * distance_m / (constants.wavenumber * math.sqrt(count * constants.pitch_m))
     )
 
 
-def spot_eq9_corrected(distance_m: float, count: int, constants: PaperConstants) -> float:
+def paper_spot_eq9_corrected(distance_m: float, count: int, constants: PaperConstants) -> float:
     """Return w_f = 2 lambda r / (sqrt(M N) d), in metres: null to null of a square aperture."""
     return (
         4.0 * math.pi * distance_m / (constants.wavenumber * math.sqrt(count) * constants.pitch_m)

@@ -34,17 +34,21 @@ def paper_hemisphere(resolution_m: float) -> FloatArray:
         )
     count = math.floor(math.pi / 2.0 * RADIUS_M / resolution_m + 1e-9)
     angles = resolution_m / RADIUS_M * np.arange(count + 1)
-    return np.concatenate([_ring(angle, resolution_m) for angle in angles.tolist()])
+    return np.concatenate(
+        [_paper_hemisphere_ring(angle, resolution_m) for angle in angles.tolist()]
+    )
 
 
 def paper_hemisphere_by_height(resolution_m: float) -> FloatArray:
     """Return rings at equal steps of the height instead: the sampling of another reading."""
     heights = np.arange(round(RADIUS_M / resolution_m) + 1) * resolution_m
     angles = np.arccos(np.clip(1.0 - heights / RADIUS_M, 0.0, 1.0))
-    return np.concatenate([_ring(angle, resolution_m) for angle in angles.tolist()])
+    return np.concatenate(
+        [_paper_hemisphere_ring(angle, resolution_m) for angle in angles.tolist()]
+    )
 
 
-def _ring(angle: float, resolution_m: float) -> FloatArray:
+def _paper_hemisphere_ring(angle: float, resolution_m: float) -> FloatArray:
     radius = RADIUS_M * math.sin(angle)
     count = max(1, round(2.0 * math.pi * radius / resolution_m))
     turns = 2.0 * np.pi * np.arange(count) / count

@@ -187,12 +187,12 @@ class Table1Reproduction:
     @property
     def average_rms_mn(self) -> float:
         """Root mean square difference of the averages."""
-        return _rms(cell.average_mn - cell.printed_average_mn for cell in self.cells)
+        return _table_1_rms(cell.average_mn - cell.printed_average_mn for cell in self.cells)
 
     @property
     def deviation_rms_mn(self) -> float:
         """Root mean square difference of the standard deviations."""
-        return _rms(cell.deviation_mn - cell.printed_deviation_mn for cell in self.cells)
+        return _table_1_rms(cell.deviation_mn - cell.printed_deviation_mn for cell in self.cells)
 
     @property
     def worst_average_error(self) -> float:
@@ -219,7 +219,7 @@ def reproduce_table_1(reading: Table1Reading = BEST_READING) -> Table1Reproducti
     """Return Table 1 as *reading* predicts it, with one scale fitted to its averages."""
     clouds = [reading.sampling(resolution) for resolution in RESOLUTIONS_M]
     forces = [
-        [_amplitudes(reading, shape, points) ** reading.exponent for points in clouds]
+        [_table_1_amplitudes(reading, shape, points) ** reading.exponent for points in clouds]
         for shape in CONFIGURATIONS
     ]
     averages = np.array([[cell.mean() for cell in row] for row in forces])
@@ -241,7 +241,7 @@ def reproduce_table_1(reading: Table1Reading = BEST_READING) -> Table1Reproducti
     return Table1Reproduction(reading, scale, cells)
 
 
-def _planar_model(reading: Table1Reading, shape: tuple[int, int]) -> AcousticModel:
+def _table_1_model(reading: Table1Reading, shape: tuple[int, int]) -> AcousticModel:
     """Return the array of one configuration: lossless, k as printed, 1 Pa m peak per element."""
     constants = PaperConstants()
     columns, rows = (
@@ -261,14 +261,16 @@ def _planar_model(reading: Table1Reading, shape: tuple[int, int]) -> AcousticMod
     )
 
 
-def _amplitudes(reading: Table1Reading, shape: tuple[int, int], points_m: FloatArray) -> FloatArray:
+def _table_1_amplitudes(
+    reading: Table1Reading, shape: tuple[int, int], points_m: FloatArray
+) -> FloatArray:
     """Return |p| at each point when the array is focused on it: the sum of the magnitudes."""
     if not reading.spreading:
         constants = PaperConstants()
         level = math.sqrt(2.0) * constants.pressure_pa * math.prod(shape)
         decay: FloatArray = level * np.exp(-constants.attenuation_np_m * points_m[:, 2])
         return decay
-    model = _planar_model(reading, shape)
+    model = _table_1_model(reading, shape)
     chunks = range(0, len(points_m), _POINTS_PER_CHUNK)
     return np.concatenate(
         [
@@ -278,5 +280,5 @@ def _amplitudes(reading: Table1Reading, shape: tuple[int, int], points_m: FloatA
     )
 
 
-def _rms(values: Iterator[float]) -> float:
+def _table_1_rms(values: Iterator[float]) -> float:
     return math.sqrt(float(np.mean(np.square(list(values)))))

@@ -96,7 +96,9 @@ AUTD: Final = Preset(
 )
 
 
-def _of(layout: BoardLayout, source: str, count: str, *figures: PublishedFigure) -> Preset:
+def _preset_of_layout(
+    layout: BoardLayout, source: str, count: str, *figures: PublishedFigure
+) -> Preset:
     """Return a board of 4.5 mm pistons whose typical focus is 100 mm above its middle."""
 
     def build() -> AcousticModel:
@@ -125,12 +127,14 @@ _OFF_ORIGIN: Final = PublishedFigure(
     "2 mm from where SonicSurface's own program has it",
 )
 _ULTRAINO: Final = "A. Marzo et al., IEEE Trans. UFFC 65(1) (2018); github.com/asiermarzo/Ultraino"
-ULTRAINO: Final = _of(ULTRAINO_SONICSURFACE, _ULTRAINO, "256 (16 x 16)", _OFF_ORIGIN)
-FLAT8: Final = _of(ULTRAINO_FLAT8, _ULTRAINO, "64 (8 x 8)")
-INTERACTLAB: Final = _of(
+ULTRAINO: Final = _preset_of_layout(ULTRAINO_SONICSURFACE, _ULTRAINO, "256 (16 x 16)", _OFF_ORIGIN)
+FLAT8: Final = _preset_of_layout(ULTRAINO_FLAT8, _ULTRAINO, "64 (8 x 8)")
+INTERACTLAB: Final = _preset_of_layout(
     INTERACTLAB_LAYOUT, "github.com/RMResearch/OpenMPD_Hardware", "256 (16 x 16)"
 )
 TINYLEV: Final = dataclasses.replace(
-    _of(TINYLEV_LAYOUT, "A. Marzo et al., Rev. Sci. Instrum. 88, 085105 (2017)", "72"),
+    _preset_of_layout(
+        TINYLEV_LAYOUT, "A. Marzo et al., Rev. Sci. Instrum. 88, 085105 (2017)", "72"
+    ),
     focus_m=(0.0, 0.0, 0.02),
 )

@@ -10,7 +10,7 @@ from typing import Final
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.acoustics.model.boards.grids import autd_unit, autd_units
 from haptogram.errors import ConfigurationError
-from haptogram.published.paper.equations import PaperConstants, spot_eq9_corrected
+from haptogram.published.paper.equations import PaperConstants, paper_spot_eq9_corrected
 from haptogram.published.paper.hemisphere import paper_hemisphere
 from haptogram.published.presets.boards import (
     AUTD,
@@ -46,7 +46,7 @@ _FOUR_POINTS: Final = (
 )
 
 
-def _in_air(array: TransducerArray) -> AcousticModel:
+def _preset_in_air(array: TransducerArray) -> AcousticModel:
     return AcousticModel(array, Medium.air(), Transducer())
 
 
@@ -55,7 +55,7 @@ TACTILE_DISPLAY: Final = Preset(
     "18 x 18 airborne tactile display, reference [16] of the paper",
     _HOSHI,
     "324 transducers: abstract; 10 mm pitch and 200 mm focal distance: recollection",
-    lambda: _in_air(TransducerArray.grid(18, 18)),
+    lambda: _preset_in_air(TransducerArray.grid(18, 18)),
     (0.0, 0.0, 0.2),
     (
         published_element_count("324", _HOSHI),
@@ -100,7 +100,7 @@ TOUCH_SCREEN: Final = Preset(
     _PAPER + ", section 2",
     "assumed: one 249-element unit 200 mm behind an acoustically transparent screen; "
     "no source for the arrangement at hand",
-    lambda: _in_air(autd_unit()),
+    lambda: _preset_in_air(autd_unit()),
     (0.0, 0.0, _SCREEN_M + 0.020),
     (
         PublishedFigure(
@@ -139,7 +139,7 @@ LARGE_APERTURE: Final = Preset(
     "four-unit large-aperture array, after reference [17] of the paper",
     _HASEGAWA,
     "'four-unit array': abstract; 2 x 2 units of 249 elements edge to edge: assumed",
-    lambda: _in_air(autd_units(2, 2)),
+    lambda: _preset_in_air(autd_units(2, 2)),
     (0.0, 0.0, 0.6),
     (
         PublishedFigure(
@@ -166,7 +166,7 @@ MULTI_POINT: Final = Preset(
     "UltraHaptics: 16 x 20 multi-point system, reference [18] of the paper",
     "T. Carter et al., UIST 2013, doi 10.1145/2501988.2502018",
     "16 x 20 elements at a pitch of 10 mm: recollection",
-    lambda: _in_air(TransducerArray.grid(16, 20)),
+    lambda: _preset_in_air(TransducerArray.grid(16, 20)),
     (0.0, 0.0, 0.2),
     (
         published_element_count("320 (16 x 20)", "recollection"),
@@ -210,7 +210,7 @@ PAPER_ARRAY: Final = Preset(
             "w_f at r = 100 mm, equation (9)",
             "1.075e-3 m^1.5 as printed",
             _PAPER,
-            lambda _: 1e3 * spot_eq9_corrected(0.1, 256, PaperConstants()),
+            lambda _: 1e3 * paper_spot_eq9_corrected(0.1, 256, PaperConstants()),
             "mm",
             "as corrected",
         ),

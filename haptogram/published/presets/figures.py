@@ -112,7 +112,7 @@ def published_element_count(published: str, source: str) -> PublishedFigure:
     )
 
 
-def _focus_weights(model: AcousticModel, focus_m: Point) -> NDArray[np.complex128]:
+def _preset_focus_weights(model: AcousticModel, focus_m: Point) -> NDArray[np.complex128]:
     """Return full amplitude on every element, in phase at the focus."""
     weights: NDArray[np.complex128] = np.exp(1j * focus_phases(model, focus_m))
     return weights
@@ -120,14 +120,16 @@ def _focus_weights(model: AcousticModel, focus_m: Point) -> NDArray[np.complex12
 
 def published_force_mn(focus_m: Point) -> Callable[[AcousticModel], float]:
     """Return the force on a reflecting disc of 20 mm diameter at the focus, in mN."""
-    return lambda model: 1e3 * force_on_disc_n(model, _focus_weights(model, focus_m), focus_m)
+    return lambda model: (
+        1e3 * force_on_disc_n(model, _preset_focus_weights(model, focus_m), focus_m)
+    )
 
 
 def published_pressure_rms_pa(focus_m: Point) -> Callable[[AcousticModel], float]:
     """Return the RMS pressure at the focus, in Pa."""
 
     def compute(model: AcousticModel) -> float:
-        value = pressure(model, _focus_weights(model, focus_m), [focus_m])[0]
+        value = pressure(model, _preset_focus_weights(model, focus_m), [focus_m])[0]
         return math.sqrt(0.5) * abs(complex(value))
 
     return compute
@@ -148,7 +150,7 @@ def published_spot_mm(
 ) -> Callable[[AcousticModel], float]:
     """Return a measure of the focal spot, in mm."""
     return lambda model: (
-        1e3 * part(measure_spot(NumpyEngine(model), _focus_weights(model, focus_m), focus_m))
+        1e3 * part(measure_spot(NumpyEngine(model), _preset_focus_weights(model, focus_m), focus_m))
     )
 
 

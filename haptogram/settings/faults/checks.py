@@ -46,7 +46,7 @@ def check_fault_values(name: str, values: Mapping[str, float]) -> None:
     for key, value in values.items():
         if key not in PLACES or value != NOWHERE:
             _check_fault_value(name, key, value)
-    _check_place(name, values)
+    _check_fault_place(name, values)
 
 
 def _check_fault_value(name: str, key: str, value: float) -> None:
@@ -61,7 +61,7 @@ def _check_fault_value(name: str, key: str, value: float) -> None:
         raise ConfigurationError(f"{name} {key}={fault_number_text(value)}, must be a whole number")
 
 
-def _check_place(name: str, values: Mapping[str, float]) -> None:
+def _check_fault_place(name: str, values: Mapping[str, float]) -> None:
     if not is_transducer_fault(name):
         return
     said = [f"{place}={fault_number_text(values[place])}" for place in PLACES if values[place] >= 0]
@@ -84,7 +84,7 @@ def check_fault_direction(name: str, direction: str) -> None:
 def check_fault_window(name: str, from_ns: int, until_ns: int) -> None:
     """Refuse a time at which the fault could never be there."""
     if not 0 <= from_ns < FOR_EVER_NS:
-        raise _out_of_time(name, "from", fault_time_text(from_ns))
+        raise _fault_out_of_time(name, "from", fault_time_text(from_ns))
     if until_ns <= from_ns:
         times = f"from={fault_time_text(from_ns)} until={fault_time_text(until_ns)}"
         raise ConfigurationError(f"{name} {times}: until must be after {fault_time_text(from_ns)}")
@@ -116,11 +116,11 @@ def fault_time_ns(name: str, key: str, text: str) -> int:
         such_as = "must be a time such as 2s, 500ms, 10us"
         raise ConfigurationError(f"{name} {key}={text}: {such_as}") from error
     if not 0 <= t_ns < FOR_EVER_NS:
-        raise _out_of_time(name, key, text)
+        raise _fault_out_of_time(name, key, text)
     return t_ns
 
 
-def _out_of_time(name: str, key: str, text: str) -> ConfigurationError:
+def _fault_out_of_time(name: str, key: str, text: str) -> ConfigurationError:
     last = fault_time_text(FOR_EVER_NS // _UNITS_NS["s"] * _UNITS_NS["s"])
     return ConfigurationError(
         f"{name} {key}={text}: must not be before power-up (0s), nor after {last}"

@@ -32,64 +32,68 @@ class Parameter:
 Parameters: TypeAlias = Mapping[str, Parameter]
 
 
-def _chance(default: float) -> Parameter:
+def _fault_chance(default: float) -> Parameter:
     return Parameter(default, 0.0, 1.0)
 
 
-def _count(default: int, least: int, most: int) -> Parameter:
+def _fault_count(default: int, least: int, most: int) -> Parameter:
     return Parameter(default, least, most, whole=True)
 
 
-def _signed(default: float, most: float = 1e9) -> Parameter:
+def _signed_fault_value(default: float, most: float = 1e9) -> Parameter:
     return Parameter(default, -most, most)
 
 
 NOWHERE: Final = -1.0
 PLACES: Final = ("transducer", "column", "bank")
 _PLACE: Final = {name: Parameter(NOWHERE, 0, 65_535, whole=True) for name in PLACES}
-_CODE: Final = _count(0, 0, 255)
-_TURNED: Final = _count(64, 0, 255)
+_CODE: Final = _fault_count(0, 0, 255)
+_TURNED: Final = _fault_count(64, 0, 255)
 
 FAULT_KINDS: Final[Mapping[str, Parameters]] = MappingProxyType(
     {
-        "line.flip": {"ber": _chance(1e-5)},
-        "line.drop": {"p": _chance(1e-4)},
-        "line.insert": {"p": _chance(1e-4)},
-        "line.burst": {"p": _chance(1e-4), "bytes": _count(8, 1, 65_536)},
-        "line.duplicate": {"p": _chance(1e-2)},
-        "line.truncate": {"p": _chance(1e-2)},
-        "line.overrun": {"p": _chance(1e-2), "bytes": _count(16, 1, 65_536)},
-        "line.break": {"p": _chance(1e-3)},
-        "line.baud": {"ppm": _signed(60_000, 200_000)},
+        "line.flip": {"ber": _fault_chance(1e-5)},
+        "line.drop": {"p": _fault_chance(1e-4)},
+        "line.insert": {"p": _fault_chance(1e-4)},
+        "line.burst": {"p": _fault_chance(1e-4), "bytes": _fault_count(8, 1, 65_536)},
+        "line.duplicate": {"p": _fault_chance(1e-2)},
+        "line.truncate": {"p": _fault_chance(1e-2)},
+        "line.overrun": {"p": _fault_chance(1e-2), "bytes": _fault_count(16, 1, 65_536)},
+        "line.break": {"p": _fault_chance(1e-3)},
+        "line.baud": {"ppm": _signed_fault_value(60_000, 200_000)},
         "line.half_open": {},
         "line.disconnect": {"ms": Parameter(100, 1e-6)},
         "line.delay": {"us": Parameter(1000), "jitter_us": Parameter(0)},
-        "line.slice": {"bytes": _count(16, 1, 65_536), "gap_us": Parameter(1000)},
+        "line.slice": {"bytes": _fault_count(16, 1, 65_536), "gap_us": Parameter(1000)},
         "line.coalesce": {"us": Parameter(1000)},
         "line.batch": {"ms": Parameter(16)},
-        "frame.crc": {"p": _chance(1e-2)},
-        "frame.length": {"p": _chance(1e-2), "bytes": _count(1, -1024, 1024)},
-        "frame.sequence": {"p": _chance(1e-2), "by": _count(-1, -65_535, 65_535)},
-        "frame.session": {"p": _chance(1e-2), "by": _count(1, -65_535, 65_535)},
-        "frame.flags": {"p": _chance(1e-2), "bits": _count(0x80, 0, 255)},
-        "frame.type": {"p": _chance(1e-2), "type": _count(0x3F, 0, 255)},
-        "frame.past": {"p": _chance(1e-2), "us": Parameter(1e6)},
-        "frame.future": {"p": _chance(1e-2), "us": Parameter(20e6)},
-        "clock.offset": {"us": _signed(1000)},
+        "frame.crc": {"p": _fault_chance(1e-2)},
+        "frame.length": {"p": _fault_chance(1e-2), "bytes": _fault_count(1, -1024, 1024)},
+        "frame.sequence": {"p": _fault_chance(1e-2), "by": _fault_count(-1, -65_535, 65_535)},
+        "frame.session": {"p": _fault_chance(1e-2), "by": _fault_count(1, -65_535, 65_535)},
+        "frame.flags": {"p": _fault_chance(1e-2), "bits": _fault_count(0x80, 0, 255)},
+        "frame.type": {"p": _fault_chance(1e-2), "type": _fault_count(0x3F, 0, 255)},
+        "frame.past": {"p": _fault_chance(1e-2), "us": Parameter(1e6)},
+        "frame.future": {"p": _fault_chance(1e-2), "us": Parameter(20e6)},
+        "clock.offset": {"us": _signed_fault_value(1000)},
         "clock.wrap": {"us": Parameter(1e6, 0, 2**32 - 1)},
-        "clock.ppm": {"ppm": _signed(100, 999_999)},
+        "clock.ppm": {"ppm": _signed_fault_value(100, 999_999)},
         "clock.step": {"us": Parameter(1000)},
         "device.ok": _PLACE,
         "device.off": _PLACE,
         "device.dead": _PLACE,
         "device.stuck": {**_PLACE, "code": _CODE},
         "device.delayed": {**_PLACE, "code": _TURNED},
-        "device.intermittent": {**_PLACE, "p": _chance(0.5)},
+        "device.intermittent": {**_PLACE, "p": _fault_chance(0.5)},
         "device.garbage": _PLACE,
         "device.wrong": _PLACE,
         "device.slow": {**_PLACE, "us": Parameter(1000)},
-        "device.clock": {"p": _chance(1.0), "us": _signed(1000), "jitter_us": Parameter(0)},
-        "device.status": {"p": _chance(1.0)},
+        "device.clock": {
+            "p": _fault_chance(1.0),
+            "us": _signed_fault_value(1000),
+            "jitter_us": Parameter(0),
+        },
+        "device.status": {"p": _fault_chance(1.0)},
     }
 )
 

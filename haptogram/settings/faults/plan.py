@@ -63,9 +63,11 @@ class Fault:
         check_fault_values(self.name, self.values)
         check_fault_direction(self.name, self.direction)
         check_fault_window(self.name, self.from_ns, self.until_ns)
-        end_ns = _end_ns(self.name, self.values, self.from_ns)
+        end_ns = _fault_end_ns(self.name, self.values, self.from_ns)
         if self.name == _DISCONNECT and self.until_ns != end_ns and "ms" in self.non_default:
-            raise ConfigurationError(_twice(self.values["ms"], fault_time_text(self.until_ns)))
+            raise ConfigurationError(
+                _fault_ends_twice(self.values["ms"], fault_time_text(self.until_ns))
+            )
         object.__setattr__(self, "written", self.written or str(self))
 
     @classmethod
@@ -102,12 +104,12 @@ class Fault:
             for key, limits in FAULT_KINDS[name].items()
         }
         if name == _DISCONNECT and {"ms", "until"} <= texts.keys():
-            raise ConfigurationError(_twice(values["ms"], texts["until"]))
+            raise ConfigurationError(_fault_ends_twice(values["ms"], texts["until"]))
         times = {
             key: fault_time_ns(name, key, texts[key]) for key in ("from", "until") if key in texts
         }
         from_ns = times.get("from", 0)
-        until_ns = times.get("until", _end_ns(name, values, from_ns))
+        until_ns = times.get("until", _fault_end_ns(name, values, from_ns))
         direction = texts.get("direction", usual_fault_direction(name))
         return cls(name, values, from_ns, until_ns, direction, written)
 
@@ -123,14 +125,14 @@ class Fault:
             given["direction"] = self.direction
         if self.from_ns:
             given["from"] = fault_time_text(self.from_ns)
-        if self.until_ns != _end_ns(self.name, self.values, self.from_ns):
+        if self.until_ns != _fault_end_ns(self.name, self.values, self.from_ns):
             given["until"] = fault_time_text(self.until_ns)
         return given
 
     def __str__(self) -> str:
         """Return the shortest text that :meth:`parse` takes."""
         given = self.non_default.items()
-        return " ".join([self.name, *(f"{key}={_text(value)}" for key, value in given)])
+        return " ".join([self.name, *(f"{key}={_fault_value_text(value)}" for key, value in given)])
 
     def is_there(self, t_ns: int) -> bool:
         """Return True if the fault acts at *t_ns*."""
@@ -184,14 +186,16 @@ class FaultPlan:
         ConfigurationError
             If it is no TOML, or for what :meth:`Fault.parse` refuses.
         """
-        with _named("fault plan:"):
-            faults, own_seed = _from_toml(text)
+        with _named_fault_option("fault plan:"):
+            faults, own_seed = _fault_tables_from_toml(text)
         return cls(faults, seed if own_seed is None else own_seed)
 
     def as_toml(self) -> str:
         """Return the document that :meth:`from_toml` makes this plan of."""
         tables = (
-            "\n".join(["[[fault]]", *(f"{key} = {_toml(value)}" for key, value in items)])
+            "\n".join(
+                ["[[fault]]", *(f"{key} = {_fault_value_toml(value)}" for key, value in items)]
+            )
             for items in (
                 [("name", fault.name), *fault.non_default.items()] for fault in self.faults
             )
@@ -225,18 +229,18 @@ def read_faults(
     ConfigurationError
         If the file cannot be read, or a fault is refused.
     """
-    with _named("fault"):
+    with _named_fault_option("fault"):
         added = parse_faults(texts)
     if file is None:
         return added, None
     text = read_text(Path(file), "fault_plan")
-    with _named(f"fault_plan '{file}':"):
-        faults, seed = _from_toml(text)
+    with _named_fault_option(f"fault_plan '{file}':"):
+        faults, seed = _fault_tables_from_toml(text)
     return faults + added, seed
 
 
 @contextlib.contextmanager
-def _named(option: str) -> Iterator[None]:
+def _named_fault_option(option: str) -> Iterator[None]:
     """Begin the refusals of a fault with the option that holds it."""
     try:
         yield
@@ -244,7 +248,7 @@ def _named(option: str) -> Iterator[None]:
         raise ConfigurationError(f"{option} {error}") from error
 
 
-def _from_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
+def _fault_tables_from_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
     import tomllib  # not for --help
 
     try:
@@ -258,29 +262,29 @@ def _from_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
         raise ConfigurationError(f"seed = {seed}, must be 0 to {MOST_FAULT_SEED}")
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigurationError("must have tables [[fault]]")
-    return tuple(map(_from_table, tables)), seed
+    return tuple(map(_fault_from_table, tables)), seed
 
 
-def _end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
+def _fault_end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
     """Return the time at which a fault is over by itself, in ns."""
     return from_ns + round(values["ms"] * _NS_PER_MS) if name == _DISCONNECT else FOR_EVER_NS
 
 
-def _twice(ms: float, until: str) -> str:
+def _fault_ends_twice(ms: float, until: str) -> str:
     said = f"{_DISCONNECT} ms={fault_number_text(ms)} until={until}"
     return f"{said}: say either how long, or until when"
 
 
-def _from_table(table: dict[str, Any]) -> Fault:
+def _fault_from_table(table: dict[str, Any]) -> Fault:
     name = str(table.get("name", ""))
     # In one line, whatever a string of the document holds: so are the errors.
     words = {key: " ".join(str(value).split()) for key, value in table.items() if key != "name"}
     return Fault.of(name, words)
 
 
-def _text(value: float | str) -> str:
+def _fault_value_text(value: float | str) -> str:
     return value if isinstance(value, str) else fault_number_text(value)
 
 
-def _toml(value: float | str) -> str:
+def _fault_value_toml(value: float | str) -> str:
     return f'"{value}"' if isinstance(value, str) else fault_number_text(value)

@@ -140,7 +140,7 @@ def test_nothing_is_computed_before_every_point_was_looked_at(monkeypatch):
     def too_early(*_):
         raise AssertionError("work began")
 
-    monkeypatch.setattr(field_module, "_propagators", too_early)
+    monkeypatch.setattr(field_module, "_field_propagators", too_early)
     points = np.tile([0.0, 0.0, 0.1], (5000, 1))
     for last in ([0.0, 0.0, -0.1], [0.005, 0.005, 0.0002]):
         points[-1] = last

@@ -13,9 +13,9 @@ import pytest
 from haptogram.campaigns.soak import campaign
 from haptogram.campaigns.soak.account.tally import DAMAGE, VIOLATIONS, SoakTally
 from haptogram.campaigns.soak.campaign import Interrupted, SoakCampaign
-from haptogram.campaigns.soak.faults import KINDS
+from haptogram.campaigns.soak.line_damage import KINDS
 from haptogram.campaigns.soak.memory import GROWTH_LIMIT_BYTES, SoakMemory
-from haptogram.campaigns.soak.segment import run_segment
+from haptogram.campaigns.soak.segment import run_soak_segment
 from haptogram.campaigns.soak.setup import SoakSetup
 from haptogram.cli import board_without_a_line, main
 from haptogram.errors import ConfigurationError
@@ -29,7 +29,9 @@ SHORT = SoakSetup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_minutes=0.4
 
 def segment(mutant: str | None = None, *, seed: int = 0, seconds: float = 1.5) -> SoakTally:
     make = board_without_a_line(mutant)
-    return run_segment(make, seed=seed, number=0, seconds=seconds, start_s=0.0, fault_rate=0.05)
+    return run_soak_segment(
+        make, seed=seed, number=0, seconds=seconds, start_s=0.0, fault_rate=0.05
+    )
 
 
 # --- the account -------------------------------------------------------------------------------
@@ -78,7 +80,7 @@ def test_the_counters_of_the_board_are_the_sums_of_what_was_found(account: SoakT
 
 
 def test_a_line_without_faults_has_none() -> None:
-    quiet = run_segment(
+    quiet = run_soak_segment(
         board_without_a_line(None), seed=1, number=0, seconds=0.5, start_s=0, fault_rate=0.0
     )
     assert quiet.violations == {}
@@ -97,7 +99,7 @@ def test_an_account_comes_back_from_json(account: SoakTally) -> None:
 
 
 def test_the_course_adds_up_to_the_account() -> None:
-    tally = run_segment(
+    tally = run_soak_segment(
         board_without_a_line(None), seed=2, number=0, seconds=2.2, start_s=0.0, fault_rate=0.1
     )
     course = tally.course.values()
@@ -227,9 +229,9 @@ def interrupt_at(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(*arguments: Any, **options: Any) -> SoakTally:
         if options["number"] == number:
             raise KeyboardInterrupt
-        return run_segment(*arguments, **options)
+        return run_soak_segment(*arguments, **options)
 
-    monkeypatch.setattr(campaign, "run_segment", run)
+    monkeypatch.setattr(campaign, "run_soak_segment", run)
 
 
 def test_two_sittings_give_what_one_gives(

@@ -14,7 +14,7 @@ from haptogram.machine.files import (
     Kind,
     check_distinct_files,
     check_file_writable,
-    kind_of,
+    kind_of_file,
     write_file_atomically,
     write_json_file,
 )
@@ -110,19 +110,19 @@ def test_the_kind_is_that_of_what_a_path_leads_to(
     if is_link:
         (tmp_path / "link").symlink_to(path)
         path = tmp_path / "link"
-    assert kind_of(path) is kind
+    assert kind_of_file(path) is kind
 
 
 def test_what_is_not_there_yet_is_a_file(tmp_path: Path) -> None:
-    assert kind_of(tmp_path / "new") is Kind.FILE
+    assert kind_of_file(tmp_path / "new") is Kind.FILE
     (tmp_path / "link").symlink_to(tmp_path / "new")
-    assert kind_of(tmp_path / "link") is Kind.FILE
+    assert kind_of_file(tmp_path / "link") is Kind.FILE
 
 
 SHOW = (
     "import sys; from pathlib import Path; "
-    "from haptogram.machine.files import kind_of, write_file_atomically\n"
-    "for name in sys.argv[1:]: print(kind_of(Path(name)).value, file=sys.stderr)\n"
+    "from haptogram.machine.files import kind_of_file, write_file_atomically\n"
+    "for name in sys.argv[1:]: print(kind_of_file(Path(name)).value, file=sys.stderr)\n"
 )
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from haptogram.errors import ConfigurationError
-from haptogram.objects.mesh import round_trip_order
+from haptogram.objects.mesh import round_trip_over_mesh
 from haptogram.objects.shapes import MeshSurface
 
 DATA = Path(__file__).parents[2] / "data"
@@ -110,19 +110,19 @@ def test_every_body_is_joined_to_the_nearest_one():
     clusters = [np.add(rng.uniform(-0.5, 0.5, (30, 3)), (10.0 * n, 0, 0)) for n in range(5)]
     points = np.concatenate(clusters)
     # Were all joined to the first one, a step would go from the last to it, 40 away.
-    assert steps_of(points[round_trip_order(points)]).max() < 25.0
+    assert steps_of(points[round_trip_over_mesh(points)]).max() < 25.0
 
 
 @given(st.integers(1, 60), st.integers(0, 2**32 - 1))
 def test_the_way_round_visits_every_point_once(count, seed):
     points = np.random.default_rng(seed).normal(size=(count, 3))
-    assert sorted(round_trip_order(points)) == list(range(count))
+    assert sorted(round_trip_over_mesh(points)) == list(range(count))
 
 
 @given(st.integers(3, 200))
 def test_a_row_of_points_is_walked_out_and_back(count):
     row = np.outer(np.arange(count), (1.0, 0.0, 0.0))
-    assert steps_of(row[round_trip_order(row)]).max() <= 3.0
+    assert steps_of(row[round_trip_over_mesh(row)]).max() <= 3.0
 
 
 def test_the_way_round_begins_at_the_lowest_point():

@@ -51,8 +51,8 @@ def test_the_unit_of_an_equation_differs_only_where_a_fault_of_dimension_is_name
 
 
 def test_equations_3_and_6_contradict_each_other():
-    printed = eq.attenuation_eq3_printed(0.1, CONSTANTS)
-    right = eq.attenuation_eq6(0.1, CONSTANTS)
+    printed = eq.paper_attenuation_eq3_printed(0.1, CONSTANTS)
+    right = eq.paper_attenuation_eq6(0.1, CONSTANTS)
     assert (printed, right) == (pytest.approx(0.9773, abs=1e-4), pytest.approx(0.9886, abs=1e-4))
     assert printed == pytest.approx(right**2)
 
@@ -65,7 +65,7 @@ def pressure_eq7_printed(positions, phases_rad, point):
     """P of equation (7) at t = 0, in Pa; zero phases give the equation to the letter."""
     distance = np.linalg.norm(point - positions, axis=1)
     phasors = np.exp(1j * (CONSTANTS.wavenumber * distance + phases_rad))
-    level = math.sqrt(2.0) * CONSTANTS.pressure_pa * eq.attenuation_eq6(point[2], CONSTANTS)
+    level = math.sqrt(2.0) * CONSTANTS.pressure_pa * eq.paper_attenuation_eq6(point[2], CONSTANTS)
     return level * phasors.sum()
 
 
@@ -84,7 +84,10 @@ def test_equation_7_to_the_letter_does_not_focus():
 
 
 def test_equation_8_scales_with_the_cube_of_the_pressure_and_the_corrected_one_with_its_square():
-    for law, power, length in ((eq.force_eq8_printed, 3, 3), (eq.force_eq8_corrected, 2, 2)):
+    for law, power, length in (
+        (eq.paper_force_eq8_printed, 3, 3),
+        (eq.paper_force_eq8_corrected, 2, 2),
+    ):
         once = law(10.0, 1e-3, CONSTANTS)
         assert law(20.0, 1e-3, CONSTANTS) == pytest.approx(2**power * once)
         assert law(10.0, 2e-3, CONSTANTS) == pytest.approx(2**length * once)
@@ -92,17 +95,17 @@ def test_equation_8_scales_with_the_cube_of_the_pressure_and_the_corrected_one_w
 
 def test_the_printed_constants_cannot_give_millinewtons():
     pressure_pa = 3.07
-    assert eq.force_eq8_printed(pressure_pa, 1e-3, CONSTANTS) < 1e-12
-    assert eq.force_eq8_corrected(pressure_pa, 1e-3, CONSTANTS) < 1e-9
+    assert eq.paper_force_eq8_printed(pressure_pa, 1e-3, CONSTANTS) < 1e-12
+    assert eq.paper_force_eq8_corrected(pressure_pa, 1e-3, CONSTANTS) < 1e-9
 
 
 def test_equation_9_has_the_wrong_power_of_length():
     doubled = PaperConstants(wavenumber=CONSTANTS.wavenumber / 2, pitch_m=0.02)
-    for law, power in ((eq.spot_eq9_printed, 1.5), (eq.spot_eq9_corrected, 1.0)):
+    for law, power in ((eq.paper_spot_eq9_printed, 1.5), (eq.paper_spot_eq9_corrected, 1.0)):
         once = law(0.1, 256, CONSTANTS)
         assert law(0.2, 256, doubled) == pytest.approx(2**power * once)
-    assert eq.spot_eq9_printed(0.1, 256, CONSTANTS) == pytest.approx(1.075e-3, rel=1e-3)
-    assert eq.spot_eq9_corrected(0.1, 256, CONSTANTS) == pytest.approx(10.75e-3, rel=1e-3)
+    assert eq.paper_spot_eq9_printed(0.1, 256, CONSTANTS) == pytest.approx(1.075e-3, rel=1e-3)
+    assert eq.paper_spot_eq9_corrected(0.1, 256, CONSTANTS) == pytest.approx(10.75e-3, rel=1e-3)
 
 
 @pytest.mark.parametrize("resolution_m", [0.020, 0.010, 0.005])

@@ -33,11 +33,11 @@ def load_kernels() -> ModuleType | None:
     except RuntimeError as error:  # what numba raises if it can write to none of its folders
         if "cannot cache" not in str(error):
             raise
-        vars(numba.config)["CACHE_DIR"] = str(_temporary_cache())
+        vars(numba.config)["CACHE_DIR"] = str(_temporary_kernel_cache())
         return import_module(_KERNELS)
 
 
-def _temporary_cache() -> Path:
+def _temporary_kernel_cache() -> Path:
     """Return a folder that only this user can write to: what lies in it will be executed."""
     folder = Path(tempfile.gettempdir()) / f"haptogram-numba-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)

@@ -48,7 +48,7 @@ def choose_engine(model: AcousticModel, *, prefer: Preference = "auto") -> Field
         return NumbaEngine(model)
     if prefer != "auto":
         raise ConfigurationError(f"engine is {prefer!r}, must be auto, numpy, numpy32 or numba")
-    kind, why = _fastest(model)
+    kind, why = _fastest_engine(model)
     if why is not None:
         _log.info("%s", why)
     return kind(model)
@@ -56,10 +56,10 @@ def choose_engine(model: AcousticModel, *, prefer: Preference = "auto") -> Field
 
 def why_not_compiled(model: AcousticModel) -> str | None:
     """Return the line that says which engine serves *model* and why, if it is not compiled."""
-    return _fastest(model)[1]
+    return _fastest_engine(model)[1]
 
 
-def _fastest(model: AcousticModel) -> tuple[type[NumpyEngine | SingleEngine], str | None]:
+def _fastest_engine(model: AcousticModel) -> tuple[type[NumpyEngine | SingleEngine], str | None]:
     fastest = Numpy32Engine if load_kernels() is None else NumbaEngine
     reason = fastest.why_not(model)
     if reason is not None:

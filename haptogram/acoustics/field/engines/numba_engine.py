@@ -77,7 +77,7 @@ class NumbaEngine(SingleEngine):
         usable, refused = np.empty(len(points), dtype=np.bool_), 0
         for part in memory_chunks(len(points), CALL_POINTS):
             refused += self._kernels.usable_points_kernel(
-                _writeable(points[part]),
+                _writeable_for_engine(points[part]),
                 self._layout.positions_m,
                 self._fronts,
                 self._bounds,
@@ -90,9 +90,9 @@ class NumbaEngine(SingleEngine):
     def _one_drive(
         self, drive: ComplexArray, points: FloatArray, careful: bool, result: ComplexArray
     ) -> None:
-        layout, points = self._layout, _writeable(points)
+        layout, points = self._layout, _writeable_for_engine(points)
         polar = np.empty((2, len(drive)), dtype=np.float32)
-        self._kernels.polar_form_kernel(_writeable(drive), polar)
+        self._kernels.polar_form_kernel(_writeable_for_engine(drive), polar)
         if layout.lattice is None:
             self._kernels.free_pressure_kernel(
                 points, layout.frame, layout.constants, careful, self._gain, layout.elements, polar,
@@ -105,7 +105,7 @@ class NumbaEngine(SingleEngine):
             )  # fmt: skip
 
     def _waves(self, points: FloatArray) -> SingleArray:
-        layout, points = self._layout, _writeable(points)
+        layout, points = self._layout, _writeable_for_engine(points)
         size = (len(points) + 15) // 16 * 16
         waves = np.empty((2, self._model.array.count, size), dtype=np.float32)
         if layout.lattice is None:
@@ -120,6 +120,6 @@ class NumbaEngine(SingleEngine):
         return waves[:, :, : len(points)]
 
 
-def _writeable(values: NDArray[_T]) -> NDArray[_T]:
+def _writeable_for_engine(values: NDArray[_T]) -> NDArray[_T]:
     """Return *values*, copied if read-only: to the compiler that would be another type."""
     return values if values.flags.writeable and values.flags.c_contiguous else values.copy()

@@ -128,7 +128,7 @@ class SingleEngine(ABC):
         shape = (*drives.shape[:-1], len(points))
         check_array_memory("a field", shape, 16)
         radiated = self._model.radiated(drives)
-        many = _effective_count(radiated) >= _MANY
+        many = _effective_drive_count(radiated) >= _MANY
         usable = self._usable(points, self._reach_of_many_m if many else self._reach_of_few_m)
         if usable is None:
             return self._fast(radiated, points, careful=not many)
@@ -174,7 +174,7 @@ class SingleEngine(ABC):
             for part in memory_chunks(len(points), CALL_POINTS):
                 self._one_drive(drives, points[part], careful, result[part])
             return result
-        matrix = _real_form(drives)
+        matrix = _real_form_of_drives(drives)
         count = len(drives)
         for part in memory_chunks(len(points), self._wave_points):
             waves = self._waves(points[part])
@@ -203,7 +203,7 @@ class SingleEngine(ABC):
         """Return the (2, N, M) real and imaginary parts of the propagators."""
 
 
-def _effective_count(drives: ComplexArray) -> float:
+def _effective_drive_count(drives: ComplexArray) -> float:
     """Return the number of elements that share the work, in the drive where they are fewest."""
     square = drives.real**2 + drives.imag**2  # half the time of abs()
     level = np.sqrt(square)
@@ -213,7 +213,7 @@ def _effective_count(drives: ComplexArray) -> float:
     return float((level.sum(axis=1) ** 2 / power).min(initial=math.inf))
 
 
-def _real_form(drives: ComplexArray) -> SingleArray:
+def _real_form_of_drives(drives: ComplexArray) -> SingleArray:
     """Return the (2F, 2N) real matrix that does to (real, imaginary) what *drives* do."""
     real, imaginary = drives.real, drives.imag
     return as_single_precision(np.block([[real, -imaginary], [imaginary, real]]))

@@ -20,12 +20,12 @@ def tinylev() -> TransducerArray:
 
     Its middle, where all elements look, is the origin.
     """
-    lower = np.array([_place(count, n) for count in _RINGS for n in range(count)])
+    lower = np.array([_bowl_place(count, n) for count in _RINGS for n in range(count)])
     positions = np.concatenate([lower, lower * np.array([1.0, 1.0, -1.0])])
     return TransducerArray.from_positions(positions, -positions)
 
 
-def _place(count: int, n: int) -> tuple[float, float, float]:
+def _bowl_place(count: int, n: int) -> tuple[float, float, float]:
     """Return element *n* of a ring of *count* that touch, on the lower bowl."""
     ring_m = count * _ELEMENT_M / (2.0 * math.pi)
     turn = 2.0 * math.pi * n / count

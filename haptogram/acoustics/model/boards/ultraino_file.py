@@ -71,17 +71,17 @@ def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArra
         number that is not whole.
     """
     try:
-        root = _Reader().read(_bytes_of(path))
-        found = _transducers(root)
-        numbers = [_number(transducer, number) for transducer in found]
+        root = _UltrainoReader().read(_ultraino_bytes_of(path))
+        found = _ultraino_transducers(root)
+        numbers = [_ultraino_number(transducer, number) for transducer in found]
         order = sorted(range(len(found)), key=numbers.__getitem__)
         if len(set(numbers)) < len(numbers):
             raise ConfigurationError(f"two transducers have the same {number}")
-        transforms = [_part(found[n], "transform") for n in order]
+        transforms = [_ultraino_part(found[n], "transform") for n in order]
         turn = np.array(Y_UP)
-        places = np.array([_place(transform) for transform in transforms]) @ turn.T
-        normals = np.array([_direction(transform) for transform in transforms]) @ turn.T
-        corrections = [math.pi * _value(found[n], "phaseCorrection") for n in order]
+        places = np.array([_ultraino_place(transform) for transform in transforms]) @ turn.T
+        normals = np.array([_ultraino_direction(transform) for transform in transforms]) @ turn.T
+        corrections = [math.pi * _ultraino_value(found[n], "phaseCorrection") for n in order]
         return UltrainoArray(
             TransducerArray(places, normals),
             tuple(numbers[n] for n in order),
@@ -94,7 +94,7 @@ def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArra
 
 
 @dataclass(eq=False)
-class _Built:
+class _UltrainoObject:
     """An object of the file: its properties and public fields, and what was added to it."""
 
     values: dict[str, Any] = field(default_factory=dict)
@@ -102,7 +102,7 @@ class _Built:
 
     def part(self, name: str) -> Any:
         """Return a part; a getter gives an object to be filled where none was set."""
-        return self.values.setdefault(name, _Built())
+        return self.values.setdefault(name, _UltrainoObject())
 
 
 @dataclass
@@ -118,7 +118,7 @@ class _Element:
     value: Any = None
 
 
-class _Reader:
+class _UltrainoReader:
     """Carries out the calls of a file, one element after the other."""
 
     def __init__(self) -> None:
@@ -130,7 +130,7 @@ class _Reader:
     def read(self, data: bytes) -> Any:
         """Return the first object of the file, when all calls are done."""
         parser = xml.parsers.expat.ParserCreate()
-        parser.StartDoctypeDeclHandler = _refuse_doctype
+        parser.StartDoctypeDeclHandler = _refuse_ultraino_doctype
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
         parser.CharacterDataHandler = self._characters
@@ -169,7 +169,7 @@ class _Reader:
     def _call(self, element: _Element) -> Any:
         attributes, arguments = element.attributes, element.arguments
         if element.tag in _NUMBERS:
-            return _as_number("".join(element.text))
+            return _as_ultraino_number("".join(element.text))
         if element.tag in _TEXTS:
             return "".join(element.text)
         if element.tag not in ("object", "void") or "index" in attributes:
@@ -178,19 +178,19 @@ class _Reader:
             return self._value_of(named)
         if "class" in attributes:
             is_field = attributes.get("method") == "getField"
-            return arguments[0] if is_field and arguments else _Built()
+            return arguments[0] if is_field and arguments else _UltrainoObject()
         parent = element.parent
-        return _carry_out(attributes, arguments, parent and self._value_of(parent))
+        return _carry_out_ultraino_call(attributes, arguments, parent and self._value_of(parent))
 
 
-def _carry_out(attributes: dict[str, str], arguments: list[Any], target: Any) -> Any:
+def _carry_out_ultraino_call(attributes: dict[str, str], arguments: list[Any], target: Any) -> Any:
     """Return the result of a call on *target*: an object, or the name of a public field."""
     method = attributes.get("method")
-    if isinstance(target, str) and arguments and isinstance(arguments[0], _Built):
+    if isinstance(target, str) and arguments and isinstance(arguments[0], _UltrainoObject):
         if method == "set" and len(arguments) == 2:
             arguments[0].values[target] = arguments[1]
         return arguments[0].part(target) if method == "get" else None
-    if not isinstance(target, _Built):
+    if not isinstance(target, _UltrainoObject):
         return None
     if (name := attributes.get("property", attributes.get("field"))) is not None:
         if not arguments:
@@ -201,11 +201,11 @@ def _carry_out(attributes: dict[str, str], arguments: list[Any], target: Any) ->
     return None
 
 
-def _refuse_doctype(*_: object) -> None:
+def _refuse_ultraino_doctype(*_: object) -> None:
     raise ConfigurationError("a document type, and so maybe entities: such a file is not read")
 
 
-def _bytes_of(path: Path) -> bytes:
+def _ultraino_bytes_of(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
             is_packed = file.read(len(_GZIP)) == _GZIP
@@ -221,9 +221,9 @@ def _bytes_of(path: Path) -> bytes:
     return data
 
 
-def _transducers(root: Any) -> list[_Built]:
-    listed = root.part(_TRANSDUCERS).items if isinstance(root, _Built) else []
-    found = [item for item in listed if isinstance(item, _Built)]
+def _ultraino_transducers(root: Any) -> list[_UltrainoObject]:
+    listed = root.part(_TRANSDUCERS).items if isinstance(root, _UltrainoObject) else []
+    found = [item for item in listed if isinstance(item, _UltrainoObject)]
     if not 1 <= len(found) <= MAX_TRANSDUCERS:
         raise ConfigurationError(
             f"{len(found)} transducers; an array file of Ultraino holds 1 to {MAX_TRANSDUCERS}"
@@ -231,41 +231,41 @@ def _transducers(root: Any) -> list[_Built]:
     return found
 
 
-def _part(built: _Built, *names: str) -> _Built:
+def _ultraino_part(built: _UltrainoObject, *names: str) -> _UltrainoObject:
     """Return the part with one of *names*; an empty one, with Java's defaults, if it has none."""
     parts = (built.values.get(name) for name in names)
-    return next((part for part in parts if isinstance(part, _Built)), _Built())
+    return next((part for part in parts if isinstance(part, _UltrainoObject)), _UltrainoObject())
 
 
-def _value(built: _Built, name: str, default: float = 0.0) -> float:
+def _ultraino_value(built: _UltrainoObject, name: str, default: float = 0.0) -> float:
     value = built.values.get(name, default)
     if not isinstance(value, float) or not math.isfinite(value):
         raise ConfigurationError(f"{name} is no finite number")
     return value
 
 
-def _number(transducer: _Built, name: str) -> int:
-    value = _value(transducer, name)
+def _ultraino_number(transducer: _UltrainoObject, name: str) -> int:
+    value = _ultraino_value(transducer, name)
     if value != round(value) or value < 0:
         raise ConfigurationError(f"{name} is {value:g}, must be a whole number from 0 on")
     return int(value)
 
 
-def _as_number(text: str) -> float:
+def _as_ultraino_number(text: str) -> float:
     try:
         return float(text)
     except ValueError as error:
         raise ConfigurationError(f"{text[:40]!r} is no number") from error
 
 
-def _place(transform: _Built) -> list[float]:
-    translation = _part(transform, "translation")
-    return [_value(translation, axis) for axis in "xyz"]
+def _ultraino_place(transform: _UltrainoObject) -> list[float]:
+    translation = _ultraino_part(transform, "translation")
+    return [_ultraino_value(translation, axis) for axis in "xyz"]
 
 
-def _direction(transform: _Built) -> list[float]:
+def _ultraino_direction(transform: _UltrainoObject) -> list[float]:
     """Return the direction of the transducer's own +y: q (0, 1, 0) q*."""
-    rotation = _part(transform, "rotation", "rot")
-    x, y, z = (_value(rotation, axis) for axis in "xyz")
-    w = _value(rotation, "w", 1.0)
+    rotation = _ultraino_part(transform, "rotation", "rot")
+    x, y, z = (_ultraino_value(rotation, axis) for axis in "xyz")
+    w = _ultraino_value(rotation, "w", 1.0)
     return [2 * (x * y - z * w), w * w - x * x + y * y - z * z, 2 * (y * z + x * w)]

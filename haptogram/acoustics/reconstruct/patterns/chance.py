@@ -11,7 +11,7 @@ import math
 from typing import Final
 
 from haptogram.acoustics.reconstruct.patterns.explain import Explanation
-from haptogram.acoustics.reconstruct.patterns.fit import rms_of_residuals
+from haptogram.acoustics.reconstruct.patterns.fit import pattern_residual_rms
 from haptogram.acoustics.reconstruct.patterns.search import MAX_CHARGE
 
 _CERTAIN: Final = math.log(1e-4)  # of a chance that is taken for none
@@ -32,7 +32,7 @@ def is_beyond_chance(found: Explanation, step_rad: float) -> bool:
     elif found.charge:
         unknowns, choices = unknowns + _VORTEX, 2 * MAX_CHARGE
     count, used = found.used.size, int(found.used.sum())
-    rms_rad = rms_of_residuals(found.fit.residual_rad[found.used])
+    rms_rad = pattern_residual_rms(found.fit.residual_rad[found.used])
     if step_rad > _COARSE_RAD:
         rounded_rad = step_rad / math.sqrt(12.0) * (1.0 + _SPREAD / math.sqrt(count))
         if unknowns != _FOCUS or used < count or rms_rad > rounded_rad:

@@ -21,14 +21,14 @@ from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.chance import is_beyond_chance
 from haptogram.acoustics.reconstruct.patterns.explain import (
     Explanation,
-    explain_turning,
-    explain_twin,
+    explain_turning_pattern,
+    explain_twin_trap,
 )
 from haptogram.acoustics.reconstruct.patterns.fit import (
     PatternPhases,
     fit_pattern_point,
     pattern_place_uncertainty,
-    rms_of_residuals,
+    pattern_residual_rms,
 )
 from haptogram.acoustics.reconstruct.patterns.found import (
     Off,
@@ -41,7 +41,7 @@ from haptogram.acoustics.reconstruct.patterns.found import (
     Vortex,
 )
 from haptogram.acoustics.reconstruct.patterns.search import PatternSearch, Start, array_sides
-from haptogram.acoustics.reconstruct.patterns.several import find_foci
+from haptogram.acoustics.reconstruct.patterns.several import find_foci_pattern
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole
@@ -164,7 +164,7 @@ class PatternClassifier:
         if explained is not None:
             return self._as_pattern(explained, drive, active, phases)
         search = self._search_for(active)
-        return find_foci(self._model, drive, active, search.loudest, self._step_rad)
+        return find_foci_pattern(self._model, drive, active, search.loudest, self._step_rad)
 
     def _near_the_last(self, phases: PatternPhases) -> Explanation | None:
         """Return a pattern like the last one near its place, if it explains all elements."""
@@ -174,11 +174,13 @@ class PatternClassifier:
         place, limit_rad = last.fit.position_m, self._limit_rad
         if last.normal is None:
             axis = last.fit.axis_m if last.charge else None
-            found = explain_turning(
+            found = explain_turning_pattern(
                 phases, place, limit_rad, charge=last.charge, axis_m=axis, near=True
             )
         elif len(last.added_rad) == len(phases.phases_rad):
-            found = explain_turning(phases.turned(last.added_rad), place, limit_rad, near=True)
+            found = explain_turning_pattern(
+                phases.turned(last.added_rad), place, limit_rad, near=True
+            )
             if found is not None:
                 found = replace(found, added_rad=last.added_rad, normal=last.normal)
         else:
@@ -205,7 +207,7 @@ class PatternClassifier:
         in_bowl = search.focus_of_bowl(arrivals)
         for place in [*places, *([] if in_bowl is None else [in_bowl])]:
             local = self._model.array.local_m(place[None])[0]
-            found = explain_turning(phases, local, self._limit_rad, near=True)
+            found = explain_turning_pattern(phases, local, self._limit_rad, near=True)
             if found is not None and found.used.mean() >= _SUFFICES:
                 found = self._proven(phases, found)
                 if found is not None:
@@ -234,9 +236,9 @@ class PatternClassifier:
         axis = place[:2] if start.below else search.middle_m
         side, limit_rad = search.side[active], self._limit_rad
         if start.charge is None:
-            found = explain_twin(phases, place, limit_rad, axis, start.turn_rad, side)
+            found = explain_twin_trap(phases, place, limit_rad, axis, start.turn_rad, side)
         else:
-            found = explain_turning(
+            found = explain_turning_pattern(
                 phases, place, limit_rad, charge=start.charge, axis_m=axis, side=side
             )
         return None if found is None else self._proven(phases, found)
@@ -252,7 +254,7 @@ class PatternClassifier:
         """Return a focus for a vortex whose axis went so far away that nothing turns."""
         if not found.charge:
             return found
-        focus = explain_turning(phases, found.fit.position_m, self._limit_rad, near=True)
+        focus = explain_turning_pattern(phases, found.fit.position_m, self._limit_rad, near=True)
         if focus is None or focus.used.sum() < found.used.sum() or not self._is_usable(focus):
             return found
         return focus
@@ -279,10 +281,10 @@ class PatternClassifier:
         place = self._model.array.world_m(local)
         pressure, coherence = self._arrival(drive * np.exp(-1j * turn), place)
         common: dict[str, Any] = {
-            "position_m": _vector(place),
+            "position_m": _pattern_vector(place),
             "std_m": self._in_world(std),
             "bound_m": self._in_world(bound),
-            "residual_rms_rad": rms_of_residuals(found.fit.residual_rad[found.used]),
+            "residual_rms_rad": pattern_residual_rms(found.fit.residual_rad[found.used]),
             "coherence": coherence,
             "pressure_rms_pa": pressure,
             "speed_share": -found.fit.speed_share,
@@ -290,19 +292,19 @@ class PatternClassifier:
             "outlier_rad": tuple(float(off) for off in found.fit.residual_rad[~found.used]),
         }
         if found.normal is not None:
-            return TwinTrap(**common, normal=_vector(found.normal @ self._model.array.axes))
+            return TwinTrap(**common, normal=_pattern_vector(found.normal @ self._model.array.axes))
         if found.charge:
             axis = self._model.array.world_m(np.append(found.fit.axis_m, 0.0))
-            return Vortex(**common, charge=found.charge, axis_m=_vector(axis))
+            return Vortex(**common, charge=found.charge, axis_m=_pattern_vector(axis))
         return OneFocus(**common)
 
     def _in_world(self, spread: FloatArray) -> Vector:
         """Return a spread along the array's axes along those of the world."""
         if np.isfinite(spread).all():
-            return _vector(np.abs(spread @ np.abs(self._model.array.axes)))
+            return _pattern_vector(np.abs(spread @ np.abs(self._model.array.axes)))
         lost = (np.abs(self._model.array.axes[~np.isfinite(spread)]) > 1e-6).any(axis=0)
         seen = np.where(np.isfinite(spread), spread, 0.0) @ np.abs(self._model.array.axes)
-        return _vector(np.where(lost, np.inf, seen))
+        return _pattern_vector(np.where(lost, np.inf, seen))
 
     def _arrival(self, drive: ComplexArray, place: FloatArray) -> tuple[float, float]:
         """Return the RMS pressure and the coherence at a point."""
@@ -315,9 +317,9 @@ class PatternClassifier:
 
     def _unnamed(self, drive: ComplexArray, active: BoolArray) -> Unnamed:
         loudest = self._search_for(active).loudest(drive, 1)[0]
-        return Unnamed(_vector(loudest), self._arrival(drive, loudest)[1])
+        return Unnamed(_pattern_vector(loudest), self._arrival(drive, loudest)[1])
 
 
-def _vector(values: FloatArray) -> Vector:
+def _pattern_vector(values: FloatArray) -> Vector:
     x, y, z = (float(value) for value in values)
     return x, y, z

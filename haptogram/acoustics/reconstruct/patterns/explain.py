@@ -11,9 +11,9 @@ from haptogram.acoustics.arrays import BoolArray, FloatArray
 from haptogram.acoustics.reconstruct.patterns.fit import (
     PatternPhases,
     PointFit,
-    element_azimuths,
     fit_pattern_point,
-    rms_of_residuals,
+    pattern_azimuths,
+    pattern_residual_rms,
 )
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
@@ -57,7 +57,7 @@ class Explanation:
     normal: FloatArray | None = None
 
 
-def explain_turning(
+def explain_turning_pattern(
     phases: PatternPhases,
     start_m: FloatArray,
     limit_rad: float,
@@ -84,7 +84,7 @@ def explain_turning(
     near : bool
         Whether the start is so near that no wide beam is needed.
     """
-    start = start_m if near else _widened(phases, start_m, charge, axis_m, side)
+    start = start_m if near else _widened_pattern_fit(phases, start_m, charge, axis_m, side)
     if start is None:
         return None
     free = charge != 0
@@ -106,23 +106,26 @@ def explain_turning(
     used = np.ones(len(phases.phases_rad), dtype=np.bool_)
     point = refit(phases, first)
     for _ in range(_TRIM_ROUNDS):
-        residual, added = _residual_of_all(phases, point, used, charge)
-        if rms_of_residuals(residual[used]) <= limit_rad and abs(point.speed_share) <= _MOST_SPEED:
+        residual, added = _pattern_residual_of_all(phases, point, used, charge)
+        if (
+            pattern_residual_rms(residual[used]) <= limit_rad
+            and abs(point.speed_share) <= _MOST_SPEED
+        ):
             used = np.abs(residual) <= 2.0 * limit_rad
             if used.mean() < 1.0 - MOST_OUTLIERS:
                 return None
-            return Explanation(charge, _with(point, residual), used, added)
+            return Explanation(charge, _pattern_with_residual(point, residual), used, added)
         deviation = np.abs(residual)
         used = deviation <= max(2.0 * limit_rad, 3.0 * float(np.median(deviation)))
         if used.mean() < 1.0 - MOST_OUTLIERS or (
-            used.all() and rms_of_residuals(residual) > limit_rad
+            used.all() and pattern_residual_rms(residual) > limit_rad
         ):
             return None
         point = refit(phases.part(used), point)
     return None
 
 
-def explain_twin(
+def explain_twin_trap(
     phases: PatternPhases,
     start_m: FloatArray,
     limit_rad: float,
@@ -144,7 +147,7 @@ def explain_twin(
     position = start_m
     for _ in range(_TWIN_ROUNDS):
         turned = phases.turned(np.where(flipped, np.pi, 0.0))
-        found = _widened(turned, position, 0, None, side)
+        found = _widened_pattern_fit(turned, position, 0, None, side)
         if found is None:
             return None
         position = found
@@ -152,21 +155,23 @@ def explain_twin(
             phases.positions_m, 2.0 * phases.phases_rad, 2.0 * phases.wavenumber
         )
         point = fit_pattern_point(doubled, position)
-        again = _halves(phases, point.position_m)
+        again = _twin_trap_halves(phases, point.position_m)
         if np.array_equal(again, flipped) or np.array_equal(~again, flipped):
             break
         flipped, position = again, point.position_m
-    normal = split_normal(phases.positions_m, again)
+    normal = twin_trap_normal(phases.positions_m, again)
     if normal is None:
         return None
     added = np.where(again, np.pi, 0.0)
-    found_point = explain_turning(phases.turned(added), point.position_m, limit_rad, near=True)
+    found_point = explain_turning_pattern(
+        phases.turned(added), point.position_m, limit_rad, near=True
+    )
     if found_point is None:
         return None
     return Explanation(0, found_point.fit, found_point.used, added, normal)
 
 
-def _widened(
+def _widened_pattern_fit(
     phases: PatternPhases,
     start_m: FloatArray,
     charge: int,
@@ -179,8 +184,8 @@ def _widened(
     alternate every half of a wavelength, so several heights are tried for both.
     """
     if side is None or side.all():
-        return _by_more_and_more(phases, start_m, charge, axis_m)
-    place = _by_more_and_more(phases.part(side), start_m, charge, axis_m)
+        return _pattern_by_more_elements(phases, start_m, charge, axis_m)
+    place = _pattern_by_more_elements(phases.part(side), start_m, charge, axis_m)
     if place is None:
         return None
     apart = np.array([0.0, 0.0, _STANDING * 2.0 * np.pi / phases.wavenumber])
@@ -190,7 +195,7 @@ def _widened(
     return min(fits, key=lambda fit: fit.rms_rad).position_m
 
 
-def _by_more_and_more(
+def _pattern_by_more_elements(
     phases: PatternPhases, start_m: FloatArray, charge: int, axis_m: FloatArray | None
 ) -> FloatArray | None:
     distance = np.linalg.norm(phases.positions_m - phases.positions_m.mean(axis=0), axis=1)
@@ -206,13 +211,13 @@ def _by_more_and_more(
     return position
 
 
-def _residual_of_all(
+def _pattern_residual_of_all(
     phases: PatternPhases, point: PointFit, used: BoolArray, charge: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the residual of every element, and what the pattern adds to a focus."""
     distance = np.linalg.norm(point.position_m - phases.positions_m, axis=1)
     added = (
-        charge * element_azimuths(phases.positions_m, point.axis_m)
+        charge * pattern_azimuths(phases.positions_m, point.axis_m)
         if charge
         else np.zeros(len(used))
     )
@@ -222,11 +227,11 @@ def _residual_of_all(
     return wrapped_phases(residual - residual[used].mean()), added
 
 
-def _with(point: PointFit, residual: FloatArray) -> PointFit:
+def _pattern_with_residual(point: PointFit, residual: FloatArray) -> PointFit:
     return PointFit(point.position_m, point.axis_m, point.speed_share, residual)
 
 
-def _halves(phases: PatternPhases, position_m: FloatArray) -> BoolArray:
+def _twin_trap_halves(phases: PatternPhases, position_m: FloatArray) -> BoolArray:
     """Return a mask of the elements that arrive half a turn off the others."""
     distance = np.linalg.norm(position_m - phases.positions_m, axis=1)
     arrival = np.exp(1j * (phases.phases_rad + phases.wavenumber * distance))
@@ -235,7 +240,7 @@ def _halves(phases: PatternPhases, position_m: FloatArray) -> BoolArray:
     return flipped
 
 
-def split_normal(positions_m: FloatArray, flipped: BoolArray) -> FloatArray | None:
+def twin_trap_normal(positions_m: FloatArray, flipped: BoolArray) -> FloatArray | None:
     """Return the normal of a plane with the flipped elements on one side; None: there is none."""
     if not _LEAST_SIDE <= flipped.mean() <= 1.0 - _LEAST_SIDE:
         return None
@@ -244,20 +249,20 @@ def split_normal(positions_m: FloatArray, flipped: BoolArray) -> FloatArray | No
     steepness = float(np.linalg.norm(guess))
     if steepness < _LEAST_STEEPNESS:  # the halves are the same on all sides of the middle
         return None
-    normals = [_turned(guess / steepness, turn) for turn in _TURNS_RAD]
-    shares = [_separated(offset @ normal, flipped) for normal in normals]
+    normals = [_turned_pattern_axis(guess / steepness, turn) for turn in _TURNS_RAD]
+    shares = [_twin_trap_separated(offset @ normal, flipped) for normal in normals]
     best = int(np.argmax(shares))
     return normals[best] if shares[best] >= _SPLIT else None
 
 
-def _turned(vector: FloatArray, turn_rad: float) -> FloatArray:
+def _turned_pattern_axis(vector: FloatArray, turn_rad: float) -> FloatArray:
     """Return a vector turned around z."""
     x, y, z = vector.tolist()
     cosine, sine = np.cos(turn_rad), np.sin(turn_rad)
     return np.array([cosine * x - sine * y, sine * x + cosine * y, z])
 
 
-def _separated(along: FloatArray, flipped: BoolArray) -> float:
+def _twin_trap_separated(along: FloatArray, flipped: BoolArray) -> float:
     """Return the share of the elements that the best limit *along* a normal has on their side."""
     order = np.argsort(along)
     below = np.cumsum(flipped[order])

@@ -75,15 +75,15 @@ class PointFit:
     @property
     def rms_rad(self) -> float:
         """Root mean square of the residual."""
-        return rms_of_residuals(self.residual_rad)
+        return pattern_residual_rms(self.residual_rad)
 
 
-def rms_of_residuals(values: FloatArray) -> float:
+def pattern_residual_rms(values: FloatArray) -> float:
     """Return the root mean square."""
     return math.sqrt(float(values @ values) / len(values))
 
 
-def element_azimuths(positions_m: FloatArray, axis_m: FloatArray) -> FloatArray:
+def pattern_azimuths(positions_m: FloatArray, axis_m: FloatArray) -> FloatArray:
     """Return (A,) the angles of elements around an axis along the array's z."""
     offset = positions_m[:, :2] - axis_m
     angles: FloatArray = np.arctan2(offset[:, 1], offset[:, 0])
@@ -112,7 +112,7 @@ def fit_pattern_point(
     free_axis, free_speed : bool
         Whether axis and speed of sound are fitted as well.
     """
-    problem = _Problem(phases, charge, axis_m, free_axis, free_speed)
+    problem = _PatternProblem(phases, charge, axis_m, free_axis, free_speed)
     return problem.solve(start_m)
 
 
@@ -123,7 +123,7 @@ def pattern_place_uncertainty(
 
     Infinite along a direction that the phases do not tell.
     """
-    slopes = _slopes(phases, position_m)
+    slopes = _pattern_slopes(phases, position_m)
     left, values, right = np.linalg.svd(slopes, full_matrices=False)
     seen = values > _SEEN * max(values[0], 1e-9)
     inverse = (right[seen].T / values[seen]) @ left[:, seen].T
@@ -133,7 +133,7 @@ def pattern_place_uncertainty(
     return np.where(lost, np.inf, std), np.where(lost, np.inf, bound)
 
 
-def _slopes(phases: PatternPhases, position_m: FloatArray) -> FloatArray:
+def _pattern_slopes(phases: PatternPhases, position_m: FloatArray) -> FloatArray:
     """Return (A, 3) the change of the phases with the place, their mean taken out."""
     rays = position_m - phases.positions_m
     rays = rays * (phases.wavenumber / np.maximum(np.linalg.norm(rays, axis=1), 1e-9))[:, None]
@@ -141,7 +141,7 @@ def _slopes(phases: PatternPhases, position_m: FloatArray) -> FloatArray:
     return slopes
 
 
-class _Problem:
+class _PatternProblem:
     """Unknowns: x, y, z; then the axis, if it is free; then the speed, if it is."""
 
     def __init__(
@@ -199,7 +199,7 @@ class _Problem:
         speed = unknown[-1] if self._free_speed else 0.0
         arrival = phases.phases_rad + phases.wavenumber * (1.0 + speed) * distance
         if self._charge:
-            arrival = arrival - self._charge * element_azimuths(
+            arrival = arrival - self._charge * pattern_azimuths(
                 phases.positions_m, self._axis_at(unknown)
             )
         residual = wrapped_phases(arrival - np.angle(np.exp(1j * arrival).sum()))
@@ -213,7 +213,7 @@ class _Problem:
 
     def _jacobian(self, unknown: FloatArray) -> FloatArray:
         phases = self._phases
-        columns = [_slopes(phases, unknown[:3])]
+        columns = [_pattern_slopes(phases, unknown[:3])]
         if self._free_axis:
             offset = phases.positions_m[:, :2] - unknown[3:5]
             square = np.maximum((offset**2).sum(axis=1), 1e-6)[:, None]

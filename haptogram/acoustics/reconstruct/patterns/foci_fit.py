@@ -84,11 +84,11 @@ def fit_foci(
     places, phasors = targets_m.copy(), np.exp(1j * np.angle(drive[active]))
     positions, count = model.array.positions_m[active], len(targets_m)
     parts = waves(places)[:, active]
-    weights = _first_weights(parts, drive[active]) if known is None else known
+    weights = _first_foci_weights(parts, drive[active]) if known is None else known
     weights = weights / (phasors.conj() @ (weights @ parts) / len(phasors))
     for _ in range(_STEPS):
         turned = waves(places)[:, active] * phasors.conj()
-        problem = _Linearised.at(turned, weights, places, positions, model.wavenumber)
+        problem = _LinearisedFoci.at(turned, weights, places, positions, model.wavenumber)
         step = problem.step()
         change = step[2 * count :].reshape(count, 3)
         longest = float(np.linalg.norm(change, axis=1).max())
@@ -103,7 +103,7 @@ def fit_foci(
     return None
 
 
-def _first_weights(waves: Complexes, drive: Complexes) -> Complexes:
+def _first_foci_weights(waves: Complexes, drive: Complexes) -> Complexes:
     """Return the (F,) weights whose sum of waves has the phases of *drive*, by projections."""
     inverse = np.linalg.pinv(waves.T, rcond=1e-9)
     phasors, level = np.exp(1j * np.angle(drive)), np.abs(drive)
@@ -114,7 +114,7 @@ def _first_weights(waves: Complexes, drive: Complexes) -> Complexes:
     return weights
 
 
-class _Linearised(NamedTuple):
+class _LinearisedFoci(NamedTuple):
     """The fit around one estimate.
 
     Columns of the slopes are Re c, Im c of every focus, then x, y, z of every focus.
@@ -127,7 +127,7 @@ class _Linearised(NamedTuple):
     @classmethod
     def at(
         cls, turned: Complexes, weights: Complexes, places: Floats, positions: Floats, k: float
-    ) -> _Linearised:
+    ) -> _LinearisedFoci:
         """Return residuals and slopes for waves (F, N) whose phases are those of the drive less."""
         total = weights @ turned
         rays = places[:, None, :] - positions

@@ -151,11 +151,11 @@ KINDS = tuple(
 
 def pattern_dict(pattern: Pattern) -> dict[str, object]:
     """Return a pattern for JSON; infinite values become None."""
-    values = {field.name: _plain(getattr(pattern, field.name)) for field in fields(pattern)}
+    values = {field.name: _plain_pattern(getattr(pattern, field.name)) for field in fields(pattern)}
     return {"kind": pattern.kind, **values}
 
 
-def _plain(value: object) -> object:
+def _plain_pattern(value: object) -> object:
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [_plain_pattern(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

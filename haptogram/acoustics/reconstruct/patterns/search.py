@@ -82,13 +82,13 @@ class PatternSearch:
         nearest = np.sort(np.argsort(distance, kind="stable")[:_SUBARRAY])
         self.elements: NDArray[np.intp] = np.flatnonzero(side)[nearest]
         cells = search_cells(one_side, array.positions_m[self.elements])
-        self._cells = cells[_between(model, cells, side)]
+        self._cells = cells[_pattern_cells_between(model, cells, side)]
         positions = array.positions_m[self.elements]
         self._phasors = cell_phasors(model, self._cells, positions)
         self._local = (positions - self._centre) @ self._axes.T
         self._feet = ((self._cells - self._centre) @ self._axes.T)[:, :2]
         middle = self._local[:, :2].mean(axis=0)
-        self._turns = _phasor(self._local[:, :2] - middle)
+        self._turns = _pattern_phasor(self._local[:, :2] - middle)
         self.middle_m = middle
         self._reach = np.linalg.norm(self._cells - own.centre_m, axis=1)
         self._bowl_cells = _cells_of_bowl(model)
@@ -165,7 +165,7 @@ class PatternSearch:
         turns = np.empty(self._phasors.shape, dtype=np.complex64)
         for first in range(0, len(turns), _AT_A_TIME):
             part = slice(first, first + _AT_A_TIME)
-            turns[part] = _phasor(self._local[None, :, :2] - self._feet[part, None, :])
+            turns[part] = _pattern_phasor(self._local[None, :, :2] - self._feet[part, None, :])
         return turns
 
     def _leaders(self, score: FloatArray, count: int = _STARTS) -> Iterator[int]:
@@ -207,7 +207,7 @@ def _cells_of_bowl(model: AcousticModel) -> FloatArray:
     return cells
 
 
-def _between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolArray:
+def _pattern_cells_between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolArray:
     """Return a mask of the cells in front of the elements of the other side as well."""
     if side.all():
         return np.ones(len(cells), dtype=np.bool_)
@@ -220,7 +220,7 @@ def _between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolAr
     return inside
 
 
-def _phasor(offset: FloatArray) -> NDArray[np.complex64]:
+def _pattern_phasor(offset: FloatArray) -> NDArray[np.complex64]:
     """Return e^{j theta} of (..., 2) offsets, 1 where there is none."""
     value = offset[..., 0] + 1j * offset[..., 1]
     size = np.abs(value)

@@ -40,7 +40,7 @@ class Loudest(Protocol):
         ...
 
 
-def find_foci(
+def find_foci_pattern(
     model: AcousticModel,
     drive: ComplexArray,
     active: BoolArray,
@@ -56,33 +56,35 @@ def find_foci(
     places = np.empty((0, 3))
     rest = phasors
     for _ in range(most):
-        place = _next_place(model, rest, places, loudest)
+        place = _next_focus_of_pattern(model, rest, places, loudest)
         if place is None:
             return None
         places = np.concatenate([places, place[None]])
-        rest = _unexplained(model, phasors, active, places)
+        rest = _unexplained_by_foci(model, phasors, active, places)
         explained = 1.0 - float(np.mean(np.abs(rest[active]) ** 2))
         if explained < _A_FOCUS_EXPLAINS * len(places):
             return None
         if len(places) > 1 and explained >= _EXPLAINED:
-            found = _fitted(model, drive, active, places, step_rad)
+            found = _fitted_foci_pattern(model, drive, active, places, step_rad)
             if found is not None:
                 return found
     return None
 
 
-def _next_place(
+def _next_focus_of_pattern(
     model: AcousticModel, rest: ComplexArray, places: FloatArray, loudest: Loudest
 ) -> FloatArray | None:
     apart = _APART * model.wavelength_m
     for cell in loudest(rest, _LOOKED_AT):
-        place = _climb(model, rest, cell)
+        place = _climb_to_pattern_focus(model, rest, cell)
         if not len(places) or np.linalg.norm(places - place, axis=1).min() > apart:
             return place
     return None
 
 
-def _climb(model: AcousticModel, drive: ComplexArray, start_m: FloatArray) -> FloatArray:
+def _climb_to_pattern_focus(
+    model: AcousticModel, drive: ComplexArray, start_m: FloatArray
+) -> FloatArray:
     """Return a point nearby where more of *drive* arrives in phase, by ever smaller steps."""
     ways = np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))])
     place, step_m = start_m, _CLIMB_M
@@ -98,7 +100,7 @@ def _climb(model: AcousticModel, drive: ComplexArray, start_m: FloatArray) -> Fl
     return place
 
 
-def _unexplained(
+def _unexplained_by_foci(
     model: AcousticModel, phasors: ComplexArray, active: BoolArray, places: FloatArray
 ) -> ComplexArray:
     """Return the rest of the phasors when the waves from all places are taken out."""
@@ -109,7 +111,7 @@ def _unexplained(
     return rest
 
 
-def _fitted(
+def _fitted_foci_pattern(
     model: AcousticModel,
     drive: ComplexArray,
     active: BoolArray,
@@ -122,15 +124,15 @@ def _fitted(
     limit_rad = _ROUNDING * step_rad + _SLACK_RAD
     for superposed in (True, False):
         waves = waves_of_foci(model, superposed=superposed)
-        fit = _fit_or_none(model, waves, places, drive, active, step_rad / 2.0)
+        fit = _foci_fit_or_none(model, waves, places, drive, active, step_rad / 2.0)
         if fit is None or fit.residual_rad > limit_rad:
             continue
         if are_beyond_chance(len(places), int(active.sum()), fit.residual_rad, step_rad):
-            return _as_pattern(model, drive, places + fit.offsets_m, fit)
+            return _foci_as_pattern(model, drive, places + fit.offsets_m, fit)
     return None
 
 
-def _fit_or_none(
+def _foci_fit_or_none(
     model: AcousticModel,
     waves: Waves,
     places: FloatArray,
@@ -144,7 +146,7 @@ def _fit_or_none(
         return None
 
 
-def _as_pattern(
+def _foci_as_pattern(
     model: AcousticModel, drive: ComplexArray, places: FloatArray, fit: FociFit
 ) -> SeveralFoci | None:
     """Return the foci, the strongest first; None if they are not several after all."""
@@ -157,13 +159,13 @@ def _as_pattern(
     if shares[-1] < _LEAST_SHARE:
         return None
     return SeveralFoci(
-        tuple(_vector(places[n]) for n in order),
-        tuple(_vector(fit.bound_m[n]) for n in order),
+        tuple(_foci_pattern_vector(places[n]) for n in order),
+        tuple(_foci_pattern_vector(fit.bound_m[n]) for n in order),
         tuple(float(share) for share in shares),
         fit.residual_rad,
     )
 
 
-def _vector(values: FloatArray) -> Vector:
+def _foci_pattern_vector(values: FloatArray) -> Vector:
     x, y, z = (float(value) for value in values)
     return x, y, z

@@ -44,15 +44,15 @@ def usable_points_kernel(
         for p in range(len(points)):
             usable[p] = (
                 usable[p]
-                and _in_front(points[p], fronts)
-                and _is_clear(points[p], positions, bounds, clearance * clearance)
+                and _in_front_kernel(points[p], fronts)
+                and _is_clear_kernel(points[p], positions, bounds, clearance * clearance)
             )
             served += usable[p]
     return len(points) - served
 
 
 @jit_checked
-def _in_front(point: F8, fronts: F8) -> bool:
+def _in_front_kernel(point: F8, fronts: F8) -> bool:
     for front in fronts:
         if point[0] * front[0] + point[1] * front[1] + point[2] * front[2] + front[3] >= 0.0:
             return True
@@ -60,15 +60,15 @@ def _in_front(point: F8, fronts: F8) -> bool:
 
 
 @jit_checked
-def _is_clear(point: F8, positions: F8, bounds: F8, limit: float) -> bool:
+def _is_clear_kernel(point: F8, positions: F8, bounds: F8, limit: float) -> bool:
     for i in range(3):
         if abs(point[i] - bounds[i]) >= bounds[3 + i]:
             return True
-    return bool(_nearest_square(point, positions) >= limit)
+    return bool(_nearest_square_kernel(point, positions) >= limit)
 
 
 @jit_checked
-def _nearest_square(point: F8, positions: F8) -> float:
+def _nearest_square_kernel(point: F8, positions: F8) -> float:
     nearest = np.inf
     for n in range(len(positions)):
         square = 0.0
@@ -109,12 +109,12 @@ def block_kernel(
     radius, absorption = constants[0], constants[1]
     near, far = max(math.sqrt(near) - radius, 0.0), math.sqrt(far) + radius
     careful = careful or absorption * (far - near) > _GENTLE_LOSS or far > constants[3]
-    _loss(absorption, near, far, careful, loss)
+    _loss_kernel(absorption, near, far, careful, loss)
     return careful
 
 
 @jit
-def _loss(absorption: float, near: float, far: float, careful: bool, loss: F4) -> None:
+def _loss_kernel(absorption: float, near: float, far: float, careful: bool, loss: F4) -> None:
     """Set the cubic in r that meets exp(-absorption r) at the Chebyshev nodes of [near, far].
 
     Not *careful*: the quadratic at three nodes.

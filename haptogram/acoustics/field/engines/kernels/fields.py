@@ -64,12 +64,12 @@ def lattice_pressure_kernel(
         part = points[start : start + size]
         # A choice inside the loops would slow both of its sides down.
         if block_kernel(part, frame, constants, careful, places, loss):
-            _lattice_block(
+            _lattice_block_kernel(
                 places, True, gain, loss, gx, gy, nodes, drive, depth, height, rows, a, scratch, t,
                 m, sums,
             )  # fmt: skip
         else:
-            _lattice_block(
+            _lattice_block_kernel(
                 places, False, gain, loss, gx, gy, nodes, drive, depth, height, rows, a, scratch,
                 t, m, sums,
             )  # fmt: skip
@@ -78,17 +78,17 @@ def lattice_pressure_kernel(
 
 
 @jit_inline
-def _lattice_block(
+def _lattice_block_kernel(
     places: Any, careful: Any, gain: Any, loss: Any, gx: Any, gy: Any, nodes: Any, drive: Any,
     depth: Any, height: Any, rows: Any, a: Any, scratch: Any, t: Any, m: Any, sums: Any,
 ) -> Any:  # fmt: skip
     """Set the sums of all waves at a block of points; what comes after *drive* is scratch."""
     re, im = sums[0], sums[1]
     re[:], im[:] = ZERO, ZERO
-    _lattice_rows(places, gy, careful, rows, depth, height)
+    _lattice_rows_kernel(places, gy, careful, rows, depth, height)
     held = 0
     for i in range(gx.size):
-        _squares(places[0], gx[i], depth, careful, a[0], a[1])
+        _squares_kernel(places[0], gx[i], depth, careful, a[0], a[1])
         for j in range(gy.size):
             n = nodes[i, j]
             if n >= 0 and drive[0, n] != ZERO:
@@ -96,12 +96,12 @@ def _lattice_block(
                     a[0], rows[0, j], a[1], rows[1, j], height, drive[0, n], drive[1, n], careful,
                     gain, loss, scratch, t[held], m[held],
                 )  # fmt: skip
-                held = _held(held, t, m, re, im)
-    _add_held(held, t, m, re, im)
+                held = _held_kernel(held, t, m, re, im)
+    _add_held_kernel(held, t, m, re, im)
 
 
 @jit_inline
-def _held(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
+def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
     """Return the number of waves held after one more: all are added as soon as they are enough."""
     if held + 1 < WAVES:
         return held + 1
@@ -110,27 +110,27 @@ def _held(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 
 
 @jit_inline
-def _add_held(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
+def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
     if held:
         m[held:] = ZERO
         add_waves_kernel(t, m, re, im)
 
 
 @jit
-def _lattice_rows(
+def _lattice_rows_kernel(
     places: F8, gy: F8, careful: bool, rows: F4, depth: F8, height: F4
 ) -> None:  # fmt: skip
     """Set the squares of y - gy and of z."""
     depth[:] = 0.0
     for j in range(gy.size):
-        _squares(places[1], gy[j], depth, careful, rows[0, j], rows[1, j])
+        _squares_kernel(places[1], gy[j], depth, careful, rows[0, j], rows[1, j])
     for p in range(height.size):
         depth[p] = places[2, p] * places[2, p]
         height[p] = depth[p]
 
 
 @jit_inline
-def _squares(x: Any, s: Any, rest: Any, careful: Any, high: Any, low: Any) -> Any:
+def _squares_kernel(x: Any, s: Any, rest: Any, careful: Any, high: Any, low: Any) -> Any:
     """Set (x - s)^2 + *rest*; if *careful*, also what rounding took from it."""
     for p in range(x.size):
         high[p] = (x[p] - s) * (x[p] - s) + rest[p]
@@ -154,9 +154,9 @@ def lattice_waves_kernel(
     scratch = np.empty((2, size), np.float32)
     t, m, loss = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(4, np.float32)
     block_kernel(points, frame, constants, True, places, loss)
-    _lattice_rows(places, gy, True, rows, depth, height)
+    _lattice_rows_kernel(places, gy, True, rows, depth, height)
     for i in range(gx.size):
-        _squares(places[0], gx[i], depth, True, a[0], a[1])
+        _squares_kernel(places[0], gx[i], depth, True, a[0], a[1])
         for j in range(gy.size):
             n = nodes[i, j]
             if n >= 0:
@@ -184,14 +184,14 @@ def free_pressure_kernel(
     for start in range(0, len(points), size):
         part = points[start : start + size]
         slow = block_kernel(part, frame, constants, careful, places, loss)
-        _split(places, pairs)
+        _split_kernel(places, pairs)
         if slow:
-            _free_block(
+            _free_block_kernel(
                 places, pairs, True, constants, gain, loss, elements, drive, offset, scratch, t, m,
                 sums,
             )  # fmt: skip
         else:
-            _free_block(
+            _free_block_kernel(
                 places, pairs, False, constants, gain, loss, elements, drive, offset, scratch, t,
                 m, sums,
             )  # fmt: skip
@@ -200,7 +200,7 @@ def free_pressure_kernel(
 
 
 @jit_inline
-def _free_block(
+def _free_block_kernel(
     places: Any, pairs: Any, careful: Any, constants: Any, gain: Any, loss: Any, elements: Any,
     drive: Any, offset: Any, scratch: Any, t: Any, m: Any, sums: Any,
 ) -> Any:  # fmt: skip
@@ -210,16 +210,16 @@ def _free_block(
     held = 0
     for n in range(len(elements)):
         if drive[0, n] != ZERO:
-            _free_wave(
+            _free_wave_kernel(
                 places, pairs, elements[n], drive[0, n], drive[1, n], careful, constants, gain,
                 loss, offset, scratch, t[held], m[held],
             )  # fmt: skip
-            held = _held(held, t, m, re, im)
-    _add_held(held, t, m, re, im)
+            held = _held_kernel(held, t, m, re, im)
+    _add_held_kernel(held, t, m, re, im)
 
 
 @jit
-def _split(places: F8, pairs: F4) -> None:
+def _split_kernel(places: F8, pairs: F4) -> None:
     """Set the (6, B) pairs of float32 whose sums are *places*: high parts, then low ones."""
     for i in range(3):
         for p in range(places.shape[1]):
@@ -228,16 +228,16 @@ def _split(places: F8, pairs: F4) -> None:
 
 
 @jit_inline
-def _free_wave(
+def _free_wave_kernel(
     places: Any, pairs: Any, s: Any, amplitude: Any, phase: Any, careful: Any, constants: Any,
     gain: Any, loss: Any, offset: Any, scratch: Any, t: Any, m: Any,
 ) -> Any:  # fmt: skip
     """Fill phase *t* and magnitude *m* of the element with position and normal *s*."""
     square, low, height, ahead, none = offset[0], offset[1], offset[2], offset[3], offset[4]
     if careful:
-        _exact_offsets(places, s, square, low, height, ahead)
+        _exact_offsets_kernel(places, s, square, low, height, ahead)
     else:
-        _offsets(pairs, s, square, height, ahead)
+        _offsets_kernel(pairs, s, square, height, ahead)
     rays_kernel(
         square, none, low, none, height, amplitude, phase, careful, gain, loss, scratch, t, m
     )  # fmt: skip
@@ -247,7 +247,7 @@ def _free_wave(
 
 
 @jit_inline
-def _offsets(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) -> Any:
+def _offsets_kernel(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) -> Any:
     """Set r^2, the offset along the normal and its square."""
     x, y, z, x_low, y_low, z_low = pairs[0], pairs[1], pairs[2], pairs[3], pairs[4], pairs[5]
     sx, sy, sz = np.float32(s[0]), np.float32(s[1]), np.float32(s[2])
@@ -260,7 +260,7 @@ def _offsets(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) -> Any:
 
 
 @jit_inline
-def _exact_offsets(
+def _exact_offsets_kernel(
     places: Any, s: Any, square: Any, low: Any, height: Any, ahead: Any
 ) -> Any:  # fmt: skip
     """Set the same in double precision, and what rounding took from r^2."""
@@ -284,9 +284,9 @@ def free_waves_kernel(
     offset, scratch = np.zeros((5, size), np.float32), np.empty((2, size), np.float32)
     t, m, loss = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(4, np.float32)
     block_kernel(points, frame, constants, True, places, loss)
-    _split(places, pairs)
+    _split_kernel(places, pairs)
     for n in range(len(elements)):
-        _free_wave(
+        _free_wave_kernel(
             places, pairs, elements[n], ONE, ZERO, True, constants, gain, loss, offset, scratch, t,
             m,
         )  # fmt: skip

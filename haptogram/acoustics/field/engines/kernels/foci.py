@@ -35,12 +35,12 @@ def focus_codes_kernel(
     """
     scale, mask = np.float32(-code_steps), np.int32(code_steps - 1)
     for i in range(len(targets)):
-        x, y, z = _place(targets[i], frame)
-        _codes(places[0], places[1], places[2], x, y, z, scale, mask, codes[i])
+        x, y, z = _place_kernel(targets[i], frame)
+        _codes_kernel(places[0], places[1], places[2], x, y, z, scale, mask, codes[i])
 
 
 @jit_inline
-def _place(target: Any, frame: Any) -> Any:
+def _place_kernel(target: Any, frame: Any) -> Any:
     """Return the coordinates of *target* in the frame, in wavelengths."""
     u, v, w = target[0] - frame[3, 0], target[1] - frame[3, 1], target[2] - frame[3, 2]
     return (
@@ -51,7 +51,7 @@ def _place(target: Any, frame: Any) -> Any:
 
 
 @jit_inline
-def _codes(
+def _codes_kernel(
     px: Any, py: Any, pz: Any, x: Any, y: Any, z: Any, scale: Any, mask: Any, codes: Any
 ) -> Any:
     for n in range(px.size):
@@ -78,12 +78,12 @@ def fit_phases_kernel(
     for n in range(count):
         phases[n] = np.float32(codes[order[n]]) * scale + lags[n]
     sums, step = np.empty(14), np.empty(3)
-    x, y, z = _place(start, frame)
-    common = _coherent_phase(phases, places, x, y, z)
+    x, y, z = _place_kernel(start, frame)
+    common = _coherent_phase_kernel(phases, places, x, y, z)
     taken, converged, longest = 0, False, 2.5
     while taken < max_steps and not converged:
-        _normal_equations(phases, places, x, y, z, common, sums)
-        _gauss_newton_step(sums, count, step)
+        _normal_equations_kernel(phases, places, x, y, z, common, sums)
+        _gauss_newton_kernel(sums, count, step)
         length = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
         shrink = min(1.0, longest / max(length, longest))
         r0 = math.sqrt(x * x + y * y + z * z)
@@ -103,12 +103,12 @@ def fit_phases_kernel(
     )
     mean = sums[9] / count
     residual = 2.0 * math.pi * math.sqrt(max(sums[13] / count - mean * mean, 0.0))
-    nearest = math.sqrt(_least_square(places, x, y, z, count) * wavelength_square)
+    nearest = math.sqrt(_least_square_kernel(places, x, y, z, count) * wavelength_square)
     return position, 2.0 * math.pi * float(common), residual, taken, converged, nearest
 
 
 @jit_sums
-def _coherent_phase(phases: Any, places: Any, x: Any, y: Any, z: Any) -> Any:
+def _coherent_phase_kernel(phases: Any, places: Any, x: Any, y: Any, z: Any) -> Any:
     """Return the phase, in turns, of the sum of all arrivals, magnitudes aside."""
     re, im = ZERO, ZERO
     px, py, pz = places[0], places[1], places[2]
@@ -125,7 +125,7 @@ def _coherent_phase(phases: Any, places: Any, x: Any, y: Any, z: Any) -> Any:
 
 
 @jit_sums
-def _normal_equations(
+def _normal_equations_kernel(
     phases: Any, places: Any, x: Any, y: Any, z: Any, common: Any, sums: Any
 ) -> Any:
     """Sum products of the slopes u (less those at the origin) and the residuals e, in turns."""
@@ -161,7 +161,7 @@ def _normal_equations(
 
 
 @jit
-def _gauss_newton_step(sums: F8, count: int, step: F8) -> None:
+def _gauss_newton_kernel(sums: F8, count: int, step: F8) -> None:
     """Solve the normal equations, the common phase eliminated, for the step in wavelengths.
 
     A direction that the phases do not show has no slope: the small damping leaves it where it is.
@@ -182,7 +182,7 @@ def _gauss_newton_step(sums: F8, count: int, step: F8) -> None:
 
 
 @jit_sums
-def _least_square(places: Any, x: Any, y: Any, z: Any, count: Any) -> Any:
+def _least_square_kernel(places: Any, x: Any, y: Any, z: Any, count: Any) -> Any:
     least = np.float32(1e30)
     px, py, pz = places[0], places[1], places[2]
     for n in range(count):

@@ -13,7 +13,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def _digest() -> str:
+def _kernel_digest() -> str:
     """Return a name for the state of all sources of this package."""
     files = sorted(Path(__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
@@ -22,7 +22,7 @@ def _digest() -> str:
 # Everything of `fastmath` but the reordering of sums, which would cancel the rounding errors that
 # `rays` computes on purpose.
 _STRICT_SUMS: Final = {"contract", "arcp", "nnan", "ninf", "nsz", "afn"}
-_SOURCES: Final = _digest()
+_SOURCES: Final = _kernel_digest()
 
 
 def _numba_jit(**options: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:

@@ -31,7 +31,7 @@ def gerchberg_saxton_kernel(
     for _ in range(rounds):
         mean = ZERO
         for i in range(count):
-            pressure[0, i], pressure[1, i] = _received(re[i], im[i], drive_re, drive_im)
+            pressure[0, i], pressure[1, i] = _received_kernel(re[i], im[i], drive_re, drive_im)
             p, q = pressure[0, i], pressure[1, i]
             mean += np.sqrt(p * p + q * q) / wanted[i]
         mean /= np.float32(count)
@@ -42,16 +42,16 @@ def gerchberg_saxton_kernel(
             level = np.sqrt(p * p + q * q) + np.float32(1e-30)
             root = np.sqrt(mean * wanted[i] / level)
             weight[i] *= root * np.sqrt(root)
-            _send_back(
+            _send_back_kernel(
                 re[i], im[i], weight[i] * p / level, weight[i] * q / level, drive_re, drive_im
             )
-        _normalise(drive_re, drive_im)
+        _normalise_kernel(drive_re, drive_im)
         if weight.max() > _LARGEST_WEIGHT:
             weight /= _LARGEST_WEIGHT
 
 
 @jit_sums
-def _received(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
+def _received_kernel(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
     p, q = ZERO, ZERO
     for n in range(re.size):
         p += re[n] * drive_re[n] - im[n] * drive_im[n]
@@ -60,7 +60,7 @@ def _received(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
 
 
 @jit_inline
-def _send_back(re: Any, im: Any, p: Any, q: Any, drive_re: Any, drive_im: Any) -> Any:
+def _send_back_kernel(re: Any, im: Any, p: Any, q: Any, drive_re: Any, drive_im: Any) -> Any:
     """Add conj(g) (p + j q)."""
     for n in range(re.size):
         drive_re[n] = drive_re[n] + re[n] * p + im[n] * q
@@ -68,7 +68,7 @@ def _send_back(re: Any, im: Any, p: Any, q: Any, drive_re: Any, drive_im: Any) -
 
 
 @jit_inline
-def _normalise(drive_re: Any, drive_im: Any) -> Any:
+def _normalise_kernel(drive_re: Any, drive_im: Any) -> Any:
     for n in range(drive_re.size):
         square = drive_re[n] * drive_re[n] + drive_im[n] * drive_im[n] + np.float32(1e-30)
         scale = ONE / np.sqrt(square)

@@ -26,12 +26,12 @@ def cell_scores_kernel(
     for n in range(phasors.shape[1]):
         angle = 2.0 * math.pi * codes[order[n]] / code_steps
         cosine, sine = np.float32(math.cos(angle)), np.float32(math.sin(angle))
-        _turn_and_add(phasors[0, n], phasors[1, n], cosine, sine, re, im)
+        _turn_and_add_kernel(phasors[0, n], phasors[1, n], cosine, sine, re, im)
     return re * re + im * im
 
 
 @jit_inline
-def _turn_and_add(pr: Any, pi: Any, cosine: Any, sine: Any, re: Any, im: Any) -> Any:
+def _turn_and_add_kernel(pr: Any, pi: Any, cosine: Any, sine: Any, re: Any, im: Any) -> Any:
     for c in range(re.size):
         re[c] = re[c] + pr[c] * cosine - pi[c] * sine
         im[c] = im[c] + pr[c] * sine + pi[c] * cosine

@@ -1,8 +1,8 @@
 """The wave of one element at many points: distance, phase, magnitude, sine and cosine.
 
-Each block of points runs through three loops, `_lengths`, the one of `rays` and `add_waves`, with
-the intermediate values in the first-level cache. As one loop the chain of dependent operations is
-longer than what a core reorders, and it takes half as much time again.
+Each block of points runs through three loops, `_lengths_kernel`, the one of `rays` and `add_waves`,
+with the intermediate values in the first-level cache. As one loop the chain of dependent operations
+is longer than what a core reorders, and it takes half as much time again.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ ZERO = np.float32(0.0)
 
 
 @jit_inline
-def _lengths(a: Any, b: Any, r: Any, inverse: Any) -> Any:
+def _lengths_kernel(a: Any, b: Any, r: Any, inverse: Any) -> Any:
     """Fill r and 1/r, r^2 = a + b."""
     for p in range(a.size):
         square = a[p] + b[p]
@@ -70,7 +70,7 @@ def arctangent_kernel(t: Any) -> Any:
 
 
 @jit_inline
-def _gain_at(q: Any, gain: Any) -> Any:
+def _gain_at_kernel(q: Any, gain: Any) -> Any:
     """Return D(cos^2 = q)."""
     d0, d1, d2, d3, d4, d5 = gain
     w = q * q  # pairs of coefficients: one operation more, and a chain half as long
@@ -89,8 +89,18 @@ def rays_kernel(
     own rounding takes: the phase is then exact to 1e-6 at any distance.
     """
     r, inverse = scratch[0], scratch[1]
-    _lengths(a, b, r, inverse)
-    _waves(height, phase, _gains(gain), _losses(loss, amplitude), careful, r, inverse, t, m)
+    _lengths_kernel(a, b, r, inverse)
+    _waves_kernel(
+        height,
+        phase,
+        _gains_kernel(gain),
+        _losses_kernel(loss, amplitude),
+        careful,
+        r,
+        inverse,
+        t,
+        m,
+    )
     if careful:
         for p in range(r.size):
             square = a[p] + b[p]
@@ -103,7 +113,7 @@ def rays_kernel(
 
 
 @jit_inline
-def _waves(
+def _waves_kernel(
     height: Any, phase: Any, gain: Any, loss: Any, cubic: Any, r: Any, inverse: Any, t: Any, m: Any
 ) -> Any:
     e0, e1, e2, e3 = loss
@@ -112,17 +122,19 @@ def _waves(
         turns = np.rint(twice + phase)
         t[p] = (twice - turns) + phase
         slow = (e3 * r[p] + e2) * r[p] + e1 if cubic else e2 * r[p] + e1
-        level = _gain_at(height[p] * (inverse[p] * inverse[p]), gain) * (e0 * inverse[p] + slow)
+        level = _gain_at_kernel(height[p] * (inverse[p] * inverse[p]), gain) * (
+            e0 * inverse[p] + slow
+        )
         m[p] = flip_sign_kernel(level, turns)
 
 
 @jit_inline
-def _gains(gain: Any) -> Any:
+def _gains_kernel(gain: Any) -> Any:
     return gain[0], gain[1], gain[2], gain[3], gain[4], gain[5]
 
 
 @jit_inline
-def _losses(loss: Any, amplitude: Any) -> Any:
+def _losses_kernel(loss: Any, amplitude: Any) -> Any:
     return loss[0] * amplitude, loss[1] * amplitude, loss[2] * amplitude, loss[3] * amplitude
 
 

@@ -261,7 +261,7 @@ def test_halves_that_alternate_split_no_twin_trap():
     x, y = np.meshgrid(np.arange(8.0) - 3.5, np.arange(8.0) - 3.5)
     positions = np.stack([x.ravel(), y.ravel(), np.zeros(64)], axis=1)
     with np.errstate(all="raise"):
-        assert explain.split_normal(positions, (x * y > 0.0).ravel()) is None
+        assert explain.twin_trap_normal(positions, (x * y > 0.0).ravel()) is None
 
 
 def test_patterns_are_plain_values_for_json():

@@ -26,71 +26,71 @@ _LEAST_DELAY_NS: Final = 100_000
 _MOST_DELAY_NS: Final = 60_000_000  # beyond the lead of the stream: some frames come too late
 
 
-def _flip(wire: bytes, source: random.Random) -> Pieces:
+def _flip_damage(wire: bytes, source: random.Random) -> Pieces:
     flipped = bytearray(wire)
     for place in source.sample(range(8 * len(wire)), source.randint(1, _MOST_FLIPS)):
         flipped[place // 8] ^= 1 << place % 8
     return [(0, bytes(flipped))]
 
 
-def _burst(wire: bytes, source: random.Random) -> Pieces:
+def _burst_damage(wire: bytes, source: random.Random) -> Pieces:
     place = source.randrange(len(wire))
     count = min(_BURST_BYTES, len(wire) - place)
     return [(0, wire[:place] + source.randbytes(count) + wire[place + count :])]
 
 
-def _drop(wire: bytes, source: random.Random) -> Pieces:
+def _drop_damage(wire: bytes, source: random.Random) -> Pieces:
     place = source.randrange(len(wire))
     return [(0, wire[:place] + wire[place + 1 :])]
 
 
-def _insert(wire: bytes, source: random.Random) -> Pieces:
+def _insert_damage(wire: bytes, source: random.Random) -> Pieces:
     place = source.randrange(len(wire) + 1)
     more = source.randbytes(source.randint(1, _MOST_INSERTED))
     return [(0, wire[:place] + more + wire[place:])]
 
 
-def _truncate(wire: bytes, source: random.Random) -> Pieces:
+def _truncate_damage(wire: bytes, source: random.Random) -> Pieces:
     return [(0, wire[: source.randrange(len(wire))])]
 
 
-def _break(_: bytes, __: random.Random) -> Pieces:
+def _break_damage(_: bytes, __: random.Random) -> Pieces:
     return [(0, b"\x00")]  # what a receiver makes of a line held low
 
 
-def _lose(_: bytes, __: random.Random) -> Pieces:
+def _loss_damage(_: bytes, __: random.Random) -> Pieces:
     return []
 
 
-def _duplicate(wire: bytes, _: random.Random) -> Pieces:
+def _duplicate_damage(wire: bytes, _: random.Random) -> Pieces:
     return [(0, wire), (0, wire)]
 
 
-def _junk(wire: bytes, source: random.Random) -> Pieces:
+def _junk_damage(wire: bytes, source: random.Random) -> Pieces:
     return [(0, source.randbytes(_JUNK_BYTES).replace(b"\x00", b"\x01")), (0, wire)]
 
 
-def _delay(wire: bytes, source: random.Random) -> Pieces:
+def _delay_damage(wire: bytes, source: random.Random) -> Pieces:
     spread = math.log(_MOST_DELAY_NS / _LEAST_DELAY_NS)
     return [(round(_LEAST_DELAY_NS * math.exp(spread * source.random())), wire)]
 
 
-def _slice(wire: bytes, source: random.Random) -> Pieces:
+def _slice_damage(wire: bytes, source: random.Random) -> Pieces:
     place = source.randrange(1, len(wire))
     return [(0, wire[:place]), (source.randrange(_LEAST_DELAY_NS), wire[place:])]
 
 
 FAULTS: Final[dict[str, Callable[[bytes, random.Random], Pieces]]] = {
-    "flip": _flip,
-    "burst": _burst,
-    "drop": _drop,
-    "insert": _insert,
-    "truncate": _truncate,
-    "break": _break,
-    "lose": _lose,
-    "duplicate": _duplicate,
-    "junk": _junk,
-    "delay": _delay,
-    "slice": _slice,
+    "flip": _flip_damage,
+    "burst": _burst_damage,
+    "drop": _drop_damage,
+    "insert": _insert_damage,
+    "truncate": _truncate_damage,
+    "break": _break_damage,
+    "lose": _loss_damage,
+    "duplicate": _duplicate_damage,
+    "junk": _junk_damage,
+    "delay": _delay_damage,
+    "slice": _slice_damage,
 }
 KINDS: Final = tuple(FAULTS)
