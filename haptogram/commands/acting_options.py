@@ -313,5 +313,8 @@ ACTING: Final[Mapping[str, Rows]] = {
     },
     "repair": {},
     "presets": _always("json"),
-    "paper": _always("presets json html"),
+    "paper": {
+        **_always("presets json html"),
+        "stamp": Acting("with --html", lambda a: a.html is not None),
+    },
 }

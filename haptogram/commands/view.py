@@ -109,34 +109,48 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _view_recording(arguments: argparse.Namespace, outputs: Outputs) -> int:
+    from haptogram.machine.provenance import Provenance
     from haptogram.report.viewer.page import view_page, write_view
     from haptogram.report.viewer.recorded import recorded_scene
 
-    scene, lead = recorded_scene(Path(arguments.source))
-    title = Path(arguments.source).name
+    recorded = recorded_scene(Path(arguments.source))
+    about: dict[str, Any] = {
+        "title": Path(arguments.source).name,
+        "lead": recorded.lead,
+        "verdict": recorded.verdict,
+        "provenance": Provenance.of_run(arguments.command_line, None),
+    }
     if arguments.html is None:
-        return _serve(arguments, view_page(scene, title=title, lead=lead))
-    write_view(arguments.html, scene, title=title, lead=lead)
+        return _serve(arguments, view_page(recorded.scene, **about))
+    write_view(arguments.html, recorded.scene, **about)
     outputs.announce()
     return PASS
 
 
 def _view_board(arguments: argparse.Namespace, outputs: Outputs) -> int:
     from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.machine.provenance import Provenance
     from haptogram.report.viewer.live import LiveScene
     from haptogram.report.viewer.page import view_page, write_view
 
+    provenance = Provenance.of_run(arguments.command_line, None)
     with BackdoorStream(arguments.source) as stream:
         first, *others = _first_records(arguments.source, stream)
         scene = LiveScene(first)
         scene.take(others)
         if arguments.html is None:
             lead = [f"{scene.firmware}, {scene.model.array.count} transducers."]
-            page = view_page(None, title="Live view", lead=lead)
+            page = view_page(None, title="Live view", lead=lead, provenance=provenance)
             return _serve(arguments, page, (scene, stream))
         while records := stream.read():
             scene.take(records)
-    write_view(arguments.html, scene.whole(), title=scene.firmware, lead=scene.lead)
+    write_view(
+        arguments.html,
+        scene.whole(),
+        title=scene.firmware,
+        lead=scene.lead,
+        provenance=provenance,
+    )
     outputs.announce()
     return PASS
 

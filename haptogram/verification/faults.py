@@ -103,7 +103,9 @@ def _amplitudes(
     wrong = (np.abs(difference) > allowance) & ~silent
     if wrong.any():
         worst = int(difference[np.abs(np.where(wrong, difference, 0)).argmax()])
-        yield f"amplitude of {int(wrong.sum())} elements off, by up to {worst:+d}/255"
+        count = int(wrong.sum())
+        elements = "one element" if count == 1 else f"{count} elements"
+        yield f"amplitude of {elements} off, by up to {worst:+d}/255"
 
 
 # --- Phases ------------------------------------------------------------------------------------

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any, Final
 from haptogram.machine.files import is_standard_output, write_json_file
 from haptogram.settings.parser import file_name_option
 
+from ..acting_options import refuse_idle_options
 from ..shell.exit_status import FAIL, PASS
+from ..shell.job import provenance_of_run
 from ..shell.output_files import Outputs
 
 if TYPE_CHECKING:
+    from haptogram.machine.provenance import Provenance
     from haptogram.published.paper.document import PaperReproduction
     from haptogram.settings.parser import Parser
 
@@ -61,6 +64,11 @@ def set_up(parser: Parser) -> None:
         metavar="FILE.html|DIR",
         help="write a page with pictures, or a folder with the page and the pictures [none]",
     )
+    parser.add_argument(
+        "--stamp",
+        metavar="DATE",
+        help="date that --html states (ISO 8601; UTC without a zone) [now]",
+    )
     parser.rename(report="html")
     parser.set_defaults(run=run)
 
@@ -72,7 +80,9 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.report.paper.text import paper_text
     from haptogram.report.presets import presets_text
 
+    refuse_idle_options("paper", arguments)
     outputs = _outputs(arguments)
+    provenance = provenance_of_run(arguments)
     paper = reproduce_paper()
     wanted = arguments.presets or outputs.paths
     compared = [(preset, compare_preset(preset)) for preset in PRESETS] if wanted else []
@@ -84,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json_file(arguments.json, paper.as_dict() | {"presets": presets})
     if arguments.html:
-        _write_report(paper, presets, arguments.html)
+        _write_report(paper, presets, arguments.html, provenance)
     return PASS if paper.averages_reproduced else FAIL
 
 
@@ -99,13 +109,15 @@ def _outputs(arguments: argparse.Namespace) -> Outputs:
     return Outputs(argparse.Namespace(json=arguments.json, html=page), "json", "html")
 
 
-def _write_report(paper: PaperReproduction, presets: list[dict[str, Any]], place: Path) -> None:
+def _write_report(
+    paper: PaperReproduction, presets: list[dict[str, Any]], place: Path, provenance: Provenance
+) -> None:
     from haptogram.machine.files import write_file_atomically
     from haptogram.report.paper.page import paper_report_files
 
     if is_standard_output(place):
-        ((_, page),) = paper_report_files(paper, presets, _PAGE)
+        ((_, page),) = paper_report_files(paper, presets, _PAGE, provenance)
         write_file_atomically(place, page)
         return
-    for path, content in paper_report_files(paper, presets, place):
+    for path, content in paper_report_files(paper, presets, place, provenance):
         write_file_atomically(path, content)

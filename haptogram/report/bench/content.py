@@ -10,7 +10,7 @@ from haptogram.campaigns.bench.result import STAGES
 
 Result = Mapping[str, Any]
 
-STAGE_HEAD: Final = ("µs", *(f"p{level:g}" for level in LEVELS), "max", "n", "stage")
+STAGE_HEAD: Final = ("stage (µs)", *(f"p{level:g}" for level in LEVELS), "max", "n", "meaning")
 MISS_HEAD: Final = ("later than", "measured", "frames", "causes", "control loop stalled too")
 
 _PLACES: Final = {"at_port": "at the port", "at_board": "complete at the board"}
@@ -48,7 +48,7 @@ def bench_stages_rows(result: Result) -> Iterator[tuple[str, ...]]:
             values = (*found["levels"].values(), found["max"])
             yield name, *(f"{value:.1f}" for value in values), str(found["n"]), meaning
         else:
-            yield name, *("–" for _ in LEVELS), "–", "0", f"{meaning}: not observed"
+            yield name, *("" for _ in LEVELS), "", "0", f"{meaning}: not observed"
 
 
 def bench_clocks_rows(result: Result) -> str:
@@ -69,7 +69,7 @@ def bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
                 f"{miss['limit_us']:g} µs",
                 _PLACES[place],
                 f"{miss['count']} of {miss['n']}",
-                ", ".join(causes) or "–",
+                ", ".join(causes),
                 str(miss["control_stalled_too"]),
             )
 

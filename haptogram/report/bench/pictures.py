@@ -52,6 +52,8 @@ def draw_bench_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figur
                 )
         axes.set(xscale="log", yscale="log", xlabel="time (µs)", ylabel="frames")
         axes.margins(y=0.25)  # room for the names of the percentiles
+        most = max(np.nanmax(stages_us[name], initial=0.0) for name, *_ in _SHOWN)
+        axes.set_xlim(_BINS[0] / 1.5, min(_BINS[-1], 3.0 * max(most, *MISS_LIMITS_US)))
         _mark_limits(axes.axvline)
         _mark_percentiles(axes, stages_us["complete"])
         figure.legend(**_LEGEND)

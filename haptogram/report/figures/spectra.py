@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
@@ -11,6 +11,8 @@ from haptogram.report.figures.style import BLACK, BLUE, GREEN, VERMILION, figure
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+_MOST_DOTS: Final = 50
 
 
 def draw_spectrum(
@@ -55,8 +57,10 @@ def draw_spectrum(
         # Lines that are negligible beside the largest would hide the others under a row of dots.
         shown = (frequency_hz <= highest_hz) & (amplitude_pa > 1e-2 * amplitude_pa.max())
         lines, levels = frequency_hz[shown], amplitude_pa[shown]
-        right.vlines(lines, 0.0, levels, color=VERMILION, linewidth=2.0)
-        right.plot(lines, levels, "o", color=VERMILION, markersize=3.5)
+        is_dense = len(lines) > _MOST_DOTS
+        right.vlines(lines, 0.0, levels, color=VERMILION, linewidth=1.0 if is_dense else 2.0)
+        if not is_dense:  # dots would run into each other
+            right.plot(lines, levels, "o", color=VERMILION, markersize=3.5)
         right.set_xlabel("frequency (Hz); the line at 0 Hz is the mean")
         right.set_ylabel("amplitude (Pa)")
         right.set_xlim(-0.02 * highest_hz, 1.02 * highest_hz)

@@ -50,10 +50,20 @@ def _draw_elements(axes: Axes, places: FloatArray) -> None:
 
 def _draw_outline(axes: Axes, places: FloatArray) -> None:
     limits = axes.get_xlim(), axes.get_ylim()
+    if not _reaches_into(_outline(places), *limits):
+        return
     for tint, width, label in (("white", 2.5, None), (GREY, 1.0, "outline of the array")):
         line = _outline(places)
         axes.plot(*line.T, "--", color=tint, lw=width, zorder=2.5, label=label)
     axes.set(xlim=limits[0], ylim=limits[1])
+
+
+def _reaches_into(line: FloatArray, *limits: tuple[float, float]) -> bool:
+    """Return True if any part of a (N, 2) line is within the limits of both axes."""
+    shares = np.linspace(0.0, 1.0, 101)[:, None, None]
+    points = line[:-1] + shares * (line[1:] - line[:-1])
+    low, high = np.array(limits, dtype=np.float64).T
+    return bool(((points > low) & (points < high)).all(axis=-1).any())
 
 
 def _outline(places: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.provenance import UNSTATED
+from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.published.paper.document import (
     DEVIATIONS_REMARK,
     FIGURE_4_REMARK,
@@ -35,7 +35,10 @@ _FIGURE_4_CAPTIONS: Final = {
 
 
 def paper_report_files(
-    paper: PaperReproduction, presets: Iterable[Mapping[str, Any]], path: Path
+    paper: PaperReproduction,
+    presets: Iterable[Mapping[str, Any]],
+    path: Path,
+    provenance: Provenance = UNSTATED,
 ) -> Iterator[tuple[Path, bytes]]:
     """Yield the files of a report at *path*: a page; for a folder, every picture as well.
 
@@ -52,7 +55,8 @@ def paper_report_files(
         "table1": draw_table_1(paper.best),
         **draw_figure_4(),
     }
-    page = render_html_page("paper.html", UNSTATED, **_content(paper, presets, figures)).encode()
+    content = _content(paper, presets, figures)
+    page = render_html_page("paper.html", provenance, **content).encode()
     if path.suffix:
         yield path, page
         return
@@ -83,15 +87,16 @@ def _content(
     cells = paper.best.cells
     averages = sum(cell.average_reproduced for cell in cells)
     deviations = sum(cell.deviation_reproduced for cell in cells)
+    verdict = "PASS" if paper.averages_reproduced else "FAIL"
     outcome = (
         f"{averages} of {len(cells)} averages and {deviations} of {len(cells)} standard "
         "deviations are within 7 % of the printed value."
     )
     return {
         "title": "Haptogram: the paper of 2014, reproduced",
-        "heading": "Haptogram (2014): the paper's simulation, reproduced",
-        "tone": "plain",
-        "lead": [f"Table 1: {outcome}"],
+        "heading": f"{verdict}: {averages} of {len(cells)} averages of Table 1 are reproduced",
+        "tone": "good" if paper.averages_reproduced else "bad",
+        "lead": ["Haptogram (2014): the paper's simulation, computed again.", outcome],
         "equations": EQUATIONS,
         "demonstrations": [
             (
@@ -137,7 +142,7 @@ def _content(
             (
                 row["preset"],
                 row["quantity"],
-                row["published"],
+                "" if row["published"] == "-" else row["published"],
                 f"{row['ours']:.4g} {row['unit']}",
                 "; ".join(filter(None, (row["source"], row["remark"]))),
             )

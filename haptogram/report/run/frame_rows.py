@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Final
 
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, consequence_text
 
 from .series import plotted_relative_error, worst_frames_of_run
-from .wording import NOTHING, figure_text, timeliness_text
+from .wording import figure_text, timeliness_text
 
 _LARGEST: Final = 10
 _LISTED: Final = 100  # that a person reads
@@ -45,32 +46,54 @@ class FrameRow:
     consequence: str
 
 
-FRAME_HEAD: Final = (
-    "frame",
-    "status",
+_MEASURES: Final = (
     "target x, y, z (mm)",
     "due (µs, board's clock)",
     "across (mm)",
     "along (mm)",
     "error / bound",
-    "found",
 )
 
 
-def frame_rows(run: RunVerdict) -> tuple[list[FrameRow], int]:
-    """Return rows of the wrong, lost and late frames, and how many more there are.
+@dataclass(frozen=True, slots=True)
+class FrameTable:
+    """The frames that a page lists.
 
-    Those with the largest errors follow.
+    Attributes
+    ----------
+    head : tuple of str
+        Names of the columns: those that any frame has something for.
+    rows : list of FrameRow
+        Wrong, lost and late frames, then those with the largest errors.
+    more : int
+        Number of wrong, lost and late frames that are not listed.
     """
+
+    head: tuple[str, ...]
+    rows: list[FrameRow]
+    more: int
+
+
+def frame_table(run: RunVerdict) -> FrameTable:
+    """Return the table of the frames that a person looks at."""
     odd = sorted(run.odd_frames, key=lambda frame: (not frame.is_wrong, frame.number))
     named = {frame.number for frame in odd}
     largest = [f for f in worst_frames_of_run(run, _LARGEST) if f.number not in named]
-    return [_row(frame) for frame in [*odd[:_LISTED], *largest]], max(0, len(odd) - _LISTED)
+    rows = [_row(frame) for frame in [*odd[:_LISTED], *largest]]
+    used = [any(row.cells[at] for row in rows) for at in range(len(_MEASURES))]
+    kept = tuple(name for name, is_used in zip(_MEASURES, used, strict=True) if is_used)
+    rows = [replace(row, cells=tuple(compress(row.cells, used))) for row in rows]
+    found = ("found",) if any(row.faults or row.consequence for row in rows) else ()
+    return FrameTable(("frame", "status", *kept, *found), rows, max(0, len(odd) - _LISTED))
 
 
 def frame_place_text(frame: FrameVerdict) -> str:
     """Return the target of *frame* in mm."""
     return ", ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in frame.target_m)
+
+
+def _figure(value: float | None, digits: int = 3) -> str:
+    return "" if value is None else figure_text(value, digits)
 
 
 def _row(frame: FrameVerdict) -> FrameRow:
@@ -85,10 +108,10 @@ def _row(frame: FrameVerdict) -> FrameRow:
         timeliness_text(frame) if frame.late or frame.early else "",
         (
             frame_place_text(frame),
-            NOTHING if frame.t_apply_us is None else str(frame.t_apply_us),
-            figure_text(frame.lateral_error_mm, 4),
-            figure_text(frame.axial_error_mm, 4),
-            figure_text(plotted_relative_error(frame)),
+            "" if frame.t_apply_us is None else str(frame.t_apply_us),
+            _figure(frame.lateral_error_mm, 4),
+            _figure(frame.axial_error_mm, 4),
+            _figure(plotted_relative_error(frame)),
         ),
         "; ".join(faults),
         "" if frame.consequence is None else consequence_text(frame.consequence),

@@ -22,7 +22,7 @@ from . import pictures, prose
 from .check import CheckOutcome
 from .checks import NAMED_FRAMES, checks_of_result
 from .fieldmap import FieldPicture, frame_field_picture
-from .frame_rows import FRAME_HEAD, frame_place_text, frame_rows
+from .frame_rows import frame_place_text, frame_table
 from .pins import capture_figures, sentence_of_result
 from .wording import NOTHING, figure_text
 
@@ -73,7 +73,6 @@ def write_run_page(
     seen = observations or {}
     drives = {number: one.output for number, one in seen.items() if one.output is not None}
     shown = frame_field_picture(run, model, drives, bits)
-    frames, more = frame_rows(run)
     write_html_page(
         path,
         "run.html",
@@ -90,9 +89,7 @@ def write_run_page(
         tones=_CHECK_TONES,
         pictures=list(_pictures(run, model, shown, result["board"].get("phase_steps"))),
         findings=list(islice(run.findings(), NAMED_FRAMES)),
-        frame_head=FRAME_HEAD,
-        frames=frames,
-        more_frames=more,
+        frames=frame_table(run),
         judged=any(frame.criteria for frame in run.frames),
         criteria=prose.CRITERIA,
         evidence=list(prose.run_evidence_sentences(result)),
@@ -176,6 +173,30 @@ def _pictures(
         "The colour is the error of a focus over the largest one that the rounding of the phases "
         "can make, on the axis where that is worst; beyond 1 it is off target.",
     )
+    measured = any(frame.lateral_error_mm is not None for frame in run.frames)
+    if measured:
+        yield from _pictures_of_errors(run, model)
+    yield embed_picture(
+        pictures.draw_run_field(shown, model),
+        "Pressure around one focus.",
+        _field_caption(shown, steps),
+    )
+    if any(frame.pressure_rms_pa is not None for frame in run.frames):
+        yield embed_picture(
+            pictures.draw_run_along_object(run),
+            "Pressure and force along the object.",
+            "Left in the order of display, right as seen from above the array.",
+        )
+    if len(run.values("lateness_us")):
+        yield embed_picture(
+            pictures.draw_run_lateness(run, model),
+            "How long after its time each frame was latched.",
+            "On the board's clock. A frame latches at the first carrier period after its time; "
+            "from one whole period on it is late.",
+        )
+
+
+def _pictures_of_errors(run: RunVerdict, model: AcousticModel) -> Iterator[PagePicture]:
     yield embed_picture(
         pictures.draw_run_misses(run, model),
         "The misses over time and over the object.",
@@ -188,22 +209,6 @@ def _pictures(
         "How the errors are distributed.",
         "Grey: from the smallest to the largest error that the rounding of the phases can make, "
         "which differs from target to target. Smaller errors than 10 nm are drawn as 10 nm.",
-    )
-    yield embed_picture(
-        pictures.draw_run_field(shown, model),
-        "Pressure around one focus.",
-        _field_caption(shown, steps),
-    )
-    yield embed_picture(
-        pictures.draw_run_along_object(run),
-        "Pressure and force along the object.",
-        "Left in the order of display, right as seen from above the array.",
-    )
-    yield embed_picture(
-        pictures.draw_run_lateness(run, model),
-        "How long after its time each frame was latched.",
-        "On the board's clock. A frame latches at the first carrier period after its time; from "
-        "one whole period on it is late.",
     )
 
 

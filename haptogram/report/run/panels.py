@@ -109,7 +109,10 @@ def mark_troubled_frames(axes: Any, frames: list[FrameVerdict], axes_count: int 
 def _equal_scales(axes: Any, points: FloatArray) -> None:
     """Draw a millimetre equally long on every axis; no axis is so short that labels collide."""
     low, high = points.min(axis=0), points.max(axis=0)
-    span = np.maximum(high - low, 0.25 * float((high - low).max()) + 1.0) * 1.06
+    longest = float((high - low).max())
+    is_tall = float(high[2] - low[2]) > 1.5 * float((high - low)[:2].max())
+    # A slender box leaves no room for the names of its axes.
+    span = np.maximum(high - low, (0.5 if is_tall else 0.25) * longest + 1.0) * 1.06
     middle = (low + high) / 2.0
     for name, centre, width in zip(_AXES, middle, span, strict=True):
         getattr(axes, f"set_{name}lim")(centre - width / 2.0, centre + width / 2.0)
@@ -119,7 +122,7 @@ def _equal_scales(axes: Any, points: FloatArray) -> None:
         # Along the longer sides of a flat box matplotlib moves the name onto the numbers.
         pad = 8.0 + 5.0 * (float(width / span.min()) - 1.0)
         getattr(axes, f"set_{name}label")(f"{name} (mm)", labelpad=pad)
-    axes.set_box_aspect(span, zoom=1.08)
+    axes.set_box_aspect(span, zoom=0.92 if is_tall else 1.08)
 
 
 # --- Errors ------------------------------------------------------------------------------------
@@ -217,12 +220,19 @@ def along_panel(axes: Axes, run: RunVerdict, measure: str, factor: float, label:
     axes.plot(numbers, values, ".", color=BLUE, markersize=2.5 if len(table) > 100 else 5.0)
     axes.set_ylabel(label)
     axes.margins(x=0.02)
-    if np.ptp(values) < 0.02 * abs(float(values.mean())):  # else noise fills the axis
-        axes.set_ylim(0.9 * float(values.min()), 1.1 * float(values.max()))
+    if (limits := _limits_of_steady(values)) is not None:
+        axes.set_ylim(*limits)
     for kind, colour in (("lost", VERMILION), ("late", GREY)):
         frames_rug(axes, run, kind, colour, lambda frame: frame.number)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="best")
+
+
+def _limits_of_steady(values: FloatArray) -> tuple[float, float] | None:
+    """Return limits for values that hardly differ, whose noise would fill an axis; None: others."""
+    if np.ptp(values) >= 0.02 * abs(float(values.mean())):
+        return None
+    return 0.9 * float(values.min()), 1.1 * float(values.max())
 
 
 def frames_rug(
@@ -261,7 +271,10 @@ def object_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
-    figure.colorbar(dots, ax=axes, label="pressure (kPa RMS)", shrink=0.8)
+    if (limits := _limits_of_steady(values)) is not None:
+        dots.set_clim(*limits)
+    bar = figure.colorbar(dots, ax=axes, label="pressure (kPa RMS)", shrink=0.8)
+    bar.ax.ticklabel_format(useOffset=False)
 
 
 # --- Time --------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -12,7 +12,7 @@ from typing import Final
 from haptogram.acoustics import AcousticModel, Reconstructor, SingleFocus
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model, observation_of
-from haptogram.evidence.recordings.channels import VERDICT
+from haptogram.evidence.recordings.channels import SUMMARY, VERDICT
 from haptogram.evidence.recordings.reader import Recording
 from haptogram.evidence.recordings.sent_frames import SentFrame, model_of_answers, sent_frames
 from haptogram.records.frame import FrameKey
@@ -25,8 +25,26 @@ _MOST_FRAMES: Final = 20_000  # of one page: 10 MB
 _MOST_SEARCHES: Final = 20  # in vain: of a drive without a focus each takes a tenth of a second
 
 
-def recorded_scene(path: Path) -> tuple[Scene, list[str]]:
-    """Return the scene of a recording, and sentences that say what it is.
+@dataclass(frozen=True, slots=True)
+class RecordedScene:
+    """The scene of a recording.
+
+    Attributes
+    ----------
+    scene : Scene
+    lead : list of str
+        Sentences that say what was recorded.
+    verdict : str
+        Verdict of the recorded run; empty: it has none.
+    """
+
+    scene: Scene
+    lead: list[str]
+    verdict: str
+
+
+def recorded_scene(path: Path) -> RecordedScene:
+    """Return the scene of a recording.
 
     Raises
     ------
@@ -45,7 +63,23 @@ def recorded_scene(path: Path) -> tuple[Scene, list[str]]:
         live.take(record for record in recording.records() if record["kind"] != "board")
         scene, lead = live.whole(), live.lead
     end = [] if recording.is_whole else ["The recording was cut off."]
-    return scene, [f"{recording.run.get('command', '')}: {lead[0]}", *end]
+    command = recording.run.get("command", "")
+    return RecordedScene(
+        scene, [f"{command}: {lead[0]}", *_versions(recording), *end], _verdict(recording)
+    )
+
+
+def _versions(recording: Recording) -> list[str]:
+    """Return the sentence that names the programs by which the recording was written."""
+    versions = recording.run.get("versions")
+    if not isinstance(versions, dict) or not versions:
+        return []
+    return [f"Recorded with {', '.join(f'{name} {text}' for name, text in versions.items())}."]
+
+
+def _verdict(recording: Recording) -> str:
+    verdicts = [entry.fields.get("verdict") for entry in recording.entries((SUMMARY,))]
+    return str(verdicts[-1] or "") if verdicts else ""
 
 
 def _scene(

@@ -20,7 +20,6 @@ from haptogram.verification import FrameStatus, Verdict
 from haptogram.verification.watch import Defect, WatchedLatch, WatchResult
 
 from ..formats.html import write_html_page
-from ..run.wording import NOTHING
 from ..viewer.frames import ShownFrame, judged_frame
 from ..viewer.scene import Scene
 from .words import pattern_text, place_text
@@ -114,14 +113,14 @@ class WatchPage:
             *([f"torn: {seen.torn_text}"] if seen.torn_text else []),
         ]
         failed = [] if verdict is None else [n for n, ok in verdict.criteria.items() if not ok]
-        told = NOTHING if verdict is None else str(verdict.status)
+        told = "" if verdict is None else str(verdict.status)
         return (
             str(latch.number),
-            NOTHING if latch.t_us is None else f"{latch.t_us / 1e6:.6f}",
+            "" if latch.t_us is None else f"{latch.t_us / 1e6:.6f}",
             latch.cause,
             pattern_text(seen.pattern, self._board),
             told + (f" ({', '.join(failed)})" if failed else ""),
-            "; ".join(strange) or NOTHING,
+            "; ".join(strange),
         )
 
     def _expected_rows(self, expected_m: Sequence[FloatArray]) -> list[tuple[str, str]]:
@@ -170,5 +169,5 @@ def _defect_rows(result: WatchResult) -> list[tuple[str, bool, str]]:
     for defect in Defect:
         found = [str(one) for one in result.diagnoses if one.defect is defect]
         figures = "; ".join(text.removeprefix(f"{defect}: ") for text in found)
-        rows.append((str(defect), bool(found), figures or NOTHING))
+        rows.append((str(defect), bool(found), figures))
     return sorted(rows, key=lambda row: not row[1])

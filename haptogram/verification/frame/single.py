@@ -259,9 +259,10 @@ def _unobservable(target: FrameTarget) -> str:
     """Return a finding that names the coordinates of the focus that no phase tells."""
     names = [name for name, seen in zip("xyz", target.observable, strict=True) if not seen]
     along = " and ".join(names)
+    count = int(target.active.sum())
+    elements = "one element that sounds" if count == 1 else f"{count} elements that sound"
     return (
-        f"the {int(target.active.sum())} elements that sound cannot tell where the focus is along "
-        f"{along}: a miss there would not show"
+        f"the {elements} cannot tell where the focus is along {along}: a miss there would not show"
     )
 
 

@@ -99,6 +99,7 @@ CASES = {
     },
 }
 CASES["soak"], CASES["bench"] = {}, {}
+CASES["paper"] = {"stamp": ("--html a.html", "")}
 for _command, _words in {
     "verify": "",
     "conform": "",

@@ -23,6 +23,7 @@ def computed_once():
 
 def run(*words):
     arguments = command_parser("paper").parse_args([*map(str, words)])
+    arguments.command_line = "haptogram paper"
     return arguments.run(arguments)
 
 
@@ -59,13 +60,15 @@ def test_the_report_is_one_page_or_a_folder_of_pictures(tmp_path, capsys, monkey
     monkeypatch.setattr("haptogram.report.paper.pictures._STEP_M", 4e-3)
     monkeypatch.setattr("haptogram.report.figures.style.DPI", 40)
     monkeypatch.setattr("haptogram.report.figures.style.PAGE_DPI", 40)
-    assert run("--html", tmp_path / "out") == 0
+    assert run("--html", tmp_path / "out", "--stamp", "2026-11-22") == 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"index.html", "table1.png", "hemispheres.svg", "figure4_2_bent_x_xz.svg"} <= names
     page = (tmp_path / "out" / "index.html").read_text()
     assert page.count(">not reproduced</span>") == 16
     assert page.count("<img ") == 2 + 8
     assert not re.search(r'(src|href)="(?!data:)', page)
+    assert "PASS: 16 of 16 averages of Table 1 are reproduced" in page
+    assert "2026-11-22 00:00:00 UTC" in page
     capsys.readouterr()
 
 

@@ -6,10 +6,14 @@ const PHASE_STOPS = // cyclic: 0 and 2 pi look alike
 const PRESSURE_STOPS =
   "00224e00285b002e6a0533711a386f273e6e32436d3b496c434e6c4b546c535a6d5a5f6e61656f686a716f70737676767d7c" +
   "788482798c8878938e789b9476a39a74aba072b4a76fbcae6cc4b468cdbb63d5c25edec958e7d150f0d846f9e03afee838";
-const COLOURS = { // Okabe and Ito's
-  target: "#D55E00", found: "#0072B2", good: "#009E73", late: "#E69F00", open: "#888888", wrong: "#D55E00",
-  lost: "#CC79A7", margin: "#56B4E9",
-};
+const COLOURS = {}; // of the marks, by name: those of the style sheet in the theme that is shown
+
+function takeColours(root) {
+  const style = getComputedStyle(root);
+  for (const name of ["target", "found", "good", "late", "open", "wrong", "lost", "margin"]) {
+    COLOURS[name] = style.getPropertyValue(`--${name}`).trim();
+  }
+}
 
 class ColourMap {
   constructor(stops) {

@@ -1,6 +1,7 @@
 // Opens the view: on the scene that the page holds, else on the frames of a board that runs.
 
 const PAUSE_MS = 50; // 20 pictures a second at most
+const CALM_MS = 1000; // for somebody who asked the system for little motion
 const RETRY_MS = 1000;
 
 async function openViewer() {
@@ -21,10 +22,15 @@ function show(root, scene, isLive) {
   window.haptogramViewer = new Viewer(root, scene, isLive); // for tests and for the curious
 }
 
-// An address that ends in #view-12 shows frame 12.
+function pauseMs() {
+  return matchMedia("(prefers-reduced-motion: reduce)").matches ? CALM_MS : PAUSE_MS;
+}
+
+// An address that ends in #view-12 shows frame 12; so does #frame-12, if no table of the page lists that frame.
 function followAddress(root) {
-  const number = /^#view-(\d+)$/.exec(location.hash)?.[1];
+  const [, kind, number] = /^#(view|frame)-(\d+)$/.exec(location.hash) ?? [];
   if (!number || !window.haptogramViewer) return;
+  if (kind === "frame" && document.getElementById(`frame-${number}`)) return;
   window.haptogramViewer.showNumber(Number(number));
   root.scrollIntoView();
 }
@@ -46,7 +52,7 @@ async function follow(root) {
     } else {
       tell(root, "No connection to the board; what came is kept.");
     }
-    await new Promise((resume) => { setTimeout(resume, scene ? PAUSE_MS : RETRY_MS); });
+    await new Promise((resume) => { setTimeout(resume, scene ? pauseMs() : RETRY_MS); });
   }
 }
 

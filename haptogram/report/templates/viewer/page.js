@@ -84,11 +84,11 @@ class Viewer {
     const { scene, frame } = this;
     const number = (name, digits, unit) => {
       const value = scene.value(name, frame);
-      return value === null ? null : `${value.toFixed(digits)} ${unit}`;
+      return value === null ? null : `${fixed(value, digits)} ${unit}`;
     };
     const place = (name) => {
       const row = scene.row(name, frame);
-      return row && `${[...row].map((value) => value.toFixed(2)).join(", ")} mm`;
+      return row && `${[...row].map((value) => fixed(value, 2)).join(", ")} mm`;
     };
     const timing = ["", ", late", ", early"][scene.column("timing")[frame]];
     const rows = { // what is not known has no row
@@ -301,7 +301,7 @@ class Viewer {
 
   #stepByKey(event) {
     const inPicture = event.target === this.part("picture");
-    if (inPicture || ["INPUT", "SELECT"].includes(event.target.tagName)) return;
+    if (["INPUT", "SELECT"].includes(event.target.tagName) || (inPicture && event.key !== " ")) return;
     const page = Math.max(1, Math.round(this.scene.frames / 20));
     const acts = {
       ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1),
@@ -315,8 +315,14 @@ class Viewer {
   }
 
   #takeColours() {
+    takeColours(this.root);
     this.picture.ink = getComputedStyle(this.root).color;
   }
+}
+
+// A number with so many digits; what is rounded to zero has no sign.
+function fixed(value, digits) {
+  return (Number(value.toFixed(digits)) + 0).toFixed(digits);
 }
 
 function fillTable(table, rows) {

@@ -3,20 +3,22 @@
 
 const DECIBELS = 40; // below the highest pressure that the scale shows
 const TRAIL = 300; // foci before the shown one that are drawn
+const FIRST_VIEW = { azimuth: -0.5, elevation: 0.45 }; // radians
+const FILLED = 0.94; // of the picture, by what there is to see
 
 class Camera {
   constructor() {
     this.reset();
   }
 
-  // Turn to the middle of a box, as far away as its corners need.
+  // Turn to the middle of a box, as far away as its corners need in the first view.
   lookAt({ low, high }) {
     this.centre = low.map((value, axis) => (value + high[axis]) / 2);
-    this.radius = Math.hypot(...low.map((value, axis) => (high[axis] - value) / 2));
+    this.half = low.map((value, axis) => (high[axis] - value) / 2);
   }
 
   reset() {
-    Object.assign(this, { azimuth: -0.5, elevation: 0.45, zoom: 1 });
+    Object.assign(this, { ...FIRST_VIEW, zoom: 1 });
   }
 
   turn(azimuth, elevation) {
@@ -30,14 +32,18 @@ class Camera {
 
   // Vectors to the right, up, and toward the viewer, for a picture of this size in pixels.
   view(width, height) {
-    const [ca, sa] = [Math.cos(this.azimuth), Math.sin(this.azimuth)];
-    const [ce, se] = [Math.cos(this.elevation), Math.sin(this.elevation)];
-    const scale = (0.62 * this.zoom * Math.min(width, height)) / this.radius;
-    return {
-      right: [ca, sa, 0], up: [-sa * se, ca * se, ce], toward: [sa * ce, -ca * ce, se],
-      scale, width, height, centre: this.centre,
-    };
+    const first = axesOf(FIRST_VIEW);
+    // Half of what the box takes up in each direction, seen as at first: it keeps its size when it turns.
+    const [across, upward] = [first.right, first.up].map((axis) => dot(this.half, axis.map(Math.abs)));
+    const scale = this.zoom * FILLED * Math.min(width / (2 * across), height / (2 * upward));
+    return { ...axesOf(this), scale, width, height, centre: this.centre };
   }
+}
+
+function axesOf({ azimuth, elevation }) {
+  const [ca, sa] = [Math.cos(azimuth), Math.sin(azimuth)];
+  const [ce, se] = [Math.cos(elevation), Math.sin(elevation)];
+  return { right: [ca, sa, 0], up: [-sa * se, ca * se, ce], toward: [sa * ce, -ca * ce, se] };
 }
 
 function dot(a, b) {

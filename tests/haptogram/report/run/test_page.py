@@ -155,7 +155,7 @@ def test_what_was_not_seen_is_said(tmp_path: Path, model: AcousticModel) -> None
 @pytest.mark.usefixtures("no_pictures")
 def test_a_long_list_is_cut_and_says_so(tmp_path: Path, model: AcousticModel) -> None:
     run = make_run(model, targets(120), dict.fromkeys(range(120), lose))
-    assert "... and 20 more, in the JSON file." in written(tmp_path, run, model).texts
+    assert "... and 20 more, in the JSON file" in " ".join(written(tmp_path, run, model).texts)
 
 
 @pytest.mark.usefixtures("no_pictures")

@@ -210,8 +210,8 @@ def test_lost_and_late_frames_show_on_the_time_line(page: Any) -> None:
         }"""
     )
     assert colours[1][3] == 0  # on target: a short tick
-    assert colours[2][:3] == [0xCC, 0x79, 0xA7]  # lost
-    assert colours[3][:3] == [0xE6, 0x9F, 0x00]  # late
+    assert colours[2][:3] == [0xB0, 0x56, 0x8A]  # lost
+    assert colours[3][:3] == [0xA8, 0x74, 0x00]  # late
     assert page.locator("[data-part=trouble-count]").inner_text() == "2"
 
 
@@ -259,6 +259,133 @@ def test_controls_step_play_pause_and_jump(page: Any) -> None:
     page.click("[data-part=play]")
     assert page.evaluate("() => haptogramViewer.playing") is False
     assert page.evaluate(shown) < 3
+
+
+def test_every_control_is_reached_and_worked_by_keyboard(page: Any) -> None:
+    shown, playing = "() => haptogramViewer.frame", "() => haptogramViewer.playing"
+    reached, outlines = [], []
+    page.locator("[data-part=picture]").focus()
+    for _ in range(14):
+        at = page.evaluate(
+            "() => [document.activeElement.dataset.part, getComputedStyle(document.activeElement)"
+            ".outlineStyle]"
+        )
+        reached.append(at[0])
+        outlines.append(at[1])
+        page.keyboard.press("Tab")
+    wanted = ["picture", "timeline", "play", "back", "forward", "speed", "axis", "at", "follow"]
+    assert [name for name in reached if name in wanted] == wanted
+    assert {"trail", "decibels", "reset"} <= set(reached)
+    assert set(outlines[1 : len(wanted)]) == {"solid"}
+    slider = page.locator("[data-part=timeline]")
+    page.select_option("[data-part=speed]", "0.001")
+    for part in ("timeline", "picture"):
+        page.locator(f"[data-part={part}]").focus()
+        page.keyboard.press(" ")
+        assert page.evaluate(playing) is True
+        page.keyboard.press(" ")
+        assert page.evaluate(playing) is False
+    slider.focus()
+    page.keyboard.press("End")
+    assert slider.get_attribute("aria-valuenow") == "3"
+    assert slider.get_attribute("aria-valuemax") == "3"
+    assert "on target, late" in (slider.get_attribute("aria-valuetext") or "")
+    page.locator("[data-part=picture]").focus()
+    turned = page.evaluate("() => haptogramViewer.picture.camera.azimuth")
+    page.keyboard.press("ArrowLeft")
+    assert page.evaluate("() => haptogramViewer.picture.camera.azimuth") > turned
+    assert page.evaluate(shown) == 3
+    page.keyboard.press("0")
+    assert page.evaluate("() => haptogramViewer.picture.camera.azimuth") == turned
+
+
+def test_everything_with_a_meaning_has_a_name(page: Any) -> None:
+    nameless = page.evaluate(
+        """() => [...document.querySelectorAll(".viewer :is(button, input, select, canvas)")]
+          .filter((e) => !e.getAttribute("aria-label") && !e.textContent.trim())
+          .filter((e) => !e.labels?.length)
+          .map((e) => e.outerHTML)"""
+    )
+    assert nameless == []
+
+
+def test_who_asked_for_little_motion_gets_a_picture_a_second(
+    tmp_path: Path, open_page: Callable[..., Any]
+) -> None:
+    address = _scene_page(tmp_path, _run_of_four())
+    for motion, pause_ms in (("reduce", 1000), ("no-preference", 50)):
+        page = open_page(address, reduced_motion=motion)
+        # Modules keep their names to themselves: what they ask the system is what tells.
+        asked = "() => matchMedia('(prefers-reduced-motion: reduce)').matches"
+        assert page.evaluate(asked) is (pause_ms == 1000)
+        assert page.evaluate("() => haptogramViewer.playing") is False
+
+
+def test_an_address_shows_a_frame_that_no_table_lists(
+    tmp_path: Path, open_page: Callable[..., Any]
+) -> None:
+    address = _scene_page(tmp_path, _run_of_four())
+    for kind in ("view", "frame"):
+        page = open_page(f"{address}#{kind}-2")
+        assert page.evaluate("() => haptogramViewer.frame") == 2
+
+
+@pytest.mark.parametrize("array", [_GRID, TransducerArray.grid(1, 1), _face_to_face()])
+@pytest.mark.parametrize("size", [(1280, 900), (400, 900)])
+def test_all_that_there_is_fills_the_picture_and_lies_in_it(
+    array: TransducerArray, size: tuple[int, int], tmp_path: Path, open_page: Callable[..., Any]
+) -> None:
+    drive = Drive(np.zeros(array.count, np.uint8), np.full(array.count, 255, np.uint8))
+    frame = ShownFrame(number=0, drive=drive, target_m=(0.0, 0.0, 0.12))
+    scene = Scene.of(AcousticModel(array, Medium.air(20.0), _PISTON), [frame])
+    view = {"width": size[0], "height": size[1]}
+    page = open_page(_scene_page(tmp_path, scene), viewport=view)
+    corners, canvas = page.evaluate(
+        """() => {
+          const { bounds: { low, high }, view } = haptogramViewer.picture;
+          const corner = (n) => [0, 1, 2].map((axis) => (n >> axis & 1 ? high : low)[axis]);
+          const places = [...Array(8).keys()].map((n) => haptogramViewer.pixelOf(corner(n)));
+          return [places, [view.width, view.height]];
+        }"""
+    )
+    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+    assert (low >= 0).all()
+    assert (high <= canvas).all()
+    assert max((high - low) / canvas) == pytest.approx(0.94, abs=0.01)
+
+
+_CONTRASTS = """() => {
+  const channel = (v) => (v <= 10 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4);
+  const bright = (colour) => {
+    const [r, g, b] = colour.match(/[\\d.]+/g).map(Number);
+    return 0.2126 * channel(r) + 0.7152 * channel(g) + 0.0722 * channel(b);
+  };
+  const ground = (e) => {
+    for (let at = e; at; at = at.parentElement) {
+      const colour = getComputedStyle(at).backgroundColor;
+      if (!colour.endsWith(", 0)")) return colour;
+    }
+    return "rgb(255, 255, 255)";
+  };
+  const found = [];
+  for (const e of document.querySelectorAll("body *")) {
+    const texts = [...e.childNodes].filter((n) => n.nodeType === 3 && n.textContent.trim());
+    if (!texts.length || !e.offsetParent) continue;
+    const [one, other] = [getComputedStyle(e).color, ground(e)].map(bright);
+    const ratio = (Math.max(one, other) + 0.05) / (Math.min(one, other) + 0.05);
+    const least = e.className.startsWith?.("mark-") ? 3 : 4.5;
+    if (ratio < least) found.push([e.outerHTML.slice(0, 80), ratio]);
+  }
+  return found;
+}"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_texts_and_marks_have_the_contrast_of_wcag_aa(
+    scheme: str, tmp_path: Path, open_page: Callable[..., Any]
+) -> None:
+    page = open_page(_scene_page(tmp_path, _run_of_four()), color_scheme=scheme)
+    assert page.evaluate(_CONTRASTS) == []
 
 
 def test_plane_is_moved_by_slider_handle_and_axis(page: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,18 +12,26 @@ from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.recordings.writer import RecordingWriter
 from haptogram.report.viewer.frames import STATUSES
-from haptogram.report.viewer.recorded import recorded_scene
+from haptogram.report.viewer.recorded import RecordedScene, recorded_scene
+from haptogram.report.viewer.scene import Scene
 
 from .test_scene import unpack
 
 pytest.importorskip("mcap")
+
+
+def scene_and_lead(recorded: RecordedScene) -> tuple[Scene, list[str]]:
+    return recorded.scene, recorded.lead
+
+
 SMALL = ["--virtual-time", "--array", "6x6", "--object", "circle", "--quiet"]
 
 
 def test_verdicts_of_a_run_are_shown(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     main(["verify", *SMALL, "--fault", "line.flip ber=3e-4", "--record", str(path)])
-    scene, lead = recorded_scene(path)
+    assert recorded_scene(path).verdict == "inconclusive"
+    scene, lead = scene_and_lead(recorded_scene(path))
     header, columns = unpack(scene.pack())
     statuses = [STATUSES[code] for code in columns["status"]]
     assert {"on target", "lost"} <= set(statuses)
@@ -34,18 +43,19 @@ def test_verdicts_of_a_run_are_shown(tmp_path: Path) -> None:
     numbers = columns["number"][lost].tolist()
     assert list(header["texts"]) == [str(number) for number in numbers]
     assert all("lost" in text for text in header["texts"].values())
-    assert lead == [f"verify: 36 transducers, {len(statuses)} judged frames."]
+    assert lead[0] == f"verify: 36 transducers, {len(statuses)} judged frames."
+    assert re.fullmatch(r"Recorded with haptogram \S+, python \S+\.", lead[1])
 
 
 def test_recording_that_was_cut_off_is_shown_as_far_as_it_goes(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     main(["verify", *SMALL, "--record", str(path)])
-    whole = unpack(recorded_scene(path)[0].pack())[1]
+    whole = unpack(recorded_scene(path).scene.pack())[1]
     content = path.read_bytes()
     shown = []
     for tenths in range(2, 10):
         path.write_bytes(content[: len(content) * tenths // 10])
-        scene, lead = recorded_scene(path)
+        scene, lead = scene_and_lead(recorded_scene(path))
         shown.append(len(unpack(scene.pack())[1]["number"]))
         assert lead[-1] == "The recording was cut off."
     assert shown == sorted(shown)
@@ -57,12 +67,12 @@ def test_no_more_drives_are_kept_than_frames_are_shown(
 ) -> None:
     path = tmp_path / "run.mcap"
     main(["verify", *SMALL, "--record", str(path)])
-    whole = unpack(recorded_scene(path)[0].pack())[1]
+    whole = unpack(recorded_scene(path).scene.pack())[1]
     monkeypatch.setattr("haptogram.report.viewer.recorded._MOST_FRAMES", 5)
-    scene, lead = recorded_scene(path)
+    scene, lead = scene_and_lead(recorded_scene(path))
     first = unpack(scene.pack())[1]
     np.testing.assert_array_equal(first["phases"], whole["phases"][:5])
-    assert lead == ["verify: 36 transducers, 5 judged frames, the first 5 of run.mcap."]
+    assert lead[0] == "verify: 36 transducers, 5 judged frames, the first 5 of run.mcap."
 
 
 @pytest.fixture(scope="module")
@@ -79,9 +89,9 @@ def test_a_recording_of_a_port_shows_verdicts_and_the_drives_that_were_sent(
 ) -> None:
     seen = tmp_path / "seen.mcap"
     main(["verify", *SMALL, "--record", str(seen)])
-    scene, lead = recorded_scene(at_a_port)
+    scene, lead = scene_and_lead(recorded_scene(at_a_port))
     header, columns = unpack(scene.pack())
-    expected = unpack(recorded_scene(seen)[0].pack())[1]
+    expected = unpack(recorded_scene(seen).scene.pack())[1]
     for name in ("phases", "amplitudes", "positions_mm", "target_mm", "status"):
         np.testing.assert_array_equal(columns[name], expected[name])
     assert header["counters"] == {"on target": len(columns["number"])}
@@ -92,9 +102,9 @@ def test_a_recording_of_a_port_shows_verdicts_and_the_drives_that_were_sent(
 def test_frames_of_a_port_that_nobody_judged_are_those_that_were_sent(
     at_a_port: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    judged = unpack(recorded_scene(at_a_port)[0].pack())[1]
+    judged = unpack(recorded_scene(at_a_port).scene.pack())[1]
     monkeypatch.setattr("haptogram.report.viewer.recorded.VERDICT", "/none")
-    scene, lead = recorded_scene(at_a_port)
+    scene, lead = scene_and_lead(recorded_scene(at_a_port))
     header, columns = unpack(scene.pack())
     assert header["counters"] == {"sent": len(judged["number"])}
     np.testing.assert_array_equal(columns["phases"], judged["phases"])
