@@ -39,7 +39,7 @@ def register_url_handler() -> None:
         serial.protocol_handler_packages.append(package)
 
 
-def open_virtual_port(config: PortConfig, timeout_s: float | None = 0) -> Serial:
+def open_virtual_port(config: PortConfig) -> Serial:
     """Power up a virtual board in this process, and return the port to it.
 
     Raises
@@ -47,7 +47,7 @@ def open_virtual_port(config: PortConfig, timeout_s: float | None = 0) -> Serial
     ConfigurationError
         If the board cannot be built.
     """
-    port = Serial(timeout=timeout_s)
+    port = Serial(timeout=0)
     port.config = config
     port.port = SCHEME
     port.open()

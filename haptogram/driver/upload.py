@@ -9,7 +9,7 @@ from typing import Final
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import Progress, check_argument_kind
+from haptogram.settings.arguments import check_argument_kind
 from haptogram_protocol.messages import (
     Feature,
     HelloReply,
@@ -112,7 +112,6 @@ def upload(
     data: bytes,
     *,
     points_per_frame: int = 0,
-    progress: Progress | None = None,
 ) -> UploadCommitReply:
     """Transfer *data*, with as many chunks under way as the board allows, and commit it.
 
@@ -123,7 +122,7 @@ def upload(
     """
     begin = UploadBegin(kind, points_per_frame, target, len(data), zlib.crc32(data))
     reply = link.request(begin, UploadBeginReply)
-    _send_chunks(link, data, min(reply.max_chunk, _LARGEST_CHUNK), progress)
+    _send_chunks(link, data, min(reply.max_chunk, _LARGEST_CHUNK))
     return link.request(UploadCommit(target), UploadCommitReply)
 
 
@@ -138,7 +137,7 @@ def upload_correction(link: Link, identity: HelloReply, codes: bytes) -> None:
     upload(link, UploadKind.CORRECTION, 0, codes)
 
 
-def _send_chunks(link: Link, data: bytes, size: int, progress: Progress | None) -> None:
+def _send_chunks(link: Link, data: bytes, size: int) -> None:
     """Send every chunk; the link repeats lost ones."""
     waiting: list[int] = []
     offsets = iter(range(0, len(data), size))
@@ -149,9 +148,7 @@ def _send_chunks(link: Link, data: bytes, size: int, progress: Progress | None) 
             offset = next(offsets, None)
         for seq in [seq for seq in waiting if link.answered(seq)]:
             waiting.remove(seq)
-            reply = link.wait_for(seq, UploadChunkReply, link.now_ns())
-            if progress is not None:
-                progress(reply.received, len(data))
+            link.wait_for(seq, UploadChunkReply, link.now_ns())
         if offset is not None or waiting:
             link.turn(_next_turn_ns(link, size, all_sent=offset is None))
 

@@ -163,21 +163,6 @@ class FocusTracker:
         assert best is not None
         return best
 
-    def track(self, codes: NDArray[np.uint8], last: Fix | None) -> Fix:
-        """Return the focus next to the *last* one, or wherever else it is.
-
-        Raises
-        ------
-        ConfigurationError
-            Codes of another type or length.
-        """
-        if last is not None:
-            self._check_codes(codes)
-            fix = self._fit(codes, last.position_m, self._counts[-1])
-            if self.explains(fix):
-                return fix
-        return self.acquire(codes)
-
     def warm_up(self) -> None:
         """Make the search volume, and load or make the machine code."""
         self.acquire(np.zeros(self._model.array.count, dtype=np.uint8))

@@ -55,15 +55,12 @@ class Source:
         Its bytes; read once.
     first : bytes
         Its first bytes, by which a wire is recognised.
-    is_recording : bool
-        Whether senders and times are known.
     note : str
         Peculiarity of the input, once it was read; empty: none.
     """
 
     chunks: Iterator[RecordedChunk]
     first: bytes = b""
-    is_recording: bool = False
     note: str = field(default="")
 
 
@@ -158,7 +155,7 @@ def _recording(path: Path) -> Source:
     if path == _STDIN:
         raise ConfigurationError("-: a recording is read from a file; name the file")
     recording = Recording(path)
-    source = Source(iter(()), recording.first_bytes(_LOOKED_AT), is_recording=True)
+    source = Source(iter(()), recording.first_bytes(_LOOKED_AT))
     source.chunks = _recorded(recording, source)
     return source
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, PointSource, TransducerArray
 from haptogram.driver.identity import array_of_geometry, model_of_identity
-from haptogram.records.frame import Focus, FrameKey, Intended
+from haptogram.records.frame import FrameKey, Intended
 
 from ..client.board_client import BoardClient
 
@@ -29,15 +29,8 @@ def model_of_board(board: BoardClient) -> AcousticModel:
     return model.with_sound_speed(board.config.sound_speed_mm_s / 1000)
 
 
-def intended_drive(
-    registers: bytes,
-    amplitudes: bytes,
-    bits: int,
-    foci: tuple[Focus, ...] = (),
-    *,
-    board_computed: bool = False,
-) -> Intended:
+def intended_drive(registers: bytes, amplitudes: bytes, bits: int) -> Intended:
     """Return a drive that was sent, as verification takes intended frames."""
     drive = Drive(np.frombuffer(registers, np.uint8), np.frombuffer(amplitudes, np.uint8))
     key = FrameKey(session=0, sequence=0, loop=0, index=0)
-    return Intended(0, key, None, foci, drive, bits, board_computed)
+    return Intended(0, key, None, (), drive, bits)

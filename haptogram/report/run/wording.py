@@ -10,11 +10,9 @@ from haptogram.verification import FrameStatus, FrameVerdict, consequence_text, 
 NOTHING = "–"
 
 
-def figure_text(value: float | None, digits: int = 3, unit: str = "") -> str:
-    """Return *value* with *digits* decimals and its unit; a dash if there is none."""
-    if value is None:
-        return NOTHING
-    return f"{value:.{digits}f} {unit}".rstrip()
+def figure_text(value: float | None, digits: int = 3) -> str:
+    """Return *value* with *digits* decimals; a dash if there is none."""
+    return NOTHING if value is None else f"{value:.{digits}f}"
 
 
 def count_text(number: int, noun: str) -> str:

@@ -172,26 +172,8 @@ class FaultPlan:
         """
         return cls(parse_faults(texts), seed)
 
-    @classmethod
-    def from_toml(cls, text: str, seed: int = 0) -> Self:
-        """Return the plan that a TOML document holds, tables ``[[fault]]`` and maybe a ``seed``.
-
-        Parameters
-        ----------
-        seed : int
-            The seed, if the document has none.
-
-        Raises
-        ------
-        ConfigurationError
-            If it is no TOML, or for what :meth:`Fault.parse` refuses.
-        """
-        with _named_fault_option("fault plan:"):
-            faults, own_seed = _fault_tables_from_toml(text)
-        return cls(faults, seed if own_seed is None else own_seed)
-
     def as_toml(self) -> str:
-        """Return the document that :meth:`from_toml` makes this plan of."""
+        """Return the document that :func:`faults_of_toml` reads as this plan."""
         tables = (
             "\n".join(
                 ["[[fault]]", *(f"{key} = {_fault_value_toml(value)}" for key, value in items)]
@@ -235,7 +217,7 @@ def read_faults(
         return added, None
     text = read_text(Path(file), "fault_plan")
     with _named_fault_option(f"fault_plan '{file}':"):
-        faults, seed = _fault_tables_from_toml(text)
+        faults, seed = faults_of_toml(text)
     return faults + added, seed
 
 
@@ -248,7 +230,14 @@ def _named_fault_option(option: str) -> Iterator[None]:
         raise ConfigurationError(f"{option} {error}") from error
 
 
-def _fault_tables_from_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
+def faults_of_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
+    """Return the faults of a TOML document, tables ``[[fault]]``, and its ``seed``, if it has one.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no TOML, or for what :meth:`Fault.parse` refuses.
+    """
     import tomllib  # not for --help
 
     try:

@@ -38,8 +38,8 @@ class BoardLayout:
 
     Examples
     --------
-    >>> from haptogram.acoustics.model.boards.table import board_layout_of
-    >>> layout = board_layout_of("sonicsurface")
+    >>> from haptogram.acoustics.model.boards.table import LAYOUTS
+    >>> layout = LAYOUTS["sonicsurface"]
     >>> layout.ours_m((0.0, 0.12, 0.0)).tolist(), layout.up
     ([0.0, 0.0, 0.12], '+y')
     >>> layout.clients_m((0.0, 0.0, 0.12)).tolist()

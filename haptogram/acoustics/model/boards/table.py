@@ -16,9 +16,6 @@ from haptogram.acoustics.model.boards.grids import (
     ULTRAINO_SONICSURFACE,
     ULTRAINO_STACK,
 )
-from haptogram.acoustics.model.boards.layout import BoardLayout
-from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import did_you_mean
 
 LAYOUTS: Final = {
     layout.name: layout
@@ -46,18 +43,3 @@ LAYOUT_OF_DIALECT: Final = {
     "interactlab": INTERACTLAB,
     "autd3": AUTD3,
 }
-
-
-def board_layout_of(name: str) -> BoardLayout:
-    """Return the layout of that name.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is none; names those that there are.
-    """
-    if name not in LAYOUTS:
-        known = list(LAYOUTS)
-        guess = did_you_mean(name, known)
-        raise ConfigurationError(f"layout is {name!r}; known are {', '.join(known)}{guess}")
-    return LAYOUTS[name]

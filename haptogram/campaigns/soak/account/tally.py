@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 MOST_KEPT: Final = 20  # violations that are kept word for word; all are counted
 
-HARMLESS: Final = "harmless"
 UNEXPLAINED: Final = "unexplained"
 MEMORY_GREW: Final = "memory grew"
 DAMAGE: Final = ("crc", "cobs", "oversize", "short")  # what a run of bytes that is damage is

@@ -20,6 +20,8 @@ from ...state import (
 from .schema import CONSTANTS, ENUMERATIONS, description_hash, spec_summary, spec_type_name
 from .worked import EXCHANGE, WORKED_FRAMES, worked_spec_frame
 
+_HEX_ROW: Final = 24  # bytes in a line of an example
+
 
 def _spec_table(head: list[str], rows: list[list[str]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
@@ -147,8 +149,9 @@ def _spec_hex(data: bytes) -> str:
     return "\n     ".join(_spec_hex_rows(data))
 
 
-def _spec_hex_rows(data: bytes, width: int = 24) -> list[str]:
-    return [data[i : i + width].hex(" ") for i in range(0, len(data), width)]
+def _spec_hex_rows(data: bytes) -> list[str]:
+    rows = (data[at : at + _HEX_ROW] for at in range(0, len(data), _HEX_ROW))
+    return [row.hex(" ") for row in rows]
 
 
 # --- SPEC.md -----------------------------------------------------------------------------------

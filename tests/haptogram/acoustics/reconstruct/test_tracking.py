@@ -88,13 +88,6 @@ def test_a_line_keeps_the_coordinate_that_it_cannot_see():
     assert np.hypot(*fix.position_m[1:]) == pytest.approx(0.1, abs=2e-3)
 
 
-def test_tracking_follows_steps_and_jumps(tracker):
-    last = None
-    for target in ([0, 0, 0.15], [0.001, 0, 0.15], [0.05, -0.05, 0.22], [-0.05, 0.05, 0.08]):
-        last = tracker.track(codes_of(BOARD, target), last)
-        assert last.position_m == pytest.approx(target, abs=2e-4)
-
-
 @given(seeds, st.integers(0, 255))
 @settings(max_examples=15)
 def test_phases_that_no_point_explains_say_so(tracker, seed, element):

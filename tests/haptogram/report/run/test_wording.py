@@ -45,7 +45,7 @@ def test_a_frame_is_described_with_all_that_is_known_of_it() -> None:
 
 def test_what_is_not_known_is_a_dash() -> None:
     assert figure_text(None) == timeliness_text(LOST) == focus_place_text(LOST) == "–"
-    assert figure_text(1.5, 1, "mm") == "1.5 mm"
+    assert figure_text(1.5, 1) == "1.5"
 
 
 def test_an_axis_that_cannot_be_observed_is_left_out() -> None:
