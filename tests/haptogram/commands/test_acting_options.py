@@ -191,6 +191,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         "watch.command",
         "soak",
         "bench",
+        "published.paper",
     ):
         monkeypatch.setattr(f"haptogram.commands.{module}.Outputs", stop)
     monkeypatch.setattr("haptogram.commands.budget._run_dialect", stop)
