@@ -18,6 +18,7 @@ from haptogram_protocol.messages import LatchKey
 from sim_device.backdoor import worker as reconstruction
 from sim_device.backdoor.recorder import DriveEstimator, InlineReconstruction
 from sim_device.backdoor.worker import ReconstructionWorker
+from sim_device.backdoor.worker_batches import packed_batch, unpacked_batches
 from sim_device.board.events import Latch, SessionOpened
 from sim_device.board.settings import BoardSettings
 
@@ -139,8 +140,8 @@ def test_what_was_seen_lately_is_remembered_within_bounds(monkeypatch):
 
 def test_settings_and_latches_survive_the_way_to_the_worker():
     latches = [a_latch(index) for index in range(3)]
-    packed = bytearray(b"".join(map(reconstruction._packed_for_worker, (latches[:2], latches[2:]))))  # noqa: SLF001
-    assert list(reconstruction._unpacked_at_worker(packed)) == latches  # noqa: SLF001
+    packed = bytearray(b"".join(map(packed_batch, (latches[:2], latches[2:]))))
+    assert list(unpacked_batches(packed)) == latches
     assert not packed
     settings = pickle.loads(pickle.dumps(SETTINGS))
     assert settings.model.array.digest() == MODEL.array.digest()

@@ -1,0 +1,93 @@
+"""The pipe from a board to its worker: batches of pickled records, each behind its length."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import operator
+import pickle
+import signal
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from haptogram.acoustics import Drive
+from haptogram.acoustics.model.pulses import PulseDrive
+from haptogram_protocol.messages import LatchKey
+
+from ..board.events import Latch, PulseLatch
+from ..board.settings import BoardSettings
+
+READY: Final = b"ready\n"  # the worker's answer to its job
+# A signal, not a record: a record would wait behind all records that are on their way.
+SKIP_FIELDS: Final = signal.SIGUSR1
+_LENGTH: Final = struct.Struct("<I")
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerJob:
+    """The settings that a worker is started with."""
+
+    settings: BoardSettings
+    target: str
+    reconstruct: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RecordsEnd:
+    """Nothing more comes; so many latches and notices were dropped on the way to the worker."""
+
+    dropped: int
+    notices_dropped: int
+
+
+def packed_batch(items: list[object]) -> bytes:
+    """Return *items* as bytes for the pipe."""
+    stream = io.BytesIO(bytes(_LENGTH.size))
+    stream.seek(_LENGTH.size)
+    pickler = pickle.Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL)
+    pickler.dispatch_table = _REDUCERS
+    pickler.dump(items)
+    data = stream.getbuffer()
+    _LENGTH.pack_into(data, 0, len(data) - _LENGTH.size)
+    return bytes(data)
+
+
+def _reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...]]:
+    """Return a recipe to pickle a dataclass by its values: a third of the time of the usual one."""
+    values = operator.attrgetter(*(field.name for field in dataclasses.fields(kind)))
+    return lambda item: (kind, values(item))
+
+
+def _drive_for_worker(drive: Drive) -> tuple[Any, ...]:
+    codes = drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes()
+    return _drive_at_worker, (*codes, drive.phase_bits)
+
+
+def _drive_at_worker(phase_codes: bytes, amplitude_codes: bytes, phase_bits: int) -> Drive:
+    phases, amplitudes = (np.frombuffer(c, np.uint8) for c in (phase_codes, amplitude_codes))
+    return Drive(phases, amplitudes, phase_bits)
+
+
+_REDUCERS: Final[dict[type[Any], Callable[[Any], tuple[Any, ...]]]] = {
+    Drive: _drive_for_worker,
+    Latch: _reducer_by_fields(Latch),
+    PulseLatch: _reducer_by_fields(PulseLatch),
+    PulseDrive: _reducer_by_fields(PulseDrive),
+    LatchKey: _reducer_by_fields(LatchKey),
+}
+
+
+def unpacked_batches(buffer: bytearray) -> Iterator[Any]:
+    """Yield the whole items at the front of *buffer*, and take them off it."""
+    size = _LENGTH.size
+    while len(buffer) >= size:
+        (length,) = _LENGTH.unpack_from(buffer)
+        if len(buffer) < size + length:
+            return
+        batch = bytes(buffer[size : size + length])
+        del buffer[: size + length]
+        yield from pickle.loads(batch)

@@ -1,0 +1,113 @@
+"""The process of a worker: reads the batches of its board, rebuilds fields, writes the records."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import selectors
+import signal
+import time
+from collections.abc import Iterator
+from typing import Any, Final
+
+from haptogram.errors import ConfigurationError, HaptogramError
+
+from ..board.events import Latch, PulseLatch
+from .recorder import InlineReconstruction
+from .records import backdoor_record_line
+from .sinks import RecordSink, open_backdoor_sink
+from .worker_batches import READY, SKIP_FIELDS, RecordsEnd, unpacked_batches
+
+LINGER_S: Final = 5.0  # for readers of the back door to take the last records
+_READ_BYTES: Final = 65_536
+_NICENESS: Final = 19
+_LOOK_MS: Final = 20  # between two looks for the reader of a pipe
+_IDLE_S: Final = 0.05  # how long a client of the back door may wait for its first line
+
+
+def run_reconstruction_worker() -> None:
+    """Be the worker: read from standard input until it ends, write the records."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # the board ends the worker, by closing its input
+    with contextlib.suppress(OSError):  # the field can wait, the board and its host cannot
+        os.nice(_NICENESS)
+    signal.signal(SKIP_FIELDS, signal.SIG_IGN)  # until there is something to leave out
+    items = _items_at_worker(_READ_BYTES)
+    job = next((item for item in items if item is not None), None)
+    if job is None:
+        return  # the board has ended before it began
+    try:
+        sink = open_backdoor_sink(job.target, _is_board_of_worker_there)
+    except ConfigurationError as error:
+        _answer_of_worker(1, f"{error}\n".encode())
+        return
+    answer = 1  # the board reads this until it has heard that all is ready
+    try:
+        recorder = InlineReconstruction(
+            job.settings,
+            lambda record: sink.write(backdoor_record_line(record)),
+            reconstruct=job.reconstruct,
+        )
+        recorder.warm_up()
+        signal.signal(SKIP_FIELDS, lambda *_: recorder.skip_fields())
+        _answer_of_worker(answer, READY)
+        answer = 2
+        _record_all_at_worker(items, recorder, sink)
+        _linger_at_sink(sink)
+    except HaptogramError as error:  # the disc is full: the board goes on, and counts what it lost
+        _answer_of_worker(answer, f"{error}\n".encode())
+    finally:
+        sink.close()
+
+
+def _is_board_of_worker_there() -> bool:
+    """Wait a moment; return False once the board has closed its end of the input, or has died."""
+    input_end = select.poll()
+    input_end.register(0, 0)
+    return not input_end.poll(_LOOK_MS)
+
+
+def _answer_of_worker(to: int, text: bytes) -> None:
+    """Tell the board *text*; a board that was ended in the meantime has closed the pipe."""
+    with contextlib.suppress(BrokenPipeError):
+        os.write(to, text)
+
+
+def _record_all_at_worker(
+    items: Iterator[Any], recorder: InlineReconstruction, sink: RecordSink
+) -> None:
+    for item in items:
+        if isinstance(item, Latch | PulseLatch):
+            recorder.latch(item)
+        elif isinstance(item, RecordsEnd):
+            recorder.finish(dropped=item.dropped, notices_dropped=item.notices_dropped)
+            return
+        elif item is not None:
+            recorder.notice(item)
+        sink.serve()
+    recorder.finish(clean=False)  # the board ended without saying so
+
+
+def _linger_at_sink(sink: RecordSink) -> None:
+    """Let slow readers take the last records."""
+    deadline_s = time.monotonic() + LINGER_S
+    while sink.pending and time.monotonic() < deadline_s:
+        time.sleep(_IDLE_S)
+        sink.serve()
+
+
+def _items_at_worker(chunk: int) -> Iterator[Any]:
+    """Yield the items of the board, None now and then while it is silent; end when it ends."""
+    buffer = bytearray()
+    with selectors.DefaultSelector() as selector:
+        selector.register(0, selectors.EVENT_READ)
+        while True:
+            if not selector.select(_IDLE_S):
+                yield None
+                continue
+            data = os.read(0, chunk)
+            if not data:
+                return
+            buffer += data
+            yield from unpacked_batches(buffer)
