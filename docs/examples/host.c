@@ -63,5 +63,8 @@ int main(int argc, char **argv)
         usleep(5000);
     }
     send_frame(HG_TYPE_MUTE, 0, 2, NULL, 0);
-    return wait_for(HG_TYPE_MUTE_REPLY) ? 0 : 1;
+    if (!wait_for(HG_TYPE_MUTE_REPLY))
+        return 1;
+    puts("100 frames sent, the board is muted");
+    return 0;
 }

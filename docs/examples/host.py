@@ -43,3 +43,4 @@ for seq in range(100):  # a code delays its element; the first seq of a session 
     time.sleep(0.005)
 port.write(frame(MUTE, 2, session=session))
 wait_for(port, 0x82)
+sys.stdout.write("100 frames sent, the board is muted\n")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -64,6 +66,24 @@ def test_a_command_of_a_page_has_the_options_that_it_uses(page: str, line: str) 
     command_parser(words[0]).parse_args(words[1:])
 
 
+def test_the_tutorial_installs_what_its_examples_import() -> None:
+    """Each module is the standard library's, a dependency, or of an extra that the page names."""
+    page = (DOCS / "tutorials" / "driver-without-hardware.md").read_text("utf-8")
+    needed: set[str] = set()
+    for name in re.findall(r"literalinclude\} \.\./(examples/\w+\.py)", page):
+        for node in ast.walk(ast.parse((DOCS / name).read_text("utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            needed |= {name.partition(".")[0] for name in names}
+    needed -= {*sys.stdlib_module_names, "haptogram"}
+    assert "pytest" in needed
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = set(re.findall(r"pip install '\.\[(\w+)\]'", page))
+    lists = [project["dependencies"], *(project["optional-dependencies"][name] for name in extras)]
+    packages = {re.split(r"[^\w-]", text)[0] for one in lists for text in one}
+    assert {"pyserial" if name == "serial" else name for name in needed} <= packages
+
+
 @pytest.fixture
 def c_host(tmp_path: Path) -> list[str]:
     compiler = shutil.which("cc") or shutil.which("gcc")
@@ -87,7 +107,10 @@ def test_a_host_in_40_lines_makes_its_focus(language: str, request: pytest.Fixtu
     )
     for _ in range(5):  # on a busy machine the lease may run out
         with VirtualBoard() as board:
-            subprocess.run([*host, board.url], check=True, timeout=120)
+            done = subprocess.run(
+                [*host, board.url], check=True, timeout=120, stdout=subprocess.PIPE, text=True
+            )
+            assert done.stdout == "100 frames sent, the board is muted\n"
             board.finish()
             seen, output = board.observations(), board.records()
         found = [latch.reconstruction for latch in seen]
