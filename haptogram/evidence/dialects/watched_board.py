@@ -72,6 +72,12 @@ class WatchedBoard:
             return DIALECTS[self.dialect].channels
         return int(record.get("channel_count", self.model.array.count))
 
+    @property
+    def client_axes(self) -> list[list[float]]:
+        """Rows of our axes in those of the client: ours = rows @ theirs."""
+        rows: list[list[float]] = self._axes.tolist()
+        return rows
+
     def ours_m(self, client_m: FloatArray) -> FloatArray:
         """Return (..., 3) points in the client's axes in those of the model."""
         points: FloatArray = client_m @ self._axes.T

@@ -16,9 +16,10 @@ from haptogram.machine.terminal import printable_text
 from haptogram.records.frame import FrameKey, Intended, Observation
 
 from .frames import LATE, TIMELY, Place, ShownFrame, found_fields
-from .scene import Scene
+from .scene import Scene, other_axes
 
 KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
+_OF_THE_WATCH: Final = frozenset({"wire_compared", "client_left"})  # nothing for a reader
 _AT_ONCE: Final = 2_000  # frames in one answer: a megabyte
 
 
@@ -58,6 +59,9 @@ class LiveScene:
         self.model = board_model(board)
         self.firmware = printable_text(str(board.get("dialect") or board["firmware"]))
         self._channels = board.get("channels", ())
+        self._client_axes = other_axes(board.get("client_axes"))
+        self._has_states = "dialect" not in board  # those of other dialects have none
+        self._remark = ""
         self.shown = 0
         self.ended = False
         self._frames: deque[ShownFrame] = deque(maxlen=kept)
@@ -116,7 +120,7 @@ class LiveScene:
 
     def _newest(self, count: int) -> Scene:
         newest = list(islice(reversed(self._frames), max(0, count)))[::-1]
-        return Scene.of(self.model, newest, counters=self._told())
+        return Scene.of(self.model, newest, counters=self._told(), client_axes=self._client_axes)
 
     def _latch(self, seen: Observation) -> None:
         self._counters["late"] += seen.late
@@ -166,9 +170,14 @@ class LiveScene:
     def _output(self, record: Mapping[str, Any]) -> None:
         if record["event"] == "state":
             self._state = f"{record['state']} ({record['reason']})"
-        else:
+        elif record["event"] == "remark":
+            self._remark = printable_text(record["text"])
+        elif record["event"] not in _OF_THE_WATCH:
             self._counters[record["event"].replace("_", " ")] += 1
 
     def _told(self) -> dict[str, Any]:
         counted = {name: count for name, count in self._counters.items() if count}
-        return counted | {"board": self.firmware, "state": self._state or "as at power-up"}
+        told = counted | {"board": self.firmware}
+        if self._has_states:
+            told["state"] = self._state or "as at power-up"
+        return told | ({"remark": self._remark} if self._remark else {})

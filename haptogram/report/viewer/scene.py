@@ -53,6 +53,7 @@ class Scene:
         frames: Sequence[ShownFrame],
         *,
         counters: Mapping[str, Any] | None = None,
+        client_axes: Sequence[Sequence[float]] | None = None,
     ) -> Self:
         """Return the scene of *frames* that an array radiates.
 
@@ -60,6 +61,9 @@ class Scene:
         ----------
         counters : mapping, optional
             Counters to show beside the view, by name.
+        client_axes : (3, 3) sequence of float, optional
+            Our axes in those of the board's own programs, ours = rows @ theirs: each focus is told
+            in theirs as well.
         """
         return cls(
             {
@@ -67,6 +71,7 @@ class Scene:
                 "statuses": STATUSES,
                 "counters": dict(counters or {}),
                 "texts": odd_texts(frames),
+                "client_axes": None if client_axes is None else [*map(list, client_axes)],
             },
             {**_elements(model), **frame_columns(frames, model.array.count)},
         )
@@ -82,6 +87,11 @@ class Scene:
     def embedded(self) -> str:
         """Return the scene for a page: compressed, in base64."""
         return base64.b64encode(zlib.compress(self.pack(), 9)).decode("ascii")
+
+
+def other_axes(client_axes: Sequence[Sequence[float]] | None) -> Sequence[Sequence[float]] | None:
+    """Return the axes of a board's own programs, ours = rows @ theirs; None where they are ours."""
+    return None if client_axes is None or np.array_equal(client_axes, np.eye(3)) else client_axes
 
 
 def _constants(model: AcousticModel) -> dict[str, Any]:

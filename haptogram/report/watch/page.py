@@ -21,7 +21,7 @@ from haptogram.verification.watch import Defect, WatchedLatch, WatchResult
 
 from ..formats.html import write_html_page
 from ..viewer.frames import ShownFrame, judged_frame
-from ..viewer.scene import Scene
+from ..viewer.scene import Scene, other_axes
 from .words import pattern_text, place_text
 
 _KEPT: Final = 5_000  # latches of the view: some 3 MB of a page
@@ -93,11 +93,17 @@ class WatchPage:
             remarks=list(dict.fromkeys(result.remarks))[:_LISTED],
             expected=self._expected_rows(expected_m),
             expected_more=max(0, len(expected_m) - _LISTED),
-            scene=Scene.of(self._board.model, frames).embedded() if frames else None,
+            scene=self._scene(frames),
             rows=list(self._rows),
             rows_more=self._taken - len(self._rows),
             board=self._board_rows(),
         )
+
+    def _scene(self, frames: list[ShownFrame]) -> str | None:
+        if not frames:
+            return None
+        axes = other_axes(self._board.client_axes)
+        return Scene.of(self._board.model, frames, client_axes=axes).embedded()
 
     def _lead(self, result: WatchResult) -> list[str]:
         sentences = [f"The board is {self._board.dialect}."]

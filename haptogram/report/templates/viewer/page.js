@@ -86,9 +86,15 @@ class Viewer {
       const value = scene.value(name, frame);
       return value === null ? null : `${fixed(value, digits)} ${unit}`;
     };
+    const placeText = (row) => `${row.map((value) => fixed(value, 2)).join(", ")} mm`;
     const place = (name) => {
       const row = scene.row(name, frame);
-      return row && `${[...row].map((value) => fixed(value, 2)).join(", ")} mm`;
+      return row && placeText([...row]);
+    };
+    // Our axes are rows @ theirs, so theirs are the products of the columns with ours.
+    const clientPlace = (name) => {
+      const [row, axes] = [scene.row(name, frame), scene.header.client_axes];
+      return row && axes ? placeText([0, 1, 2].map((at) => [0, 1, 2].reduce((sum, n) => sum + axes[n][at] * row[n], 0))) : null;
     };
     const timing = ["", ", late", ", early"][scene.column("timing")[frame]];
     const rows = { // what is not known has no row
@@ -97,10 +103,11 @@ class Viewer {
       status: `${scene.status(frame)}${timing}`,
       "target x, y, z": place("target_mm"),
       "focus x, y, z": place("found_mm"),
+      "in the client's axes": clientPlace("found_mm"),
       "arrival margin": number("margin_ms", 3, "ms"),
       "error across the beam": number("across_mm", 3, "mm"),
       "error along the beam": number("along_mm", 3, "mm"),
-      "pressure at the focus": number("pressure_pa", 0, "Pa RMS"),
+      "pressure at the focus": place("found_mm") && number("pressure_pa", 0, "Pa RMS"),
       force: number("force_mn", 2, "mN"),
     };
     fillTable(this.part("frame"), Object.entries(rows).filter(([, value]) => value !== null));

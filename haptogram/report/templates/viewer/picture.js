@@ -195,7 +195,9 @@ class Picture {
 
   // The scale ends at the highest focus; where none is known, at the highest pressure that was drawn.
   #scale() {
-    const highest = this.scene.column("pressure_pa").reduce((most, value) => (value > most ? value : most), 0);
+    const found = this.scene.column("found_mm"); // a frame without a focus is no measure
+    const highest = this.scene.column("pressure_pa").reduce(
+      (most, value, frame) => (value > most && !Number.isNaN(found[3 * frame]) ? value : most), 0);
     this.isScaled = highest > 0;
     if (this.isScaled) this.scalePa = Math.max(this.scalePa ?? 0, twoDigits(highest));
     else this.scalePa ??= 1;

@@ -96,7 +96,7 @@ class Timeline {
   }
 }
 
-const RANKS = { "on target": [0, "good"], latched: [0, "good"], sent: [0, "open"],
+const RANKS = { "on target": [0, "good"], latched: [0, "open"], sent: [0, "open"],
   "not verified": [1, "open"], cancelled: [1, "open"],
   lost: [2, "lost"] };
 

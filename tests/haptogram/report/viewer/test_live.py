@@ -404,4 +404,11 @@ def test_pulses_of_another_board_are_shown(tmp_path: Path) -> None:
     header, columns = unpack(live.since(0))
     # The client means (20, 150, -15) mm, y up; its rows begin 2 mm off the centre of the array.
     np.testing.assert_allclose(columns["found_mm"][-1], (20.0, 15.0, 150.0), atol=3.0)
-    assert header["counters"]["board"] == "sonicsurface"
+    # A board without states has none, and what only the watch needs is not counted.
+    counted = {"latched": 2, "no single focus": 1, "power down": 1}
+    assert header["counters"] == counted | {"board": "sonicsurface"}
+    assert np.transpose(header["client_axes"]) @ (20.0, 15.0, 150.0) == pytest.approx(
+        (20, 150, -15)
+    )
+    live.take([{"kind": "output", "event": "remark", "about": "client", "text": "a hint"}])
+    assert unpack(live.since(0))[0]["counters"]["remark"] == "a hint"
