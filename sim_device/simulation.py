@@ -283,16 +283,18 @@ class Simulation:
 
     def _send(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
         if self._injector is None:
-            self._put(line, direction, data, t_ns - credit_ns)
+            self._put(line, direction, data, t_ns, credit_ns)
             return
         for chunk in self._injector.line(direction, t_ns, data):
-            self._put(line, direction, chunk.data, chunk.t_ns - credit_ns)
+            self._put(line, direction, chunk.data, chunk.t_ns, credit_ns)
 
-    def _put(self, line: Uart, direction: str, data: bytes, t_ns: int) -> None:
+    def _put(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int) -> None:
+        begin_ns = max(t_ns - credit_ns, line.free_ns)
+        line.send(data, t_ns - credit_ns)
         if self._probe is not None and data:
-            begin_us = self._exact_us(max(t_ns, line.free_ns))
-            self._probe.carried(_LINES[direction], begin_us, data)
-        line.send(data, t_ns)
+            # Bytes that have waited for a stalled process arrive now, not in its past.
+            behind_ns = max(0, t_ns - line.free_ns)
+            self._probe.carried(_LINES[direction], self._exact_us(begin_ns + behind_ns), data)
 
     def _exact_us(self, t_ns: int) -> float:
         """Return the unwrapped device time at *t_ns* with its fraction."""

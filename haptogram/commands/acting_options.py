@@ -172,18 +172,28 @@ def _resets_a_port(arguments: Namespace) -> bool:
     return arguments.spawn is not None or is_board
 
 
-_RUN: Final = Acting("where cases are run (not with --list or --compare)", _is_conform_run)
+_RUN: Final = Acting(
+    "where cases are run (not with --list, --compare or --recording)",
+    lambda a: _is_conform_run(a) and a.recording is None,
+)
 _RUN_OPTIONS: Final = (
     "port baud spawn port_regex reset_cmd fault_cmd dtr rts quick full explore strict timeout seed "
-    "repeat baseline quiet junit json summary write_baseline verbose record"
+    "repeat quiet record"
+)
+_RESULT: Final = Acting("where there is a result (not with --list or --compare)", _is_conform_run)
+_RESULT_OPTIONS: Final = (
+    "baseline junit json summary write_baseline verbose capture channels recording"
 )
 _CONFORM: Final[Rows] = {
     **dict.fromkeys(_RUN_OPTIONS.split(), _RUN),
+    **dict.fromkeys(_RESULT_OPTIONS.split(), _RESULT),
     "boot_timeout": Acting(
         "on a board at --port or from --spawn",
         lambda a: _is_conform_run(a) and _resets_a_port(a),
     ),
-    "clause": Acting("without --compare", lambda a: not a.compare),
+    "clause": Acting(
+        "without --compare and --recording", lambda a: not a.compare and a.recording is None
+    ),
     "html": Acting("without --list", lambda a: not a.list),
     "stamp": _STAMPED,
     "list": Acting("without --compare", lambda a: not a.compare),

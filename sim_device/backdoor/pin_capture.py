@@ -28,6 +28,7 @@ _SIGNALS: Final = 2  # before the pins of the elements
 _RAMP_STEP_US: Final = 1000  # HG-6.11/2: as often the amplitude of a ramp has to follow
 _BITS_OF_A_BYTE: Final = 10
 _FULL: Final = 255.0
+_SECOND_US: Final = 1e6  # for which pins that never fall silent are shown at the end
 _QUIET_PERIODS: Final = 20.0  # before the first latch and after the last event
 _CODES: Final = [chr(code) for code in range(33, 127)]
 #: From device time in us: what the pins do from then on (None: silence), whether it is a latch.
@@ -230,7 +231,9 @@ class PinCapture:
         end = self._config.capture_ms * 1000.0 / self._period_us + lead
         if not self._is_full:
             carried_us = max((line.end_us for line in self._lines.values()), default=-math.inf)
-            last_us = max(self._acts[-1][0] + float(self._lingering.max()), carried_us)
+            last_us = max(
+                self._acts[-1][0] + min(float(self._lingering.max()), _SECOND_US), carried_us
+            )
             end = min(end, (last_us - first_us) / self._period_us + 2.0 * lead)
         yield 0.0, (self._acts[0][0] - first_us) / self._period_us + lead, silent, False
         pulses = silent

@@ -7,18 +7,24 @@ import contextlib
 import functools
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
+
+from haptogram.settings.command_line import given_options
+from haptogram.settings.option import options_of
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import USAGE
 from ..shell.job import annotate_job, provenance_of_run
 from ..shell.output_files import Outputs, announce_interrupt, announce_output
 from ..shell.recording import is_recorded, recording
+from .captures import judge_at_port, judge_recorded
 from .options import (
     EXAMPLES,
     PULSE,
+    PinConfig,
     add_conform_options,
     asks_for_virtual_board,
     check_conform_arguments,
@@ -65,10 +71,12 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     """Run the cases, write and print the result, and return the exit status."""
     from haptogram.conformance.cases import all_cases, select
     from haptogram.errors import ConfigurationError
+    from haptogram.report.conformance.text import suite_text
 
     refuse_idle_options("conform", arguments)
     if arguments.compare:
         return _compare(arguments)
+    captures = PinConfig.of(**given_options(arguments, options_of(PinConfig)))
     for name in arguments.clause:
         if not any(select(all_cases(), [name])):
             raise ConfigurationError(
@@ -81,8 +89,13 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
         arguments, "json", "junit", "html", "summary", "write_baseline", "record", pictures=False
     )
     provenance = provenance_of_run(arguments)
+    if captures.recording is not None:
+        suite = judge_recorded(captures, captures.recording, _expected(arguments))
+        outputs.print(suite_text(suite, verbose=arguments.verbose))
+        _write(arguments, suite, outputs, provenance)
+        return suite.exit_status
     with recording(arguments.record, "conform", _options(arguments)) as writer:
-        status = _run(arguments, cases, virtual, outputs, provenance, writer)
+        status = _run(arguments, cases, captures, virtual, outputs, provenance, writer)
         return status if is_recorded("conform", writer) else USAGE
 
 
@@ -94,6 +107,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, object]:
 def _run(
     arguments: argparse.Namespace,
     cases: tuple[Case, ...],
+    captures: PinConfig,
     virtual: Virtual,
     outputs: Outputs,
     provenance: Provenance,
@@ -102,6 +116,7 @@ def _run(
     from haptogram.errors import LinkError
     from haptogram.report.conformance.text import suite_text
 
+    begin_s = time.time()
     suite = _run_cases(arguments, cases, virtual, writer)
     if writer is not None:
         from haptogram.evidence.recordings.channels import SUMMARY
@@ -113,11 +128,13 @@ def _run(
         raise LinkError(suite.cut_short)  # no board answered: nothing was judged
     if suite.is_interrupted:
         announce_interrupt("haptogram conform")
+    judged = judge_at_port(captures, suite, begin_s, _expected(arguments))
+    suite = judged or suite
     # Before the files: a full disk must not cost it.
     outputs.print(suite_text(suite, verbose=arguments.verbose))
     is_virtual = suite.settings["virtual_time"]
     _write(arguments, suite, outputs, provenance.of_virtual_time() if is_virtual else provenance)
-    return suite.exit_status
+    return USAGE if judged is None else suite.exit_status
 
 
 def _run_cases(
@@ -126,23 +143,31 @@ def _run_cases(
     virtual: Virtual,
     writer: RecordingWriter | None,
 ) -> SuiteResult:
-    from haptogram.conformance.cases import all_cases
-    from haptogram.conformance.run.baseline import load_baseline
     from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 
     check_conform_arguments(arguments)
-    expected = load_baseline(arguments.baseline, all_cases()) if arguments.baseline else {}
     options = SuiteOptions(
         timeout_s=arguments.timeout,
         seed=_seed(arguments),
         repeat=arguments.repeat,
         strict=arguments.strict,
-        expected=expected,
+        expected=_expected(arguments),
         depth=_depth(arguments),
         explore_s=60 * arguments.explore,
     )
     with _progress(quiet=arguments.quiet) as progress:
         return SuiteRunner(_access(arguments, virtual, writer), options, progress).run(cases)
+
+
+def _expected(arguments: argparse.Namespace) -> dict[str, str]:
+    """Return the failures that the baseline expects, by case or clause."""
+    from haptogram.conformance.cases import all_cases
+    from haptogram.conformance.pins.cases import PIN_CASES
+    from haptogram.conformance.run.baseline import load_baseline
+
+    if not arguments.baseline:
+        return {}
+    return load_baseline(arguments.baseline, (*all_cases(), *PIN_CASES.values()))
 
 
 def _depth(arguments: argparse.Namespace) -> Depth:

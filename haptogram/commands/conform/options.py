@@ -12,7 +12,13 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.parser import file_name_option
-from haptogram.settings.verify_config import LimitConfig, LinkConfig, OutputConfig, PaceConfig
+from haptogram.settings.verify_config import (
+    CaptureConfig,
+    LimitConfig,
+    LinkConfig,
+    OutputConfig,
+    PaceConfig,
+)
 
 from ..shell.output_files import FILE_HELP
 
@@ -31,6 +37,8 @@ examples:
       what takes no time, for every commit; --full before a release
   haptogram conform --port /dev/ttyACM0 --clause HG-2 --clause HG-3.4/1
       one chapter and one clause
+  haptogram conform --recording run.mcap --capture pins.sr --channels map.toml
+      by its drive pins, what the board's own words in a run with --record run.mcap cannot prove
   haptogram conform --compare a.json b.json --html matrix.html
       two devices side by side
 """
@@ -95,6 +103,29 @@ class ChoiceConfig(Settings):
     baseline: Path | None = option(None, unit="FILE", help="TOML of failures that are expected")
 
 
+_PINS: Final = (
+    "Evidence that is not the firmware's own word, by pins and both lines of the UART in one "
+    "capture: docs/captures.md."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PinConfig(CaptureConfig):
+    """The captures of a run of the suite."""
+
+    capture: tuple[Path, ...] = option_of(
+        CaptureConfig,
+        "capture",
+        help="capture of drive pins and UART (VCD, or .sr of sigrok) of the run at --port, or of "
+        "the one in --recording; may be repeated",
+    )
+    recording: Path | None = option_of(
+        CaptureConfig,
+        "recording",
+        help="judge --capture beside the results in this recording (--record), and run nothing",
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class ConformFiles(Settings):
     """The files that are written."""
@@ -115,6 +146,8 @@ def add_conform_options(parser: argparse.ArgumentParser) -> None:
     board = parser.add_argument_group("board and port")
     add_command_options(board, options_of(BoardUnderTestConfig).values())
     _add_choice(parser.add_argument_group("what is run, and how"))
+    pins = parser.add_argument_group("drive pins", _PINS)
+    add_command_options(pins, options_of(PinConfig).values())
     _add_results(parser.add_argument_group("result", FILE_HELP))
 
 
@@ -153,6 +186,11 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
     ConfigurationError
         Before anything is run.
     """
+    if arguments.capture and not _is_port(arguments):
+        raise ConfigurationError(
+            "--capture is of a run at --port, or with --recording of the run in it; a board that "
+            "--spawn starts writes its capture when it ends: use --record, and --recording later"
+        )
     if arguments.spawn is not None and arguments.port is not None:
         raise ConfigurationError("--spawn names its own port: --port is one too many")
     if arguments.port_regex is not None and arguments.spawn is None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-import time
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.terminal import terminal_error_line
 
+from ..shell.captures import read_pin_records, wait_for_captures
 from ..shell.exit_status import USAGE
 from .files import seen_by_number, write_run_files
 
@@ -20,16 +19,11 @@ if TYPE_CHECKING:
     from haptogram.evidence.run_record import RunRecord
     from haptogram.machine.provenance import Provenance
     from haptogram.records.frame import Intended
-    from haptogram.records.pins import PinRecord
-    from haptogram.settings.verify_config import CaptureConfig, VerifyConfig
+    from haptogram.settings.verify_config import VerifyConfig
     from haptogram.verification import RunVerdict
     from haptogram.verification.pins.joined import CaptureVerdict
 
     from ..shell.output_files import Outputs
-
-_PATIENCE_S: Final = 120.0  # of a run that is over, for an analyser that still writes
-_QUIET_S: Final = 1.0  # in which a file that is complete does not change
-_POLL_S: Final = 0.1
 
 
 def judge_captures(
@@ -51,7 +45,7 @@ def judge_captures(
     from haptogram.verification.pins.joined import verify_captures
 
     return verify_captures(
-        _records(config.captures),
+        read_pin_records(config.captures),
         intended,
         model=model,
         min_verified=config.least_verified,
@@ -59,19 +53,6 @@ def judge_captures(
         uncertainty=uncertainty_of(config.uncertainty, at_port=True),
         incomplete=incomplete,
     )
-
-
-def _records(config: CaptureConfig) -> list[PinRecord]:
-    from haptogram.evidence.captures.channel_map import ChannelMap
-    from haptogram.evidence.captures.files import read_capture
-    from haptogram.evidence.captures.pin_record import pin_record
-
-    maps = [ChannelMap.from_file(path) for path in config.channels]
-    every = maps * len(config.capture) if len(maps) == 1 else maps
-    return [
-        pin_record(read_capture(path), mapped)
-        for path, mapped in zip(config.capture, every, strict=True)
-    ]
 
 
 def judged_at_port(
@@ -90,7 +71,7 @@ def judged_at_port(
     try:
         if found.interrupted:
             raise KeyboardInterrupt
-        _wait_for_captures(config.captures, since_s)
+        wait_for_captures(config.captures, since_s)
         verdict = judge_captures(config, found.model, found.intended)
     except KeyboardInterrupt:
         print("haptogram verify: interrupted; --capture was not judged", file=sys.stderr)
@@ -100,38 +81,6 @@ def judged_at_port(
         return None
     outputs.print(f"drive pins\n{verdict}")
     return report.with_captures(result, verdict, is_run_judged=True)
-
-
-def _wait_for_captures(config: CaptureConfig, since_s: float) -> None:
-    """Wait until every capture was written after *since_s*, and is complete.
-
-    Raises
-    ------
-    ConfigurationError
-        One that does not come.
-    """
-    end_s = time.monotonic() + _PATIENCE_S
-    for path in config.capture:
-        told = False
-        while not _is_complete(path, since_s):
-            if time.monotonic() > end_s:
-                raise ConfigurationError(
-                    f"--capture {path}: not written within {_PATIENCE_S:g} s of the end of the "
-                    "run; record the run (--record) and judge the capture by --recording later"
-                )
-            if not told:
-                print(f"waiting for {path}: end the capture", file=sys.stderr, flush=True)
-                told = True
-            time.sleep(_POLL_S)
-
-
-def _is_complete(path: Path, since_s: float) -> bool:
-    """Return True if *path* is newer than *since_s*, and has not changed for a while."""
-    try:
-        status = path.stat()
-    except OSError:
-        return False
-    return status.st_mtime >= since_s and time.time() - status.st_mtime >= _QUIET_S
 
 
 def run_recorded(config: VerifyConfig, outputs: Outputs, provenance: Provenance) -> int:

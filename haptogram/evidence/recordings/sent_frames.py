@@ -18,6 +18,7 @@ from haptogram_protocol.messages import (
     Element,
     Flag,
     GeometryReply,
+    Hello,
     HelloReply,
     Message,
     Points,
@@ -82,6 +83,17 @@ def _array(identity: HelloReply, elements: dict[int, Element]) -> TransducerArra
     if sorted(elements) == list(range(identity.transducers)):
         found.append(array_of_geometry([elements[number] for number in sorted(elements)]))
     return next((array for array in found if array.digest() == identity.geometry_hash), None)
+
+
+def asked_sessions(recording: Recording) -> set[int]:
+    """Return the nonces of the sessions that the host asked for."""
+    annotator = FrameAnnotator()
+    return {
+        piece.message.nonce
+        for entry in recording.entries((TO_BOARD,))
+        for piece in annotator.feed(entry.data)
+        if isinstance(piece.message, Hello)
+    }
 
 
 def sent_frames(recording: Recording, count: int) -> Iterator[SentFrame]:

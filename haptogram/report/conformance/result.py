@@ -76,14 +76,25 @@ def read_suite_json(path: Path) -> SuiteResult:
     """
     found = text_file.read_json(path, "compare")
     try:
-        if found["format"] != FORMAT:
-            raise ValueError(f"format is {found['format']!r}, known is {FORMAT!r}")
-        results = tuple(_result_from(item) for item in found["results"])
-        return SuiteResult(results, found["device"], found["settings"], found["cut_short"])
+        return suite_of(found)
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigurationError(
             f"compare '{path}' is no result of conform: name a file that --json wrote"
         ) from error
+
+
+def suite_of(found: Mapping[str, Any]) -> SuiteResult:
+    """Return the run that :func:`suite_dict` made *found* of.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        If it made something else.
+    """
+    if found["format"] != FORMAT:
+        raise ValueError(f"format is {found['format']!r}, known is {FORMAT!r}")
+    results = tuple(_result_from(item) for item in found["results"])
+    return SuiteResult(results, found["device"], found["settings"], found["cut_short"])
 
 
 def _result_from(item: Mapping[str, Any]) -> CaseResult:

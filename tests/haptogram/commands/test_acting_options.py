@@ -46,6 +46,9 @@ CASES = {
         if row is not None
     }
     | {
+        "capture": ("--port /dev/absent --channels a.toml", "--list"),
+        "channels": ("--port /dev/absent --capture a.vcd", "--list"),
+        "recording": ("--capture a.vcd --channels a.toml", "--list"),
         "spawn": ("", "--list"),
         "port": ("", "--list"),
         "port_regex": ("--spawn true", "--compare a.json --html b.html"),
@@ -197,6 +200,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
     monkeypatch.setattr("haptogram.commands.budget._run_dialect", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._list", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._compare", stop)
+    monkeypatch.setattr("haptogram.commands.conform.command.judge_recorded", stop)
     with pytest.raises(Passed):
         raise SystemExit(main([command, *acts.split(), *words]))
 

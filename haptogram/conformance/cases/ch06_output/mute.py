@@ -36,7 +36,7 @@ hangs_silently = unobservable(
 
 
 resets_silently = unobservable(
-    "HG-6.12/2", "a board that is being reset says nothing; its drive pins do", EXTERNAL
+    "HG-6.12/2", "a board that is being reset says nothing; its drive pins do (--capture)", EXTERNAL
 )
 
 

@@ -1,0 +1,77 @@
+"""Results of clauses by captures of the drive pins, of a run at a port or in a recording."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from haptogram.errors import ConfigurationError
+from haptogram.machine.terminal import terminal_error_line
+
+from ..shell.captures import read_pin_records, wait_for_captures
+
+if TYPE_CHECKING:
+    from haptogram.conformance.verdict import SuiteResult
+    from haptogram.settings.verify_config import CaptureConfig
+
+
+def judge_at_port(
+    config: CaptureConfig, suite: SuiteResult, since_s: float, expected: dict[str, str]
+) -> SuiteResult | None:
+    """Return a run at a port with the results of its captures; as it is if there is none.
+
+    None: a capture did not come, or cannot be judged; that was said.
+    """
+    from haptogram.conformance.pins.judge import judge_pins, with_pins
+
+    if not config.capture:
+        return suite
+    try:
+        if suite.is_interrupted:
+            raise KeyboardInterrupt
+        wait_for_captures(config, since_s)
+        return with_pins(suite, judge_pins(read_pin_records(config), expected))
+    except KeyboardInterrupt:
+        print("haptogram conform: interrupted; --capture was not judged", file=sys.stderr)
+    except ConfigurationError as error:
+        print(terminal_error_line("haptogram conform", str(error), sys.stderr), file=sys.stderr)
+    return None
+
+
+def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) -> SuiteResult:
+    """Return the run in a recording with the results of its captures.
+
+    Raises
+    ------
+    ConfigurationError
+        A recording without a result, or of another run than a capture; a capture or a map that
+        cannot be read.
+    """
+    from haptogram.conformance.pins.judge import judge_pins, sessions_of, with_pins
+    from haptogram.evidence.recordings.channels import SUMMARY
+    from haptogram.evidence.recordings.reader import Recording
+    from haptogram.evidence.recordings.sent_frames import asked_sessions
+    from haptogram.report.conformance.result import suite_of
+
+    recording = Recording(path)
+    found = [entry.fields for entry in recording.entries((SUMMARY,))]
+    if not found:
+        what = recording.run.get("command", "another program")
+        raise ConfigurationError(
+            f"{path}: the recording (of {what}) holds no result; haptogram conform --record "
+            "writes one that does, at the end of its run"
+        )
+    try:
+        suite = suite_of(found[-1])
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(f"{path}: its result is none of haptogram conform") from error
+    records = read_pin_records(config)
+    asked = asked_sessions(recording)
+    for record in records:
+        sessions = sessions_of(record)
+        if sessions and not asked & sessions:
+            raise ConfigurationError(
+                f"{record.name} shows another run than {path}: no session of it is in the recording"
+            )
+    return with_pins(suite, judge_pins(records, expected))

@@ -1,0 +1,70 @@
+"""Captures of drive pins that a command judges by: waiting for their files, and reading them."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from haptogram.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from haptogram.records.pins import PinRecord
+    from haptogram.settings.verify_config import CaptureConfig
+
+_PATIENCE_S: Final = 120.0  # of a run that is over, for an analyser that still writes
+_QUIET_S: Final = 1.0  # in which a file that is complete does not change
+_POLL_S: Final = 0.1
+
+
+def read_pin_records(config: CaptureConfig) -> list[PinRecord]:
+    """Return the pins of all captures.
+
+    Raises
+    ------
+    ConfigurationError
+        A capture or a map that cannot be read, or that do not suit each other.
+    """
+    from haptogram.evidence.captures.channel_map import ChannelMap
+    from haptogram.evidence.captures.files import read_capture
+    from haptogram.evidence.captures.pin_record import pin_record
+
+    maps = [ChannelMap.from_file(path) for path in config.channels]
+    every = maps * len(config.capture) if len(maps) == 1 else maps
+    return [
+        pin_record(read_capture(path), mapped)
+        for path, mapped in zip(config.capture, every, strict=True)
+    ]
+
+
+def wait_for_captures(config: CaptureConfig, since_s: float) -> None:
+    """Wait until every capture was written after *since_s*, and is complete.
+
+    Raises
+    ------
+    ConfigurationError
+        One that does not come.
+    """
+    end_s = time.monotonic() + _PATIENCE_S
+    for path in config.capture:
+        told = False
+        while not _is_complete(path, since_s):
+            if time.monotonic() > end_s:
+                raise ConfigurationError(
+                    f"--capture {path}: not written within {_PATIENCE_S:g} s of the end of the "
+                    "run; record the run (--record) and judge the capture by --recording later"
+                )
+            if not told:
+                print(f"waiting for {path}: end the capture", file=sys.stderr, flush=True)
+                told = True
+            time.sleep(_POLL_S)
+
+
+def _is_complete(path: Path, since_s: float) -> bool:
+    """Return True if *path* is newer than *since_s*, and has not changed for a while."""
+    try:
+        status = path.stat()
+    except OSError:
+        return False
+    return status.st_mtime >= since_s and time.time() - status.st_mtime >= _QUIET_S

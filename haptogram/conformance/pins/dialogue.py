@@ -1,0 +1,235 @@
+"""The dialogue of host and board on the clock of the pins, and the board's clock against it."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Final, TypeVar
+
+import numpy as np
+
+from haptogram.errors import ConfigurationError
+from haptogram.records.pins import PinRecord
+from haptogram.verification.pins.line_frames import LineFrame, line_frames
+from haptogram_protocol.messages import (
+    STREAM_RANGE,
+    HelloReply,
+    Message,
+    MessageType,
+    Ping,
+    Play,
+    Pong,
+    signed_difference,
+    unwrap,
+)
+
+_AT_RESET_US: Final = 4_284_967_296  # HG-6.9/4
+_BITS: Final = 32
+_NEAR_US: Final = 20.0  # of the line through the pings: HG-6.9/2 allows 10
+_M = TypeVar("_M", bound=Message)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceClock:
+    """The device clock from one reset of the board to the next.
+
+    Attributes
+    ----------
+    begin, end : float
+        Periods of the capture between which it holds.
+    at_zero_us, period_us : float
+        Device time at period 0 of the capture, and in a period.
+    """
+
+    begin: float
+    end: float
+    at_zero_us: float
+    period_us: float
+
+    def periods(self, t_us: int, near: float) -> float:
+        """Return when the device clock showed *t_us*, modulo 2^32, near a period of the capture."""
+        expected = round(self.at_zero_us + self.period_us * near)
+        return (unwrap(t_us, expected, _BITS) - self.at_zero_us) / self.period_us
+
+
+class PinDialogue:
+    """Frames of both directions in a capture with both lines of the UART.
+
+    Raises
+    ------
+    ConfigurationError
+        A line that was not captured, or that carries no frame.
+    """
+
+    def __init__(self, record: PinRecord) -> None:
+        if record.to_board is None or record.to_host is None:
+            missing = "to_board" if record.to_board is None else "to_host"
+            raise ConfigurationError(
+                f"{record.name}: no line {missing}; clauses are judged by what the board was told "
+                "and says: name both lines of its UART in the map (docs/captures.md)"
+            )
+        self.record = record
+        self.to_board = line_frames(record.to_board)
+        self.to_host = line_frames(record.to_host)
+        for name, frames, line in (
+            ("to_board", self.to_board, record.to_board),
+            ("to_host", self.to_host, record.to_host),
+        ):
+            if not frames:
+                raise ConfigurationError(
+                    f"{record.name}: {name} carries {len(line.values)} bytes and no frame; check "
+                    "channel and baud of the map"
+                )
+
+    def sent(self, kind: type[_M]) -> Iterator[tuple[LineFrame, _M]]:
+        """Yield the frames of the host with a message of this *kind*."""
+        return ((f, f.message) for f in self.to_board if isinstance(f.message, kind))
+
+    def said(self, kind: type[_M]) -> Iterator[tuple[LineFrame, _M]]:
+        """Yield the frames of the board with a message of this *kind*."""
+        return ((f, f.message) for f in self.to_host if isinstance(f.message, kind))
+
+    def answer(self, asked: LineFrame, kind: MessageType) -> LineFrame | None:
+        """Return the answer of this *kind* to a request, if it came before the next request."""
+        first = bisect.bisect_right(self.to_host, asked.arrival, key=lambda f: f.arrival)
+        for frame in self.to_host[first:]:
+            if frame.header.seq == asked.header.seq and frame.header.type == kind:
+                return frame
+            if frame.arrival > asked.arrival + self._patience:
+                break
+        return None
+
+    @property
+    def _patience(self) -> float:
+        return self.record.carrier_hz  # a second: no host waits longer without asking again
+
+    @cached_property
+    def arms(self) -> list[float]:
+        """Arrivals of ARM."""
+        return [f.arrival for f in self.to_board if f.header.type == MessageType.ARM]
+
+    @cached_property
+    def sources(self) -> list[float]:
+        """Arrivals of frames that may bring sound: of the stream, and PLAY."""
+        return [
+            f.arrival
+            for f in self.to_board
+            if f.header.type in STREAM_RANGE or isinstance(f.message, Play)
+        ]
+
+    def next_arm(self, t: float) -> float:
+        """Return the first arrival of ARM from *t* on, else the end of the capture."""
+        return _next(self.arms, t, self.record.end)
+
+    def next_source(self, t: float) -> float:
+        """Return the first arrival of a frame that may bring sound from *t* on, else the end."""
+        return _next(self.sources, t, self.record.end)
+
+    def is_due(self, begin: float, end: float) -> bool:
+        """Return True if a frame that arrived before *begin* may be due between the two."""
+        clock = next((c for c in self.clocks if c.begin <= begin < c.end), None)
+        if clock is None:
+            return True
+        low = bisect.bisect_left(self.stream, begin - self._horizon, key=lambda f: f.arrival)
+        high = bisect.bisect_left(self.stream, begin, key=lambda f: f.arrival)
+        due = (clock.periods(f.header.time_us, f.arrival) for f in self.stream[low:high])
+        return any(begin <= moment <= end for moment in due)
+
+    @property
+    def _horizon(self) -> float:
+        told = [reply.max_horizon_us for _, reply in self.said(HelloReply)]
+        return max(told, default=0) * self.record.carrier_hz * 1e-6
+
+    @cached_property
+    def stream(self) -> list[LineFrame]:
+        """Frames of the stream."""
+        return [f for f in self.to_board if f.header.type in STREAM_RANGE]
+
+    # --- sessions and resets ---------------------------------------------------------------------
+
+    @cached_property
+    def sessions(self) -> list[tuple[LineFrame, LineFrame, bool]]:
+        """HELLO, its reply, and whether it is known to have opened another session."""
+        hellos = [f for f in self.to_board if f.header.type == MessageType.HELLO]
+        found: list[tuple[LineFrame, LineFrame, bool]] = []
+        nonce, boot = None, None
+        for frame, reply in self.said(HelloReply):
+            asked = [
+                f for f in hellos if f.arrival <= frame.begin and f.header.seq == frame.header.seq
+            ]
+            is_new = nonce is not None and (reply.nonce, reply.boot_id) != (nonce, boot)
+            nonce, boot = reply.nonce, reply.boot_id
+            if asked:
+                found.append((asked[-1], frame, is_new))
+        return found
+
+    @cached_property
+    def resets(self) -> list[float]:
+        """Periods at which the board was reset within the capture."""
+        found = []
+        boot = None
+        for frame, reply in self.said(HelloReply):
+            if reply.boot_id == boot:
+                continue
+            boot = reply.boot_id
+            passed_us = signed_difference(frame.header.time_us, _AT_RESET_US % 2**_BITS, _BITS)
+            moment = frame.begin - passed_us * self.record.carrier_hz * 1e-6
+            if moment > 0.0:
+                found.append(moment)
+        return found
+
+    @cached_property
+    def clocks(self) -> list[DeviceClock]:
+        """The device clock between resets, by PING and PONG; without them there is none."""
+        bounds = [0.0, *self.resets, self.record.end]
+        pings: dict[tuple[int, int, int], float] = {}
+        for frame, ping in self.sent(Ping):
+            pings.setdefault((frame.header.session, frame.header.seq, ping.echo), frame.arrival)
+        found = []
+        for begin, end in pairwise(bounds):
+            pairs = []
+            for frame, pong in self.said(Pong):
+                key = frame.header.session, frame.header.seq, pong.echo
+                if begin <= frame.begin < end and key in pings:
+                    pairs.append((pings.pop(key), pong.t_rx_us))
+            if pairs:
+                at_zero_us, period_us = _line(pairs, 1e6 / self.record.carrier_hz)
+                found.append(DeviceClock(begin, end, at_zero_us, period_us))
+        return found
+
+    def told(self, frame: LineFrame, t_us: int | None = None) -> float | None:
+        """Return when the device clock showed the time in a header, or *t_us*; None: not known."""
+        clock = next((c for c in self.clocks if c.begin <= frame.begin < c.end), None)
+        if clock is None:
+            return None
+        return clock.periods(frame.header.time_us if t_us is None else t_us, frame.begin)
+
+
+def _next(times: Sequence[float], t: float, otherwise: float) -> float:
+    place = bisect.bisect_left(times, t)
+    return times[place] if place < len(times) else otherwise
+
+
+def _line(pairs: Sequence[tuple[float, int]], nominal_us: float) -> tuple[float, float]:
+    """Return offset and rate of the device clock from arrival (periods) and device time (us)."""
+    arrivals = np.array([arrival for arrival, _ in pairs])
+    times = [pairs[0][1]]
+    for (before, _), (arrival, t_us) in pairwise(pairs):
+        times.append(unwrap(t_us, times[-1] + round((arrival - before) * nominal_us), _BITS))
+    base = times[0]
+    late = np.array([t - base for t in times]) - nominal_us * arrivals
+    half = len(pairs) // 2
+    spans = arrivals[half:] - arrivals[: len(arrivals) - half]
+    far = spans > 1.0
+    rate = 0.0
+    if half and far.any():
+        rises = late[half:] - late[: len(late) - half]
+        rate = float(np.median(rises[far] / spans[far]))
+    offset = float(np.median(late - rate * arrivals))
+    near = np.abs(late - rate * arrivals - offset) <= _NEAR_US
+    if near.sum() > 2 and np.ptp(arrivals[near]) > 1.0:
+        rate, offset = (float(v) for v in np.polyfit(arrivals[near], late[near], 1))
+    return base + offset, nominal_us + rate

@@ -1,0 +1,51 @@
+"""Findings of a capture about clauses: how often each was seen to hold, and where it was not."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from haptogram.records.pins import PinRecord
+
+
+@dataclass
+class PinFindings:
+    """Findings by clause.
+
+    Attributes
+    ----------
+    held : Counter of str
+        Number of occasions at which the pins met a clause.
+    broken : dict of str to list of str
+        Occasions at which they did not, in words.
+    unclear : dict of str to str
+        Why a clause could not be judged, where the capture itself is the reason.
+    """
+
+    held: Counter[str] = field(default_factory=Counter)
+    broken: dict[str, list[str]] = field(default_factory=dict)
+    unclear: dict[str, str] = field(default_factory=dict)
+
+    def add(self, clause: str, broken: str) -> None:
+        """Count an occasion; *broken* says what the pins did wrong, empty: nothing."""
+        if broken:
+            self.broken.setdefault(clause, []).append(broken)
+        else:
+            self.held[clause] += 1
+
+
+def at_ms(record: PinRecord, periods: float) -> str:
+    """Return a time of the capture in words."""
+    return f"at {periods * record.period_s * 1e3:.3f} ms"
+
+
+def in_us(record: PinRecord, periods: float) -> str:
+    """Return a length of time in words."""
+    return f"{periods * 1e6 / record.carrier_hz:.0f} us"
+
+
+def pin_names(record: PinRecord, elements: list[int]) -> str:
+    """Return pins in words, the first four by name."""
+    names = [f"{element} ({record.pins[element].channel})" for element in elements[:4]]
+    more = f" and {len(elements) - 4} more" if len(elements) > 4 else ""
+    return f"element{'s' if len(elements) > 1 else ''} {', '.join(names)}{more}"

@@ -1,0 +1,122 @@
+"""From a capture of the pins, and of both lines of the UART, to results of clauses."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final
+
+from haptogram.errors import ConfigurationError
+from haptogram.records.pins import PinRecord
+from haptogram_protocol.messages import Hello, HelloReply
+
+from ..clauses import load_clauses
+from ..verdict import Behaviour, CaseResult, SuiteResult
+from .cases import PIN_CASES
+from .dialogue import PinDialogue
+from .findings import PinFindings
+from .latches import judge_latches
+from .ramps import judge_ramps
+from .silences import judge_silences
+
+_NAMED: Final = 3  # occasions that are told
+_NEVER: Final = "the capture shows no occasion for it: no captured pin sounded then, or none came"
+
+
+def judge_pins(
+    records: Sequence[PinRecord], expected: dict[str, str] | None = None
+) -> tuple[CaseResult, ...]:
+    """Judge clauses by captures of the drive pins and of both lines of the UART.
+
+    Parameters
+    ----------
+    records : sequence of PinRecord
+        Captures of one run of the suite, or of anything else that a host did with the board.
+    expected : dict of str to str, optional
+        Baseline: the failures that are expected, by case or clause.
+
+    Returns
+    -------
+    tuple of CaseResult
+        One for each of :data:`~haptogram.conformance.pins.cases.PIN_CASES`; evidence external.
+
+    Raises
+    ------
+    ConfigurationError
+        A capture without a line of the UART, or an element that the board lacks.
+    """
+    findings = PinFindings()
+    cut = ""
+    for record in records:
+        dialogue = PinDialogue(record)
+        _check_elements(dialogue)
+        judge_silences(dialogue, findings)
+        judge_latches(dialogue, findings)
+        judge_ramps(dialogue, findings)
+        cut = cut or (record.cut and f"{record.name} was cut off: {record.cut}")
+    expected = expected or {}
+    return tuple(_result(clause, findings, cut, expected) for clause in PIN_CASES)
+
+
+def _check_elements(dialogue: PinDialogue) -> None:
+    count = next((reply.transducers for _, reply in dialogue.said(HelloReply)), None)
+    for element, pin in dialogue.record.pins.items():
+        if count is not None and element >= count:
+            raise ConfigurationError(
+                f"channel {pin.channel} is element {element}; the board has the elements 0 to "
+                f"{count - 1}"
+            )
+
+
+def _result(clause: str, findings: PinFindings, cut: str, expected: dict[str, str]) -> CaseResult:
+    case = PIN_CASES[clause]
+    broken, held = findings.broken.get(clause, []), findings.held[clause]
+    if broken:
+        behaviour = Behaviour.FAILED
+        more = f"; and {len(broken) - _NAMED} times more" if len(broken) > _NAMED else ""
+        detail = (
+            f"{len(broken)} of {held + len(broken)} times: " + "; ".join(broken[:_NAMED]) + more
+        )
+    elif held:
+        behaviour, detail = Behaviour.OK, f"seen {held} times"
+    else:
+        behaviour, detail = Behaviour.NOT_OBSERVED, findings.unclear.get(clause, _NEVER)
+    if cut and behaviour is not Behaviour.FAILED:
+        behaviour, detail = Behaviour.INCONCLUSIVE, f"{cut}; {detail}"
+    return CaseResult(
+        case=case.id,
+        clause=clause,
+        requirement=load_clauses()[clause].text,
+        summary=case.summary,
+        behaviour=behaviour,
+        evidence=case.evidence,
+        detail=detail,
+        expected=expected.get(case.id, expected.get(clause)),
+    )
+
+
+def with_pins(suite: SuiteResult, pins: Sequence[CaseResult]) -> SuiteResult:
+    """Return a run with the results of its pins.
+
+    A clause that nothing on the line shows has a result that says so; where the pins show it,
+    theirs takes its place.
+    """
+    shown = {r.clause for r in pins if r.behaviour is not Behaviour.NOT_OBSERVED}
+    kept = [
+        result
+        for result in suite.results
+        if not (
+            result.clause in shown
+            and result.case == result.clause
+            and result.behaviour is Behaviour.NOT_OBSERVED
+        )
+    ]
+    order = {number: place for place, number in enumerate(load_clauses())}
+    results = sorted([*kept, *pins], key=lambda result: order[result.clause])
+    return dataclasses.replace(suite, results=tuple(results))
+
+
+def sessions_of(record: PinRecord) -> set[int]:
+    """Return the nonces of the sessions that a host asked for in a capture."""
+    frames = PinDialogue(record).to_board
+    return {frame.message.nonce for frame in frames if isinstance(frame.message, Hello)}

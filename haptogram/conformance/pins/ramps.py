@@ -1,0 +1,93 @@
+"""Ramps to silence: the amplitude that each pin has on its way to the end of the output."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.verification.pins.run_drives import fundamentals
+from haptogram_protocol.messages import Feature, HelloReply, StateChanged
+from haptogram_protocol.state import MuteReason
+
+from .configurations import KnownConfigurations
+from .dialogue import PinDialogue
+from .findings import PinFindings, at_ms, pin_names
+
+#: Timers whose ramps are judged: during that of an unattended playback latches go on.
+_TIMERS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
+_BEFORE: Final = 20.0  # periods of full output before a ramp
+_STEP: Final = 1.0 / 255.0
+_LAG_MS: Final = 1.0  # HG-6.11/2: the line at this moment, or up to so long before
+_TIMER_MS: Final = 1.0  # HG-12.1/1
+_SAMPLES: Final = 2.0
+
+
+def judge_ramps(dialogue: PinDialogue, findings: PinFindings) -> None:
+    """Judge the ramp before every silence that a timer made."""
+    if not any(reply.features & Feature.AMPLITUDE for _, reply in dialogue.said(HelloReply)):
+        return
+    configs = KnownConfigurations(dialogue)
+    per_ms = dialogue.record.carrier_hz * 1e-3
+    for frame, changed in dialogue.said(StateChanged):
+        end = dialogue.told(frame)
+        if changed.reason not in _TIMERS or end is None:
+            continue
+        config = configs.at(end)
+        if config is None or not config.ramp_ms:
+            continue
+        begin = end - config.ramp_ms * per_ms
+        # A latch meanwhile changes the amplitude that the ramp is of.
+        since = begin - _BEFORE - 2.0 * _TIMER_MS * per_ms
+        if since > 0.0 and dialogue.next_source(since) > end and not dialogue.is_due(since, end):
+            _judge_ramp(dialogue, begin, end, findings)
+
+
+def _judge_ramp(dialogue: PinDialogue, begin: float, end: float, findings: PinFindings) -> None:
+    record = dialogue.record
+    per_ms = record.carrier_hz * 1e-3
+    louder, off_line, seen = [], [], 0
+    for element, pin in record.pins.items():
+        centres, vectors = fundamentals(pin)
+        lead = 2.0 * _TIMER_MS * per_ms
+        low, first, high = np.searchsorted(centres, [begin - lead - _BEFORE, begin - lead, end])
+        sizes = np.abs(vectors)
+        if first - low < _BEFORE / 2.0 or np.ptp(sizes[low:first]) > 2.0 * _STEP:
+            continue
+        full = float(sizes[low:first].mean())
+        if full < 4.0 * _STEP:
+            continue
+        seen += 1
+        times, fading = centres[first:high], sizes[first:high].astype(np.float64)
+        # The amplitude of a pulse is known to a sample of its width.
+        error = _SAMPLES * math.pi / record.samples * np.sqrt(1.0 - np.minimum(fading, 1.0) ** 2)
+        error += _SAMPLES * (math.pi / record.samples) ** 2 + _STEP
+        if _rises(fading, error):
+            louder.append(element)
+        lag, timer = (_LAG_MS + _TIMER_MS) * per_ms, _TIMER_MS * per_ms
+        upper = full * _left(times - lag, begin, end) + error
+        lower = full * _left(times + timer, begin, end) - error
+        if ((fading > upper) | (fading < lower)).any():
+            off_line.append(element)
+    if not seen:
+        return
+    where = f"in the ramp that ends {at_ms(record, end)}"
+    names = pin_names(record, louder) if louder else ""
+    findings.add("HG-6.11/1", f"{names} get louder {where}" if louder else "")
+    names = pin_names(record, off_line) if off_line else ""
+    text = f"{names} leave the straight line to 0 {where}"
+    findings.add("HG-6.11/2", text if off_line else "")
+
+
+def _left(times: FloatArray, begin: float, end: float) -> FloatArray:
+    """Return the share of the amplitude that the straight line leaves."""
+    left: FloatArray = np.clip((end - times) / (end - begin), 0.0, 1.0)
+    return left
+
+
+def _rises(sizes: FloatArray, error: FloatArray) -> bool:
+    """Return True if an amplitude exceeds one before it by more than the samples make."""
+    least = np.minimum.accumulate(sizes + error)
+    return bool((sizes - error > least).any())

@@ -1,0 +1,185 @@
+"""Times at which no pin may sound, by what the board was told and by what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from haptogram.records.pins import PinRecord
+from haptogram.verification.pins.line_frames import LineFrame
+from haptogram_protocol.messages import (
+    HelloReply,
+    MessageType,
+    Points,
+    StateChanged,
+    Status,
+    StatusReply,
+)
+from haptogram_protocol.state import MuteReason, OutputState
+
+from .dialogue import PinDialogue
+from .findings import PinFindings, at_ms, in_us, pin_names
+
+_PERIOD: Final = 1.0  # HG-6.6/1
+_CLOCKS: Final = 0.5  # periods by which device time and capture may differ: HG-6.9/2 allows 10 us
+_TIMER_US: Final = 1_000  # HG-12.1/1
+_BEFORE: Final = 2.5  # periods before a cause: a pin with a pulse in them sounded
+_ARM_BEFORE: Final = 400.0  # periods by which a word may be older than an ARM that came before it
+_SAMPLES: Final = 2.0
+_BY_REASON: Final = {
+    MuteReason.HOLD_EXPIRED: ("HG-6.10/1", "the end of the hold"),
+    MuteReason.HOST_SILENT: ("HG-12.2/1", "the end of the lease"),
+    MuteReason.UNATTENDED: ("HG-12.1/1", "the end of an unattended playback"),
+    MuteReason.FAULT: ("HG-6.6/1", "a fault of the hardware"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SilenceDue:
+    """A time at which no pin may begin a pulse; in periods.
+
+    Attributes
+    ----------
+    cause_at : float
+        When the cause came.
+    begin, until : float
+        From when, and up to when.
+    clause : str
+        Clause that a pin breaks which goes on from before the cause.
+    cause : str
+        The cause in words.
+    """
+
+    cause_at: float
+    begin: float
+    until: float
+    clause: str
+    cause: str
+
+
+def judge_silences(dialogue: PinDialogue, findings: PinFindings) -> None:
+    """Judge every time at which the pins have to be silent."""
+    record = dialogue.record
+    slack = _SAMPLES / record.samples
+    for due in _silences(dialogue):
+        begin = due.begin + slack
+        if begin >= due.until:
+            continue
+        before = _sounding(record, due.cause_at - _BEFORE, due.cause_at)
+        wrong = _sounding(record, begin, due.until)
+        if not wrong:
+            findings.held["HG-6.6/2"] += due.clause != "HG-6.6/2"
+            if before or due.clause in ("HG-6.6/2", "HG-6.12/2", "HG-6.3/1"):
+                findings.add(due.clause, "")
+            continue
+        goes_on = any(e in before and wrong[e][0] <= begin + _BEFORE for e in wrong)
+        if goes_on and due.clause == "HG-6.3/1":
+            continue  # it did not fall silent before: that is told
+        clause = due.clause if goes_on or due.clause != "HG-6.6/1" else "HG-6.6/2"
+        first, last = min(wrong.values())[0], max(rise for _, rise in wrong.values())
+        how = "go on sounding" if goes_on else "begin to sound"
+        findings.add(
+            clause,
+            f"{pin_names(record, sorted(wrong))} {how} {in_us(record, first - due.cause_at)} after "
+            f"{due.cause} {at_ms(record, due.cause_at)}, and last sound "
+            f"{in_us(record, last - due.cause_at)} after it",
+        )
+
+
+def _sounding(record: PinRecord, begin: float, until: float) -> dict[int, tuple[float, float]]:
+    """Return the first and the last pulse that each pin begins from *begin* to *until*."""
+    found = {}
+    for element, pin in record.pins.items():
+        low, high = np.searchsorted(pin.rises, [begin, until])
+        if low < high:
+            found[element] = float(pin.rises[low]), float(pin.rises[high - 1])
+    return found
+
+
+def _silences(dialogue: PinDialogue) -> Iterator[SilenceDue]:
+    yield from _after_requests(dialogue)
+    yield from _by_words(dialogue)
+    yield from _after_arm(dialogue)
+    for moment in dialogue.resets:
+        until = dialogue.next_arm(moment)
+        yield SilenceDue(moment, moment + _PERIOD + _CLOCKS, until, "HG-6.12/2", "a reset")
+
+
+def _after_requests(dialogue: PinDialogue) -> Iterator[SilenceDue]:
+    """Yield the silences after MUTE, DISARM and new sessions."""
+    for frame in dialogue.to_board:
+        if frame.header.type == MessageType.MUTE:
+            yield _after(dialogue, frame.arrival, frame.arrival, "MUTE")
+        elif frame.header.type == MessageType.DISARM and dialogue.answer(
+            frame, MessageType.DISARM_REPLY
+        ):
+            yield _after(dialogue, frame.arrival, _computed(dialogue, frame.arrival), "DISARM")
+    for hello, _, is_new in dialogue.sessions:
+        if is_new:
+            computed = _computed(dialogue, hello.arrival)
+            yield _after(dialogue, hello.arrival, computed, "a HELLO with another nonce")
+
+
+def _after(dialogue: PinDialogue, cause_at: float, ready: float, cause: str) -> SilenceDue:
+    return SilenceDue(cause_at, ready + _PERIOD, dialogue.next_arm(cause_at), "HG-6.6/1", cause)
+
+
+def _computed(dialogue: PinDialogue, until: float) -> float:
+    """Return when the frames that arrived by *until* are computed (HG-5.7), at the latest."""
+    point_us = 0
+    ready = until
+    for frame, reply in dialogue.said(HelloReply):
+        if frame.begin <= until:
+            point_us = reply.point_time_us
+    if point_us:
+        in_periods = point_us * dialogue.record.carrier_hz * 1e-6
+        ready = 0.0
+        for frame, points in dialogue.sent(Points):
+            if frame.arrival <= until:
+                ready = max(ready, frame.arrival) + len(points.points) * in_periods
+    return max(ready, until)
+
+
+def _by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
+    """Yield the silences that the board itself tells of."""
+    timer = _TIMER_US * dialogue.record.carrier_hz * 1e-6
+    for frame, changed in dialogue.said(StateChanged):
+        clause, cause = _BY_REASON.get(changed.reason, ("HG-6.6/2", "a change of state"))
+        slack = (
+            timer
+            if changed.reason
+            in (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT, MuteReason.UNATTENDED)
+            else 0.0
+        )
+        if changed.state is not OutputState.ARMED:
+            yield from _said(dialogue, frame, clause, cause, slack)
+    for kind in (Status, StatusReply):
+        for frame, status in dialogue.said(kind):
+            if status.state is not OutputState.ARMED:
+                cause = f"STATUS says {status.state.name}"
+                yield from _said(dialogue, frame, "HG-6.6/2", cause, 0.0)
+
+
+def _said(
+    dialogue: PinDialogue, frame: LineFrame, clause: str, cause: str, slack: float
+) -> Iterator[SilenceDue]:
+    moment = dialogue.told(frame)
+    if moment is None:
+        return
+    until = dialogue.next_arm(moment - _ARM_BEFORE)
+    yield SilenceDue(moment, moment + _PERIOD + _CLOCKS + slack, until, clause, cause)
+
+
+def _after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
+    """Yield the silences between an ARM that led out of silence and the first frame behind it."""
+    off = sorted(
+        frame.arrival for frame in dialogue.to_board if frame.header.type == MessageType.MUTE
+    )
+    before = 0.0
+    for arm in dialogue.arms:
+        if any(before <= moment < arm for moment in off):
+            yield SilenceDue(arm, arm, dialogue.next_source(arm), "HG-6.3/1", "ARM")
+        before = arm

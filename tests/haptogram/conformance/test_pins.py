@@ -1,0 +1,160 @@
+"""Clauses by the drive pins: boards whose words are right, and whose pins may not be."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from boards import BAUD, run
+
+from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.conformance.case import Depth
+from haptogram.conformance.pins.cases import PIN_CASES
+from haptogram.conformance.pins.dialogue import PinDialogue
+from haptogram.conformance.pins.judge import judge_pins, with_pins
+from haptogram.conformance.run.access import VirtualAccess
+from haptogram.conformance.verdict import Behaviour
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.captures.channel_map import ChannelMap
+from haptogram.evidence.captures.files import read_capture
+from haptogram.evidence.captures.pin_record import pin_record
+from haptogram.settings.board import PinCaptureConfig
+from haptogram.settings.faults.plan import FaultPlan
+from haptogram_protocol.messages import Mute, StateChanged
+from virtual_ports import BoardPort
+
+MAP = {"reference": "carrier", "to_board": "to_board", "to_host": "to_host", "elements": "e{}"}
+CASES = ("HG-5.2/6-slots", "HG-6.11/1", "HG-6.11/2-lengths", "HG-6.11/5-timers", "HG-8.3/1")
+SEEN = {
+    *(
+        "HG-5.2/1",
+        "HG-5.3/1",
+        "HG-5.8/1",
+        "HG-5.8/2",
+        "HG-5.8/5",
+        "HG-6.3/1",
+        "HG-6.6/1",
+        "HG-6.6/2",
+    ),
+    *("HG-6.10/1", "HG-6.11/1", "HG-6.11/2", "HG-6.12/2", "HG-8.3/1", "HG-12.2/1"),
+}
+
+
+class OnePort(VirtualAccess):
+    """A board that nothing restarts."""
+
+    can_reset = False
+
+
+def captured_suite(path, faults=(), **pins):
+    """Run some cases in virtual time; return their results and the capture."""
+    config = PinCaptureConfig(capture=path, capture_ms=600_000.0, capture_elements="0,5,10", **pins)
+    grid = TransducerArray.parse("4x4", pitch_m=0.01)
+    model = AcousticModel(grid, Medium.air(20.0), Transducer())
+    plan = FaultPlan.parse(list(faults)) if faults else None
+    port = BoardPort(model=model, faults=plan, capture=config)
+    access = OnePort("virtual://pins", lambda _: port, baudrate=BAUD, virtual=True)
+    suite = run(access, *CASES, depth=Depth.DEFAULT)
+    port.simulation.power_down()
+    port.pins.close()
+    return suite, pin_record(read_capture(path), ChannelMap.of("map.toml", MAP))
+
+
+def by_clause(results):
+    return {result.clause: result for result in results}
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory):
+    return captured_suite(tmp_path_factory.mktemp("pins") / "pins.vcd")
+
+
+def test_a_healthy_board_is_seen_to_meet_the_clauses(healthy):
+    suite, record = healthy
+    results = judge_pins([record])
+    assert {r.clause: r.detail for r in results if r.behaviour is Behaviour.FAILED} == {}
+    assert {r.clause for r in results if r.behaviour is Behaviour.OK} == SEEN
+    assert {str(r.evidence) for r in results} == {"external"}
+    assert [r.case for r in results] == [f"{clause}-pins" for clause in PIN_CASES]
+    joined = with_pins(suite, results)
+    assert len(joined.results) == len(suite.results) + len(results)
+    assert {r.case for r in joined.results if r.is_failure} == set()
+
+
+LIES = {
+    "capture_lingers=all=2000": {"HG-6.6/1", "HG-6.6/2", "HG-6.10/1", "HG-12.2/1"},
+    "capture_lingers=5=60": {"HG-6.6/1"},
+    "capture_lingers=5=1e5": {"HG-6.6/1", "HG-6.6/2", "HG-6.10/1", "HG-12.2/1"},
+    "capture_late=5=100": {"HG-5.8/2"},
+    "capture_late=all=100": {"HG-8.3/1"},
+    "device.dead transducer=5": {"HG-5.2/1", "HG-5.3/1"},
+    "device.delayed transducer=5 code=4": {"HG-5.2/1", "HG-5.3/1"},
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_pins_that_do_not_do_what_the_board_says_are_found(lie, tmp_path):
+    name, _, value = lie.partition("=")
+    is_fault = lie.startswith("device.")
+    given = {"faults": [lie]} if is_fault else {name: (value,)}
+    suite, record = captured_suite(tmp_path / "pins.vcd", **given)
+    assert {r.case: r.detail for r in suite.results if r.behaviour is Behaviour.FAILED} == {}
+    results = by_clause(judge_pins([record]))
+    failed = {clause for clause, r in results.items() if r.behaviour is Behaviour.FAILED}
+    assert failed == LIES[lie]
+
+
+def shifted(record, element, begin, end, periods):
+    """Return *record* with more pulses of one pin between two periods."""
+    pin = record.pins[element]
+    rises = np.arange(begin, end)
+    order = np.argsort(np.concatenate([pin.rises, rises]), kind="stable")
+    changed = dataclasses.replace(
+        pin,
+        rises=np.concatenate([pin.rises, rises])[order],
+        falls=np.concatenate([pin.falls, rises + periods])[order],
+    )
+    return dataclasses.replace(record, pins={**record.pins, element: changed})
+
+
+def test_pulses_in_a_silence_are_found_whatever_made_it(healthy):
+    _, record = healthy
+    dialogue = PinDialogue(record)
+    mutes = [f.arrival for f in dialogue.to_board if isinstance(f.message, Mute)]
+    mute = next(t for t in mutes if dialogue.next_arm(t) - t > 20.0)
+    late = shifted(record, 5, mute + 4.0, mute + 6.0, 0.3)
+    results = by_clause(judge_pins([late]))
+    assert results["HG-6.6/2"].behaviour is Behaviour.FAILED
+    assert "begin to sound 1" in results["HG-6.6/2"].detail
+    frame = next(f for f, changed in dialogue.said(StateChanged))
+    end = dialogue.told(frame)
+    late = shifted(record, 5, end + 60.0, end + 62.0, 0.3)
+    failed = {r.clause for r in judge_pins([late]) if r.behaviour is Behaviour.FAILED}
+    assert failed == {"HG-6.10/1"}
+    arm = next(a for a in dialogue.arms if dialogue.next_source(a) - a > 20.0 and a > mute)
+    late = shifted(record, 5, arm + 5.0, arm + 8.0, 0.3)
+    results = by_clause(judge_pins([late]))
+    assert results["HG-6.3/1"].behaviour is Behaviour.FAILED
+
+
+def test_a_reset_is_found_by_the_device_clock_and_its_pins_are_judged(healthy):
+    _, record = healthy
+    (reset,) = PinDialogue(record).resets  # power-up
+    late = shifted(record, 5, reset + 4.0, reset + 6.0, 0.3)
+    failed = [r for r in judge_pins([late]) if r.behaviour is Behaviour.FAILED]
+    assert [r.clause for r in failed] == ["HG-6.12/2"]
+    assert "after a reset at" in failed[0].detail
+
+
+def test_a_capture_without_the_lines_or_of_a_larger_board_is_refused(healthy):
+    _, record = healthy
+    with pytest.raises(ConfigurationError, match="no line to_host; clauses are judged by"):
+        judge_pins([dataclasses.replace(record, to_host=None)])
+    pins = {99: record.pins[5]}
+    with pytest.raises(ConfigurationError, match="the board has the elements 0 to 15"):
+        judge_pins([dataclasses.replace(record, pins=pins)])
+
+
+def test_a_capture_that_was_cut_off_passes_nothing(healthy):
+    _, record = healthy
+    results = judge_pins([dataclasses.replace(record, cut="too short")])
+    assert not any(r.behaviour is Behaviour.OK for r in results)
