@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING
 from haptogram.errors import ConfigurationError
 from haptogram.settings.array import ArrayConfig
 from haptogram.settings.board import DEFAULT_ARRAY
-from haptogram.settings.command_line import add_setting_options
+from haptogram.settings.command_line import (
+    add_setting_options,
+    config_from_options,
+    setting_option_name,
+)
 from haptogram.settings.option import options_of
-from haptogram.settings.verify_config import config_from_options, setting_option_name
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel

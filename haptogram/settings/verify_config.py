@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from ..errors import ConfigurationError
 from .arguments import did_you_mean
 from .array import ArrayConfig, ElementConfig
 from .board import BoardConfig, FaultWords
+from .command_line import setting_option_name
 from .line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
 from .option import SettingError, Settings, option, option_group, options_of, unknown_setting_text
 from .shape import ModulationConfig, ShapeConfig
@@ -21,7 +22,6 @@ MODES: Final = ("phases", "drives", "points", "sequence")
 PHASE_BITS: Final = (8, 6, 5)
 # Those of haptogram.acoustics.solvers.several, which takes numpy: --help shall not.
 SOLVERS: Final = ("naive", "ibp", "gs", "wgs", "gspat", "gradient")
-_S = TypeVar("_S", bound=Settings)
 _SECTION: Final = "verify"
 #: Former keys, and those that replaced them.
 _RENAMED: Final = {"link_baud": "baud", "report": "html"}
@@ -373,25 +373,6 @@ def load_verify_config(path: Path | None, overrides: Mapping[str, Any]) -> Verif
         is_in_file = error.name in in_file and error.name not in given
         written = f"{path}: {error.name}" if is_in_file else setting_option_name(error.name)
         raise ConfigurationError(f"{written} {error.message}") from error
-
-
-def config_from_options(kind: type[_S], overrides: Mapping[str, Any]) -> _S:
-    """Return the settings of *kind* from a command line; None is an option that was not given.
-
-    Raises
-    ------
-    ConfigurationError
-        Names the option, the value and the limit.
-    """
-    try:
-        return kind.of(**{name: value for name, value in overrides.items() if value is not None})
-    except SettingError as error:
-        raise ConfigurationError(f"{setting_option_name(error.name)} {error.message}") from error
-
-
-def setting_option_name(setting: str) -> str:
-    """Return the option of *setting* on the command line."""
-    return f"--{setting.replace('_', '-')}"
 
 
 def read_settings_table(path: Path) -> dict[str, Any]:

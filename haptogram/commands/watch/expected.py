@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.command_line import config_from_options
 from haptogram.settings.option import options_of
 from haptogram.settings.tolerance import ToleranceConfig
-from haptogram.settings.verify_config import config_from_options
 
 if TYPE_CHECKING:
     from haptogram.evidence.dialects.watched_board import WatchedBoard
