@@ -4,6 +4,7 @@ import cmath
 import doctest
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -108,3 +109,53 @@ def test_every_dialect_has_a_layout():
 
 def test_the_examples_run():
     assert doctest.testmod(layouts) == (0, 4)
+
+
+# --- the maps of the pages ------------------------------------------------------------------------
+
+PAGES = Path(__file__).parents[5] / "docs" / "boards"
+MAP = re.compile(r"<!-- element map: (\S+) -->\n```text\n(\w)\\(\w) (.*?)```", re.DOTALL)
+MAPS = {
+    name: (up, across, rows)
+    for page in sorted(PAGES.glob("*.md"))
+    for name, up, across, rows in MAP.findall(page.read_text("utf-8"))
+}
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_the_map_of_a_page_has_every_channel_where_the_layout_has_it(name):
+    up, across, text = MAPS[name]
+    layout = LAYOUT_OF_DIALECT[name]
+    places_mm = 1e3 * layout.clients_m(layout.array().positions_m)
+    columns, *rows = [line.split() for line in text.strip("\n").split("\n")]
+    seen = {}
+    for height, *channels in rows:
+        for place, channel in zip(columns, channels, strict=True):
+            if channel != ".":
+                seen[int(channel)] = (float(place), float(height))
+    assert sorted(seen) == list(range(len(places_mm)))
+    axes = ["xyz".index(across), "xyz".index(up)]
+    shown = np.array([seen[channel] for channel in sorted(seen)])
+    np.testing.assert_allclose(places_mm[:, axes], shown, atol=1e-6)
+
+
+def test_every_dialect_has_a_map_or_is_told_from_one():
+    others = {"sonicsurface-tactile", "ultraino-fpga", "ultraino-fpga-chained"}  # SonicSurface's
+    assert MAPS.keys() | others | {"ultraino-fpga-128"} == LAYOUT_OF_DIALECT.keys()
+    own, centred = (LAYOUTS[name].array() for name in ("sonicsurface", "ultraino-sonicsurface"))
+    np.testing.assert_allclose(own.positions_m - centred.positions_m, [[0, -2e-3, 0]] * 256)
+
+
+def test_the_rings_of_a_page_are_those_of_tinylev():
+    text = (PAGES / "ultraino.md").read_text("utf-8")
+    (table,) = re.findall(r"<!-- rings: ultraino-fpga-128 -->\n(.*?)\n\n", text, re.DOTALL)
+    layout = LAYOUT_OF_DIALECT["ultraino-fpga-128"]
+    places_mm = 1e3 * layout.clients_m(layout.array().positions_m)
+    for line in table.splitlines()[2:]:
+        channels, radius, heights = line.strip("| ").split(" | ")
+        spans = re.findall(r"(\d+) to (\d+)", channels)
+        for (first, last), height in zip(spans, heights.split(", "), strict=True):
+            ring = places_mm[int(first) : int(last) + 1]
+            np.testing.assert_allclose(np.hypot(ring[:, 0], ring[:, 2]), float(radius), atol=0.01)
+            np.testing.assert_allclose(ring[:, 1], float(height), atol=0.01)
+            assert ring[0, 0] > 0.0 > ring[1, 2]  # from +x on, towards -z
