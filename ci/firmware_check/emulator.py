@@ -40,6 +40,8 @@ class Emulator:
         ELF file.
     log : Path or None
         Gets a line for everything that the firmware writes to hardware which QEMU does not have.
+    instruction_ns : int or None
+        Time of the chip that an instruction takes, a power of two; None: that of the workstation.
 
     Attributes
     ----------
@@ -49,14 +51,21 @@ class Emulator:
         Shell command that restarts the firmware.
     """
 
-    def __init__(self, machine: str, firmware: Path, log: Path | None = None) -> None:
+    def __init__(
+        self,
+        machine: str,
+        firmware: Path,
+        log: Path | None = None,
+        instruction_ns: int | None = None,
+    ) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="haptogram-qemu-")
         self._monitor = Path(self._folder.name) / "monitor"
         self.url = ""
         self._printed = b""
         self.reset_command = shlex.join([str(EMULATE), "--reset", str(self._monitor)])
-        logged = [] if log is None else ["--log", log]
-        command = [EMULATE, "--with-parent", "--monitor", self._monitor, *logged, machine, firmware]
+        more = [] if log is None else ["--log", log]
+        more += [] if instruction_ns is None else ["--ns", instruction_ns]
+        command = [EMULATE, "--with-parent", "--monitor", self._monitor, *more, machine, firmware]
         self._process = subprocess.Popen(
             [str(part) for part in command],
             stdin=subprocess.DEVNULL,

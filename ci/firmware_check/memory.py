@@ -46,6 +46,13 @@ def footprint(firmware: Path, emulator: Emulator) -> Footprint:
     return Footprint(text + data, data + bss - size, size, size - unused)
 
 
+def symbol(firmware: Path, name: str) -> tuple[int, int]:
+    """Return address and size in bytes of a variable of *firmware*."""
+    lines = _output("arm-none-eabi-nm", "--print-size", str(firmware)).splitlines()
+    fields = next(fields for fields in map(str.split, lines) if fields[-1] == name)
+    return int(fields[0], 16), int(fields[1], 16)
+
+
 def _symbols(firmware: Path) -> dict[str, int]:
     lines = _output("arm-none-eabi-nm", str(firmware)).splitlines()
     fields = [line.split() for line in lines]

@@ -2,6 +2,7 @@
 output, and the complaints of ci/firmware.  Not run without QEMU and the ARM compiler."""
 
 import contextlib
+import itertools
 import os
 import re
 import shutil
@@ -25,11 +26,22 @@ from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
     Arm,
     ArmReply,
+    Config,
+    FocalPoint,
+    GetStatus,
     Hello,
     HelloReply,
     Mute,
     PhaseFormat,
     Phases,
+    Ping,
+    Points,
+    Pong,
+    SetConfig,
+    SetConfigReply,
+    StatusReply,
+    Trace,
+    TraceMode,
     build_body,
     parse_body,
 )
@@ -106,8 +118,9 @@ class Board:
         self.transport = open_transport(url)
         self.decoder = FrameDecoder()
 
-    def send(self, message, seq, *, session=SESSION, flags=0):
-        body = build_body(message, flags=flags, seq=seq, time_us=0, session=session)
+    def send(self, message, seq, *, session=SESSION, flags=0, time_us=0):
+        time_us &= 0xFFFFFFFF
+        body = build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
         self.transport.write_some(encode_frame(body))
 
     def wait_for(self, kind, patience_s=PATIENCE_S):
@@ -115,7 +128,7 @@ class Board:
         end_ns = self.transport.now_ns() + int(patience_s * 1e9)
         while self.transport.now_ns() < end_ns:
             for body in self.decoder.feed(self.transport.read_available(end_ns)):
-                if body[0] == kind.TYPE:
+                if isinstance(body, bytes) and body[0] == kind.TYPE:
                     return parse_body(body)[1]
         return None
 
@@ -209,6 +222,106 @@ def test_the_watchdog_switches_off_and_restarts_a_board_whose_main_loop_hangs(fi
         assert after is not None
         assert after.boot_id != before.boot_id
         assert after.nonce == SESSION + 1
+
+
+# --- Time inside the chip ----------------------------------------------------------------------
+
+#: 125 million instructions a second: fewer than the chip carries out at 168 MHz.
+INSTRUCTION_NS = 8
+MEASURES = "-DCHIP_MEASURES_LATCH=1 -DPORT_SPINS=1"
+SAMPLES, TRIES = 2, 40
+
+
+class TimedBoard(Board):
+    """An ARMED board that tells when its latches took effect."""
+
+    def __init__(self, url):
+        super().__init__(url)
+        self.seq, self.stream_seq = 0, FIRST_STREAM_SEQ
+        self.identity = self.hello()
+        times = {"hold_ms": 10_000, "host_timeout_ms": 10_000, "late_window_us": 100_000}
+        config = Config(trace_mode=TraceMode.CRC, status_period_ms=0, **times)
+        self.ask(SetConfig(config), SetConfigReply)
+        self.ask(Arm(), ArmReply)
+
+    def ask(self, message, kind):
+        self.seq += 1
+        self.send(message, self.seq)
+        return self.wait_for(kind)
+
+    def lateness_us(self, frame):
+        """Send a frame that is late, and return by how much its latch comes after it is due.
+
+        STATUS tells when it was ready, which is when a late frame is due.  None: the machine held
+        the emulator up, and the frame was too late to be latched.
+        """
+        self.ask(GetStatus(), StatusReply)  # its margins start anew
+        now_us = self.ask(Ping(1), Pong).t_rx_us
+        self.send(frame, self.stream_seq & 0xFFFF, time_us=now_us)
+        self.stream_seq += 1
+        if self.wait_for(Trace, patience_s=2) is None:
+            self.ask(Arm(), ArmReply)
+            return None
+        status = self.ask(GetStatus(), StatusReply)
+        ready_us = unwrapped(now_us - status.margin_min_us)
+        return unwrapped(status.last_latch_us) + -ready_us // 25 * 25
+
+
+def unwrapped(t_us):
+    """The device time since a reset of not more than an hour ago."""
+    t_us %= 2**32
+    return t_us if t_us >= 2**32 - 10_000_000 else t_us + 2**32
+
+
+def frames():
+    yield Phases(PhaseFormat.BITS_8, 0, bytes(range(256)))
+    for count in (1, 2, 4, 8):
+        yield Points(tuple(FocalPoint(1000 * n, 500, 150_000 + n, 9999, n) for n in range(count)))
+
+
+def latenesses_us(elf):
+    """The lateness of latches of codes and of 1 to 8 points, by the clock of the chip."""
+    with Emulator("netduinoplus2", elf, instruction_ns=INSTRUCTION_NS) as emulator:
+        emulator.wait_for_board(PATIENCE_S)
+        board = TimedBoard(emulator.url)
+        found = []
+        for frame in frames():
+            tried = (board.lateness_us(frame) for _ in range(TRIES))
+            known = (late_us for late_us in tried if late_us is not None)
+            found.append(list(itertools.islice(known, SAMPLES)))
+        board.transport.close()
+    return found, board.identity
+
+
+def test_every_drive_is_latched_on_time_with_the_lead_that_the_stm32_advertises(firmware):
+    found, identity = latenesses_us(firmware("netduinoplus2", MEASURES))
+    assert identity.latch_lead_us > 0
+    assert found == [[0] * SAMPLES] * len(list(frames()))
+
+
+def test_a_lead_of_nothing_is_too_short_and_shows_how_long_the_chip_takes(firmware):
+    none = "-DBOARD_LATCH_LEAD_US=0 -DBOARD_POINT_TIME_US=0"
+    found, _ = latenesses_us(firmware("netduinoplus2", f"{MEASURES} {none}"))
+    least_us = [min(late_us) for late_us in found]
+    assert 25 <= least_us[0] < least_us[1] < least_us[2] < least_us[3] < least_us[4]
+    page = PAGE.read_text("utf-8")
+    for count, late_us in zip(("codes", 1, 2, 4, 8), least_us, strict=True):
+        stated = re.search(rf"^\| {count}\b.*\| (\d+) 000 \|", page, re.MULTILINE)
+        assert late_us / INSTRUCTION_NS == pytest.approx(int(stated[1]), rel=0.25), count
+
+
+def test_a_drive_that_waits_is_in_the_second_registers_before_it_is_due(firmware):
+    elf = firmware("musca_b1")
+    with running("musca_b1", elf) as emulator:
+        board = TimedBoard(emulator.url)
+        codes = bytes(range(256))
+        due_us = board.ask(Ping(1), Pong).t_rx_us + 5_000_000
+        board.send(Phases(PhaseFormat.BITS_8, 0, codes), FIRST_STREAM_SEQ, time_us=due_us)
+        status = board.ask(GetStatus(), StatusReply)
+        assert (status.queued, status.counters.latched) == (1, 0)
+        address, size = memory.symbol(elf, "registers")
+        assert codes in emulator.memory(address, size)
+        board.transport.close()
 
 
 def test_a_board_that_is_deaf_while_it_starts_passes_what_is_asked_after_a_reset(

@@ -1,5 +1,6 @@
 """The C board in virtual time: the dialogues, and the same life as the Python board."""
 
+import contextlib
 import random
 import zlib
 
@@ -61,10 +62,13 @@ def c_board(programs):
     board.close()
 
 
-def test_the_c_board_answers_as_every_dialogue_says(c_board):
-    for dialogue in vectors(*DIALOGUE_FILES):
-        c_board.reset()
-        assert play(dialogue, c_board) == [], dialogue["id"]
+@pytest.mark.parametrize("machine", [{}, {"late_us": 0}], ids=["alone", "transducers"])
+def test_the_c_board_answers_as_every_dialogue_says(programs, machine):
+    """With transducers it ends if it radiates another drive than it loaded ahead."""
+    with contextlib.closing(CBoard(programs, **machine)) as board:
+        for dialogue in vectors(*DIALOGUE_FILES):
+            board.reset()
+            assert play(dialogue, board) == [], dialogue["id"]
 
 
 def frame(message, seq, *, session=SESSION, flags=0, time_us=0):

@@ -52,17 +52,19 @@ class Host:
         self.board, self.seq, self.index = board, 0, FIRST_STREAM_SEQ - 1
         self.ask(0, Hello(1, 0, SESSION, 0), session=0)
 
-    def ask(self, at_us, message, *, session=SESSION, flags=0):
+    def ask(self, now_us, message, *, session=SESSION, flags=0, at_us=0):
         self.seq += 1
-        return self.sent(at_us, message, self.seq, session, flags)
+        return self.sent(now_us, message, self.seq, session, flags, at_us)
 
-    def stream(self, at_us, message):
+    def stream(self, now_us, message, at_us=None):
+        """Send a stream frame for a device time; None: at once."""
         self.index += 1
-        return self.sent(at_us, message, self.index & 0xFFFF, SESSION, 0x10)
+        flags = 0x10 if at_us is None else 0
+        return self.sent(now_us, message, self.index & 0xFFFF, SESSION, flags, at_us or 0)
 
-    def sent(self, at_us, message, seq, session, flags):
-        body = build_body(message, flags=flags, seq=seq, time_us=0, session=session)
-        return self.received(self.board(at_us, encode_frame(body)))
+    def sent(self, now_us, message, seq, session, flags, at_us):
+        body = build_body(message, flags=flags, seq=seq, time_us=at_us, session=session)
+        return self.received(self.board(now_us, encode_frame(body)))
 
     def until(self, at_us):
         return self.received(self.board(at_us))
@@ -165,6 +167,61 @@ def test_status_takes_no_more_than_a_tenth_of_the_line(programs, baud, least_ms)
             ((_, reply),) = host.ask(T_US, SetConfig(Config(status_period_ms=period_ms)))
             assert isinstance(reply, SetConfigReply) is is_taken
             assert is_taken or (reply.code, reply.detail) == (ErrorCode.BAD_VALUE, 6)
+
+
+# --- Loaded ahead -------------------------------------------------------------------------------
+
+
+def due(at_us):
+    return (BOOT_US + at_us) & 0xFFFFFFFF
+
+
+def test_a_drive_that_waits_is_loaded_ahead_with_the_settings_of_its_latch(host):
+    config = {"status_period_ms": 0, "hold_ms": 10_000, "host_timeout_ms": 10_000}
+    host.ask(T_US, SetConfig(Config(**config)))
+    host.ask(T_US, Arm())
+    host.stream(T_US, phases(1), due(5004))
+    host.stream(T_US, phases(2), due(6004))
+    host.until(5500)
+    assert host.board.radiated == ["5004:1:255:ahead"]
+    host.ask(5600, SetConfig(Config(amplitude_ceiling=100, **config)))
+    host.until(7000)
+    assert host.board.radiated == ["6004:2:100:ahead"]
+
+
+def test_every_frame_of_a_playback_is_loaded_ahead(host):
+    data = bytes(code for code in (10, 20, 30) for _ in range(COUNT))
+    host.ask(T_US, UploadBegin(UploadKind.PHASES, 0, 3, len(data), zlib.crc32(data)))
+    host.ask(T_US, UploadChunk(0, data))
+    host.ask(T_US, UploadCommit(3))
+    host.ask(T_US, Arm())
+    host.ask(T_US, Play(3, 1000, 2, 1000), at_us=due(2004))
+    host.until(10_004)
+    codes = [10, 20, 30] * 2
+    assert host.board.radiated[:6] == [
+        f"{2004 + 1000 * n}:{code}:255:ahead" for n, code in enumerate(codes)
+    ]
+
+
+@pytest.mark.parametrize("message", [Mute(), Disarm(), Hello(1, 0, SESSION + 1, 0)])
+def test_what_was_loaded_is_not_radiated_after_the_end(host, message):
+    host.ask(T_US, Arm())
+    host.stream(T_US, phases(1), due(5004))
+    host.ask(1777, message, session=0 if isinstance(message, Hello) else SESSION)
+    host.until(9000)
+    assert host.board.radiated == []
+
+
+def test_nothing_is_loaded_ahead_for_a_time_in_the_ramp_of_the_lease(host):
+    config = Config(hold_ms=10_000, ramp_ms=50, host_timeout_ms=20, status_period_ms=0)
+    host.ask(T_US, SetConfig(config))
+    host.ask(T_US, Arm())
+    host.stream(T_US, phases(1), due(31_004))
+    host.until(32_004)
+    (time, amplitude), *_ = steps(host.board.radiated)
+    assert time == 31_004
+    assert 0 < amplitude < 255
+    assert "ahead" not in host.board.radiated[0]
 
 
 # --- Uploads ------------------------------------------------------------------------------------

@@ -258,10 +258,14 @@ class RawFrameWire:
         else:
             self._leave(min(deadline_ns // 1000, self.now_us()))
 
+    def note_held_up(self, duration_us: int) -> None:
+        """Note that something between host and board was held up for so long."""
+        self.held_up_us = max(self.held_up_us, duration_us)
+
     def _come_back(self) -> None:
         """Note how long the host neither sent, listened nor computed since its last wait."""
         computed_us = (time.process_time_ns() - self._left_cpu_ns) // 1000
-        self.held_up_us = max(self.held_up_us, self.now_us() - self._left_us - computed_us)
+        self.note_held_up(self.now_us() - self._left_us - computed_us)
 
     def _leave(self, t_us: int) -> None:
         """Note that the host listened, or sent, until now."""

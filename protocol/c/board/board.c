@@ -2,6 +2,7 @@
 
 #include "board.h"
 
+#include "ahead.h"
 #include "judge.h"
 #include "link.h"
 #include "output.h"
@@ -79,6 +80,7 @@ void board_mute_ahead(struct board *board)
 {
     shutdown_by_mute(board);
     board->muting.ahead = 1;
+    ahead_load(board);
 }
 
 static int64_t earlier(int64_t a, int64_t b)
@@ -88,7 +90,9 @@ static int64_t earlier(int64_t a, int64_t b)
 
 static int64_t latch_us(const struct board *board)
 {
-    return board->queued > 0 ? board->queue[board->queue_first].t_latch_us : BOARD_NEVER;
+    const struct entry *entry = stream_next(board);
+
+    return entry != NULL ? entry->t_latch_us : BOARD_NEVER;
 }
 
 int64_t board_next_event(const struct board *board)
@@ -106,7 +110,7 @@ static void handle_next(struct board *board, int64_t t_us)
     if (latch_us(board) <= t_us)
         stream_latch(board);
     else if (playback_due_us(board) <= t_us)
-        playback_latch(board);
+        playback_latch(board, ahead_playback_drive(board));
     else if (output_end_us(board) <= t_us)
         shutdown_by_timer(board);
     else if (output_step_us(board) <= t_us)
@@ -123,9 +127,11 @@ void board_advance(struct board *board, int64_t t_us)
         if (next_us > board->now_us)
             board->now_us = next_us;
         handle_next(board, next_us);
+        ahead_load(board);
     }
     if (t_us > board->now_us)
         board->now_us = t_us;
+    ahead_load(board);
 }
 
 const uint8_t *board_output(const struct board *board, size_t *length)

@@ -28,6 +28,9 @@ struct machine {
     /* Drive the transducers; NULL: switch them off.  Return the time at which the drive took effect:
        `due_us` if the hardware switches on time, else what was measured. */
     int64_t (*radiate)(void *context, const struct drive *radiated, int64_t due_us);
+    /* Load into second registers what is radiated from `due_us` on; the hardware takes it then by
+       itself.  NULL: what was loaded is not to be taken.  At `due_us` radiate gets the same drive. */
+    void (*load)(void *context, const struct drive *radiated, int64_t due_us);
     /* Return the time at which the next byte of the output leaves (HG-4.11/2). */
     int64_t (*departure_us)(void *context, size_t waiting_bytes);
 };
@@ -85,6 +88,15 @@ struct muting {
     struct hg_playback_ended ended;
 };
 
+/* The next latch, as far as the machine has it. */
+struct ahead {
+    int loaded;
+    int64_t due_us;
+    struct hg_latch_key key;
+    uint32_t settings; /* those that it was computed with */
+    struct drive drive; /* of a playback, before ceiling and correction */
+};
+
 struct margins {
     uint32_t count;
     int64_t least_us, total_us;
@@ -118,6 +130,7 @@ struct board {
 
     struct hg_config config;
     uint8_t correction[BOARD_ELEMENTS];
+    uint32_t settings; /* counts changes of both */
 
     uint8_t state, reason;
     int sounding; /* 1: a drive was latched since the output was last off */
@@ -141,6 +154,7 @@ struct board {
     uint8_t ring[BOARD_RING][HG_SIZE_TRACE_RECORD];
     size_t ring_first, ring_count;
 
+    struct ahead ahead;
     uint32_t stored; /* bytes of the store that sequences take */
     struct upload upload;
     struct sequence sequences[BOARD_SEQUENCES];

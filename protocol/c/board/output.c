@@ -159,6 +159,7 @@ void output_off(struct board *board)
 {
     board->lease.running = board->hold.running = 0;
     board->sounding = board->fading = 0;
+    board->ahead.loaded = 0;
     if (board->machine.radiate != NULL)
         board->machine.radiate(board->machine.context, NULL, board->now_us);
 }
@@ -180,6 +181,7 @@ int64_t output_step_us(const struct board *board)
 void output_step(struct board *board)
 {
     radiate(board, board->now_us);
+    board->ahead.loaded = 0; /* the step may have taken the second registers */
 }
 
 /* --- What leaves the transducers (HG-7.9, HG-6.11) -------------------------------------------- */
@@ -195,22 +197,34 @@ static uint8_t ramped(const struct board *board, const struct timer *timer, uint
     return (uint8_t)((2 * amplitude * left_us + timer->ramp_us) / (2 * timer->ramp_us));
 }
 
+void output_shape(const struct board *board, const struct drive *latched, struct drive *radiated)
+{
+    size_t n;
+
+    memset(radiated, 0, sizeof *radiated);
+    for (n = 0; n < board->count; n++) {
+        uint8_t amplitude = latched->amplitude[n];
+
+        if (amplitude > board->config.amplitude_ceiling)
+            amplitude = board->config.amplitude_ceiling;
+        radiated->phase[n] = (uint8_t)(latched->phase[n] + board->correction[n]);
+        radiated->amplitude[n] = amplitude;
+    }
+}
+
 void output_radiated(const struct board *board, struct drive *drive)
 {
     size_t n;
 
-    memset(drive, 0, sizeof *drive);
-    if (!board->sounding)
+    if (!board->sounding) {
+        memset(drive, 0, sizeof *drive);
         return;
+    }
+    output_shape(board, &board->latched, drive);
     for (n = 0; n < board->count; n++) {
-        uint8_t amplitude = board->latched.amplitude[n];
-        uint8_t by_lease, by_hold;
+        uint8_t by_lease = ramped(board, &board->lease, drive->amplitude[n]);
+        uint8_t by_hold = ramped(board, &board->hold, drive->amplitude[n]);
 
-        if (amplitude > board->config.amplitude_ceiling)
-            amplitude = board->config.amplitude_ceiling;
-        by_lease = ramped(board, &board->lease, amplitude);
-        by_hold = ramped(board, &board->hold, amplitude);
-        drive->phase[n] = (uint8_t)(board->latched.phase[n] + board->correction[n]);
         drive->amplitude[n] = by_lease < by_hold ? by_lease : by_hold;
     }
 }

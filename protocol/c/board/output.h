@@ -20,5 +20,7 @@ void output_off(struct board *board);
 int64_t output_step_us(const struct board *board); /* BOARD_NEVER: the output does not change */
 void output_step(struct board *board);
 void output_radiated(const struct board *board, struct drive *drive);
+/* What a latched drive leads to at full output: below the ceiling, and corrected. */
+void output_shape(const struct board *board, const struct drive *latched, struct drive *radiated);
 
 #endif

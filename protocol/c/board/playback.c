@@ -135,18 +135,31 @@ static void take_drive(const struct board *board, const struct sequence *sequenc
     memset(drive->amplitude, 255, board->count);
 }
 
-void playback_latch(struct board *board)
+void playback_next(const struct board *board, struct hg_latch_key *key)
+{
+    const struct playback *playback = &board->playback;
+
+    key->sequence = playback->sequence->id;
+    key->loop = (uint32_t)(playback->played / playback->sequence->frames);
+    key->index = (uint32_t)(playback->played % playback->sequence->frames);
+}
+
+void playback_drive(const struct board *board, struct drive *drive)
+{
+    struct hg_latch_key key;
+
+    playback_next(board, &key);
+    take_drive(board, board->playback.sequence, key.index, drive);
+}
+
+void playback_latch(struct board *board, const struct drive *drive)
 {
     struct playback *playback = &board->playback;
     const struct sequence *sequence = playback->sequence;
     struct hg_latch_key key;
-    struct drive drive;
 
-    key.sequence = sequence->id;
-    key.loop = (uint32_t)(playback->played / sequence->frames);
-    key.index = (uint32_t)(playback->played % sequence->frames);
-    take_drive(board, sequence, key.index, &drive);
-    output_latch(board, &key, &drive, 0);
+    playback_next(board, &key);
+    output_latch(board, &key, drive, 0);
     playback->played++;
     if (playback->loops > 0 && playback->played >= (uint64_t)playback->loops * sequence->frames)
         playback_stop(board);

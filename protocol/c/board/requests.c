@@ -115,6 +115,7 @@ static void set_config(struct board *board, const struct request *request)
         return;
     }
     board->config = message.config;
+    board->settings++;
     board->traced = 0;
     readout_schedule_status(board);
     reply_config(board, request); /* HG-4.11/5: the reply precedes the events */

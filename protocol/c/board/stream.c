@@ -164,6 +164,11 @@ void stream_submit(struct board *board, const struct hg_frame *frame, uint32_t i
     take_drive(board, frame, &entry->drive);
 }
 
+const struct entry *stream_next(const struct board *board)
+{
+    return board->queued > 0 ? &board->queue[board->queue_first] : NULL;
+}
+
 void stream_latch(struct board *board)
 {
     const struct entry *entry = at(board, 0);

@@ -200,6 +200,7 @@ static void put_in_force(struct board *board)
 
     if (upload->begin.kind == HG_UPLOAD_CORRECTION) {
         memcpy(board->correction, board->machine.store + upload->at, board->count);
+        board->settings++;
         return;
     }
     sequence = upload_find(board, upload->begin.target);

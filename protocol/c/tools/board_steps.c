@@ -12,7 +12,7 @@
 
    board_steps [NXxNY [LATE_US [RATE [STORE]]]]: the grid, 16x16 unless told.  With LATE_US a machine whose
    drives take effect so much later, and each line goes on with what it radiated: time due, phase and
-   amplitude of transducer 0 ("off": none).  RATE: bytes a second of its line; STORE: bytes for
+   amplitude of transducer 0 ("off": none), "ahead" if the board had loaded that drive before.  RATE: bytes a second of its line; STORE: bytes for
    sequences. */
 
 #include <inttypes.h>
@@ -38,6 +38,30 @@ static void advance_until_sent(struct board *board, int64_t t_us)
     printf("%" PRId64 " ", board->now_us - BOARD_BOOT_US);
 }
 
+static struct drive loaded;
+static int64_t loaded_us;
+
+static void load(void *context, const struct drive *drive, int64_t due_us)
+{
+    (void)context;
+    loaded_us = drive != NULL ? due_us : 0;
+    if (drive != NULL)
+        loaded = *drive;
+}
+
+/* What the hardware takes by itself has to be what the board wants then. */
+static const char *taken(const struct drive *drive, int64_t due_us)
+{
+    if (loaded_us > due_us || loaded_us == 0)
+        return "";
+    if (loaded_us < due_us || memcmp(&loaded, drive, sizeof loaded) != 0) {
+        fprintf(stderr, "another drive was loaded for %" PRId64 "\n", loaded_us - BOARD_BOOT_US);
+        exit(1);
+    }
+    loaded_us = 0;
+    return ":ahead";
+}
+
 static char radiated[LINE];
 static size_t radiated_length;
 
@@ -50,8 +74,10 @@ static int64_t radiate(void *late_us, const struct drive *drive, int64_t due_us)
     if (drive == NULL)
         length = snprintf(to, room, " %" PRId64 ":off", due_us - BOARD_BOOT_US);
     else
-        length = snprintf(to, room, " %" PRId64 ":%d:%d", due_us - BOARD_BOOT_US, drive->phase[0],
-                          drive->amplitude[0]);
+        length = snprintf(to, room, " %" PRId64 ":%d:%d%s", due_us - BOARD_BOOT_US,
+                          drive->phase[0], drive->amplitude[0], taken(drive, due_us));
+    if (drive == NULL)
+        loaded_us = 0;
     if (length > 0 && (size_t)length < room)
         radiated_length += (size_t)length;
     return due_us + *(const int64_t *)late_us;
@@ -67,6 +93,7 @@ static void step(struct board *board, const char *word, int64_t t_us, const char
         struct machine machine = board->machine;
 
         array.boot_id++; /* HG-4.3/5 */
+        loaded_us = 0;
         board_start(board, &array, &machine);
     } else if (strcmp(word, "rx") == 0) {
         board_receive(board, data, hex_read(data, sizeof data, hex), BOARD_BOOT_US + t_us);
@@ -104,6 +131,7 @@ int main(int count, char **values)
     if (count > 2 && sscanf(values[2], "%" SCNd64, &late_us) == 1) {
         machine.context = &late_us;
         machine.radiate = radiate;
+        machine.load = load;
     }
     if (count > 3)
         machine.line_bytes_per_s = (uint32_t)strtoul(values[3], NULL, 10);

@@ -19,7 +19,7 @@ from haptogram.conformance.run.spawning import SpawnAccess
 from haptogram.conformance.verdict import Behaviour
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.report.conformance.text import suite_text
-from haptogram_protocol.framing import decode_frame
+from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.messages import Disarm, Phases
 
 DEAF = Path(__file__).parents[2] / "deaf_board.py"
@@ -65,19 +65,17 @@ def test_the_verdict_names_what_a_reset_would_add():
     assert "would add" not in suite_text(run(virtual(array="3x2"), "HG-2.3", "HG-6.1"))
 
 
-class LateDisarm(Wrapped):
-    """Hands DISARM on after 250 ms if a drive was sent before it, *times* times."""
+class Halting(Wrapped):
+    """Hands a frame on after 250 ms if *is_late* says so of its body, *times* times."""
 
-    def __init__(self, inner, times):
+    def __init__(self, inner, times, is_late):
         super().__init__(inner)
-        self.times, self.sounds, self.unread = times, False, b""
+        self.times, self.is_late, self.unread = times, is_late, b""
 
     def write_some(self, data):
-        pieces = [piece for piece in data.split(b"\0") if piece]
-        kind = decode_frame(pieces[0])[0] if len(pieces) == 1 else 0
-        self.sounds |= kind == Phases.TYPE
-        if kind == Disarm.TYPE and self.sounds and self.times > 0:
-            self.times, self.sounds = self.times - 1, False
+        bodies = [body for body in FrameDecoder().feed(data) if isinstance(body, bytes)]
+        if self.times > 0 and any(map(self.is_late, bodies)):
+            self.times -= 1
             end_ns = self.now_ns() + 250_000_000
             while self.now_ns() < end_ns:
                 self.unread += super().read_available(end_ns)
@@ -88,14 +86,41 @@ class LateDisarm(Wrapped):
         return data or super().read_available(deadline_ns)
 
 
+class DisarmAfterDrive:
+    """True for a DISARM with a drive between it and the last one that was late."""
+
+    sounds = False
+
+    def __call__(self, body):
+        self.sounds |= body[0] == Phases.TYPE
+        is_late = body[0] == Disarm.TYPE and self.sounds
+        self.sounds &= not is_late
+        return is_late
+
+
 @pytest.mark.parametrize(("times", "verdict"), [(2, Behaviour.OK), (3, Behaviour.INCONCLUSIVE)])
 def test_an_end_that_arrives_when_a_timer_has_ended_the_output_is_sent_again(times, verdict):
-    access = virtual(array="3x2", wrap=functools.partial(LateDisarm, times=times))
+    halting = functools.partial(Halting, times=times, is_late=DisarmAfterDrive())
+    access = virtual(array="3x2", wrap=halting)
     [result] = run(access, "HG-6.5/1-moments").results
     assert result.behaviour is verdict, result.detail
     assert result.seconds > 0.25 * times
     if verdict is Behaviour.INCONCLUSIVE:
         assert result.detail.startswith("DISARM sounding: answered after 25")
+
+
+@pytest.mark.parametrize("times", [1, 99])
+def test_frames_that_came_too_late_fail_no_board(times):
+    """They are sent again, twice at most."""
+    access = virtual(array="3x2", wrap=functools.partial(Halting, times=times, is_late=is_timed))
+    access.virtual = False
+    [result] = run(access, "HG-5.8/3-replaced").results
+    assert result.behaviour is (Behaviour.OK if times == 1 else Behaviour.INCONCLUSIVE)
+    assert times == 1 or result.detail.endswith("was held up: frames came too late")
+
+
+def is_timed(body):
+    return body[0] == Phases.TYPE and not body[1]
 
 
 @pytest.mark.parametrize("size", [2048, 4090, 4095, 4096])

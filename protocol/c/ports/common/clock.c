@@ -19,6 +19,13 @@ int64_t clock_now_us(void)
     return device_us(elapsed_ticks);
 }
 
+/* Device time t is reached when the elapsed ticks are (t - boot) * rate. */
+uint32_t clock_ticks_of(int64_t t_us)
+{
+    clock_now_us();
+    return newest + (uint32_t)((t_us - BOARD_BOOT_US) * CHIP_TICKS_PER_US - elapsed_ticks);
+}
+
 int64_t clock_of_us(uint32_t ticks)
 {
     clock_now_us();

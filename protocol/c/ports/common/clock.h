@@ -8,5 +8,6 @@
 
 int64_t clock_now_us(void);
 int64_t clock_of_us(uint32_t ticks); /* of ticks that an interrupt read not long ago */
+uint32_t clock_ticks_of(int64_t t_us); /* the ticks at a time that is not far */
 
 #endif

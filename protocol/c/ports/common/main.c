@@ -21,6 +21,10 @@
 #ifndef PORT_HANGS_AFTER_LATCH
 #define PORT_HANGS_AFTER_LATCH 0
 #endif
+/* 1: never sleeps, so that the emulator of `emulate --ns` counts instructions and no time of the host. */
+#ifndef PORT_SPINS
+#define PORT_SPINS 0
+#endif
 #ifndef PORT_DEAF_MS
 #define PORT_DEAF_MS 0
 #endif
@@ -68,12 +72,46 @@ static void start_board(void)
         .store_bytes = PORT_STORE_BYTES,
         .line_bytes_per_s = CHIP_LINE_BYTES_PER_S,
         .radiate = transducers_radiate,
+        .load = transducers_load,
         .departure_us = departure_us,
     };
     struct array array = {PORT_GRID_NX, PORT_GRID_NY, 10000, 0};
 
     array.boot_id = boot_id();
     board_start(&board, &array, &machine);
+}
+
+static uint32_t wait_us(int64_t until_us)
+{
+    const uint32_t longest_us = CHIP_WATCHDOG_MS * 1000u / 4;
+    const uint32_t most_us = 0xFFFFFFu / CHIP_CORE_MHZ; /* SysTick has 24 bits */
+    int64_t wait_us = until_us - clock_now_us();
+
+    if (wait_us > longest_us)
+        wait_us = longest_us;
+    return wait_us > most_us ? most_us : wait_us < 0 ? 0 : (uint32_t)wait_us;
+}
+
+/* Let SysTick fire so much later. */
+static void set_alarm(uint32_t after_us)
+{
+    SYST_CSR = 0;
+    SYST_RVR = after_us * CHIP_CORE_MHZ - 1;
+    SYST_CVR = 0;
+    SYST_CSR = 7; /* clock of the core, interrupt, on */
+}
+
+/* See to it that the drive that is loaded is taken on time while the main loop computes. */
+static void guard_latch(void)
+{
+    int64_t strobe_us = transducers_strobe_us();
+
+    if (strobe_us == BOARD_NEVER)
+        return;
+    interrupts_off();
+    transducers_tick();
+    interrupts_on();
+    set_alarm(wait_us(strobe_us) + 1);
 }
 
 /* Take a frame, at the time of its arrival, or let time pass if none waits: the board lives in the
@@ -102,17 +140,6 @@ static void send(void)
     board_sent(&board, line_send(output, length));
 }
 
-static uint32_t wait_us(int64_t next_us)
-{
-    const uint32_t longest_us = CHIP_WATCHDOG_MS * 1000u / 4;
-    const uint32_t most_us = 0xFFFFFFu / CHIP_CORE_MHZ; /* SysTick has 24 bits */
-    int64_t wait_us = next_us - clock_now_us();
-
-    if (wait_us > longest_us)
-        wait_us = longest_us;
-    return wait_us > most_us ? most_us : wait_us < 0 ? 0 : (uint32_t)wait_us;
-}
-
 /* Return 1 if only an interrupt or time brings something to do; interrupts are off. */
 static int is_idle(void)
 {
@@ -125,14 +152,13 @@ static int is_idle(void)
 /* Sleep until something arrives, is sent or is due. */
 static void sleep(void)
 {
-    uint32_t ticks = wait_us(board_next_event(&board)) * CHIP_CORE_MHZ;
+    int64_t event_us = board_next_event(&board), strobe_us = transducers_strobe_us();
+    uint32_t after_us = wait_us(strobe_us < event_us ? strobe_us : event_us);
 
-    if (ticks < 2 * CHIP_CORE_MHZ)
+    if (PORT_SPINS || after_us < 2)
         return;
     interrupts_off();
-    SYST_RVR = ticks - 1;
-    SYST_CVR = 0;
-    SYST_CSR = 7; /* clock of the core, interrupt, on */
+    set_alarm(after_us);
     if (is_idle())
         wait_for_interrupt();
     interrupts_on();
@@ -161,6 +187,7 @@ int main(void)
     chip_watchdog_start();
     for (;;) {
         chip_watchdog_feed();
+        guard_latch();
         turn();
         send();
         sleep();

@@ -2,6 +2,7 @@
 
 #include "chip.h"
 #include "cortex_m.h"
+#include "transducers.h"
 
 extern uint32_t data_start[], data_end[], data_image[], bss_start[], bss_end[], stack_bottom[];
 extern const vector vectors[];
@@ -49,5 +50,9 @@ void fault_handler(void)
     reset_chip();
 }
 
-/* SysTick has fired once; the main loop sets it for the next event. */
-void wake_handler(void) { SYST_CSR = 0; }
+/* SysTick has fired once; the main loop sets it for the next latch or event. */
+void wake_handler(void)
+{
+    SYST_CSR = 0;
+    transducers_tick();
+}

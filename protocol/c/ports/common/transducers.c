@@ -1,37 +1,89 @@
-/* Codes in registers, and the pin that gates them. */
+/* Codes in two sets of registers, and the pin that gates the transducers. */
 
 #include "transducers.h"
 
+#include "../../board/limits.h"
 #include "chip.h"
 #include "clock.h"
 #include "cortex_m.h"
 #include "line.h"
 
-/* Registers of a driver.  A board with driver chips or an FPGA loads those instead: the time from
-   here to their latch is what CHIP_MEASURES_LATCH shows to the host. */
-static volatile struct drive registers;
-static int wanted;
+/* Registers of drivers that have a second set of them.  A board with driver chips or an FPGA loads
+   those instead, and pulses their latch line where `active` changes. */
+static volatile struct drive registers[2];
+static volatile uint8_t active; /* the set that drives */
+static volatile int wanted;     /* 1: the board radiates */
+
+/* The set that is not active, once it is loaded; the timer interrupt makes it active. */
+static struct {
+    volatile int loaded, waits;
+    int64_t due_us;
+    uint32_t strobe_ticks; /* drivers take a set at the beginning of the carrier period after this */
+    volatile uint32_t taken_ticks;
+} next;
 
 static void load(const struct drive *drive)
 {
+    volatile struct drive *set = &registers[1 - active];
     size_t n;
 
     for (n = 0; n < BOARD_ELEMENTS; n++) {
-        registers.phase[n] = drive->phase[n];
-        registers.amplitude[n] = drive->amplitude[n];
+        set->phase[n] = drive->phase[n];
+        set->amplitude[n] = drive->amplitude[n];
     }
 }
 
-/* Drivers take their registers at the beginning of a carrier period (HG-5.8/2): a drive that is due
-   now takes effect one period later at the soonest. */
+/* Interrupts are off, or this is one. */
+static void take(void)
+{
+    active = 1 - active;
+    next.waits = 0;
+    next.taken_ticks = chip_ticks();
+    wanted = 1;
+    chip_enable_output(!line_is_muted());
+}
+
+static void drop_next(void)
+{
+    interrupts_off();
+    next.loaded = next.waits = 0;
+    interrupts_on();
+}
+
+void transducers_load(void *context, const struct drive *radiated, int64_t due_us)
+{
+    (void)context;
+    drop_next();
+    if (radiated == NULL)
+        return;
+    load(radiated);
+    next.due_us = due_us;
+    next.strobe_ticks = clock_ticks_of(due_us - BOARD_CARRIER_US + 1);
+    interrupts_off();
+    next.loaded = next.waits = 1;
+    interrupts_on();
+}
+
+void transducers_tick(void)
+{
+    if (next.waits && (int32_t)(chip_ticks() - next.strobe_ticks) >= 0)
+        take();
+}
+
+int64_t transducers_strobe_us(void)
+{
+    return next.waits ? next.due_us - BOARD_CARRIER_US + 1 : BOARD_NEVER;
+}
+
+/* Drivers take their registers at the beginning of a carrier period (HG-5.8/2). */
 static int64_t effect_us(int64_t due_us)
 {
-    int64_t loaded_us;
+    int64_t taken_us;
 
     if (!CHIP_MEASURES_LATCH)
         return due_us;
-    loaded_us = clock_now_us();
-    return (loaded_us + BOARD_CARRIER_US - 1) / BOARD_CARRIER_US * BOARD_CARRIER_US;
+    taken_us = clock_of_us(next.taken_ticks);
+    return (taken_us + BOARD_CARRIER_US - 1) / BOARD_CARRIER_US * BOARD_CARRIER_US;
 }
 
 void transducers_unmute(void) { chip_enable_output(wanted); }
@@ -39,14 +91,22 @@ void transducers_unmute(void) { chip_enable_output(wanted); }
 int64_t transducers_radiate(void *context, const struct drive *radiated, int64_t due_us)
 {
     (void)context;
-    wanted = radiated != NULL;
-    if (!wanted) {
+    if (radiated == NULL) {
+        interrupts_off();
+        next.loaded = next.waits = wanted = 0;
         chip_enable_output(0);
+        interrupts_on();
         return due_us;
     }
-    load(radiated);
-    interrupts_off(); /* or a MUTE between the question and the pin would be undone */
-    chip_enable_output(!line_is_muted());
+    if (!next.loaded || next.due_us != due_us) { /* a step of a ramp, or a drive that is late */
+        drop_next();
+        load(radiated);
+        next.waits = 1;
+    }
+    interrupts_off();
+    if (next.waits)
+        take();
+    next.loaded = 0;
     interrupts_on();
     return effect_us(due_us);
 }

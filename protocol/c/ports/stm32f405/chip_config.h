@@ -19,7 +19,9 @@
 #ifdef EMULATED
 #define CHIP_TIMER_MHZ 1000
 #define CHIP_LINE_BYTES_PER_S 0
+#ifndef CHIP_MEASURES_LATCH
 #define CHIP_MEASURES_LATCH 0
+#endif
 #define CHIP_WATCHDOG_MS 2000
 #else
 #define CHIP_TIMER_MHZ 84
