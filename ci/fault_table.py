@@ -16,7 +16,7 @@ from typing import Final
 
 from tqdm import tqdm
 
-from haptogram.cli import board_in_virtual_time
+from haptogram.cli.boards import board_in_virtual_time
 from haptogram.errors import HaptogramError
 from haptogram.evidence.run_record import RunRecord, measure_run
 from haptogram.settings.faults.kinds import FAULT_KINDS

@@ -17,7 +17,7 @@ from typing import TypeAlias
 
 from tqdm import tqdm
 
-from haptogram.cli import access_in_program
+from haptogram.cli.boards import access_in_program
 from haptogram.conformance.case import Case
 from haptogram.conformance.cases import all_cases, select
 from haptogram.conformance.clauses import load_clauses

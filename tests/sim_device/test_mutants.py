@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from haptogram.cli import access_in_program
+from haptogram.cli.boards import access_in_program
 from haptogram.conformance.cases import all_cases
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from haptogram.cli import access_in_program
+from haptogram.cli.boards import access_in_program
 from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner

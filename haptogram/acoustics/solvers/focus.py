@@ -84,10 +84,10 @@ def target_heights_m(array: TransducerArray) -> tuple[float, float]:
 
     Examples
     --------
-    >>> from haptogram.acoustics.model.boards.table import board_layout_of
-    >>> target_heights_m(board_layout_of("sonicsurface").array())
+    >>> from haptogram.acoustics.model.boards.table import LAYOUTS
+    >>> target_heights_m(LAYOUTS["sonicsurface"].array())
     (0.02, 1.0)
-    >>> [round(1e3 * z, 1) for z in target_heights_m(board_layout_of("sonicsurface-stack").array())]
+    >>> [round(1e3 * z, 1) for z in target_heights_m(LAYOUTS["sonicsurface-stack"].array())]
     [-121.5, 121.5]
     """
     heights = array.local_m(array.positions_m)[:, 2]

@@ -17,7 +17,8 @@ from haptogram.campaigns.soak.line_damage import KINDS
 from haptogram.campaigns.soak.memory import GROWTH_LIMIT_BYTES, SoakMemory
 from haptogram.campaigns.soak.segment import run_soak_segment
 from haptogram.campaigns.soak.setup import SoakSetup
-from haptogram.cli import board_without_a_line, main
+from haptogram.cli import main
+from haptogram.cli.boards import board_without_a_line
 from haptogram.errors import ConfigurationError
 from haptogram.report.soak.junit import write_soak_junit
 from haptogram.report.soak.page import write_soak_page

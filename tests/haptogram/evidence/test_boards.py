@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from haptogram.cli import board_in_virtual_time
+from haptogram.cli.boards import board_in_virtual_time
 from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.run_record import RunRecord, measure_run
 from haptogram.records.frame import Evidence

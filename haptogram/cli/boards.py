@@ -1,0 +1,259 @@
+"""The virtual boards of the commands: in this program, in virtual time, or behind a URL.
+
+Everything else in the host meets a board through a port.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from ..errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from ..campaigns.soak.segment import MakeBoard
+    from ..conformance.run.access import VirtualAccess
+    from ..driver.line.port import Transport
+    from ..evidence.boards import BoardUnderTest
+    from ..evidence.dialect_run import DialectBoards
+    from ..evidence.recordings.replay import ReplayBoard
+    from ..evidence.recordings.tap import RecordedBoards
+    from ..evidence.recordings.writer import RecordingWriter
+    from ..settings.board import BoardConfig
+    from ..settings.board_url import PortConfig
+    from ..settings.verify_config import VerifyConfig
+
+# Boards that take time to start, such as InteractLab's, have done so before a client comes.
+_STARTED_NS: Final = 1_500_000_000
+_LAST_FRAMES_NS: Final = 50_000_000
+
+
+def prepare_simulator(config: VerifyConfig) -> BoardConfig:
+    """Open the way to a board in this program, and return the settings of the virtual board.
+
+    Raises
+    ------
+    ConfigurationError
+        For a URL or a fault that is refused, or a plan that cannot be read.
+    """
+    from ..settings.board_url import SCHEME, read_board_url
+
+    if config.link.port is not None and config.link.port.startswith(SCHEME):
+        import sim_device
+
+        sim_device.register_url_handler()
+        board = read_board_url(config.link.port).board
+        if config.link.dialect is None and board.dialect is not None:
+            raise ConfigurationError(
+                f"port {config.link.port} is a board of another dialect: give --dialect "
+                f"{board.dialect} as well"
+            )
+        return board
+    return config.virtual_board()
+
+
+@contextlib.contextmanager
+def board_in_virtual_time(config: BoardConfig) -> Iterator[BoardUnderTest]:
+    """Make a virtual board in this program, behind the same bytes as any other."""
+    from ..settings.board_url import PortConfig
+
+    reconstruct = config.dialect is None  # else whoever knows the frames does
+    port = PortConfig(board=config, clock="virtual", reconstruct=reconstruct)
+    with _board_in_program(port, "virtual board, in virtual time") as board:
+        yield board
+
+
+@contextlib.contextmanager
+def board_behind_url(url: str) -> Iterator[BoardUnderTest]:
+    """Make the virtual board in this program that *url* describes, whose back door is at hand.
+
+    Raises
+    ------
+    ConfigurationError
+        For a URL that gives the back door to somebody else.
+    """
+    import dataclasses
+
+    from ..settings.board_url import read_board_url
+
+    port = read_board_url(url)
+    if port.backdoor is not None:
+        raise ConfigurationError(
+            f"port {url}: backdoor writes {port.backdoor}, and verify judges by the back door "
+            "itself: leave backdoor out"
+        )
+    with _board_in_program(dataclasses.replace(port, reconstruct=False), url) as board:
+        yield board
+
+
+@contextlib.contextmanager
+def _board_in_program(config: PortConfig, label: str) -> Iterator[BoardUnderTest]:
+    from sim_device.protocol_haptogram import open_virtual_port
+
+    from ..driver.line.port import PyserialTransport
+    from ..evidence.boards import InProcessBoard
+
+    with contextlib.closing(open_virtual_port(config)) as port:
+        model = port.simulation.settings.truth
+        transport = PyserialTransport(port, label)
+        yield InProcessBoard(transport, lambda: port.records, port.wait_until_ns, model, label)
+
+
+def boards_of_dialect(config: VerifyConfig) -> DialectBoards:
+    """Return the boards of the dialect that *config* names, of ours or of another package.
+
+    Raises
+    ------
+    ConfigurationError
+        For a dialect, an option of it or an array that is refused.
+    """
+    from sim_device.assembly import ForeignAssembly
+    from sim_device.blueprint import blueprint_of
+
+    from ..evidence.dialect_run import DialectBoards
+    from ..settings.board import BoardConfig
+
+    pitch_mm = config.array.pitch_mm
+    blueprint = blueprint_of(BoardConfig.of(**config.dialect_options(), pitch_mm=pitch_mm))
+    settings, parts = blueprint.settings, blueprint.parts
+    if settings.wiring is None or not isinstance(parts, ForeignAssembly):
+        raise ConfigurationError(f"dialect is {config.link.dialect!r}, whose boards have no wiring")
+    return DialectBoards(
+        parts.emulation.dialect,
+        settings.model.array,
+        settings.wiring.channels,
+        settings.calibration,
+    )
+
+
+def access_in_program(
+    url: str | None, baudrate: int, seed: int, boards: RecordedBoards | None = None
+) -> VirtualAccess:
+    """Return a virtual board in this program that starts anew whenever its port is opened.
+
+    Without a URL its time is virtual; *baudrate* and *seed* hold unless the URL gives others.
+    With *boards* every board goes into their recording.
+    """
+    import dataclasses
+
+    from sim_device.protocol_haptogram import Serial, open_virtual_port
+
+    from ..conformance.run.access import VirtualAccess
+    from ..driver.line.port import PyserialTransport
+    from ..settings.board import BoardConfig
+    from ..settings.board_url import PortConfig, read_board_url, write_board_url
+
+    defaults = BoardConfig.of(baud=baudrate, seed=seed)
+    first = (
+        PortConfig(clock="virtual", board=defaults)
+        if url is None
+        else read_board_url(url, defaults)
+    )
+
+    opened: list[Serial] = []
+
+    def start(number: int) -> Transport:
+        # Another seed gives another boot_id, as a reset does.
+        board = dataclasses.replace(first.board, seed=first.board.seed + number)
+        config = dataclasses.replace(first, board=board)
+        name = write_board_url(config)
+        if boards is not None and config.backdoor is None and config.reconstruct is None:
+            config = dataclasses.replace(config, reconstruct=False)
+        port = open_virtual_port(config)
+        opened[:] = [port]
+        if boards is None:
+            return PyserialTransport(port, name)
+        return boards(
+            PyserialTransport(port, name),
+            board.non_default(),
+            lambda: port.records,
+            just_powered=config.is_virtual,
+        )
+
+    def raise_fault() -> None:
+        if boards is not None:
+            boards.hardware_fault()
+        opened[0].raise_hardware_fault()
+
+    return VirtualAccess(
+        url or write_board_url(first),
+        start,
+        baudrate=first.board.line.baud or baudrate,
+        virtual=first.is_virtual,
+        raise_fault=raise_fault,
+    )
+
+
+def replayed_board(options: Mapping[str, Any], paced: bool) -> ReplayBoard:
+    """Return a virtual board that recorded bytes are fed to.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such board.
+    """
+    from sim_device.driven.replay_board import VirtualReplayBoard
+
+    from ..settings.board import BoardConfig
+
+    return VirtualReplayBoard(BoardConfig.of(**options), paced=paced)
+
+
+def open_recording_of_board(path: Path, options: Mapping[str, Any]) -> RecordingWriter:
+    """Return the recording that a virtual board writes.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be written.
+    """
+    from ..evidence.recordings.writer import RecordingWriter
+    from ..machine.files import STANDARD_OUTPUT, check_file_writable
+
+    if path == STANDARD_OUTPUT:
+        raise ConfigurationError("--record -: standard output names the port; name a file")
+    check_file_writable(path)
+    return RecordingWriter(path, command="board", configuration=options)
+
+
+def board_without_a_line(mutant: str | None) -> MakeBoard:
+    """Return a function that powers up virtual boards whose line is the caller's.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such mutant.
+    """
+    import functools
+
+    from sim_device.driven.soak_board import SoakBoard
+    from sim_device.mutants import mutant_parts
+
+    mutant_parts(mutant)
+    return functools.partial(SoakBoard, mutant=mutant)
+
+
+def records_of_bytes(config: BoardConfig, data: bytes) -> list[dict[str, Any]]:
+    """Return the back door of a virtual board in this program that takes the bytes of a client.
+
+    Raises
+    ------
+    ConfigurationError
+        If the board cannot be built.
+    """
+    from sim_device.protocol_haptogram import open_virtual_port
+
+    from ..settings.board_url import PortConfig
+
+    with contextlib.closing(
+        open_virtual_port(PortConfig(board=config, clock="virtual", reconstruct=False))
+    ) as port:
+        port.wait_until_ns(port.now_ns() + _STARTED_NS)
+        port.write(data)
+        port.flush()
+        # What waits in the board, such as a FIFO of frames, is shown as well.
+        port.wait_until_ns(port.now_ns() + _LAST_FRAMES_NS)
+        port.simulation.unplug()  # it is looked at once more when its client leaves
+    return list(port.records)

@@ -1,0 +1,168 @@
+"""Command line: parses, wires, prints, returns the exit status."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import shlex
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from .. import __version__
+from ..commands.shell.exit_status import EVERY_STATUS, INTERRUPTED, USAGE
+from ..commands.shell.interrupts import exit_at_once, hear_interrupts_in_callbacks
+from ..commands.shell.standard_streams import patient_standard_streams
+from ..errors import HaptogramError
+from ..machine.terminal import terminal_error_line
+from ..settings.parser import Parser, UsageError
+from . import boards
+
+_ENDINGS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_BOARD: Final = "board"
+#: Every command: the module that adds its options, and its line in the list of commands.
+COMMANDS: Final = {
+    "verify": (".verify.command", "display a tactile object and verify where every focus is"),
+    "conform": (".conform.command", "judge a board by every clause of the protocol"),
+    _BOARD: ("sim_device.command", "start the virtual board on a pty, TCP or a serial port"),
+    "view": (".view", "show a running board in a browser: phases, field, focus, time line"),
+    "watch": (".watch.command", "tell what a board radiates while any program drives it"),
+    "soak": (".soak", "stream for hours over a bad line and account for every fault"),
+    "bench": (".bench", "measure the 1 kHz loop: percentiles, every miss with its cause"),
+    "budget": (".budget", "show where the time of a frame goes, and the highest rate that fits"),
+    "field": (".field.command", "compute the field of a focus, an object or a drive"),
+    "modulation": (".modulation.command", "compute what a modulated focus makes at the skin"),
+    "decode": (".recordings.decode", "print recorded or dumped bytes as annotated frames"),
+    "replay": (".recordings.replay", "feed a recording to a board again and compare"),
+    "repair": (".recordings.repair", "make a recording that was cut off a whole file again"),
+    "capture": (".recordings.capture", "measure drive pins in a capture of a logic analyser"),
+    "presets": (
+        ".published.presets",
+        "list the known systems, with their published figures next to ours",
+    ),
+    "paper": (".published.paper", "reproduce the Haptogram paper's simulation"),
+}
+_EXAMPLES: Final = """\
+examples:
+  haptogram verify                          a hemisphere at 1 kHz on the virtual board
+  haptogram conform --port /dev/ttyACM0     firmware in CI: a verdict for every clause
+  haptogram board --link /tmp/board         a serial port without hardware
+  haptogram COMMAND --help                  options, examples and exit status of a command
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line *argv* and return its exit status."""
+    words = sys.argv[1:] if argv is None else list(argv)
+    if words[:1] == [_BOARD]:
+        from sim_device.__main__ import main as run_board
+
+        return run_board(words[1:], f"haptogram {_BOARD}", boards.open_recording_of_board)
+    # One thread each: two threads of a linear algebra library ruin the loop on a busy machine.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    exit_at_once()
+    with patient_standard_streams():
+        return _run(words)
+
+
+def _run(words: Sequence[str]) -> int:
+    parser = _parser(words)
+    heard: list[int] = []
+    try:
+        arguments = parser.parse_args(words)
+        arguments.command_line = shlex.join([parser.prog, *words])
+        parser = arguments.parser
+        with _ended_by_signals(heard), hear_interrupts_in_callbacks():
+            return int(arguments.run(arguments))
+    except UsageError as error:
+        print(terminal_error_line(error.program, str(error), sys.stderr), file=sys.stderr)
+    except HaptogramError as error:
+        print(
+            terminal_error_line(parser.prog, parser.named(str(error)), sys.stderr), file=sys.stderr
+        )
+    except KeyboardInterrupt:  # before there was anything to keep
+        return _interrupted(parser)
+    except Exception:
+        if not heard:
+            raise
+        return _interrupted(parser)  # a library made another error of it
+    return USAGE
+
+
+def _interrupted(parser: Parser) -> int:
+    print(f"{parser.prog}: interrupted", file=sys.stderr)
+    return INTERRUPTED
+
+
+@contextlib.contextmanager
+def _ended_by_signals(heard: list[int]) -> Iterator[None]:
+    """Let SIGTERM and SIGHUP (a CI out of time, a closed terminal) clean up as Ctrl-C does.
+
+    One that is ignored from the start (nohup, a job in the background) stays so; those that came
+    are in *heard*.
+    """
+
+    def interrupt(number: int, _: object) -> None:
+        heard.append(number)
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield  # whoever owns the main thread decides
+        return
+    before = {number: signal.getsignal(number) for number in _ENDINGS}
+    try:
+        for number, handler in before.items():
+            if handler is not signal.SIG_IGN:
+                signal.signal(number, interrupt)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _parser(words: Sequence[str]) -> Parser:
+    """Return the parser of all commands; only the command that *words* name has its options."""
+    parser = Parser(
+        prog="haptogram",
+        description="Hardware-in-the-loop test harness for ultrasonic phased arrays.",
+        epilog=f"{_EXAMPLES}\n{EVERY_STATUS}",
+    )
+    parser.add_argument("--version", action="version", version=f"haptogram {__version__}")
+    commands = parser.add_subparsers(
+        title="commands", dest="command", required=True, metavar="COMMAND"
+    )
+    named = next((word for word in words if not word.startswith("-")), None)
+    for name, (_, summary) in COMMANDS.items():
+        command = commands.add_parser(name, help=summary)
+        if name == named:
+            _add_options(name, command)
+    return parser
+
+
+def command_parser(name: str) -> Parser:
+    """Return the parser of one command, with all its options."""
+    parser = Parser(prog=f"haptogram {name}")
+    _add_options(name, parser)
+    return parser
+
+
+def _add_options(name: str, parser: Parser) -> None:
+    """Let the module of a command describe it, given what only this module knows of boards."""
+    parts = {
+        "verify": (
+            boards.prepare_simulator,
+            boards.board_in_virtual_time,
+            boards.board_behind_url,
+            boards.boards_of_dialect,
+        ),
+        "conform": (boards.access_in_program,),
+        "soak": (boards.board_without_a_line,),
+        "replay": (boards.replayed_board,),
+        "watch": (boards.records_of_bytes,),
+        _BOARD: (boards.open_recording_of_board,),
+    }
+    module = importlib.import_module(COMMANDS[name][0], "haptogram.commands")
+    module.set_up(parser, *parts.get(name, ()))
