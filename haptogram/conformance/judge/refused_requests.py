@@ -246,7 +246,8 @@ def refused_chunks(board: BoardClient, size: int) -> Iterator[Refusal]:
     if longest < min(size, 4000):
         much = UploadChunk(0, b"\xaa" * (longest + 1))
         yield _refusal("longer than max_chunk", much, ErrorCode.BAD_LENGTH)
-    yield _refusal("another target", UploadCommit(STORED), bad)
+    for target in (STORED, *(PENDING ^ 1 << bit for bit in (0, 8, 15)), 0):
+        yield _refusal(f"another target, {target:#06x}", UploadCommit(target), bad)
     yield _refusal("with a gap", UploadCommit(PENDING), ErrorCode.INCOMPLETE)
 
 

@@ -1,4 +1,4 @@
-"""HG-3.6, HG-9.2: numbers and counters that no request, session or timer sets back."""
+"""HG-3.6, HG-8.5, HG-9.2: numbers, ring and counters that no request or timer sets back."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ from haptogram_protocol.messages import (
     Phases,
     Ping,
     Play,
+    ReadTrace,
     StateChanged,
     Trace,
     TraceMode,
+    TraceReply,
 )
 
 from ...case import Depth, case
@@ -85,6 +87,31 @@ def _requests(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
         yield f"HELLO again, behind {message.TYPE.name}", again
     for refusal in refused_by_link(board):
         yield refusal.name, partial(refuse, board, refusal)
+
+
+@case(
+    "HG-8.5/1",
+    "the ring keeps its latches over every request, MUTE, timer and HELLO again of the session",
+    variant="kept",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def the_ring_outlives_requests(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=1)
+    board.configure(trace_mode=TraceMode.RING)
+    board.arm()
+    for _ in range(3):
+        latch_now(board, board.flat_phases())
+    before = board.link.call(ReadTrace(0, 3), TraceReply).records
+    check(len(before) == 3, f"the ring holds {len(before)} of 3 latches")
+    for name, happen in _happenings(board):
+        if not name.startswith("a new session"):
+            happen()
+            board.configure(trace_mode=TraceMode.RING)
+            after = board.link.call(ReadTrace(0, 3), TraceReply).records
+            check(after == before, f"after {name} the ring holds {after}, before {before}")
 
 
 # --- Counters ----------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from functools import partial
 from typing import Final
@@ -223,6 +224,9 @@ def the_first_reply_stays(board: BoardClient) -> None:
     due = (board.config.sound_speed_mm_s, board.status().config_crc, OutputState.MUTED)
     told = (last.sound_speed_mm_s, last.config_crc, last.state)
     check(told == due, f"a new session tells (speed, config_crc, state) {told}, due is {due}")
+    changed = {"sound_speed_mm_s": 0, "config_crc": 0, "state": OutputState.MUTED, "nonce": 1}
+    same = [dataclasses.replace(reply, **changed) for reply in (first, last)]  # type: ignore[arg-type]
+    check(same[0] == same[1], f"the identity was {first}, and is after other settings {last}")
     if board.has(Feature.CORRECTION):
         upload(bytes(count))
 

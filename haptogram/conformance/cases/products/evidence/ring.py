@@ -1,4 +1,4 @@
-"""HG-8.2, HG-8.5: READ_TRACE of every span, and keys of every width."""
+"""HG-8.1, HG-8.2, HG-8.5: READ_TRACE of every span, and keys of every width."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from haptogram_protocol.messages import (
 
 from ....case import Depth, case
 from ....client.board_client import BoardClient
-from ....client.latching import latch_now
+from ....client.latching import board_latches, latch_now
 from ....client.playback import play_now, store_phases
 from ....outcome import SELF_REPORTED, check, fail
 
@@ -110,3 +110,29 @@ def loops_are_counted_on(board: BoardClient) -> None:
     got = [(record.number, record.key.loop, record.key.index) for record in reply.records]
     due = [(number, number, 0) for number in range(_LOOPS - 3, _LOOPS)]
     check(got == due, f"(number, loop, index) of the last latches are {got}, due {due}")
+
+
+@case(
+    "HG-8.1/1",
+    "in modes CRC and RING every latch of stream and playback is told, whatever trace_divider is",
+    variant="divider",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def a_divider_is_of_drives_alone(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=_FRAMES)
+    for feature, mode in ((Feature.TRACE, TraceMode.CRC), (Feature.TRACE_RING, TraceMode.RING)):
+        if not board.has(feature):
+            continue
+        board.hello()
+        board.configure(trace_mode=mode, trace_divider=3)
+        board.arm()
+        since = board.link.mark()
+        due = [(0, latch_now(board, board.flat_phases())) for _ in range(4)]
+        play_now(board, _SEQUENCE, loops=1)
+        timeout_us = 200_000 + 2 * board.wire.limits.slack_us
+        board.link.await_event(PlaybackEnded, since, timeout_us)
+        due += [(_SEQUENCE, number) for number in range(_FRAMES)]
+        got = [(latch.sequence, latch.index) for latch in board_latches(board, since, mode)]
+        check(got == due, f"mode {mode.name}, trace_divider 3: told are {got}, due {due}")

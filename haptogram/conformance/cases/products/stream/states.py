@@ -1,4 +1,4 @@
-"""HG-3.8, HG-5.5: the checks before the output state, in every state of the output."""
+"""HG-3.8, HG-5.5, HG-9.1: checks that come before the output state, and STATUS, in every state."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Mute, Play, PlayReply
+from haptogram_protocol.messages import Feature, Mute, Play, PlayReply, Status
 from haptogram_protocol.state import OutputState
 
 from ....case import Depth, case
@@ -14,9 +14,11 @@ from ....client.board_client import BoardClient
 from ....client.latching import latch_now
 from ....client.playback import play_now, store_phases
 from ....client.stream_kinds import stream_kinds
+from ....judge.timers import check_status_steps
 from ....outcome import SELF_REPORTED, CaseEndedError, check
 from ..stream_types import DROPS
 
+_MS: Final = 1000
 _SEQUENCE: Final = 53
 _GAP: Final = 7
 _AHEAD_US: Final = 8_000_000
@@ -103,4 +105,28 @@ def every_state_counts_gaps(board: BoardClient) -> None:
                 check(
                     counted == _GAP, f"{name}, a gap of {_GAP} before {kind.name} counts {counted}"
                 )
+        board.link.ask(Mute())
+
+
+@case(
+    "HG-9.1/1",
+    "STATUS comes at its time off, on, playing and waiting",
+    variant="states",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def status_comes_in_every_state(board: BoardClient) -> None:
+    period_ms = board.quick_status_ms
+    for name, bring in _states(board).items():
+        board.configure(status_period_ms=period_ms)
+        board.arm()
+        bring()
+        since = board.link.mark()
+        board.wire.idle(7 * period_ms * _MS // 2 + board.wire.limits.slack_us)
+        board.link.barrier()
+        times = [
+            board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)
+        ]
+        check(len(times) >= 3, f"{name}: {len(times)} STATUS in 3.5 periods of {period_ms} ms")
+        check_status_steps(board, times, period_ms, name)
         board.link.ask(Mute())

@@ -6,10 +6,15 @@ from typing import Final
 
 from haptogram_protocol.messages import (
     Arm,
+    Drives,
     Feature,
+    FocalPoint,
+    Message,
+    PhaseFormat,
     Play,
     PlaybackEnded,
     PlayReply,
+    Points,
     Stop,
     StopReply,
 )
@@ -27,6 +32,7 @@ from ..stream_types import DROPS, Drop, fill_queue
 from .restarts import SLOW_US, STORED, TIMER_MS, play_later, wait_for
 
 _MS: Final = 1000
+_SILENT_MS: Final = 70
 _HELD_MS: Final = 120  # a hold that a read-back behind a latch does not outlast
 
 
@@ -169,6 +175,35 @@ def stop_leaves_the_hold(board: BoardClient) -> None:
         board.link.ask(Arm())
         header, _ = muted_by_timer(board, since, 3 * TIMER_MS * _MS, MuteReason.HOLD_EXPIRED)
         check_mute_time(board, start_us, header, TIMER_MS, f"hold_ms behind {name}")
+
+
+@case(
+    "HG-6.10/1",
+    "drives that make no sound, of amplitude 0 or under a ceiling of 0, are held as all others are",
+    variant="silent",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def silent_drives_are_held(board: BoardClient) -> None:
+    count = board.identity.transducers
+    silent: dict[str, tuple[Message, int]] = {}
+    if board.has(Feature.AMPLITUDE):
+        codes = board.random.randbytes(count) + bytes(count)
+        silent["DRIVES of amplitude 0"] = Drives(PhaseFormat.BITS_8, 0, codes), FULL
+        silent["PHASES under a ceiling of 0"] = board.flat_phases(5), 0
+    if board.has(Feature.POINTS):
+        points = (FocalPoint(10_000, 5_000, 150_000, 0, 0),)
+        silent["POINTS of amplitude 0"] = Points(points), FULL
+    for name, (message, ceiling) in silent.items():
+        board.configure(hold_ms=_SILENT_MS, amplitude_ceiling=ceiling)
+        board.arm()
+        since = board.link.mark()
+        with board.counting(latched=1, accepted=1, timeouts=1):
+            latch_now(board, message)
+            start_us = board.clock.unwrap(board.status().last_latch_us)
+            timeout_us = (_SILENT_MS + 300) * _MS
+            header, _ = muted_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
+        check_mute_time(board, start_us, header, _SILENT_MS, name)
 
 
 # --- Latches that end its ramp -----------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""HG-6.7, HG-7.6, HG-9.1, HG-12.2: what starts lease, unattended time and STATUS anew."""
+"""HG-6.7, HG-6.11, HG-7.6, HG-9.1, HG-12.2: what starts lease, unattended time and STATUS anew."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ from ....client.board_client import BoardClient
 from ....client.latching import latch_now
 from ....client.playback import play_now, store_phases
 from ....client.stream_kinds import StreamKind, stream_kinds, valid_requests
+from ....judge.refused_requests import Refusal, refused_by_value
 from ....judge.timers import check_in_time, check_mute_time, check_status_steps, muted_by_timer
 from ....outcome import check
 from ..stream_types import DROPS, Drop
@@ -37,6 +38,8 @@ _MS: Final = 1000
 #: Leases, and the times after which a frame renews them: at first short ones.
 _LEASES_MS: Final = ((30, 10), (60, 20), (240, 100), (240, 100))
 _OTHER_MS: Final = 200  # by which the lease is longer that an unattended time replaces
+#: The same for lease and ramp together, of equal lengths, with the frame in the ramp.
+_LEASES_IN_RAMPS_MS: Final = ((40, 30), (80, 60), (320, 240), (320, 240))
 _UNKNOWN_FLAG: Final = 0x40
 _STRANGE_TYPES: Final = {
     "an unknown stream frame": 0x3E,
@@ -170,10 +173,22 @@ def every_type_renews_a_playback(board: BoardClient) -> None:
     _renewed_by_each(board, plays=True)
 
 
-def _renewed_by_each(board: BoardClient, *, plays: bool) -> None:
+@case(
+    "HG-6.11/4",
+    "during a ramp of the lease frames of every type, good and bad, each end it",
+    variant="types",
+    needs=Feature.CONFIG | Feature.AMPLITUDE,
+    depth=Depth.DEFAULT,
+)
+def every_type_ends_a_ramp(board: BoardClient) -> None:
+    _renewed_by_each(board, plays=False, ramps=True)
+
+
+def _renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = False) -> None:
     """FAILED unless the timer, renewed by one frame, runs out its whole length behind it.
 
-    A frame that seems to renew nothing is sent anew in longer times: host or board may have been
+    If it *ramps*, the frame comes in the ramp, which makes up the second half of that length. A
+    frame that seems to renew nothing is sent anew in longer times: host or board may have been
     late.
     """
     timer = "unattended time" if plays else "lease"
@@ -181,11 +196,12 @@ def _renewed_by_each(board: BoardClient, *, plays: bool) -> None:
         store_phases(board, STORED, frames=2)
     line_ms = 2 * board.wire.line_us(2 * 2 * board.identity.transducers) // _MS
     for name, make in _renewals(board, plays=plays):
-        for lease_ms, wait_ms in _LEASES_MS:
-            lasts_ms = lease_ms + line_ms
-            host_timeout_ms = lasts_ms + _OTHER_MS if plays else lasts_ms
+        for least_ms, wait_ms in _LEASES_IN_RAMPS_MS if ramps else _LEASES_MS:
+            lasts_ms = least_ms + line_ms
+            ramp_ms = least_ms // 2 if ramps else 0
+            host_timeout_ms = lasts_ms - ramp_ms + (_OTHER_MS if plays else 0)
             if board.config.host_timeout_ms != host_timeout_ms:
-                board.configure(host_timeout_ms=host_timeout_ms, hold_ms=10_000)
+                board.configure(host_timeout_ms=host_timeout_ms, hold_ms=10_000, ramp_ms=ramp_ms)
             off_ms = _muted_after_ms(board, make, lasts_ms, wait_ms, plays=plays) - lasts_ms
             if wait_ms / 2 < off_ms < wait_ms + _OTHER_MS / 2:
                 break
@@ -230,6 +246,9 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
             yield message.TYPE.name, partial(_request, board, message)
             name = f"{message.TYPE.name} with an unknown flag"
             yield name, partial(_request, board, message, flags=_UNKNOWN_FLAG)
+    for refusal in refused_by_value(board):
+        if refusal.kind != Hello.TYPE:  # which is of no session
+            yield refusal.name, partial(_refused_request, board, refusal)
 
 
 def _stream_frame(board: BoardClient, kind: StreamKind) -> bytes:
@@ -238,6 +257,12 @@ def _stream_frame(board: BoardClient, kind: StreamKind) -> bytes:
 
 def _dropped_frame(board: BoardClient, drop: Drop, kind: StreamKind) -> bytes:
     return next(iter(drop.frames(board, kind, 0)))
+
+
+def _refused_request(board: BoardClient, refusal: Refusal) -> bytes:
+    seq = board.link.next_seq()
+    body = board.link.body(refusal.kind, refusal.payload, seq=seq, **refusal.header)
+    return encode_frame(body)
 
 
 def _strange_frame(board: BoardClient, kind: int) -> bytes:
