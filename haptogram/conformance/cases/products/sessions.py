@@ -215,6 +215,7 @@ def the_first_reply_stays(board: BoardClient) -> None:
         happenings["an upload that begins"] = lambda: _uploading(board)
     if board.has(Feature.CORRECTION):
         happenings["a new correction"] = lambda: upload(board.random.randbytes(count))
+    board.configure(sound_speed_mm_s=331_300)
     first = board.hello()
     for name, happen in happenings.items():
         happen()

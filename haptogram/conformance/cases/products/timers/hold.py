@@ -17,6 +17,8 @@ from haptogram_protocol.messages import (
     Points,
     Stop,
     StopReply,
+    Trace,
+    TraceMode,
 )
 from haptogram_protocol.state import MuteReason
 
@@ -179,7 +181,7 @@ def stop_leaves_the_hold(board: BoardClient) -> None:
 
 @case(
     "HG-6.10/1",
-    "drives that make no sound, of amplitude 0 or under a ceiling of 0, are held as all others are",
+    "drives without sound, of amplitude 0 or under a ceiling of 0, are held and traced as others",
     variant="silent",
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
@@ -194,8 +196,9 @@ def silent_drives_are_held(board: BoardClient) -> None:
     if board.has(Feature.POINTS):
         points = (FocalPoint(10_000, 5_000, 150_000, 0, 0),)
         silent["POINTS of amplitude 0"] = Points(points), FULL
+    mode = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
     for name, (message, ceiling) in silent.items():
-        board.configure(hold_ms=_SILENT_MS, amplitude_ceiling=ceiling)
+        board.configure(hold_ms=_SILENT_MS, amplitude_ceiling=ceiling, trace_mode=mode)
         board.arm()
         since = board.link.mark()
         with board.counting(latched=1, accepted=1, timeouts=1):
@@ -204,6 +207,8 @@ def silent_drives_are_held(board: BoardClient) -> None:
             timeout_us = (_SILENT_MS + 300) * _MS
             header, _ = muted_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
         check_mute_time(board, start_us, header, _SILENT_MS, name)
+        traced = len(board.link.events(Trace, since))
+        check(traced == (mode is TraceMode.CRC), f"{name}: {traced} traces of one latch")
 
 
 # --- Latches that end its ramp -----------------------------------------------------------------
