@@ -1,7 +1,10 @@
 """Boards that repeat an answer wrongly, or forget it, or its time.  SPEC.md HG-4.6 to HG-4.11."""
 
+# ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
+
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, Final
 
 from haptogram.records.frame import Evidence
@@ -76,6 +79,57 @@ class LostRequestsDone(BoardConnection):
         return event
 
 
+class HelloAgainRestartsEvents(BoardConnection):
+    """Numbers events from 0 again when a HELLO is repeated."""
+
+    def _judge_hello(self, frame: Any, hello: Hello) -> Any:
+        event = super()._judge_hello(frame, hello)
+        if hello.nonce == self.session:
+            self._event_seq = 0
+        return event
+
+
+class GreetingOfNow(VirtualHaptogramDialect):
+    """Repeats HELLO_REPLY with the speed of sound and the config_crc of now."""
+
+    def _set_config(self, message: Any, request: Any) -> Any:
+        reply = super()._set_config(message, request)
+        if (first := self._link._greeting) is not None:
+            speed = self.board.config.sound_speed_mm_s
+            now = dataclasses.replace(
+                first, sound_speed_mm_s=speed, config_crc=self.board.config_crc
+            )
+            self._link._greeting = now
+        return reply
+
+
+class SessionZeroIsOpen(BoardConnection):
+    """Takes session 0 for the open one before the first HELLO."""
+
+    def _judge_stream(self, frame: Any) -> Any:
+        return super()._judge_stream(self._taken(frame))
+
+    def _judge_request(self, frame: Any) -> Any:
+        return super()._judge_request(self._taken(frame))
+
+    def _taken(self, frame: Any) -> Any:
+        return dataclasses.replace(frame, in_session=frame.header.session == self.session)
+
+
+class MinorEchoed(VirtualHaptogramDialect):
+    """States the minor version of the host in HELLO_REPLY."""
+
+    def _greet(self, hello: Hello, request: Any) -> None:
+        answer = self._link.reply
+
+        def reply(request: Any, message: Any, now_us: int) -> None:
+            answer(request, dataclasses.replace(message, minor=hello.minor), now_us)
+
+        self._link.reply = reply  # type: ignore[method-assign]
+        super()._greet(hello, request)
+        self._link.reply = answer  # type: ignore[method-assign]
+
+
 _WIRE: Final = Evidence.WIRE
 
 MUTANTS: Final = (
@@ -84,4 +138,8 @@ MUTANTS: Final = (
     Mutant.of(RefusalsOfArrival, "HG-4.11/2", _WIRE),
     Mutant.of(MuteForgetsTheReply, "HG-4.9/5", _WIRE),
     Mutant.of(LostRequestsDone, "HG-4.9/5", _WIRE),
+    Mutant.of(HelloAgainRestartsEvents, "HG-3.6/2", _WIRE),
+    Mutant.of(GreetingOfNow, "HG-4.6/1", _WIRE),
+    Mutant.of(SessionZeroIsOpen, "HG-4.12/1", _WIRE),
+    Mutant.of(MinorEchoed, "HG-4.2/1", _WIRE),
 )

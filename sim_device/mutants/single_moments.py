@@ -12,7 +12,8 @@ from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.framing import DELIMITER
-from haptogram_protocol.messages import Config, ErrorCode, signed_difference
+from haptogram_protocol.messages import Config, ErrorCode, TraceMode, signed_difference
+from haptogram_protocol.state import MuteReason, OutputState
 
 from ..board.board import Board
 from ..board.counters import Drop
@@ -194,6 +195,86 @@ class LastSeqOfPlayback(Board):
         self.last_stream_index += 1
 
 
+class SessionClearsGaps(BoardConnection):
+    """Counts the gaps of the stream from 0 in every session."""
+
+    def open_session(self, nonce: int) -> None:
+        """Begin anew."""
+        super().open_session(nonce)
+        self.counters["gap"] = 0
+
+
+class NewTimeoutNextFrame(OutputStage):
+    """Takes a new host_timeout_ms with the frame behind SET_CONFIG."""
+
+    def configure(self, config: Config) -> None:
+        """Put *config* in force, but for the lease that runs."""
+        before = self.config
+        super().configure(dataclasses.replace(config, host_timeout_ms=before.host_timeout_ms))
+        self.config = config
+
+
+class PlayInLateWindow(Board):
+    """Takes a PLAY whose start has passed, within the late window."""
+
+    def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
+        super()._check_play(start_us, ready_us - self.config.late_window_us, unattended_ms)
+
+
+class SilenceNotHeld(OutputStage):
+    """Lets no hold run for a drive without amplitude."""
+
+    def latch(self, key: Any, drive: Drive, bits: int, **how: Any) -> None:
+        """Latch a drive."""
+        super().latch(key, drive, bits, **how)
+        if not drive.amplitude_codes.any():
+            self._timers._hold.stop()
+
+
+class DividerOfCrcs(VirtualHaptogramDialect):
+    """Divides traces of mode CRC as well."""
+
+    def _trace_message(self, latch: Any) -> Any:
+        message = super()._trace_message(latch)
+        if self.board.config.trace_mode is not TraceMode.CRC:
+            return message
+        self._traced += 1
+        return message if (self._traced - 1) % self.board.config.trace_divider == 0 else None
+
+
+class MuteEmptiesRing(OutputStage):
+    """Empties the trace ring with MUTE."""
+
+    def mute(self, *, requested: bool = True) -> None:
+        """Mute."""
+        super().mute(requested=requested)
+        self._ring.clear()
+
+
+class DisarmAgainTells(OutputStage):
+    """Takes DISARM for the reason of a state that is DISARMED already."""
+
+    def disarm(self) -> None:
+        """Disarm."""
+        super().disarm()
+        if self.state is OutputState.DISARMED:
+            self.reason = MuteReason.DISARM
+
+
+class GapsOfPlaybackUncounted(VirtualHaptogramDialect):
+    """Counts no gaps while a sequence plays."""
+
+    _gaps = 0
+
+    def _stream(self, event: Any) -> None:
+        super()._stream(event)
+        gaps = self._link.counters["gap"]
+        if self.board._playback is not None:
+            self._link.counters["gap"] = self._gaps
+        else:
+            self._gaps = gaps
+
+
 _SELF: Final = Evidence.SELF_REPORTED
 
 MUTANTS: Final = (
@@ -212,4 +293,12 @@ MUTANTS: Final = (
     Mutant.of(DuplicatesOf8Bits, "HG-9.2/1", _SELF),
     Mutant.of(RequestJumpsOf14Bits, "HG-4.9/3", Evidence.WIRE),
     Mutant.of(LastSeqOfPlayback, "HG-9.1/2", _SELF),
+    Mutant.of(SessionClearsGaps, "HG-9.2/1", _SELF),
+    Mutant.of(NewTimeoutNextFrame, "HG-7.1/3", Evidence.WIRE),
+    Mutant.of(PlayInLateWindow, "HG-7.6/2", Evidence.WIRE),
+    Mutant.of(SilenceNotHeld, "HG-6.10/1", Evidence.WIRE),
+    Mutant.of(DividerOfCrcs, "HG-8.1/1", _SELF),
+    Mutant.of(MuteEmptiesRing, "HG-8.5/1", _SELF),
+    Mutant.of(DisarmAgainTells, "HG-6.2/3", _SELF),
+    Mutant.of(GapsOfPlaybackUncounted, "HG-5.5/2", _SELF),
 )

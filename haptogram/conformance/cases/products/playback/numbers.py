@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Play, PlaybackEnded, PlayReply, Stop, StopReply
+from haptogram_protocol.messages import (
+    ErrorCode,
+    Feature,
+    Play,
+    PlaybackEnded,
+    PlayReply,
+    Stop,
+    StopReply,
+)
 
 from ....case import Depth, case
 from ....client.board_client import BoardClient
@@ -159,3 +167,20 @@ def every_start_is_kept(board: BoardClient) -> None:
         check(
             got_us == start_us, f"a start {ahead_us} µs ahead: latched at {got_us - start_us:+d} µs"
         )
+
+
+@case(
+    "HG-7.6/2",
+    "starts that have passed are refused with detail 0, whatever late_window_us is",
+    variant="late",
+    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
+)
+def passed_starts_are_refused(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=1)
+    for window_us in (0, 20_000, 100_000):
+        board.configure(late_window_us=window_us)
+        board.arm()
+        for late_us in (1, 1000, 15_000, 70_000, 1_000_000):
+            start_us = board.clock.device_us() - late_us
+            play = Play(_SEQUENCE, _period_us(board), 1, 100)
+            board.link.refused(play, ErrorCode.BAD_VALUE, 0, time_us=start_us)
