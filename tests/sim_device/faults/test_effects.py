@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from haptogram.cli import main as verify
 from haptogram.errors import ConfigurationError
-from haptogram.settings.faults.plan import FaultPlan
+from haptogram.settings.faults.plan import FaultPlan, faults_of_toml
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import GetStatus, Ping, build_body, parse_body
 from haptogram_protocol.state import OutputState
@@ -48,9 +48,10 @@ def test_the_last_record_repeats_the_run(open_host):
     faults = ["line.flip ber=1e-3", "frame.crc p=0.2"]
     ends = []
     for url in (url_of(*faults) + "&seed=5", None, f"{url_of(*faults)}&seed=6"):
-        plan = FaultPlan.from_toml(ends[0]["fault_plan"]) if url is None else None
-        texts = [] if plan is None else [str(fault) for fault in plan.faults]
-        host = open_host(url or f"{url_of(*texts)}&seed={plan.seed}")
+        if url is None:
+            again, seed = faults_of_toml(ends[0]["fault_plan"])
+            url = f"{url_of(*map(str, again))}&seed={seed}"
+        host = open_host(url)
         host.arm()
         for number in range(40):
             host.ask(Ping(echo=number))
