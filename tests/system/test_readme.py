@@ -42,18 +42,7 @@ def test_there_are_snippets() -> None:
     assert len(SNIPPETS) == 2
 
 
-@pytest.mark.parametrize("link", re.findall(r"\]\(([^)#:]+)\)", TEXT))
-def test_a_link_leads_somewhere(link: str) -> None:
-    assert (ROOT / link).exists()
-
-
 def test_the_page_of_the_acoustics_is_true() -> None:
     result = doctest.testfile(str(ROOT / "docs" / "acoustics.md"), module_relative=False)
     assert result.attempted > 20
     assert result.failed == 0
-
-
-@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
-def test_the_links_of_a_page_lead_somewhere(page: Path) -> None:
-    for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
-        assert (page.parent / link).exists(), link

@@ -46,6 +46,7 @@ class FrameRow:
     consequence: str
 
 
+_FOUND: Final = "found"
 _MEASURES: Final = (
     "target x, y, z (mm)",
     "due (µs, board's clock)",
@@ -73,6 +74,12 @@ class FrameTable:
     rows: list[FrameRow]
     more: int
 
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Places of the columns of numbers."""
+        end = len(self.head) - (self.head[-1] == _FOUND)
+        return (0, *range(2, end))
+
 
 def frame_table(run: RunVerdict) -> FrameTable:
     """Return the table of the frames that a person looks at."""
@@ -83,7 +90,7 @@ def frame_table(run: RunVerdict) -> FrameTable:
     used = [any(row.cells[at] for row in rows) for at in range(len(_MEASURES))]
     kept = tuple(name for name, is_used in zip(_MEASURES, used, strict=True) if is_used)
     rows = [replace(row, cells=tuple(compress(row.cells, used))) for row in rows]
-    found = ("found",) if any(row.faults or row.consequence for row in rows) else ()
+    found = (_FOUND,) if any(row.faults or row.consequence for row in rows) else ()
     return FrameTable(("frame", "status", *kept, *found), rows, max(0, len(odd) - _LISTED))
 
 

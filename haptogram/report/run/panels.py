@@ -122,7 +122,7 @@ def _equal_scales(axes: Any, points: FloatArray) -> None:
         # Along the longer sides of a flat box matplotlib moves the name onto the numbers.
         pad = 8.0 + 5.0 * (float(width / span.min()) - 1.0)
         getattr(axes, f"set_{name}label")(f"{name} (mm)", labelpad=pad)
-    axes.set_box_aspect(span, zoom=0.92 if is_tall else 1.08)
+    axes.set_box_aspect(span, zoom=0.84 if is_tall else 1.08)
 
 
 # --- Errors ------------------------------------------------------------------------------------
