@@ -12,17 +12,15 @@ from haptogram_protocol.messages import (
     Message,
     PhaseFormat,
     Phases,
-    PlaybackEnded,
     Points,
     Stop,
     UploadKind,
     drive_codes,
 )
 
-from ..outcome import check
 from .board_client import BoardClient
 from .latching import latch_now
-from .playback import PERIOD_US, period_of, play_now
+from .playback import PERIOD_US, period_of, play_now, play_out
 from .stream_kinds import StreamKind, random_point, stream_kinds
 from .uploads import upload_to_board
 
@@ -107,11 +105,7 @@ def _played_points(board: BoardClient, number: int) -> Message:
 
 
 def _play(board: BoardClient, points: int = 0) -> None:
-    since = board.link.mark()
-    period_us = period_of(board, points)
-    play_now(board, _SEQUENCE, loops=1, period_us=period_us)
-    timeout_us = 2 * _FRAMES * period_us + 200_000 + board.wire.limits.slack_us
-    check(board.link.await_event(PlaybackEnded, since, timeout_us) is not None, "no PLAYBACK_ENDED")
+    play_out(board, _SEQUENCE, _FRAMES, period_us=period_of(board, points))
 
 
 def registers_of(board: BoardClient, message: Message) -> tuple[bytes, bytes] | None:

@@ -14,7 +14,7 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ..outcome import check
+from ..outcome import check, fail
 from .board_client import BoardClient
 from .uploads import upload_to_board
 
@@ -30,6 +30,11 @@ def store_phases(board: BoardClient, sequence: int, *, frames: int) -> list[byte
     registers = [board.random.randbytes(board.identity.transducers) for _ in range(frames)]
     upload_to_board(board, UploadKind.PHASES, sequence, b"".join(registers))
     return registers
+
+
+def shortest_period_us(board: BoardClient, least_us: int = 1) -> int:
+    """Return the shortest period that the board takes, or *least_us* if that is longer."""
+    return max(least_us, -(-1_000_000 // board.identity.max_playback_rate_hz))
 
 
 def period_of(board: BoardClient, points: int = 0) -> int:
@@ -64,6 +69,25 @@ def play_at(
     """Play a sequence from *start_us* on."""
     play = Play(sequence, period_us, loops, min(unattended_ms, board.identity.max_unattended_ms))
     return board.link.call(play, PlayReply, time_us=start_us)
+
+
+def play_out(
+    board: BoardClient, sequence: int, frames: int, *, loops: int = 1, period_us: int = PERIOD_US
+) -> PlaybackEnded:
+    """Play a stored sequence of so many frames from now on to its end; FAILED if it has none."""
+    since, lasts_us = board.link.mark(), frames * loops * period_us
+    alone_ms = max(UNATTENDED_MS, 2 * lasts_us // 1000)
+    play_now(board, sequence, loops=loops, period_us=period_us, unattended_ms=alone_ms)
+    return playback_end(board, since, lasts_us)
+
+
+def playback_end(board: BoardClient, since: int, lasts_us: int) -> PlaybackEnded:
+    """Return PLAYBACK_ENDED, from piece *since* on, of a playback of so long; FAILED without it."""
+    timeout_us = 2 * lasts_us + 300_000 + 2 * board.wire.limits.slack_us
+    found = board.link.await_event(PlaybackEnded, since, timeout_us)
+    if found is None:
+        fail(f"no PLAYBACK_ENDED of a playback of {lasts_us / 1000:g} ms")
+    return found[1]
 
 
 def flood_with_traces(board: BoardClient) -> tuple[int, int]:

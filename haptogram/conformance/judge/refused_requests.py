@@ -35,6 +35,7 @@ from haptogram_protocol.messages import (
 )
 
 from ..client.board_client import BoardClient
+from ..client.playback import shortest_period_us
 
 #: Sequence that is stored, and the one whose upload is under way.
 STORED: Final = 5
@@ -207,7 +208,7 @@ def refused_plays(board: BoardClient) -> Iterator[Refusal]:
     """Yield every PLAY that an ARMED board without a playback has to refuse."""
     identity, bad = board.identity, ErrorCode.BAD_VALUE
     now_us = board.clock.device_us()
-    good, least_us = _good_play(board), _least_period_us(board)
+    good, least_us = _good_play(board), shortest_period_us(board)
     at_once = {"flags": int(Flag.IMMEDIATE)}
     absent = dataclasses.replace(good, sequence=_ABSENT)
     yield _refusal("no such sequence", absent, ErrorCode.NOT_FOUND, **at_once)
@@ -251,12 +252,8 @@ def refused_chunks(board: BoardClient, size: int) -> Iterator[Refusal]:
     yield _refusal("with a gap", UploadCommit(PENDING), ErrorCode.INCOMPLETE)
 
 
-def _least_period_us(board: BoardClient) -> int:
-    return -(-1_000_000 // board.identity.max_playback_rate_hz)
-
-
 def _good_play(board: BoardClient) -> Play:
-    return Play(STORED, max(_least_period_us(board), _PERIOD_US), 1, _ALONE_MS)
+    return Play(STORED, shortest_period_us(board, _PERIOD_US), 1, _ALONE_MS)
 
 
 def _refusal(reason: str, message: Message, code: ErrorCode, **header: Any) -> Refusal:

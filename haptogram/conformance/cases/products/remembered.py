@@ -35,7 +35,7 @@ from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.capabilities import UPLOADS, requests_of_board
-from ...client.playback import PERIOD_US, play_now, store_phases
+from ...client.playback import PERIOD_US, play_now, shortest_period_us, store_phases
 from ...client.stream_kinds import refused_requests, valid_requests
 from ...client.wire import Received
 from ...outcome import check
@@ -78,7 +78,7 @@ def _fill_ring(board: BoardClient) -> None:
         return
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
-    period_us = max(PERIOD_US // 4, -(-1_000_000 // board.identity.max_playback_rate_hz))
+    period_us = shortest_period_us(board, PERIOD_US // 4)
     play_now(board, _SEQUENCE, loops=100, period_us=period_us)
     board.wire.idle(250 * period_us)
     board.link.ask(Stop())

@@ -28,11 +28,11 @@ from haptogram_protocol.state import OutputState
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
+from ...client.playback import play_now, play_out, store_phases
 from ...client.uploads import begin_upload, upload_to_board
 from ...judge.held_state import changes
 from ...judge.refused_requests import STORED
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, CaseEndedError, check
 from .moments.refusals import brought, held_after, situations
 
 _SEQUENCE: Final = 5
@@ -125,12 +125,12 @@ def settings_outlive_sessions(board: BoardClient) -> None:
 def _plays_still(board: BoardClient, name: str) -> None:
     """FAILED unless the stored sequence is played as before."""
     board.arm()
-    since = board.link.mark()
-    with board.counting(latched=_FRAMES):
-        play_now(board, _SEQUENCE, loops=1)
-        timeout_us = 200_000 + 2 * board.wire.limits.slack_us
-        ended = board.link.await_event(PlaybackEnded, since, timeout_us)
-    check(ended is not None, f"{name}: the stored sequence is not played in a new session")
+    try:
+        with board.counting(latched=_FRAMES):
+            play_out(board, _SEQUENCE, _FRAMES)
+    except CaseEndedError as error:
+        text = f"{name}: the stored sequence in a new session: {error}"
+        raise CaseEndedError(error.behaviour, text) from None
     board.disarm()
 
 

@@ -13,7 +13,6 @@ from haptogram_protocol.messages import (
     Feature,
     GeometryReply,
     GetGeometry,
-    PlaybackEnded,
     ReadDrive,
     TraceMode,
     UploadChunk,
@@ -26,7 +25,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, full_drive, latch_now, read_back
-from ...client.playback import play_now
+from ...client.playback import play_out
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import begin_upload, send_pieces
 from ...outcome import SELF_REPORTED, check
@@ -146,9 +145,7 @@ def _plays(board: BoardClient, name: str, drives: list[bytes]) -> None:
     board.configure(trace_mode=TraceMode.CRC)
     board.arm()
     since = board.link.mark()
-    play_now(board, _SEQUENCE, loops=1)
-    timeout_us = len(drives) * 1000 + 200_000 + board.wire.limits.slack_us
-    board.link.await_event(PlaybackEnded, since, timeout_us)
+    play_out(board, _SEQUENCE, len(drives))
     got = [latch.crc for latch in board_latches(board, since, TraceMode.CRC)]
     due = [zlib.crc32(full_drive(drive)) for drive in drives]
     check(got == due, f"{name}: the sequence that is played is not the one uploaded")

@@ -9,7 +9,6 @@ from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
 from haptogram_protocol.messages import (
     Feature,
     LatchKey,
-    PlaybackEnded,
     ReadTrace,
     TraceMode,
     TraceRecord,
@@ -19,8 +18,8 @@ from haptogram_protocol.messages import (
 from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import board_latches, latch_now
-from ....client.playback import play_now, store_phases
-from ....outcome import SELF_REPORTED, check, fail
+from ....client.playback import play_out, shortest_period_us, store_phases
+from ....outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 7
 _FRAMES: Final = 3
@@ -56,12 +55,7 @@ def every_span_of_the_ring(board: BoardClient) -> None:
     index = latch_now(board, board.flat_phases())
     turns_over = board.thorough and ring < 6000
     loops = -(-(max(_LATCHES, ring + 7) if turns_over else _LATCHES) // _FRAMES)
-    period_us = max(200, -(-1_000_000 // board.identity.max_playback_rate_hz))
-    since, lasts_us = board.link.mark(), loops * _FRAMES * period_us
-    play_now(board, _SEQUENCE, loops=loops, period_us=period_us, unattended_ms=10_000)
-    slack_us = 300_000 + 2 * board.wire.limits.slack_us
-    if board.link.await_event(PlaybackEnded, since, lasts_us + slack_us) is None:
-        fail(f"a playback of {lasts_us / 1e6:.1f} s does not end")
+    play_out(board, _SEQUENCE, _FRAMES, loops=loops, period_us=shortest_period_us(board, 200))
     total = loops * _FRAMES + 1
     oldest = max(0, total - ring)
     for first, count in _spans(oldest, total):
@@ -99,13 +93,7 @@ def loops_are_counted_on(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.RING)
     store_phases(board, _SEQUENCE, frames=1)
     board.arm()
-    period_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
-    since, lasts_us = board.link.mark(), _LOOPS * period_us
-    alone_ms = min(2 * lasts_us // 1000, board.identity.max_unattended_ms)
-    play_now(board, _SEQUENCE, loops=_LOOPS, period_us=period_us, unattended_ms=alone_ms)
-    slack_us = 300_000 + 2 * board.wire.limits.slack_us
-    if board.link.await_event(PlaybackEnded, since, lasts_us + slack_us) is None:
-        fail(f"a playback of {lasts_us / 1e6:.1f} s does not end")
+    play_out(board, _SEQUENCE, 1, loops=_LOOPS, period_us=shortest_period_us(board))
     reply = board.link.call(ReadTrace(_LOOPS - 3, 3), TraceReply)
     got = [(record.number, record.key.loop, record.key.index) for record in reply.records]
     due = [(number, number, 0) for number in range(_LOOPS - 3, _LOOPS)]
@@ -130,9 +118,7 @@ def a_divider_is_of_drives_alone(board: BoardClient) -> None:
         board.arm()
         since = board.link.mark()
         due = [(0, latch_now(board, board.flat_phases())) for _ in range(4)]
-        play_now(board, _SEQUENCE, loops=1)
-        timeout_us = 200_000 + 2 * board.wire.limits.slack_us
-        board.link.await_event(PlaybackEnded, since, timeout_us)
+        play_out(board, _SEQUENCE, _FRAMES)
         due += [(_SEQUENCE, number) for number in range(_FRAMES)]
         got = [(latch.sequence, latch.index) for latch in board_latches(board, since, mode)]
         check(got == due, f"mode {mode.name}, trace_divider 3: told are {got}, due {due}")

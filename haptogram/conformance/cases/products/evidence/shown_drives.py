@@ -11,7 +11,6 @@ from haptogram_protocol.messages import (
     DriveKind,
     DriveReply,
     Feature,
-    PlaybackEnded,
     ReadDrive,
     TraceDrive,
     TraceMode,
@@ -22,7 +21,7 @@ from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.drive_paths import drive_paths, registers_of
 from ....client.latching import ShownDrive, board_latches, full_drive, latch_now, read_back
-from ....client.playback import play_now, store_phases
+from ....client.playback import play_out, store_phases
 from ....client.stream_kinds import stream_kinds
 from ....client.uploads import upload_to_board
 from ....outcome import SELF_REPORTED, check
@@ -175,8 +174,7 @@ def divisions_start_anew(board: BoardClient) -> None:
             board.arm()
             since = board.link.mark()
             latch_now(board, board.flat_phases())
-            play_now(board, _SEQUENCE, loops=3)  # 7 latches: 0, 3 and 6 of them are traced
-            board.link.await_event(PlaybackEnded, since, 300 * _MS)
+            play_out(board, _SEQUENCE, 2, loops=3)  # 7 latches: 0, 3 and 6 of them are traced
             board.link.barrier()
             keys = [event.key for _, event in board.link.events(TraceDrive, since)]
             got = [2 * key.loop + key.index + 1 if key.sequence else 0 for key in keys]

@@ -8,7 +8,6 @@ from haptogram_protocol.messages import (
     Disarm,
     Feature,
     Play,
-    PlaybackEnded,
     Points,
     SetConfig,
     Stop,
@@ -23,7 +22,7 @@ from haptogram_protocol.messages import (
 from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import latch_now, read_back, read_back_radiated
-from ....client.playback import period_of, play_now, store_phases
+from ....client.playback import period_of, play_now, play_out, store_phases
 from ....client.stream_kinds import random_point, valid_requests
 from ....client.uploads import upload_to_board
 from ....judge.refused_requests import refused_by_link
@@ -77,9 +76,7 @@ def stored_points_take_the_new_speed(board: BoardClient) -> None:
     for speed in _SPEEDS_MM_S:
         board.configure(sound_speed_mm_s=speed)
         board.arm()
-        since = board.link.mark()
-        play_now(board, _SEQUENCE, loops=1, period_us=period_of(board, 1))
-        board.link.await_event(PlaybackEnded, since, 300 * _MS + board.wire.limits.slack_us)
+        play_out(board, _SEQUENCE, 1, period_us=period_of(board, 1))
         errors = phase_errors(model_of_board(board), [(tuple(frame.points), read_back(board))])
         worst = float(abs(errors).max(initial=0.0))
         check(worst <= _WORST_STEPS, f"{speed / 1000:g} m/s: a phase is off by {worst:.1f} steps")

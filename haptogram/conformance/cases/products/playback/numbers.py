@@ -16,7 +16,7 @@ from haptogram_protocol.messages import (
 
 from ....case import Depth, case
 from ....client.board_client import BoardClient
-from ....client.playback import play_now, store_phases
+from ....client.playback import PERIOD_US, play_now, shortest_period_us, store_phases
 from ....outcome import SELF_REPORTED, check, fail, inconclusive
 
 _MS: Final = 1000
@@ -28,7 +28,7 @@ _SLOW_US: Final = 9_500_000
 
 
 def _period_us(board: BoardClient) -> int:
-    return max(1000, -(-1_000_000 // board.identity.max_playback_rate_hz))
+    return shortest_period_us(board, PERIOD_US)
 
 
 def _loop_numbers(frames: int) -> list[int]:

@@ -7,7 +7,6 @@ from typing import Final
 from haptogram_protocol.messages import (
     Feature,
     Flag,
-    PlaybackEnded,
     ReadTrace,
     TraceDrive,
     TraceMode,
@@ -18,10 +17,17 @@ from haptogram_protocol.messages import (
 from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import board_latches, latch_now
-from ....client.playback import UNATTENDED_MS, play_at, play_now, store_phases
+from ....client.playback import (
+    UNATTENDED_MS,
+    play_at,
+    play_out,
+    playback_end,
+    shortest_period_us,
+    store_phases,
+)
 from ....client.stream_kinds import random_point
 from ....client.uploads import upload_to_board
-from ....outcome import SELF_REPORTED, check, fail
+from ....outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 0x0201
 #: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.
@@ -48,16 +54,7 @@ def _kinds(board: BoardClient) -> list[UploadKind]:
 
 
 def _shortest_us(board: BoardClient) -> int:
-    least_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
-    return max(least_us, 200, board.identity.point_time_us)
-
-
-def _ended(board: BoardClient, since: int, timeout_us: int) -> PlaybackEnded:
-    slack_us = 300_000 + 2 * board.wire.limits.slack_us
-    found = board.link.await_event(PlaybackEnded, since, timeout_us + slack_us)
-    if found is None:
-        fail(f"no PLAYBACK_ENDED within {timeout_us / 1000:.0f} ms")
-    return found[1]
+    return shortest_period_us(board, max(200, board.identity.point_time_us))
 
 
 @case(
@@ -90,7 +87,7 @@ def every_shape_is_played(board: BoardClient) -> None:
                 period_us=period,
                 unattended_ms=alone_ms,
             )
-            event = _ended(board, since, frames * loops * period + 100_000)
+            event = playback_end(board, since, frames * loops * period)
             due = [
                 (_SEQUENCE, n // frames, n % frames, board.clock.on_carrier(start_us + n * period))
                 for n in range(frames * loops)
@@ -114,17 +111,13 @@ def every_shape_is_played(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def many_frames_are_counted(board: BoardClient) -> None:
-    period_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
     store_phases(board, _SEQUENCE, frames=1)
     rings = board.has(Feature.TRACE_RING | Feature.CONFIG)
     if rings:
         board.configure(trace_mode=TraceMode.RING, late_window_us=_WINDOW_US)
     board.arm()
-    since = board.link.mark()
     with board.counting(latched=_MANY):
-        alone_ms = 2 * _MANY * period_us // 1000
-        play_now(board, _SEQUENCE, loops=_MANY, period_us=period_us, unattended_ms=alone_ms)
-        event = _ended(board, since, _MANY * period_us)
+        event = play_out(board, _SEQUENCE, 1, loops=_MANY, period_us=shortest_period_us(board))
     told = (event.loops, event.frames)
     check(told == (_MANY, _MANY), f"{_MANY} passes of one frame: PLAYBACK_ENDED says {told}")
     if rings:
@@ -158,10 +151,7 @@ def wide_dividers_divide(board: BoardClient) -> None:
     board.arm()
     since = board.link.mark()
     latch_now(board, board.flat_phases())
-    period_us = _shortest_us(board)
-    alone_ms = max(UNATTENDED_MS, 2 * 600 * period_us // 1000)
-    play_now(board, _SEQUENCE, loops=200, period_us=period_us, unattended_ms=alone_ms)
-    _ended(board, since, 600 * period_us)
+    play_out(board, _SEQUENCE, 3, loops=200, period_us=_shortest_us(board))
     board.link.barrier()
     got = [event.key for _, event in board.link.events(TraceDrive, since)]
     # Latch 0 is the stream's, so that latch n of the rest is frame n - 1 of the playback.
@@ -195,9 +185,7 @@ def every_latch_counts_in_the_division(board: BoardClient) -> None:
                 board.wire.idle(max(0, -(lateness_us or 0)))
                 board.clock.wait_latched(2 * board.identity.transducers)
             keys.append((_SEQUENCE, 0))
-            ended = board.link.mark()
-            play_now(board, _SEQUENCE, loops=1)
-            _ended(board, ended, 100_000)
+            play_out(board, _SEQUENCE, 1)
         counted = (board.status().counters.latched - latched) & 0xFFFFFFFF
         check(counted == len(keys), f"of {len(keys)} frames {counted} are latched")
         got = [(e.key.sequence, e.key.index) for _, e in board.link.events(TraceDrive, since)]

@@ -14,7 +14,6 @@ from haptogram_protocol.messages import (
     Feature,
     Mute,
     Play,
-    PlaybackEnded,
     PlayReply,
     Stop,
     StopReply,
@@ -27,9 +26,9 @@ from haptogram_protocol.messages import (
 from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import board_latches, full_drive
-from ....client.playback import play_now
+from ....client.playback import play_now, play_out
 from ....client.uploads import upload_to_board
-from ....outcome import SELF_REPORTED, check, fail
+from ....outcome import SELF_REPORTED, check
 
 _IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
 _ABSENT: Final = 0x6000  # of no sequence; those behind it are stored
@@ -71,11 +70,7 @@ class Store:
         for sequence, due in self.crcs.items():
             self.board.arm()
             since = self.board.link.mark()
-            play_now(self.board, sequence, loops=1)
-            timeout_us = 1000 * len(due) + 300_000 + self.board.wire.limits.slack_us
-            ended = self.board.link.await_event(PlaybackEnded, since, timeout_us)
-            if ended is None:
-                fail(f"{name}: sequence {sequence:#06x} does not end")
+            play_out(self.board, sequence, len(due))
             got = [latch.crc for latch in board_latches(self.board, since, TraceMode.CRC)]
             check(got == due, f"{name}: sequence {sequence:#06x} is not played as it was uploaded")
 
