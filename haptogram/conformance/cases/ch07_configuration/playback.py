@@ -20,7 +20,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import board_latches, latch_now, watch_board_latches
-from ...client.playback import period_of, play_at, play_now, store_phases
+from ...client.playback import period_of, play_at, play_now, shortest_period_us, store_phases
 from ...client.stream_kinds import random_point
 from ...client.uploads import upload_to_board
 from ...judge.timers import muted_by_timer
@@ -134,7 +134,7 @@ def play_flushes(board: BoardClient) -> None:
 def plays_in_time(board: BoardClient) -> None:
     mode = watch_board_latches(board)
     store_phases(board, 1, frames=3)
-    least_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
+    least_us = shortest_period_us(board)
     period_us, loops = max(1003, least_us), 20
     board.arm()
     since = board.link.mark()

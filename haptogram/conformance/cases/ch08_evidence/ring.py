@@ -17,7 +17,7 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import full_drive, latch_now
-from ...client.playback import play_now, store_phases
+from ...client.playback import play_now, shortest_period_us, store_phases
 from ...outcome import SELF_REPORTED, check
 
 _RING_TRIED: Final = 6000  # latches: a longer ring is not filled
@@ -50,7 +50,7 @@ def _fill(board: BoardClient, size: int) -> int:
         return 20
     loops = size // 2 + 3
     store_phases(board, 2, frames=2)
-    period_us = max(100, -(-1_000_000 // board.identity.max_playback_rate_hz))
+    period_us = shortest_period_us(board, 100)
     since = board.link.mark()
     play_now(board, 2, loops=loops, period_us=period_us, unattended_ms=10_000)
     lasts_us = 2 * loops * period_us

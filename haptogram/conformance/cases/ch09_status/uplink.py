@@ -18,7 +18,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.playback import flood_with_traces, play_now, store_phases
+from ...client.playback import flood_with_traces, play_now, shortest_period_us, store_phases
 from ...outcome import SELF_REPORTED, check
 
 _ASKED: Final = 40
@@ -78,7 +78,7 @@ def _flood(board: BoardClient, mode: TraceMode) -> None:
     store_phases(board, _SEQUENCE, frames=2)
     board.arm()
     before = board.status().counters
-    period_us = board.clock.on_carrier(-(-1_000_000 // board.identity.max_playback_rate_hz))
+    period_us = board.clock.on_carrier(shortest_period_us(board))
     alone_ms = min(_STATUS_TOLD * period_ms + period_ms // 2, board.identity.max_unattended_ms)
     since = board.link.mark()
     play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
