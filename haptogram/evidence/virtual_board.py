@@ -29,7 +29,7 @@ from haptogram.evidence.board_records import BoardRecords
 from haptogram.evidence.dialects.latches import is_of_another_dialect, run_observations
 from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.working_folder import WorkingFolder
-from haptogram.records.frame import Intended, Observation
+from haptogram.records.frame import Intended, Observation, check_intended
 from haptogram.settings.arguments import (
     check_argument_kind,
     check_callable,
@@ -210,7 +210,7 @@ class VirtualBoard(ClosedByWith):
         str or None
             Why a frame may have been latched that it does not show; None: it shows all.
         """
-        _check_intended(intended)
+        _check_session(intended)
         if not intended:
             return None
         if is_of_another_dialect(self._records.read()):
@@ -273,23 +273,18 @@ class VirtualBoard(ClosedByWith):
         ConfigurationError
             An argument that cannot be.
         """
-        _check_intended(intended)
-        check_number("min_verified", min_verified, 0.0, 1.0)
-        if model is not None:
-            check_argument_kind("model", model, AcousticModel, "an AcousticModel, or None")
+        _check_session(intended)
         # Late, because it is much: whoever only wants a board does not pay for it.
-        from haptogram.verification import Tolerance, Uncertainty, verify_run
+        from haptogram.verification import check_judgement, verify_run
 
-        if tolerance is not None:
-            check_argument_kind("tolerance", tolerance, Tolerance, "a Tolerance, or None")
-        if uncertainty is not None:
-            check_argument_kind("uncertainty", uncertainty, Uncertainty, "an Uncertainty, or None")
+        assumed = self.model if model is None else model
+        check_judgement(assumed, min_verified, tolerance, uncertainty)
         unseen = self.wait_idle(intended)
         session = intended[0].key.session if intended else None
         return verify_run(
             intended,
             run_observations(intended, self.records(), session),
-            model=self.model if model is None else model,
+            model=assumed,
             min_verified=min_verified,
             tolerance=tolerance,
             uncertainty=uncertainty,
@@ -347,15 +342,9 @@ class VirtualBoard(ClosedByWith):
         super().__exit__(kind, error, traceback)
 
 
-def _check_intended(intended: Sequence[Intended]) -> None:
-    check_argument_kind(
-        "intended", intended, Sequence, "a sequence of Intended, such as Driver.intended"
-    )
-    for number, entry in enumerate(intended):
-        if not isinstance(entry, Intended):
-            check_argument_kind(
-                f"intended[{number}]", entry, Intended, "an Intended, as of the driver"
-            )
+def _check_session(intended: Sequence[Intended]) -> None:
+    """Refuse frames that are none, or of several sessions: a board shows one session at a time."""
+    check_intended(intended)
     sessions = sorted({entry.key.session for entry in intended})
     if len(sessions) > 1:
         raise ConfigurationError(

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Final, Self, cast
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import check_number, shown_argument
+from haptogram.settings.arguments import check_argument_kind, check_number, shown_argument
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -235,3 +235,21 @@ class Observation:
     def output(self) -> Drive | None:
         """The drive that was radiated, as far as it was observed."""
         return self.radiated or self.drive
+
+
+def check_intended(intended: Sequence[Intended]) -> None:
+    """Refuse what is no sequence of :class:`Intended`, before anything is judged by it.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the first entry that is none.
+    """
+    check_argument_kind(
+        "intended", intended, Sequence, "a sequence of Intended, such as Driver.intended"
+    )
+    for number, entry in enumerate(intended):
+        if not isinstance(entry, Intended):
+            check_argument_kind(
+                f"intended[{number}]", entry, Intended, "an Intended, as of the driver"
+            )

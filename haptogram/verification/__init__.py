@@ -9,7 +9,7 @@ from .consequences.effect import RunConsequences
 from .faults import name_drive_faults
 from .frame.judge import FrameJudge
 from .frame.target import check_frame_tolerance
-from .run import verify_run
+from .run import check_judgement, verify_run
 from .run_verdict import RunVerdict, cut_run_text
 from .tolerance import (
     REAL_BOARD,
@@ -44,6 +44,7 @@ __all__ = [
     "Verdict",
     "VerdictUncertainty",
     "check_frame_tolerance",
+    "check_judgement",
     "consequence_text",
     "cut_run_text",
     "name_drive_faults",

@@ -5,13 +5,27 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from types import NoneType
 from typing import Final, TypeVar
 
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
-from haptogram.records.frame import STREAM, Evidence, FrameKey, Intended, Observation
+from haptogram.records.frame import (
+    STREAM,
+    Evidence,
+    FrameKey,
+    Intended,
+    Observation,
+    check_intended,
+)
 from haptogram.records.kept import KeptRecords
-from haptogram.settings.arguments import Progress
+from haptogram.settings.arguments import (
+    Progress,
+    check_argument_kind,
+    check_callable,
+    check_number,
+    check_whole,
+)
 
 from .consequences.effect import RunConsequences
 from .consequences.held import (
@@ -72,8 +86,8 @@ def verify_run(
     Raises
     ------
     ConfigurationError
-        If *min_verified* is not 0 to 1, or two intended frames have one key; if a focus is behind
-        the array or at one of its elements.
+        An argument that cannot be; two intended frames that have one key; a focus behind the array
+        or at one of its elements.
 
     Examples
     --------
@@ -85,14 +99,20 @@ def verify_run(
     >>> bool(verdict)
     True
     """
-    if not 0.0 <= min_verified <= 1.0:
-        raise ConfigurationError(f"min_verified is {min_verified:g}, must be 0 to 1")
+    check_intended(intended)
+    check_judgement(model, min_verified, tolerance, uncertainty)
+    check_argument_kind("observations", observations, Iterable, "an iterable of Observation")
+    check_argument_kind("cut", cut, (Cut, NoneType), "a Cut, or None")
+    check_argument_kind("unseen", unseen, (str, NoneType), "a text, or None")
+    check_argument_kind("silences", silences, Iterable, "an iterable of times in µs")
+    check_callable("progress", progress)
     _check_keys(intended)
     if unseen is None and (kept := _kept(observations)).dropped:
         unseen = f"the driver keeps the last {len(kept)} latches it is told"
     not_kept = _kept(intended).dropped
     seen: dict[FrameKey, list[Observation]] = defaultdict(list)
-    for observation in _of_kept(intended, observations) if not_kept else observations:
+    latched = _checked_observations(observations)
+    for observation in _of_kept(intended, latched) if not_kept else latched:
         seen[observation.key].append(observation)
     for latches in seen.values():
         latches.sort(key=lambda latch: latch.t_latch_us)
@@ -104,7 +124,7 @@ def verify_run(
     )
     frames: list[FrameVerdict] = []
     held: HeldFocus | None = None
-    quiet_us = sorted(silences)
+    quiet_us = sorted(check_whole("silences", t, -(2**63), 2**63, "µs") for t in silences)
     for number, (wanted, due) in enumerate(
         zip(intended, due_frames_of_run(intended, seen), strict=True)
     ):
@@ -125,6 +145,36 @@ def verify_run(
             progress(number + 1, len(intended))
     run = _conclude(frames, sorted(seen), min_verified, cut, quiet_us, not_kept)
     return dataclasses.replace(run, tolerance=judge.tolerance, uncertainty=judge.uncertainty)
+
+
+def check_judgement(
+    model: AcousticModel,
+    min_verified: float,
+    tolerance: Tolerance | None,
+    uncertainty: Uncertainty | None,
+) -> None:
+    """Refuse what a run cannot be judged by, before anybody waits for its latches.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the argument.
+    """
+    check_argument_kind("model", model, AcousticModel, "an AcousticModel")
+    check_number("min_verified", min_verified, 0.0, 1.0)
+    check_argument_kind("tolerance", tolerance, (Tolerance, NoneType), "a Tolerance, or None")
+    check_argument_kind(
+        "uncertainty", uncertainty, (Uncertainty, NoneType), "an Uncertainty, or None"
+    )
+
+
+def _checked_observations(entries: Iterable[Observation]) -> Iterator[Observation]:
+    for number, entry in enumerate(entries):
+        if not isinstance(entry, Observation):
+            check_argument_kind(
+                f"observations[{number}]", entry, Observation, "an Observation, as of the driver"
+            )
+        yield entry
 
 
 def _kept(entries: Iterable[_T]) -> KeptRecords[_T]:

@@ -20,6 +20,7 @@ from haptogram.records.frame import Evidence, Focus, FrameKey, Observation
 from haptogram.settings.arguments import check_choice, check_number, check_whole, shown_argument
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
+from haptogram.verification import verify_run
 from latched_drives import intend
 from sim_device.protocol_haptogram import open_virtual_port
 from virtual_ports import BoardPort
@@ -184,6 +185,16 @@ VERIFY = {
     "min_verified": (None, *NUMBER, "all", 1.1),
     "tolerance": (*OTHER, 0.5),
     "uncertainty": (*OTHER, 0.5),
+}
+OBSERVATIONS = (None, 5, NAN, "x", [5], [None], object(), [intend(MODEL, PLACE)])
+RUN = {
+    **VERIFY,
+    "model": (None, *OTHER),
+    "observations": OBSERVATIONS,
+    "cut": OTHER,
+    "unseen": (5, NAN, [], object()),
+    "silences": (None, 5, NAN, object(), ["x"], [NAN], [None]),
+    "progress": CALLABLE,
 }
 BOARD_METHODS = {
     "verify": VERIFY,
@@ -360,6 +371,17 @@ def test_what_was_seen_is_not_what_was_intended(board):
     seen = Observation(FrameKey(1, 0, 0, 0), 0, False, Evidence.EXTERNAL)
     with pytest.raises(ConfigurationError, match=r"intended\[1\] is Observation.*, must be an Int"):
         board.verify([frame, seen])
+
+
+# --- the verdict ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "values"), each(RUN))
+def test_a_run_is_refused_before_it_is_judged(name, values):
+    assert covers(verify_run, RUN)
+    given = {"intended": [intend(MODEL, PLACE)], "observations": [], "model": MODEL}
+    for value in values:
+        refused(lambda **wrong: verify_run(**(given | wrong)), name, value)
 
 
 # --- shapes --------------------------------------------------------------------------------------
