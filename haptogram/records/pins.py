@@ -28,6 +28,8 @@ class PinPulses:
         What is wrong with the pin whatever was intended: dead, stuck, inverted.
     begin : float
         Period from which on the capture knows the level of the pin.
+    is_dead : bool
+        Whether the pin is at the silent level all the time, which is a defect while others pulse.
     """
 
     channel: str
@@ -35,6 +37,7 @@ class PinPulses:
     falls: NDArray[np.float64]
     defects: tuple[str, ...] = ()
     begin: float = 0.0
+    is_dead: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -61,7 +61,8 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
         begin = 0.0
         if edges.defined_from:
             begin = float(clock.periods(np.array([float(edges.defined_from)]))[0])
-        pins[element] = PinPulses(name, *pulses, defects, begin)
+        is_dead = not len(edges.times) and edges.first_level is settings.active_low
+        pins[element] = PinPulses(name, *pulses, defects, begin, is_dead)
     latches = None
     if settings.latch is not None:
         latches = clock.periods(capture.channel(settings.latch).pulses()[0])

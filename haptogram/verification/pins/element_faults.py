@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptogram.acoustics import TransducerArray
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
@@ -18,6 +20,9 @@ from .run_drives import Bools, RunDrives
 
 _MOST: Final = 0.9  # share of frames that a name must explain
 _FRAMES_COMPARED: Final = 256
+_FRAMES_TRIED: Final = 16
+_LIKELY: Final = 0.5  # share of these in which an element is worth more
+_ROWS: Final = 256  # frames that are compared at a time
 _NAMED: Final = 8
 _EXCHANGED: Final = 0.6  # share of pins that show an order of elements, not a wire
 
@@ -64,7 +69,16 @@ class PinDrives:
     def all_right(self) -> Bools:
         """Return the (F, E) drives that are those that were meant."""
         meant = self.run.weights
-        return np.stack([self.right(meant[:, e], e) for e in range(meant.shape[1])], axis=1)
+        right = np.empty(meant.shape, np.bool_)
+        for begin in range(0, len(meant), _ROWS):
+            rows = slice(begin, begin + _ROWS)
+            wanted, seen = meant[rows], self.weights[rows]
+            sizes, product = np.abs(wanted), seen * np.conj(wanted)
+            length = np.abs(product)
+            near = product.real >= np.cos(np.minimum(self.limit_rad[rows], np.pi)) * length
+            near = (near & (length > 0.0)) | (sizes <= self.limit_amplitude)
+            right[rows] = near & (np.abs(np.abs(seen) - sizes) <= self.limit_amplitude)
+        return right
 
     def every_error(self) -> tuple[FloatArray, FloatArray]:
         """Return the (F, E) errors of phase, in radians, and of amplitude; NaN: none to tell."""
@@ -73,76 +87,163 @@ class PinDrives:
         return np.stack(phases, axis=1), np.abs(np.abs(self.weights) - np.abs(meant))
 
 
-def fault_of_pin(drives: PinDrives, place: int, judged: Bools) -> str:
-    """Return the fault of a pin in words, by the (F,) *judged* frames.
+class PinFaultKind(enum.Enum):
+    """Kind of a fault, and the check that it fails."""
 
-    At least one of them is not right.
+    DEAD = "dead", "pins"
+    INVERTED = "inverted", "pins"
+    SILENT = "silent", "amplitudes"
+    AMPLITUDE = "amplitude", "amplitudes"
+    BEHIND = "behind", "phases"
+    SHIFTED = "shifted", "phases"
+    STUCK = "stuck", "phases"
+    OTHER_ELEMENT = "other element", "phases"
+    SIGN = "sign", "phases"
+    PHASE = "phase", "phases"
+
+    @property
+    def check(self) -> str:
+        """Check of a verdict that this fault fails."""
+        return self.value[1]
+
+
+@dataclass(frozen=True, slots=True)
+class PinFault:
+    """Fault of a pin.
+
+    Attributes
+    ----------
+    kind : PinFaultKind
+        What is wrong.
+    text : str
+        The same in words, with figures.
+    other : int or None
+        Element whose drives the pin shows.
     """
+
+    kind: PinFaultKind
+    text: str
+    other: int | None = None
+
+
+def faults_of_pins(drives: PinDrives, places: Sequence[int], judged: Bools) -> dict[int, PinFault]:
+    """Return the fault of each pin at these *places*, by the (F,) *judged* frames.
+
+    At least one of these frames is not right at each of the pins.
+    """
+    frames = np.flatnonzero(judged)
+    found = {place: _plain_fault(drives, place, frames) for place in places}
+    rest = [place for place, fault in found.items() if fault is None]
+    others = _other_elements(drives, rest, frames)
+    named = {place: fault for place, fault in found.items() if fault is not None}
+    for place in rest:
+        other = others.get(place)
+        if other is None:
+            named[place] = _rest_of_faults(drives, place, frames)
+        else:
+            text = f"does what element {other} should"
+            named[place] = PinFault(PinFaultKind.OTHER_ELEMENT, text, other)
+    return named
+
+
+def _plain_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault | None:
+    """Return a fault that the drives of this element alone explain; None: none does."""
     run = drives.run
     meant = run.weights[:, place]
-    frames = np.flatnonzero(judged)
     seen = drives.weights[frames, place]
     wrong = ~drives.right(meant, place)[frames]
-    count = f"in {int(wrong.sum())} of {len(frames)} frames"
+    count = _count(wrong)
     silent = (np.abs(seen) == 0.0) & (np.abs(meant[frames]) > 0.0)
     sounding = np.abs(meant[frames]) > drives.limit_amplitude
     if silent[sounding].all():
-        return "dead: silent in every frame"
+        return PinFault(PinFaultKind.DEAD, "dead: silent in every frame")
     if (silent | ~wrong).all():
-        return f"silent {count}"
+        return PinFault(PinFaultKind.SILENT, f"silent {count}")
     old = run.weights[np.maximum(drives.before, 0), place]
     follows = drives.right(old, place) & (drives.before >= 0)
     if wrong.sum() > 1 and _share(follows[frames][wrong]) >= _MOST:
-        return f"shows the drive of the frame before {count}"
+        return PinFault(PinFaultKind.BEHIND, f"shows the drive of the frame before {count}")
     errors = drives.errors_rad(meant, place)[frames]
     known = np.isfinite(errors)
     limit = float(np.median(drives.limit_rad[frames, place]))
-    if known.any() and (text := _constant_fault(seen[known], errors[known], limit, meant[frames])):
-        return text
-    if (other := _other_element(drives, place, frames)) is not None:
-        return f"does what element {other} should"
+    return (
+        _constant_fault(seen[known], errors[known], limit, meant[frames]) if known.any() else None
+    )
+
+
+def _count(wrong: Bools) -> str:
+    return f"in {int(wrong.sum())} of {len(wrong)} frames"
+
+
+def _rest_of_faults(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault:
+    """Return what remains: the sign of the phase, an amplitude, a phase."""
+    meant = drives.run.weights[:, place]
     if _share(drives.right(np.conj(meant), place)[frames]) >= _MOST:
-        return "opposite sign of the phase"
-    sizes = np.abs(seen) - np.abs(meant[frames])
+        return PinFault(PinFaultKind.SIGN, "opposite sign of the phase")
+    count = _count(~drives.right(meant, place)[frames])
+    errors = drives.errors_rad(meant, place)[frames]
+    known = np.isfinite(errors)
+    sizes = np.abs(drives.weights[frames, place]) - np.abs(meant[frames])
     if known.any() and (np.abs(errors[known]) <= drives.limit_rad[frames, place][known]).all():
         worst = sizes[np.abs(sizes).argmax()]
-        return f"amplitude off {count}, by up to {worst:+.3f}"
+        return PinFault(PinFaultKind.AMPLITUDE, f"amplitude off {count}, by up to {worst:+.3f}")
     worst_deg = math.degrees(float(np.nanmax(np.abs(errors), initial=0.0)))
-    return f"phase off {count}, by up to {worst_deg:.1f} degrees"
+    return PinFault(PinFaultKind.PHASE, f"phase off {count}, by up to {worst_deg:.1f} degrees")
 
 
 def _constant_fault(
     seen: ComplexArray, errors: FloatArray, limit: float, meant: ComplexArray
-) -> str | None:
-    """Return the name of an error, or of a phase, that is the same in every frame."""
+) -> PinFault | None:
+    """Return an error, or a phase, that is the same in every frame."""
     shift = float(np.angle(np.exp(1j * errors).sum()))
     if np.abs(wrapped_angles(errors - shift)).max() <= 2.0 * limit and abs(shift) > limit / 2.0:
         degrees = math.degrees(shift)
         if abs(abs(degrees) - 180.0) <= math.degrees(2.0 * limit):
-            return "inverted: half a period off in every frame"
-        return f"phase off by {degrees:+.1f} degrees in every frame"
+            text = "inverted: half a period off in every frame"
+            return PinFault(PinFaultKind.INVERTED, text)
+        return PinFault(PinFaultKind.SHIFTED, f"phase off by {degrees:+.1f} degrees in every frame")
     phases = np.angle(seen)
     middle = float(np.angle(np.exp(1j * phases).sum()))
     wanted = np.angle(meant[np.abs(meant) > 0.0])
     moves = np.abs(wrapped_angles(wanted - wanted[0])).max(initial=0.0) > 4.0 * limit
     if moves and np.abs(wrapped_angles(phases - middle)).max() <= 2.0 * limit:
-        return f"stuck at a phase of {math.degrees(middle) % 360.0:.1f} degrees"
+        degrees = math.degrees(middle) % 360.0
+        return PinFault(PinFaultKind.STUCK, f"stuck at a phase of {degrees:.1f} degrees")
     return None
 
 
-def _other_element(drives: PinDrives, place: int, frames: np.ndarray) -> int | None:
-    """Return the element whose drives this pin shows; None: not one, or not one alone."""
+def _other_elements(
+    drives: PinDrives, places: Sequence[int], frames: NDArray[np.intp]
+) -> dict[int, int]:
+    """Return the element whose drives each pin shows, if it is one, and one alone.
+
+    A few frames leave few elements; only these are compared in more frames.
+    """
     run = drives.run
     some = frames[:: max(1, len(frames) // _FRAMES_COMPARED)]
-    seen = drives.weights[some, place]
-    every = run.weights_of(range(run.phases.shape[1]), some)
-    product = seen[:, None] * np.conj(every)
-    near = np.abs(np.angle(product)) <= drives.limit_rad[some, place][:, None]
-    near &= np.abs(np.abs(seen)[:, None] - np.abs(every)) <= drives.limit_amplitude
-    shares = near.mean(axis=0)
-    fitting = np.flatnonzero(shares >= _MOST)
-    others = fitting[fitting != run.elements[place]]
-    return int(others[0]) if len(others) == len(fitting) == 1 and len(some) > 1 else None
+    if len(some) < 2 or not places:
+        return {}
+    few = some[:: max(1, len(some) // _FRAMES_TRIED)]
+    every = run.weights_of(range(run.phases.shape[1]), few)
+    found = {}
+    for place in places:
+        likely = np.flatnonzero(_near(drives, place, few, every).mean(axis=0) >= _LIKELY)
+        near = _near(drives, place, some, run.weights_of(likely.tolist(), some))
+        fitting = likely[near.mean(axis=0) >= _MOST]
+        if len(fitting) == 1 and fitting[0] != run.elements[place]:
+            found[place] = int(fitting[0])
+    return found
+
+
+def _near(drives: PinDrives, place: int, frames: NDArray[np.intp], meant: ComplexArray) -> Bools:
+    """Return (F, N) whether one pin shows each of the (F, N) drives *meant*."""
+    seen = drives.weights[frames, place][:, None]
+    product = seen * np.conj(meant)
+    # The angle of the product is within the limit: compared by its cosine.
+    least = np.cos(np.minimum(drives.limit_rad[frames, place], np.pi))[:, None]
+    near: Bools = product.real >= least * np.abs(product)
+    near &= np.abs(np.abs(seen) - np.abs(meant)) <= drives.limit_amplitude
+    return near
 
 
 def _share(found: Bools) -> float:

@@ -152,7 +152,7 @@ def verify_captures(
     frames = sorted(intended, key=lambda frame: frame.t_apply_us or 0)
     pins = tuple(verify_pins(record, frames, model=model) for record in records)
     passes = list(_passes(frames).values())
-    apart = why_phases_are_apart(records, pins, frames, passes) if len(pins) > 1 else ""
+    apart = why_phases_are_apart(pins, frames, passes) if len(pins) > 1 else ""
     no_field = incomplete or _why_no_field(pins, frames, model) or apart
     run, observations = None, tuple[Observation, ...]()
     if not no_field:

@@ -16,9 +16,10 @@ from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
 
 from ..verdict import Verdict
-from .element_faults import exchanged_orders, fault_of_pin, grouped_faults
+from .element_faults import PinFaultKind, exchanged_orders, faults_of_pins, grouped_faults
 from .pin_verdict import PinLimits, PinVerdict
 from .run_drives import Bools, RunDrives
+from .shared_phase import clock_turns
 from .shown_frames import FIT_SHARE, CaptureLimits, ShownFrames, shown_frames
 from .silence import EndOfSound, end_of_sound
 
@@ -162,9 +163,10 @@ class _PinJudge:
             return False
         if right[judged].mean() >= FIT_SHARE:
             return True
-        texts = {e: fault_of_pin(drives, e, judged) for e in range(len(self.run.elements))}
-        named = [t for t in texts.values() if t.startswith(("does what", "opposite sign"))]
-        if len(named) >= FIT_SHARE * len(texts) and len(named) > 1:
+        wrong = np.flatnonzero(~right[judged].all(axis=0)).tolist()
+        kinds = [fault.kind for fault in faults_of_pins(drives, wrong, judged).values()]
+        named = [k for k in kinds if k in (PinFaultKind.OTHER_ELEMENT, PinFaultKind.SIGN)]
+        if len(named) >= FIT_SHARE * len(self.run.elements) and len(named) > 1:
             return True
         share = 100.0 * float(right[judged].mean())
         self.missing.append(
@@ -188,21 +190,21 @@ class _PinJudge:
         alone: Bools = np.asarray(judged & ~mixed)
         faults: dict[str, list[tuple[int, str, str]]] = {"phases": [], "amplitudes": []}
         others = []
+        unlike: list[int] = []
         for place, element in enumerate(self.run.elements):
             pin = self.record.pins[element]
             is_silent = not self.run.amplitudes[alone, element].any()
             for text in pin.defects:
-                if is_silent and text.startswith("dead"):
-                    continue  # as it shall be
-                faults.setdefault("pins", []).append((element, pin.channel, text))
-            if (pin.defects and not is_silent) or right[alone, place].all():
-                continue
-            text = fault_of_pin(drives, place, alone)
-            if text.startswith("does what element"):
-                others.append((element, int(text.split()[3])))
-            kind = "pins" if text.startswith(("dead", "inverted")) else "phases"
-            kind = "amplitudes" if text.startswith(("amplitude", "silent")) else kind
-            faults.setdefault(kind, []).append((element, pin.channel, text))
+                if not (is_silent and pin.is_dead):  # then it is as it shall be
+                    faults.setdefault("pins", []).append((element, pin.channel, text))
+            if not right[alone, place].all() and (is_silent or not pin.defects):
+                unlike.append(place)
+        for place, fault in faults_of_pins(drives, unlike, alone).items():
+            element = self.run.elements[place]
+            if fault.other is not None:
+                others.append((element, fault.other))
+            named = element, self.record.pins[element].channel, fault.text
+            faults.setdefault(fault.kind.check, []).append(named)
         order = exchanged_orders(self.model.array, others, count)
         if order is not None:
             exchanged = {element for element, _ in others}
@@ -268,6 +270,7 @@ class _PinJudge:
             carrier_hz=1.0 / record.period_s,
             drift_ppm=record.drift_ppm,
             weights=drives.weights,
+            turns_rad=clock_turns(record, self.run, self.shown),
             right=right,
             judged=judged,
             late_us={int(f): round(float(late[f]) * self._period_us, 1) for f in self._late_frames},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,14 +12,15 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
 
-from .pin_verdict import PinVerdict
 from .pin_weights import SETTLED, pin_weights, wrapped_angles
 from .run_drives import RunDrives
-from .shown_frames import shown_frames
+from .shown_frames import ShownFrames
+
+if TYPE_CHECKING:
+    from .pin_verdict import PinVerdict
 
 
 def why_phases_are_apart(
-    records: Sequence[PinRecord],
     pins: Sequence[PinVerdict],
     frames: Sequence[Intended],
     passes: Sequence[Sequence[int]],
@@ -31,8 +33,8 @@ def why_phases_are_apart(
 
     Parameters
     ----------
-    records, pins : sequences
-        The captures, and the verdict on each.
+    pins : sequence of PinVerdict
+        The verdict on each capture.
     frames : sequence of Intended
         Frames of the run.
     passes : sequence of sequences of int
@@ -43,7 +45,7 @@ def why_phases_are_apart(
     str
         The reason in words; empty: all captures share the phase of every drive.
     """
-    turns = [clock_turns(record, frames) for record in records]
+    turns = [one.turns_rad for one in pins]
     apart: dict[tuple[int, int], int] = {}
     worst_rad: dict[tuple[int, int], float] = {}
     for same in passes:
@@ -78,15 +80,13 @@ def why_phases_are_apart(
     return "; ".join(_lines(pins, len(frames), apart, worst_rad))
 
 
-def clock_turns(record: PinRecord, frames: Sequence[Intended]) -> FloatArray | None:
+def clock_turns(record: PinRecord, run: RunDrives, shown: ShownFrames) -> FloatArray | None:
     """Return the (F,) common phase of the pins against the clock of the carrier, in radians.
 
     NaN: the frame is not seen. None: the reference of the capture is an element.
     """
     if record.reference_element is not None:
         return None
-    run = RunDrives.of(frames, sorted(record.pins), record.carrier_hz)
-    shown = shown_frames(record, run)
     steps, shape = shown.steps, (run.count, len(run.elements))
     lows = np.broadcast_to(shown.starts[:, None], shape) + SETTLED
     highs = np.broadcast_to(shown.ends[:, None], shape) - 1.0

@@ -4,7 +4,11 @@ import tracemalloc
 
 import numpy as np
 
-from haptogram.verification.pins.element_faults import PinDrives, fault_of_pin
+from haptogram.verification.pins.element_faults import (
+    PinDrives,
+    PinFaultKind,
+    faults_of_pins,
+)
 from haptogram.verification.pins.run_drives import RunDrives
 
 FRAMES, ELEMENTS = 20_000, 256
@@ -24,8 +28,9 @@ def test_a_wrong_pin_of_a_long_run_is_named_without_the_drives_of_all_elements()
         0.01,
     )
     tracemalloc.start()
-    text = fault_of_pin(drives, 0, np.ones(FRAMES, np.bool_))
+    fault = faults_of_pins(drives, [0], np.ones(FRAMES, np.bool_))[0]
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert text == "does what element 200 should"
+    assert (fault.kind, fault.other) == (PinFaultKind.OTHER_ELEMENT, 200)
+    assert fault.text == "does what element 200 should"
     assert peak < 8 * FRAMES * ELEMENTS / 2  # all weights are 8 bytes each
