@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern
@@ -52,7 +52,7 @@ class ConjugateFoci:
         self._tried.add(key)
         if latch.steps not in self._classifiers:
             self._classifiers[latch.steps] = PatternClassifier(self._model, latch.steps)
-        found = self._classifiers[latch.steps].classify(np.conj(latch.weights), target_m)
+        found = self._classifiers[latch.steps].classify(self._turned(latch.weights), target_m)
         for kept, seen in ((self._found, found), (self._own, pattern)):
             if isinstance(seen, OneFocus):
                 kept[key] = Aim(target_m, np.array(seen.position_m), np.array(seen.std_m))
@@ -74,6 +74,18 @@ class ConjugateFoci:
         if other is not None:
             detail += f"; and {other.defect}: {other.detail}"
         return Diagnosis(Defect.SIGN, detail, ())
+
+    def _turned(self, weights: ComplexArray) -> ComplexArray:
+        """Return the weights whose wave has the opposite sign of each phase."""
+        response = self._model.response
+        if response is None:
+            return weights.conjugate()
+        # The response of an element, as how it is mounted, is none of the client's.
+        ones = np.ones_like(response)
+        turns: ComplexArray = np.divide(
+            response.conjugate(), response, out=ones, where=response != 0
+        )
+        return weights.conjugate() * turns
 
     def _is_near(self, aim: Aim) -> bool:
         distance_m = np.linalg.norm(aim.target_m - self._model.array.positions_m, axis=1).min()

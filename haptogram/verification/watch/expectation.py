@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_point_array
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern, SeveralFoci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey
@@ -114,6 +115,12 @@ class Expectation:
             offset_m = np.array(pattern.position_m) - target.position_m
             verdicts["S2"] = criteria.is_on_target(target, offset_m)
             measures |= _placed(target, pattern, offset_m)
+        elif all(verdicts.values()) and not self._shows_focus(target, latch.steps):
+            count = int(target.active.sum())
+            note = (
+                f"{count} elements with {latch.steps} steps do not prove a focus: S2 is not judged"
+            )
+            return _as(seen, FrameStatus.NOT_VERIFIED, criteria=verdicts, note=note, **measures)
         else:
             verdicts["S2"] = False
             faults = (f"{pattern.kind} where one focus was expected",)
@@ -138,6 +145,15 @@ class Expectation:
             note="; ".join(notes) if status is not FrameStatus.OFF_TARGET else "",
             **measures,
         )
+
+    def _shows_focus(self, target: FrameTarget, steps: int) -> bool:
+        """Return True if the drive that a target asks for has a focus as its pattern."""
+        step_rad = 2.0 * math.pi / steps
+        phases_rad = np.round(target.phases_rad / step_rad) * step_rad
+        ideal = np.zeros(len(target.active), dtype=np.complex128)
+        ideal[target.active] = np.exp(1j * phases_rad[target.active])
+        found = PatternClassifier(self._model, steps).classify(ideal, target.position_m)
+        return isinstance(found, OneFocus)
 
     def _make_target(self, place_m: Vector, amplitudes: bytes, steps: int) -> FrameTarget:
         limit_rad = math.pi / min(steps, _FINEST_STEPS) + _ROUNDING_RAD

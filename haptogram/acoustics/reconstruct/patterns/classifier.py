@@ -204,8 +204,7 @@ class PatternClassifier:
         """Return a focus of nearly all elements at one of *places*, or in the middle of a bowl."""
         sounding = np.abs(drive) > _SILENT
         arrivals = np.where(sounding, np.exp(1j * np.angle(drive)), 0.0)
-        in_bowl = search.focus_of_bowl(arrivals)
-        for place in [*places, *([] if in_bowl is None else [in_bowl])]:
+        for place in [*places, *search.foci_of_bowl(arrivals)]:
             local = self._model.array.local_m(place[None])[0]
             found = explain_turning_pattern(phases, local, self._limit_rad, near=True)
             if found is not None and found.used.mean() >= _SUFFICES:

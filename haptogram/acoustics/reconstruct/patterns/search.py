@@ -33,6 +33,8 @@ _AT_A_TIME: Final = 256  # points: temporaries stay in the cache
 _AXES: Final = "xyz"
 _LEAST_BEND: Final = 0.1  # of the sum of normals, across where they point
 _BOWL: Final = 0.4  # of the radius of a bowl: a search around its middle
+_BOWL_STARTS: Final = 6
+_BOWL_CELLS: Final = 400  # among which these are looked for
 _MOST_BOWL_STEPS: Final = 12  # each way: 7 000 points
 _CLEARANCE_M: Final = 0.010  # of a point from the elements of the other board
 
@@ -75,6 +77,7 @@ class PatternSearch:
     def __init__(self, model: AcousticModel, side: BoolArray) -> None:
         array = model.array
         self.side = side
+        self._wavelength_m = model.wavelength_m
         self._axes, self._centre = array.axes, array.centre_m
         own = TransducerArray.from_positions(array.positions_m[side], array.normals[side])
         one_side = AcousticModel(own, model.medium, model.transducer)
@@ -126,16 +129,20 @@ class PatternSearch:
         ]
         return sorted(found, key=lambda start: -start.score)
 
-    def focus_of_bowl(self, arrivals: ComplexArray) -> FloatArray | None:
-        """Return the point around the middle of a bowl at which all waves agree best.
+    def foci_of_bowl(self, arrivals: ComplexArray) -> list[FloatArray]:
+        """Return points around the middle of a bowl at which the waves agree best, the best first.
 
-        A focus of a bowl is as small as a wavelength: between the cells of a volume it is lost.
+        A focus of a bowl is as small as a wavelength: between the cells of a volume it is lost, and
+        between those here a lobe beside it may agree as well.
         """
         if not len(self._bowl_cells):
-            return None
+            return []
         sums = np.abs(self._bowl_phasors @ arrivals.astype(np.complex64))
-        place: FloatArray = self._bowl_cells[int(sums.argmax())]
-        return place
+        found: list[FloatArray] = []
+        for cell in self._bowl_cells[np.argsort(-sums)[:_BOWL_CELLS]]:
+            if all(np.linalg.norm(cell - other) > self._wavelength_m / 2.0 for other in found):
+                found.append(cell)
+        return found[:_BOWL_STARTS]
 
     def loudest(self, weights: ComplexArray, count: int) -> list[FloatArray]:
         """Return points where most arrives, the strongest of each region first."""

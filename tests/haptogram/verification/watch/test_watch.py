@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import pattern_drives as drives
-from haptogram.acoustics import focus_phases
-from haptogram.acoustics.model.boards.table import LAYOUTS
+from haptogram.acoustics import Calibration, focus_phases
+from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT, LAYOUTS
 from haptogram.errors import ConfigurationError
 from haptogram.records.remark import About
 from haptogram.verification import FrameStatus, Tolerance, Verdict
@@ -433,6 +433,40 @@ def test_an_expected_focus_is_looked_for_where_it_is_expected(steps):
     run = watched(array, [], places)
     for seen in latches(array, steps, places):
         assert run.take(seen).verdict.status is FrameStatus.ON_TARGET
+
+
+@pytest.mark.parametrize("radius_m", [0.008, 0.011, 0.014])
+def test_a_focus_of_bowls_is_found_without_being_expected(radius_m):
+    array = LAYOUTS["tinylev"].array()
+    ways = np.random.default_rng(4).normal(size=(6, 3))
+    places = array.centre_m + radius_m * ways / np.linalg.norm(ways, axis=1)[:, None]
+    for place, seen in zip(places, latches(array, 128, places), strict=True):
+        pattern = watched(array, []).take(seen).pattern
+        assert pattern.kind == "one focus"
+        np.testing.assert_allclose(pattern.position_m, place, atol=3e-4)
+
+
+def test_elements_too_few_for_a_focus_are_not_verified():
+    """Eight of them prove nothing: the right drive is no wrong one, and a wrong one is."""
+    array = LAYOUT_OF_DIALECT["ultraino-nano8"].array()
+    target = np.array([[0.004, 0.005, 0.04]])
+    run = watched(array, latches(array, 24, target), target)
+    assert run.result().statuses == {FrameStatus.NOT_VERIFIED: 1}
+    assert run.result().verdict is Verdict.INCONCLUSIVE
+    run = watched(array, latches(array, 24, mirrored(array, target)), target)
+    assert run.result().verdict is Verdict.FAIL
+
+
+def test_the_mounting_of_elements_does_not_hide_the_sign_of_their_phases():
+    array = LAYOUTS["sonicsurface"].array()
+    turned = np.random.default_rng(2).integers(0, 2, 256) * np.pi
+    model = model_of(array).calibrated(Calibration(np.ones(256), turned, array.positions_m))
+    targets = targets_of(array)[:1]
+    response = np.exp(1j * turned)
+    watch = Watch(model, expectation=Expectation(model, list(targets)))
+    for seen in latches(array, 32, targets, spoil=lambda w: np.conj(w) / response):
+        watch.take(seen)
+    assert named(watch.result()) == [Defect.SIGN]
 
 
 # --- results --------------------------------------------------------------------------------------
