@@ -20,6 +20,7 @@ from .scene import Scene, other_axes
 
 KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
 _OF_THE_WATCH: Final = frozenset({"wire_compared", "client_left"})  # nothing for a reader
+_LONGEST_NAME: Final = 80  # characters of the name of a board
 _AT_ONCE: Final = 2_000  # frames in one answer: a megabyte
 
 
@@ -57,7 +58,8 @@ class LiveScene:
         if board["kind"] != "board" or "firmware" not in board:
             raise ConfigurationError("the first record of a back door must be of the board")
         self.model = board_model(board)
-        self.firmware = printable_text(str(board.get("dialect") or board["firmware"]))
+        name = printable_text(str(board.get("dialect") or board["firmware"]))
+        self.firmware = name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…"
         self._channels = board.get("channels", ())
         self._client_axes = other_axes(board.get("client_axes"))
         self._has_states = "dialect" not in board  # those of other dialects have none

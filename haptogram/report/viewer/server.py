@@ -135,7 +135,10 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         view = self.server.view
         path, _, query = self.path.partition("?")
         # A page of another name that leads here (DNS rebinding) must not read what is shown.
-        if view.is_local and self.headers.get("Host") not in view.hosts:
+        host, origin = self.headers.get("Host"), self.headers.get("Origin")
+        # Our own page asks without an origin, or with that of the address that it has.
+        is_foreign = origin is not None and origin != f"http://{host}"
+        if is_foreign or (view.is_local and host not in view.hosts):
             self.send_error(HTTPStatus.FORBIDDEN)
         elif secrets.compare_digest(path.encode(), view.path.encode()):
             self._answer(view.page.encode(), "text/html; charset=utf-8")

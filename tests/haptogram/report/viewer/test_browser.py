@@ -309,18 +309,6 @@ def test_everything_with_a_meaning_has_a_name(page: Any) -> None:
     assert nameless == []
 
 
-def test_who_asked_for_little_motion_gets_a_picture_a_second(
-    tmp_path: Path, open_page: Callable[..., Any]
-) -> None:
-    address = _scene_page(tmp_path, _run_of_four())
-    for motion, pause_ms in (("reduce", 1000), ("no-preference", 50)):
-        page = open_page(address, reduced_motion=motion)
-        # Modules keep their names to themselves: what they ask the system is what tells.
-        asked = "() => matchMedia('(prefers-reduced-motion: reduce)').matches"
-        assert page.evaluate(asked) is (pause_ms == 1000)
-        assert page.evaluate("() => haptogramViewer.playing") is False
-
-
 def test_an_address_shows_a_frame_that_no_table_lists(
     tmp_path: Path, open_page: Callable[..., Any]
 ) -> None:

@@ -22,6 +22,7 @@ import serial
 import haptogram
 import sim_device
 from haptogram.acoustics import Drive
+from haptogram.cli import main
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model
@@ -75,10 +76,14 @@ class Answer(NamedTuple):
     body: bytes
 
 
-def ask(server: ViewServer, path: str, host: str | None = None) -> Answer:
+def ask(
+    server: ViewServer, path: str, host: str | None = None, origin: str | None = None
+) -> Answer:
     connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=20)
     with contextlib.closing(connection):
-        connection.request("GET", path, headers={} if host is None else {"Host": host})
+        told = {"Host": host, "Origin": origin}
+        headers = {name: text for name, text in told.items() if text is not None}
+        connection.request("GET", path, headers=headers)
         answer = connection.getresponse()
         return Answer(answer.status, answer.headers["Content-Security-Policy"], answer.read())
 
@@ -182,6 +187,38 @@ def test_only_this_machine_by_its_own_name_is_answered(server: ViewServer) -> No
     assert ask(server, "/etc/passwd").status == 404
 
 
+@pytest.mark.parametrize("path", ["/", "/frames?after=0"])
+def test_a_page_of_another_origin_is_not_answered(server: ViewServer, path: str) -> None:
+    host = f"127.0.0.1:{server.port}"
+    assert ask(server, path, host, origin=f"http://{host}").status == 200
+    for origin in ("http://evil.example", f"https://{host}", "null", ""):
+        assert ask(server, path, host, origin=origin).status == 403
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "<script>window.obeyed = 1</script>",
+        "</script><svg onload='window.obeyed = 1'>",
+        "\x00\x1b[31mred\u202e",
+        10_000 * "A",
+    ],
+    ids=["script", "end of script", "control characters", "long"],
+)
+def test_a_page_shows_the_name_of_a_board_and_does_not_obey_it(
+    name: str, records: list[dict[str, Any]], tmp_path: Path, open_page: Callable[..., Any]
+) -> None:
+    source, path = tmp_path / "board.jsonl", tmp_path / "view.html"
+    told = [records[0] | {"firmware": name}, *records[1:]]
+    source.write_text("".join(json.dumps(record) + "\n" for record in told))
+    assert main(["view", str(source), "--html", str(path)]) == 0
+    assert not set("\x00\x1b\u202e") & set(path.read_text(encoding="utf-8"))
+    page = open_page(path.as_uri(), viewport={"width": 400, "height": 900})
+    assert page.evaluate("() => window.obeyed ?? null") is None
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 400
+    assert page.locator(".banner").bounding_box()["height"] < 900
+
+
 def test_other_machines_need_the_token(records: list[dict[str, Any]]) -> None:
     server = ViewServer("<p>page</p>", LiveScene(records[0]), "0.0.0.0")
     try:
@@ -233,6 +270,29 @@ def test_strange_requests_are_refused_in_silence(
 
 
 # --- browser ------------------------------------------------------------------------------------
+
+
+_DELAYS = """() => {
+  const wait = window.setTimeout;
+  window.delays = [];
+  window.setTimeout = (act, ms) => { delays.push(ms); return wait(act, ms); };
+}"""
+
+
+@pytest.mark.parametrize(("motion", "pause_ms"), [("reduce", 1000), ("no-preference", 50)])
+def test_who_asked_for_little_motion_gets_a_picture_a_second(
+    motion: str,
+    pause_ms: int,
+    server: ViewServer,
+    records: list[dict[str, Any]],
+    open_page: Callable[..., Any],
+) -> None:
+    take(server, records[1:])
+    page = open_page(server.address, reduced_motion=motion)
+    page.add_init_script(f"({_DELAYS})()")
+    page.reload()
+    page.wait_for_function("() => delays.length")
+    assert set(page.evaluate("() => delays")) == {pause_ms}
 
 
 def test_page_follows_the_board(
