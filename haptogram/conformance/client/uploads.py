@@ -21,6 +21,9 @@ from haptogram_protocol.messages import (
 from ..outcome import check
 from .board_client import BoardClient
 
+#: Every sequence that cases store, but those of a case that fills the store: a board may have room
+#: for few, and none can be deleted.
+SEQUENCES: Final = (1, 2, 3, 4, 5, 6, 7, 0x0101, 0x0201, 0x8001)
 _LARGEST_CHUNK: Final = 1024
 
 

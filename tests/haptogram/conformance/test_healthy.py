@@ -1,6 +1,5 @@
 """The healthy board passes everything, and what nothing can show is known by name."""
 
-import contextlib
 import dataclasses
 import functools
 from typing import ClassVar
@@ -10,11 +9,11 @@ from boards import Wrapped, run, virtual
 
 from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases
+from haptogram.conformance.client.uploads import SEQUENCES
 from haptogram.conformance.verdict import Behaviour
 from haptogram.records.frame import Evidence
-from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import FrameDecoder
-from haptogram_protocol.messages import Feature, UploadCommit, parse_body
+from haptogram_protocol.framing import HEADER_BYTES, FrameDecoder
+from haptogram_protocol.messages import Feature, UploadCommit, UploadCommitReply
 from sim_device.board.board import Board
 from sim_device.mutants.mutant import Mutant
 from sim_device.mutants.replies import GapsLimited
@@ -55,29 +54,35 @@ NOT_HERE = {"HG-1.2/2", "HG-1.2/3", "HG-7.1/2"}
 SMALL = {"HG-2.2/1"}
 
 
-#: Sequences that cases store, all together: none can be deleted, and a board may hold few.
-MOST_SEQUENCES = 11
-#: Targets of commits that a board refuses, and of the phase correction.
-NOT_STORED = {0, 0xEEEE}
+#: High byte of the sequences of the case that fills the store.
+FILLING = 0x60
 
 
-class Commits(Wrapped):
-    """Notes the targets of all UPLOAD_COMMIT."""
+class Stored(Wrapped):
+    """Notes the sequences that the board took."""
 
     targets: ClassVar[set[int]] = set()
 
     def write_some(self, data):
-        written = super().write_some(data)
-        for body in FrameDecoder().feed(data[:written]):
-            if isinstance(body, bytes) and body[0] == UploadCommit.TYPE:
-                with contextlib.suppress(RemoteProtocolError):
-                    self.targets.add(parse_body(body)[1].target)
-        return written
+        for body in bodies(data):
+            if body[0] == UploadCommit.TYPE:
+                self.target = int.from_bytes(body[HEADER_BYTES:][:2], "little")
+        return super().write_some(data)
+
+    def read_available(self, deadline_ns):
+        data = super().read_available(deadline_ns)
+        if any(body[0] == UploadCommitReply.TYPE for body in bodies(data)):
+            self.targets.add(self.target)
+        return data
+
+
+def bodies(data):
+    return [body for body in FrameDecoder().feed(data) if isinstance(body, bytes)]
 
 
 @functools.cache
 def result(array, baud=3_000_000, depth=Depth.QUICK):
-    return run(virtual(array=array, baud=baud, wrap=Commits), depth=depth)
+    return run(virtual(array=array, baud=baud, wrap=Stored), depth=depth)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +115,9 @@ def test_the_healthy_board_passes_everything(array, baud, not_here, depth):
     assert others == {Behaviour.OK, Behaviour.NOT_OBSERVED}
     assert suite.exit_status == 0
     assert suite.device["firmware"] == "haptogram-sim 1"
-    assert 5 < len(Commits.targets - NOT_STORED) <= MOST_SEQUENCES
+    correction = {0}
+    stored = {target for target in Stored.targets - correction if target >> 8 != FILLING}
+    assert stored <= set(SEQUENCES)
 
 
 def test_the_same_seed_gives_the_same_result():

@@ -37,7 +37,7 @@ from .moments.refusals import refuse
 from .stream_types import DROPS, frames_to_drop
 
 _MS: Final = 1000
-_SEQUENCE: Final = 41
+_SEQUENCE: Final = 4
 _LEASE_MS: Final = 20
 _GAP: Final = 7
 _WINDOW_US: Final = 100_000

@@ -18,7 +18,7 @@ from ....judge.timers import muted_by_timer
 from ....outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
-_SEQUENCE: Final = 52
+_SEQUENCE: Final = 5
 _SHORT_MS: Final = 20
 
 Found: TypeAlias = tuple[OutputState, MuteReason]

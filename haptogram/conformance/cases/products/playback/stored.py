@@ -27,7 +27,7 @@ from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import board_latches, full_drive
 from ....client.playback import play_now, play_out
-from ....client.uploads import upload_to_board
+from ....client.uploads import SEQUENCES, upload_to_board
 from ....outcome import SELF_REPORTED, check
 
 _IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
@@ -148,6 +148,8 @@ def others_are_uploaded_meanwhile(board: BoardClient) -> None:
 def many_sequences_are_stored(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.CRC)
     store, count = Store(board), board.identity.transducers
+    for sequence in SEQUENCES:  # later cases find room for theirs
+        store.put(sequence, 1)
     board.arm()
     held = _refused_play(board, _ABSENT)
     for sequence in range(_ABSENT + 1, _ABSENT + 1 + _MANY):

@@ -19,7 +19,7 @@ from ....outcome import SELF_REPORTED, CaseEndedError, check
 from ..stream_types import DROPS
 
 _MS: Final = 1000
-_SEQUENCE: Final = 53
+_SEQUENCE: Final = 6
 _GAP: Final = 7
 _AHEAD_US: Final = 8_000_000
 #: Counters of steps 6 to 10 of HG-3.8, which come before the output state.
