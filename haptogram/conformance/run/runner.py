@@ -29,7 +29,7 @@ CaseProgress: TypeAlias = Callable[[int, int, str], None]
 _HELD_UP_S: Final = 1.0  # a host held up for longer may have missed a timer of the board
 _DOUBTFUL: Final = (Behaviour.FAILED, Behaviour.INCONCLUSIVE)
 _TRIES: Final = 3
-_EARLY_US: Final = 2_500_000  # how long a case may wait for the wrap of the clock
+_EARLY_US: Final = 1_800_000  # how long a case may wait for the wrap of the clock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -48,7 +48,7 @@ def any_frame_renews(board: BoardClient) -> None:
     for name, make in kinds.items():
         board.arm()
         since = board.link.mark()
-        for _ in range(6):
+        for _ in range(4):
             board.link.send(make())
             board.wire.idle(100 * _MS)
         check(not board.link.events(StateChanged, since), f"{name} does not renew the lease")

@@ -50,7 +50,7 @@ def ramps_begin_below_the_ceiling(board: BoardClient) -> None:
         board.arm()
         latch_now(board, drives)
         _judge(board, ramp_ms, amplitudes, "of a stream frame")
-        if played:
+        if played and (number % 2 == 0 or not board.wire.limits.slack_us):
             board.arm()
             play_now(board, _SEQUENCE, loops=1)
             board.clock.wait_latched()

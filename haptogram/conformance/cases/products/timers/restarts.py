@@ -246,7 +246,7 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
             yield message.TYPE.name, partial(_request, board, message)
             name = f"{message.TYPE.name} with an unknown flag"
             yield name, partial(_request, board, message, flags=_UNKNOWN_FLAG)
-    for refusal in refused_by_value(board):
+    for refusal in refused_by_value(board) if not board.wire.limits.slack_us else ():
         if refusal.kind != Hello.TYPE:  # which is of no session
             yield refusal.name, partial(_refused_request, board, refusal)
 
