@@ -13,7 +13,7 @@ import numpy as np
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
-from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern
+from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern, Unnamed
 from haptogram.records.remark import About
 from haptogram.settings.arguments import check_whole
 
@@ -30,6 +30,8 @@ _REMEMBERED: Final = 1024  # drives; clients show the same ones again and again
 _TIMED: Final = 4096
 _MOST_AIMS: Final = 64  # targets that a mistake must explain
 _FOCUSED: Final = 0.8  # of the latches that were expected to be a focus, for a mistake to be named
+_MOST_NOTES: Final = 4
+_LEAST_ELEMENTS: Final = 12  # that prove a focus, with 16 steps
 _SILENT_KINDS: Final = ("off", "uniform")
 
 
@@ -76,6 +78,8 @@ class Watch:
         self._aims: dict[tuple[float, ...], Aim] = {}
         self._conjugates = ConjugateFoci(model)
         self._latches = self._frames = self._focused = self._missed = 0
+        self._only_phases = 0  # wrong frames whose focus is right
+        self._notes: dict[str, None] = {}  # why frames are not verified
 
     def take(self, latch: SeenLatch) -> WatchedLatch:
         """Return a latch with its pattern, verdict and defects."""
@@ -161,8 +165,11 @@ class Watch:
         foci = self._expectation.frame(index)
         if len(foci) > 1 or latch.torn:
             return verdict
+        if verdict.status is FrameStatus.NOT_VERIFIED and len(self._notes) < _MOST_NOTES:
+            self._notes.setdefault(verdict.note)
         if verdict.status in WRONG:
             self._missed += 1
+            self._only_phases += [n for n, ok in verdict.criteria.items() if not ok] == ["S1"]
             self._conjugates.take(latch, pattern, foci[0])
         if isinstance(pattern, OneFocus):
             self._focused += 1
@@ -182,9 +189,19 @@ class Watch:
         return [] if found is None else [found]
 
     def _hints(self) -> Iterator[str]:
-        """Yield what may explain where the foci are, and is not proven."""
+        """Yield what may explain where the foci are and is not proven, and why others are not."""
+        yield from (f"not verified: {note}" for note in self._notes)
+        count = self._model.array.count
+        if count < _LEAST_ELEMENTS and self._expectation is None and Unnamed.kind in self._kinds:
+            yield f"{count} elements prove no pattern: with --expect their phases are judged"
         if self._are_off_target and (text := hint_at_speed(self._model, [*self._aims.values()])):
             yield f"the foci are where they would be if {text}"
+        elif self._missed and self._missed == self._only_phases:
+            yield (
+                "every focus is where it was expected; single phases are off by more than half a "
+                "step (S1), as of codes that are cut off or of air that differs a little: "
+                "--tolerance-mm and --tolerance-c allow for that"
+            )
 
     @property
     def _are_off_target(self) -> bool:

@@ -184,6 +184,16 @@ def test_one_target_is_enough_for_a_hint_at_the_speed_of_sound():
     assert watched(array, latches(array, 128, aside), targets).result().hints == ()
 
 
+def test_foci_in_place_whose_codes_are_cut_off_are_a_hint_at_tolerances():
+    array = LAYOUTS["sonicsurface"].array()
+    targets = targets_of(array)[:2]
+    seen = latches(array, 32, targets, spoil=lambda w: w * np.exp(0.12j * (np.arange(256) % 2)))
+    result = watched(array, seen, targets).result()
+    assert result.verdict is Verdict.FAIL
+    (hint,) = result.hints
+    assert hint.startswith("every focus is where it was expected; single phases are off")
+
+
 @pytest.mark.parametrize("board", ["sonicsurface", "ultraino-flat8", "sonicsurface-stack"])
 def test_phases_of_the_opposite_sign_are_named_from_one_target_on(board):
     """A flat array radiates no focus then; nothing else would make the conjugate one."""
@@ -453,6 +463,10 @@ def test_elements_too_few_for_a_focus_are_not_verified():
     run = watched(array, latches(array, 24, target), target)
     assert run.result().statuses == {FrameStatus.NOT_VERIFIED: 1}
     assert run.result().verdict is Verdict.INCONCLUSIVE
+    told = "8 elements with 24 steps do not prove a focus: S2 is not judged"
+    assert run.result().hints == (f"not verified: {told}",)
+    told = "8 elements prove no pattern: with --expect their phases are judged"
+    assert watched(array, latches(array, 24, target)).result().hints == (told,)
     run = watched(array, latches(array, 24, mirrored(array, target)), target)
     assert run.result().verdict is Verdict.FAIL
 
