@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
@@ -18,6 +19,7 @@ from haptogram.records.pins import PinRecord
 from ..verdict import Verdict
 from .element_faults import PinFaultKind, exchanged_orders, faults_of_pins, grouped_faults
 from .pin_verdict import PinLimits, PinVerdict
+from .pin_weights import shared_phase, wrapped_angles
 from .run_drives import Bools, RunDrives
 from .shared_phase import clock_turns
 from .shown_frames import FIT_SHARE, CaptureLimits, ShownFrames, shown_frames
@@ -82,6 +84,8 @@ class _PinJudge:
         fits = self._check_fit(seen)
         alone = self._name_faults(seen) if fits else seen
         judged = seen if fits else np.zeros_like(seen)
+        if fits:
+            self._check_turns(seen)
         torn = self._check_torn() if fits else 0
         end = self._end() if fits else EndOfSound()
         self._check_carrier()
@@ -219,6 +223,32 @@ class _PinJudge:
                 self._find(kind, line)
         return alone
 
+    @cached_property
+    def _turns_rad(self) -> FloatArray | None:
+        return clock_turns(self.record, self.run, self.shown)
+
+    def _check_turns(self, judged: Bools) -> None:
+        """Find frames in which all pins are turned together against the clock of the carrier.
+
+        A phase that the whole array has moves no focus. Pins outside the capture may lack it.
+        """
+        turns = self._turns_rad
+        if turns is None:
+            return
+        frames = np.flatnonzero(judged & np.isfinite(turns))
+        away = wrapped_angles(turns[frames] - shared_phase(turns[frames], self._limits.phase_rad))
+        limit = 2.0 * self._limits.phase_rad + self.run.allowed_rad[frames]
+        for place in np.flatnonzero(np.abs(away) > limit):
+            self._find(
+                "phases",
+                f"frame {frames[place]}: all pins are turned by {np.degrees(away[place]):+.1f} "
+                "degrees against the clock of the carrier",
+            )
+
+    @cached_property
+    def _limits(self) -> CaptureLimits:
+        return CaptureLimits.of(self.record)
+
     def _check_carrier(self) -> None:
         drift = self.record.drift_ppm
         if abs(drift) > _MOST_DRIFT_PPM:
@@ -246,7 +276,7 @@ class _PinJudge:
         right = self.shown.right & self.shown.seen[:, None]
         errors, sizes = drives.every_error()
         sounding = right & np.isfinite(errors)
-        limits = CaptureLimits.of(record)
+        limits = self._limits
         return PinVerdict(
             name=record.name,
             verdict=verdict,
@@ -270,7 +300,7 @@ class _PinJudge:
             carrier_hz=1.0 / record.period_s,
             drift_ppm=record.drift_ppm,
             weights=drives.weights,
-            turns_rad=clock_turns(record, self.run, self.shown),
+            turns_rad=self._turns_rad,
             right=right,
             judged=judged,
             late_us={int(f): round(float(late[f]) * self._period_us, 1) for f in self._late_frames},
@@ -281,6 +311,11 @@ class _PinJudge:
     def _notes(self) -> Iterator[str]:
         record = self.record
         yield from record.notes
+        if record.reference_element is not None:
+            yield (
+                f"phases are relative to element {record.reference_element}: a phase that all "
+                "captured pins have does not show; capture the clock of the carrier to see it"
+            )
         needed_hz = record.carrier_hz * _SAMPLES_OF_8_BITS
         if record.sample_rate_hz < needed_hz * 0.999:
             yield (

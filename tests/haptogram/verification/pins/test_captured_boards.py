@@ -113,6 +113,24 @@ def test_a_mirrored_map_is_named(tmp_path):
     assert "show the drives of other elements: x mirrored" in line
 
 
+@pytest.mark.parametrize("pins", [(0, 1, 5, 10), tuple(range(16))])
+def test_a_frame_in_which_all_pins_are_turned_together_fails_against_a_clock(pins, tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP | some_pins(*pins)))
+    begin, end = record.latches[4:6]
+    turned = record
+    for element, pin in record.pins.items():
+        shift = 0.1 * ((pin.rises >= begin) & (pin.rises < end))
+        turned = changed(turned, element, rises=pin.rises + shift, falls=pin.falls + shift)
+    (found,) = judged_record(run, turned).pins
+    (line,) = found.findings["phases"]
+    assert line.startswith("frame 4: all pins are turned by +3")
+    assert found.verdict is Verdict.FAIL
+    blind = dataclasses.replace(turned, reference_element=pins[0])
+    (found,) = judged_record(run, blind).pins
+    assert "phases are relative to element 0" in found.notes[-1]
+
+
 def test_two_wires_that_were_exchanged_are_named(tmp_path):
     run = captured_run(tmp_path / "pins.vcd")
     elements = {f"e{n}": n for n in range(16)} | {"e3": 9, "e9": 3}

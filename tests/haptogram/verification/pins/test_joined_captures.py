@@ -61,9 +61,9 @@ def test_captures_that_are_apart_in_one_frame_pass_nothing(tmp_path):
     found = verify_captures(
         [first, turned(second, 0.25, begin, second.latches[5])], run.intended, model=MODEL
     )
-    assert found.verdict is not Verdict.PASS
-    assert found.pins[1].verdict is Verdict.PASS  # by itself: all of its pins share the phase
-    assert "degrees apart against the clock of the carrier in 1 of 12 frames" in found.reasons[0]
+    assert found.verdict is Verdict.FAIL
+    assert "frame 4: all pins are turned by +90.0 degrees against the clock" in found.reasons[0]
+    assert "degrees apart against the clock of the carrier in 1 of 12 frames" in found.reasons[1]
 
 
 def test_an_element_in_both_captures_makes_up_for_a_clock(tmp_path):
