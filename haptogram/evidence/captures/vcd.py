@@ -5,8 +5,7 @@ The file is read in chunks, each of which becomes arrays of tokens; nothing is k
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
@@ -17,15 +16,11 @@ from numpy.typing import NDArray
 from haptogram.errors import ConfigurationError
 from haptogram.settings.text_file import plain_reason
 
-from .capture import MOST_CHANNELS, MOST_EDGES, Capture, ChannelEdges
+from .capture import MOST_EDGES, Capture, ChannelEdges
+from .vcd_header import LONGEST_ID, VcdHeader, read_vcd_header
 
 _CHUNK: Final = 4 << 20  # bytes
-_LONGEST_HEADER: Final = 1 << 22
-_END_OF_HEADER: Final = re.compile(rb"\$enddefinitions\s+\$end")
-_TIMESCALE: Final = re.compile(r"(1|10|100)\s*(s|ms|us|ns|ps|fs)")
-_UNITS_S: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ps": 1e-12, "fs": 1e-15}
 _MOST_DIGITS: Final = 18
-_LONGEST_ID: Final = 7  # characters: packed into an int64
 _HASH, _DOLLAR, _ZERO, _ONE = (ord(c) for c in "#$01")
 _SCALARS: Final = np.frombuffer(b"01xXzZ", np.uint8)
 _VECTORS: Final = np.frombuffer(b"bB", np.uint8)
@@ -33,12 +28,6 @@ _WORDS: Final = np.frombuffer(b"bBrRsS", np.uint8)  # vectors, reals and texts (
 
 _Bytes: TypeAlias = NDArray[np.uint8]
 _Numbers: TypeAlias = NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True)
-class _Header:
-    tick_s: float
-    names: Mapping[str, int]  # channel -> identifier code, packed
 
 
 def read_vcd(path: Path) -> Capture:
@@ -53,7 +42,7 @@ def read_vcd(path: Path) -> Capture:
     """
     try:
         with path.open("rb") as file:
-            header, rest = _read_header(path, file)
+            header, rest = read_vcd_header(path, file)
             body = _Body(path, sorted(set(header.names.values())))
             cut = ""
             for chunk, is_whole in _chunks(path, file, rest):
@@ -62,76 +51,6 @@ def read_vcd(path: Path) -> Capture:
     except OSError as error:
         raise ConfigurationError(f"cannot read {path}: {plain_reason(error)}") from error
     return body.capture(header, cut)
-
-
-def _read_header(path: Path, file: BinaryIO) -> tuple[_Header, bytes]:
-    """Return the declarations, and the bytes that were read after them."""
-    data = b""
-    while (end := _END_OF_HEADER.search(data)) is None:
-        more = file.read(1 << 16)
-        if not more or len(data) > _LONGEST_HEADER:
-            raise ConfigurationError(
-                f"{path}: no $enddefinitions: it is no VCD, or was cut off in its header"
-            )
-        data += more
-    words = data[: end.start()].decode("ascii", "replace").split()
-    return _declarations(path, words), data[end.end() :]
-
-
-def _declarations(path: Path, words: list[str]) -> _Header:
-    scopes: list[str] = []
-    found: list[tuple[str, str, int]] = []
-    tick_s = None
-    for keyword, body in _sections(words):
-        if keyword == "$timescale":
-            tick_s = _timescale(path, " ".join(body))
-        elif keyword == "$scope":
-            scopes.append(body[-1] if body else "")
-        elif keyword == "$upscope" and scopes:
-            scopes.pop()
-        elif keyword == "$var" and len(body) >= 4 and body[1] == "1":
-            found.append((".".join([*scopes, body[3]]), body[3], _packed(path, body[2])))
-    if tick_s is None:
-        raise ConfigurationError(f"{path}: no $timescale; the times of its edges are unknown")
-    if not 1 <= len(found) <= MOST_CHANNELS:
-        raise ConfigurationError(
-            f"{path}: {len(found)} channels of one bit, must be 1 to {MOST_CHANNELS}"
-        )
-    return _Header(tick_s, _named(found))
-
-
-def _sections(words: list[str]) -> Iterator[tuple[str, list[str]]]:
-    """Yield each keyword with the words up to its $end."""
-    begin = 0
-    for place, word in enumerate(words):
-        if word == "$end":
-            if begin < place:
-                yield words[begin], words[begin + 1 : place]
-            begin = place + 1
-
-
-def _timescale(path: Path, text: str) -> float:
-    if (found := _TIMESCALE.fullmatch(text)) is None:
-        raise ConfigurationError(
-            f"{path}: $timescale is {text!r}, must be 1, 10 or 100 and s, ms, us, ns, ps or fs"
-        )
-    return int(found[1]) * _UNITS_S[found[2]]
-
-
-def _packed(path: Path, code: str) -> int:
-    if len(code) > _LONGEST_ID:
-        raise ConfigurationError(
-            f"{path}: identifier {code!r} has {len(code)} characters, can have {_LONGEST_ID}"
-        )
-    return int.from_bytes(code.encode("latin-1", "replace"), "big")
-
-
-def _named(found: list[tuple[str, str, int]]) -> dict[str, int]:
-    """Return the channels by their own name where only one has it, else with their scopes."""
-    owners: dict[str, set[str]] = {}
-    for full, short, _ in found:
-        owners.setdefault(short, set()).add(full)
-    return {short if len(owners[short]) == 1 else full: code for full, short, code in found}
 
 
 def _chunks(path: Path, file: BinaryIO, rest: bytes) -> Iterator[tuple[_Bytes, bool]]:
@@ -290,7 +209,7 @@ class _Body:
                 f"{self.path}: more than {MOST_EDGES} edges; capture a shorter time"
             )
 
-    def capture(self, header: _Header, cut: str) -> Capture:
+    def capture(self, header: VcdHeader, cut: str) -> Capture:
         """Return everything that was read."""
         nothing = np.zeros(0, np.int64)
         by_code = {}
@@ -328,10 +247,10 @@ def _packed_tokens(data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
     """Return the tokens as numbers of base 256; -1 for one that is too long to be known."""
     lengths = ends - starts
     packed: _Numbers = np.zeros(len(starts), np.int64)
-    for place in range(min(int(lengths.max(initial=0)), _LONGEST_ID)):
+    for place in range(min(int(lengths.max(initial=0)), LONGEST_ID)):
         has = lengths > place
         packed[has] = packed[has] * 256 + data[starts[has] + place]
-    packed[lengths > _LONGEST_ID] = -1
+    packed[lengths > LONGEST_ID] = -1
     return packed
 
 

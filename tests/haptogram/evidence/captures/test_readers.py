@@ -45,6 +45,19 @@ TYPED = {
         "#0 b0 b b1 # r1.5 $ b10 1\n#3 b1 b\n#4 0# 0b\n#5 b11 1\n",
         {"A": (False, [3, 4]), "B": (True, [4])},
     ),
+    "names with spaces, as Saleae writes them, and bits of a vector": (
+        "$timescale 1 ns $end $scope module logic $end\r\n"
+        '$var wire 1 ! Channel 0 $end\r\n$var wire 1 " Channel 1 $end\r\n'
+        "$var wire 1 # d [0] $end $var wire 1 $ d [1] $end\r\n$upscope $end\r\n"
+        '$enddefinitions $end\r\n#0\r\n$dumpvars\r\n0!\r\n1"\r\n0#\r\n0$\r\n$end\r\n'
+        '#4\r\n1!\r\n1$\r\n#6\r\n0"\r\n$dumpoff\r\nx#\r\n$end\r\n#9\r\n',
+        {
+            "Channel 0": (False, [4]),
+            "Channel 1": (True, [6]),
+            "d[0]": (False, []),
+            "d[1]": (False, [4]),
+        },
+    ),
     "comments and scopes": (
         "$date today $end $timescale\n 1us\n$end\n"
         "$scope module a $end $var wire 1 ! clk $end $upscope $end\n"
@@ -73,6 +86,13 @@ def test_edges_are_those_counted_by_hand(name, size, tmp_path, monkeypatch):
     capture = vcd.read_vcd(file)
     assert edges_of(capture) == expected
     assert capture.cut == ""
+
+
+def test_two_channels_of_one_name_are_refused(tmp_path):
+    file = tmp_path / "typed.vcd"
+    file.write_text(HEAD.replace(" B ", " A ") + '#0 0! 0"\n#5 1!\n')
+    with pytest.raises(ConfigurationError, match="2 channels are named 'A'; give each its own"):
+        vcd.read_vcd(file)
 
 
 def test_undefined_levels_are_counted_and_the_scale_is_read(tmp_path):

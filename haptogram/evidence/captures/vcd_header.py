@@ -1,0 +1,138 @@
+"""Declarations of a value change dump (IEEE 1364-2005, clause 18.2.3): time scale and channels."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Final, TypeAlias
+
+from haptogram.errors import ConfigurationError
+
+from .capture import MOST_CHANNELS
+
+#: Characters of an identifier code: packed into an int64.
+LONGEST_ID: Final = 7
+_LONGEST_HEADER: Final = 1 << 22
+_END_OF_HEADER: Final = re.compile(rb"\$enddefinitions\s+\$end")
+_TIMESCALE: Final = re.compile(r"(1|10|100)\s*(s|ms|us|ns|ps|fs)")
+_UNITS_S: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ps": 1e-12, "fs": 1e-15}
+#: Scopes, words of the name, and identifier code of a channel of one bit.
+_Variable: TypeAlias = tuple[list[str], list[str], int]
+
+
+@dataclass(frozen=True, slots=True)
+class VcdHeader:
+    """The declarations of a dump.
+
+    Attributes
+    ----------
+    tick_s : float
+        Seconds in a tick.
+    names : mapping of str to int
+        Identifier code of each channel, packed into a number of base 256.
+    """
+
+    tick_s: float
+    names: Mapping[str, int]
+
+
+def read_vcd_header(path: Path, file: BinaryIO) -> tuple[VcdHeader, bytes]:
+    """Return the declarations, and the bytes that were read after them.
+
+    Raises
+    ------
+    ConfigurationError
+        A file that is no VCD, without a time scale or a channel, or with two of one name.
+    """
+    data = b""
+    while (end := _END_OF_HEADER.search(data)) is None:
+        more = file.read(1 << 16)
+        if not more or len(data) > _LONGEST_HEADER:
+            raise ConfigurationError(
+                f"{path}: no $enddefinitions: it is no VCD, or was cut off in its header"
+            )
+        data += more
+    words = data[: end.start()].decode("ascii", "replace").split()
+    return _declarations(path, words), data[end.end() :]
+
+
+def _declarations(path: Path, words: list[str]) -> VcdHeader:
+    scopes: list[str] = []
+    found: list[_Variable] = []
+    tick_s = None
+    for keyword, body in _sections(words):
+        if keyword == "$timescale":
+            tick_s = _timescale(path, " ".join(body))
+        elif keyword == "$scope":
+            scopes.append(body[-1] if body else "")
+        elif keyword == "$upscope" and scopes:
+            scopes.pop()
+        elif keyword == "$var" and len(body) >= 4 and body[1] == "1":
+            found.append((scopes.copy(), body[3:], _packed(path, body[2])))
+    if tick_s is None:
+        raise ConfigurationError(f"{path}: no $timescale; the times of its edges are unknown")
+    if not 1 <= len(found) <= MOST_CHANNELS:
+        raise ConfigurationError(
+            f"{path}: {len(found)} channels of one bit, must be 1 to {MOST_CHANNELS}"
+        )
+    return VcdHeader(tick_s, _named(path, found))
+
+
+def _sections(words: list[str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield each keyword with the words up to its $end."""
+    begin = 0
+    for place, word in enumerate(words):
+        if word == "$end":
+            if begin < place:
+                yield words[begin], words[begin + 1 : place]
+            begin = place + 1
+
+
+def _timescale(path: Path, text: str) -> float:
+    if (found := _TIMESCALE.fullmatch(text)) is None:
+        raise ConfigurationError(
+            f"{path}: $timescale is {text!r}, must be 1, 10 or 100 and s, ms, us, ns, ps or fs"
+        )
+    return int(found[1]) * _UNITS_S[found[2]]
+
+
+def _packed(path: Path, code: str) -> int:
+    if len(code) > LONGEST_ID:
+        raise ConfigurationError(
+            f"{path}: identifier {code!r} has {len(code)} characters, can have {LONGEST_ID}"
+        )
+    return int.from_bytes(code.encode("latin-1", "replace"), "big")
+
+
+def _named(path: Path, found: list[_Variable]) -> dict[str, int]:
+    """Return the channels by their own name where only one has it, else with their scopes.
+
+    Programs of analysers put spaces into a name; simulators name the bit of a vector behind it,
+    which tells the channels of one vector apart.
+    """
+    bits = Counter((*scopes, *_plain(words)) for scopes, words, _ in found)
+    owners: dict[str, set[str]] = {}
+    codes: dict[str, set[int]] = {}
+    named = []
+    for scopes, words, code in found:
+        plain = _plain(words)
+        short = " ".join(plain)
+        if bits[(*scopes, *plain)] > 1 and len(plain) < len(words):
+            short += words[-1]
+        full = ".".join([*scopes, short])
+        named.append((full, short, code))
+        owners.setdefault(short, set()).add(full)
+        codes.setdefault(full, set()).add(code)
+    if twice := [full for full, known in codes.items() if len(known) > 1]:
+        raise ConfigurationError(
+            f"{path}: {len(codes[twice[0]])} channels are named {twice[0]!r}; give each its own"
+        )
+    return {short if len(owners[short]) == 1 else full: code for full, short, code in named}
+
+
+def _plain(words: list[str]) -> list[str]:
+    """Return the words of a name without the bit of a vector behind it."""
+    return words[:-1] if len(words) > 1 and words[-1].startswith("[") else words
