@@ -18,22 +18,22 @@ _BOARD = "board"  # ends with 0, whenever it is told to
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line *argv* and return its exit status."""
     if _signal.getsignal(_signal.SIGINT) is _signal.SIG_IGN:  # started in the background
-        return _run(argv)
-    _signal.signal(_signal.SIGINT, _leave)
+        return _run_after_start(argv)
+    _signal.signal(_signal.SIGINT, _leave_at_start)
     try:
-        return _run(argv)
+        return _run_after_start(argv)
     finally:
         # The verdict is told: an interrupt now would only break the end of the interpreter.
         _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
 
 
-def _run(argv: Sequence[str] | None) -> int:
+def _run_after_start(argv: Sequence[str] | None) -> int:
     from .cli import main as run
 
     return run(argv)
 
 
-def _leave(*_: object) -> None:
+def _leave_at_start(*_: object) -> None:
     """End at once: while a program is loaded there is nothing to clean up."""
     command = " ".join(["haptogram", *sys.argv[1:2]])
     os.write(2, f"{command}: interrupted\n".encode(errors="replace"))

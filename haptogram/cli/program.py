@@ -65,17 +65,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     exit_at_once()
     with patient_standard_streams():
-        return _run(words)
+        return _run_command(words)
 
 
-def _run(words: Sequence[str]) -> int:
-    parser = _parser(words)
+def _run_command(words: Sequence[str]) -> int:
+    parser = _parser_of_commands(words)
     heard: list[int] = []
     try:
         arguments = parser.parse_args(words)
         arguments.command_line = shlex.join([parser.prog, *words])
         parser = arguments.parser
-        with _ended_by_signals(heard), hear_interrupts_in_callbacks():
+        with _command_ended_by_signals(heard), hear_interrupts_in_callbacks():
             return int(arguments.run(arguments))
     except UsageError as error:
         print(terminal_error_line(error.program, str(error), sys.stderr), file=sys.stderr)
@@ -84,21 +84,21 @@ def _run(words: Sequence[str]) -> int:
             terminal_error_line(parser.prog, parser.named(str(error)), sys.stderr), file=sys.stderr
         )
     except KeyboardInterrupt:  # before there was anything to keep
-        return _interrupted(parser)
+        return _interrupted_command(parser)
     except Exception:
         if not heard:
             raise
-        return _interrupted(parser)  # a library made another error of it
+        return _interrupted_command(parser)  # a library made another error of it
     return USAGE
 
 
-def _interrupted(parser: Parser) -> int:
+def _interrupted_command(parser: Parser) -> int:
     print(f"{parser.prog}: interrupted", file=sys.stderr)
     return INTERRUPTED
 
 
 @contextlib.contextmanager
-def _ended_by_signals(heard: list[int]) -> Iterator[None]:
+def _command_ended_by_signals(heard: list[int]) -> Iterator[None]:
     """Let SIGTERM and SIGHUP (a CI out of time, a closed terminal) clean up as Ctrl-C does.
 
     One that is ignored from the start (nohup, a job in the background) stays so; those that came
@@ -123,7 +123,7 @@ def _ended_by_signals(heard: list[int]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _parser(words: Sequence[str]) -> Parser:
+def _parser_of_commands(words: Sequence[str]) -> Parser:
     """Return the parser of all commands; only the command that *words* name has its options."""
     parser = Parser(
         prog="haptogram",
@@ -138,18 +138,18 @@ def _parser(words: Sequence[str]) -> Parser:
     for name, (_, summary) in COMMANDS.items():
         command = commands.add_parser(name, help=summary)
         if name == named:
-            _add_options(name, command)
+            _add_options_of_command(name, command)
     return parser
 
 
 def command_parser(name: str) -> Parser:
     """Return the parser of one command, with all its options."""
     parser = Parser(prog=f"haptogram {name}")
-    _add_options(name, parser)
+    _add_options_of_command(name, parser)
     return parser
 
 
-def _add_options(name: str, parser: Parser) -> None:
+def _add_options_of_command(name: str, parser: Parser) -> None:
     """Let the module of a command describe it, given what only this module knows of boards."""
     parts = {
         "verify": (

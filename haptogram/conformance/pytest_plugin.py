@@ -72,7 +72,7 @@ def haptogram_board(
         seed=int.from_bytes(os.urandom(4)) if seed is None else seed,
         strict=option("--haptogram-strict"),
     )
-    with SuiteRunner(_access(option, tmp_path_factory), options) as runner:
+    with SuiteRunner(_access_of_plugin(option, tmp_path_factory), options) as runner:
         yield runner
 
 
@@ -82,7 +82,7 @@ def haptogram_link(haptogram_board: SuiteRunner) -> RequestClient:
     return haptogram_board.session().link
 
 
-def _access(option: Any, folders: pytest.TempPathFactory) -> Access:
+def _access_of_plugin(option: Any, folders: pytest.TempPathFactory) -> Access:
     from haptogram.conformance.run.access import PortAccess
     from haptogram.conformance.run.spawning import DEFAULT_PORT_REGEX, SpawnAccess
 
@@ -104,7 +104,7 @@ def _access(option: Any, folders: pytest.TempPathFactory) -> Access:
         )
     regex = option("--haptogram-port-regex") or DEFAULT_PORT_REGEX
     return SpawnAccess(
-        command or _virtual_board(folders),
+        command or _virtual_board_of_plugin(folders),
         port_regex=regex,
         boot_timeout_s=option("--haptogram-boot-timeout"),
         baudrate=baudrate,
@@ -112,7 +112,7 @@ def _access(option: Any, folders: pytest.TempPathFactory) -> Access:
     )
 
 
-def _virtual_board(folders: pytest.TempPathFactory) -> str:
+def _virtual_board_of_plugin(folders: pytest.TempPathFactory) -> str:
     """Return the command line of a virtual board, which runs as a process like a firmware build."""
     import shlex
     import sys

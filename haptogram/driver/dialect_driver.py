@@ -27,7 +27,7 @@ from haptogram.driver.frames.dialect_boards import (
 )
 from haptogram.driver.frames.dialect_frames import DialectFrame, DialectFrameBuilder
 from haptogram.driver.frames.targets import Targets, as_frame_foci
-from haptogram.driver.identity import check_model_air
+from haptogram.driver.identity import check_air_of_identity
 from haptogram.driver.line.budget import check_dialect_rate
 from haptogram.driver.line.dialect_line import DialectLine
 from haptogram.driver.line.port import Transport, check_port, open_transport
@@ -181,7 +181,7 @@ class DialectDriver(ClosedByWith):
             self._baudrate = dialect.bauds[0]
         port_baud = _WITHOUT_A_LINE_BAUD if self._baudrate is None else self._baudrate
         check_port(port, port_baud, timeout_s)
-        check_model_air(model, medium)
+        check_air_of_identity(model, medium)
         check_kept_records(keep)
         check_callable("sink", sink)
         self.model = assumed_dialect_model(dialect, medium) if model is None else model

@@ -14,7 +14,7 @@ from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.driver.frames.builder import FrameBuilder
 from haptogram.driver.frames.frame import REGISTER_BITS, Frame, Mode
 from haptogram.driver.frames.targets import Targets, as_frame_foci
-from haptogram.driver.identity import check_model_air, read_geometry
+from haptogram.driver.identity import check_air_of_identity, read_geometry
 from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, check_port
 from haptogram.driver.output import HostOutput
 from haptogram.driver.playback import MOST_PLAYED, PlaybackTiming, PlayReport, playback_period_us
@@ -153,7 +153,7 @@ class Driver(ClosedByWith):
     ) -> None:
         check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
         check_port(port, baudrate, timeout_s)
-        check_model_air(model, medium)
+        check_air_of_identity(model, medium)
         if trace is not None:
             check_argument_kind("trace", trace, TraceMode, "a TraceMode, or None")
         check_kept_records(keep)

@@ -10,7 +10,7 @@ from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import next_carrier_boundary_us
 from haptogram.driver.timing.pings import PING_PERIOD_NS, Pinger
 from haptogram.driver.timing.schedule import LEAST_RATE_HZ
-from haptogram.driver.upload import SequenceData, upload
+from haptogram.driver.upload import SequenceData, upload_to_device
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey, Intended
 from haptogram.records.kept import KeptRecords
@@ -131,7 +131,7 @@ class PlayReport:
 
 
 @dataclass(slots=True)
-class _Score:
+class _PlaybackScore:
     """A playback under way: the time of each frame, and the number recorded as intended."""
 
     frames: list[Frame]
@@ -198,7 +198,7 @@ class DriverPlayback:
     def store(self, data: SequenceData) -> None:
         """Upload the sequence to play."""
         points = data.points_per_frame
-        upload(self._link, data.kind, _SEQUENCE_ID, data.data, points_per_frame=points)
+        upload_to_device(self._link, data.kind, _SEQUENCE_ID, data.data, points_per_frame=points)
 
     def play(
         self,
@@ -213,7 +213,7 @@ class DriverPlayback:
         short.
         """
         self._news = self._events.total
-        score = _Score(frames, timing, self._start(timing), self._identity.nonce, intended)
+        score = _PlaybackScore(frames, timing, self._start(timing), self._identity.nonce, intended)
         try:
             end = self._follow(score, progress)
         except BaseException:
@@ -231,7 +231,7 @@ class DriverPlayback:
         self._link.request(play, PlayReply, t_apply_us=t0_us)
         return t0_us
 
-    def _follow(self, score: _Score, progress: Progress | None) -> PlaybackEnded | None:
+    def _follow(self, score: _PlaybackScore, progress: Progress | None) -> PlaybackEnded | None:
         """Wait for the end of playback, and keep the lease meanwhile."""
         total, end_us = score.total, score.due_us(score.total)
         last_ns = self._pinger.clock.to_host_ns(end_us) + self._link.timeout_ns
@@ -251,7 +251,7 @@ class DriverPlayback:
         news = (event.message for event in self._events.since(self._news))
         return next((m for m in news if isinstance(m, PlaybackEnded)), None)
 
-    def _due(self, score: _Score) -> int:
+    def _due(self, score: _PlaybackScore) -> int:
         """Return how many frames were due by now."""
         since_us = self._pinger.clock.to_device_us(self._link.now_ns()) - score.t0_us
         return min(max(0, since_us // score.timing.period_us + 1), score.total)

@@ -12,7 +12,7 @@ from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.driver.arming import Arming
 from haptogram.driver.configuration import SessionConfiguration
 from haptogram.driver.identity import assumed_model
-from haptogram.driver.line.handshake import open_session
+from haptogram.driver.line.handshake import open_line_session
 from haptogram.driver.line.link import NS_PER_S, Link
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.driver.timing.clock import ClockEstimate
@@ -77,7 +77,7 @@ class DriverSession:
 
     def __init__(self, link: Link, nonce: int, keep: int | None, sink: Sink | None) -> None:
         self.link = link
-        self.identity = open_session(link)
+        self.identity = open_line_session(link)
         self.warnings = list(link.connection.warnings)
         self.clock = ClockEstimate(self.identity.clock_ppm)
         self.pinger = Pinger(link, self.clock)

@@ -207,7 +207,7 @@ class Streamer:
         """
         stalls = self._link.stalls
         with real_time_process(strict=pacing.strict) as refused:
-            run = _Run(self._link, self._pinger, schedule, pacing, self._status, len(frames))
+            run = _StreamRun(self._link, self._pinger, schedule, pacing, self._status, len(frames))
             t0_us = self._start_us(schedule, len(frames))
             coming = self._encoded(frames, schedule, t0_us)
             ready = deque(islice(coming, _AHEAD))
@@ -261,7 +261,7 @@ def stream_preparation_ns(count: int) -> int:
     return _START_NS + min(count, _AHEAD) * _ENCODING_NS
 
 
-class _Run:
+class _StreamRun:
     """The ticks of one stream."""
 
     def __init__(

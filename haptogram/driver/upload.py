@@ -105,7 +105,7 @@ def _check_upload(identity: HelloReply, kind: UploadKind, size: int) -> None:
         )
 
 
-def upload(
+def upload_to_device(
     link: Link,
     kind: UploadKind,
     target: int,
@@ -122,7 +122,7 @@ def upload(
     """
     begin = UploadBegin(kind, points_per_frame, target, len(data), zlib.crc32(data))
     reply = link.request(begin, UploadBeginReply)
-    _send_chunks(link, data, min(reply.max_chunk, _LARGEST_CHUNK))
+    _send_upload_chunks(link, data, min(reply.max_chunk, _LARGEST_CHUNK))
     return link.request(UploadCommit(target), UploadCommitReply)
 
 
@@ -134,32 +134,32 @@ def upload_correction(link: Link, identity: HelloReply, codes: bytes) -> None:
             f"{len(codes)} phase corrections; the board has {identity.transducers} transducers"
         )
     _check_upload(identity, UploadKind.CORRECTION, len(codes))
-    upload(link, UploadKind.CORRECTION, 0, codes)
+    upload_to_device(link, UploadKind.CORRECTION, 0, codes)
 
 
-def _send_chunks(link: Link, data: bytes, size: int) -> None:
+def _send_upload_chunks(link: Link, data: bytes, size: int) -> None:
     """Send every chunk; the link repeats lost ones."""
     waiting: list[int] = []
     offsets = iter(range(0, len(data), size))
     offset = next(offsets, None)
     while offset is not None or waiting:
-        while offset is not None and _may_send(link, size):
+        while offset is not None and _may_send_chunk(link, size):
             waiting.append(link.send_chunk(UploadChunk(offset, data[offset:][:size])))
             offset = next(offsets, None)
         for seq in [seq for seq in waiting if link.answered(seq)]:
             waiting.remove(seq)
             link.wait_for(seq, UploadChunkReply, link.now_ns())
         if offset is not None or waiting:
-            link.turn(_next_turn_ns(link, size, all_sent=offset is None))
+            link.turn(_next_chunk_turn_ns(link, size, all_sent=offset is None))
 
 
-def _may_send(link: Link, size: int) -> bool:
+def _may_send_chunk(link: Link, size: int) -> bool:
     """Return True if window and line have room; a MUTE must not wait behind many chunks."""
     unsent = link.line.unsent_bytes(link.now_ns())
     return link.connection.chunks_free > 0 and unsent <= size
 
 
-def _next_turn_ns(link: Link, size: int, *, all_sent: bool) -> int:
+def _next_chunk_turn_ns(link: Link, size: int, *, all_sent: bool) -> int:
     """Return when to look again: when the line has room, if that is all that is missing."""
     now_ns = link.now_ns()
     if all_sent or link.connection.chunks_free == 0:

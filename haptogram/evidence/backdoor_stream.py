@@ -48,7 +48,9 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         self._unread = b""
         self._lines = 0
         is_socket = source.startswith(UNIX_PREFIX)
-        self._input: _Socket | _File = _Socket(source) if is_socket else _File(source)
+        self._input: _BackdoorSocket | _BackdoorFileStream = (
+            _BackdoorSocket(source) if is_socket else _BackdoorFileStream(source)
+        )
 
     def read(self) -> list[dict[str, Any]]:
         """Return the records that came since the last call, about a thousand at most.
@@ -84,7 +86,7 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         return record
 
 
-class _Socket:
+class _BackdoorSocket:
     def __init__(self, source: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -110,15 +112,15 @@ class _Socket:
         self._socket.close()
 
 
-def _opener(path: str, flags: int) -> int:
+def _backdoor_opener(path: str, flags: int) -> int:
     """Open a file, or a pipe whether or not a board has begun to write to it."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-class _File:
+class _BackdoorFileStream:
     def __init__(self, path: str) -> None:
         try:
-            self._file = open(path, "rb", buffering=0, opener=_opener)  # noqa: SIM115  closed by close()
+            self._file = open(path, "rb", buffering=0, opener=_backdoor_opener)  # noqa: SIM115  closed by close()
         except OSError as error:
             raise ConfigurationError(f"cannot read {path}: {error.strerror}") from error
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 from haptogram.evidence.backdoor import (
     LATCHES,
     BackdoorFile,
-    is_latch_record_of,
+    is_backdoor_latch_of,
     why_backdoor_incomplete,
 )
 from haptogram.evidence.dialects.latches import has_latched_all
@@ -64,7 +64,7 @@ class BoardRecords:
             nonlocal looked_at
             new = self._file.records[looked_at:]
             looked_at += len(new)
-            return any(is_latch_record_of(record, key) for record in new)
+            return any(is_backdoor_latch_of(record, key) for record in new)
 
         self._read_until(is_there)
         return why_backdoor_incomplete(self._file.records, key.session, key)

@@ -145,7 +145,10 @@ class ProcessBoard:
     def wait_for_queue(self, driver: Driver) -> None:
         """Wait, if the board is still there."""
         if self._board.how_it_ended() is None:
-            time.sleep(max(0, _last_ns(driver, time.monotonic_ns()) - time.monotonic_ns()) / 1e9)
+            time.sleep(
+                max(0, _last_latch_of_run_ns(driver, time.monotonic_ns()) - time.monotonic_ns())
+                / 1e9
+            )
 
     def give_up(self) -> bool:
         """End the board, so that it tells what it counted."""
@@ -221,7 +224,7 @@ class InProcessBoard:
 
     def wait_for_queue(self, driver: Driver) -> None:
         """Let virtual time pass."""
-        self._wait_until_ns(_last_ns(driver, self.port.now_ns()))
+        self._wait_until_ns(_last_latch_of_run_ns(driver, self.port.now_ns()))
 
     def give_up(self) -> bool:
         """Close its port: that ends it."""
@@ -252,7 +255,7 @@ class InProcessBoard:
         return backdoor_fault_counts(self._records())
 
 
-def _last_ns(driver: Driver, now_ns: int) -> int:
+def _last_latch_of_run_ns(driver: Driver, now_ns: int) -> int:
     """Return the due time of the last frame on the host's clock, not much later than *now_ns*."""
     due_us = driver.intended[-1].t_apply_us if driver.intended else None
     due_ns = now_ns if due_us is None else driver.clock.to_host_ns(due_us) + _AFTER_LAST_NS

@@ -15,7 +15,7 @@ from haptogram.evidence.run_record import (
     RunRecord,
     calibration_of_run,
     close_driver,
-    note_calibration,
+    note_calibration_of_run,
     recorded_port,
 )
 from haptogram.objects.run_frames import (
@@ -107,9 +107,9 @@ def measure_dialect_run(
     total = shown.count * config.pace.repeat
     try:
         if elements is not None:
-            note_calibration(found, elements, driver.model)
+            note_calibration_of_run(found, elements, driver.model)
         check_frame_tolerance(found.model, shown.points_m, tolerance_of(config.tolerance))
-        with _cut_short(found, driver, total):
+        with _cut_of_dialect_run(found, driver, total):
             frames = driver.frames(
                 targets_of_run(config, shown), solver=cast("Method", config.solver_of_host)
             )
@@ -126,7 +126,7 @@ def measure_dialect_run(
 
 
 @contextlib.contextmanager
-def _cut_short(found: RunRecord, driver: DialectDriver, total: int) -> Iterator[None]:
+def _cut_of_dialect_run(found: RunRecord, driver: DialectDriver, total: int) -> Iterator[None]:
     """Let an interrupt, a broken link or a refusal end what is done here, and not its results."""
     try:
         yield

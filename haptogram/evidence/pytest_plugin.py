@@ -41,8 +41,8 @@ def verified_board(request: pytest.FixtureRequest) -> Iterator[VerifiedBoard]:
     marker = request.node.get_closest_marker(_MARKER)
     with VerifiedBoard(**({} if marker is None else marker.kwargs)) as board:
         yield board
-        if _is_held_by_a_fixture(request.node) and not _has_failed(request.node):
-            _check(board)
+        if _is_board_held_by_fixture(request.node) and not _has_test_failed(request.node):
+            _check_verified_board(board)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -54,25 +54,25 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, o
         pyfuncitem.stash[_FAILED] = True
         raise
     board: Any = pyfuncitem.funcargs.get(_FIXTURE)
-    if board is not None and not _is_held_by_a_fixture(pyfuncitem):
-        _check(board)
+    if board is not None and not _is_board_held_by_fixture(pyfuncitem):
+        _check_verified_board(board)
     return result
 
 
 _FAILED = pytest.StashKey[bool]()
 
 
-def _has_failed(item: Any) -> bool:
+def _has_test_failed(item: Any) -> bool:
     return bool(item.stash.get(_FAILED, False))
 
 
-def _is_held_by_a_fixture(item: Any) -> bool:
+def _is_board_held_by_fixture(item: Any) -> bool:
     """Return True if another fixture has the board: its driver may close after the test only."""
     closure = item._fixtureinfo.name2fixturedefs  # noqa: SLF001  pytest shows it to nobody else
     return any(_FIXTURE in definition.argnames for (*_, definition) in closure.values())
 
 
-def _check(board: VerifiedBoard) -> None:
+def _check_verified_board(board: VerifiedBoard) -> None:
     from haptogram.errors import HaptogramError
 
     problem = ""

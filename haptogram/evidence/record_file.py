@@ -83,7 +83,7 @@ class RecordFile(ClosedByWith):
                     "an observation with what was radiated, or its field, is none of a driver: a "
                     "record file holds latched drives only; the back door keeps its own file"
                 )
-            self._write("observation", **_of_observation(entry))
+            self._write("observation", **_record_of_observation(entry))
             return
         slot = self._slot_of(entry)
         key = dataclasses.astuple(entry.key)
@@ -111,7 +111,7 @@ class RecordFile(ClosedByWith):
             "frame",
             slot=slot,
             foci=foci,
-            drive=_of_drive(entry.drive),
+            drive=_record_of_drive(entry.drive),
             phase_bits=entry.phase_bits,
             phase_steps=entry.phase_steps,
             board_computed=entry.board_computed,
@@ -164,7 +164,7 @@ def read_records(path: str | Path) -> Records:
     (1, 0)
     """
     check_argument_kind("path", path, (str, Path), "the name of a file")
-    reader = _Reader()
+    reader = _RecordReader()
     try:
         with Path(path).open(encoding="utf-8") as file:
             for line in file:
@@ -181,7 +181,7 @@ def read_records(path: str | Path) -> Records:
     return reader.records
 
 
-class _Reader:
+class _RecordReader:
     def __init__(self) -> None:
         self.records = Records()
         self.whole = False
@@ -206,14 +206,14 @@ class _Reader:
 
     def _frame(self, slot: int, foci: list[list[float]], drive: Any, **others: Any) -> None:
         found = tuple(Focus((x, y, z), level, lag) for x, y, z, level, lag in foci)
-        self._slots[slot] = {"foci": found, "drive": _drive(drive)} | others
+        self._slots[slot] = {"foci": found, "drive": _drive_of_record(drive)} | others
 
     def _intended(self, number: int, key: list[int], t: int | None, slot: int) -> None:
         self.records.intended.append(Intended(number, FrameKey(*key), t, **self._slots[slot]))
 
     def _observation(self, key: list[int], drive: Any, evidence: str, **others: Any) -> None:
         seen = Observation(
-            FrameKey(*key), evidence=Evidence(evidence), drive=_drive(drive), **others
+            FrameKey(*key), evidence=Evidence(evidence), drive=_drive_of_record(drive), **others
         )
         self.records.observations.append(seen)
 
@@ -224,24 +224,24 @@ class _Reader:
         self.whole = True
 
 
-def _of_observation(seen: Observation) -> dict[str, Any]:
+def _record_of_observation(seen: Observation) -> dict[str, Any]:
     return {
         "key": dataclasses.astuple(seen.key),
         "t_latch_us": seen.t_latch_us,
         "late": seen.late,
         "evidence": str(seen.evidence),
-        "drive": None if seen.drive is None else _of_drive(seen.drive),
+        "drive": None if seen.drive is None else _record_of_drive(seen.drive),
         "drive_crc": seen.drive_crc,
     }
 
 
-def _of_drive(drive: Drive) -> tuple[str, str, int]:
+def _record_of_drive(drive: Drive) -> tuple[str, str, int]:
     codes = (drive.phase_codes, drive.amplitude_codes)
     phases, amplitudes = (base64.b64encode(part.tobytes()).decode() for part in codes)
     return phases, amplitudes, drive.phase_bits
 
 
-def _drive(fields: Any) -> Drive | None:
+def _drive_of_record(fields: Any) -> Drive | None:
     if fields is None:
         return None
     phases, amplitudes, bits = fields

@@ -163,28 +163,32 @@ def measure_run(
         sink=sink,
     )
     known = board.model or driver.model
-    found = RunRecord(board.label, known, _about(driver.identity), warnings=driver.warnings)
+    found = RunRecord(
+        board.label, known, _identity_of_run(driver.identity), warnings=driver.warnings
+    )
     found.intended = driver.intended
     total = shown.count * config.pace.repeat
     try:
         if elements is not None:
-            note_calibration(found, elements, driver.model)
+            note_calibration_of_run(found, elements, driver.model)
         check_frame_tolerance(found.model, shown.points_m, tolerance_of(config.tolerance))
-        with _cut_short(found, driver, board, total, faulty=faulty):
+        with _cut_of_run(found, driver, board, total, faulty=faulty):
             before = driver.status().counters
             board.prepare(driver)
-            with _interrupted(found, driver, total):
-                frames = _frames(config, driver, shown)
+            with _interrupted_run(found, driver, total):
+                frames = _frames_of_run(config, driver, shown)
                 driver.arm()  # now: the lease would run out while a solver is at work
-                found.report = _display(config, driver, frames, progress)
+                found.report = _display_run(config, driver, frames, progress)
             board.finish(driver)  # after an interrupt as well: the board is there
-            found.troubles = _troubles(driver, before, _OWN_MUTE if found.interrupted else ())
+            found.troubles = _troubles_of_run(
+                driver, before, _OWN_MUTE if found.interrupted else ()
+            )
     finally:
         close_driver(driver, found)
-    found.warnings += _state_changes(driver, found.report)
+    found.warnings += _state_changes_of_run(driver, found.report)
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if found.cut is not None:
-        found.observations = _until_the_cut(found)
+        found.observations = _run_until_the_cut(found)
     if tap is not None:
         tap.tell(board.records())
     found.silences = board.silences(driver)
@@ -192,7 +196,7 @@ def measure_run(
     return found
 
 
-def _about(identity: HelloReply) -> dict[str, object]:
+def _identity_of_run(identity: HelloReply) -> dict[str, object]:
     return {
         "firmware": printable_text(identity.firmware),
         "protocol": f"{identity.major}.{identity.minor}",
@@ -216,7 +220,9 @@ def calibration_of_run(config: VerifyConfig) -> Calibration | None:
     return None if file is None else Calibration.from_file(file)
 
 
-def note_calibration(found: RunRecord, elements: Calibration, assumed: AcousticModel) -> None:
+def note_calibration_of_run(
+    found: RunRecord, elements: Calibration, assumed: AcousticModel
+) -> None:
     """Let the judge know the elements, and the reader that the host, which *assumed* none, did not.
 
     Raises
@@ -233,18 +239,18 @@ def note_calibration(found: RunRecord, elements: Calibration, assumed: AcousticM
 
 
 @contextlib.contextmanager
-def _interrupted(found: RunRecord, driver: Driver, total: int) -> Iterator[None]:
+def _interrupted_run(found: RunRecord, driver: Driver, total: int) -> Iterator[None]:
     """Let an interrupt end what is done here, and nothing more; the board is mute at once."""
     try:
         yield
     except KeyboardInterrupt:
         found.interrupted = True
-        sent, muted_us = driver.intended.total, _earliest_mute_us(driver)
+        sent, muted_us = driver.intended.total, _earliest_mute_of_run_us(driver)
         found.cut = Cut(f"interrupted after {sent} of {total} frames", muted_us, total - sent)
         driver.mute()
 
 
-def _earliest_mute_us(driver: Driver) -> int:
+def _earliest_mute_of_run_us(driver: Driver) -> int:
     """Return the device time before which no frame can have been cancelled by a MUTE sent now.
 
     A frame latches at the first carrier boundary at or after its time, and the clock is estimated.
@@ -254,7 +260,7 @@ def _earliest_mute_us(driver: Driver) -> int:
 
 
 @contextlib.contextmanager
-def _cut_short(
+def _cut_of_run(
     found: RunRecord, driver: Driver, board: BoardUnderTest, total: int, *, faulty: bool
 ) -> Iterator[None]:
     """Let a broken link, or an interrupt at any time, end what is done here.
@@ -262,7 +268,7 @@ def _cut_short(
     A board that the host has lost still latches what it was sent.
     """
     try:
-        with _interrupted(found, driver, total):
+        with _interrupted_run(found, driver, total):
             yield
     except (LinkError, DeviceError) as error:
         if isinstance(error, DeviceError) and not faulty:
@@ -272,7 +278,7 @@ def _cut_short(
         board.wait_for_queue(driver)
 
 
-def _troubles(
+def _troubles_of_run(
     driver: Driver, before: Counters, expected: Iterable[str]
 ) -> dict[str, dict[str, int]]:
     """Return what both sides of the line counted that should not have been."""
@@ -289,13 +295,13 @@ def _troubles(
     return {side: counts for side, counts in bad.items() if counts}
 
 
-def _frames(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
+def _frames_of_run(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
     solver = cast("Method", config.solver_of_host)
     mode = cast("Mode", config.frame_kind)
     return driver.frames(targets_of_run(config, shown), mode=mode, solver=solver)
 
 
-def _display(
+def _display_run(
     config: VerifyConfig, driver: Driver, frames: list[Frame], progress: Progress | None
 ) -> StreamReport | PlayReport:
     lead_us = None if config.pace.lead_ms is None else round(config.pace.lead_ms * 1e3)
@@ -316,7 +322,7 @@ def _display(
     )
 
 
-def _until_the_cut(found: RunRecord) -> Sequence[Observation]:
+def _run_until_the_cut(found: RunRecord) -> Sequence[Observation]:
     """Leave out what a sequence played on by itself between the cut and the MUTE."""
     wanted = {intended.key for intended in found.intended}
     return only_kept_records(
@@ -324,7 +330,7 @@ def _until_the_cut(found: RunRecord) -> Sequence[Observation]:
     )
 
 
-def _state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:
+def _state_changes_of_run(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:
     """Tell when the board changed its output by itself: it explains frames that were lost.
 
     Not of the time before the first frame: while many are prepared the lease may run out, and the

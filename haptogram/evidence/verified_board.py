@@ -145,12 +145,12 @@ class VerifiedBoard(ClosedByWith):
         records = self._records()
         result, frames = self._watched(records)
         problems = [
-            *_focus_problems(result, len(self._frames_m), frames, self._rounds),
-            *_late_problems(records, self._most_late),
-            *_lost_problems(records),
+            *_verified_focus_problems(result, len(self._frames_m), frames, self._rounds),
+            *_verified_late_problems(records, self._most_late),
+            *_verified_lost_problems(records),
         ]
         if not self._may_stay_armed:
-            problems += _armed_problems(records)
+            problems += _verified_armed_problems(records)
         if problems:
             head = str(result).replace(result.verdict.upper(), Verdict.FAIL.upper(), 1)
             yield f"verified_board: {head}"
@@ -182,7 +182,7 @@ class VerifiedBoard(ClosedByWith):
         return watch.result(why_backdoor_incomplete(records)), frames
 
 
-def _focus_problems(
+def _verified_focus_problems(
     result: WatchResult, count: int, frames: int, rounds: int | None
 ) -> Iterator[str]:
     if result.verdict is not Verdict.PASS:
@@ -193,13 +193,13 @@ def _focus_problems(
         yield f"frames    {frames} were latched, a whole number of times {count} was expected"
 
 
-def _late_problems(records: Sequence[Mapping[str, Any]], most: int) -> Iterator[str]:
+def _verified_late_problems(records: Sequence[Mapping[str, Any]], most: int) -> Iterator[str]:
     late = [record["index"] for record in records if record["kind"] == "latch" and record["late"]]
     if len(late) > most:
-        yield f"late      {len(late)} frames were latched late: {_first(late)}"
+        yield f"late      {len(late)} frames were latched late: {_frame_list(late)}"
 
 
-def _lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def _verified_lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield the stream frames that are missing between two that were latched."""
     last: dict[int, int] = {}
     lost: list[int] = []
@@ -209,10 +209,10 @@ def _lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             lost += range(last.get(session, index) + 1, index)
             last[session] = index
     if lost:
-        yield f"lost      {len(lost)} frames of the stream were never latched: {_first(lost)}"
+        yield f"lost      {len(lost)} frames of the stream were never latched: {_frame_list(lost)}"
 
 
-def _armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def _verified_armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield a line if the driver left the output on: the state before the board was told to end."""
     states: list[Mapping[str, Any]] = []
     for record in records:
@@ -229,6 +229,6 @@ def _armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         yield f"output    was muted by the board itself ({last['reason']}), not by the driver"
 
 
-def _first(indices: Sequence[int]) -> str:
+def _frame_list(indices: Sequence[int]) -> str:
     more = f" and {len(indices) - _SHOWN} more" if len(indices) > _SHOWN else ""
     return f"index {', '.join(map(str, indices[:_SHOWN]))}{more}"

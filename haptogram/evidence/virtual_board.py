@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
+    backdoor_board_model,
     backdoor_fault_counts,
     backdoor_observations,
-    board_model,
     silences_on_the_clock_of,
 )
 from haptogram.evidence.board_process import BoardProcess
@@ -152,7 +152,7 @@ class VirtualBoard(ClosedByWith):
         self, config: BoardConfig, elements: Calibration | None, *, reconstruct: bool = True
     ) -> None:
         if config.dialect is None:  # before a process is started, so that it can be refused
-            self.model = _model_of(config, elements)
+            self.model = _model_of_virtual_board(config, elements)
         self._folder = WorkingFolder("haptogram-board-")
         self.backdoor = records = self._folder.path / "backdoor.jsonl"
         self.url = str(self._folder.path / "board")
@@ -171,7 +171,7 @@ class VirtualBoard(ClosedByWith):
         try:
             self._process.wait_until_ready()
             if config.dialect is not None:
-                self.model = board_model(self._records.read()[0])
+                self.model = backdoor_board_model(self._records.read()[0])
         except BaseException:
             self.close()
             raise
@@ -353,7 +353,7 @@ def _check_session(intended: Sequence[Intended]) -> None:
         )
 
 
-def _model_of(config: BoardConfig, elements: Calibration | None) -> AcousticModel:
+def _model_of_virtual_board(config: BoardConfig, elements: Calibration | None) -> AcousticModel:
     model = AcousticModel(
         TransducerArray.parse(config.array, pitch_m=config.pitch_mm / 1000),
         Medium.air(config.temperature_c),

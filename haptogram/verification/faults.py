@@ -38,21 +38,24 @@ def name_drive_faults(model: AcousticModel, intended: Intended, latched: Drive) 
         8-bit codes.
     """
     allowance = 1 if intended.board_computed else 0
-    wanted, found = _phases(intended.drive), _phases(latched)
+    wanted, found = _drive_fault_phases(intended.drive), _drive_fault_phases(latched)
     silent = (latched.amplitude_codes == 0) & (intended.drive.amplitude_codes > allowance)
     active = (latched.amplitude_codes > 0) & (intended.drive.amplitude_codes > 0)
-    faults = [*_silences(model, silent), *_amplitudes(intended, latched, silent, allowance)]
-    off = active & (np.abs(_signed(found - wanted)) > allowance)
+    faults = [
+        *_silent_element_faults(model, silent),
+        *_amplitude_faults(intended, latched, silent, allowance),
+    ]
+    off = active & (np.abs(_signed_phase_difference(found - wanted)) > allowance)
     if off.any():
         faults += _phase_faults(model, intended, found, off, allowance)
     return tuple(faults)
 
 
-def _phases(drive: Drive) -> Codes:
+def _drive_fault_phases(drive: Drive) -> Codes:
     return drive.phase_codes.astype(np.int64) << (8 - drive.phase_bits)
 
 
-def _signed(difference: Codes) -> Codes:
+def _signed_phase_difference(difference: Codes) -> Codes:
     """Return a difference of codes in -128 .. 127."""
     return (difference + _TURN // 2) % _TURN - _TURN // 2
 
@@ -60,16 +63,16 @@ def _signed(difference: Codes) -> Codes:
 # --- Amplitudes --------------------------------------------------------------------------------
 
 
-def _silences(model: AcousticModel, silent: NDArray[np.bool_]) -> Iterator[str]:
+def _silent_element_faults(model: AcousticModel, silent: NDArray[np.bool_]) -> Iterator[str]:
     if not silent.any():
         return
     if silent.all():
         yield "the whole array is silent"
         return
-    yield from _by_line(model, silent, "dead")
+    yield from _faults_by_line(model, silent, "dead")
 
 
-def _by_line(model: AcousticModel, wrong: NDArray[np.bool_], what: str) -> Iterator[str]:
+def _faults_by_line(model: AcousticModel, wrong: NDArray[np.bool_], what: str) -> Iterator[str]:
     """Name whole columns (one ix) and rows (one iy) of the grid first, then single elements."""
     left = wrong.copy()
     if model.array.grid_shape is not None:
@@ -86,17 +89,17 @@ def faulty_elements_text(model: AcousticModel, numbers: Sequence[int] | NDArray[
     """Return "element 17 (1, 1)", with the place in the grid where there is one."""
     if len(numbers) > _NAMED_ELEMENTS:
         return f"{len(numbers)} elements"
-    names = ", ".join(_element(model, int(number)) for number in numbers)
+    names = ", ".join(_faulty_element_text(model, int(number)) for number in numbers)
     return f"element{'s' if len(numbers) > 1 else ''} {names}"
 
 
-def _element(model: AcousticModel, number: int) -> str:
+def _faulty_element_text(model: AcousticModel, number: int) -> str:
     if model.array.grid_shape is None:
         return str(number)
     return f"{number} ({number // model.array.grid_shape[1]}, {number % model.array.grid_shape[1]})"
 
 
-def _amplitudes(
+def _amplitude_faults(
     intended: Intended, latched: Drive, silent: NDArray[np.bool_], allowance: int
 ) -> Iterator[str]:
     difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
@@ -114,49 +117,57 @@ def _amplitudes(
 def _phase_faults(
     model: AcousticModel, intended: Intended, found: Codes, off: NDArray[np.bool_], allowance: int
 ) -> list[str]:
-    wanted = _phases(intended.drive)
+    wanted = _drive_fault_phases(intended.drive)
     step = _TURN / intended.steps
-    if not allowance and _equal(found, _rounded_down(model, intended)):
+    if not allowance and _is_equal_drive(found, _rounded_down_drive(model, intended)):
         return ["phases rounded down instead of to the nearest code"]
-    difference = _signed(found - wanted)
-    if _same(found, wanted, allowance):
-        return [f"all phases off by {_steps(int(difference[off][0]), step)}, the focus is not"]
+    difference = _signed_phase_difference(found - wanted)
+    if _is_same_drive(found, wanted, allowance):
+        return [
+            f"all phases off by {_fault_steps(int(difference[off][0]), step)}, the focus is not"
+        ]
     few = off.mean() <= _FEW
-    named = _swapped(model, wanted, found, off) or _stuck(model, found, off)
+    named = _swapped_elements_fault(model, wanted, found, off) or _stuck_element_faults(
+        model, found, off
+    )
     if not named and not few:
-        named = _mixed_up(model, intended, wanted, found)
+        named = _mixed_up_drive_fault(model, intended, wanted, found)
     if not named and few:
-        named = list(_single_elements(model, difference, off, step))
+        named = list(_single_element_faults(model, difference, off, step))
     return named or [UNNAMED]
 
 
-def _mixed_up(model: AcousticModel, intended: Intended, wanted: Codes, found: Codes) -> list[str]:
+def _mixed_up_drive_fault(
+    model: AcousticModel, intended: Intended, wanted: Codes, found: Codes
+) -> list[str]:
     """Name the mistake in the order, the sign or the packing that would make this drive."""
     # A board that mixes up the elements may round the halves its own way: then a step is allowed.
     for allowance in (0, -(-_TURN // intended.steps)):
-        for name, candidate in _candidates(model, intended, wanted):
+        for name, candidate in _drive_fault_candidates(model, intended, wanted):
             # What is that near to the right drive proves nothing.
-            if _same(found, candidate, allowance) and not _same(wanted, candidate, allowance):
+            if _is_same_drive(found, candidate, allowance) and not _is_same_drive(
+                wanted, candidate, allowance
+            ):
                 return [name]
         for sign, suffix in ((1, ""), (-1, ", and opposite sign")):
-            shift = _roll(found, sign * wanted, allowance)
+            shift = _rolled_drive_fault(found, sign * wanted, allowance)
             if shift is not None:
                 return [f"elements rolled by {shift:+d}{suffix}"]
     return []
 
 
-def _equal(found: Codes, candidate: Codes | None) -> bool:
+def _is_equal_drive(found: Codes, candidate: Codes | None) -> bool:
     return candidate is not None and np.array_equal(found, candidate)
 
 
-def _same(found: Codes, candidate: Codes, allowance: int) -> bool:
+def _is_same_drive(found: Codes, candidate: Codes, allowance: int) -> bool:
     """Return True if two sets of phases agree within *allowance*, up to a common phase."""
-    difference = _signed(found - candidate)
-    relative = _signed(difference - difference[0])
+    difference = _signed_phase_difference(found - candidate)
+    relative = _signed_phase_difference(difference - difference[0])
     return bool(np.ptp(relative) <= 2 * allowance)
 
 
-def _rounded_down(model: AcousticModel, intended: Intended) -> Codes | None:
+def _rounded_down_drive(model: AcousticModel, intended: Intended) -> Codes | None:
     """Return the codes of a focus without rounding; None if there are several foci."""
     if len(intended.foci) != 1:
         return None
@@ -168,20 +179,21 @@ def _rounded_down(model: AcousticModel, intended: Intended) -> Codes | None:
     return found
 
 
-def _candidates(
+def _drive_fault_candidates(
     model: AcousticModel, intended: Intended, wanted: Codes
 ) -> Iterator[tuple[str, Codes]]:
     """Yield the drives that typical mistakes would have made, the simplest first."""
     yield "opposite sign of all phases", -wanted
-    yield from _orders(model, wanted)
+    yield from _drive_fault_orders(model, wanted)
     if intended.phase_bits < 8:
-        yield from _packings(wanted, intended.phase_bits)
+        yield from _drive_fault_packings(wanted, intended.phase_bits)
     yield from (
-        (f"{name}, and opposite sign", -candidate) for name, candidate in _orders(model, wanted)
+        (f"{name}, and opposite sign", -candidate)
+        for name, candidate in _drive_fault_orders(model, wanted)
     )
 
 
-def _orders(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
+def _drive_fault_orders(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
     """Yield the drive in other orders of the elements."""
     if model.array.grid_shape is not None:
         grid = wanted.reshape(model.array.grid_shape)
@@ -192,33 +204,35 @@ def _orders(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
             ("x and y mirrored (turned by 180 degrees)", lambda g: g[::-1, ::-1]),
             ("turned by 90 degrees", np.rot90),
             ("turned by 270 degrees", lambda g: np.rot90(g, 3)),
-            ("every second column reversed", _serpentine),
+            ("every second column reversed", _serpentine_drive_order),
         ]
         for name, turn in turns:
             yield name, np.ascontiguousarray(turn(grid)).ravel()
 
 
-def _roll(found: Codes, wanted: Codes, allowance: int) -> int | None:
+def _rolled_drive_fault(found: Codes, wanted: Codes, allowance: int) -> int | None:
     """Return by how many places the elements were shifted, the shortest way round; None: not so."""
     count = len(wanted)
     start = np.arange(1, count)
     # Three elements tell almost every shift apart; only what passes is compared as a whole.
     probes = np.array([0, count // 3, count // 2])
-    error = _signed(found[probes] - wanted[(probes - start[:, None]) % count])
-    likely = start[(np.abs(_signed(error - error[:, :1])) <= 2 * allowance).all(axis=1)]
+    error = _signed_phase_difference(found[probes] - wanted[(probes - start[:, None]) % count])
+    likely = start[
+        (np.abs(_signed_phase_difference(error - error[:, :1])) <= 2 * allowance).all(axis=1)
+    ]
     for shift in sorted(likely, key=lambda shift: min(shift, count - shift)):
-        if _same(found, np.roll(wanted, shift), allowance):
+        if _is_same_drive(found, np.roll(wanted, shift), allowance):
             return int(shift if shift <= count // 2 else shift - count)
     return None
 
 
-def _serpentine(grid: Codes) -> Codes:
+def _serpentine_drive_order(grid: Codes) -> Codes:
     result = grid.copy()
     result[1::2] = result[1::2, ::-1]
     return result
 
 
-def _packings(wanted: Codes, bits: int) -> Iterator[tuple[str, Codes]]:
+def _drive_fault_packings(wanted: Codes, bits: int) -> Iterator[tuple[str, Codes]]:
     """Yield the drive whose packed bits are read with the highest bit first."""
     codes = wanted >> (8 - bits)
     stream = (codes[:, None] >> np.arange(bits)) & 1  # lowest bit first, as on the wire
@@ -231,7 +245,7 @@ def _packings(wanted: Codes, bits: int) -> Iterator[tuple[str, Codes]]:
     yield "bits of every phase in reverse order", swapped @ (1 << np.arange(bits)) << (8 - bits)
 
 
-def _swapped(
+def _swapped_elements_fault(
     model: AcousticModel, wanted: Codes, found: Codes, off: NDArray[np.bool_]
 ) -> list[str]:
     numbers = np.flatnonzero(off)
@@ -243,28 +257,28 @@ def _swapped(
     return []
 
 
-def _single_elements(
+def _single_element_faults(
     model: AcousticModel, difference: Codes, off: NDArray[np.bool_], step: float
 ) -> Iterator[str]:
     """Name elements that are wrong one by one, those with the same error together."""
     errors = sorted({int(d) for d in difference[off]}, key=abs)
     if len(errors) > _NAMED_ELEMENTS:
-        yield from _by_line(model, off, f"off, by up to {_steps(errors[-1], step)}")
+        yield from _faults_by_line(model, off, f"off, by up to {_fault_steps(errors[-1], step)}")
         return
     for error in errors:
         wrong = off & (difference == error)
         inverted = error == -_TURN // 2
-        what = "inverted" if inverted else f"off by {_steps(error, step)}"
-        yield from _by_line(model, wrong, what)
+        what = "inverted" if inverted else f"off by {_fault_steps(error, step)}"
+        yield from _faults_by_line(model, wrong, what)
 
 
-def _steps(error: int, step: float) -> str:
+def _fault_steps(error: int, step: float) -> str:
     """Return an error of 8-bit codes in steps of the phases on the wire."""
     whole = round(error / step)
     return f"{whole:+d} LSB" if abs(error - whole * step) < 1.0 else f"{error:+d}/{_TURN} of a turn"
 
 
-def _stuck(model: AcousticModel, found: Codes, off: NDArray[np.bool_]) -> list[str]:
+def _stuck_element_faults(model: AcousticModel, found: Codes, off: NDArray[np.bool_]) -> list[str]:
     """Name columns or rows whose elements all have one phase, if that explains all errors."""
     if model.array.grid_shape is None:
         return []

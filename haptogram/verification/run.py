@@ -106,13 +106,13 @@ def verify_run(
     check_argument_kind("unseen", unseen, (str, NoneType), "a text, or None")
     check_argument_kind("silences", silences, Iterable, "an iterable of times in µs")
     check_callable("progress", progress)
-    _check_keys(intended)
-    if unseen is None and (kept := _kept(observations)).dropped:
+    _check_intended_keys(intended)
+    if unseen is None and (kept := _kept_for_verdict(observations)).dropped:
         unseen = f"the driver keeps the last {len(kept)} latches it is told"
-    not_kept = _kept(intended).dropped
+    not_kept = _kept_for_verdict(intended).dropped
     seen: dict[FrameKey, list[Observation]] = defaultdict(list)
     latched = _checked_observations(observations)
-    for observation in _of_kept(intended, latched) if not_kept else latched:
+    for observation in _verdict_of_kept(intended, latched) if not_kept else latched:
         seen[observation.key].append(observation)
     for latches in seen.values():
         latches.sort(key=lambda latch: latch.t_latch_us)
@@ -129,7 +129,11 @@ def verify_run(
         zip(intended, due_frames_of_run(intended, seen), strict=True)
     ):
         latches = seen.pop(wanted.key, [])
-        verdict = judge.judge(wanted, latches[0]) if latches else _missing(wanted, unseen, cut)
+        verdict = (
+            judge.judge(wanted, latches[0])
+            if latches
+            else _missing_evidence_of_run(wanted, unseen, cut)
+        )
         if verdict.late or verdict.status is FrameStatus.LOST:
             effect = consequence_of_held_focus(model, wanted, focus_still_held(held, due, quiet_us))
             verdict = dataclasses.replace(verdict, consequence=effect)
@@ -143,7 +147,7 @@ def verify_run(
             )  # who knows whether it was latched?
         if progress is not None:
             progress(number + 1, len(intended))
-    run = _conclude(frames, sorted(seen), min_verified, cut, quiet_us, not_kept)
+    run = _conclude_run_verdict(frames, sorted(seen), min_verified, cut, quiet_us, not_kept)
     return dataclasses.replace(run, tolerance=judge.tolerance, uncertainty=judge.uncertainty)
 
 
@@ -177,12 +181,12 @@ def _checked_observations(entries: Iterable[Observation]) -> Iterator[Observatio
         yield entry
 
 
-def _kept(entries: Iterable[_T]) -> KeptRecords[_T]:
+def _kept_for_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
     """Return *entries* if they are a record in bounded memory, else an empty one."""
     return entries if isinstance(entries, KeptRecords) else KeptRecords()
 
 
-def _of_kept(
+def _verdict_of_kept(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
     """Yield *observations* without those that may be of frames before the first of *intended*."""
@@ -197,7 +201,7 @@ def _of_kept(
     )
 
 
-def _missing(wanted: Intended, unseen: str | None, cut: Cut | None) -> FrameVerdict:
+def _missing_evidence_of_run(wanted: Intended, unseen: str | None, cut: Cut | None) -> FrameVerdict:
     """Return the verdict of a frame that nobody saw latched."""
     verdict = lost_frame_verdict(wanted)
     if cut is not None and cut.cancelled(wanted.t_apply_us):
@@ -207,13 +211,13 @@ def _missing(wanted: Intended, unseen: str | None, cut: Cut | None) -> FrameVerd
     return dataclasses.replace(verdict, status=FrameStatus.NOT_VERIFIED, note=unseen)
 
 
-def _check_keys(intended: Sequence[Intended]) -> None:
+def _check_intended_keys(intended: Sequence[Intended]) -> None:
     key, times = next(iter(Counter(frame.key for frame in intended).most_common(1)), (None, 0))
     if times > 1:
         raise ConfigurationError(f"{key} is intended {times} times; a key names one frame")
 
 
-def _conclude(
+def _conclude_run_verdict(
     frames: list[FrameVerdict],
     unexpected: list[FrameKey],
     min_verified: float,
@@ -222,7 +226,7 @@ def _conclude(
     not_kept: int,
 ) -> RunVerdict:
     not_sent = 0 if cut is None else cut.not_sent
-    counts = _counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
+    counts = _run_verdict_counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
     effect = RunConsequences.of(frames, quiet_us)
     run = RunVerdict(Verdict.PASS, (), frames, unexpected, min_verified, counts, effect)
     wrong = [f"{counts[name]} {text}" for name, text in _FAILURES.items() if counts[name]]
@@ -257,7 +261,7 @@ _FAILURES: Final = {
 }
 
 
-def _counts(frames: list[FrameVerdict], unexpected: list[FrameKey]) -> dict[str, int]:
+def _run_verdict_counts(frames: list[FrameVerdict], unexpected: list[FrameKey]) -> dict[str, int]:
     by_status = Counter(frame.status for frame in frames)
     return {
         "sent": len(frames),

@@ -94,7 +94,7 @@ class RunVerdict:
     @property
     def odd_frames(self) -> list[FrameVerdict]:
         """Frames that are not on target, or not in time."""
-        return [f for f in self.frames if f.status not in NOTHING_WRONG or _untimely(f)]
+        return [f for f in self.frames if f.status not in NOTHING_WRONG or _untimely_frame_text(f)]
 
     def findings(self) -> Iterator[tuple[str, list[FrameVerdict]]]:
         """Yield a line for each odd frame; of many, one for all with the same thing wrong."""
@@ -104,10 +104,12 @@ class RunVerdict:
             return
         groups: dict[tuple[str, ...], list[FrameVerdict]] = defaultdict(list)
         for frame in odd:
-            groups[_what_is_wrong(frame)].append(frame)
+            groups[_wrong_frame_text(frame)].append(frame)
         for what, frames in sorted(groups.items(), key=lambda group: -len(group[1])):
             is_group = len(frames) > 1
-            line = _group_line(what, frames) if is_group else frame_verdict_line(frames[0])
+            line = (
+                _run_verdict_group_line(what, frames) if is_group else frame_verdict_line(frames[0])
+            )
             yield line, frames
 
     def raise_for_verdict(self) -> None:
@@ -170,32 +172,40 @@ class RunVerdict:
             "evidence": evidence[0] if len(evidence) == 1 else evidence,
             "min_verified": self.min_verified,
             "frames": self.counts,
-            "lateral_error_mm": _percentiles(self.values("lateral_error_mm"), "p50 p99 max"),
-            "axial_error_mm": _percentiles(np.abs(self.values("axial_error_mm")), "p50 p99 max"),
+            "lateral_error_mm": _run_verdict_percentiles(
+                self.values("lateral_error_mm"), "p50 p99 max"
+            ),
+            "axial_error_mm": _run_verdict_percentiles(
+                np.abs(self.values("axial_error_mm")), "p50 p99 max"
+            ),
             "smallest_miss_mm": self.smallest_miss_mm,
             "tolerance": dataclasses.asdict(self.tolerance),
             "known_to": dataclasses.asdict(self.uncertainty),
             "uncertainty_mm": self._uncertainty_dict(),
             "effect": None if self.effect is None else self.effect.as_dict(),
-            "coherence": {"min": _least(coherence)},
-            "balance": {"min": _least(self.values("balance"))},
-            "efficiency": {"min": _least(self.values("efficiency"))},
-            "pressure_rms_pa": _spread(pressure),
-            "force_mn": _spread(force_mn),
-            "lateness_us": _percentiles(self.values("lateness_us"), "p50 p99 p99.9 max"),
-            "not_on_target": [_frame_dict(f) for f in self.frames if f.status not in NOTHING_WRONG],
+            "coherence": {"min": _least_of_run_verdict(coherence)},
+            "balance": {"min": _least_of_run_verdict(self.values("balance"))},
+            "efficiency": {"min": _least_of_run_verdict(self.values("efficiency"))},
+            "pressure_rms_pa": _run_verdict_spread(pressure),
+            "force_mn": _run_verdict_spread(force_mn),
+            "lateness_us": _run_verdict_percentiles(
+                self.values("lateness_us"), "p50 p99 p99.9 max"
+            ),
+            "not_on_target": [
+                _frame_verdict_dict(f) for f in self.frames if f.status not in NOTHING_WRONG
+            ],
             "cancelled": [f.number for f in self.frames if f.status is FrameStatus.CANCELLED],
-            "late": [_frame_dict(f) for f in self.frames if f.late],
-            "duplicated": [_frame_dict(f) for f in self.frames if f.latches > 1],
+            "late": [_frame_verdict_dict(f) for f in self.frames if f.late],
+            "duplicated": [_frame_verdict_dict(f) for f in self.frames if f.latches > 1],
             "unexpected": [dataclasses.asdict(key) for key in self.unexpected],
         }
 
     def __str__(self) -> str:
         """Return a summary that fits a screen."""
-        return "\n".join(_summary(self))
+        return "\n".join(_run_verdict_summary(self))
 
 
-def _summary(run: RunVerdict) -> Iterator[str]:
+def _run_verdict_summary(run: RunVerdict) -> Iterator[str]:
     """Yield the lines."""
     result, counts = run.as_dict(), run.counts
     yield run.sentence
@@ -205,14 +215,14 @@ def _summary(run: RunVerdict) -> Iterator[str]:
         f"{cut_run_text(counts)}"
     )
     if result["lateral_error_mm"]["max"] is not None:
-        yield _error_line(result)
-    yield from _known_lines(run)
+        yield _run_verdict_error_line(result)
+    yield from _run_verdict_uncertainty_lines(run)
     if result["balance"]["min"] is not None:
-        yield _several_line(result)
+        yield _run_verdict_foci_line(result)
     if run.effect is not None:
         yield f"  effect    {run.effect}"
     if result["pressure_rms_pa"]["mean"] is not None and result["force_mn"]["mean"] is not None:
-        yield _field_line(result)
+        yield _run_verdict_field_line(result)
     yield f"  evidence  {result['evidence'] or 'none: no latch was seen'}"
     groups = list(run.findings())
     yield from (f"  {line}" for line, _ in groups[:_NAMED_FRAMES])
@@ -227,11 +237,11 @@ def cut_run_text(counts: Mapping[str, int]) -> str:
     return "".join(said)
 
 
-def _untimely(frame: FrameVerdict) -> bool:
+def _untimely_frame_text(frame: FrameVerdict) -> bool:
     return frame.late or frame.early or frame.latches > 1
 
 
-def _error_line(result: dict[str, Any]) -> str:
+def _run_verdict_error_line(result: dict[str, Any]) -> str:
     lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
     along = "along the beam: not observable"
     if axial["max"] is not None:
@@ -248,7 +258,7 @@ def _error_line(result: dict[str, Any]) -> str:
     )
 
 
-def _known_lines(run: RunVerdict) -> Iterator[str]:
+def _run_verdict_uncertainty_lines(run: RunVerdict) -> Iterator[str]:
     """Yield the tolerance, and the uncertainty of the place of a focus."""
     if not run.tolerance.is_strict:
         yield f"  tolerance {tolerance_text(run.tolerance)}, on top of what rounding makes"
@@ -264,7 +274,7 @@ def _known_lines(run: RunVerdict) -> Iterator[str]:
     )
 
 
-def _field_line(result: dict[str, Any]) -> str:
+def _run_verdict_field_line(result: dict[str, Any]) -> str:
     pressure, force = result["pressure_rms_pa"], result["force_mn"]
     return (
         f"  field     {pressure['mean']:.0f} Pa RMS on average, force {force['mean']:.2f} ± "
@@ -272,7 +282,7 @@ def _field_line(result: dict[str, Any]) -> str:
     )
 
 
-def _several_line(result: dict[str, Any]) -> str:
+def _run_verdict_foci_line(result: dict[str, Any]) -> str:
     return (
         f"  foci      several in a frame: the weakest has {result['balance']['min']:.2f} of their "
         f"mean or more, efficiency {result['efficiency']['min']:.2f} or more (1: they share the "
@@ -281,23 +291,23 @@ def _several_line(result: dict[str, Any]) -> str:
     )
 
 
-def _what_is_wrong(frame: FrameVerdict) -> tuple[str, ...]:
+def _wrong_frame_text(frame: FrameVerdict) -> tuple[str, ...]:
     times = {"late": frame.late, "early": frame.early, "latched more than once": frame.latches > 1}
     note = frame.note if frame.status is FrameStatus.NOT_VERIFIED else ""
     words = [str(frame.status), *(word for word, is_so in times.items() if is_so)]
     return tuple(filter(None, [*words, *frame.faults, note]))
 
 
-def _group_line(what: tuple[str, ...], frames: list[FrameVerdict]) -> str:
+def _run_verdict_group_line(what: tuple[str, ...], frames: list[FrameVerdict]) -> str:
     """Return the common fault of frames, and its worst consequence."""
     numbers = ", ".join(str(frame.number) for frame in frames[:_NAMED_FRAMES])
     more = ", ..." if len(frames) > _NAMED_FRAMES else ""
-    worst = "; ".join(frame_measures(max(frames, key=_damage)))
+    worst = "; ".join(frame_measures(max(frames, key=_damaged_frame_text)))
     at_worst = [f"at the worst {worst}"] if worst else []
     return f"{len(frames)} frames ({numbers}{more}): {'; '.join([*what, *at_worst])}"
 
 
-def _damage(frame: FrameVerdict) -> tuple[float, float]:
+def _damaged_frame_text(frame: FrameVerdict) -> tuple[float, float]:
     """Return by what the worst frame of a group is found: distance, then what is missing."""
     effect = frame.consequence
     away_mm = (effect.focus_error_mm if effect else None) or frame.error_mm or 0.0
@@ -307,13 +317,13 @@ def _damage(frame: FrameVerdict) -> tuple[float, float]:
 # --- Numbers and words -------------------------------------------------------------------------
 
 
-def _percentiles(values: np.ndarray, names: str) -> dict[str, float | None]:
+def _run_verdict_percentiles(values: np.ndarray, names: str) -> dict[str, float | None]:
     if not len(values):
         return dict.fromkeys(names.split())
     return {name: float(np.percentile(values, _PERCENTILES[name])) for name in names.split()}
 
 
-def _spread(values: np.ndarray) -> dict[str, float | None]:
+def _run_verdict_spread(values: np.ndarray) -> dict[str, float | None]:
     if not len(values):
         return dict.fromkeys(("mean", "std", "min", "max"))
     return {
@@ -324,11 +334,11 @@ def _spread(values: np.ndarray) -> dict[str, float | None]:
     }
 
 
-def _least(values: np.ndarray) -> float | None:
+def _least_of_run_verdict(values: np.ndarray) -> float | None:
     return float(values.min()) if len(values) else None
 
 
-def _frame_dict(frame: FrameVerdict) -> dict[str, Any]:
+def _frame_verdict_dict(frame: FrameVerdict) -> dict[str, Any]:
     """Return the known fields of one frame."""
     fields = dataclasses.asdict(frame) | {"status": str(frame.status)}
     fields["evidence"] = None if frame.evidence is None else str(frame.evidence)

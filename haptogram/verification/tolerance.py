@@ -28,7 +28,7 @@ from haptogram.settings.tolerance import (
 )
 
 
-def _check_air(temperature_c: float, humidity_percent: float) -> None:
+def _check_uncertain_air(temperature_c: float, humidity_percent: float) -> None:
     check_number("temperature_c", temperature_c, 0.0, MOST_OFF_C)
     check_number("humidity_percent", humidity_percent, 0.0, MOST_OFF_HUMIDITY_PERCENT)
 
@@ -63,7 +63,7 @@ class Tolerance:
 
     def __post_init__(self) -> None:
         check_number("miss_mm", self.miss_mm, 0.0, MOST_MISS_MM)
-        _check_air(self.temperature_c, self.humidity_percent)
+        _check_uncertain_air(self.temperature_c, self.humidity_percent)
 
     @property
     def is_strict(self) -> bool:
@@ -109,7 +109,7 @@ class Uncertainty:
     phase_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_air(self.temperature_c, self.humidity_percent)
+        _check_uncertain_air(self.temperature_c, self.humidity_percent)
         check_number("position_mm", self.position_mm, 0.0, MOST_OFF_POSITION_MM)
         check_number("phase_rad", self.phase_rad, 0.0, MOST_OFF_PHASE_RAD)
 

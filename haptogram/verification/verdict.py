@@ -192,7 +192,7 @@ class FrameVerdict:
 
     def __str__(self) -> str:
         """Return the status of the frame and its evidence, in a line."""
-        return _frame_text(self)
+        return _frame_verdict_text(self)
 
     @property
     def is_wrong(self) -> bool:
@@ -259,10 +259,10 @@ def frame_verdict_line(frame: FrameVerdict) -> str:
     return "; ".join(parts)
 
 
-def _frame_text(frame: FrameVerdict) -> str:
+def _frame_verdict_text(frame: FrameVerdict) -> str:
     """Return the status of one frame, its evidence, and the smallest miss that would show."""
     parts = [frame_verdict_line(frame)]
-    if frame.status not in WRONG and (place := _place(frame)) is not None:
+    if frame.status not in WRONG and (place := _frame_verdict_place(frame)) is not None:
         parts.append(place)
     if frame.criteria and not frame.is_silence:
         smallest_mm = frame.smallest_miss_mm
@@ -278,7 +278,7 @@ def _frame_text(frame: FrameVerdict) -> str:
     return "; ".join(parts)
 
 
-def _place(frame: FrameVerdict) -> str | None:
+def _frame_verdict_place(frame: FrameVerdict) -> str | None:
     """Return the distance of the focus from its place in words, as far as it can be observed."""
     parts = [
         None if frame.lateral_error_mm is None else f"{frame.lateral_error_mm:.3f} mm across",
@@ -289,7 +289,7 @@ def _place(frame: FrameVerdict) -> str | None:
 
 def frame_measures(frame: FrameVerdict) -> Iterator[str]:
     """Yield the millimetres and pascals of the faults."""
-    if frame.status in WRONG and (place := _place(frame)) is not None:
+    if frame.status in WRONG and (place := _frame_verdict_place(frame)) is not None:
         yield place
     if (pressure := wrong_pressure_text(frame)) is not None:
         yield pressure

@@ -18,7 +18,7 @@ from .recorder import InlineReconstruction
 from .records import Record
 
 
-class Recording(Protocol):
+class TapRecording(Protocol):
     """A recording that is being written; times are nanoseconds."""
 
     failure: str
@@ -55,7 +55,7 @@ class Recording(Protocol):
 
 
 #: Given a file and the options of the command, opens a recording.
-OpenRecording: TypeAlias = Callable[[Path, Mapping[str, Any]], Recording]
+OpenRecording: TypeAlias = Callable[[Path, Mapping[str, Any]], TapRecording]
 
 
 class LineTap:
@@ -66,7 +66,7 @@ class LineTap:
 
     Parameters
     ----------
-    recording : Recording
+    recording : TapRecording
         Is closed with this.
     config : BoardConfig
         The board, as it can be built again.
@@ -77,7 +77,7 @@ class LineTap:
     """
 
     def __init__(
-        self, recording: Recording, config: BoardConfig, settings: BoardSettings, *, paced: bool
+        self, recording: TapRecording, config: BoardConfig, settings: BoardSettings, *, paced: bool
     ) -> None:
         self._recording = recording
         self._latched = 0

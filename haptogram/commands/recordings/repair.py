@@ -39,11 +39,11 @@ def set_up(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Copy the recording; return 0."""
-    from haptogram.evidence.recordings.repair import repair
+    from haptogram.evidence.recordings.repair import repair_recording
 
     if STANDARD_OUTPUT in (arguments.file, arguments.copy):
         raise ConfigurationError("-: a repair reads and writes files; name both")
     check_file_writable(arguments.copy)
-    count = repair(arguments.file, arguments.copy)
+    count = repair_recording(arguments.file, arguments.copy)
     print(f"wrote {arguments.copy}: {count} messages", file=sys.stderr)
     return 0

@@ -94,12 +94,12 @@ def run(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
 
         result = replay_to_port(recording, arguments.port, baudrate=arguments.baud)
     else:
-        from haptogram.evidence.recordings.replay import replay
+        from haptogram.evidence.recordings.replay import replay_recording
 
         def make(options: Mapping[str, Any], *, paced: bool) -> ReplayBoard:
             return make_board(_changed(options, arguments), paced)
 
-        result = replay(recording, make)
+        result = replay_recording(recording, make)
     text = "\n".join(_lines(result, arguments.show))
     outputs.print(text)
     if arguments.json is not None:

@@ -85,8 +85,8 @@ def judged_at_port(
 
 def run_recorded(config: VerifyConfig, outputs: Outputs, provenance: Provenance) -> int:
     """Judge captures by the frames of a recording, and return the exit status."""
-    from haptogram.evidence.recordings.intended import recorded_run
     from haptogram.evidence.recordings.reader import Recording
+    from haptogram.evidence.recordings.recorded_run import recorded_run
     from haptogram.report import run as report
 
     path = config.captures.recording

@@ -142,7 +142,7 @@ def _run(
     writer: RecordingWriter | None,
 ) -> int:
     """Run the job on the board that the settings name; write and print its result."""
-    from haptogram.evidence.recordings.intended import record_intended
+    from haptogram.evidence.recordings.recorded_run import record_intended
     from haptogram.report import run as report
     from haptogram.verification import Verdict, tolerance_of, uncertainty_of
 

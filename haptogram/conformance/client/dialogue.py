@@ -45,29 +45,29 @@ def full_dialogue(board: BoardClient) -> list[Received]:
     board.hello()
     since = board.link.mark()
     board.hello(board.link.session)
-    _ask_for_everything(board)
+    _ask_in_full_dialogue(board)
     board.link.ask(Arm())
     for feature, mode in _TRACES:
         if board.has(feature | Feature.CONFIG):
             board.configure(trace_mode=mode, status_period_ms=board.quick_status_ms)
-            _stream_some(board)
+            _stream_in_full_dialogue(board)
     if board.has(Feature.SEQUENCE_PHASES):
-        _play_some(board)
-    _be_refused(board)
-    _run_out_of_time(board)
+        _play_in_full_dialogue(board)
+    _be_refused_in_full_dialogue(board)
+    _time_out_in_full_dialogue(board)
     board.link.ask(Disarm())
     board.link.ask(Mute())
     return board.wire.received[since:]
 
 
-def _ask_for_everything(board: BoardClient) -> None:
+def _ask_in_full_dialogue(board: BoardClient) -> None:
     board.link.ask(Ping(0x0102030405060708))
     board.link.ask(GetStatus())
     board.link.ask(GetConfig())
     board.link.ask(GetGeometry(0, 0xFFFF))
 
 
-def _stream_some(board: BoardClient) -> None:
+def _stream_in_full_dialogue(board: BoardClient) -> None:
     if not board.has_phases:
         return
     # No zero in the registers, nor in the amplitudes: the longest runs that COBS has to cut.
@@ -82,7 +82,7 @@ def _stream_some(board: BoardClient) -> None:
     board.wire.idle(1200 * board.quick_status_ms)  # for a STATUS
 
 
-def _play_some(board: BoardClient) -> None:
+def _play_in_full_dialogue(board: BoardClient) -> None:
     data = b"".join(board.random_registers() for _ in range(_FRAMES))
     upload_to_board(board, UploadKind.PHASES, _SEQUENCE, data)
     if board.has(Feature.CONFIG | Feature.TRACE):
@@ -92,13 +92,13 @@ def _play_some(board: BoardClient) -> None:
     board.link.ask(Stop())
 
 
-def _be_refused(board: BoardClient) -> None:
+def _be_refused_in_full_dialogue(board: BoardClient) -> None:
     board.link.ask_raw(_UNKNOWN_REQUEST)
     board.link.ask_raw(GetGeometry.TYPE, b"\x00")
     board.link.ask(Ping(1), session=board.link.session ^ 0x5555)
 
 
-def _run_out_of_time(board: BoardClient) -> None:
+def _time_out_in_full_dialogue(board: BoardClient) -> None:
     """Let the hold mute the board, so that the board sends STATE_CHANGED."""
     if not board.has(Feature.CONFIG):
         return

@@ -51,26 +51,26 @@ def drive_paths(board: BoardClient) -> Iterator[DrivePath]:
     """Yield every path of every kind of drive that the board takes; the last goes on playing."""
     board.link.ask(Stop())
     for kind in stream_kinds(board):
-        yield DrivePath(f"{kind.name}, at once", partial(_at_once, board, kind))
-        yield DrivePath(f"{kind.name}, at its time", partial(_in_time, board, kind))
+        yield DrivePath(f"{kind.name}, at once", partial(_path_at_once, board, kind))
+        yield DrivePath(f"{kind.name}, at its time", partial(_path_in_time, board, kind))
     if board.has(Feature.SEQUENCE_PHASES):
-        yield DrivePath("PHASES, played", partial(_played_phases, board))
+        yield DrivePath("PHASES, played", partial(_path_of_played_phases, board))
     if board.has(Feature.SEQUENCE_POINTS):
         for number in sorted({1, board.identity.max_points}):
             name = f"POINTS ({number}), played"
-            yield DrivePath(name, partial(_played_points, board, number))
+            yield DrivePath(name, partial(_path_of_played_points, board, number))
     if board.has(Feature.SEQUENCE_PHASES):
-        yield DrivePath("PHASES, while they play", partial(_playing_phases, board))
+        yield DrivePath("PHASES, while they play", partial(_path_while_phases_play, board))
         board.link.ask(Stop())
 
 
-def _at_once(board: BoardClient, kind: StreamKind) -> Message:
+def _path_at_once(board: BoardClient, kind: StreamKind) -> Message:
     message = kind.make()
     latch_now(board, message)
     return message
 
 
-def _in_time(board: BoardClient, kind: StreamKind) -> Message:
+def _path_in_time(board: BoardClient, kind: StreamKind) -> Message:
     message = kind.make()
     t_us = board.clock.soon_us(bytes(2 * len(message.serialize())))
     board.link.send(board.link.stream_wire(message, t_us))
@@ -79,14 +79,14 @@ def _in_time(board: BoardClient, kind: StreamKind) -> Message:
     return message
 
 
-def _played_phases(board: BoardClient) -> Message:
+def _path_of_played_phases(board: BoardClient) -> Message:
     frames = [board.random.randbytes(board.identity.transducers) for _ in range(_FRAMES)]
     upload_to_board(board, UploadKind.PHASES, _SEQUENCE, b"".join(frames))
-    _play(board)
+    _play_points_on_path(board)
     return Phases(PhaseFormat.BITS_8, 0, frames[-1])
 
 
-def _playing_phases(board: BoardClient) -> Message:
+def _path_while_phases_play(board: BoardClient) -> Message:
     frame = board.random.randbytes(board.identity.transducers)
     upload_to_board(board, UploadKind.PHASES, _SEQUENCE, frame)
     play_now(board, _SEQUENCE, loops=0)
@@ -94,17 +94,17 @@ def _playing_phases(board: BoardClient) -> Message:
     return Phases(PhaseFormat.BITS_8, 0, frame)
 
 
-def _played_points(board: BoardClient, number: int) -> Message:
+def _path_of_played_points(board: BoardClient, number: int) -> Message:
     frames = [
         Points(tuple(random_point(board, number) for _ in range(number))) for _ in range(_FRAMES)
     ]
     data = b"".join(frame.serialize() for frame in frames)
     upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, number)
-    _play(board, number)
+    _play_points_on_path(board, number)
     return frames[-1]
 
 
-def _play(board: BoardClient, points: int = 0) -> None:
+def _play_points_on_path(board: BoardClient, points: int = 0) -> None:
     play_out(board, _SEQUENCE, _FRAMES, period_us=period_of(board, points))
 
 

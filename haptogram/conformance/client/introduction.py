@@ -53,15 +53,15 @@ def measured_board_rate(board: BoardClient) -> int:
     """
     stated = board.wire.baudrate
     for size in _RUNS:
-        took_us = min(_answered_after_us(board, size) for _ in range(_TRIPS))
-        took_us -= min(_answered_after_us(board, 0) for _ in range(_TRIPS))
+        took_us = min(_board_answered_after_us(board, size) for _ in range(_TRIPS))
+        took_us -= min(_board_answered_after_us(board, 0) for _ in range(_TRIPS))
         if took_us > _CLEAR_US:
             rate = size * 10_000_000 // took_us
             return rate if rate < _CLEARLY_LESS * stated else stated
     return stated
 
 
-def _answered_after_us(board: BoardClient, size: int) -> int:
+def _board_answered_after_us(board: BoardClient, size: int) -> int:
     """Return the time to the answer to a PING behind *size* bytes that are no frame."""
     ping, seq = board.link.request_wire(Ping(0))
     since, sent_us = board.link.mark(), board.wire.now_us()

@@ -143,16 +143,18 @@ def board_latches(board: BoardClient, since: int, mode: TraceMode) -> list[Trace
     """Return the latches in the events from piece *since* on, or in the trace ring."""
     board.link.barrier()
     if mode is TraceMode.RING:
-        return _ring(board)
+        return _latches_shown_by_ring(board)
     found = []
     for piece in board.wire.received[since:]:
         if piece.header is not None and piece.message is not None:
-            latched = _latched(board, piece.header, piece.message)
+            latched = _latch_shown_by_trace(board, piece.header, piece.message)
             found += [latched] if latched else []
     return found
 
 
-def _latched(board: BoardClient, header: Header, message: Message) -> TracedLatch | None:
+def _latch_shown_by_trace(
+    board: BoardClient, header: Header, message: Message
+) -> TracedLatch | None:
     t_us, late = board.clock.unwrap(header.time_us), bool(header.flags & Flag.LATE)
     if isinstance(message, Trace):
         return TracedLatch(message.index, t_us, message.crc, late)
@@ -165,7 +167,7 @@ def _latched(board: BoardClient, header: Header, message: Message) -> TracedLatc
     return None
 
 
-def _ring(board: BoardClient) -> list[TracedLatch]:
+def _latches_shown_by_ring(board: BoardClient) -> list[TracedLatch]:
     found: list[TracedLatch] = []
     first = 0
     while True:

@@ -20,12 +20,12 @@ def malformed_frame(data: bytes) -> bytes:
     return b"\x00" + cobs_encode(data) + b"\x00"
 
 
-def with_crc(body: bytes) -> bytes:
+def malformed_with_crc(body: bytes) -> bytes:
     """Return a body and its CRC-32."""
     return body + zlib.crc32(body).to_bytes(4, "little")
 
 
-def with_wrong_crc(body: bytes, flip: int = 1) -> bytes:
+def malformed_with_wrong_crc(body: bytes, flip: int = 1) -> bytes:
     """Return a body and a wrong CRC-32: the right one with the bits *flip* inverted."""
     return body + (zlib.crc32(body) ^ flip).to_bytes(4, "little")
 
@@ -35,7 +35,7 @@ def noise_bytes(source: random.Random, size: int) -> bytes:
     return bytes(source.randrange(1, 256) for _ in range(size))
 
 
-def _mute_of(link: RequestClient, payload: bytes) -> tuple[bytes, int]:
+def _malformed_mute(link: RequestClient, payload: bytes) -> tuple[bytes, int]:
     """Return body and number of a MUTE that carries *payload*.
 
     A board carries MUTE out with any payload (HG-6.4/1), so that MUTE_REPLY proves that a frame of
@@ -49,9 +49,9 @@ def mute_with_run(link: RequestClient, run: int) -> tuple[bytes, int]:
     """Return a MUTE with its CRC that ends with exactly *run* bytes that are not zero."""
     for filler in range(1, 256):
         payload = bytes([0] + [filler] * (run - 4))
-        body, seq = _mute_of(link, payload)
-        if 0 not in with_crc(body)[-4:]:
-            return with_crc(body), seq
+        body, seq = _malformed_mute(link, payload)
+        if 0 not in malformed_with_crc(body)[-4:]:
+            return malformed_with_crc(body), seq
     raise AssertionError("one of 255 checksums has no zero byte")
 
 
@@ -62,8 +62,8 @@ def mute_of_encoded_size(link: RequestClient, size: int) -> tuple[bytes, int]:
         payload = bytearray(noise_bytes(link.random, size))
         payload[1 : 1 + zeros] = bytes(zeros)
         for length in range(size - 60, size):
-            body, seq = _mute_of(link, bytes(payload[:length]))
-            encoded = cobs_encode(with_crc(body))
+            body, seq = _malformed_mute(link, bytes(payload[:length]))
+            encoded = cobs_encode(malformed_with_crc(body))
             if len(encoded) == size:
                 return encoded, seq
     raise AssertionError(f"no frame of {size} bytes was found")
@@ -72,7 +72,7 @@ def mute_of_encoded_size(link: RequestClient, size: int) -> tuple[bytes, int]:
 # --- other checksums, to name the one that a board uses ----------------------------------------
 
 
-def _crc16(data: bytes, polynomial: int, start: int, *, reflected: bool) -> int:
+def _malformed_crc16(data: bytes, polynomial: int, start: int, *, reflected: bool) -> int:
     """Return a CRC of 16 bits, bit by bit."""
     register = start
     for byte in data:
@@ -85,7 +85,7 @@ def _crc16(data: bytes, polynomial: int, start: int, *, reflected: bool) -> int:
     return register & 0xFFFF
 
 
-def _crc32c(data: bytes) -> int:
+def _malformed_crc32c(data: bytes) -> int:
     """Return the CRC-32 of Castagnoli, bit by bit."""
     register = 0xFFFFFFFF
     for byte in data:
@@ -95,12 +95,12 @@ def _crc32c(data: bytes) -> int:
     return register ^ 0xFFFFFFFF
 
 
-def other_checksums(body: bytes) -> dict[str, bytes]:
+def malformed_checksums(body: bytes) -> dict[str, bytes]:
     """Return *body* with each checksum that a board may use in place of CRC-32, by name."""
     right = zlib.crc32(body)
-    ccitt = _crc16(body, 0x1021, 0xFFFF, reflected=False)
-    xmodem = _crc16(body, 0x1021, 0, reflected=False)
-    arc = _crc16(body, 0xA001, 0, reflected=True)
+    ccitt = _malformed_crc16(body, 0x1021, 0xFFFF, reflected=False)
+    xmodem = _malformed_crc16(body, 0x1021, 0, reflected=False)
+    arc = _malformed_crc16(body, 0xA001, 0, reflected=True)
     ends = {
         "CRC-16/CCITT in 2 bytes": ccitt.to_bytes(2, "little"),
         "CRC-16/CCITT in 4 bytes": ccitt.to_bytes(4, "little"),
@@ -109,10 +109,12 @@ def other_checksums(body: bytes) -> dict[str, bytes]:
         "CRC-16/XMODEM in 4 bytes": xmodem.to_bytes(4, "little"),
         "CRC-16/ARC in 2 bytes": arc.to_bytes(2, "little"),
         "CRC-16/ARC in 4 bytes": arc.to_bytes(4, "little"),
-        "CRC-32C": _crc32c(body).to_bytes(4, "little"),
+        "CRC-32C": _malformed_crc32c(body).to_bytes(4, "little"),
         "CRC-32 with the highest byte first": right.to_bytes(4, "big"),
         "CRC-32 without the final XOR": (right ^ 0xFFFFFFFF).to_bytes(4, "little"),
         "the low 16 bits of CRC-32": (right & 0xFFFF).to_bytes(4, "little"),
         "no checksum": b"\x00\x00\x00\x00",
     }
-    return {name: body + end for name, end in ends.items() if body + end != with_crc(body)}
+    return {
+        name: body + end for name, end in ends.items() if body + end != malformed_with_crc(body)
+    }

@@ -32,7 +32,7 @@ class Transfer:
     data: bytes
 
 
-class Recording:
+class DialogueRecording:
     """Keeps the first and the last transfers, in bounded memory."""
 
     def __init__(self) -> None:
@@ -68,11 +68,11 @@ def _transcript_lines(transfers: Iterable[Transfer], start_us: int) -> list[str]
     for transfer in transfers:
         *ended, rest = (partial[transfer.direction] + transfer.data).split(DELIMITER)
         partial[transfer.direction] = rest
-        lines += _lines_of(transfer, start_us, [piece for piece in ended if piece])
+        lines += _transcript_lines_of(transfer, start_us, [piece for piece in ended if piece])
     return lines
 
 
-def _lines_of(transfer: Transfer, start_us: int, pieces: list[bytes]) -> list[str]:
+def _transcript_lines_of(transfer: Transfer, start_us: int, pieces: list[bytes]) -> list[str]:
     head = f"{(transfer.t_us - start_us) / 1e6:+11.6f} s {transfer.direction.value} "
     shown = transfer.data[:_SHOWN_BYTES]
     rows = [shown[start : start + _PER_LINE].hex(" ") for start in range(0, len(shown), _PER_LINE)]

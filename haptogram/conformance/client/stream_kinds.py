@@ -63,12 +63,12 @@ class StreamKind:
 
 def stream_kinds(board: BoardClient) -> list[StreamKind]:
     """Return every message and format of the stream that the board advertises."""
-    found = [_phases(board, form) for form in offered_formats(board)]
+    found = [_phases_kind(board, form) for form in offered_formats(board)]
     if board.has(Feature.AMPLITUDE):
-        found.append(StreamKind("DRIVES", lambda: _drives(board)))
+        found.append(StreamKind("DRIVES", lambda: _drives_kind(board)))
     if board.has(Feature.POINTS):
         numbers = sorted({1, board.identity.max_points})
-        found += [_points(board, number) for number in numbers]
+        found += [_points_kind(board, number) for number in numbers]
     return found
 
 
@@ -82,7 +82,7 @@ def offered_formats(board: BoardClient) -> list[PhaseFormat]:
     return [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
 
 
-def _phases(board: BoardClient, form: PhaseFormat) -> StreamKind:
+def _phases_kind(board: BoardClient, form: PhaseFormat) -> StreamKind:
     def make() -> Message:
         codes = (board.random.randrange(1 << form) for _ in range(board.identity.transducers))
         return Phases(form, 0, pack_phases(bytes(codes), form))
@@ -90,11 +90,11 @@ def _phases(board: BoardClient, form: PhaseFormat) -> StreamKind:
     return StreamKind(f"PHASES of {form:d} bits", make)
 
 
-def _drives(board: BoardClient) -> Message:
+def _drives_kind(board: BoardClient) -> Message:
     return Drives(PhaseFormat.BITS_8, 0, board.random.randbytes(2 * board.identity.transducers))
 
 
-def _points(board: BoardClient, number: int) -> StreamKind:
+def _points_kind(board: BoardClient, number: int) -> StreamKind:
     def make() -> Message:
         return Points(tuple(random_point(board, number) for _ in range(number)))
 

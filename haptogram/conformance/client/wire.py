@@ -17,7 +17,7 @@ from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, cobs_decode
 from haptogram_protocol.messages import EVENT_RANGE, RESPONSE_RANGE, Header, Message, parse_body
 
 from ..outcome import fail, inconclusive
-from .recording import Recording, TransferDirection
+from .recording import DialogueRecording, TransferDirection
 
 _LOOK_NS: Final = 5_000_000  # longest wait at a wall clock before the host looks at it again
 _RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
@@ -140,7 +140,7 @@ class RawFrameWire:
         self.limits = limits
         self.baudrate = baudrate
         self.received: list[Received] = []
-        self.recording = Recording()
+        self.recording = DialogueRecording()
         self.heard = 0
         self._transport = transport
         self.held_up_us = 0
@@ -155,7 +155,7 @@ class RawFrameWire:
         self.received, self.heard = [], 0
         self.held_up_us = 0
         self._leave(self.now_us())
-        self.recording = Recording()
+        self.recording = DialogueRecording()
         self._deadline_us = self.now_us() + self.limits.case_us
 
     def now_us(self) -> int:
@@ -280,7 +280,7 @@ class RawFrameWire:
             piece = self._partial + part if number == 0 else part
             self._partial = b"" if number == 0 else self._partial
             if piece:
-                self.received.append(_received(now_us, piece, shared=self._zeros == 1))
+                self.received.append(_received_by_client(now_us, piece, shared=self._zeros == 1))
                 self._zeros = 0
             self._zeros += 1
         self._keep(rest)
@@ -299,7 +299,7 @@ class RawFrameWire:
             self._partial += rest
 
 
-def _received(t_us: int, piece: bytes, *, shared: bool) -> Received:
+def _received_by_client(t_us: int, piece: bytes, *, shared: bool) -> Received:
     try:
         body = decode_frame(piece)
     except RemoteProtocolError as error:

@@ -57,7 +57,7 @@ _UNKNOWN_FLAGS: Final = (0x20, 0x40, 0x80)
 
 
 @dataclass(slots=True)
-class Host:
+class DialogueHost:
     """A host's state while a dialogue is rendered.
 
     Attributes
@@ -97,7 +97,7 @@ class Host:
 
 
 @dataclass(frozen=True, slots=True)
-class Action:
+class DialogueAction:
     """One frame of a random host.
 
     Attributes
@@ -119,12 +119,12 @@ class Action:
 
     slot: int
     text: str
-    body: Callable[[Host], bytes] = field(repr=False)
+    body: Callable[[DialogueHost], bytes] = field(repr=False)
     damage: int = 0
     seed: int = 0
     ends_slot: bool = False
 
-    def wire(self, host: Host) -> bytes:
+    def wire(self, host: DialogueHost) -> bytes:
         """Return the bytes on the line."""
         source, wire = random.Random(self.seed), encode_frame(self.body(host))
         if self.damage == 1:
@@ -138,7 +138,7 @@ class Action:
         return wire
 
 
-class Generator:
+class DialogueGenerator:
     """Makes random dialogues for one board.
 
     Parameters
@@ -181,7 +181,7 @@ class Generator:
             trace_divider=pick((1, 1, 2, 3)),
         )
 
-    def actions(self, slots: int) -> list[Action]:
+    def actions(self, slots: int) -> list[DialogueAction]:
         """Return a random dialogue of so many slots."""
         made = []
         for slot in range(slots):
@@ -192,18 +192,18 @@ class Generator:
             made += [action for action in batch if action.ends_slot][:1]
         return made
 
-    def _action(self, slot: int) -> Action:
+    def _action(self, slot: int) -> DialogueAction:
         pick = self._random.choice
         kinds = [self._stream] * 9 + [self._request] * 8 + [self._odd] * 4
         text, body = pick(kinds)(slot)
         ends_slot = any(word in text for word in _AT_ONCE)
         damage = self._random.choices((0, 1, 2, 3), (16, 1.5, 0.5, 0.3))[0]
         named = text + ("", ", a bit inverted", ", cut short", ": noise instead")[damage]
-        return Action(slot, named, body, damage, self._random.getrandbits(32), ends_slot)
+        return DialogueAction(slot, named, body, damage, self._random.getrandbits(32), ends_slot)
 
     # --- stream --------------------------------------------------------------------------------
 
-    def _stream(self, slot: int) -> tuple[str, Callable[[Host], bytes]]:
+    def _stream(self, slot: int) -> tuple[str, Callable[[DialogueHost], bytes]]:
         pick = self._random.choice
         message = self._drive()
         # In slots from now on; -1, -3: 10 ms and 60 ms late; the horizon: far beyond it.
@@ -214,7 +214,7 @@ class Generator:
         apart_us = pick((0, 0, 25, 1000, 3000))
         cut = pick([0] * 18 + [1])
 
-        def body(host: Host) -> bytes:
+        def body(host: DialogueHost) -> bytes:
             host.stream_next += max(0, step)
             seq = host.stream_next + min(0, step)
             host.stream_next += step >= 0
@@ -262,7 +262,7 @@ class Generator:
 
     # --- requests ------------------------------------------------------------------------------
 
-    def _request(self, slot: int) -> tuple[str, Callable[[Host], bytes]]:
+    def _request(self, slot: int) -> tuple[str, Callable[[DialogueHost], bytes]]:
         pick = self._random.choice
         flags = pick([0] * 16 + [Flag.IMMEDIATE, *_UNKNOWN_FLAGS])
         back = self._random.choices((0, 1, 2, 5), (16, 2, 1, 1))[0]
@@ -274,14 +274,17 @@ class Generator:
             flags &= ~Flag.IMMEDIATE
         later = pick((0.5, 1.5, 1.5, -2.0, 10_000))
 
-        def body(host: Host) -> bytes:
+        def body(host: DialogueHost) -> bytes:
             sent = message
             if isinstance(sent, SetConfig):
                 sent = SetConfig(host.config)
             us = host.start_us + slot * SLOT_US + round(later * SLOT_US)
             return host.request(sent, back=back, flags=flags, time_us=us, other=other)
 
-        return f"{message.TYPE.name} {_told(message)}, {back} back, flags {flags:#x}", body
+        return (
+            f"{message.TYPE.name} {_told_in_dialogue(message)}, {back} back, flags {flags:#x}",
+            body,
+        )
 
     def _requests(self) -> list[Callable[[], Message]]:
         across = self._random.randrange
@@ -327,7 +330,7 @@ class Generator:
         largest = min(count, self._identity.max_chunk)
         return UploadChunk(self._random.choice((0, count, 7 * count)), bytes(largest))
 
-    def _odd(self, slot: int) -> tuple[str, Callable[[Host], bytes]]:
+    def _odd(self, slot: int) -> tuple[str, Callable[[DialogueHost], bytes]]:
         """Return a frame of an unknown type, of a wrong length, or the last request again."""
         kind = self._random.choice(_UNKNOWN_TYPES)
         text, body = self._random.choice((self._stream, self._request))(slot)
@@ -340,5 +343,5 @@ class Generator:
         return f"{text}, a byte too long", lambda host: body(host) + b"\x00"
 
 
-def _told(message: Message) -> str:
+def _told_in_dialogue(message: Message) -> str:
     return str({name: getattr(message, name) for name in message.WIRE})

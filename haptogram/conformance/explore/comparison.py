@@ -51,7 +51,7 @@ _CODES_APART: Final = 1  # steps between two computations of one drive
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class SaidInDialogue:
     """Responses and events of one board in one slot; counters since the start of the dialogue."""
 
     responses: list[tuple[Header, Message]]
@@ -61,77 +61,78 @@ class Said:
     @classmethod
     def of(cls, frames: Iterable[tuple[Header, Message]], base: Counters) -> Self:
         """Sort *frames*; a STATE_CHANGED of a MUTE is optional (HG-6.8/2) and left out."""
-        kept = [pair for pair in frames if not _is_optional(pair[1])]
+        kept = [pair for pair in frames if not _is_optional_in_dialogue(pair[1])]
         events = [pair for pair in kept if pair[0].type in EVENT_RANGE]
         return cls([pair for pair in kept if pair[0].type not in EVENT_RANGE], events, base)
 
 
-def _is_optional(message: Message) -> bool:
+def _is_optional_in_dialogue(message: Message) -> bool:
     return isinstance(message, StateChanged) and message.reason is MuteReason.MUTE
 
 
-def difference(ours: Said, theirs: Said, tolerance_us: int) -> str:
+def difference(ours: SaidInDialogue, theirs: SaidInDialogue, tolerance_us: int) -> str:
     """Return the first difference between a board and the model; empty if there is none."""
     for kind in ("responses", "events"):
         one, other = getattr(ours, kind), getattr(theirs, kind)
         for place, (mine, due) in enumerate(zip(one, other, strict=False)):
-            if text := _frame_difference(mine, due, ours, theirs, tolerance_us):
+            if text := _dialogue_frame_difference(mine, due, ours, theirs, tolerance_us):
                 return f"{kind[:-1]} {place}: {text}"
         if len(one) != len(other):
             rest = one[len(other) :] or other[len(one) :]
             who = "the board sends" if len(one) > len(other) else "due is"
-            return f"{who} {_named(rest[0][1])} as well"
+            return f"{who} {_named_in_dialogue(rest[0][1])} as well"
     return ""
 
 
-def _frame_difference(
+def _dialogue_frame_difference(
     mine: tuple[Header, Message],
     due: tuple[Header, Message],
-    ours: Said,
-    theirs: Said,
+    ours: SaidInDialogue,
+    theirs: SaidInDialogue,
     tolerance_us: int,
 ) -> str:
     header, message = mine
     due_header, due_message = due
     if type(message) is not type(due_message):
-        return f"{_named(message)}, due is {_named(due_message)}"
+        return f"{_named_in_dialogue(message)}, due is {_named_in_dialogue(due_message)}"
     for name in ("session", "flags") if header.type in EVENT_RANGE else ("session", "flags", "seq"):
         if getattr(header, name) != getattr(due_header, name):
             return (
-                f"{_named(message)}: {name} is {getattr(header, name):#x}, "
+                f"{_named_in_dialogue(message)}: {name} is {getattr(header, name):#x}, "
                 f"due is {getattr(due_header, name):#x}"
             )
-    if not _is_near(header.time_us, due_header.time_us, tolerance_us):
-        return f"{_named(message)}: time_us is {header.time_us}, due is {due_header.time_us}"
-    return _message_difference(message, due_message, ours, theirs, tolerance_us)
+    if not _is_near_in_dialogue(header.time_us, due_header.time_us, tolerance_us):
+        name = _named_in_dialogue(message)
+        return f"{name}: time_us is {header.time_us}, due is {due_header.time_us}"
+    return _dialogue_message_difference(message, due_message, ours, theirs, tolerance_us)
 
 
-def _message_difference(
-    message: Message, due: Message, ours: Said, theirs: Said, tolerance_us: int
+def _dialogue_message_difference(
+    message: Message, due: Message, ours: SaidInDialogue, theirs: SaidInDialogue, tolerance_us: int
 ) -> str:
     own = _OWN.get(type(message), frozenset())
     names = [*message.WIRE, *([message.TAIL.name] if message.TAIL else [])]
     if isinstance(message, Error) and isinstance(due, Error):
-        own = frozenset({"detail"}) if _detail_is_own(due) else own
+        own = frozenset({"detail"}) if _is_own_detail_of_model(due) else own
     for name in names:
         if name in own:
             continue
         got, wanted = getattr(message, name), getattr(due, name)
         if name == "counters":
-            if text := _counter_difference(got, wanted, ours.base, theirs.base):
-                return f"{_named(message)}: {text}"
+            if text := _dialogue_counter_difference(got, wanted, ours.base, theirs.base):
+                return f"{_named_in_dialogue(message)}: {text}"
         elif isinstance(message, DriveReply) and name == "data":
-            if not _are_near_codes(got, wanted):
-                return f"{_named(message)}: another drive"
+            if not _are_near_codes_of_model(got, wanted):
+                return f"{_named_in_dialogue(message)}: another drive"
         elif name.endswith(_TIMES):
-            if not _is_near(got, wanted, tolerance_us):
-                return f"{_named(message)}: {name} is {got}, due is {wanted}"
+            if not _is_near_in_dialogue(got, wanted, tolerance_us):
+                return f"{_named_in_dialogue(message)}: {name} is {got}, due is {wanted}"
         elif got != wanted:
-            return f"{_named(message)}: {name} is {got}, due is {wanted}"
+            return f"{_named_in_dialogue(message)}: {name} is {got}, due is {wanted}"
     return ""
 
 
-def _detail_is_own(due: Error) -> bool:
+def _is_own_detail_of_model(due: Error) -> bool:
     """Return True if the detail of a refusal depends on the board's limits or its past."""
     uploads = due.request in (UploadChunk.TYPE, UploadCommit.TYPE)
     return (uploads and due.code == ErrorCode.BAD_STATE) or due.code in (
@@ -140,7 +141,9 @@ def _detail_is_own(due: Error) -> bool:
     )
 
 
-def _counter_difference(got: Counters, due: Counters, ours: Counters, theirs: Counters) -> str:
+def _dialogue_counter_difference(
+    got: Counters, due: Counters, ours: Counters, theirs: Counters
+) -> str:
     for name in Counters.WIRE:
         mine = (getattr(got, name) - getattr(ours, name)) & 0xFFFFFFFF
         wanted = (getattr(due, name) - getattr(theirs, name)) & 0xFFFFFFFF
@@ -149,18 +152,18 @@ def _counter_difference(got: Counters, due: Counters, ours: Counters, theirs: Co
     return ""
 
 
-def _is_near(got: int, due: int, tolerance_us: int) -> bool:
+def _is_near_in_dialogue(got: int, due: int, tolerance_us: int) -> bool:
     return abs(signed_difference(got & 0xFFFFFFFF, due & 0xFFFFFFFF, 32)) <= tolerance_us
 
 
-def _are_near_codes(got: bytes, due: bytes) -> bool:
+def _are_near_codes_of_model(got: bytes, due: bytes) -> bool:
     if len(got) != len(due):
         return False
     apart = ((a - b + 128) % 256 - 128 for a, b in zip(got, due, strict=True))
     return all(abs(step) <= _CODES_APART for step in apart)
 
 
-def _named(message: Message) -> str:
+def _named_in_dialogue(message: Message) -> str:
     text = message.TYPE.name
     if isinstance(message, Error):
         code = message.code

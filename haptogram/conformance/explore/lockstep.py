@@ -37,8 +37,15 @@ from haptogram_protocol.messages import (
 from ..client.board_client import BoardClient
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
-from .actions import SLOT_US, STORED_FRAMES, STORED_PHASES, STORED_POINTS, Action, Host
-from .comparison import Said, difference
+from .actions import (
+    SLOT_US,
+    STORED_FRAMES,
+    STORED_PHASES,
+    STORED_POINTS,
+    DialogueAction,
+    DialogueHost,
+)
+from .comparison import SaidInDialogue, difference
 from .stepped_process import SteppedProcess
 
 _LEAD_US: Final = 2_000_000  # the model runs so long before slot 0
@@ -106,14 +113,14 @@ class Lockstep:
         limits["features"] &= int(sum(Feature))
         limits["max_stored_bytes"] = 2 * limits["max_upload_bytes"]
         self._model = SteppedProcess(
-            [sys.executable, "-m", _MODEL, json.dumps(limits)], _model_failure
+            [sys.executable, "-m", _MODEL, json.dumps(limits)], _lockstep_model_failure
         )
 
     def close(self) -> None:
         """End the model's process."""
         self._model.close()
 
-    def play(self, actions: Sequence[Action], config: Config, seed: int) -> Played:
+    def play(self, actions: Sequence[DialogueAction], config: Config, seed: int) -> Played:
         """Play a dialogue at both boards and compare.
 
         Raises
@@ -129,7 +136,7 @@ class Lockstep:
         finally:
             board.link.seq = host.seq + 1  # where the client goes on
 
-    def _compare(self, host: Host, actions: Sequence[Action]) -> Played:
+    def _compare(self, host: DialogueHost, actions: Sequence[DialogueAction]) -> Played:
         """Play the slots of a dialogue up to the first difference."""
         base = self._baseline(host)
         lines: list[str] = []
@@ -142,22 +149,24 @@ class Lockstep:
                 return Played(f"{slot * SLOT_US} µs after the start {found}", tuple(lines))
         return Played("", tuple(lines))
 
-    def _batch(self, host: Host, actions: Sequence[Action]) -> list[tuple[Action, bytes]]:
+    def _batch(
+        self, host: DialogueHost, actions: Sequence[DialogueAction]
+    ) -> list[tuple[DialogueAction, bytes]]:
         """Return the frames of a slot with their actions: as many as the line carries in time."""
-        found: list[tuple[Action, bytes]] = []
+        found: list[tuple[DialogueAction, bytes]] = []
         for action in actions:
             wire = action.wire(host)
             size = len(wire) + sum(len(data) for _, data in found)
             if self._board.wire.line_us(size) > SLOT_US // _SHARE:
                 break
-            if found and _is_mute(wire):
+            if found and _is_mute_in_lockstep(wire):
                 break  # it may overtake what is sent with it: HG-3.8/2
             found.append((action, wire))
         return found
 
     # --- the beginning of a dialogue -----------------------------------------------------------
 
-    def _open(self, config: Config, seed: int) -> Host:
+    def _open(self, config: Config, seed: int) -> DialogueHost:
         """Open a session at both, with two stored sequences and *config*; return the host."""
         board = self._board
         now_us = board.clock.device_us()
@@ -169,7 +178,7 @@ class Lockstep:
         hello = Hello(1, 0, nonce, board.description_hash)
         opening = Header(Hello.TYPE, 0, board.link.seq & 0xFFFF, 0, 0).pack() + hello.serialize()
         self._model.receive(0, encode_frame(opening))
-        host = Host(board.identity, config, nonce, board.link.seq, start_us)
+        host = DialogueHost(board.identity, config, nonce, board.link.seq, start_us)
         for number, message in enumerate(self._preamble(config, seed), start=1):
             board.link.ask(message)
             body = host.request(message)
@@ -203,20 +212,22 @@ class Lockstep:
         begin = UploadBegin(kind, points, target, len(data), zlib.crc32(data))
         return [begin, *chunks, UploadCommit(target)]
 
-    def _baseline(self, host: Host) -> tuple[Counters, Counters]:
+    def _baseline(self, host: DialogueHost) -> tuple[Counters, Counters]:
         """Return the counters of both before slot 0."""
         board = self._board
         ours = board.status().counters
         host.seq = board.link.seq
         body = Header(0x45, 0, board.link.seq & 0xFFFF, 0, host.session).pack()
-        said = _frames_in(self._model.receive(200_000, encode_frame(body)))
+        said = _frames_in_lockstep(self._model.receive(200_000, encode_frame(body)))
         status = said[-1][1]
         assert isinstance(status, StatusReply)
         return ours, status.counters
 
     # --- one slot ------------------------------------------------------------------------------
 
-    def _slot(self, host: Host, slot: int, data: bytes, base: tuple[Counters, Counters]) -> str:
+    def _slot(
+        self, host: DialogueHost, slot: int, data: bytes, base: tuple[Counters, Counters]
+    ) -> str:
         board, at_us = self._board, host.start_us + slot * SLOT_US
         early_us = at_us - board.clock.device_estimate_us()
         board.wire.idle(max(0, early_us - board.wire.line_us(len(data))))
@@ -242,18 +253,20 @@ class Lockstep:
         heard = sum(len(piece.piece) + 2 for piece in pieces)
         tolerance_us = (board.wire.limits.slack_us or 2000) + board.wire.line_us(len(data) + heard)
         return difference(
-            Said.of(ours, base[0]), Said.of(_frames_in(theirs), base[1]), tolerance_us
+            SaidInDialogue.of(ours, base[0]),
+            SaidInDialogue.of(_frames_in_lockstep(theirs), base[1]),
+            tolerance_us,
         )
 
 
-def _is_mute(wire: bytes) -> bool:
+def _is_mute_in_lockstep(wire: bytes) -> bool:
     return any(
         isinstance(body, bytes) and body[0] == MessageType.MUTE
         for body in FrameDecoder().feed(wire)
     )
 
 
-def _frames_in(data: bytes) -> list[tuple[Header, Message]]:
+def _frames_in_lockstep(data: bytes) -> list[tuple[Header, Message]]:
     found = []
     for body in FrameDecoder().feed(data):
         if isinstance(body, RemoteProtocolError):
@@ -262,7 +275,7 @@ def _frames_in(data: bytes) -> list[tuple[Header, Message]]:
     return found
 
 
-def _model_failure(text: str) -> Exception:
+def _lockstep_model_failure(text: str) -> Exception:
     return CaseEndedError(Behaviour.INCONCLUSIVE, f"the model beside the board: {text}")
 
 

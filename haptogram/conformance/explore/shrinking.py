@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from .actions import Action
+from .actions import DialogueAction
 
 
-def shrink(
-    actions: Sequence[Action], differs: Callable[[Sequence[Action]], bool], tries: int
-) -> list[Action]:
+def shrink_dialogue(
+    actions: Sequence[DialogueAction],
+    differs: Callable[[Sequence[DialogueAction]], bool],
+    tries: int,
+) -> list[DialogueAction]:
     """Return a part of *actions* that still differs, after at most *tries* replays.
 
     Halves, quarters and so on are left out, at last single actions.
 
     Examples
     --------
-    >>> shrink("abcdef", lambda part: "b" in part and "e" in part, tries=50)
+    >>> shrink_dialogue("abcdef", lambda part: "b" in part and "e" in part, tries=50)
     ['b', 'e']
     """
     kept, size = list(actions), len(actions) // 2

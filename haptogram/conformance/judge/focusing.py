@@ -22,7 +22,7 @@ _STEPS = 256
 _LATCHED_US = 0
 
 
-def host_frames(
+def judged_host_frames(
     model: AcousticModel,
     identity: HelloReply,
     targets_m: Sequence[tuple[float, float, float]],
@@ -30,11 +30,13 @@ def host_frames(
     mode: Mode = "phases",
 ) -> list[Frame]:
     """Return a frame per target, as a host computes it."""
-    builder = FrameBuilder(model, identity, bits if mode == "phases" else _any_format(identity))
+    builder = FrameBuilder(
+        model, identity, bits if mode == "phases" else _any_judged_format(identity)
+    )
     return builder.build(as_frame_foci(list(targets_m)), mode)
 
 
-def _any_format(identity: HelloReply) -> int:
+def _any_judged_format(identity: HelloReply) -> int:
     return next(bits for bits, bit in ((8, 1), (6, 2), (5, 4)) if identity.phase_formats & bit)
 
 
@@ -62,14 +64,14 @@ def check_focus(judge: FrameJudge, frame: Frame, shown: ShownDrive) -> None:
     fail(f"{named}: focus commanded to ({where}) mm, found {found} ({frame.phase_bits} bits)")
 
 
-def _weights(model: AcousticModel, points: tuple[FocalPoint, ...]) -> NDArray[np.complex128]:
+def _judged_weights(model: AcousticModel, points: tuple[FocalPoint, ...]) -> NDArray[np.complex128]:
     positions = np.array([(p.x_um, p.y_um, p.z_um) for p in points]) * 1e-6
     levels = np.array([p.amplitude for p in points]) / 65_535
     lags = np.array([p.phase for p in points]) * (2 * np.pi / 65_536)
     return superpose_foci(model, positions, levels, lags)
 
 
-def phase_errors(
+def judged_phase_errors(
     model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], ShownDrive]]
 ) -> NDArray[np.float64]:
     """Return latched phase codes less the exact phases, in steps, of every transducer.
@@ -78,7 +80,7 @@ def phase_errors(
     """
     errors = []
     for points, shown in found:
-        weights = _weights(model, points)
+        weights = _judged_weights(model, points)
         exact = np.angle(weights) / (2 * np.pi) * _STEPS
         codes = np.frombuffer(shown.phases, np.uint8).astype(np.float64)
         difference = (codes - exact + _STEPS / 2) % _STEPS - _STEPS / 2
@@ -86,12 +88,12 @@ def phase_errors(
     return np.concatenate(errors)
 
 
-def amplitude_errors(
+def judged_amplitude_errors(
     model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], ShownDrive]]
 ) -> NDArray[np.float64]:
     """Return latched amplitude codes less the exact ones, of every transducer."""
     errors = []
     for points, shown in found:
-        exact = 255 * np.minimum(1.0, np.abs(_weights(model, points)))
+        exact = 255 * np.minimum(1.0, np.abs(_judged_weights(model, points)))
         errors.append(np.frombuffer(shown.amplitudes, np.uint8) - exact)
     return np.concatenate(errors)

@@ -66,27 +66,27 @@ def read_held(board: BoardClient, since: int) -> Held:
     if board.has(Feature.TRACE_RING):
         held["the trace ring"] = board.link.call(ReadTrace(0, _RECORDS), TraceReply)
     if board.identity.features & _UPLOADS:
-        held["the upload"] = _upload(board)
+        held["the upload"] = _held_upload(board)
     events = [*board.link.events(StateChanged, since), *board.link.events(PlaybackEnded, since)]
     held["events"] = [event for _, event in events]
     return held
 
 
-def _upload(board: BoardClient) -> object:
+def _held_upload(board: BoardClient) -> object:
     """Return the progress of the upload by a chunk without bytes, or the refusal's code."""
     answer = board.link.ask(UploadChunk(0, b"")).message
     return ("refused", answer.code) if isinstance(answer, Error) else answer
 
 
-def changes(before: Held, after: Held) -> str:
+def held_state_changes(before: Held, after: Held) -> str:
     """Return the differences in words; empty if there is none."""
     return "; ".join(
-        f"{name} was {_short(before[name])}, is {_short(value)}"
+        f"{name} was {_held_state_text(before[name])}, is {_held_state_text(value)}"
         for name, value in after.items()
         if value != before[name]
     )
 
 
-def _short(value: object) -> str:
+def _held_state_text(value: object) -> str:
     text = str(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

@@ -40,14 +40,14 @@ def read_ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampRea
     start_us = board.clock.unwrap(board.status().last_latch_us) + hold_ms * _MS
     found: list[RampReading] = []
     while not found or found[-1].from_ms < 1.1 * ramp_ms:
-        from_us, to_us, shown = _read_at(board)
+        from_us, to_us, shown = _read_ramp_at(board)
         from_ms, to_ms = ((t_us - start_us) / _MS for t_us in (from_us, to_us))
         found.append(RampReading(from_ms, to_ms, shown.amplitudes))
         board.wire.idle(ramp_ms * _MS // _READINGS)
     return found
 
 
-def _read_at(board: BoardClient) -> tuple[int, int, ShownDrive]:
+def _read_ramp_at(board: BoardClient) -> tuple[int, int, ShownDrive]:
     """Read back what is radiated; return the device times between which that was, and the drive."""
     ping, first = board.link.request_wire(Ping(0))
     read, seq = board.link.request_wire(
@@ -63,14 +63,14 @@ def _read_at(board: BoardClient) -> tuple[int, int, ShownDrive]:
     return from_us, to_us, shown_drive_of_reply(reply)
 
 
-def check_straight(
+def check_straight_ramp(
     board: BoardClient, ramp: Sequence[RampReading], ramp_ms: int, begins: bytes, name: str = ""
 ) -> None:
     """FAILED unless every amplitude goes from its code in *begins* straight to 0 in *ramp_ms*."""
     for reading in ramp:
         # One step, and 1 ms each for the timer and for the beginning of a step.
-        low = _left(reading.to_ms + _TIMER_MS, ramp_ms)
-        high = _left(reading.from_ms - _TIMER_MS - _STEP_MS, ramp_ms)
+        low = _ramp_left(reading.to_ms + _TIMER_MS, ramp_ms)
+        high = _ramp_left(reading.from_ms - _TIMER_MS - _STEP_MS, ramp_ms)
         for begin, got in zip(begins, reading.amplitudes, strict=True):
             least, most = begin * low - 1, begin * high + 1
             check_in_time(
@@ -82,6 +82,6 @@ def check_straight(
             )
 
 
-def _left(t_ms: float, ramp_ms: int) -> float:
+def _ramp_left(t_ms: float, ramp_ms: int) -> float:
     """Return the share of the amplitude that a straight ramp leaves."""
     return min(1.0, max(0.0, 1 - t_ms / ramp_ms))

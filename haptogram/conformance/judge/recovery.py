@@ -32,8 +32,8 @@ def recover_board(board: BoardClient) -> Recovery:
     board.wire.begin_case()
     try:
         for number in range(1, MAX_FRAMES + 1):
-            if _answers(board):
-                return Recovery(number, _stream_fault(board))
+            if _answers_after_recovery(board):
+                return Recovery(number, _recovery_stream_fault(board))
     except CaseEndedError as error:  # a flood
         return Recovery(None, str(error))
     return Recovery(None)
@@ -45,7 +45,7 @@ def farewell_to_board(board: BoardClient) -> None:
     board.link.ask(Mute())
 
 
-def _answers(board: BoardClient) -> bool:
+def _answers_after_recovery(board: BoardClient) -> bool:
     """Return True if the board answers, in the session that the case left or in a new one."""
     seq = board.link.next_seq()
     wire, _ = board.link.request_wire(Ping(board.random.getrandbits(64)), seq=seq)
@@ -58,7 +58,7 @@ def _answers(board: BoardClient) -> bool:
     return answer is not None and isinstance(greet_board(board), HelloReply)
 
 
-def _stream_fault(board: BoardClient) -> str:
+def _recovery_stream_fault(board: BoardClient) -> str:
     """Return the defect of the stream of a new session, empty if a frame is latched."""
     if not isinstance(greet_board(board), HelloReply):
         return "HELLO is not answered"

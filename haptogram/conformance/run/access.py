@@ -196,8 +196,8 @@ class PortAccess:
         if self._pulse is not None:
             self._set_lines({self._pulse: True}, then={self._pulse: False})
         if self._reset_command is not None:
-            _run("--reset-cmd", self._reset_command, self.boot_timeout_s)
-        return open_when_there(self.open, self.boot_timeout_s)
+            _run_access_command("--reset-cmd", self._reset_command, self.boot_timeout_s)
+        return open_port_when_there(self.open, self.boot_timeout_s)
 
     def _set_lines(self, states: dict[str, bool], then: dict[str, bool] | None = None) -> None:
         if not states:
@@ -227,12 +227,12 @@ def fault_raiser(
     def raise_fault() -> None:
         pid = process_id()
         environment = {} if pid is None else {"BOARD_PID": str(pid)}
-        _run("--fault-cmd", command, _FAULT_TIMEOUT_S, environment)
+        _run_access_command("--fault-cmd", command, _FAULT_TIMEOUT_S, environment)
 
     return raise_fault
 
 
-def _run(
+def _run_access_command(
     option: str, command: str, timeout_s: float, environment: Mapping[str, str] = _NO_VARIABLES
 ) -> None:
     """Run a shell command of the user; :class:`ConfigurationError` if it fails."""
@@ -254,7 +254,7 @@ def _run(
         raise ConfigurationError(f"{option} ended with status {done.returncode}: {printed}")
 
 
-def open_when_there(open_port: Callable[[], Transport], timeout_s: float) -> Transport:
+def open_port_when_there(open_port: Callable[[], Transport], timeout_s: float) -> Transport:
     """Open a port as soon as it exists; raise the last error after *timeout_s*."""
     end_s = time.monotonic() + timeout_s
     while True:

@@ -15,7 +15,7 @@ from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, open_transpo
 from haptogram.errors import ConfigurationError
 from haptogram.settings.text_file import plain_reason
 
-from .access import fault_raiser, open_when_there
+from .access import fault_raiser, open_port_when_there
 
 DEFAULT_PORT_REGEX: Final = r"(?:listening on|redirected to|PTY is|pty:?) +((?:socket:/)?/\S+)"
 _POLL_S: Final = 0.02
@@ -24,7 +24,7 @@ _LAST_WORDS_S: Final = 1.0
 _KEPT_BYTES: Final = 1 << 16
 
 
-class _Output:
+class _SpawnedOutput:
     """The beginning and the end of the text that a process prints.
 
     A thread reads everything: a full pipe would stop the board.
@@ -105,11 +105,11 @@ class SpawnAccess:
         """Start the process anew and open its port."""
         self.close()
         self.url = self._wait_for_port(self._start())
-        return open_when_there(
+        return open_port_when_there(
             lambda: open_transport(self.url, baudrate=self.baudrate), self.boot_timeout_s
         )
 
-    def _start(self) -> _Output:
+    def _start(self) -> _SpawnedOutput:
         try:
             self._process = subprocess.Popen(
                 self._arguments,
@@ -123,9 +123,9 @@ class SpawnAccess:
                 f"--spawn {self._arguments[0]} cannot be started: {plain_reason(error)}"
             ) from error
         assert self._process.stdout is not None  # PIPE
-        return _Output(self._process.stdout)
+        return _SpawnedOutput(self._process.stdout)
 
-    def _wait_for_port(self, output: _Output) -> str:
+    def _wait_for_port(self, output: _SpawnedOutput) -> str:
         assert self._process is not None  # _start has set it
         end_s = time.monotonic() + self.boot_timeout_s
         while True:
@@ -148,10 +148,10 @@ class SpawnAccess:
         """End the process and everything that it started."""
         process, self._process = self._process, None
         if process is not None:
-            _end_group(process)
+            _end_spawned_group(process)
 
 
-def _end_group(process: subprocess.Popen[bytes]) -> None:
+def _end_spawned_group(process: subprocess.Popen[bytes]) -> None:
     for number in (signal.SIGTERM, signal.SIGKILL):
         try:
             os.killpg(process.pid, number)

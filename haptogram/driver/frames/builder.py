@@ -74,7 +74,7 @@ class FrameBuilder:
             )
         self._model = model
         self._identity = identity
-        self._bits = _phase_format(identity, phase_bits)
+        self._bits = _frame_phase_format(identity, phase_bits)
         self._geometry_hash = model.array.digest()
         self._graded = bool(identity.features & Feature.AMPLITUDE)
 
@@ -114,7 +114,7 @@ class FrameBuilder:
             board does not have; the text names the frame.
         """
         self._check_mode(mode)
-        _check_solver(solver, mode)
+        _check_frame_solver(solver, mode)
         places: dict[tuple[Focus, ...], int] = {}
         for number, group in enumerate(foci):
             places.setdefault(group, number)
@@ -180,8 +180,8 @@ class FrameBuilder:
         return Frame(foci, drive, message, self._geometry_hash, solver)
 
     def _points(self, foci: tuple[Focus, ...]) -> Frame:
-        points = tuple(_on_wire(focus) for focus in foci)
-        rounded = tuple(_from_wire(point) for point in points)
+        points = tuple(_frame_focus_on_wire(focus) for focus in foci)
+        rounded = tuple(_frame_focus_from_wire(point) for point in points)
         speed_mm_s = frame_sound_speed_mm_s(self._model)
         model = self._model.with_sound_speed(speed_mm_s / 1000)
         drive = Drive.from_weights(frame_weights(model, rounded, "naive"), REGISTER_BITS)
@@ -235,7 +235,7 @@ def frame_sound_speed_mm_s(model: AcousticModel) -> int:
     return round(model.medium.sound_speed_m_s * 1000)
 
 
-def _phase_format(identity: HelloReply, bits: int) -> PhaseFormat:
+def _frame_phase_format(identity: HelloReply, bits: int) -> PhaseFormat:
     check_whole("phase_bits", bits, 1, REGISTER_BITS)
     offered = [int(f) for f, bit in PHASE_FORMAT_BIT.items() if identity.phase_formats & bit]
     if bits not in offered:
@@ -245,7 +245,7 @@ def _phase_format(identity: HelloReply, bits: int) -> PhaseFormat:
     return PhaseFormat(bits)
 
 
-def _check_solver(solver: Method, mode: Mode) -> None:
+def _check_frame_solver(solver: Method, mode: Mode) -> None:
     check_choice("solver", solver, METHODS)
     if mode == "points" and solver != "naive":
         raise ConfigurationError(
@@ -263,12 +263,12 @@ def frame_weights(
     return weights_for_foci(model, points, levels, lags, method=solver)
 
 
-def _on_wire(focus: Focus) -> FocalPoint:
+def _frame_focus_on_wire(focus: Focus) -> FocalPoint:
     x_um, y_um, z_um = (round(value * 1e6) for value in focus.position_m)
     turns = math.floor(focus.phase_rad / math.tau * _TURN + 0.5)
     return FocalPoint(x_um, y_um, z_um, math.floor(focus.amplitude * _U16 + 0.5), turns % _TURN)
 
 
-def _from_wire(point: FocalPoint) -> Focus:
+def _frame_focus_from_wire(point: FocalPoint) -> Focus:
     position_m = (point.x_um / 1e6, point.y_um / 1e6, point.z_um / 1e6)
     return Focus(position_m, point.amplitude / _U16, point.phase / _TURN * math.tau)

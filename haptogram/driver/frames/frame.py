@@ -142,7 +142,7 @@ def check_frames_to_send(
     """
     geometry_hash = model.array.digest()
     for number, frame in enumerate(frames):
-        misfit = _misfit(frame, geometry_hash, identity, phase_bits)
+        misfit = _frame_misfit(frame, geometry_hash, identity, phase_bits)
         if misfit is not None:
             raise ConfigurationError(f"frame {number} {misfit}; make it anew with frames()")
     speeds = sorted({f.sound_speed_mm_s for f in frames if f.sound_speed_mm_s is not None})
@@ -153,7 +153,9 @@ def check_frames_to_send(
         )
 
 
-def _misfit(frame: Frame, geometry_hash: int, identity: HelloReply, phase_bits: int) -> str | None:
+def _frame_misfit(
+    frame: Frame, geometry_hash: int, identity: HelloReply, phase_bits: int
+) -> str | None:
     """Return why *frame* is not for this board; None: it is."""
     message, mode = frame.message, frame.mode
     if frame.drive.count != identity.transducers:

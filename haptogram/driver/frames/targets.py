@@ -35,7 +35,7 @@ def as_frame_foci(targets: Targets) -> list[tuple[Focus, ...]]:
         )
     try:
         entries: Iterable[Any] = targets if isinstance(targets, Sequence) else _as_rows(targets)
-        frames = [_foci_of(entry) for entry in entries]
+        frames = [_frame_foci_of(entry) for entry in entries]
     except (TypeError, ValueError) as error:
         if isinstance(error, ConfigurationError):
             raise
@@ -61,7 +61,7 @@ def _is_one_point(targets: Any) -> bool:
     return is_row and all(isinstance(value, Real) for value in targets)
 
 
-def _foci_of(entry: Any) -> tuple[Focus, ...]:
+def _frame_foci_of(entry: Any) -> tuple[Focus, ...]:
     if isinstance(entry, Focus):
         return (entry,)
     if isinstance(entry, Sequence) and entry and all(isinstance(f, Focus) for f in entry):

@@ -10,7 +10,7 @@ from haptogram_protocol import VERSION_MAJOR
 from haptogram_protocol.messages import ErrorCode, HelloReply
 
 
-def open_session(link: Link) -> HelloReply:
+def open_line_session(link: Link) -> HelloReply:
     """Say HELLO and return the board's answer.
 
     Raises
@@ -29,7 +29,7 @@ def open_session(link: Link) -> HelloReply:
     try:
         return link.wait_for(seq, HelloReply, deadline_ns)
     except NoAnswerError as error:
-        _explain_silence(link, error)
+        _explain_line_silence(link, error)
     except DeviceError as error:
         if error.code == ErrorCode.VERSION:
             raise VersionMismatchError(
@@ -39,7 +39,7 @@ def open_session(link: Link) -> HelloReply:
         raise
 
 
-def _explain_silence(link: Link, error: NoAnswerError) -> NoReturn:
+def _explain_line_silence(link: Link, error: NoAnswerError) -> NoReturn:
     connection = link.connection
     seconds = f"{link.timeout_ns / 1e9:g} s"
     if not connection.bytes_received:

@@ -64,7 +64,7 @@ class Link:
         self.connection = connection
         self.line = LineModel(baudrate)
         self._burst_bytes = self.line.bytes_in(BURST_NS)
-        self.handler: Handler = _ignore
+        self.handler: Handler = _ignore_link_event
         self.stalls = 0
         self.idle_since_ns = 0
         self.now_ns = transport.now_ns  # the very method: it is called a dozen times a frame
@@ -263,7 +263,7 @@ class Link:
             error = outcome.error
             other = "; another host has opened a session" if _is_taken_over(error) else ""
             raise DeviceError(
-                f"{outcome.request.name} was refused: {_error_name(error.code)}, "
+                f"{outcome.request.name} was refused: {_link_error_name(error.code)}, "
                 f"detail {error.detail}{other}",
                 code=error.code,
                 detail=error.detail,
@@ -286,10 +286,10 @@ def _is_taken_over(error: Error) -> bool:
     return error.code == ErrorCode.STALE_SESSION and error.detail != 0
 
 
-def _error_name(code: int) -> str:
+def _link_error_name(code: int) -> str:
     """Return the name of an error code, its number if this version does not know it."""
     return ErrorCode(code).name if code in ErrorCode._value2member_map_ else f"error {code}"
 
 
-def _ignore(_: EventReceived | ReplyReceived | FrameDropped) -> None:
+def _ignore_link_event(_: EventReceived | ReplyReceived | FrameDropped) -> None:
     """Take an event that nobody asked for."""

@@ -13,7 +13,7 @@ from haptogram.acoustics import Reconstruction
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import reconstruction_of
+from haptogram.evidence.backdoor import backdoor_reconstruction_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +78,7 @@ def pulse_observation_of(record: Mapping[str, Any], channels: Sequence[int]) -> 
             if radiated is None
             else _numbers(radiated, "<c8").astype(np.complex128),
             counted=record["counted"],
-            reconstruction=reconstruction_of(record["reconstruction"]),
+            reconstruction=backdoor_reconstruction_of(record["reconstruction"]),
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ConfigurationError(f"not a pulses record of a back door: {error!r}") from error

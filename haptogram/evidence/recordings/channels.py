@@ -84,23 +84,23 @@ class Channel:
         return json.dumps(schema, separators=(",", ":")).encode()
 
 
-def _octets(topic: str, clock: str, meaning: str, **metadata: str) -> Channel:
+def _octet_channel(topic: str, clock: str, meaning: str, **metadata: str) -> Channel:
     return Channel(topic, "octets", clock, meaning, metadata=metadata)
 
 
-def _json(topic: str, clock: str, meaning: str, **properties: Any) -> Channel:
+def _json_channel(topic: str, clock: str, meaning: str, **properties: Any) -> Channel:
     return Channel(topic, "json", clock, meaning, properties)
 
 
-def _text(description: str) -> dict[str, str]:
+def _text_in_channel(description: str) -> dict[str, str]:
     return {"type": "string", "description": description}
 
 
-def _object(description: str) -> dict[str, Any]:
+def _object_in_channel(description: str) -> dict[str, Any]:
     return {"type": ["object", "null"], "description": description}
 
 
-def _whole(description: str) -> dict[str, Any]:
+def _whole_number_in_channel(description: str) -> dict[str, Any]:
     return {"type": ["integer", "null"], "description": description}
 
 
@@ -108,44 +108,50 @@ def _whole(description: str) -> dict[str, Any]:
 CHANNELS: Final = {
     channel.topic: channel
     for channel in (
-        _octets(
+        _octet_channel(
             TO_BOARD,
             "host",
             "bytes that the port took from the host; publish time: since when they may have waited",
         ),
-        _octets(TO_HOST, "host", "bytes that the host read"),
-        _json(
+        _octet_channel(TO_HOST, "host", "bytes that the host read"),
+        _json_channel(
             LINK,
             "host",
             "what happened to the line between host and board, and to the board",
-            event=_text(
+            event=_text_in_channel(
                 "opened: a line to a board begins; departed: the host closed the port; "
                 "hardware_fault: the hardware of the board was made to fail; excerpt: what "
                 "follows is from the midst of a soak"
             ),
-            text=_text("excerpt: the violation"),
-            board=_object("opened: options of the virtual board, as `haptogram board` takes them"),
-            boot_ns=_whole("opened: time of the board's power-up; null: not known"),
-            paced=_whole("opened: 1 if a simulated line carries the bytes, 0 if a real one does"),
+            text=_text_in_channel("excerpt: the violation"),
+            board=_object_in_channel(
+                "opened: options of the virtual board, as `haptogram board` takes them"
+            ),
+            boot_ns=_whole_number_in_channel(
+                "opened: time of the board's power-up; null: not known"
+            ),
+            paced=_whole_number_in_channel(
+                "opened: 1 if a simulated line carries the bytes, 0 if a real one does"
+            ),
         ),
-        _octets(
+        _octet_channel(
             LATCH,
             "device",
             "one latch: join key, times and drive",
             version=str(LATCH_VERSION),
             layout=LATCH_LAYOUT,
         ),
-        _json(
+        _json_channel(
             PULSES,
             "device",
             "one latch of a board of another dialect, as the back door tells it",
             number={"type": "integer"},
             t_latch_us={"type": "integer", "description": "device time, us"},
             steps={"type": "integer", "description": "steps of a carrier period"},
-            rises=_text("base64, u16 for each channel"),
-            widths=_text("base64, u16 for each channel"),
+            rises=_text_in_channel("base64, u16 for each channel"),
+            widths=_text_in_channel("base64, u16 for each channel"),
         ),
-        _json(
+        _json_channel(
             BOARD,
             "device",
             "the first record of the back door: array, air and transducers of the board",
@@ -154,65 +160,71 @@ CHANNELS: Final = {
             positions_m={"type": "array", "description": "N x 3, metres"},
             normals={"type": "array", "description": "N x 3, unit vectors"},
         ),
-        _json(
+        _json_channel(
             OUTPUT,
             "device",
             "a change of the output, as the back door tells it",
             t_us={"type": "integer", "description": "device time, us"},
-            event=_text("session, state, ramp_began, ramp_ended, playback_ended or power_down"),
+            event=_text_in_channel(
+                "session, state, ramp_began, ramp_ended, playback_ended or power_down"
+            ),
         ),
-        _json(
+        _json_channel(
             RECONSTRUCTION,
             "device",
             "the field of a latch, computed without knowledge of the target",
             **_KEY,
-            kind=_text("single_focus, not_single or no_focus"),
+            kind=_text_in_channel("single_focus, not_single or no_focus"),
         ),
-        _json(
+        _json_channel(
             FAULTS,
             "device",
             "the last record of the back door: how often each fault on purpose has fired",
             latched={"type": "integer"},
-            faults=_object("how often each has fired"),
-            fault_plan=_text("plan and seed as TOML"),
+            faults=_object_in_channel("how often each has fired"),
+            fault_plan=_text_in_channel("plan and seed as TOML"),
         ),
-        _json(
+        _json_channel(
             MODEL,
             "device",
             "array, air and transducers as the judge of the run knows them, as in `/board`, and "
             "how many frames follow",
             positions_m={"type": "array", "description": "N x 3, metres"},
             normals={"type": "array", "description": "N x 3, unit vectors"},
-            intended_frames=_whole("messages of `/intended`"),
+            intended_frames=_whole_number_in_channel("messages of `/intended`"),
         ),
-        _json(
+        _json_channel(
             INTENDED,
             "device",
             "a frame that the host intended, with the drive that it expects",
             **_KEY,
             number={"type": "integer", "description": "place among all frames"},
-            t_apply_us=_whole("device time at which it is due, µs; null: as soon as complete"),
+            t_apply_us=_whole_number_in_channel(
+                "device time at which it is due, µs; null: as soon as complete"
+            ),
             foci={"type": "array", "description": "x, y, z in metres, amplitude, phase in rad"},
-            phase_codes=_text("base64, u8 for each element"),
-            amplitude_codes=_text("base64, u8 for each element"),
-            drive_of=_whole("number of the frame that has the same drive, instead of the codes"),
+            phase_codes=_text_in_channel("base64, u8 for each element"),
+            amplitude_codes=_text_in_channel("base64, u8 for each element"),
+            drive_of=_whole_number_in_channel(
+                "number of the frame that has the same drive, instead of the codes"
+            ),
         ),
-        _json(
+        _json_channel(
             VERDICT,
             "device",
             "the verdict on one frame",
             **_KEY,
             number={"type": "integer", "description": "place among all frames"},
-            verdict=_text("name of the verdict"),
+            verdict=_text_in_channel("name of the verdict"),
         ),
-        _json(SUMMARY, "host", "the result of the run, as --json writes it"),
-        _json(
+        _json_channel(SUMMARY, "host", "the result of the run, as --json writes it"),
+        _json_channel(
             RUN,
             "host",
             "what was run, by which versions",
-            command=_text("verify, board, conform, bench or soak"),
-            configuration=_object("options of the command"),
-            versions=_object("versions of the programs"),
+            command=_text_in_channel("verify, board, conform, bench or soak"),
+            configuration=_object_in_channel("options of the command"),
+            versions=_object_in_channel("versions of the programs"),
         ),
     )
 }

@@ -45,7 +45,7 @@ class _Fields(dict[str, Any]):
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class RecordingEntry:
     """One message of a recording.
 
     Attributes
@@ -117,7 +117,7 @@ class Recording:
         self.run: dict[str, Any] = {}
         self._check()
 
-    def entries(self, topics: Collection[str] | None = None) -> Iterator[Entry]:
+    def entries(self, topics: Collection[str] | None = None) -> Iterator[RecordingEntry]:
         """Yield the messages of *topics*, or of all, up to the end or to where it was cut off.
 
         Raises
@@ -131,13 +131,13 @@ class Recording:
         for record in self.raw_records():
             if isinstance(record, Message):
                 if (topic := wanted.get(record.channel_id)) is not None:
-                    yield Entry(topic, record.log_time, record.publish_time, record.data)
+                    yield RecordingEntry(topic, record.log_time, record.publish_time, record.data)
             elif isinstance(record, Channel):
                 if topics is None or record.topic in topics:
                     wanted[record.id] = record.topic
                 self._check_layout(record)
 
-    def chunks(self) -> Iterator[Entry]:
+    def chunks(self) -> Iterator[RecordingEntry]:
         """Yield the bytes in both directions, and what happened to the line."""
         return self.entries((TO_BOARD, TO_HOST, LINK))
 
@@ -162,7 +162,7 @@ class Recording:
         waiting: LatchRecord | None = None
         for entry in self.entries(_BACK_DOOR):
             if entry.topic == RECONSTRUCTION and waiting is not None:
-                yield waiting.as_record(_without_key(entry.fields))
+                yield waiting.as_record(_recorded_without_key(entry.fields))
                 waiting = None
                 continue
             if waiting is not None:
@@ -236,8 +236,8 @@ class Recording:
         from mcap.stream_reader import StreamReader
 
         self.is_whole, self.damaged = False, 0
-        with _opened(self.path) as file:
-            begun = _AsItWas(file)
+        with _opened_recording(self.path) as file:
+            begun = _RecordingAsItWas(file)
             reader = StreamReader(begun, emit_chunks=True, record_size_limit=_LARGEST_RECORD)
             try:
                 for record in reader.records:
@@ -267,7 +267,7 @@ class Recording:
             return []
 
 
-class _AsItWas:
+class _RecordingAsItWas:
     """A file up to where it ended when it was opened: a writer may still be at work."""
 
     def __init__(self, file: BinaryIO) -> None:
@@ -280,7 +280,7 @@ class _AsItWas:
         return data
 
 
-def _opened(path: Path) -> BinaryIO:
+def _opened_recording(path: Path) -> BinaryIO:
     """Open a file that begins as a recording does."""
     try:
         file = path.open("rb")
@@ -295,6 +295,6 @@ def _opened(path: Path) -> BinaryIO:
     raise ConfigurationError(f"{path}: {why}")
 
 
-def _without_key(fields: dict[str, Any]) -> dict[str, Any]:
+def _recorded_without_key(fields: dict[str, Any]) -> dict[str, Any]:
     key = ("session", "sequence", "loop", "index")
     return {name: value for name, value in fields.items() if name not in key}

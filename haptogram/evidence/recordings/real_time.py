@@ -32,7 +32,7 @@ from haptogram_protocol.messages import (
 )
 
 from .channels import TO_BOARD, TO_HOST
-from .compare import RECORDED, REPLAYED, Comparison
+from .compare import RECORDED, REPLAYED, ReplayComparison
 from .reader import Recording
 from .replay import ReplayResult, recorded_facts
 
@@ -107,7 +107,7 @@ def replay_to_port(recording: Recording, url: str, *, baudrate: int) -> ReplayRe
     hello = recorded_facts(recording).hello
     port = open_transport(url, baudrate=baudrate)
     with contextlib.closing(port):
-        player = _Player(port, hello)
+        player = _RecordingPlayer(port, hello)
         try:
             player.run(recording)
         finally:
@@ -119,9 +119,9 @@ def replay_to_port(recording: Recording, url: str, *, baudrate: int) -> ReplayRe
     return result
 
 
-class _Player:
+class _RecordingPlayer:
     def __init__(self, port: Transport, hello: HelloReply | None) -> None:
-        self.comparison = Comparison(exact=False)
+        self.comparison = ReplayComparison(exact=False)
         self.to_board = self.to_host = 0
         self._port, self._hello = port, hello
         self._recorded, self._replayed = FrameAnnotator(), FrameAnnotator()

@@ -13,7 +13,7 @@ from .channels import METADATA, PROFILE
 from .reader import Recording
 
 
-def repair(source: Path, target: Path) -> int:
+def repair_recording(source: Path, target: Path) -> int:
     """Write the messages of *source* that can be read to *target*; return how many there were.
 
     Raises

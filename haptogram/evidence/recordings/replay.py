@@ -23,8 +23,8 @@ from haptogram_protocol.messages import (
 )
 
 from .channels import LATCH, LINK, OUTPUT, PULSES, TO_BOARD, TO_HOST
-from .compare import RECORDED, REPLAYED, Comparison
-from .reader import Entry, Recording
+from .compare import RECORDED, REPLAYED, ReplayComparison
+from .reader import Recording, RecordingEntry
 
 _TOPICS: Final = (TO_BOARD, TO_HOST, LINK, LATCH, PULSES, OUTPUT)
 _FRAMES: Final = (TO_BOARD, TO_HOST, LINK)
@@ -120,7 +120,7 @@ class ReplayResult:
         Bytes that were fed, and bytes that came back.
     """
 
-    comparisons: list[Comparison] = field(default_factory=list)
+    comparisons: list[ReplayComparison] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     to_board: int = 0
     to_host: int = 0
@@ -148,7 +148,7 @@ class ReplayResult:
         return 0 if self.same else 3
 
 
-def replay(recording: Recording, make_board: MakeReplayBoard) -> ReplayResult:
+def replay_recording(recording: Recording, make_board: MakeReplayBoard) -> ReplayResult:
     """Feed a recording to virtual boards, in virtual time.
 
     Raises
@@ -157,7 +157,7 @@ def replay(recording: Recording, make_board: MakeReplayBoard) -> ReplayResult:
         If the recording cannot be read, or its board cannot be built.
     """
     result = ReplayResult()
-    for opening, facts, entries in _lines(recording):
+    for opening, facts, entries in _recorded_lines(recording):
         if opening.excerpt:
             result.notes.append(f"an excerpt of a soak is not replayed: {opening.excerpt}")
             continue
@@ -169,28 +169,34 @@ def replay(recording: Recording, make_board: MakeReplayBoard) -> ReplayResult:
 
 def recorded_facts(recording: Recording) -> LineFacts:
     """Return the facts that the frames of the first board tell."""
-    return next((_facts(part) for _, part in _parts(recording, _FRAMES)), LineFacts())
+    return next(
+        (_facts_of_recording(part) for _, part in _recorded_parts(recording, _FRAMES)), LineFacts()
+    )
 
 
-def _lines(recording: Recording) -> Iterator[tuple[_Opening, LineFacts, Iterator[Entry]]]:
+def _recorded_lines(
+    recording: Recording,
+) -> Iterator[tuple[_Opening, LineFacts, Iterator[RecordingEntry]]]:
     """Yield for every board its opening, its facts, and its entries in the order of the file."""
     facts = [
-        _facts(part) if opening.boot_ns is None and not opening.excerpt else LineFacts()
-        for opening, part in _parts(recording, _FRAMES)
+        _facts_of_recording(part)
+        if opening.boot_ns is None and not opening.excerpt
+        else LineFacts()
+        for opening, part in _recorded_parts(recording, _FRAMES)
     ]
-    for known, (opening, part) in zip(facts, _parts(recording, _TOPICS), strict=True):
+    for known, (opening, part) in zip(facts, _recorded_parts(recording, _TOPICS), strict=True):
         yield opening, known, part
 
 
-def _parts(
+def _recorded_parts(
     recording: Recording, topics: tuple[str, ...]
-) -> Iterator[tuple[_Opening, Iterator[Entry]]]:
+) -> Iterator[tuple[_Opening, Iterator[RecordingEntry]]]:
     """Yield every opening with the entries behind it, in one pass; what is not taken is skipped."""
     last: _Opening | None = None
 
-    def opening_of(entry: Entry) -> _Opening | None:
+    def opening_of(entry: RecordingEntry) -> _Opening | None:
         nonlocal last
-        last = _opening(entry) or last
+        last = _recorded_opening(entry) or last
         return last
 
     for opening, entries in itertools.groupby(recording.entries(topics), opening_of):
@@ -198,7 +204,7 @@ def _parts(
             yield opening, itertools.islice(entries, 1, None)
 
 
-def _opening(entry: Entry) -> _Opening | None:
+def _recorded_opening(entry: RecordingEntry) -> _Opening | None:
     if entry.topic != LINK:
         return None
     fields = entry.fields
@@ -209,7 +215,7 @@ def _opening(entry: Entry) -> _Opening | None:
     return None
 
 
-def _facts(entries: Iterator[Entry]) -> LineFacts:
+def _facts_of_recording(entries: Iterator[RecordingEntry]) -> LineFacts:
     facts = LineFacts()
     annotators = {TO_BOARD: FrameAnnotator(), TO_HOST: FrameAnnotator()}
     for entry in entries:
@@ -217,19 +223,19 @@ def _facts(entries: Iterator[Entry]) -> LineFacts:
             continue
         for piece in annotators[entry.topic].feed(entry.data):
             if piece.header is not None and entry.topic == TO_HOST:
-                _note_reply(facts, entry.t_ns, piece.header)
+                _note_recorded_reply(facts, entry.t_ns, piece.header)
                 if isinstance(piece.message, HelloReply) and facts.hello is None:
                     facts.hello = piece.message
-            elif piece.header is not None and _is_immediate(piece.header):
+            elif piece.header is not None and _is_recorded_immediate(piece.header):
                 facts.immediate.add(piece.header.seq)
     return facts
 
 
-def _is_immediate(header: Header) -> bool:
+def _is_recorded_immediate(header: Header) -> bool:
     return header.type in STREAM_RANGE and bool(header.flags & Flag.IMMEDIATE)
 
 
-def _note_reply(facts: LineFacts, t_ns: int, header: Header) -> None:
+def _note_recorded_reply(facts: LineFacts, t_ns: int, header: Header) -> None:
     if facts.first_ns is None or facts.device_us is None or facts.offset_ns is None:
         facts.first_ns, facts.device_us = t_ns, header.time_us
         facts.offset_ns = t_ns - header.time_us * 1000
@@ -242,11 +248,11 @@ def _note_reply(facts: LineFacts, t_ns: int, header: Header) -> None:
 def _replay_line(
     opening: _Opening,
     facts: LineFacts,
-    entries: Iterator[Entry],
+    entries: Iterator[RecordingEntry],
     make_board: MakeReplayBoard,
     result: ReplayResult,
 ) -> None:
-    board = make_board(_options(opening, facts), paced=opening.paced)
+    board = make_board(_replay_options(opening, facts), paced=opening.paced)
     if opening.boot_ns is not None:
         start_ns = opening.boot_ns
     elif facts.offset_ns is not None:
@@ -257,8 +263,8 @@ def _replay_line(
     else:
         result.notes.append("no reply of the board is in the recording: its clock is not known")
         return
-    comparison = Comparison(opening.boot_ns is not None, opening.options is not None)
-    line = _Line(board, comparison, facts, start_ns)
+    comparison = ReplayComparison(opening.boot_ns is not None, opening.options is not None)
+    line = _ReplayLine(board, comparison, facts, start_ns)
     line.run(entries)
     if not comparison.has_backdoor:
         result.notes.append("no latches are in the recording: the frames alone are compared")
@@ -267,7 +273,7 @@ def _replay_line(
     result.to_host += line.to_host
 
 
-def _options(opening: _Opening, facts: LineFacts) -> Mapping[str, Any]:
+def _replay_options(opening: _Opening, facts: LineFacts) -> Mapping[str, Any]:
     """Return the options of the board; those of a board at a port follow from its HELLO_REPLY."""
     if opening.options is not None:
         return opening.options
@@ -282,11 +288,11 @@ def _options(opening: _Opening, facts: LineFacts) -> Mapping[str, Any]:
     return {"array": f"{hello.grid_nx}x{hello.grid_ny}", "pitch_mm": hello.pitch_um / 1000}
 
 
-class _Line:
+class _ReplayLine:
     """Feeds one board, and hands both accounts to the comparison."""
 
     def __init__(
-        self, board: ReplayBoard, comparison: Comparison, facts: LineFacts, start_ns: int
+        self, board: ReplayBoard, comparison: ReplayComparison, facts: LineFacts, start_ns: int
     ) -> None:
         self.comparison = comparison
         self.to_board = self.to_host = 0
@@ -295,7 +301,7 @@ class _Line:
         self._is_over = False
         self._recorded, self._replayed = FrameAnnotator(), FrameAnnotator()
 
-    def run(self, entries: Iterator[Entry]) -> None:
+    def run(self, entries: Iterator[RecordingEntry]) -> None:
         """Feed every entry, and then let the board come to the end of its queue."""
         for entry in entries:
             self._take(entry)
@@ -307,7 +313,7 @@ class _Line:
         self.comparison.forget_replayed_frames()
         self.comparison.close(self._board.boot_us + end_ns // 1000)
 
-    def _take(self, entry: Entry) -> None:
+    def _take(self, entry: RecordingEntry) -> None:
         if entry.topic == TO_BOARD:
             self._pass_to(entry)
             self.to_board += len(entry.data)
@@ -333,7 +339,7 @@ class _Line:
             if not self._is_over:
                 self._add(RECORDED, record)
 
-    def _pass_to(self, entry: Entry) -> None:
+    def _pass_to(self, entry: RecordingEntry) -> None:
         self._now_ns = max(self._now_ns, entry.t_ns - self._start_ns)
 
     def _collect(self) -> bytes:

@@ -66,7 +66,7 @@ def model_of_answers(recording: Recording) -> AcousticModel | None:
             elif isinstance(piece.message, GeometryReply):
                 reply = piece.message
                 elements.update(enumerate(reply.elements, reply.first))
-    array = None if identity is None else _array(identity, elements)
+    array = None if identity is None else _array_of_sent_frames(identity, elements)
     if identity is None or array is None:
         return None
     options = recording.run.get("configuration") or {}
@@ -74,7 +74,9 @@ def model_of_answers(recording: Recording) -> AcousticModel | None:
     return model_of_identity(array, identity, air)
 
 
-def _array(identity: HelloReply, elements: dict[int, Element]) -> TransducerArray | None:
+def _array_of_sent_frames(
+    identity: HelloReply, elements: dict[int, Element]
+) -> TransducerArray | None:
     """Return the array whose hash the board named: its grid, or what it told of its elements."""
     found = []
     if identity.grid_nx and identity.grid_ny:
@@ -115,12 +117,12 @@ def sent_frames(recording: Recording, count: int) -> Iterator[SentFrame]:
             yield SentFrame(
                 key=FrameKey.of_stream(header.session, index),
                 due_us=due_us,
-                drive=_drive(message, count),
-                focus_m=_focus_m(message),
+                drive=_drive_of_sent_frame(message, count),
+                focus_m=_focus_of_sent_frame_m(message),
             )
 
 
-def _drive(message: Message, count: int) -> Drive | None:
+def _drive_of_sent_frame(message: Message, count: int) -> Drive | None:
     try:
         codes = drive_codes(message, count)
     except RemoteProtocolError:  # the board refuses it
@@ -131,7 +133,7 @@ def _drive(message: Message, count: int) -> Drive | None:
     return Drive(phases, amplitudes)
 
 
-def _focus_m(message: Message) -> tuple[float, float, float] | None:
+def _focus_of_sent_frame_m(message: Message) -> tuple[float, float, float] | None:
     if not isinstance(message, Points):
         return None
     first = message.points[0]

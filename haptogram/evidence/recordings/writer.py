@@ -94,7 +94,7 @@ class RecordingWriter(ClosedByWith):
 
         self.failure = ""
         self.path = path
-        self._file = _Output(_opened(path))
+        self._file = _RecordingOutput(_opened_recording_file(path))
         # Half an entry would cost all behind it.
         self._whole_entries = DelayedInterrupts()
         if path.is_file():  # a pipe may hold the writer up for good: there Ctrl-C must be heard
@@ -124,7 +124,7 @@ class RecordingWriter(ClosedByWith):
             )
         versions = {"haptogram": haptogram.__version__, "python": platform.python_version()}
         run = {"command": command, "configuration": configuration, "versions": versions}
-        self._waiting.append((RUN, 0, _encoded(run), 0))
+        self._waiting.append((RUN, 0, _encoded_recording_fields(run), 0))
         self._encode()
         self._writer.flush()
 
@@ -147,7 +147,7 @@ class RecordingWriter(ClosedByWith):
 
     def document(self, topic: str, t_ns: int, fields: Mapping[str, Any]) -> None:
         """Write *fields* on a channel of JSON."""
-        self._take(topic, t_ns, _encoded(fields), t_ns)
+        self._take(topic, t_ns, _encoded_recording_fields(fields), t_ns)
 
     def opened(
         self, t_ns: int, board: Mapping[str, Any] | None, boot_ns: int | None, *, paced: bool
@@ -231,7 +231,7 @@ class RecordingWriter(ClosedByWith):
             self._file.give_up()
 
 
-class _Output:
+class _RecordingOutput:
     """A file that knows how much it has taken, so that a pipe can be one."""
 
     def __init__(self, file: BinaryIO) -> None:
@@ -260,7 +260,7 @@ class _Output:
             self._file.close()
 
 
-def _opened(path: Path) -> BinaryIO:
+def _opened_recording_file(path: Path) -> BinaryIO:
     try:
         if path == STANDARD_OUTPUT:
             return open(1, "wb", closefd=False)
@@ -270,5 +270,5 @@ def _opened(path: Path) -> BinaryIO:
         raise ConfigurationError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def _encoded(fields: Mapping[str, Any]) -> bytes:
+def _encoded_recording_fields(fields: Mapping[str, Any]) -> bytes:
     return json.dumps(fields, separators=(",", ":"), allow_nan=False, default=str).encode()

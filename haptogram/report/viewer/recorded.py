@@ -11,7 +11,7 @@ from typing import Final
 
 from haptogram.acoustics import AcousticModel, Reconstructor, SingleFocus
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import board_model, observation_of
+from haptogram.evidence.backdoor import backdoor_board_model, backdoor_observation_of
 from haptogram.evidence.recordings.channels import SUMMARY, VERDICT
 from haptogram.evidence.recordings.reader import Recording
 from haptogram.evidence.recordings.sent_frames import SentFrame, model_of_answers, sent_frames
@@ -57,7 +57,9 @@ def recorded_scene(path: Path) -> RecordedScene:
     if board is None:
         scene, lead = _scene_of_the_line(recording, judged)
     elif judged:
-        scene, lead = _scene(board_model(board), list(judged.values()), path, "judged frames")
+        scene, lead = _scene(
+            backdoor_board_model(board), list(judged.values()), path, "judged frames"
+        )
     else:
         live = LiveScene(board, _MOST_FRAMES)
         live.take(record for record in recording.records() if record["kind"] != "board")
@@ -144,7 +146,7 @@ def _judged_frames(recording: Recording) -> dict[FrameKey, ShownFrame]:
     for record in recording.records() if judged else ():
         if record["kind"] != "latch":
             continue
-        seen = observation_of(record)
+        seen = backdoor_observation_of(record)
         if seen.key in judged:
             judged[seen.key] = judged[seen.key].observed(seen)
     return judged

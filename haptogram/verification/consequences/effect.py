@@ -18,7 +18,7 @@ _PAUSE: Final = 2  # periods: a stream ended before a gap that is longer; roundi
 
 
 @dataclass(frozen=True, slots=True)
-class _Stretch:
+class _HeldStretch:
     """A time in which something else was radiated than was intended.
 
     Pressures are those at the intended point; None where nobody knows.
@@ -74,17 +74,17 @@ class RunConsequences:
         silences : sequence of int
             Device times, ascending, at which the output fell silent: the end of a stream.
         """
-        stretches = [s for s in _stretches(frames, silences) if s.length_us > 0]
+        stretches = [s for s in _held_stretches(frames, silences) if s.length_us > 0]
         if not stretches:
             return None
         known = [s for s in stretches if s.radiated_pa is not None]
         return cls(
-            away_ms=_total_ms(stretches),
-            longest_ms=max(map(_total_ms, _unbroken(stretches))),
-            silent_ms=_total_ms([s for s in stretches if s.silent]),
+            away_ms=_total_stretch_ms(stretches),
+            longest_ms=max(map(_total_stretch_ms, _unbroken_stretches(stretches))),
+            silent_ms=_total_stretch_ms([s for s in stretches if s.silent]),
             farthest_mm=max((s.away_mm for s in stretches if s.away_mm is not None), default=None),
-            radiated_pa=_mean(known, [s.radiated_pa or 0.0 for s in known]),
-            intended_pa=_mean(known, [s.intended_pa or 0.0 for s in known]),
+            radiated_pa=_mean_over_stretches(known, [s.radiated_pa or 0.0 for s in known]),
+            intended_pa=_mean_over_stretches(known, [s.intended_pa or 0.0 for s in known]),
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -111,22 +111,26 @@ class RunConsequences:
         return ", ".join(parts)
 
 
-def _stretches(frames: Sequence[FrameVerdict], silences: Sequence[int]) -> Iterator[_Stretch]:
+def _held_stretches(
+    frames: Sequence[FrameVerdict], silences: Sequence[int]
+) -> Iterator[_HeldStretch]:
     due = (frame for frame in frames if frame.status is not FrameStatus.CANCELLED)
     timed = [frame for frame in due if frame.t_apply_us is not None]
     begins = [frame.t_apply_us or 0 for frame in timed]
-    for frame, begin_us, end_us in zip(timed, begins, _ends(begins, silences), strict=True):
+    for frame, begin_us, end_us in zip(
+        timed, begins, _ends_of_held_stretches(begins, silences), strict=True
+    ):
         # One that is not late latches within a carrier period of its time: no time of its own.
         latched_us = max(begin_us, frame.t_latch_us or 0) if frame.late else begin_us
         if frame.status is FrameStatus.LOST:
-            yield _before_the_latch(frame, begin_us, end_us)
+            yield _held_before_the_latch(frame, begin_us, end_us)
         elif frame.late:
-            yield _before_the_latch(frame, begin_us, min(latched_us, end_us))
-        if frame.status in _ELSEWHERE or _is_another(frame):
-            yield _after_the_latch(frame, latched_us, end_us)
+            yield _held_before_the_latch(frame, begin_us, min(latched_us, end_us))
+        if frame.status in _ELSEWHERE or _is_another_focus_held(frame):
+            yield _held_after_the_latch(frame, latched_us, end_us)
 
 
-def _ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
+def _ends_of_held_stretches(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
     """Yield until when each frame is due."""
     neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
     for before_us, begin_us, next_us in neighbours:
@@ -140,17 +144,19 @@ def _ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
         yield min((t for t in (next_us, over_us, quiet_us) if t is not None), default=begin_us)
 
 
-def _is_another(frame: FrameVerdict) -> bool:
+def _is_another_focus_held(frame: FrameVerdict) -> bool:
     """Return True if only the CRC of another drive was seen, so that nothing is judged."""
     return frame.status is FrameStatus.CORRUPT and not frame.criteria
 
 
-def _before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _Stretch:
+def _held_before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
     """Return the time in which something older was held."""
     held = frame.consequence
     if held is None:
-        return _Stretch(begin_us, end_us, None, silent=False, radiated_pa=None, intended_pa=None)
-    return _Stretch(
+        return _HeldStretch(
+            begin_us, end_us, None, silent=False, radiated_pa=None, intended_pa=None
+        )
+    return _HeldStretch(
         begin_us,
         end_us,
         held.focus_error_mm,
@@ -160,9 +166,9 @@ def _before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _Stret
     )
 
 
-def _after_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _Stretch:
+def _held_after_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
     """Return the time in which a wrong drive was radiated; of an unseen one nothing is known."""
-    return _Stretch(
+    return _HeldStretch(
         begin_us,
         end_us,
         frame.error_mm,
@@ -172,9 +178,9 @@ def _after_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _Stretc
     )
 
 
-def _unbroken(stretches: list[_Stretch]) -> Iterator[list[_Stretch]]:
+def _unbroken_stretches(stretches: list[_HeldStretch]) -> Iterator[list[_HeldStretch]]:
     """Yield the runs of stretches that follow each other without a break."""
-    joined: list[_Stretch] = []
+    joined: list[_HeldStretch] = []
     for stretch in stretches:
         if joined and stretch.begin_us > joined[-1].end_us:
             yield joined
@@ -183,11 +189,11 @@ def _unbroken(stretches: list[_Stretch]) -> Iterator[list[_Stretch]]:
     yield joined
 
 
-def _total_ms(stretches: Sequence[_Stretch]) -> float:
+def _total_stretch_ms(stretches: Sequence[_HeldStretch]) -> float:
     return sum(stretch.length_us for stretch in stretches) / _US_PER_MS
 
 
-def _mean(stretches: list[_Stretch], values: list[float]) -> float | None:
+def _mean_over_stretches(stretches: list[_HeldStretch], values: list[float]) -> float | None:
     """Return the average of *values* over the time of *stretches*."""
     if not stretches:
         return None

@@ -87,14 +87,14 @@ def focus_still_held(
     held: HeldFocus | None, due: DueFrame, quiet_us: Sequence[int]
 ) -> HeldFocus | None:
     """Return the hold that is left of *held* when a frame is due; None: silence."""
-    if held is None or _fell_silent(quiet_us, held.t_latch_us, due.earliest_us):
+    if held is None or _held_focus_fell_silent(quiet_us, held.t_latch_us, due.earliest_us):
         return None
-    if _fell_silent(quiet_us, due.earliest_us, due.latest_us):
+    if _held_focus_fell_silent(quiet_us, due.earliest_us, due.latest_us):
         return dataclasses.replace(held, drive=None)  # before the frame or after it: who knows?
     return held
 
 
-def _fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> bool:
+def _held_focus_fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> bool:
     """Return True if the output fell silent after the one time, and not after the other."""
     return bisect_right(quiet_us, after_us) < bisect_right(quiet_us, until_us)
 
@@ -107,18 +107,18 @@ def consequence_of_held_focus(
     None as *held*: nothing had been latched yet.  None in return: nobody knows the drive.
     """
     position = np.array(intended.foci[0].position_m)
-    wanted = _pressure_rms_pa(model, intended.drive, position)
+    wanted = _held_pressure_rms_pa(model, intended.drive, position)
     if held is None:
         return Consequence(None, 0.0, wanted)
     if held.drive is None:
         return None
-    pressure_rms_pa = _pressure_rms_pa(model, held.drive, position)
+    pressure_rms_pa = _held_pressure_rms_pa(model, held.drive, position)
     if held.drive.is_muted:
         return Consequence(None, pressure_rms_pa, wanted)
     away_m = float(np.linalg.norm(position - np.array(held.focus_m)))
     return Consequence(_MM * away_m, pressure_rms_pa, wanted)
 
 
-def _pressure_rms_pa(model: AcousticModel, drive: Drive, position: FloatArray) -> float:
+def _held_pressure_rms_pa(model: AcousticModel, drive: Drive, position: FloatArray) -> float:
     found = pressure(model, drive.weights(), position[None, :])
     return abs(complex(found[0])) / math.sqrt(2.0)

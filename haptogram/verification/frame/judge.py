@@ -30,8 +30,8 @@ from ..tolerance import Tolerance, Uncertainty
 from ..verdict import WRONG, FrameStatus, FrameVerdict
 from . import criteria
 from .ideal_drive import IdealFrameDrive
-from .several import judge_several
-from .single import SingleFocusFrame, judge_silence, verdict_not_radiated
+from .several import judge_several_foci
+from .single import SingleFocusFrame, judge_silent_frame, verdict_not_radiated
 from .target import FrameTarget
 
 # Of targets, and as many drives of solvers and verdicts: a pass that repeats costs nothing new.
@@ -118,7 +118,9 @@ class FrameJudge:
             yield frame_weights(other, intended.foci, intended.solver)
         miss_m = self.tolerance.miss_mm / 1e3
         for way in (*np.eye(3), *-np.eye(3)) if miss_m else ():
-            yield frame_weights(model, _displaced(intended.foci, miss_m * way), intended.solver)
+            yield frame_weights(
+                model, _displaced_frame_foci(intended.foci, miss_m * way), intended.solver
+            )
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
         """Yield the array and air that foci may have been solved with.
@@ -136,7 +138,7 @@ class FrameJudge:
         """Return the verdict on a frame that was latched, or seen on the wire."""
         seen = self._seen(intended, observation)
         found = self._judged(
-            _without_identity(intended),
+            _frame_without_identity(intended),
             dataclasses.replace(observation, key=_ANY, t_latch_us=0, late=False),
         )
         if observation.evidence is Evidence.WIRE and found.status not in WRONG:
@@ -146,9 +148,9 @@ class FrameJudge:
     def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
         """Return the verdict of all frames and latches that differ in key and times only."""
         seen = self._seen(intended, observation)
-        if _crc_differs(intended, observation):
+        if _frame_crc_differs(intended, observation):
             return dataclasses.replace(
-                seen, status=FrameStatus.CORRUPT, faults=(_crc_fault(intended, observation),)
+                seen, status=FrameStatus.CORRUPT, faults=(_frame_crc_fault(intended, observation),)
             )
         latched, note = self._latched_drive(intended, observation)
         seen = dataclasses.replace(seen, note=note)
@@ -162,7 +164,7 @@ class FrameJudge:
         faults = self._faults(intended, latched, output)
         if intended.drive.is_muted:
             heard = isinstance(found, SingleFocus | NotSingle)
-            return judge_silence(seen, intended, output, faults, heard=heard)
+            return judge_silent_frame(seen, intended, output, faults, heard=heard)
         if isinstance(found, NoFocus) and len(intended.foci) > 1:
             faults = faults or (verdict_not_radiated(found),)
             return dataclasses.replace(seen, status=FrameStatus.WRONG_DRIVE, faults=faults)
@@ -171,15 +173,15 @@ class FrameJudge:
             note = "the calibration gives every element that shall sound a gain of 0"
             return dataclasses.replace(seen, faults=faults, note=note)
         if len(intended.foci) > 1:
-            ideals = self._ideals(_without_identity(intended))
+            ideals = self._ideals(_frame_without_identity(intended))
             if not ideals:
                 note = f"the solver {intended.solver} refuses these foci for the array of the board"
                 return dataclasses.replace(seen, faults=faults, note=note)
-            return judge_several(
+            return judge_several_foci(
                 seen, intended, output, faults, ideals, self.tolerance, self.uncertainty
             )
         (target,) = targets
-        if found is None or (isinstance(found, NotSingle) and _is_undecided(found, target)):
+        if found is None or (isinstance(found, NotSingle) and _is_frame_undecided(found, target)):
             found = self._reconstruct(output, intended, target)
         one = SingleFocusFrame(intended, output, target)
         return one.judge(seen, found, faults, self.uncertainty)
@@ -242,7 +244,7 @@ class FrameJudge:
         )
 
 
-def _is_undecided(found: NotSingle, target: FrameTarget) -> bool:
+def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
     """Return True if somebody else's search found too little, or judged by finer phases.
 
     The board knows neither the tolerance nor, of what was uploaded, the resolution of the phases.
@@ -250,12 +252,12 @@ def _is_undecided(found: NotSingle, target: FrameTarget) -> bool:
     return not found.outliers or found.residual_rms_rad <= target.phase_limit_rad
 
 
-def _without_identity(intended: Intended) -> Intended:
+def _frame_without_identity(intended: Intended) -> Intended:
     """Return *intended* as all frames are that ask for the same drive."""
     return dataclasses.replace(intended, number=0, key=_ANY, t_apply_us=None)
 
 
-def _displaced(foci: tuple[Focus, ...], way_m: FloatArray) -> tuple[Focus, ...]:
+def _displaced_frame_foci(foci: tuple[Focus, ...], way_m: FloatArray) -> tuple[Focus, ...]:
     """Return foci that are all displaced by *way_m* (3,)."""
     return tuple(
         Focus.at(np.add(focus.position_m, way_m), focus.amplitude, focus.phase_rad)
@@ -275,14 +277,14 @@ def lost_frame_verdict(intended: Intended) -> FrameVerdict:
     )
 
 
-def _crc_fault(intended: Intended, observation: Observation) -> str:
+def _frame_crc_fault(intended: Intended, observation: Observation) -> str:
     return (
         f"another drive was latched: its CRC is {observation.drive_crc:08x}, that of the intended "
         f"one {intended.drive.digest():08x}"
     )
 
 
-def _crc_differs(intended: Intended, observation: Observation) -> bool:
+def _frame_crc_differs(intended: Intended, observation: Observation) -> bool:
     """Return True if the CRC alone proves that another drive was latched."""
     return (
         observation.drive is None

@@ -116,7 +116,7 @@ def expected_frame_peak(
     rounding_m = np.abs(response).sum(axis=1) * phase_limit_rad
     if direction.length_rad(rounding_m @ direction.axes) > _ROUND:
         worst = phase_limit_rad * np.sign(response)
-        worst_m = _worst_displacement_m(model, ideal, place_m, direction, worst)
+        worst_m = _worst_peak_displacement_m(model, ideal, place_m, direction, worst)
         if not (worst_m <= _FLAT * rounding_m + _SEARCH_M).all():
             return None
         rounding_m = np.maximum(rounding_m, worst_m)
@@ -125,7 +125,7 @@ def expected_frame_peak(
     return ExpectedPeak(direction, place_m, response, _MARGIN * rounding_m + _SEARCH_M)
 
 
-def _worst_displacement_m(
+def _worst_peak_displacement_m(
     model: AcousticModel,
     ideal: ComplexArray,
     place_m: FloatArray,
@@ -157,13 +157,13 @@ def find_frame_peak(
         None: the ascent leads to the elements or behind them, or does not settle.
     """
     axes = direction.axes
-    stencil = _stencil(len(axes))
-    offset, level = np.zeros(len(axes)), _level(model, weights, start_m + stencil @ axes)
+    stencil = _frame_peak_stencil(len(axes))
+    offset, level = np.zeros(len(axes)), _frame_peak_level(model, weights, start_m + stencil @ axes)
     for _ in range(_STEPS):
         if level is None:
             return None
-        gradient, curvature = _derivatives(level, len(axes))
-        if not _is_peaked(curvature):
+        gradient, curvature = _frame_peak_derivatives(level, len(axes))
+        if not _is_frame_peak(curvature):
             curvature = -2.0 * direction.metric
         newton = np.linalg.solve(-curvature, gradient)
         length_rad = direction.length_rad(newton @ axes)
@@ -173,7 +173,7 @@ def find_frame_peak(
             return offset + step
         for halving in range(_HALVINGS):
             higher = offset + 0.5**halving * step
-            there = _level(model, weights, start_m + (higher + stencil) @ axes)
+            there = _frame_peak_level(model, weights, start_m + (higher + stencil) @ axes)
             if there is not None and there[0] > level[0]:
                 break
         else:  # at the top, as far as differences over the stencil can tell
@@ -197,15 +197,15 @@ def frame_peak_response(
     """
     axes = direction.axes
     count = len(axes)
-    arrivals = _arrivals(model, place_m + _stencil(count) @ axes)
+    arrivals = _frame_peak_arrivals(model, place_m + _frame_peak_stencil(count) @ axes)
     if arrivals is None:
         return None
     parts = arrivals * weights
     pressure = parts.sum(axis=1)
     if not np.abs(pressure).min() > 0.0:
         return None
-    _, curvature = _derivatives(2.0 * np.log(np.abs(pressure)), count)
-    if not _is_peaked(curvature):
+    _, curvature = _frame_peak_derivatives(2.0 * np.log(np.abs(pressure)), count)
+    if not _is_frame_peak(curvature):
         return None
     slopes = -2.0 * (parts / pressure[:, None]).imag
     mixed = (slopes[1 : 1 + 2 * count : 2] - slopes[2 : 2 + 2 * count : 2]) / (2.0 * _STENCIL_M)
@@ -213,16 +213,18 @@ def frame_peak_response(
     return response
 
 
-def _level(model: AcousticModel, weights: ComplexArray, points: FloatArray) -> FloatArray | None:
+def _frame_peak_level(
+    model: AcousticModel, weights: ComplexArray, points: FloatArray
+) -> FloatArray | None:
     """Return ln |p|^2 at points (M, 3); None at an element, behind all of them, or in silence."""
-    arrivals = _arrivals(model, points)
+    arrivals = _frame_peak_arrivals(model, points)
     if arrivals is None:
         return None
     pressure = np.abs(arrivals @ weights)
     return 2.0 * np.log(pressure) if pressure.min() > 0.0 else None
 
 
-def _arrivals(model: AcousticModel, points: FloatArray) -> ComplexArray | None:
+def _frame_peak_arrivals(model: AcousticModel, points: FloatArray) -> ComplexArray | None:
     """Return the propagators (M, N); None where a point has no field."""
     try:
         return propagators(model, points)
@@ -230,13 +232,13 @@ def _arrivals(model: AcousticModel, points: FloatArray) -> ComplexArray | None:
         return None
 
 
-def _is_peaked(curvature: FloatArray) -> bool:
+def _is_frame_peak(curvature: FloatArray) -> bool:
     """Return True if a Hessian (D, D) is that of a peak, in every direction."""
     values = np.linalg.eigvalsh(curvature)
     return bool(values[-1] < _LEAST_CURVED * values[0] < 0.0)
 
 
-def _stencil(count: int) -> FloatArray:
+def _frame_peak_stencil(count: int) -> FloatArray:
     """Return the centre, the neighbours along each axis, and four corners for each two axes."""
     eye = np.eye(count)
     steps = [np.zeros(count)]
@@ -248,7 +250,7 @@ def _stencil(count: int) -> FloatArray:
     return _STENCIL_M * np.array(steps)
 
 
-def _derivatives(level: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+def _frame_peak_derivatives(level: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Return gradient (D,) and Hessian (D, D) from the values at the stencil."""
     plus, minus = level[1 : 1 + 2 * count : 2], level[2 : 2 + 2 * count : 2]
     gradient = (plus - minus) / (2.0 * _STENCIL_M)

@@ -73,7 +73,7 @@ class _Findings:
     limits_m: Sequence[FloatArray] | None
 
 
-def judge_several(
+def judge_several_foci(
     seen: FrameVerdict,
     intended: Intended,
     latched: Drive,
@@ -104,11 +104,11 @@ def judge_several(
     levels = IdealFociLevels.of(intended, latched.weights(), targets)
     ideal = min(ideals, key=lambda one: one.distance(latched, active))
     error_rad = ideal.phase_error_rad(latched, active)
-    found = _strictly(ideal, intended, latched, active, error_rad)
+    found = _judge_foci_strictly(ideal, intended, latched, active, error_rad)
     if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
-        found = _tolerantly(ideal, intended, latched, active, tolerance)
+        found = _judge_foci_tolerantly(ideal, intended, latched, active, tolerance)
     status = frame_status_of(found.verdicts, faults, focused=False, tolerance=tolerance)
-    unseen = [*found.unseen, *_not_made(levels, intended)]
+    unseen = [*found.unseen, *_levels_not_made(levels, intended)]
     notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
     if status is FrameStatus.ON_TARGET and unseen:
         status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
@@ -127,17 +127,17 @@ def judge_several(
         faults=faults,
         note="; ".join(notes),
         phase_error_rad=error_rad,
-        bound_mm=None if worst_m is None else _mm(worst_m),
+        bound_mm=None if worst_m is None else _judged_mm(worst_m),
         smallest_miss_mm=smallest_mm,
         uncertainty_mm=ideal.place_uncertainty(known),
         balance=levels.balance,
         efficiency=levels.efficiency,
         pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
-        **_farthest(ideal.placed, found),
+        **_farthest_from_target_mm(ideal.placed, found),
     )
 
 
-def _strictly(
+def _judge_foci_strictly(
     ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools, error_rad: float
 ) -> _Findings:
     """Return the findings about a drive that may differ from the ideal one by rounding only."""
@@ -152,21 +152,21 @@ def _strictly(
     # A drive that is the ideal one but for rounding cannot be off: then its peaks are too flat.
     flat = verdicts["S1"] and verdicts["S5"] and not verdicts["S2"]
     if (limits_m is not None and not flat) or not active.any():
-        return _Findings(verdicts, list(_without_place(ideal)), offsets_m, limits_m)
+        return _Findings(verdicts, list(_frame_without_place(ideal)), offsets_m, limits_m)
     if flat:
         del verdicts["S2"]
     # Foci without a pressure peak of their own still have a place in the phases.
-    unseen = list(_without_place(ideal)) or [_NOT_THESE]
-    fit = _fit(ideal, intended, latched, active)
+    unseen = list(_frame_without_place(ideal)) or [_NOT_THESE]
+    fit = _fit_judged_foci(ideal, intended, latched, active)
     if fit is None or fit.residual_rad > ideal.targets[0].phase_limit_rad:
         return _Findings(verdicts, unseen, offsets_m, None)
-    limits_m = _limits_m(ideal, fit)
-    if limits_m is None or not _are_within(fit, limits_m, 0.0):
+    limits_m = _judged_limits_m(ideal, fit)
+    if limits_m is None or not _are_judged_foci_within(fit, limits_m, 0.0):
         return _Findings(verdicts, unseen, list(fit.offsets_m), None)
     return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
 
 
-def _tolerantly(
+def _judge_foci_tolerantly(
     ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools, tolerance: Tolerance
 ) -> _Findings:
     """Return the findings about a drive for these foci in other air, or a little off.
@@ -183,26 +183,26 @@ def _tolerantly(
         "S5": s5 and ideal.amplitudes_ok(latched, tolerant=True),
     }
     unseen = [_OTHER_LEVELS] if excess > 0.0 else []
-    fit = _fit(ideal, intended, latched, active)
+    fit = _fit_judged_foci(ideal, intended, latched, active)
     if fit is None:
         return _Findings(verdicts, [*unseen, _NOT_THESE], [], None)
     blurred = fit
     if fit.residual_rad > limit_rad:  # what is left unexplained may have moved the foci as well
         blurred = fit._replace(bound_m=3.0 * fit.residual_rad / limit_rad * fit.bound_m)
         unseen.append(_NOT_THESE)
-    limits_m = _limits_m(ideal, blurred)
+    limits_m = _judged_limits_m(ideal, blurred)
     if limits_m is None:
         return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
-    within = _are_within(fit, limits_m, tolerance.miss_mm)
-    if not within and not _are_sharp(ideal, limits_m):
+    within = _are_judged_foci_within(fit, limits_m, tolerance.miss_mm)
+    if not within and not _are_frame_peaks_sharp(ideal, limits_m):
         return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
     verdicts["S2"] = within
-    if not _peaks_follow(ideal, latched, limits_m, tolerance):
+    if not _frame_peaks_follow(ideal, latched, limits_m, tolerance):
         unseen.append(_OTHER_PEAKS)
     return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
 
 
-def _fit(
+def _fit_judged_foci(
     ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools
 ) -> FociFit | None:
     """Return the fit of the foci to the phases, or None."""
@@ -219,28 +219,29 @@ def _fit(
     )
 
 
-def _limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
+def _judged_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
     """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
     limits = []
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
         limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)
-        if not _length(limits[-1]) < LOST * target.distance_m:
+        if not _judged_length(limits[-1]) < LOST * target.distance_m:
             return None
     return limits
 
 
-def _peaks_follow(
+def _frame_peaks_follow(
     ideal: IdealFrameDrive, latched: Drive, limits_m: Sequence[FloatArray], tolerance: Tolerance
 ) -> bool:
     """Return True if the pressure peaks are no further off than the fitted foci may be."""
     offsets_m = ideal.offsets_m(latched.weights())
     return all(
-        offset_m is not None and _length(offset_m) <= _length(limit_m) + tolerance.miss_mm / _MM
+        offset_m is not None
+        and _judged_length(offset_m) <= _judged_length(limit_m) + tolerance.miss_mm / _MM
         for offset_m, limit_m in zip(offsets_m, limits_m, strict=True)
     )
 
 
-def _are_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray]) -> bool:
+def _are_frame_peaks_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray]) -> bool:
     """Return True if each focus has a place to within its own lobe: else the fit is no proof."""
     return all(
         target.direction(np.eye(3)).length_rad(limit_m) <= WITHIN_LOBE_RAD
@@ -248,17 +249,19 @@ def _are_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray]) -> bool:
     )
 
 
-def _are_within(fit: FociFit, limits_m: Sequence[FloatArray], miss_mm: float) -> bool:
+def _are_judged_foci_within(fit: FociFit, limits_m: Sequence[FloatArray], miss_mm: float) -> bool:
     pairs = zip(fit.offsets_m, limits_m, strict=True)
     return all(criteria.within_limit(offset_m, limit_m, miss_mm) for offset_m, limit_m in pairs)
 
 
-def _farthest(targets: Sequence[FrameTarget], found: _Findings) -> dict[str, Any]:
+def _farthest_from_target_mm(targets: Sequence[FrameTarget], found: _Findings) -> dict[str, Any]:
     """Return the error of the focus farthest from its place; nothing if one has no place."""
     offsets = [offset for offset in found.offsets_m if offset is not None]
     if len(offsets) < len(targets) or not targets or found.limits_m is None:
         return {}
-    target, offset_m = max(zip(targets, offsets, strict=True), key=lambda pair: _length(pair[1]))
+    target, offset_m = max(
+        zip(targets, offsets, strict=True), key=lambda pair: _judged_length(pair[1])
+    )
     across_m, along_m = target.split(offset_m)
     return {
         "lateral_error_mm": None if across_m is None else _MM * across_m,
@@ -266,7 +269,7 @@ def _farthest(targets: Sequence[FrameTarget], found: _Findings) -> dict[str, Any
     }
 
 
-def _without_place(ideal: IdealFrameDrive) -> Iterator[str]:
+def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
     """Yield a finding that names the foci without a pressure peak of their own."""
     lost = [str(number) for number, peak in enumerate(ideal.peaks, 1) if peak is None]
     if lost:
@@ -276,7 +279,7 @@ def _without_place(ideal: IdealFrameDrive) -> Iterator[str]:
         )
 
 
-def _not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
+def _levels_not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
     """Yield reasons for foci that are missing although the drive is as it should be."""
     if intended.solver != "naive" and not levels.made:
         yield (
@@ -286,10 +289,10 @@ def _not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
         )
 
 
-def _length(vector: FloatArray) -> float:
+def _judged_length(vector: FloatArray) -> float:
     return float(np.linalg.norm(vector))
 
 
-def _mm(values: FloatArray) -> Vector:
+def _judged_mm(values: FloatArray) -> Vector:
     x, y, z = (float(_MM * value) for value in values)
     return x, y, z

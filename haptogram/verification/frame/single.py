@@ -48,7 +48,7 @@ def verdict_not_radiated(found: NoFocus) -> str:
     return f"the drive is right, but nothing was radiated: {found.reason}"
 
 
-def judge_silence(
+def judge_silent_frame(
     seen: FrameVerdict,
     intended: Intended,
     latched: Drive,
@@ -116,11 +116,11 @@ class SingleFocusFrame:
         target = self.target
         measures, verdicts, peaks = self._drive_criteria()
         notes = [seen.note] if seen.note else []
-        unseen = [] if target.observable.all() else [_unobservable(target)]
+        unseen = [] if target.observable.all() else [_unobservable_target(target)]
         if self._is_ambiguous(measures, found):
             notes.append(_AMBIGUOUS)
             offset_m = target.nearest_focus_m(np.angle(self.latched.weights()), self._active)
-            measures |= _place(target, offset_m)
+            measures |= _place_against_target(target, offset_m)
             if not criteria.is_on_target(target, offset_m):
                 if verdicts["S1"]:
                     unseen.append(_ELSEWHERE)
@@ -130,15 +130,15 @@ class SingleFocusFrame:
             if target.observable.any():
                 verdicts["S2"] = self._is_in_place(found)
             if isinstance(found, SingleFocus):
-                measures |= _where(target, found)
+                measures |= _where_against_target(target, found)
             elif isinstance(found, NotSingle):
                 faults += self._outliers(found, faults)
                 if not faults:  # the right drive in other air: a focus, but not a sharp one
-                    measures |= _where(target, found)
+                    measures |= _where_against_target(target, found)
                 elif measures["coherence"] >= _STILL_A_FOCUS:
-                    measures |= _where_the_peak_is(target, peaks)
+                    measures |= _where_the_frame_peak_is(target, peaks)
                     measures["pressure_rms_pa"] = found.pressure_rms_pa
-                notes.append(_no_focus(found))
+                notes.append(_frame_without_focus(found))
             elif not faults:
                 faults = (verdict_not_radiated(found),)
         status = frame_status_of(
@@ -159,7 +159,7 @@ class SingleFocusFrame:
             status=status,
             criteria=dict(sorted(verdicts.items())),
             faults=faults,
-            bound_mm=_finite_mm(target.bound_m),
+            bound_mm=_finite_target_mm(target.bound_m),
             smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
             uncertainty_mm=target.place_uncertainty(known),
             note="; ".join(notes),
@@ -247,7 +247,7 @@ class SingleFocusFrame:
         return rms <= within_rad and bool((error_rad[off] > _FINEST_RAD).all())
 
 
-def _no_focus(found: NotSingle) -> str:
+def _frame_without_focus(found: NotSingle) -> str:
     x, y, z = (_MM * coordinate for coordinate in found.position_m)
     return (
         f"no single focus; the most that was found is {found.pressure_rms_pa:.0f} Pa at "
@@ -255,7 +255,7 @@ def _no_focus(found: NotSingle) -> str:
     )
 
 
-def _unobservable(target: FrameTarget) -> str:
+def _unobservable_target(target: FrameTarget) -> str:
     """Return a finding that names the coordinates of the focus that no phase tells."""
     names = [name for name, seen in zip("xyz", target.observable, strict=True) if not seen]
     along = " and ".join(names)
@@ -266,17 +266,17 @@ def _unobservable(target: FrameTarget) -> str:
     )
 
 
-def _where(target: FrameTarget, found: SingleFocus | NotSingle) -> dict[str, Any]:
+def _where_against_target(target: FrameTarget, found: SingleFocus | NotSingle) -> dict[str, Any]:
     force_n = found.force_n if isinstance(found, SingleFocus) else None
     if force_n is not None and not math.isfinite(force_n):
         force_n = None
-    return _place(target, criteria.focus_offset_m(target, found)) | {
+    return _place_against_target(target, criteria.focus_offset_m(target, found)) | {
         "pressure_rms_pa": found.pressure_rms_pa,
         "force_n": force_n,
     }
 
 
-def _place(target: FrameTarget, offset_m: FloatArray) -> dict[str, Any]:
+def _place_against_target(target: FrameTarget, offset_m: FloatArray) -> dict[str, Any]:
     """Return place and error of a focus; None for a part that cannot be observed."""
     across_m, along_m = target.split(offset_m)
     place_m = (target.position_m + offset_m).tolist()
@@ -289,7 +289,9 @@ def _place(target: FrameTarget, offset_m: FloatArray) -> dict[str, Any]:
     }
 
 
-def _where_the_peak_is(target: FrameTarget, peaks: list[criteria.PeakCriterion]) -> dict[str, Any]:
+def _where_the_frame_peak_is(
+    target: FrameTarget, peaks: list[criteria.PeakCriterion]
+) -> dict[str, Any]:
     """Return the distance of the pressure peak from its place, if it was found all around."""
     offsets = [peak.offset_m for peak in peaks if peak.offset_m is not None]
     if len(offsets) != _ACROSS_AND_ALONG:
@@ -301,6 +303,6 @@ def _where_the_peak_is(target: FrameTarget, peaks: list[criteria.PeakCriterion])
     }
 
 
-def _finite_mm(bound_m: FloatArray) -> tuple[float | None, float | None, float | None]:
+def _finite_target_mm(bound_m: FloatArray) -> tuple[float | None, float | None, float | None]:
     x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
     return x, y, z

@@ -14,8 +14,8 @@ pytest.importorskip("mcap")
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.cli import main
 from haptogram.evidence.recordings.channels import INTENDED, MODEL
-from haptogram.evidence.recordings.intended import record_intended, recorded_run
 from haptogram.evidence.recordings.reader import Recording
+from haptogram.evidence.recordings.recorded_run import record_intended, recorded_run
 from haptogram.evidence.recordings.writer import RecordingWriter
 from pin_captures import captured_run
 

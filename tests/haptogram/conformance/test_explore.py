@@ -10,8 +10,8 @@ from boards import run, virtual
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.conformance.explore.actions import SLOT_US, Generator
-from haptogram.conformance.explore.shrinking import shrink
+from haptogram.conformance.explore.actions import SLOT_US, DialogueGenerator
+from haptogram.conformance.explore.shrinking import shrink_dialogue
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
 from haptogram_protocol.messages import HelloReply
@@ -46,7 +46,7 @@ def test_a_wrong_board_is_found_by_a_short_dialogue_printed_as_bytes():
 
 def test_the_same_seed_gives_the_same_dialogue():
     identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 1) | {"firmware": "x"})
-    first, second = (Generator(identity, 7) for _ in range(2))
+    first, second = (DialogueGenerator(identity, 7) for _ in range(2))
     assert first.config() == second.config()
     texts = [[(a.slot, a.text, a.damage) for a in g.actions(20)] for g in (first, second)]
     assert texts[0] == texts[1]
@@ -55,13 +55,13 @@ def test_the_same_seed_gives_the_same_dialogue():
 
 @given(st.sets(st.integers(0, 30), min_size=1, max_size=3))
 def test_a_dialogue_shrinks_to_what_it_needs(needed):
-    short = shrink(list(range(31)), lambda part: needed <= set(part), tries=500)
+    short = shrink_dialogue(list(range(31)), lambda part: needed <= set(part), tries=500)
     assert set(short) == needed
 
 
 def test_shrinking_ends_after_its_tries():
     calls = []
-    shrink(list(range(64)), lambda part: calls.append(len(part)), tries=9)
+    shrink_dialogue(list(range(64)), lambda part: calls.append(len(part)), tries=9)
     assert len(calls) == 9
 
 

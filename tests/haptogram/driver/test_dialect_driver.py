@@ -17,7 +17,7 @@ from haptogram.driver.dialect_driver import DialectDriver, NotOnThisWireError
 from haptogram.driver.line.budget import highest_line_rate_hz
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import DeviceError, NoAnswerError
-from haptogram.evidence.backdoor import board_model
+from haptogram.evidence.backdoor import backdoor_board_model
 from haptogram.evidence.board_process import BoardProcess
 from haptogram.evidence.dialects.latches import run_observations
 from haptogram.settings.board import BoardConfig
@@ -54,7 +54,7 @@ def in_virtual_time(name, **options):
 
 def judged(driver, records):
     seen = run_observations(driver.intended, records, None)
-    return verify_run(driver.intended, seen, model=board_model(records[0]))
+    return verify_run(driver.intended, seen, model=backdoor_board_model(records[0]))
 
 
 @pytest.mark.pty
@@ -122,7 +122,7 @@ def test_a_step_more_on_one_channel_shows(name):
             codes[1] = (codes[1] + 1) % frame.steps
             driver.stream([dataclasses.replace(frame, codes=tuple(codes))], rate_hz=20)
         for seen in (run_observations(driver.intended, records, None), driver.observations):
-            verdict = verify_run(driver.intended, seen, model=board_model(records[0]))
+            verdict = verify_run(driver.intended, seen, model=backdoor_board_model(records[0]))
             assert verdict.exit_status == 1
             (fault,) = verdict.frames[0].faults
             assert fault.replace("(0, 1) ", "") == "element 1 off by +1 LSB"

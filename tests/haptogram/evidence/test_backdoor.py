@@ -10,7 +10,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
     BackdoorFile,
     backdoor_observations,
-    is_latch_record_of,
+    is_backdoor_latch_of,
     observations_on_clock_of,
     silences_on_the_clock_of,
 )
@@ -95,9 +95,9 @@ def test_a_line_that_is_not_whole_yet_waits(tmp_path):
 
 def test_records_are_found_by_their_key():
     record = {"kind": "latch", "session": 1, "sequence": 2, "loop": 3, "index": 4}
-    assert is_latch_record_of(record, FrameKey(1, 2, 3, 4))
-    assert not is_latch_record_of(record, FrameKey(1, 2, 3, 5))
-    assert not is_latch_record_of({"kind": "output"}, FrameKey(1, 2, 3, 4))
+    assert is_backdoor_latch_of(record, FrameKey(1, 2, 3, 4))
+    assert not is_backdoor_latch_of(record, FrameKey(1, 2, 3, 5))
+    assert not is_backdoor_latch_of({"kind": "output"}, FrameKey(1, 2, 3, 4))
 
 
 @pytest.mark.parametrize("change", [{"t_latch_us": None, "drive_crc": None}, {"phase_codes": "!"}])

@@ -29,7 +29,7 @@ def has_crc32(board: BoardClient) -> None:
             inconclusive(f"HELLO is answered by {reply}, with its CRC-32")
     wrong = [piece for piece in _greetings(board, 0) if piece.reason == "crc"]
     check(not wrong, f"frames come, but none with its CRC-32: {wrong[0].fault if wrong else ''}")
-    for name, data in malformed_frames.other_checksums(_hello_body(board)).items():
+    for name, data in malformed_frames.malformed_checksums(_hello_body(board)).items():
         since = board.link.mark()
         board.link.send(malformed_frames.malformed_frame(data))
         board.wire.wait_for(_is_greeting, since, board.wire.limits.answer_us)
@@ -71,16 +71,18 @@ def drops_a_wrong_crc(board: BoardClient) -> None:
     )
     others = [
         data
-        for name, data in malformed_frames.other_checksums(body).items()
+        for name, data in malformed_frames.malformed_checksums(body).items()
         if name != "no checksum"
     ]
-    frames = [malformed_frames.with_wrong_crc(body, flip) for flip in flips] + others
+    frames = [malformed_frames.malformed_with_wrong_crc(body, flip) for flip in flips] + others
     for bit in (0, 13, 77, 100):  # damage in the body instead
-        damaged = bytearray(malformed_frames.with_crc(body))
+        damaged = bytearray(malformed_frames.malformed_with_crc(body))
         damaged[bit // 8] ^= 1 << bit % 8
         frames.append(bytes(damaged))
     long = [
-        frame for frame in [*frames, malformed_frames.with_wrong_crc(stream)] if len(frame) >= 14
+        frame
+        for frame in [*frames, malformed_frames.malformed_with_wrong_crc(stream)]
+        if len(frame) >= 14
     ]
     with board.counting(crc=len(long), dropped_state=1):
         board.link.unanswered(
@@ -104,7 +106,9 @@ def a_wrong_crc_renews_no_lease(board: BoardClient) -> None:
     board.arm()
     since = board.link.mark()
     for _ in range(2 * timeout_ms // 40):
-        board.link.send(malformed_frames.malformed_frame(malformed_frames.with_wrong_crc(body)))
+        board.link.send(
+            malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body))
+        )
         board.wire.idle(40_000)
     board.wire.idle(board.wire.limits.slack_us)
     check(bool(board.link.events(StateChanged, since)), "damaged frames have renewed the lease")

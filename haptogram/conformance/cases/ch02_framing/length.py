@@ -19,7 +19,7 @@ from ...outcome import SELF_REPORTED, check, fail
 )
 def drops_short_frames(board: BoardClient) -> None:
     pieces = [malformed_frames.noise_bytes(board.random, size) for size in range(1, 14)]
-    pieces += [malformed_frames.with_crc(bytes([Ping.TYPE] * size)) for size in range(10)]
+    pieces += [malformed_frames.malformed_with_crc(bytes([Ping.TYPE] * size)) for size in range(10)]
     with board.counting(short=len(pieces), frames=0):
         board.link.send(*(malformed_frames.malformed_frame(piece) for piece in pieces))
 
@@ -46,7 +46,7 @@ def reads_the_longest_frames(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def discards_a_run_too_long(board: BoardClient) -> None:
-    inside = cobs_encode(malformed_frames.with_crc(board.link.body(Arm.TYPE, seq=0x7000)))
+    inside = cobs_encode(malformed_frames.malformed_with_crc(board.link.body(Arm.TYPE, seq=0x7000)))
     runs = [malformed_frames.noise_bytes(board.random, size) for size in (4097, 5000, 8192, 20_000)]
     with board.counting(oversize=len(runs) + 1):
         for run in [*runs, malformed_frames.noise_bytes(board.random, 4096) + inside]:

@@ -47,7 +47,9 @@ def reads_long_runs(board: BoardClient) -> None:
 )
 def drops_what_is_no_cobs(board: BoardClient) -> None:
     good = cobs_encode(
-        malformed_frames.with_crc(board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq()))
+        malformed_frames.malformed_with_crc(
+            board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())
+        )
     )
     broken = [b"\x05\x01\x02", b"\xff" + b"\x07" * 40, good[:-1], good + b"\x02", b"\x02"]
     with board.counting(cobs=len(broken)):

@@ -67,7 +67,7 @@ def _junk(board: BoardClient) -> bytes:
     """Return junk of every kind: a short frame, no COBS, a wrong CRC, a run without an end."""
     body = board.link.body(Ping.TYPE, board.random.randbytes(8), seq=0)
     wrong = malformed_frames.malformed_frame(
-        malformed_frames.with_wrong_crc(body, 1 << board.random.randrange(32))
+        malformed_frames.malformed_with_wrong_crc(body, 1 << board.random.randrange(32))
     )
     noise = board.random.randbytes(_NOISE).replace(b"\x00", b"\x01")
     return b"".join(
@@ -98,7 +98,7 @@ def counts_once(board: BoardClient) -> None:
         board.link.stream_wire(good, flags=0x40),
         board.link.stream_raw(Phases.TYPE, payload + b"\x00"),
         board.link.stream_raw(Phases.TYPE, bytes([payload[0], 1]) + payload[2:]),
-        malformed_frames.malformed_frame(malformed_frames.with_wrong_crc(ping)),
+        malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(ping)),
         malformed_frames.malformed_frame(b"\x40\x01\x02"),
         b"\x00\xff\x01\x02\x00",
         b"\x00" + malformed_frames.noise_bytes(board.random, 4200) + b"\x00",

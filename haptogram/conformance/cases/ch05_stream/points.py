@@ -39,14 +39,14 @@ def _model(board: BoardClient) -> AcousticModel:
     depth=Depth.DEFAULT,
 )
 def phases_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import check_focus, host_frames, judge_of_model
+    from ...judge.focusing import check_focus, judge_of_model, judged_host_frames
 
     model = _model(board)
     judge = judge_of_model(model)
     board.arm()
     offered = [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
     for form, target in zip(offered, _TARGETS_M, strict=False):
-        for frame in host_frames(model, board.identity, (target,), form):
+        for frame in judged_host_frames(model, board.identity, (target,), form):
             latch_now(board, frame.message)
             check_focus(judge, frame, read_back(board))
 
@@ -60,12 +60,14 @@ def phases_make_a_focus(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def drives_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import check_focus, host_frames, judge_of_model
+    from ...judge.focusing import check_focus, judge_of_model, judged_host_frames
 
     model = _model(board)
     judge = judge_of_model(model)
     board.arm()
-    for frame in host_frames(model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "drives"):
+    for frame in judged_host_frames(
+        model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "drives"
+    ):
         latch_now(board, frame.message)
         check_focus(judge, frame, read_back(board))
 
@@ -77,12 +79,14 @@ def drives_make_a_focus(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def points_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import check_focus, host_frames, judge_of_model
+    from ...judge.focusing import check_focus, judge_of_model, judged_host_frames
 
     model = _model(board)
     judge = judge_of_model(model)
     board.arm()
-    for frame in host_frames(model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "points"):
+    for frame in judged_host_frames(
+        model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "points"
+    ):
         latch_now(board, frame.message)
         check_focus(judge, frame, read_back(board))
 
@@ -120,12 +124,12 @@ def _random_latches(
     evidence=SELF_REPORTED,
 )
 def points_are_rounded(board: BoardClient) -> None:
-    from ...judge.focusing import phase_errors
+    from ...judge.focusing import judged_phase_errors
 
     model = _model(board)
     board.arm()
     found = _random_latches(board, 1)
-    mean = float(phase_errors(model, found).mean())
+    mean = float(judged_phase_errors(model, found).mean())
     kind = "cut off" if mean < 0 else "rounded up"
     check(abs(mean) < _ROUNDING, f"phase codes are {kind}: off by {mean:+.2f} steps on average")
 
@@ -137,7 +141,7 @@ def points_are_rounded(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def points_have_their_amplitude(board: BoardClient) -> None:
-    from ...judge.focusing import amplitude_errors
+    from ...judge.focusing import judged_amplitude_errors
 
     model = _model(board)
     board.arm()
@@ -146,7 +150,7 @@ def points_have_their_amplitude(board: BoardClient) -> None:
     if not board.has(Feature.AMPLITUDE):
         check(all(set(shown.amplitudes) == {255} for _, shown in found), "amplitudes are not 255")
         return
-    errors = amplitude_errors(model, found)
+    errors = judged_amplitude_errors(model, found)
     worst, mean = float(abs(errors).max()), float(errors.mean())
     check(worst <= 1.5 + 1e-6, f"an amplitude is off by {worst:.1f} codes")
     if points > 1:
@@ -160,16 +164,16 @@ def points_have_their_amplitude(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def points_are_exact(board: BoardClient) -> None:
-    from ...judge.focusing import amplitude_errors, phase_errors
+    from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
 
     model = _model(board)
     board.arm()
     found = _random_latches(board, min(3, board.identity.max_points))
     # One step beyond the rounding, which is half of one.
-    worst = float(abs(phase_errors(model, found)).max())
+    worst = float(abs(judged_phase_errors(model, found)).max())
     check(worst <= 1.5 + 1e-6, f"a phase is off by {worst:.2f} steps before rounding")
     if board.has(Feature.AMPLITUDE):
-        worst = float(abs(amplitude_errors(model, found)).max())
+        worst = float(abs(judged_amplitude_errors(model, found)).max())
         check(worst <= 1.5 + 1e-6, f"an amplitude is off by {worst:.2f} steps before rounding")
 
 

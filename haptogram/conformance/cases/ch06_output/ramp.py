@@ -19,7 +19,7 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now, read_back_radiated
 from ...client.playback import play_now, store_phases
-from ...judge.ramps import RampReading, check_straight, read_ramp
+from ...judge.ramps import RampReading, check_straight_ramp, read_ramp
 from ...judge.timers import check_mute_time, muted_by_timer
 from ...outcome import SELF_REPORTED, check
 
@@ -105,7 +105,7 @@ def ramps_do_not_rise(board: BoardClient) -> None:
 def ramps_reach_silence(board: BoardClient) -> None:
     ramp_ms = 400
     ramp = _ramp(board, hold_ms=100, ramp_ms=ramp_ms)
-    check_straight(board, ramp, ramp_ms, bytes([FULL]) * board.identity.transducers)
+    check_straight_ramp(board, ramp, ramp_ms, bytes([FULL]) * board.identity.transducers)
 
 
 @case("HG-6.11/3", "with ramp_ms = 0 the board is muted right at the end of the hold")

@@ -167,7 +167,7 @@ def _move_all(board: BoardClient) -> None:
         board.link.ask(Mute())  # flushes what is queued
     body = board.link.body(Ping.TYPE, bytes(8), seq=0)
     board.link.send(
-        malformed_frames.malformed_frame(malformed_frames.with_wrong_crc(body)),
+        malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body)),
         malformed_frames.malformed_frame(b"\x40\x01\x02"),
         b"\x00\xff\x01\x02\x00",
         b"\x00" + malformed_frames.noise_bytes(board.random, 4200) + b"\x00",

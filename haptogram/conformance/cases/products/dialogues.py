@@ -9,9 +9,9 @@ from haptogram_protocol.messages import Config, Feature
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...explore.actions import SLOT_US, Action, Generator
+from ...explore.actions import SLOT_US, DialogueAction, DialogueGenerator
 from ...explore.lockstep import HostLateError, Lockstep, Played, identity_suits_model
-from ...explore.shrinking import shrink
+from ...explore.shrinking import shrink_dialogue
 from ...outcome import SELF_REPORTED, fail, inconclusive, not_observed
 
 _SLOTS: Final = 16
@@ -59,7 +59,7 @@ def _judge(board: BoardClient, lockstep: Lockstep, seed: int) -> bool:
 
     Returns False if the host was late, so that nothing was compared.
     """
-    generator = Generator(board.identity, seed)
+    generator = DialogueGenerator(board.identity, seed)
     config, actions = generator.config(), generator.actions(_SLOTS)
     played = _play(lockstep, actions, config, seed)
     if played is None:
@@ -67,13 +67,13 @@ def _judge(board: BoardClient, lockstep: Lockstep, seed: int) -> bool:
     if not played.difference:
         return True
 
-    def differs(part: Sequence[Action]) -> bool:
+    def differs(part: Sequence[DialogueAction]) -> bool:
         again = _play(lockstep, part, config, seed)
         return again is not None and bool(again.difference)
 
     if not differs(actions):  # once, and not again: the host may have been at fault
         return False
-    short = shrink(actions, differs, _REPLAYS)
+    short = shrink_dialogue(actions, differs, _REPLAYS)
     played = _play(lockstep, short, config, seed) or played
     fail(
         f"dialogue {seed}, {len(short)} frames: {played.difference or 'now and then another reply'}"
@@ -82,7 +82,7 @@ def _judge(board: BoardClient, lockstep: Lockstep, seed: int) -> bool:
 
 
 def _play(
-    lockstep: Lockstep, actions: Sequence[Action], config: Config, seed: int
+    lockstep: Lockstep, actions: Sequence[DialogueAction], config: Config, seed: int
 ) -> Played | None:
     for _ in range(_LATE):
         try:

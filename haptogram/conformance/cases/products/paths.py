@@ -56,14 +56,14 @@ def every_path_of_points(board: BoardClient) -> None:
 
 def _check_points(board: BoardClient, name: str, message: Points) -> None:
     from ...judge.array_model import model_of_board
-    from ...judge.focusing import amplitude_errors, phase_errors
+    from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
 
     found = [(tuple(message.points), read_back(board))]
     model = model_of_board(board)
-    worst = float(abs(phase_errors(model, found)).max(initial=0.0))
+    worst = float(abs(judged_phase_errors(model, found)).max(initial=0.0))
     check(worst <= _WORST_STEPS, f"{name}: a phase is off by {worst:.1f} steps")
     if board.has(Feature.AMPLITUDE):
-        worst = float(abs(amplitude_errors(model, found)).max())
+        worst = float(abs(judged_amplitude_errors(model, found)).max())
         check(worst <= _WORST_STEPS, f"{name}: an amplitude is off by {worst:.1f} steps")
 
 

@@ -30,7 +30,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_now, play_out, store_phases
 from ...client.uploads import begin_upload, upload_to_board
-from ...judge.held_state import changes
+from ...judge.held_state import held_state_changes
 from ...judge.refused_requests import STORED
 from ...outcome import SELF_REPORTED, CaseEndedError, check
 from .moments.refusals import brought, held_after, situations
@@ -245,5 +245,5 @@ def a_repeated_hello_leaves_all(board: BoardClient) -> None:
         last_us, before = brought(board, situation)
         held = held_after(board, last_us, lambda: board.hello(board.link.session))
         held = {key: value for key, value in held.items() if key != "the counter repeated"}
-        text = changes(before, held)
+        text = held_state_changes(before, held)
         check(not text, f"{situation.name}, HELLO with the open nonce: {text}")

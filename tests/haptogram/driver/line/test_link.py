@@ -1,6 +1,6 @@
 import pytest
 
-from haptogram.driver.line.handshake import open_session
+from haptogram.driver.line.handshake import open_line_session
 from haptogram.driver.line.link import Link
 from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
 from haptogram_protocol import HostConnection
@@ -36,7 +36,7 @@ def port():
 @pytest.fixture
 def link(port):
     link = link_to(port)
-    open_session(link)
+    open_line_session(link)
     return link
 
 
@@ -103,7 +103,7 @@ def test_a_mute_ends_the_rest_of_a_frame_that_was_cut_off(port):
             return port.write_some(data[:5]) and min(5, len(data))
 
     link = link_to(Short())
-    open_session(link)
+    open_line_session(link)
     link.request(Arm(), ArmReply)
     link.write_frame(b"\x00" + b"\x01\x05" * 60)
     assert link.mute(MuteReply, 10**9).state.name == "MUTED"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.evidence.recordings.compare import RECORDED, REPLAYED, Comparison
+from haptogram.evidence.recordings.compare import RECORDED, REPLAYED, ReplayComparison
 from haptogram.records.latch import Codes, LatchRecord
 from haptogram_protocol.annotation.frames import annotated_frame
 from haptogram_protocol.framing import encode_frame
@@ -26,7 +26,7 @@ def frame(message, seq=0, time_us=5):
 
 @given(st.permutations([(side, n) for side in (RECORDED, REPLAYED) for n in range(8)]))
 def test_the_order_in_which_two_accounts_come_does_not_matter(order):
-    comparison = Comparison(exact=True)
+    comparison = ReplayComparison(exact=True)
     for side, number in order:
         comparison.add_latch(side, latch(number))
     assert comparison.awaited == 0
@@ -36,7 +36,7 @@ def test_the_order_in_which_two_accounts_come_does_not_matter(order):
 
 @given(st.sets(st.integers(0, 9)), st.sets(st.integers(0, 9)))
 def test_what_only_one_account_has_is_named(recorded, replayed):
-    comparison = Comparison(exact=True)
+    comparison = ReplayComparison(exact=True)
     for number in recorded:
         comparison.add_latch(RECORDED, latch(number))
     for number in replayed:
@@ -62,7 +62,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("name", CHANGES)
 def test_every_field_of_a_latch_is_compared(name):
-    comparison = Comparison(exact=True)
+    comparison = ReplayComparison(exact=True)
     comparison.add_latch(RECORDED, latch(5))
     comparison.add_latch(REPLAYED, dataclasses.replace(latch(5), **{name: CHANGES[name]}))
     assert comparison.differing["latches"] == 1
@@ -71,7 +71,7 @@ def test_every_field_of_a_latch_is_compared(name):
 @given(records(Pong), records(Pong), st.integers(0, 99), st.integers(0, 99))
 def test_times_count_on_the_same_clock_only(first, second, early_us, late_us):
     for exact in (True, False):
-        comparison = Comparison(exact=exact)
+        comparison = ReplayComparison(exact=exact)
         comparison.add_frame(RECORDED, frame(first, time_us=early_us))
         comparison.add_frame(REPLAYED, frame(second, time_us=late_us))
         same = first.echo == second.echo
@@ -82,13 +82,13 @@ def test_times_count_on_the_same_clock_only(first, second, early_us, late_us):
 
 @given(records(Status))
 def test_periodic_reports_are_not_compared_between_two_clocks(status):
-    comparison = Comparison(exact=False)
+    comparison = ReplayComparison(exact=False)
     comparison.add_frame(RECORDED, frame(status))
     assert comparison.awaited == 0
 
 
 def test_the_same_frames_in_another_order_are_a_difference():
-    comparison = Comparison(exact=True)
+    comparison = ReplayComparison(exact=True)
     comparison.note_bytes(3, b"ab", b"ab")
     comparison.note_bytes(4, b"ab", b"ba")
     comparison.close(10**9)

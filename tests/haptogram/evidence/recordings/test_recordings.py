@@ -26,9 +26,9 @@ from haptogram.evidence.recordings.channels import (
     TO_HOST,
     VERSION,
 )
-from haptogram.evidence.recordings.reader import Entry, Recording
-from haptogram.evidence.recordings.repair import repair
-from haptogram.evidence.recordings.replay import replay
+from haptogram.evidence.recordings.reader import Recording, RecordingEntry
+from haptogram.evidence.recordings.repair import repair_recording
+from haptogram.evidence.recordings.replay import replay_recording
 from haptogram.evidence.recordings.writer import RecordingWriter
 from haptogram.records.latch import Codes, LatchRecord
 from haptogram.settings.board import BoardConfig
@@ -175,7 +175,7 @@ def test_a_recording_that_is_cut_off_gives_all_that_was_flushed(share, tmp_path)
     found = kept(cut)
     assert found == whole[: len(found)]
     copy = tmp_path / "copy.mcap"
-    assert repair(cut, copy) == len(found)
+    assert repair_recording(cut, copy) == len(found)
     assert list(Recording(copy).entries()) == found
     with copy.open("rb") as file:
         assert sum(1 for _ in make_reader(file).iter_messages()) == len(found)
@@ -229,7 +229,7 @@ def test_damage_of_some_bytes_costs_the_part_that_they_are_in(tmp_path):
     assert recording.damaged == 1
     assert "1 damaged parts" in recording.note
     assert FRAMES * 3 - 200 < len(found) < FRAMES * 3
-    assert repair(path, tmp_path / "copy.mcap") == len(found)
+    assert repair_recording(path, tmp_path / "copy.mcap") == len(found)
     assert list(Recording(tmp_path / "copy.mcap").entries()) == found
 
 
@@ -241,7 +241,7 @@ def test_damage_between_chunks_is_one_line_and_what_lies_before_is_saved(tmp_pat
     path.write_bytes(content)
     with pytest.raises(ConfigurationError, match=r"damaged near byte .* haptogram repair saves"):
         list(Recording(path).entries())
-    assert repair(path, tmp_path / "copy.mcap") > FRAMES
+    assert repair_recording(path, tmp_path / "copy.mcap") > FRAMES
 
 
 @pytest.fixture
@@ -356,14 +356,14 @@ def test_what_is_no_recording_of_ours_is_one_line(make, message, tmp_path):
     "data", [b"", b"{", b"[]", b"7", b"null", b"\xff", b"[" * 100_000, b"7" * 5000]
 )
 def test_an_entry_that_is_no_object_of_json_is_one_line(data):
-    entry = Entry(RUN, 5, 5, data)
+    entry = RecordingEntry(RUN, 5, 5, data)
     with pytest.raises(ConfigurationError, match=r"of /run at 5 ns is no object of JSON") as caught:
         assert entry.fields
     assert "\n" not in str(caught.value)
 
 
 def test_a_field_that_an_entry_lacks_is_one_line():
-    fields = Entry(RUN, 5, 5, b'{"a": {"b": 1}}').fields
+    fields = RecordingEntry(RUN, 5, 5, b'{"a": {"b": 1}}').fields
     assert fields == {"a": {"b": 1}}
     for lacking in (fields, fields["a"]):
         assert lacking.get("c") is None
@@ -403,7 +403,7 @@ def test_a_replay_reads_a_recording_of_many_openings_twice(tmp_path):
         boards.append(replay_board(options, paced=paced))
         return boards[-1]
 
-    result = replay(recording, make_board)
+    result = replay_recording(recording, make_board)
     assert recording.passes - passes == 2
     assert result.notes == [
         f"an excerpt of a soak is not replayed: number {number}" for number in range(1, 20, 2)
@@ -417,13 +417,13 @@ def test_a_replay_of_an_opening_without_its_fields_is_one_line(tmp_path):
     with RecordingWriter(path) as writer:
         writer.document(LINK, 0, {"event": "opened"})
     with pytest.raises(ConfigurationError, match="an entry lacks the field 'board'"):
-        replay(Recording(path), replay_board)
+        replay_recording(Recording(path), replay_board)
 
 
 def test_a_repair_never_replaces_what_it_reads(tmp_path):
     path = write(tmp_path / "run.mcap")
     with pytest.raises(ConfigurationError, match="would replace"):
-        repair(path, path)
+        repair_recording(path, path)
     assert Recording(path).run
 
 

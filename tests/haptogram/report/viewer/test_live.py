@@ -25,7 +25,7 @@ from haptogram.acoustics import Drive
 from haptogram.cli import main
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import board_model
+from haptogram.evidence.backdoor import backdoor_board_model
 from haptogram.evidence.backdoor_stream import BackdoorStream
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.report.viewer.live import KEPT, LiveScene, target_line
@@ -117,7 +117,7 @@ def test_memory_is_bounded(records: list[dict[str, Any]]) -> None:
 
 def test_model_is_that_of_the_board(records: list[dict[str, Any]]) -> None:
     expected = haptogram.acoustics.AcousticModel.default(8, 8)
-    model = board_model(records[0])
+    model = backdoor_board_model(records[0])
     np.testing.assert_array_equal(model.array.positions_m, expected.array.positions_m)
     assert model.medium == expected.medium
     assert model.transducer == expected.transducer

@@ -55,7 +55,7 @@ def _ask_in_pieces(board: BoardClient, cuts: list[int], pause_us: int) -> None:
 def _counted(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
     """Yield counters with the shortest frame that each counts and no answer tells of."""
     ping = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq)
-    crc = malformed_frames.malformed_frame(malformed_frames.with_wrong_crc(ping))
+    crc = malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(ping))
     used = board.link.stream_next - 1
     old = board.link.body(Phases.TYPE, seq=used & 0xFFFF)
     stale = board.link.body(Phases.TYPE, seq=used & 0xFFFF, session=board.link.session ^ 1)

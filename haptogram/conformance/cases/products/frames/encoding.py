@@ -135,7 +135,7 @@ def reads_every_piece(board: BoardClient) -> None:
         for end in _ENDS if board.thorough else _ENDS[:1]:
             payload = b"\x00" + _full(board, run) + end + _full(board, min(run, _MOST - run))
             seq = board.link.next_seq()
-            data = malformed_frames.with_crc(board.link.body(Mute.TYPE, payload, seq=seq))
+            data = malformed_frames.malformed_with_crc(board.link.body(Mute.TYPE, payload, seq=seq))
             since = board.link.mark()
             board.link.send(malformed_frames.malformed_frame(data))
             if board.link.try_answer(seq, since, board.wire.line_us(len(data))) is None:

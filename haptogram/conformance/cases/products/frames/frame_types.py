@@ -50,7 +50,7 @@ def every_type_is_checked(board: BoardClient) -> None:
         seq = board.link.stream_next if stream else board.link.next_seq()
         session = 0 if kind == Hello.TYPE else board.link.session
         body = board.link.body(kind, payload, seq=seq, session=session, flags=0x10 * stream)
-        frames = [malformed_frames.with_wrong_crc(body, flip) for flip in _FLIPS]
+        frames = [malformed_frames.malformed_with_wrong_crc(body, flip) for flip in _FLIPS]
         frames.append(_damaged(body))
         with board.counting(crc=len(frames), frames=1, requests=1):  # the barrier's
             board.link.unanswered(
@@ -71,7 +71,7 @@ def _payloads(board: BoardClient) -> list[tuple[int, bytes]]:
 
 def _damaged(body: bytes) -> bytes:
     """Return a body with one bit inverted behind its type, and the CRC that it had before."""
-    whole = bytearray(malformed_frames.with_crc(body))
+    whole = bytearray(malformed_frames.malformed_with_crc(body))
     whole[len(body) - 1] ^= 0x08
     return bytes(whole)
 

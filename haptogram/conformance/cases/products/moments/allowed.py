@@ -27,7 +27,7 @@ from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.playback import play_out, shortest_period_us, store_phases
 from ....client.stream_kinds import valid_requests
-from ....judge.held_state import changes
+from ....judge.held_state import held_state_changes
 from ....judge.refused_requests import STORED, other_config
 from ....outcome import SELF_REPORTED, check, fail
 from .refusals import brought, held_after, situations
@@ -61,7 +61,7 @@ def readings_are_always_answered(board: BoardClient) -> None:
             name = f"{situation.name}, {message.TYPE.name}"
             if isinstance(answer.message, Error) or answer.message is None:
                 fail(f"{name} is answered by {board.link.answer_text(answer)}")
-        text = changes(before, held_after(board, last_us))
+        text = held_state_changes(before, held_after(board, last_us))
         check(not text, f"{situation.name}, requests that only ask: {text}")
 
 
@@ -93,7 +93,7 @@ def a_field_changes_only_itself(board: BoardClient) -> None:
             board.link.ask(SetConfig(dataclasses.replace(usual, **{name: value})))
             after = held_after(board, last_us)
             held = {key: value for key, value in before.items() if key not in _BY_CONFIG}
-            text = changes(before, {key: after[key] for key in held})
+            text = held_state_changes(before, {key: after[key] for key in held})
             check(not text, f"{situation.name}, {name} is set: {text}")
         board.config = usual
 

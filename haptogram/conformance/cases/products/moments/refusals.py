@@ -31,7 +31,7 @@ from ....client.latching import latch_now
 from ....client.playback import play_now, store_phases
 from ....client.stream_kinds import stream_kinds
 from ....client.uploads import send_chunks
-from ....judge.held_state import Held, changes, read_held
+from ....judge.held_state import Held, held_state_changes, read_held
 from ....judge.refused_requests import (
     FOREIGN,
     PENDING,
@@ -208,7 +208,9 @@ def _judge(board: BoardClient, situation: Situation) -> None:
         if board.wire.now_us() - brought_us > _FRESH_US:
             last_us, before = brought(board, situation)
             brought_us = board.wire.now_us()
-        text = changes(before, held_after(board, last_us, partial(refuse, board, refusal)))
+        text = held_state_changes(
+            before, held_after(board, last_us, partial(refuse, board, refusal))
+        )
         if text:
             fail(f"{situation.name}, refused {refusal.name}: {text}")
 
@@ -274,7 +276,7 @@ def a_mismatch_changes_nothing(board: BoardClient) -> None:
     before = read_held(board, since)
     for _ in range(2):
         board.link.refused(UploadCommit(PENDING), ErrorCode.CRC_MISMATCH, zlib.crc32(damaged))
-        text = changes(before, read_held(board, since))
+        text = held_state_changes(before, read_held(board, since))
         check(not text, f"a commit refused with CRC_MISMATCH: {text}")
     board.link.call(UploadChunk(0, data[:1]), UploadChunkReply)
     answer = board.link.ask(UploadCommit(PENDING))

@@ -69,7 +69,7 @@ def a_ceiling_is_in_force_at_once(board: BoardClient) -> None:
 )
 def stored_points_take_the_new_speed(board: BoardClient) -> None:
     from ....judge.array_model import model_of_board
-    from ....judge.focusing import phase_errors
+    from ....judge.focusing import judged_phase_errors
 
     frame = Points(tuple(random_point(board, 1) for _ in range(1)))
     upload_to_board(board, UploadKind.POINTS, _SEQUENCE, frame.serialize(), 1)
@@ -77,7 +77,9 @@ def stored_points_take_the_new_speed(board: BoardClient) -> None:
         board.configure(sound_speed_mm_s=speed)
         board.arm()
         play_out(board, _SEQUENCE, 1, period_us=period_of(board, 1))
-        errors = phase_errors(model_of_board(board), [(tuple(frame.points), read_back(board))])
+        errors = judged_phase_errors(
+            model_of_board(board), [(tuple(frame.points), read_back(board))]
+        )
         worst = float(abs(errors).max(initial=0.0))
         check(worst <= _WORST_STEPS, f"{speed / 1000:g} m/s: a phase is off by {worst:.1f} steps")
 

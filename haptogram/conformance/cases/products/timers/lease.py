@@ -49,7 +49,7 @@ def _bodies(board: BoardClient) -> Iterator[tuple[Message, bytes]]:
 def _wrong_crc(board: BoardClient) -> Frames:
     return {
         f"{message.TYPE.name} with a wrong CRC": [
-            malformed_frames.malformed_frame(malformed_frames.with_wrong_crc(body, flip))
+            malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body, flip))
             for flip in (1, 1 << 31)
         ]
         for message, body in _bodies(board)
@@ -61,14 +61,16 @@ def _other_damage(board: BoardClient) -> Frames:
     long = malformed_frames.noise_bytes(board.random, MAX_ENCODED_BYTES + 100)
     frames = {
         "bytes that are no COBS": [b"\x00\xff\x01\x02\x00"],
-        "a short frame": [malformed_frames.malformed_frame(malformed_frames.with_crc(ping[:9]))],
+        "a short frame": [
+            malformed_frames.malformed_frame(malformed_frames.malformed_with_crc(ping[:9]))
+        ],
         "nothing between delimiters": [b"\x00\x00\x00\x00"],
         "a run of 4196 bytes": [b"\x00" + long + b"\x00"],
     }
     for message, body in _bodies(board):
         for session in (board.link.session ^ _STALE, 0):
             other = body[:8] + session.to_bytes(2, "little") + body[10:]
-            data = malformed_frames.malformed_frame(malformed_frames.with_crc(other))
+            data = malformed_frames.malformed_frame(malformed_frames.malformed_with_crc(other))
             name = f"{message.TYPE.name} of another session"
             frames.setdefault(name, []).append(data)
     return frames

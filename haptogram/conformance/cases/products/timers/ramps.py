@@ -10,7 +10,7 @@ from ....case import Depth, case
 from ....client.board_client import BoardClient
 from ....client.latching import FULL, latch_now
 from ....client.playback import play_now, store_phases
-from ....judge.ramps import check_straight, read_ramp
+from ....judge.ramps import check_straight_ramp, read_ramp
 from ....outcome import SELF_REPORTED
 
 _HOLD_MS: Final = 60
@@ -61,4 +61,4 @@ def _judge(board: BoardClient, ramp_ms: int, latched: bytes, name: str) -> None:
     ceiling = board.config.amplitude_ceiling
     begins = bytes(min(code, ceiling) for code in latched)
     ramp = read_ramp(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
-    check_straight(board, ramp, ramp_ms, begins, f"ceiling {ceiling}, {name}: ")
+    check_straight_ramp(board, ramp, ramp_ms, begins, f"ceiling {ceiling}, {name}: ")

@@ -11,7 +11,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import board_model
+from haptogram.evidence.backdoor import backdoor_board_model
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.records.model import model_record_fields
 
@@ -51,12 +51,12 @@ def record_intended(
     writer.document(MODEL, writer.last_ns, fields)
     first: dict[Drive, int] = {}
     for frame in intended:
-        fields = _fields(frame)
+        fields = _recorded_frame_fields(frame)
         if frame.drive in first:
             fields["drive_of"] = first[frame.drive]
         else:
             first[frame.drive] = frame.number
-            fields |= _codes(frame.drive)
+            fields |= _recorded_codes(frame.drive)
         writer.document(INTENDED, (frame.t_apply_us or 0) * 1000, fields)
 
 
@@ -75,10 +75,10 @@ def recorded_run(recording: Recording) -> RecordedRun:
     for entry in recording.entries((MODEL, INTENDED)):
         fields = entry.fields
         if entry.topic == MODEL:
-            model, count = board_model(fields), fields.get(_COUNT)
+            model, count = backdoor_board_model(fields), fields.get(_COUNT)
             continue
         try:
-            frame = _frame(fields, drives)
+            frame = _recorded_frame(fields, drives)
         except _UNREADABLE as error:
             why = f"lacks the field {error}" if isinstance(error, KeyError) else error
             number = fields.get("number", f"at {entry.t_ns} ns")
@@ -99,10 +99,10 @@ def recorded_run(recording: Recording) -> RecordedRun:
                 f"{recording.path}: intended frame {one.number} is of {one.drive.count} elements; "
                 f"the array of the recording has {count_of_model}"
             )
-    return RecordedRun(model, frames, _why_incomplete(recording, len(frames), count))
+    return RecordedRun(model, frames, _why_recording_incomplete(recording, len(frames), count))
 
 
-def _why_incomplete(recording: Recording, found: int, count: int | None) -> str:
+def _why_recording_incomplete(recording: Recording, found: int, count: int | None) -> str:
     """Return why frames may be missing, by what was written and how the file was read."""
     if count is None:
         return f"{recording.path}: the recording does not say how many frames were intended"
@@ -112,7 +112,7 @@ def _why_incomplete(recording: Recording, found: int, count: int | None) -> str:
     return recording.note
 
 
-def _fields(frame: Intended) -> dict[str, Any]:
+def _recorded_frame_fields(frame: Intended) -> dict[str, Any]:
     key = frame.key
     return {
         "session": key.session,
@@ -128,7 +128,7 @@ def _fields(frame: Intended) -> dict[str, Any]:
     }
 
 
-def _codes(drive: Drive) -> dict[str, Any]:
+def _recorded_codes(drive: Drive) -> dict[str, Any]:
     return {
         "phase_codes": base64.b64encode(drive.phase_codes.tobytes()).decode("ascii"),
         "amplitude_codes": base64.b64encode(drive.amplitude_codes.tobytes()).decode("ascii"),
@@ -136,7 +136,7 @@ def _codes(drive: Drive) -> dict[str, Any]:
     }
 
 
-def _drive(fields: dict[str, Any]) -> Drive:
+def _recorded_drive(fields: dict[str, Any]) -> Drive:
     phases, amplitudes = (
         np.frombuffer(base64.b64decode(fields[name]), dtype=np.uint8)
         for name in ("phase_codes", "amplitude_codes")
@@ -144,16 +144,16 @@ def _drive(fields: dict[str, Any]) -> Drive:
     return Drive(phases, amplitudes, fields["phase_bits"])
 
 
-def _frame(fields: dict[str, Any], drives: dict[int, Drive]) -> Intended:
+def _recorded_frame(fields: dict[str, Any], drives: dict[int, Drive]) -> Intended:
     """Return a frame, whose drive may be that of an earlier one, and keep its drive."""
     number, earlier = fields["number"], fields.get("drive_of")
     if earlier is not None and earlier not in drives:
         raise ConfigurationError(f"its drive is that of frame {earlier}, which the recording lacks")
-    drives[number] = drive = _drive(fields) if earlier is None else drives[earlier]
-    return _intended(fields, drive)
+    drives[number] = drive = _recorded_drive(fields) if earlier is None else drives[earlier]
+    return _recorded_intention(fields, drive)
 
 
-def _intended(fields: dict[str, Any], drive: Drive) -> Intended:
+def _recorded_intention(fields: dict[str, Any], drive: Drive) -> Intended:
     return Intended(
         number=fields["number"],
         key=FrameKey(*(fields[name] for name in ("session", "sequence", "loop", "index"))),
