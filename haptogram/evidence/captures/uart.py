@@ -40,7 +40,7 @@ def decoded_bytes(
     --------
     >>> import numpy as np
     >>> from haptogram.evidence.captures.capture import ChannelEdges
-    >>> line = ChannelEdges(np.array([100, 110, 120, 180, 190]), True)  # 0x41
+    >>> line = ChannelEdges(np.array([100, 110, 120, 170, 180, 190]), True)  # 0x41
     >>> values, ends, damaged = decoded_bytes(line, 10.0)
     >>> values.tolist(), ends.tolist(), damaged
     ([65], [200.0], 0)
