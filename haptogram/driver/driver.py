@@ -53,7 +53,7 @@ DEFAULT_PLAY_LEAD_US: Final = 100_000  # from PLAY to the first frame
 
 
 class Driver(ClosedByWith):
-    """A session with one board.
+    """A session with one board, of one thread at a time.
 
     Parameters
     ----------

@@ -189,6 +189,14 @@ class MeshSurface:
 
     mesh: trimesh.Trimesh
 
+    def __post_init__(self) -> None:
+        """Refuse what is no mesh, without the package that makes one."""
+        if not all(hasattr(self.mesh, part) for part in ("bounds", "area", "triangles")):
+            raise ConfigurationError(
+                f"mesh is {shown_argument(self.mesh)}, must be a trimesh.Trimesh; "
+                "MeshSurface.from_file reads one"
+            )
+
     @classmethod
     def from_file(
         cls, path: str | Path, *, center_m: Point3 | None = None, unit_m: float = 1e-3

@@ -211,6 +211,7 @@ SHAPES = {
     Circle: {"radius_m": LENGTH, "center_m": PLACES},
     Sphere: {"radius_m": LENGTH, "center_m": PLACES},
     Hemisphere: {"radius_m": LENGTH, "center_m": PLACES, "lower": FLAG},
+    MeshSurface: {"mesh": (None, *OTHER, "object.stl", Path("object.stl"))},
 }
 SHAPE_GIVEN = {
     "position_m": PLACE,
