@@ -112,11 +112,20 @@ def draw_run_misses(run: RunVerdict, model: AcousticModel) -> Figure:
         for axes, axis, name in ((upper, 0, "across"), (lower, 1, "along")):
             _time_panel(axes, run, frames, model, axis, f"{name} the beam (mm)")
         upper.tick_params(labelbottom=False)
-        lower.set_xlabel("time (s)")
+        _name_times(lower)
         right = figure.add_subplot(grid[:, 1])
         _object_panel(figure, right, run)
         figure_legend(figure)
     return figure
+
+
+def _name_times(axes: Axes) -> None:
+    """Name the axis of seconds; a short one in milliseconds, whose numbers have room."""
+    if axes.get_xlim()[1] < 0.1:
+        axes.xaxis.set_major_formatter(lambda second, _: f"{1e3 * second:g}")
+        axes.set_xlabel("time (ms)")
+    else:
+        axes.set_xlabel("time (s)")
 
 
 def _time_us(frame: FrameVerdict) -> int | None:

@@ -25,6 +25,7 @@ from ..viewer.scene import Scene, other_axes
 from .words import pattern_text, place_text
 
 _KEPT: Final = 5_000  # latches of the view: some 3 MB of a page
+_LATCH_HEAD: Final = ("latch", "device time (s)", "cause", "pattern", "verdict", "strange")
 _LISTED: Final = 200  # rows of a table that a person reads
 _MM: Final = 1e3
 _TONES: Final = {Verdict.PASS: "good", Verdict.FAIL: "bad", Verdict.INCONCLUSIVE: "doubt"}
@@ -76,6 +77,7 @@ class WatchPage:
             If the extra ``report`` is not installed, or *path* cannot be written.
         """
         frames = list(self._frames)
+        head, rows = self._latches()
         write_html_page(
             path,
             "watch.html",
@@ -94,7 +96,8 @@ class WatchPage:
             expected=self._expected_rows(expected_m),
             expected_more=max(0, len(expected_m) - _LISTED),
             scene=self._scene(frames),
-            rows=list(self._rows),
+            latch_head=head,
+            rows=rows,
             rows_more=self._taken - len(self._rows),
             board=self._board_rows(),
         )
@@ -111,6 +114,13 @@ class WatchPage:
         if not result.expected:
             sentences.append("No focus was expected, so no latch has a verdict.")
         return sentences
+
+    def _latches(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Return head and rows of the table; its last columns only as far as any row has them."""
+        width = len(_LATCH_HEAD)
+        while width > _LATCH_HEAD.index("verdict") and not any(r[width - 1] for r in self._rows):
+            width -= 1
+        return _LATCH_HEAD[:width], [row[:width] for row in self._rows]
 
     def _row(self, seen: WatchedLatch) -> tuple[str, ...]:
         latch, verdict = seen.latch, seen.verdict

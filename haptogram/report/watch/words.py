@@ -34,7 +34,7 @@ def pattern_text(pattern: Pattern, board: WatchedBoard) -> str:
     place = board.clients_m(np.array(pattern.position_m))
     bound = np.abs(board.clients_m(np.array(pattern.bound_m)))
     limits = "/".join(f"{_MM * b:.1f}" if np.isfinite(b) else "?" for b in bound)
-    text = f"{pattern.kind}{charge} at {place_text(place)} mm, +-{limits} mm"
+    text = f"{pattern.kind}{charge} at {place_text(place)} mm, ±{limits} mm"
     if pattern.outliers:
         text += f", {len(pattern.outliers)} elements out of step"
     return f"{text}, coherence {pattern.coherence:.4f}"
