@@ -7,6 +7,7 @@ bytes were compared with the other wires; a cause is named only if chance would 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
@@ -17,6 +18,7 @@ from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like_d
 from ..board.events import ClientLeft, Notice, Remark, WireCompared
 
 _ALIKE: Final = 3  # frames of one size that prove another array
+_FEW_LOST: Final = 2  # bytes
 _FEW: Final = 16  # a frame that lost or gained one in so many bytes is one of this board's
 
 # For what a codec counts: what it is, and what it shows if frame after frame is alike.
@@ -45,6 +47,7 @@ _CLUES: Final = {
 }
 _OF_WHOLE_FRAMES: Final = "codes_out_of_range"
 _AT_ONCE: Final = frozenset({"codes_unheard", "bytes_outside_frame"})  # latched or not
+_TEXT: Final = re.compile(rb"([ -~]+[\r\n]+)+[ -~]*")
 _NO_FRAMES: Final = frozenset({_OF_WHOLE_FRAMES, "bytes_strange", "bytes_beyond_chain"})
 
 
@@ -119,8 +122,12 @@ class ClientRemarks:
         return taken
 
     def pause(self, unfinished: int) -> None:
-        """Remember a pause behind *unfinished* bytes of a frame: it may never go on."""
-        if unfinished and not self._is_stopped:
+        """Remember a pause behind *unfinished* bytes of a frame: it may never go on.
+
+        One that lacks a byte or two has rather lost them on the line.
+        """
+        is_nearly_whole = any(0 <= size - unfinished <= _FEW_LOST for size in self._sizes)
+        if unfinished and not self._is_stopped and not is_nearly_whole:
             self._paused = unfinished
 
     def counted(self, t_us: int) -> None:
@@ -227,6 +234,15 @@ class ClientRemarks:
                 About.OTHER_WIRE,
                 f"these bytes look like {' or '.join(names)}, not {self._dialect.name}: "
                 "choose the dialect that the client speaks",
+                t_us,
+            )
+        elif not self._is_own and _TEXT.fullmatch(self._first_bytes):
+            self._is_other = True
+            self.other_wires += 1
+            self._remark(
+                About.OTHER_WIRE,
+                f"these bytes are lines of text, not {self._dialect.name}: the board takes frames, "
+                "and no commands of a controller in front of it",
                 t_us,
             )
         else:

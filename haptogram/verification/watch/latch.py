@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -28,6 +29,7 @@ TORN_KINDS: Final = frozenset(
         "links_undecodable",
     }
 )
+_PLURAL: Final = re.compile(r"\b(frame|code|byte|bit|link|operation)s\b")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -80,6 +82,12 @@ class SeenLatch:
 
     @property
     def torn_text(self) -> str:
-        """Counts of a frame that is not whole, in words: "1 frames short"."""
-        counts = sorted(self.torn.items())
-        return ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in counts)
+        """Counts of a frame that is not whole, in words: "1 frame short"."""
+        return ", ".join(_count_text(kind, count) for kind, count in sorted(self.torn.items()))
+
+
+def _count_text(kind: str, count: int) -> str:
+    words = kind.replace("_", " ")
+    if count == 1:
+        words = _PLURAL.sub(r"\1", words, count=1)
+    return f"{count} {words}"

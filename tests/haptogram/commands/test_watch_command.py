@@ -82,7 +82,7 @@ def test_lost_bytes_tear_a_frame_and_a_lost_commit_hides_one(tmp_path, capsys):
     lost.write_bytes(frame + frame[:100] + frame[101:] + frame[:-1] + frame)
     status, out, _ = watch(capsys, str(lost), "--dialect", "sonicsurface", *AIR)
     assert status == 1
-    assert "torn      latch 2: 1 frames short" in out
+    assert "torn      latch 2: 1 frame short" in out
     assert "frame without its commit: 1 whole and never shown (latch 3)" in out
 
 

@@ -239,3 +239,25 @@ def test_a_client_that_starts_again_on_the_same_line_is_told_from_lost_bytes(nam
     again = started(name)
     again.send(frame + frame[:40] + frame[43:] + frame)
     assert not [text for text in again.remarks if "stops" in text]
+
+
+def test_lines_of_text_are_no_frames():
+    board = started("sonicsurface")
+    (told,) = said_of(board, b"focus=0,120,0,\n", b"off\n", gap_us=50_000)
+    assert told.startswith("these bytes are lines of text, not sonicsurface")
+    assert said_of(board, SENT["sonicsurface"], SENT["sonicsurface"]) == []
+
+
+def test_a_pause_behind_a_frame_that_is_nearly_whole_is_no_stop():
+    """A client that pauses between its frames lost a byte, and goes on."""
+    board, frame = started("interactlab"), SENT["interactlab"][:512]
+    board.send(frame)
+    for part in (frame[:300] + frame[301:], frame, frame):
+        board.pass_us(50_000)
+        board.send(part)
+    assert [text for text in board.remarks if "stops" in text] == []
+    board.pass_us(50_000)
+    board.send(frame[:200])  # one of which half is missing stops
+    board.pass_us(50_000)
+    board.send(frame * 2)
+    assert [text for text in board.remarks if "stops" in text]
