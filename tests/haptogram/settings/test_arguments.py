@@ -211,7 +211,6 @@ SHAPES = {
     Circle: {"radius_m": LENGTH, "center_m": PLACES},
     Sphere: {"radius_m": LENGTH, "center_m": PLACES},
     Hemisphere: {"radius_m": LENGTH, "center_m": PLACES, "lower": FLAG},
-    MeshSurface: {"mesh": (None, *OTHER, "object.stl", Path("object.stl"))},
 }
 SHAPE_GIVEN = {
     "position_m": PLACE,
@@ -404,6 +403,11 @@ def test_a_resolution_is_a_length(shape):
     given = {part: SHAPE_GIVEN[part] for part in SHAPES[shape] if part in SHAPE_GIVEN}
     for value in LENGTH:
         refused(shape(**given).sample, "resolution_m", value)
+
+
+def test_a_surface_is_that_of_a_mesh():
+    for value in (None, *OTHER, "object.stl", Path("object.stl")):
+        refused(MeshSurface, "mesh", value)
 
 
 @pytest.mark.parametrize(
