@@ -19,6 +19,8 @@ MOST_EDGES: Final = 50_000_000
 _MOST_SHARES: Final = 16  # steps in the least distance of two edges
 _LEAST_STEP: Final = 4.0  # ticks: a finer grid is not told from none
 _MOST_STEPS: Final = 20_000.0  # in a distance whose steps are counted: a longer one is a silence
+_LEAST_COUNT: Final = 4.0
+_SURE_SHARE: Final = 0.4
 _ROUNDING: Final = 1.5  # ticks by which two rounded times may miss their distance
 
 
@@ -159,10 +161,12 @@ def estimated_step(times: NDArray[np.int64]) -> float:
 
 def _refined_step(distances: NDArray[np.float64], step: float) -> float:
     """Return the step near *step* that *distances* are multiples of, if there is one."""
-    limit = 4.0
+    # The least distance, and with it the step, is known to a tick: so many steps can be counted.
+    least = float(distances[0])
+    limit = max(_LEAST_COUNT, _SURE_SHARE * least, least / step)
     while limit < 4.0 * distances[-1] / step:
-        limit *= 4.0  # a longer distance fixes the step better, once it can be counted
         counts = np.rint(distances / step)
         near = (counts > 0) & (counts <= limit)
         step = float(distances[near].sum() / counts[near].sum())
+        limit *= 2.0  # a longer distance fixes the step better, once it can be counted
     return step

@@ -18,3 +18,14 @@ def test_a_silence_in_a_capture_leaves_the_rate_alone(rate_hz, silence_s, ppm):
     samples[half:] += round(silence_s * rate_hz)
     found = 1e9 / estimated_step(np.rint(samples * 1e9 / rate_hz).astype(np.int64))
     assert found == pytest.approx(rate_hz, rel=1e-5)
+
+
+@pytest.mark.parametrize("rate_hz", [4e6, 7.3e6, 12.5e6, 24e6])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_tick_of_a_quarter_of_a_sample_tells_the_rate(rate_hz, seed):
+    random = np.random.default_rng(seed)
+    drives = random.uniform(0.0, rate_hz / 40e3, (40, 6)).repeat(10, axis=0)
+    pulses = np.arange(400)[:, None] * rate_hz / 40e3 + drives
+    samples = np.unique(np.ceil(pulses).astype(np.int64))
+    found = 1e8 / estimated_step(np.rint(samples * 1e8 / rate_hz).astype(np.int64))
+    assert found == pytest.approx(rate_hz, rel=1e-4)
