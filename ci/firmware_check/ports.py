@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,9 +112,17 @@ def build(port: Port, folder: Path, **variables: str) -> Path:
     settings = [f"{name}={value}" for name, value in variables.items()]
     command = ["make", "-C", str(FOLDER), f"BUILD={folder.resolve()}", *settings, port.name]
     with log.open("w", encoding="utf-8") as output:
-        done = subprocess.run(
-            command, stdout=output, stderr=subprocess.STDOUT, timeout=_BUILD_S, check=False
+        make = subprocess.Popen(
+            command, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
         )
-    if done.returncode:
+        try:
+            status = make.wait(_BUILD_S)
+        except BaseException as error:  # Ctrl-C, SIGTERM: the compiler ends with make
+            os.killpg(make.pid, signal.SIGTERM)
+            make.wait()
+            if isinstance(error, subprocess.TimeoutExpired):
+                raise ConfigurationError(f"make takes over {_BUILD_S:g} s: see {log}") from error
+            raise
+    if status:
         raise ConfigurationError(f"the firmware {port.name} does not compile: see {log}")
     return folder / f"{port.name}.elf"

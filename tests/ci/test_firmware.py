@@ -494,6 +494,29 @@ def test_nothing_is_left_of_a_run_that_is_ended(number, firmware, tmp_path):
     assert processes_with(str(out)) == []
 
 
+@pytest.mark.usefixtures("tools")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_compiler_ends_with_a_build_that_is_ended(number, tmp_path):
+    out = tmp_path / "out"
+    run = subprocess.Popen(
+        [sys.executable, "-m", "firmware_check", "--port", "musca_b1", "--out", out],
+        env=os.environ | {"PYTHONPATH": f"{ROOT / 'ci'}", "TMPDIR": str(tmp_path)},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    end_s = time.monotonic() + PATIENCE_S
+    while not any("cc1" in line for line in processes_with(str(out))) and run.poll() is None:
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+    run.send_signal(number)
+    _, complaint = run.communicate(timeout=PATIENCE_S)
+    assert (run.returncode, complaint) == (130, "ci/firmware: interrupted\n")
+    while processes_with(str(out)) and time.monotonic() < end_s:
+        time.sleep(0.05)
+    assert processes_with(str(out)) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
 def test_a_missing_tool_is_named_with_the_packages(monkeypatch, capsys):
     monkeypatch.setenv("PATH", "/nowhere")
     assert command.main(["--quick"]) == 2

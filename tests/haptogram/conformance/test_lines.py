@@ -11,16 +11,18 @@ import serial
 from boards import Wrapped, run, virtual
 
 import sim_device
+from haptogram.conformance.cases import all_cases, select
 from haptogram.conformance.client import malformed_frames
 from haptogram.conformance.client.request_client import RequestClient
 from haptogram.conformance.client.wire import RawFrameWire, WaitLimits
 from haptogram.conformance.run.access import VirtualAccess
+from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.run.spawning import SpawnAccess
 from haptogram.conformance.verdict import Behaviour
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.report.conformance.text import suite_text
-from haptogram_protocol.framing import FrameDecoder
-from haptogram_protocol.messages import Disarm, Phases
+from haptogram_protocol.framing import FrameDecoder, cobs_encode
+from haptogram_protocol.messages import Disarm, Phases, Ping
 
 DEAF = Path(__file__).parents[2] / "deaf_board.py"
 AT_A_RESET = ("HG-4.1/4-reset", "HG-4.7/1", "HG-6.1/1", "HG-9.2/1")
@@ -132,6 +134,17 @@ def test_a_frame_of_every_size_is_found(seed, size):
     encoded, _ = malformed_frames.mute_of_encoded_size(link, size)
     assert len(encoded) == size
     assert 0 not in encoded
+
+
+def test_a_frame_whose_crc_ends_in_zero_is_still_cobs_without_its_last_byte():
+    """Such a frame has a wrong CRC when it is cut, and is not what the case has to send."""
+    [case] = select(all_cases(), ["HG-2.2/2"])
+    with SuiteRunner(virtual(array="3x2"), SuiteOptions()) as runner:
+        board = runner.session()
+        bodies = (board.link.body(Ping.TYPE, bytes(8), seq=seq) for seq in range(9999))
+        ends = [cobs_encode(malformed_frames.malformed_with_crc(body))[-1] for body in bodies]
+        board.link.seq = ends.index(1, 100) - 1
+        case.body(board)
 
 
 class _Silent:

@@ -69,11 +69,13 @@ def every_state_checks_alike(board: BoardClient) -> None:
         board.hello()
         board.arm()
         latch_now(board, board.flat_phases())  # a number is used
-        bring()
         for kind in stream_kinds(board):
             for drop in DROPS:
                 if drop.counter not in _BEFORE_STATE:
                     continue
+                board.link.ask(Mute())
+                board.arm()
+                bring()  # anew: on a slow line its timers would end meanwhile
                 wires = list(drop.frames(board, kind, 0))
                 try:
                     with board.counting(**{drop.counter: len(wires)}, latched=0, accepted=0):
