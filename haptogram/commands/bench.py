@@ -90,14 +90,14 @@ def run(arguments: argparse.Namespace) -> int:
             from haptogram.evidence.recordings.channels import SUMMARY
 
             writer.document(SUMMARY, writer.last_ns, result)
-    changes = [] if old is None else _changes(old, result)
+    changes = [] if old is None else _bench_changes(old, result)
     if not arguments.quiet:
         outputs.print(bench_text(result))
     if changes:
         outputs.print("\n" + "\n".join(changes))
     summary = bench_summary(result, changes)
     annotate_job(summary, outputs)
-    _write(arguments, found, result, changes, provenance)
+    _write_bench_results(arguments, found, result, changes, provenance)
     if arguments.summary is not None:
         write_job_summary(arguments.summary, summary, provenance)
     recorded = is_recorded("bench", writer)
@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if recorded else USAGE
 
 
-def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
+def _bench_changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     from haptogram.campaigns.bench.compare import bench_differences, compare_benches
 
     changes = compare_benches(old, new)
@@ -117,7 +117,7 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     return lines + bench_differences(old, new)
 
 
-def _write(
+def _write_bench_results(
     arguments: argparse.Namespace,
     found: BenchRun,
     result: dict[str, Any],

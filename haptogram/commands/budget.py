@@ -78,11 +78,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
     refuse_idle_options("budget", arguments)
     if arguments.dialect is not None:
-        return _run_dialect(arguments)
-    return _run_own(BudgetConfig.of(**given_options(arguments, options_of(BudgetConfig))))
+        return _run_dialect_budget(arguments)
+    return _run_own_budget(BudgetConfig.of(**given_options(arguments, options_of(BudgetConfig))))
 
 
-def _run_own(config: BudgetConfig) -> int:
+def _run_own_budget(config: BudgetConfig) -> int:
     from haptogram.campaigns.bench.frame_budget import (
         bench_frame_formats,
         measure_frame_budget,
@@ -95,13 +95,13 @@ def _run_own(config: BudgetConfig) -> int:
         for name, message in bench_frame_formats(config.transducers).items()
     ]
     asked = next(b for b in budgets if b.name == f"phases, {config.phase_bits} bit")
-    print(_one_frame(asked, wake_ns, config))
-    print(_all_formats(budgets, wake_ns))
-    print(_answers(config.baud))
+    print(_budget_of_one_frame(asked, wake_ns, config))
+    print(_budget_of_all_formats(budgets, wake_ns))
+    print(_budget_of_answers(config.baud))
     return 0 if asked.highest_hz >= config.rate_hz else 1
 
 
-def _run_dialect(arguments: argparse.Namespace) -> int:
+def _run_dialect_budget(arguments: argparse.Namespace) -> int:
     """Print the frames per second over the line of other boards; 0 if the usual rate suffices."""
     from haptogram.driver.line.budget import highest_line_rate_hz, line_transmission_ns
     from haptogram_protocol.dialects.table import DIALECTS
@@ -132,7 +132,7 @@ def _run_dialect(arguments: argparse.Namespace) -> int:
     return 0 if highest_line_rate_hz(size, bauds[0]) >= config.rate_hz else 1
 
 
-def _one_frame(asked: FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
+def _budget_of_one_frame(asked: FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
     period_us = 1e6 / config.rate_hz
     rows = [
         ("wake", wake_ns, "median lateness of a sleeping loop, measured"),
@@ -161,7 +161,7 @@ def _one_frame(asked: FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _all_formats(budgets: list[FrameBudget], wake_ns: int) -> str:
+def _budget_of_all_formats(budgets: list[FrameBudget], wake_ns: int) -> str:
     head = (
         f"{'format':<23}{'bytes':>6}{'encode':>8}{'write':>7}{'wire':>9}{'decode':>8}"
         f"{'lead':>9}{'highest rate':>14}  limited by"
@@ -178,7 +178,7 @@ def _all_formats(budgets: list[FrameBudget], wake_ns: int) -> str:
     return "\n".join([*lines, "times in µs; highest rate: stages overlap, the slowest decides"])
 
 
-def _answers(baudrate: int) -> str:
+def _budget_of_answers(baudrate: int) -> str:
     """Return the cost of a USB adapter's latency timer, on the way from the board alone."""
     from haptogram.driver.line.budget import frame_bytes_on_line, line_round_trip_ns
     from haptogram_protocol.messages import Ping, Pong

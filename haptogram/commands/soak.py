@@ -97,11 +97,11 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     if outputs.paths.get("--resume") == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
     provenance = provenance_of_run(arguments)
-    campaign = _campaign(arguments)
+    campaign = _soak_campaign(arguments)
     interrupted = False
     with recording(arguments.record, "soak", campaign.setup.as_dict()) as writer:
         try:
-            with _progress(campaign, quiet=arguments.quiet) as progress:
+            with _soak_progress(campaign, quiet=arguments.quiet) as progress:
                 campaign.run(
                     board_maker(arguments.mutant),
                     jobs=arguments.jobs,
@@ -114,8 +114,8 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     # Before the file: a full disk must not cost the account.
     outputs.print(soak_text(campaign))
     if interrupted:
-        print(_how_to_resume(arguments, campaign), file=sys.stderr)
-    _write(arguments, campaign, outputs, provenance)
+        print(_how_to_resume_soak(arguments, campaign), file=sys.stderr)
+    _write_soak_results(arguments, campaign, outputs, provenance)
     if not is_recorded("soak", writer):
         return USAGE
     if campaign.failures:
@@ -123,7 +123,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     return INTERRUPTED if interrupted else PASS
 
 
-def _write(
+def _write_soak_results(
     arguments: argparse.Namespace,
     campaign: SoakCampaign,
     outputs: Outputs,
@@ -148,7 +148,7 @@ def _write(
             announce_output(path)
 
 
-def _campaign(arguments: argparse.Namespace) -> SoakCampaign:
+def _soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:
     from haptogram.campaigns.soak.campaign import SoakCampaign
 
     setup = config_from_options(SoakSetup, given_options(arguments, options_of(SoakSetup)))
@@ -157,7 +157,7 @@ def _campaign(arguments: argparse.Namespace) -> SoakCampaign:
     return SoakCampaign.load(arguments.resume, setup)
 
 
-def _how_to_resume(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:
+def _how_to_resume_soak(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:
     if not campaign.done:
         minutes = campaign.setup.segment_s / 60
         return (
@@ -170,19 +170,19 @@ def _how_to_resume(arguments: argparse.Namespace, campaign: SoakCampaign) -> str
 
 
 @contextlib.contextmanager
-def _progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[Progress | None]:
+def _soak_progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[Progress | None]:
     """Show the progress: a bar on a terminal, a line for each segment elsewhere."""
     if quiet:
         yield None
     elif sys.stderr.isatty():
-        with _bar(campaign) as show:
+        with _soak_bar(campaign) as show:
             yield show
     else:
-        yield _lines(campaign)
+        yield _soak_progress_lines(campaign)
 
 
 @contextlib.contextmanager
-def _bar(campaign: SoakCampaign) -> Iterator[Progress]:
+def _soak_bar(campaign: SoakCampaign) -> Iterator[Progress]:
     from tqdm import tqdm
 
     tqdm.monitor_interval = 0
@@ -204,7 +204,7 @@ def _bar(campaign: SoakCampaign) -> Iterator[Progress]:
         yield show
 
 
-def _lines(campaign: SoakCampaign) -> Progress:
+def _soak_progress_lines(campaign: SoakCampaign) -> Progress:
     told = campaign.done
 
     def show(_: float) -> None:

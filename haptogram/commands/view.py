@@ -67,7 +67,7 @@ def set_up(parser: Parser) -> None:
     )
     parser.add_argument(
         "--http",
-        type=checked_type(_address, "HOST:PORT"),
+        type=checked_type(_view_address, "HOST:PORT"),
         default=("127.0.0.1", 0),
         metavar="HOST:PORT",
         help="where browsers find the page; port 0 takes any. With an address that others can "
@@ -121,7 +121,7 @@ def _view_recording(arguments: argparse.Namespace, outputs: Outputs) -> int:
         "provenance": Provenance.of_run(arguments.command_line, None),
     }
     if arguments.html is None:
-        return _serve(arguments, view_page(recorded.scene, **about))
+        return _serve_view(arguments, view_page(recorded.scene, **about))
     write_view(arguments.html, recorded.scene, **about)
     outputs.announce()
     return PASS
@@ -141,7 +141,7 @@ def _view_board(arguments: argparse.Namespace, outputs: Outputs) -> int:
         if arguments.html is None:
             lead = [f"{scene.firmware}, {scene.model.array.count} transducers."]
             page = view_page(None, title="Live view", lead=lead, provenance=provenance)
-            return _serve(arguments, page, (scene, stream))
+            return _serve_view(arguments, page, (scene, stream))
         while records := stream.read():
             scene.take(records)
     write_view(
@@ -165,7 +165,7 @@ def _first_records(source: str, stream: BackdoorStream) -> list[dict[str, Any]]:
     return records
 
 
-def _serve(
+def _serve_view(
     arguments: argparse.Namespace, page: str, live: tuple[LiveScene, BackdoorStream] | None = None
 ) -> int:
     from haptogram.report.viewer.server import ViewServer
@@ -174,13 +174,13 @@ def _serve(
     with contextlib.suppress(OSError, AttributeError):  # a system without priorities
         os.nice(_NICENESS)
     print(f"view at {server.address}", flush=True)
-    if _wants_browser(arguments.open):
+    if _wants_view_in_browser(arguments.open):
         webbrowser.open(server.address)
     try:
-        starter = _Starter() if arguments.until_eof else None
+        starter = _ViewStarter() if arguments.until_eof else None
         while starter is None or starter.is_there():
             if live is not None:
-                _follow(server, *live, starter)
+                _follow_view(server, *live, starter)
             time.sleep(_PERIOD_S)
     except KeyboardInterrupt:
         pass
@@ -189,8 +189,8 @@ def _serve(
     return PASS
 
 
-def _follow(
-    server: ViewServer, scene: LiveScene, stream: BackdoorStream, starter: _Starter | None
+def _follow_view(
+    server: ViewServer, scene: LiveScene, stream: BackdoorStream, starter: _ViewStarter | None
 ) -> None:
     """Hand on what has come; a board that has ended can still be looked at."""
     if scene.ended:
@@ -203,7 +203,7 @@ def _follow(
         print("the board has ended; Ctrl-C ends the view", file=sys.stderr)
 
 
-class _Starter:
+class _ViewStarter:
     """The program that started the view: its end, and the lines with the targets of its frames."""
 
     def __init__(self) -> None:
@@ -225,14 +225,14 @@ class _Starter:
         return lines
 
 
-def _wants_browser(wish: bool | None) -> bool:
+def _wants_view_in_browser(wish: bool | None) -> bool:
     """Return True if a page is to open: as wished, else where there is a desktop."""
     if wish is None:
         return sys.platform in ("darwin", "win32") or any(map(os.environ.get, _DESKTOPS))
     return wish
 
 
-def _address(text: str) -> tuple[str, int]:
+def _view_address(text: str) -> tuple[str, int]:
     """Return host and port of HOST:PORT."""
     host, _, port = text.rpartition(":")
     try:

@@ -18,10 +18,10 @@ def presets_text(compared: Iterable[tuple[Preset, list[dict[str, Any]]]]) -> str
     compared : iterable of (Preset, list of dict)
         Presets, each with the result of :func:`~haptogram.published.presets.compare`.
     """
-    return "\n\n".join("\n".join(_section(*item)) for item in compared) + "\n"
+    return "\n\n".join("\n".join(_presets_text_section(*item)) for item in compared) + "\n"
 
 
-def _section(preset: Preset, rows: list[dict[str, Any]]) -> Iterator[str]:
+def _presets_text_section(preset: Preset, rows: list[dict[str, Any]]) -> Iterator[str]:
     yield from console_paragraph(f"{preset.name}: {preset.title}")
     yield from console_paragraph(f"source: {preset.source}", indent=2)
     yield from console_paragraph(f"geometry: {preset.array_source}", indent=2)

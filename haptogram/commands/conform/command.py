@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
 
     refuse_idle_options("conform", arguments)
     if arguments.compare:
-        return _compare(arguments)
+        return _compare_conform_results(arguments)
     captures = PinConfig.of(**given_options(arguments, options_of(PinConfig)))
     for name in arguments.clause:
         if not any(select(all_cases(), [name])):
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
             )
     cases = tuple(select(all_cases(), arguments.clause))
     if arguments.list:
-        return _list(cases)
+        return _list_conform_cases(cases)
     outputs = Outputs(
         arguments, "json", "junit", "html", "summary", "write_baseline", "record", pictures=False
     )
@@ -92,19 +92,19 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     if captures.recording is not None:
         suite = judge_recorded(captures, captures.recording, _expected(arguments))
         outputs.print(suite_text(suite, verbose=arguments.verbose))
-        _write(arguments, suite, outputs, provenance)
+        _write_conform_results(arguments, suite, outputs, provenance)
         return suite.exit_status
-    with recording(arguments.record, "conform", _options(arguments)) as writer:
-        status = _run(arguments, cases, captures, virtual, outputs, provenance, writer)
+    with recording(arguments.record, "conform", _conform_options(arguments)) as writer:
+        status = _run_conform(arguments, cases, captures, virtual, outputs, provenance, writer)
         return status if is_recorded("conform", writer) else USAGE
 
 
-def _options(arguments: argparse.Namespace) -> dict[str, object]:
+def _conform_options(arguments: argparse.Namespace) -> dict[str, object]:
     """Return the options that were given, for the recording."""
     return {name: getattr(arguments, name) for name in sorted(arguments.given)}
 
 
-def _run(
+def _run_conform(
     arguments: argparse.Namespace,
     cases: tuple[Case, ...],
     captures: PinConfig,
@@ -117,7 +117,7 @@ def _run(
     from haptogram.report.conformance.text import suite_text
 
     begin_s = time.time()
-    suite = _run_cases(arguments, cases, virtual, writer)
+    suite = _run_conform_cases(arguments, cases, virtual, writer)
     if writer is not None:
         from haptogram.evidence.recordings.channels import SUMMARY
         from haptogram.report.conformance.result import suite_dict
@@ -133,11 +133,13 @@ def _run(
     # Before the files: a full disk must not cost it.
     outputs.print(suite_text(suite, verbose=arguments.verbose))
     is_virtual = suite.settings["virtual_time"]
-    _write(arguments, suite, outputs, provenance.of_virtual_time() if is_virtual else provenance)
+    _write_conform_results(
+        arguments, suite, outputs, provenance.of_virtual_time() if is_virtual else provenance
+    )
     return USAGE if judged is None else suite.exit_status
 
 
-def _run_cases(
+def _run_conform_cases(
     arguments: argparse.Namespace,
     cases: tuple[Case, ...],
     virtual: Virtual,
@@ -148,15 +150,17 @@ def _run_cases(
     check_conform_arguments(arguments)
     options = SuiteOptions(
         timeout_s=arguments.timeout,
-        seed=_seed(arguments),
+        seed=_conform_seed(arguments),
         repeat=arguments.repeat,
         strict=arguments.strict,
         expected=_expected(arguments),
-        depth=_depth(arguments),
+        depth=_conform_depth(arguments),
         explore_s=60 * arguments.explore,
     )
-    with _progress(quiet=arguments.quiet) as progress:
-        return SuiteRunner(_access(arguments, virtual, writer), options, progress).run(cases)
+    with _conform_progress(quiet=arguments.quiet) as progress:
+        return SuiteRunner(_conform_access(arguments, virtual, writer), options, progress).run(
+            cases
+        )
 
 
 def _expected(arguments: argparse.Namespace) -> dict[str, str]:
@@ -170,7 +174,7 @@ def _expected(arguments: argparse.Namespace) -> dict[str, str]:
     return load_baseline(arguments.baseline, (*all_cases(), *PIN_CASES.values()))
 
 
-def _depth(arguments: argparse.Namespace) -> Depth:
+def _conform_depth(arguments: argparse.Namespace) -> Depth:
     from haptogram.conformance.case import Depth
 
     if arguments.quick:
@@ -178,14 +182,14 @@ def _depth(arguments: argparse.Namespace) -> Depth:
     return Depth.FULL if arguments.full else Depth.DEFAULT
 
 
-def _seed(arguments: argparse.Namespace) -> int:
+def _conform_seed(arguments: argparse.Namespace) -> int:
     """Return the seed; on a port another one each time, lest a nonce be the one still open."""
     if arguments.seed is not None:
         return int(arguments.seed)
     return 0 if asks_for_virtual_board(arguments) else int.from_bytes(os.urandom(4))
 
 
-def _access(
+def _conform_access(
     arguments: argparse.Namespace, virtual: Virtual, writer: RecordingWriter | None
 ) -> Access:
     from haptogram.conformance.run.access import RecordedAccess
@@ -193,12 +197,12 @@ def _access(
 
     boards = None if writer is None else RecordedBoards(writer)
     if asks_for_virtual_board(arguments):
-        return virtual(arguments.port, arguments.baud, _seed(arguments), boards)
-    access = _access_to_port(arguments)
+        return virtual(arguments.port, arguments.baud, _conform_seed(arguments), boards)
+    access = _conform_access_to_port(arguments)
     return access if boards is None else RecordedAccess(access, boards)
 
 
-def _access_to_port(arguments: argparse.Namespace) -> Access:
+def _conform_access_to_port(arguments: argparse.Namespace) -> Access:
     from haptogram.conformance.run.access import PortAccess
     from haptogram.conformance.run.spawning import DEFAULT_PORT_REGEX, SpawnAccess
 
@@ -225,7 +229,7 @@ def _access_to_port(arguments: argparse.Namespace) -> Access:
 
 
 @contextlib.contextmanager
-def _progress(*, quiet: bool) -> Iterator[CaseProgress | None]:
+def _conform_progress(*, quiet: bool) -> Iterator[CaseProgress | None]:
     """Show on standard error which case runs."""
     if quiet or not sys.stderr.isatty():
         yield None
@@ -243,14 +247,14 @@ def _progress(*, quiet: bool) -> Iterator[CaseProgress | None]:
         yield show
 
 
-def _list(cases: tuple[Case, ...]) -> int:
+def _list_conform_cases(cases: tuple[Case, ...]) -> int:
     for case in cases:
         kind = "" if case.body else " (not observable)"
         print(f"{case.id:<20} {case.evidence.upper():<14} {case.summary}{kind}")
     return 0
 
 
-def _compare(arguments: argparse.Namespace) -> int:
+def _compare_conform_results(arguments: argparse.Namespace) -> int:
     from haptogram.errors import ConfigurationError
     from haptogram.report.conformance.page import write_comparison_page
     from haptogram.report.conformance.result import read_suite_json
@@ -264,7 +268,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write(
+def _write_conform_results(
     arguments: argparse.Namespace, suite: SuiteResult, outputs: Outputs, provenance: Provenance
 ) -> None:
     from haptogram.conformance.run.baseline import write_baseline

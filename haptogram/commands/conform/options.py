@@ -145,13 +145,13 @@ def add_conform_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     board = parser.add_argument_group("board and port")
     add_command_options(board, options_of(BoardUnderTestConfig).values())
-    _add_choice(parser.add_argument_group("what is run, and how"))
+    _add_conform_choice(parser.add_argument_group("what is run, and how"))
     pins = parser.add_argument_group("drive pins", _PINS)
     add_command_options(pins, options_of(PinConfig).values())
-    _add_results(parser.add_argument_group("result", FILE_HELP))
+    _add_conform_results(parser.add_argument_group("result", FILE_HELP))
 
 
-def _add_choice(group: argparse._ArgumentGroup) -> None:
+def _add_conform_choice(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--list", action="store_true", help="list the cases and run none")
     add_command_options(group, options_of(ChoiceConfig).values(), explore="a few dialogues")
     depth = group.add_mutually_exclusive_group()
@@ -163,7 +163,7 @@ def _add_choice(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--quiet", action="store_true", help="no progress")
 
 
-def _add_results(group: argparse._ArgumentGroup) -> None:
+def _add_conform_results(group: argparse._ArgumentGroup) -> None:
     add_command_options(group, options_of(ConformFiles).values())
     group.add_argument("--verbose", action="store_true", help="print every case")
     group.add_argument(
@@ -186,7 +186,7 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
     ConfigurationError
         Before anything is run.
     """
-    if arguments.capture and not _is_port(arguments):
+    if arguments.capture and not _is_conform_port(arguments):
         raise ConfigurationError(
             "--capture is of a run at --port, or with --recording of the run in it; a board that "
             "--spawn starts writes its capture when it ends: use --record, and --recording later"
@@ -196,17 +196,21 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
     if arguments.port_regex is not None and arguments.spawn is None:
         raise ConfigurationError("--port-regex is about what --spawn prints; there is no --spawn")
     if arguments.port_regex is not None:
-        _check_regex(arguments.port_regex)
+        _check_conform_regex(arguments.port_regex)
     for name in ("reset_cmd", "dtr", "rts"):
-        if getattr(arguments, name) is not None and not _is_port(arguments):
+        if getattr(arguments, name) is not None and not _is_conform_port(arguments):
             option = name.replace("_", "-")
             raise ConfigurationError(f"--{option} is about a board at --port; there is none")
 
-    if arguments.fault_cmd is not None and arguments.spawn is None and not _is_port(arguments):
+    if (
+        arguments.fault_cmd is not None
+        and arguments.spawn is None
+        and not _is_conform_port(arguments)
+    ):
         raise ConfigurationError("--fault-cmd is about a board at --port or --spawn; there is none")
 
 
-def _check_regex(text: str) -> None:
+def _check_conform_regex(text: str) -> None:
     try:
         groups = re.compile(text).groups
     except re.error as error:
@@ -219,7 +223,7 @@ def _check_regex(text: str) -> None:
         )
 
 
-def _is_port(arguments: argparse.Namespace) -> bool:
+def _is_conform_port(arguments: argparse.Namespace) -> bool:
     return arguments.port is not None and not asks_for_virtual_board(arguments)
 
 

@@ -96,14 +96,14 @@ def set_up(parser: Parser) -> None:
         "modulation makes of a focus is shown by 'haptogram modulation'."
     )
     parser.epilog = _EPILOG
-    _add_source(parser)
+    _add_field_source(parser)
     add_array_options(parser.add_argument_group("array and air"))
-    _add_picture(parser)
+    _add_field_picture(parser)
     parser.rename(output="picture")
     parser.set_defaults(run=run)
 
 
-def _add_source(parser: Parser) -> None:
+def _add_field_source(parser: Parser) -> None:
     group = parser.add_argument_group("what sounds")
     source = group.add_mutually_exclusive_group()
     source.add_argument(
@@ -121,7 +121,7 @@ def _add_source(parser: Parser) -> None:
     add_command_options(group, [own["phase_bits"], own["modulation"]])
 
 
-def _add_picture(parser: Parser) -> None:
+def _add_field_picture(parser: Parser) -> None:
     group = parser.add_argument_group("picture", FILE_HELP)
     rows = options_of(FieldConfig)
     add_command_options(
@@ -146,19 +146,19 @@ def run(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
     from .levels import describe_levels
     from .scene import Scene
-    from .views import check_size, describe_scene, draw_scene
+    from .views import check_picture_size, describe_scene, draw_scene
 
     refuse_idle_options("field", arguments)
     outputs = Outputs(arguments, "picture")
     if arguments.picture is not None:
-        check_size(arguments)
+        check_picture_size(arguments)
     scene = Scene.from_arguments(arguments)
     levels = [] if arguments.quiet else list(describe_levels(arguments, scene))
     lines = [] if arguments.quiet else [*describe_scene(scene), *levels]
     for line in lines:
         print(line, file=outputs.text)
     if arguments.picture is not None:
-        with _bar(quiet=arguments.quiet) as progress:
+        with _field_bar(quiet=arguments.quiet) as progress:
             figure = draw_scene(arguments, scene, progress)
         write_picture(arguments.picture, figure)
         outputs.announce()
@@ -166,7 +166,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 @contextlib.contextmanager
-def _bar(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+def _field_bar(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
     """Show a progress bar on standard error, if that is a terminal."""
     if quiet:
         yield None

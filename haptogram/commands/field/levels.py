@@ -48,7 +48,7 @@ def _describe_ear(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
             f"--ear-mm is within the array, {distance_m * 1e3:.1f} mm from its centre; "
             f"it can be from {MIN_TARGET_DISTANCE_M * 1e3:g} mm on"
         )
-    weights, what = _sequence(arguments, scene)
+    weights, what = _sequence_of_scene(arguments, scene)
     exposure = exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
     yield f"at an ear at ({place_text(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre; {what}:"
     yield (
@@ -57,15 +57,15 @@ def _describe_ear(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
     )
     yield from textwrap.wrap(GUIDELINE, 98, initial_indent="    ", subsequent_indent="    ")
     switching = switching_level_db_a(engine, weights, ear, scene.frame_s, lag)
-    yield f"  audible, by the steps from drive to drive: {_audible(switching)}"
+    yield f"  audible, by the steps from drive to drive: {_audible_level_text(switching)}"
     hum = demodulated_level_db_a(engine, weights, distance_m, scene.frame_s, lag)
     yield (
-        f"  audible, demodulated by the air: {_audible(hum)} at most "
+        f"  audible, demodulated by the air: {_audible_level_text(hum)} at most "
         "(Berktay's law, on the axis of the beam)"
     )
 
 
-def _sequence(arguments: argparse.Namespace, scene: Scene) -> tuple[ComplexArray, str]:
+def _sequence_of_scene(arguments: argparse.Namespace, scene: Scene) -> tuple[ComplexArray, str]:
     """Return the drives that are repeated, and what they are."""
     if scene.is_sequence or not len(scene.targets_m):
         count = len(scene.weights)
@@ -77,5 +77,5 @@ def _sequence(arguments: argparse.Namespace, scene: Scene) -> tuple[ComplexArray
     return modulated_scene(arguments, scene).weights(scene.model), what
 
 
-def _audible(level_db_a: float) -> str:
+def _audible_level_text(level_db_a: float) -> str:
     return f"{level_db_a:.1f} dB(A)" if level_db_a >= 0.0 else "below 0 dB(A)"

@@ -61,13 +61,13 @@ class Scene:
         frame_s = 1.0 / arguments.rate_hz
         if arguments.drive:
             drive = read_drive_file(arguments.drive, model.array.count, arguments.phase_bits)
-            look = _peak_of(model, drive.weights())
+            look = _peak_of_scene(model, drive.weights())
             return cls(model, drive.weights()[None], np.empty((0, 3)), look, frame_s)
         if arguments.object:
-            targets = sample_object_of_run(_shape_config(arguments))
+            targets = sample_object_of_run(_field_shape_config(arguments))
             look = metres_of_argument(arguments.center_mm)
         else:
-            look = _focus(arguments)
+            look = _field_focus(arguments)
             targets = np.array([look])
         for target in targets:
             check_focus_target(model, target)
@@ -109,7 +109,9 @@ def read_drive_file(path: Path, count: int, phase_bits: int) -> Drive:
     rows = read_element_rows(path, "drive")
     if not rows or rows[0][1] != ["phase", "amplitude"]:
         raise ConfigurationError(f"{path}: the first line must be phase,amplitude")
-    codes = np.array([_codes(f"{path}:{number}", cells) for number, cells in rows[1:]], dtype=int)
+    codes = np.array(
+        [_drive_file_codes(f"{path}:{number}", cells) for number, cells in rows[1:]], dtype=int
+    )
     if len(codes) != count:
         raise ConfigurationError(f"{path}: {len(codes)} elements, the array has {count}")
     try:
@@ -118,7 +120,7 @@ def read_drive_file(path: Path, count: int, phase_bits: int) -> Drive:
         raise ConfigurationError(f"{path}: {error}") from error
 
 
-def _codes(where: str, cells: list[str]) -> tuple[int, int]:
+def _drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
     try:
         phase, amplitude = (int(cell) for cell in cells)
     except ValueError as error:
@@ -126,17 +128,17 @@ def _codes(where: str, cells: list[str]) -> tuple[int, int]:
     return phase, amplitude
 
 
-def _focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
+def _field_focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
     if arguments.focus_mm is None and arguments.preset:
         return find_preset(arguments.preset).focus_m
     return metres_of_argument(arguments.focus_mm or (0.0, 0.0, 150.0))
 
 
-def _shape_config(arguments: argparse.Namespace) -> ShapeConfig:
+def _field_shape_config(arguments: argparse.Namespace) -> ShapeConfig:
     return ShapeConfig.of(**given_options(arguments, options_of(ShapeConfig)))
 
 
-def _peak_of(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
+def _peak_of_scene(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
     """Return the loudest point of a coarse grid over the array, along its own axes."""
     reach = float(model.array.half_extent_m[:2].max())
     side = np.linspace(-reach, reach, 25)

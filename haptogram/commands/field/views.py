@@ -49,7 +49,7 @@ _LEAST_STEP_MM: Final = 1.5  # of a surface
 _NO_FOCUS: Final = 0.25  # of the target's distance: a maximum that far off is not its focus
 
 
-def check_size(arguments: argparse.Namespace) -> None:
+def check_picture_size(arguments: argparse.Namespace) -> None:
     """Raise, before the work begins, if the picture would have too many samples or none.
 
     Raises
@@ -101,7 +101,7 @@ def draw_scene(arguments: argparse.Namespace, scene: Scene, progress: Progress |
             scene.weights[0],
             scene.look_m,
             half_m,
-            title=_title(arguments, scene),
+            title=_scene_title(arguments, scene),
             quantity=arguments.quantity,
             place="target" if len(scene.targets_m) else "loudest place",
             decibels=bool(arguments.decibels),
@@ -113,14 +113,14 @@ def draw_scene(arguments: argparse.Namespace, scene: Scene, progress: Progress |
         scene.look_m,
         half_m / 2.0,
         step,
-        title=_title(arguments, scene),
+        title=_scene_title(arguments, scene),
         quantity=arguments.quantity,
     )
 
 
 def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
     engine = choose_engine(scene.model)
-    plane = _plane(arguments, scene)
+    plane = _scene_plane(arguments, scene)
     if scene.is_sequence:
         resonator = Resonator.from_bandwidth()
         field = sample_picture_mean(
@@ -133,13 +133,13 @@ def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress 
         field,
         quantity=arguments.quantity,
         targets_m=scene.targets_m,
-        title=_title(arguments, scene),
+        title=_scene_title(arguments, scene),
         decibels=bool(arguments.decibels),
         ear_m=None if arguments.ear_mm is None else metres_of_argument(arguments.ear_mm),
     )
 
 
-def _plane(arguments: argparse.Namespace, scene: Scene) -> PicturePlane:
+def _scene_plane(arguments: argparse.Namespace, scene: Scene) -> PicturePlane:
     """Return the plane around the place to look at, along the axes of the world.
 
     Over a place above all elements it starts 5 mm above them.
@@ -157,7 +157,7 @@ def _plane(arguments: argparse.Namespace, scene: Scene) -> PicturePlane:
     )
 
 
-def _title(arguments: argparse.Namespace, scene: Scene) -> str:
+def _scene_title(arguments: argparse.Namespace, scene: Scene) -> str:
     """Return a line that names the drive or the object."""
     array = arguments.preset or f"{scene.model.array.count} elements"
     if arguments.drive:
@@ -203,8 +203,8 @@ def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
     yield f"target ({place_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
     yield _describe_peak(engine, weights, target)
     spot = measure_spot(engine, weights, target)
-    across = " x ".join(_size(width_m) for width_m in spot.width_6db_m)
-    yield f"spot at -6 dB: {across} mm; depth at -3 dB: {_size(sum(spot.depth_3db_m))} mm"
+    across = " x ".join(_scene_size(width_m) for width_m in spot.width_6db_m)
+    yield f"spot at -6 dB: {across} mm; depth at -3 dB: {_scene_size(sum(spot.depth_3db_m))} mm"
     force = force_on_disc_n(engine, weights, target)
     yield (
         "force on a reflecting disc of 20 mm diameter, parallel to the array's face: "
@@ -235,5 +235,5 @@ def _describe_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) 
     return f"maximum ({place_text(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
 
 
-def _size(size_m: float) -> str:
+def _scene_size(size_m: float) -> str:
     return f"{size_m * 1e3:.1f}" if math.isfinite(size_m) else "(beyond what was looked at)"

@@ -81,14 +81,14 @@ def set_up(parser: Parser) -> None:
     )
     modulation = [row for name, row in options_of(ModulationConfig).items() if name != "modulation"]
     add_setting_options(parser.add_argument_group("modulation"), modulation)
-    _add_object(parser)
-    _add_skin(parser)
-    _add_outputs(parser)
+    _add_modulation_object(parser)
+    _add_modulation_skin(parser)
+    _add_modulation_outputs(parser)
     parser.rename(output="picture", frames="csv")
     parser.set_defaults(run=run)
 
 
-def _add_object(parser: Parser) -> None:
+def _add_modulation_object(parser: Parser) -> None:
     shape = parser.add_argument_group("what is modulated")
     rows = options_of(VerifyConfig)
     add_setting_options(
@@ -100,7 +100,7 @@ def _add_object(parser: Parser) -> None:
     )
 
 
-def _add_skin(parser: Parser) -> None:
+def _add_modulation_skin(parser: Parser) -> None:
     skin = parser.add_argument_group("array, air and skin")
     add_array_options(skin)
     add_command_options(skin, [options_of(ModulationResultConfig)["bandwidth_hz"]])
@@ -112,7 +112,7 @@ def _add_skin(parser: Parser) -> None:
     )
 
 
-def _add_outputs(parser: Parser) -> None:
+def _add_modulation_outputs(parser: Parser) -> None:
     result = parser.add_argument_group("result", FILE_HELP)
     rows = options_of(ModulationResultConfig)
     add_command_options(result, [rows[name] for name in _OUTPUTS])
@@ -128,7 +128,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     refuse_idle_options("modulation", arguments)
     outputs = Outputs(arguments, *_OUTPUTS)
-    config = _config(arguments)
+    config = _modulation_config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
     frames = frames_of_run(config.shape, config.pace, config.modulation)
     place = None if arguments.at_mm is None else metres_of_argument(arguments.at_mm)
@@ -152,7 +152,7 @@ def run(arguments: argparse.Namespace) -> int:
     return PASS
 
 
-def _config(arguments: argparse.Namespace) -> VerifyConfig:
+def _modulation_config(arguments: argparse.Namespace) -> VerifyConfig:
     """Return the settings of a run that would display it."""
     held = arguments.kind in ("stm", HOLD)
     defaults = {

@@ -97,7 +97,7 @@ class ModulationResult:
             object,
             modulation,
             frames,
-            _frequency_in(frames, modulation),
+            _modulation_frequency_in(frames, modulation),
             place,
             felt_signal_at(engine, frames, place, lag),
             force_on_disc_n(engine, steady, (x, y, z)),
@@ -105,7 +105,7 @@ class ModulationResult:
         )
 
 
-def _frequency_in(frames: FocusFrames, config: ModulationConfig) -> float | None:
+def _modulation_frequency_in(frames: FocusFrames, config: ModulationConfig) -> float | None:
     """Return the frequency that the frames really have: whole periods in the pass."""
     if config.modulation is None:
         return None
@@ -114,7 +114,7 @@ def _frequency_in(frames: FocusFrames, config: ModulationConfig) -> float | None
 
 def describe_felt(felt: ModulationResult, bandwidth_hz: float) -> Iterator[str]:
     """Yield the result line by line, at most 100 columns wide."""
-    yield from _describe_frames(felt)
+    yield from _describe_felt_frames(felt)
     signal = felt.signal
     yield (
         f"felt at ({place_text(felt.place_m, 2)}) mm, through transducers of {bandwidth_hz:g} Hz "
@@ -129,12 +129,12 @@ def describe_felt(felt: ModulationResult, bandwidth_hz: float) -> Iterator[str]:
         f"  a steady focus: {felt.force_n * 1e3:.2f} mN on a reflecting disc of 20 mm diameter, "
         "parallel to the array's face"
     )
-    yield from _describe_spectrum(felt)
+    yield from _describe_felt_spectrum(felt)
     for warning in felt_warnings(felt):
         yield from textwrap.wrap(warning, 98, initial_indent="warning: ", subsequent_indent="  ")
 
 
-def _describe_frames(felt: ModulationResult) -> Iterator[str]:
+def _describe_felt_frames(felt: ModulationResult) -> Iterator[str]:
     frames, config = felt.frames, felt.modulation
     held = "" if config.dwell_ms is None else f", each point held {config.dwell_ms:g} ms"
     if felt.frequency_hz is None:
@@ -145,7 +145,9 @@ def _describe_frames(felt: ModulationResult) -> Iterator[str]:
             f"{str(config.modulation).upper()} at {felt.frequency_hz:.6g} Hz{depth}; "
             f"{felt.object}{held}"
         )
-    periods = "" if felt.frequency_hz is None else _periods(felt.frequency_hz, frames)
+    periods = (
+        "" if felt.frequency_hz is None else _modulation_periods_text(felt.frequency_hz, frames)
+    )
     yield (
         f"frames: {frames.count} of {1e3 / frames.rate_hz:g} ms at {frames.rate_hz:g} frames/s"
         f"{periods}; a pass takes {frames.duration_s * 1e3:g} ms"
@@ -159,12 +161,12 @@ def _describe_frames(felt: ModulationResult) -> Iterator[str]:
         )
 
 
-def _periods(frequency_hz: float, frames: FocusFrames) -> str:
+def _modulation_periods_text(frequency_hz: float, frames: FocusFrames) -> str:
     count = round(frequency_hz * frames.duration_s)
     return f", {count} period{'s' * (count != 1)}, {frames.rate_hz / frequency_hz:.4g} in each"
 
 
-def _describe_spectrum(felt: ModulationResult) -> Iterator[str]:
+def _describe_felt_spectrum(felt: ModulationResult) -> Iterator[str]:
     highest_hz = max(FELT_UP_TO_HZ, felt.frames.rate_hz + (felt.frequency_hz or 0.0))
     lines = felt.signal.lines(_LEAST_SHARE, highest_hz)
     if not lines:
@@ -175,13 +177,13 @@ def _describe_spectrum(felt: ModulationResult) -> Iterator[str]:
     yield f"  spectrum: {'Hz':>10} {'Pa':>8} {'dB':>7}"
     for frequency, level in shown:
         level_db = 20.0 * math.log10(level / strongest)
-        name = _name_of(frequency, felt)
+        name = _felt_line_name(frequency, felt)
         yield f"            {frequency:>10.6g} {level:>8.2f} {level_db:>7.1f}   {name}".rstrip()
     if len(lines) > len(shown):
         yield f"            and {len(lines) - len(shown)} weaker lines up to {highest_hz:g} Hz"
 
 
-def _name_of(frequency_hz: float, felt: ModulationResult) -> str:
+def _felt_line_name(frequency_hz: float, felt: ModulationResult) -> str:
     """Return the origin of a spectral line: the modulation, its overtones, or the frame rate."""
     if felt.frequency_hz is None:
         return ""
@@ -228,7 +230,7 @@ def draw_felt(felt: ModulationResult) -> Figure:
     from haptogram.report.figures import draw_spectrum
 
     signal, frames = felt.signal, felt.frames
-    time_s, pressure_pa = _first_periods(felt)
+    time_s, pressure_pa = _first_felt_periods(felt)
     tone = "dwell" if felt.frequency_hz is None else f"{felt.frequency_hz:.6g} Hz"
     kind = "" if felt.modulation.modulation is None else f"{felt.modulation.modulation.upper()} at "
     return draw_spectrum(
@@ -244,7 +246,7 @@ def draw_felt(felt: ModulationResult) -> Figure:
     )
 
 
-def _first_periods(felt: ModulationResult) -> tuple[FloatArray, FloatArray]:
+def _first_felt_periods(felt: ModulationResult) -> tuple[FloatArray, FloatArray]:
     """Return time and pressure of some periods, or of a pass without any; a pass repeats."""
     signal, duration_s = felt.signal, felt.frames.duration_s
     shown_s = duration_s if felt.frequency_hz is None else _PERIODS_SHOWN / felt.frequency_hz

@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.report.presets import presets_text
 
     refuse_idle_options("paper", arguments)
-    outputs = _outputs(arguments)
+    outputs = _paper_outputs(arguments)
     provenance = provenance_of_run(arguments)
     paper = reproduce_paper()
     wanted = arguments.presets or outputs.paths
@@ -94,11 +94,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json_file(arguments.json, paper.as_dict() | {"presets": presets})
     if arguments.html:
-        _write_report(paper, presets, arguments.html, provenance)
+        _write_paper_report(paper, presets, arguments.html, provenance)
     return PASS if paper.averages_reproduced else FAIL
 
 
-def _outputs(arguments: argparse.Namespace) -> Outputs:
+def _paper_outputs(arguments: argparse.Namespace) -> Outputs:
     """Return the files, after a check that they can be written."""
     from haptogram.report.paper.page import check_paper_report
 
@@ -109,7 +109,7 @@ def _outputs(arguments: argparse.Namespace) -> Outputs:
     return Outputs(argparse.Namespace(json=arguments.json, html=page), "json", "html")
 
 
-def _write_report(
+def _write_paper_report(
     paper: PaperReproduction, presets: list[dict[str, Any]], place: Path, provenance: Provenance
 ) -> None:
     from haptogram.machine.files import write_file_atomically

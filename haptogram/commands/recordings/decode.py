@@ -77,9 +77,9 @@ def set_up(parser: Parser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print what was read; return 0."""
     with open_recorded_source(arguments.file, arguments.input) as source:
-        name, doubt = (arguments.dialect, "") if arguments.dialect else _recognised(source)
-        print_line = _print_json if arguments.json else _print_text
-        for found in _annotated(source, name, from_board=arguments.from_board):
+        name, doubt = (arguments.dialect, "") if arguments.dialect else _recognised_source(source)
+        print_line = _print_decoded_json if arguments.json else _print_decoded_text
+        for found in _decoded_source(source, name, from_board=arguments.from_board):
             if not print_line(found, verbose=arguments.verbose):
                 return 0  # nobody reads any more
     for note in filter(None, (doubt, source.note)):
@@ -96,7 +96,7 @@ class _Found:
     t_ns: int | None
 
 
-def _recognised(source: Source) -> tuple[str, str]:
+def _recognised_source(source: Source) -> tuple[str, str]:
     """Return the wire that the first bytes look like, and what is in doubt about that."""
     from haptogram_protocol.dialects.looks_like import HAPTOGRAM, looks_like_dialect
     from haptogram_protocol.dialects.table import DIALECTS
@@ -117,7 +117,7 @@ def _recognised(source: Source) -> tuple[str, str]:
     return known[0], doubt if len(known) > 1 else ""
 
 
-def _annotator(name: str, *, from_board: bool) -> Annotator:
+def _decode_annotator(name: str, *, from_board: bool) -> Annotator:
     from haptogram_protocol.annotation.frames import FrameAnnotator
     from haptogram_protocol.annotation.operations import OperationAnnotator
     from haptogram_protocol.dialects.table import DIALECTS
@@ -127,13 +127,13 @@ def _annotator(name: str, *, from_board: bool) -> Annotator:
     return OperationAnnotator(DIALECTS[name], from_board=from_board)
 
 
-def _annotated(source: Source, name: str, *, from_board: bool) -> Iterator[_Found]:
+def _decoded_source(source: Source, name: str, *, from_board: bool) -> Iterator[_Found]:
     """Yield the pieces of every direction, in the order in which they ended."""
     annotators: dict[str, Annotator] = {}
     for chunk in source.chunks:
         if chunk.sender not in annotators:
             is_board = chunk.sender == "board" if chunk.sender else from_board
-            annotators[chunk.sender] = _annotator(name, from_board=is_board)
+            annotators[chunk.sender] = _decode_annotator(name, from_board=is_board)
         for piece in annotators[chunk.sender].feed(chunk.data):
             yield _Found(piece, chunk.sender, chunk.t_ns)
     for sender, annotator in annotators.items():
@@ -141,7 +141,7 @@ def _annotated(source: Source, name: str, *, from_board: bool) -> Iterator[_Foun
             yield _Found(piece, sender, None)
 
 
-def _print_text(found: _Found, *, verbose: bool) -> bool:
+def _print_decoded_text(found: _Found, *, verbose: bool) -> bool:
     piece = found.piece
     head = f"{piece.offset:>8} {piece.size:>5}  "
     if found.sender:
@@ -150,10 +150,10 @@ def _print_text(found: _Found, *, verbose: bool) -> bool:
     lines = [f"{head}{piece.text}"]
     if verbose:
         lines += [f"{'':{len(head)}}{name} = {value}" for name, value in piece.fields.items()]
-    return _written("\n".join(lines))
+    return _written_decoded_text("\n".join(lines))
 
 
-def _print_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is always in full
+def _print_decoded_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is always in full
     from haptogram_protocol.annotation.words import annotated_fields_of
 
     piece = found.piece
@@ -163,10 +163,10 @@ def _print_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is
     line |= {"name": piece.name or None, "fault": piece.fault or None}
     if piece.header is not None:
         line["header"] = annotated_fields_of(piece.header)
-    return _written(json.dumps(line | {"fields": piece.fields}))
+    return _written_decoded_text(json.dumps(line | {"fields": piece.fields}))
 
 
-def _written(text: str) -> bool:
+def _written_decoded_text(text: str) -> bool:
     """Print *text* and return True, unless standard output has failed."""
     print(text)
     return getattr(sys.stdout, "error", None) is None

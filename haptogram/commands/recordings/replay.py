@@ -97,29 +97,31 @@ def run(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
         from haptogram.evidence.recordings.replay import replay_recording
 
         def make(options: Mapping[str, Any], *, paced: bool) -> ReplayBoard:
-            return make_board(_changed(options, arguments), paced)
+            return make_board(_changed_replay_options(options, arguments), paced)
 
         result = replay_recording(recording, make)
-    text = "\n".join(_lines(result, arguments.show))
+    text = "\n".join(_replay_lines(result, arguments.show))
     outputs.print(text)
     if arguments.json is not None:
-        write_json_file(arguments.json, _as_dict(result))
+        write_json_file(arguments.json, _replay_as_dict(result))
         announce_output(arguments.json)
     return result.exit_status
 
 
-def _changed(options: Mapping[str, Any], arguments: argparse.Namespace) -> dict[str, Any]:
+def _changed_replay_options(
+    options: Mapping[str, Any], arguments: argparse.Namespace
+) -> dict[str, Any]:
     """Return the options of the recorded board with those of the command line."""
     if arguments.healthy:
         options = {name: value for name, value in options.items() if name not in _FAULTY}
     given = {"mutant": arguments.mutant, "array": arguments.array}
     changed = dict(options) | {name: value for name, value in given.items() if value is not None}
     if arguments.array is not None:
-        _check_array(options, arguments.array)
+        _check_replay_array(options, arguments.array)
     return changed
 
 
-def _check_array(options: Mapping[str, Any], array: str) -> None:
+def _check_replay_array(options: Mapping[str, Any], array: str) -> None:
     from haptogram.acoustics import TransducerArray
     from haptogram.settings.board import DEFAULT_ARRAY
 
@@ -132,7 +134,7 @@ def _check_array(options: Mapping[str, Any], array: str) -> None:
         )
 
 
-def _lines(result: ReplayResult, shown: int) -> list[str]:
+def _replay_lines(result: ReplayResult, shown: int) -> list[str]:
     """Return the outcome in lines."""
     heads = {
         0: "PASS: the board did what was recorded",
@@ -158,7 +160,7 @@ def _lines(result: ReplayResult, shown: int) -> list[str]:
     return lines
 
 
-def _as_dict(result: ReplayResult) -> dict[str, Any]:
+def _replay_as_dict(result: ReplayResult) -> dict[str, Any]:
     return {
         "exit_status": result.exit_status,
         "exact": result.is_exact,

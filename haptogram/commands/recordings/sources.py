@@ -78,22 +78,22 @@ def open_recorded_source(path: Path, kind: str) -> Iterator[Source]:
     ConfigurationError
         If it cannot be read; from ``chunks`` if it turns out to be something else.
     """
-    with _opened(path) as file:
-        begin = _read(file, path, _LOOKED_AT)
+    with _opened_source(path) as file:
+        begin = _read_source(file, path, _LOOKED_AT)
         if kind == "auto":
-            kind = _kind_of(begin)
+            kind = _kind_of_source(begin)
         if kind == "recording":
-            yield _recording(path)
+            yield _recording_as_source(path)
             return
-        blocks: Iterator[bytes] = itertools.chain([begin], _blocks(file, path))
+        blocks: Iterator[bytes] = itertools.chain([begin], _source_blocks(file, path))
         if kind == "hex":
-            blocks = _from_hex(blocks, path)
+            blocks = _source_blocks_from_hex(blocks, path)
         first = next(blocks, b"")
         chunks = (RecordedChunk(block) for block in itertools.chain([first], blocks))
         yield Source(chunks, first[:_LOOKED_AT])
 
 
-def _kind_of(begin: bytes) -> str:
+def _kind_of_source(begin: bytes) -> str:
     if begin.startswith(MAGIC):
         return "recording"
     found = _BYTES.match(begin)
@@ -102,7 +102,7 @@ def _kind_of(begin: bytes) -> str:
     return "hex" if begin.strip() and rest <= (0 if whole else _LONGEST_REST) else "raw"
 
 
-def _opened(path: Path) -> contextlib.AbstractContextManager[IO[bytes]]:
+def _opened_source(path: Path) -> contextlib.AbstractContextManager[IO[bytes]]:
     if path == _STDIN:
         if sys.stdin is None:
             raise ConfigurationError("-: standard input is closed; name a file")
@@ -113,22 +113,22 @@ def _opened(path: Path) -> contextlib.AbstractContextManager[IO[bytes]]:
         raise ConfigurationError(f"{path}: {error.strerror}") from error
 
 
-def _read(file: IO[bytes], path: Path, size: int) -> bytes:
+def _read_source(file: IO[bytes], path: Path, size: int) -> bytes:
     try:
         return file.read(size)
     except OSError as error:
         raise ConfigurationError(f"{path}: {error.strerror}") from error
 
 
-def _blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:
-    while block := _read(file, path, _CHUNK):
+def _source_blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:
+    while block := _read_source(file, path, _CHUNK):
         yield block
 
 
 # --- Hex text ----------------------------------------------------------------------------------
 
 
-def _from_hex(blocks: Iterator[bytes], path: Path) -> Iterator[bytes]:
+def _source_blocks_from_hex(blocks: Iterator[bytes], path: Path) -> Iterator[bytes]:
     """Yield the bytes that hex digits in *blocks* are; prefixes and separators are left out."""
     rest, place = b"", 0  # what is not yet understood, and where it begins
     for block in itertools.chain(blocks, [b""]):
@@ -149,18 +149,18 @@ def _from_hex(blocks: Iterator[bytes], path: Path) -> Iterator[bytes]:
 # --- Recordings --------------------------------------------------------------------------------
 
 
-def _recording(path: Path) -> Source:
+def _recording_as_source(path: Path) -> Source:
     from haptogram.evidence.recordings.reader import Recording
 
     if path == _STDIN:
         raise ConfigurationError("-: a recording is read from a file; name the file")
     recording = Recording(path)
     source = Source(iter(()), recording.first_bytes(_LOOKED_AT))
-    source.chunks = _recorded(recording, source)
+    source.chunks = _recorded_source_chunks(recording, source)
     return source
 
 
-def _recorded(recording: Recording, source: Source) -> Iterator[RecordedChunk]:
+def _recorded_source_chunks(recording: Recording, source: Source) -> Iterator[RecordedChunk]:
     from haptogram.evidence.recordings.channels import TO_BOARD, TO_HOST
 
     senders = {TO_BOARD: "host", TO_HOST: "board"}

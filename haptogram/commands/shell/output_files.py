@@ -62,11 +62,11 @@ class Outputs:
     """
 
     def __init__(self, settings: object, *names: str, pictures: bool = True) -> None:
-        given = {_as_option(name): getattr(settings, name) for name in names}
+        given = {_output_as_option(name): getattr(settings, name) for name in names}
         self.paths: dict[str, Path] = {
             option: Path(path) for option, path in given.items() if path is not None
         }
-        check_distinct_files(self.paths, _inputs(settings))
+        check_distinct_files(self.paths, _input_files_of(settings))
         for option, path in self.paths.items():
             try:
                 check_file_writable(path)
@@ -81,7 +81,7 @@ class Outputs:
 
     def _check_formats(self, *, pictures: bool) -> None:
         if "--picture" in self.paths:
-            _check_picture(self.paths["--picture"])
+            _check_output_picture(self.paths["--picture"])
         if "--html" in self.paths:
             from haptogram.report.formats.html import check_html_page
 
@@ -102,16 +102,16 @@ class Outputs:
             announce_output(path)
 
 
-def _inputs(settings: object) -> Iterator[tuple[str, Path]]:
+def _input_files_of(settings: object) -> Iterator[tuple[str, Path]]:
     """Yield the files that the command reads, with their options."""
     for name, is_file in INPUTS.items():
         value = getattr(settings, name, None)
         for path in value if isinstance(value, list | tuple) else [value]:
             if path is not None and is_file(str(path)):
-                yield "this command" if name in _POSITIONAL else _as_option(name), Path(path)
+                yield "this command" if name in _POSITIONAL else _output_as_option(name), Path(path)
 
 
-def _as_option(name: str) -> str:
+def _output_as_option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
@@ -127,7 +127,7 @@ def announce_interrupt(program: str) -> None:
     print(f"{program}: interrupted; {what}", file=sys.stderr, flush=True)
 
 
-def _check_picture(path: Path) -> None:
+def _check_output_picture(path: Path) -> None:
     """Raise unless the suffix of *path* names a format of pictures."""
     from haptogram.report.figures import check_picture_format
 

@@ -86,7 +86,9 @@ class RunBoards:
         named = {name for name, value in given.items() if value is not None}
         named |= set(read_settings_table(arguments.config)) if arguments.config else set()
         usual = {
-            name: value for name, value in _usual_rates(config, boards).items() if name not in named
+            name: value
+            for name, value in _usual_dialect_rates(config, boards).items()
+            if name not in named
         }
         config = load_verify_config(arguments.config, given | usual)
         check_dialect_rate(
@@ -151,7 +153,7 @@ def given_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name, value in vars(arguments).items() if name in names}
 
 
-def _usual_rates(config: VerifyConfig, boards: DialectBoards) -> dict[str, Any]:
+def _usual_dialect_rates(config: VerifyConfig, boards: DialectBoards) -> dict[str, Any]:
     """Return the rate of the line, and the highest whole rate of frames that it carries."""
     from haptogram.driver.line.budget import highest_line_rate_hz
 

@@ -129,11 +129,11 @@ def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         live_view(wanted=arguments.view) as view,
         recording(config.outputs.record, "verify", boards.config.result_options()) as writer,
     ):
-        status = _run(arguments, boards, view, outputs, provenance, writer)
+        status = _run_verify(arguments, boards, view, outputs, provenance, writer)
         return status if is_recorded("verify", writer) else USAGE
 
 
-def _run(
+def _run_verify(
     arguments: argparse.Namespace,
     boards: RunBoards,
     view: LiveView,
@@ -148,24 +148,24 @@ def _run(
 
     config, virtual = boards.config, boards.virtual
     if writer is not None:
-        _begin(writer, config, virtual)
+        _begin_verify_recording(writer, config, virtual)
     quiet = arguments.quiet
     planned = virtual.plan
     begin_s = time.time()
     try:
         with (
             boards.open(view.show) as board,
-            _bar("displaying", quiet=quiet) as progress,
-            _bar("waiting for what the board saw", quiet=quiet) as settling,
-            _blaming(planned, board),
+            _verify_bar("displaying", quiet=quiet) as progress,
+            _verify_bar("waiting for what the board saw", quiet=quiet) as settling,
+            _blaming_planned_faults(planned, board),
         ):
-            found = _measured(boards, board, progress, settling, writer, view.sink)
+            found = _measured_by_verify(boards, board, progress, settling, writer, view.sink)
     except _BrokenByPlanError as error:
         print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return INCONCLUSIVE
     if found.interrupted:
         announce_interrupt("haptogram verify")
-    with _bar("verifying", quiet=quiet) as progress:
+    with _verify_bar("verifying", quiet=quiet) as progress:
         verdict = found.verdict(
             min_verified=config.least_verified,
             tolerance=tolerance_of(config.tolerance),
@@ -176,18 +176,20 @@ def _run(
         verdict,
         configuration=config.result_options(),
         seed=config.limits.seed,
-        board=_board_dict(found),
+        board=_verified_board_dict(found),
         warnings=found.warnings,
         cut_short=None if found.cut is None else found.cut.reason,
-        faults=_faults_dict(planned, found.fault_counts) if config.link.port is None else None,
+        faults=_verified_faults_dict(planned, found.fault_counts)
+        if config.link.port is None
+        else None,
         troubles=found.troubles,
-        host=None if config.link.virtual_time else _host_dict(found),
+        host=None if config.link.virtual_time else _verified_host_dict(found),
         environment=None if config.link.virtual_time else report.run_environment(),
     )
     if writer is not None:
         if boards.dialect is None:  # captures are judged by frames of Haptogram's own boards
             record_intended(writer, found.model, found.intended)
-        _record_verdicts(writer, verdict, result)
+        _record_verify_verdicts(writer, verdict, result)
     # Before the files: a full disk must not cost the result.
     outputs.print(str(verdict))
     for line in report.faults_and_troubles_text(result):
@@ -207,7 +209,7 @@ def _run(
     return INTERRUPTED if found.interrupted and status == INCONCLUSIVE else status
 
 
-def _measured(
+def _measured_by_verify(
     boards: RunBoards,
     board: BoardUnderTest,
     progress: Progress | None,
@@ -225,7 +227,7 @@ def _measured(
     return measure_run(config, board, progress, settling, faulty=faulty, writer=writer, sink=sink)
 
 
-def _record_verdicts(
+def _record_verify_verdicts(
     writer: RecordingWriter, verdict: RunVerdict, result: dict[str, object]
 ) -> None:
     from haptogram.evidence.recordings.channels import SUMMARY, VERDICT
@@ -237,7 +239,9 @@ def _record_verdicts(
     writer.document(SUMMARY, writer.last_ns, result)
 
 
-def _begin(writer: RecordingWriter, config: VerifyConfig, virtual: BoardConfig) -> None:
+def _begin_verify_recording(
+    writer: RecordingWriter, config: VerifyConfig, virtual: BoardConfig
+) -> None:
     """Write which board is at the other end; of a board in virtual time, when it began."""
     options = None if config.link.port is not None else virtual.non_default()
     boot_ns = 0 if config.link.virtual_time else None
@@ -245,7 +249,7 @@ def _begin(writer: RecordingWriter, config: VerifyConfig, virtual: BoardConfig) 
 
 
 @contextlib.contextmanager
-def _blaming(planned: FaultPlan, board: BoardUnderTest) -> Iterator[None]:
+def _blaming_planned_faults(planned: FaultPlan, board: BoardUnderTest) -> Iterator[None]:
     """Say of a session that did not come up, or broke, that the planned faults did it.
 
     Not of a board that has died, nor if no fault has fired: then something else did it.
@@ -258,10 +262,12 @@ def _blaming(planned: FaultPlan, board: BoardUnderTest) -> Iterator[None]:
         fired = board.fault_counts
         if fired is not None and not any(fired.values()):
             raise
-        raise _BrokenByPlanError(_plan_text(error, _faults_dict(planned, fired))) from error
+        raise _BrokenByPlanError(
+            _planned_faults_text(error, _verified_faults_dict(planned, fired))
+        ) from error
 
 
-def _plan_text(error: HaptogramError, faults: dict[str, object] | None) -> str:
+def _planned_faults_text(error: HaptogramError, faults: dict[str, object] | None) -> str:
     from haptogram.report import run as report
 
     told = next(report.faults_and_troubles_text({"faults": faults, "troubles": {}}))
@@ -272,7 +278,7 @@ def _plan_text(error: HaptogramError, faults: dict[str, object] | None) -> str:
 
 
 @contextlib.contextmanager
-def _bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
+def _verify_bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
     """Show a progress bar on standard error, from the thread that works, 20 times a second."""
     if quiet:
         yield None
@@ -297,12 +303,14 @@ def _bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
             bar.close()
 
 
-def _board_dict(found: RunRecord) -> dict[str, object]:
+def _verified_board_dict(found: RunRecord) -> dict[str, object]:
     speed_m_s = found.model.medium.sound_speed_m_s
     return {"is": found.board, **found.about, "sound_speed_m_s": speed_m_s}
 
 
-def _faults_dict(planned: FaultPlan, fired: dict[str, int] | None) -> dict[str, object] | None:
+def _verified_faults_dict(
+    planned: FaultPlan, fired: dict[str, int] | None
+) -> dict[str, object] | None:
     """Return the faults on purpose, and how often each fired (None: the board did not tell)."""
     if not planned.faults:
         return None
@@ -310,7 +318,7 @@ def _faults_dict(planned: FaultPlan, fired: dict[str, int] | None) -> dict[str, 
     return {"plan": plan, "seed": planned.seed, "fired": fired}
 
 
-def _host_dict(found: RunRecord) -> dict[str, object] | None:
+def _verified_host_dict(found: RunRecord) -> dict[str, object] | None:
     """Return the figures of the host's loop, if the run came to its end."""
     from haptogram.driver.dialect_driver import DialectReport
     from haptogram.driver.stream import StreamReport

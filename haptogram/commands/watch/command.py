@@ -102,15 +102,15 @@ def run(arguments: argparse.Namespace, replay: Replay) -> int:
     refuse_idle_options("watch", arguments)
     outputs = Outputs(arguments, *_FILES, "frames", pictures=False)
     provenance = provenance_of_run(arguments)
-    _check_source(arguments)
+    _check_watch_source(arguments)
     frames_mm = expected_frames_mm(arguments)
-    with open_records(arguments, replay) as records, _frames_file(arguments.frames) as frames:
-        run = _Run(arguments, frames_mm, frames, outputs.text, records)
+    with open_records(arguments, replay) as records, _watch_frames_file(arguments.frames) as frames:
+        run = _WatchRun(arguments, frames_mm, frames, outputs.text, records)
         run.follow()
     return run.finish(outputs, provenance)
 
 
-def _check_source(arguments: argparse.Namespace) -> None:
+def _check_watch_source(arguments: argparse.Namespace) -> None:
     if arguments.source is not None and arguments.link is not None:
         raise ConfigurationError("--link starts a board; leave it out, or the source")
     if arguments.source is None and (arguments.link is None or arguments.dialect is None):
@@ -120,7 +120,7 @@ def _check_source(arguments: argparse.Namespace) -> None:
         )
 
 
-class _Run:
+class _WatchRun:
     """One watch, from the first record to the summary."""
 
     def __init__(
@@ -179,7 +179,7 @@ class _Run:
     def _take_record(self, record: Record) -> bool:
         """Take one record; return False if it is the last one that is asked for."""
         if record["kind"] == "end":
-            self._missing = _why_missing(record)
+            self._missing = _why_watch_is_incomplete(record)
             return False
         if "event" in record:
             self._take_event(record)
@@ -252,14 +252,14 @@ class _Run:
         return result.verdict.exit_status
 
 
-def _why_missing(end: Record) -> str | None:
+def _why_watch_is_incomplete(end: Record) -> str | None:
     if not end["clean"]:
         return "the board was killed before its last latches were told"
     return f"{end['dropped']} latches found the queue full" if end["dropped"] else None
 
 
 @contextlib.contextmanager
-def _frames_file(path: Path | None) -> Iterator[TextIO | None]:
+def _watch_frames_file(path: Path | None) -> Iterator[TextIO | None]:
     if path is None:
         yield None
     elif str(path) == "-":

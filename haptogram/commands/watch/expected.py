@@ -36,7 +36,7 @@ def expected_frames_mm(arguments: argparse.Namespace) -> list[Foci]:
             "--expect and --expect-file both say what is expected; leave one out"
         )
     if arguments.expect_file:
-        return _read_frames(arguments.expect_file)
+        return _read_expected_frames(arguments.expect_file)
     return [[focus] for focus in arguments.expect or ()]
 
 
@@ -57,7 +57,7 @@ def make_expectation(
     return Expectation(board.model, frames_m, tolerance=tolerance)
 
 
-def _read_frames(path: Path) -> list[Foci]:
+def _read_expected_frames(path: Path) -> list[Foci]:
     from haptogram.acoustics.model.csv_rows import read_element_rows
 
     rows = read_element_rows(path, "--expect-file")
@@ -73,11 +73,11 @@ def _read_frames(path: Path) -> list[Foci]:
                 f"{path}:{number}: {len(cells)} cells, must be {len(header)}: {','.join(header)}"
             )
         frame = cells[0] if len(header) == 4 else str(number)
-        frames.setdefault(frame, []).append(_focus(f"{path}:{number}", cells[-3:]))
+        frames.setdefault(frame, []).append(_expected_focus(f"{path}:{number}", cells[-3:]))
     return list(frames.values())
 
 
-def _focus(where: str, cells: list[str]) -> tuple[float, float, float]:
+def _expected_focus(where: str, cells: list[str]) -> tuple[float, float, float]:
     try:
         x, y, z = (float(cell) for cell in cells)
     except ValueError as error:

@@ -39,7 +39,11 @@ class LatchLines:
         if self._quiet:
             return
         now_s = time.monotonic()
-        if self._is_terminal and now_s - self._printed_s < _PERIOD_S and not _is_strange(seen):
+        if (
+            self._is_terminal
+            and now_s - self._printed_s < _PERIOD_S
+            and not _is_strange_latch(seen)
+        ):
             self._left_out += 1
             return
         more = f"  (+{self._left_out} more)" if self._left_out else ""
@@ -54,7 +58,7 @@ class LatchLines:
             print(line, file=self._stream, flush=True)
 
 
-def _is_strange(seen: WatchedLatch) -> bool:
+def _is_strange_latch(seen: WatchedLatch) -> bool:
     return bool(seen.defects or seen.latch.torn)
 
 

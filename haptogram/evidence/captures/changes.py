@@ -123,10 +123,10 @@ def found_latches(changes: Mapping[str, Sequence[Change]], *, window: float) -> 
             groups[-1].append(change)
         else:
             groups.append([change])
-    return [_latch(group) for group in groups]
+    return [_latch_of_changes(group) for group in groups]
 
 
-def _latch(group: list[Change]) -> LatchFound:
+def _latch_of_changes(group: list[Change]) -> LatchFound:
     firsts: dict[str, Change] = {}
     for change in group:
         firsts.setdefault(change.channel, change)

@@ -98,11 +98,11 @@ def capture_document(found: CaptureDrives, findings: list[str]) -> dict[str, Any
             "channel": row.channel,
             "element": row.element,
             "edges": row.edges,
-            "phase_deg": _listed(np.degrees(np.angle(row.weights)), row.weights != 0),
-            "amplitude": _listed(np.abs(row.weights)),
-            "duty": _listed(row.duties),
-            "period_us": _listed(row.periods_s * 1e6),
-            "jitter_ns": _listed(row.jitters_s * 1e9),
+            "phase_deg": _listed_findings(np.degrees(np.angle(row.weights)), row.weights != 0),
+            "amplitude": _listed_findings(np.abs(row.weights)),
+            "duty": _listed_findings(row.duties),
+            "period_us": _listed_findings(row.periods_s * 1e6),
+            "jitter_ns": _listed_findings(row.jitters_s * 1e9),
         }
         for row in found.elements
     ]
@@ -137,7 +137,7 @@ def is_silent_after(found: CaptureDrives, latch: int) -> bool:
     return all(row.weights[latch + 1] == 0 for row in found.elements)
 
 
-def _listed(values: Any, is_known: Any = True) -> list[float | None]:
+def _listed_findings(values: Any, is_known: Any = True) -> list[float | None]:
     known = np.isfinite(values) & is_known
     pairs = zip(values.tolist(), known.tolist(), strict=True)
     return [round(value, 6) if ok else None for value, ok in pairs]

@@ -50,25 +50,25 @@ def read_sigrok(path: Path) -> Capture:
     try:
         try:
             with zipfile.ZipFile(path) as archive:
-                return _read_whole(path, archive)
+                return _read_whole_sigrok(path, archive)
         except (zipfile.BadZipFile, EOFError) as error:
             with path.open("rb") as file:
-                return _read_cut(path, file, str(error))
+                return _read_cut_sigrok(path, file, str(error))
     except OSError as error:
         raise ConfigurationError(f"cannot read {path}: {plain_reason(error)}") from error
     except (zlib.error, NotImplementedError, RuntimeError) as error:
         raise ConfigurationError(f"{path}: the samples are damaged; capture again") from error
 
 
-def _read_whole(path: Path, archive: zipfile.ZipFile) -> Capture:
+def _read_whole_sigrok(path: Path, archive: zipfile.ZipFile) -> Capture:
     names = archive.namelist()
     if "metadata" not in names:
         raise ConfigurationError(f"{path}: a zip without metadata, no session file of sigrok")
     if archive.getinfo("metadata").file_size > _MOST_METADATA:
         raise ConfigurationError(f"{path}: its metadata are over {_MOST_METADATA >> 20} MiB")
-    found = _metadata(path, archive.read("metadata"))
-    samples = _Samples(path, found)
-    parts = [(_part(found.prefix, name), name) for name in names]
+    found = _sigrok_metadata(path, archive.read("metadata"))
+    samples = _SigrokSamples(path, found)
+    parts = [(_sigrok_part(found.prefix, name), name) for name in names]
     for _, name in sorted((part, name) for part, name in parts if part is not None):
         with archive.open(name) as entry:
             while block := entry.read(_BLOCK // found.unit_size * found.unit_size):
@@ -76,15 +76,19 @@ def _read_whole(path: Path, archive: zipfile.ZipFile) -> Capture:
     return samples.capture("")
 
 
-def _read_cut(path: Path, file: BinaryIO, why: str) -> Capture:
+def _read_cut_sigrok(path: Path, file: BinaryIO, why: str) -> Capture:
     """Read the entries one after the other, without the directory at the end of the file."""
-    samples: _Samples | None = None
+    samples: _SigrokSamples | None = None
     found: _Metadata | None = None
-    for name, blocks in _entries(file):
+    for name, blocks in _sigrok_entries(file):
         if name == "metadata":
-            found = _metadata(path, b"".join(blocks))
-            samples = _Samples(path, found)
-        elif found is not None and samples is not None and _part(found.prefix, name) is not None:
+            found = _sigrok_metadata(path, b"".join(blocks))
+            samples = _SigrokSamples(path, found)
+        elif (
+            found is not None
+            and samples is not None
+            and _sigrok_part(found.prefix, name) is not None
+        ):
             for block in blocks:
                 samples.take(block)
         else:
@@ -95,7 +99,7 @@ def _read_cut(path: Path, file: BinaryIO, why: str) -> Capture:
     return samples.capture("the file has no directory: it was cut off")
 
 
-def _entries(file: BinaryIO) -> Iterator[tuple[str, Iterator[bytes]]]:
+def _sigrok_entries(file: BinaryIO) -> Iterator[tuple[str, Iterator[bytes]]]:
     while len(head := file.read(_LOCAL.size)) == _LOCAL.size:
         magic, _, flags, method, _, _, _, size, _, name_length, extra = _LOCAL.unpack(head)
         if magic != _LOCAL_MAGIC or flags & 8 or method not in (0, _DEFLATED):
@@ -103,11 +107,11 @@ def _entries(file: BinaryIO) -> Iterator[tuple[str, Iterator[bytes]]]:
         name = file.read(name_length).decode("ascii", "replace")
         file.read(extra)
         begin = file.tell()
-        yield name, _blocks(file, size, deflated=method == _DEFLATED)
+        yield name, _sigrok_blocks(file, size, deflated=method == _DEFLATED)
         file.seek(begin + size)
 
 
-def _blocks(file: BinaryIO, size: int, *, deflated: bool) -> Iterator[bytes]:
+def _sigrok_blocks(file: BinaryIO, size: int, *, deflated: bool) -> Iterator[bytes]:
     inflater = zlib.decompressobj(-15)
     while size and (data := file.read(min(size, 1 << 16))):
         size -= len(data)
@@ -115,7 +119,7 @@ def _blocks(file: BinaryIO, size: int, *, deflated: bool) -> Iterator[bytes]:
             yield block
 
 
-def _metadata(path: Path, data: bytes) -> _Metadata:
+def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     try:
         parser.read_string(data.decode("utf-8", "replace"))
@@ -140,7 +144,7 @@ def _metadata(path: Path, data: bytes) -> _Metadata:
     return _Metadata(prefix, rate_hz, unit_size, probes)
 
 
-def _part(prefix: str, name: str) -> int | None:
+def _sigrok_part(prefix: str, name: str) -> int | None:
     """Return the place of an entry among those that hold the samples; None: it holds none."""
     if name == prefix:
         return 0
@@ -148,7 +152,7 @@ def _part(prefix: str, name: str) -> int | None:
     return None if found is None else int(found[1])
 
 
-class _Samples:
+class _SigrokSamples:
     """The edges of the samples that were read so far."""
 
     def __init__(self, path: Path, metadata: _Metadata) -> None:

@@ -43,9 +43,9 @@ def read_vcd(path: Path) -> Capture:
     try:
         with path.open("rb") as file:
             header, rest = read_vcd_header(path, file)
-            body = _Body(path, sorted(set(header.names.values())))
+            body = _VcdBody(path, sorted(set(header.names.values())))
             cut = ""
-            for chunk, is_whole in _chunks(path, file, rest):
+            for chunk, is_whole in _vcd_chunks(path, file, rest):
                 body.take(chunk)
                 cut = "" if is_whole else "the file ends in the middle of a line"
     except OSError as error:
@@ -53,7 +53,7 @@ def read_vcd(path: Path) -> Capture:
     return body.capture(header, cut)
 
 
-def _chunks(path: Path, file: BinaryIO, rest: bytes) -> Iterator[tuple[_Bytes, bool]]:
+def _vcd_chunks(path: Path, file: BinaryIO, rest: bytes) -> Iterator[tuple[_Bytes, bool]]:
     """Yield whole lines; the last chunk may lack the end of its last line, which is left out."""
     while True:
         data = file.read(_CHUNK)
@@ -70,7 +70,7 @@ def _chunks(path: Path, file: BinaryIO, rest: bytes) -> Iterator[tuple[_Bytes, b
 
 
 @dataclass(slots=True)
-class _Body:
+class _VcdBody:
     """The changes of value that were read so far."""
 
     path: Path

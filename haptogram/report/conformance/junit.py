@@ -23,7 +23,7 @@ def write_conformance_junit(
     """
     known = {**suite.device, **suite.settings, "cut_short": suite.cut_short}
     properties = {name: str(value) for name, value in known.items()} | dict(provenance.rows())
-    cases = tuple(map(_case, suite.results))
+    cases = tuple(map(_conformance_junit_case, suite.results))
     date, seconds = provenance.timestamp, sum(result.seconds or 0.0 for result in suite.results)
     write_junit(
         path,
@@ -31,12 +31,12 @@ def write_conformance_junit(
     )
 
 
-def _case(result: CaseResult) -> JUnitCase:
+def _conformance_junit_case(result: CaseResult) -> JUnitCase:
     message = case_finding(result)
     return JUnitCase(
         group=result.clause.partition(".")[0],
         name=f"{result.case} {result.summary}",
-        outcome=_outcome(result),
+        outcome=_conformance_junit_outcome(result),
         message=message,
         kind=result.behaviour.value,
         text="\n".join([message, f"requirement: {result.requirement}", *result.transcript]),
@@ -45,7 +45,7 @@ def _case(result: CaseResult) -> JUnitCase:
     )
 
 
-def _outcome(result: CaseResult) -> JUnit:
+def _conformance_junit_outcome(result: CaseResult) -> JUnit:
     if result.is_new_failure:
         return JUnit.FAILURE
     if result.is_failure:

@@ -26,7 +26,7 @@ def chapters_of_cases(results: Iterable[CaseResult]) -> dict[str, list[CaseResul
     titles = chapter_titles()
     found: dict[str, list[CaseResult]] = {title: [] for title in titles.values()}
     for result in results:
-        found[titles[_chapter(result.clause)]].append(result)
+        found[titles[_chapter_of_clause(result.clause)]].append(result)
     return {title: cases for title, cases in found.items() if cases}
 
 
@@ -45,9 +45,9 @@ def chapters_of_clauses() -> dict[str, list[Clause]]:
     found: dict[str, list[Clause]] = {}
     titles = chapter_titles()
     for clause in load_clauses().values():
-        found.setdefault(titles[_chapter(clause.number)], []).append(clause)
+        found.setdefault(titles[_chapter_of_clause(clause.number)], []).append(clause)
     return found
 
 
-def _chapter(clause: str) -> str:
+def _chapter_of_clause(clause: str) -> str:
     return clause.removeprefix("HG-").partition(".")[0]

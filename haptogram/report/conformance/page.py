@@ -53,7 +53,7 @@ def write_conformance_page(
             f"Conformance of {suite_board(suite)}. Exit status {suite.exit_status}.",
             *([f"Cut short: {suite.cut_short}."] if suite.cut_short else []),
         ],
-        attention=list(_attention(suite)),
+        attention=list(_conformance_attention_rows(suite)),
         chapters=chapters_of_cases(suite.results),
         messages=messages_of_cases(suite.results),
         meanings=[
@@ -63,7 +63,7 @@ def write_conformance_page(
         spec=chapters_of_clauses(),
         cases_of=cases_of,
         settings=[*setting_rows(suite.device), *setting_rows(suite.settings)],
-        tone_of=_tone,
+        tone_of=_tone_of_case,
     )
 
 
@@ -96,11 +96,11 @@ def write_comparison_page(
             for case in ordered
         ],
         totals=list(zip(names, map(suite_counts, suites), strict=True)),
-        tone_of=_tone,
+        tone_of=_tone_of_case,
     )
 
 
-def _attention(suite: SuiteResult) -> Iterator[CaseResult]:
+def _conformance_attention_rows(suite: SuiteResult) -> Iterator[CaseResult]:
     """Yield the failures by cause, then the cases that were not judged."""
     yield from failures_by_cause(suite.results)
     for result in suite.results:
@@ -108,5 +108,5 @@ def _attention(suite: SuiteResult) -> Iterator[CaseResult]:
             yield result
 
 
-def _tone(result: CaseResult) -> str:
+def _tone_of_case(result: CaseResult) -> str:
     return _TONES[result.behaviour] if result.recovers else "bad"

@@ -31,11 +31,11 @@ def suite_dict(suite: SuiteResult) -> dict[str, Any]:
         "cut_short": suite.cut_short,
         "failures": [result.case for result in failures_by_cause(suite.results)],
         "counts": {behaviour.value: suite.count(behaviour) for behaviour in Behaviour},
-        "results": [_result_dict(result) for result in suite.results],
+        "results": [_case_result_dict(result) for result in suite.results],
     }
 
 
-def _result_dict(result: CaseResult) -> dict[str, Any]:
+def _case_result_dict(result: CaseResult) -> dict[str, Any]:
     recovery = result.recovery
     return {
         "case": result.case,
@@ -93,11 +93,11 @@ def suite_of(found: Mapping[str, Any]) -> SuiteResult:
     """
     if found["format"] != FORMAT:
         raise ValueError(f"format is {found['format']!r}, known is {FORMAT!r}")
-    results = tuple(_result_from(item) for item in found["results"])
+    results = tuple(_case_result_from(item) for item in found["results"])
     return SuiteResult(results, found["device"], found["settings"], found["cut_short"])
 
 
-def _result_from(item: Mapping[str, Any]) -> CaseResult:
+def _case_result_from(item: Mapping[str, Any]) -> CaseResult:
     recovery = item["recovery"]
     return CaseResult(
         case=item["case"],

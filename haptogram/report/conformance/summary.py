@@ -18,7 +18,7 @@ def suite_summary(suite: SuiteResult) -> JobSummary:
     return JobSummary(
         command="conform",
         sentence=f"{suite_verdict(suite)}: {suite_counts(suite)}",
-        findings=list(_findings(suite)),
+        findings=list(_case_findings(suite)),
         facts=[
             f"board {suite_board(suite)}",
             *([f"cut short: {suite.cut_short}"] if suite.cut_short else []),
@@ -27,7 +27,7 @@ def suite_summary(suite: SuiteResult) -> JobSummary:
     )
 
 
-def _findings(suite: SuiteResult) -> Iterator[Finding]:
+def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
     for result in failures_by_cause(suite.results):
         level = Level.ERROR if result.is_new_failure else Level.WARNING
         yield Finding(level, result.case, f"{case_finding(result)}: {result.requirement}")

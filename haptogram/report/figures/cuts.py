@@ -63,7 +63,7 @@ def draw_cuts(
     if not 1e-3 <= half_width_m <= 1.0:
         raise ConfigurationError(f"half_width_m is {half_width_m:g}, must be 0.001 to 1")
     target = np.asarray(target_m, dtype=np.float64)
-    offsets = [_offsets(engine, target, half_width_m, axis) for axis in range(3)]
+    offsets = [_cut_offsets(engine, target, half_width_m, axis) for axis in range(3)]
     array = engine.model.array
     own, whose = array.axes @ target, "" if array.is_upright else "the array's "
     lines = [target + offsets[axis][:, None] * array.axes[axis] for axis in range(3)]
@@ -100,7 +100,9 @@ def draw_cuts(
     return figure
 
 
-def _offsets(engine: FieldEngine, target: FloatArray, half_width_m: float, axis: int) -> FloatArray:
+def _cut_offsets(
+    engine: FieldEngine, target: FloatArray, half_width_m: float, axis: int
+) -> FloatArray:
     """Return the offsets of the samples along an own axis from the target, in metres."""
     low = -half_width_m
     if axis == 2:

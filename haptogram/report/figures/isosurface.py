@@ -67,11 +67,11 @@ def isosurface_mesh(values: ArrayLike, level: float) -> FloatArray:
         points = origin + corners[list(tetrahedron)]
         sampled = volume[points[..., 0], points[..., 1], points[..., 2]]
         crossed = (sampled > level).any(axis=1) & (sampled <= level).any(axis=1)
-        parts += _triangles(points[crossed].astype(np.float64), sampled[crossed], level)
+        parts += _isosurface_triangles(points[crossed].astype(np.float64), sampled[crossed], level)
     return np.concatenate(parts) if parts else np.empty((0, 3, 3))
 
 
-def _triangles(points: FloatArray, values: FloatArray, level: float) -> list[FloatArray]:
+def _isosurface_triangles(points: FloatArray, values: FloatArray, level: float) -> list[FloatArray]:
     """Return the triangles in tetrahedra (K, 4, 3) with values (K, 4): one or two in each."""
     # With the corners sorted by value, only how many are above the level makes a difference.
     order = np.argsort(values, axis=1, kind="stable")
@@ -88,12 +88,12 @@ def _triangles(points: FloatArray, values: FloatArray, level: float) -> list[Flo
     ):
         chosen = above == count
         if chosen.any():
-            triangles = _cut(points[chosen], values[chosen], edges, level)
-            parts.append(_face_down(triangles, uphill[chosen]))
+            triangles = _isosurface_cut(points[chosen], values[chosen], edges, level)
+            parts.append(_isosurface_face_down(triangles, uphill[chosen]))
     return parts
 
 
-def _face_down(triangles: FloatArray, uphill: FloatArray) -> FloatArray:
+def _isosurface_face_down(triangles: FloatArray, uphill: FloatArray) -> FloatArray:
     """Return the triangles, turned so that their normals point to lower values."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     wrong = (normals * uphill).sum(axis=1) > 0.0
@@ -101,7 +101,7 @@ def _face_down(triangles: FloatArray, uphill: FloatArray) -> FloatArray:
     return triangles
 
 
-def _cut(
+def _isosurface_cut(
     points: FloatArray, values: FloatArray, edges: tuple[tuple[int, int], ...], level: float
 ) -> FloatArray:
     """Return the points at which the level crosses three edges of each tetrahedron, (K, 3, 3)."""
@@ -156,7 +156,7 @@ def draw_isosurfaces(
     spacing = (high - low) / (np.array(counts) - 1)
     with new_figure(5.4, 5.6) as figure:
         names = [f"{'' if array.is_upright else 'own '}{name}" for name in "xyz"]
-        _plot(figure, level, low * 1e3, spacing * 1e3, target * 1e3, names)
+        _plot_isosurface(figure, level, low * 1e3, spacing * 1e3, target * 1e3, names)
         what = f"|p|, relative to {level.max() / math.sqrt(2.0) * 1e-3:.3g} kPa RMS"
         if quantity == "force":
             largest = quantity_and_label(engine, pressure, quantity)[0].max()
@@ -165,7 +165,7 @@ def draw_isosurfaces(
     return figure
 
 
-def _plot(
+def _plot_isosurface(
     figure: Figure,
     level: FloatArray,
     low_mm: FloatArray,
@@ -218,7 +218,7 @@ def _plot(
         label="peak",
         zorder=1.0,
     )
-    low_mm, high_mm = _frame(np.concatenate(shown_mm))
+    low_mm, high_mm = _frame_isosurface(np.concatenate(shown_mm))
     for name, shown, low, high in zip("xyz", names, low_mm, high_mm, strict=True):
         getattr(axes, f"set_{name}lim")(low, high)
         getattr(axes, f"set_{name}label")(f"{shown} (mm)", labelpad=10.0 if name == "z" else 6.0)
@@ -229,7 +229,7 @@ def _plot(
     figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.02, 0.90))
 
 
-def _frame(points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _frame_isosurface(points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the corners of a box that the surfaces fill, no side too short for its names."""
     low, high = points_mm.min(axis=0), points_mm.max(axis=0)
     span = np.maximum(1.1 * (high - low), _LEAST_SIDE * float((high - low).max()) + 1.0)

@@ -72,7 +72,7 @@ def draw_plane(
     limits = (LEAST_DB, 0.0) if decibels else (0.0, None)
     if quantity == "phase":
         limits = (-math.pi, math.pi)
-    with new_figure(*_size(field.plane)) as figure:
+    with new_figure(*_plane_picture_size(field.plane)) as figure:
         figure.set_layout_engine("compressed")  # no gaps beside a picture of fixed aspect
         axes = figure.add_subplot()
         axes.grid(visible=False)
@@ -101,7 +101,7 @@ def draw_plane(
         first, second = field.plane.axes
         axes.set_xlabel(f"{'xyz'[first]} (mm)")
         axes.set_ylabel(f"{'xyz'[second]} (mm)")
-        marked = _marked(field.plane, targets_m)
+        marked = _marked_plane_picture(field.plane, targets_m)
         size = 6.0 if len(marked) > _FEW_TARGETS else None
         for target in marked:
             draw_mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
@@ -111,11 +111,11 @@ def draw_plane(
         if ear_m is not None:
             draw_ear(axes, 1e3 * np.asarray(ear_m, dtype=np.float64), first, second)
         figure_legend(figure, columns=2)
-        axes.set_title(_title(title, field.plane))
+        axes.set_title(_plane_picture_title(title, field.plane))
     return figure
 
 
-def _size(plane: PicturePlane) -> tuple[float, float]:
+def _plane_picture_size(plane: PicturePlane) -> tuple[float, float]:
     """Return the size of a figure, in inches, that fits the shape of the plane."""
     (left, right), (low, high) = plane.horizontal_m, plane.vertical_m
     ratio = (high - low) / (right - left)
@@ -124,13 +124,13 @@ def _size(plane: PicturePlane) -> tuple[float, float]:
     return max(width + 1.6, _NARROWEST_IN), height + 1.25
 
 
-def _marked(plane: PicturePlane, targets_m: ArrayLike) -> list[list[float]]:
+def _marked_plane_picture(plane: PicturePlane, targets_m: ArrayLike) -> list[list[float]]:
     targets = np.asarray(targets_m, dtype=np.float64).reshape(-1, 3)
     distance = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis])
     shown: list[list[float]] = targets[distance <= _NEAR_M].tolist()
     return shown if len(shown) <= _MANY_TARGETS else []
 
 
-def _title(title: str, plane: PicturePlane) -> str:
+def _plane_picture_title(title: str, plane: PicturePlane) -> str:
     axis = plane.normal_axis
     return figure_title(title, f"plane {'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm")

@@ -129,7 +129,7 @@ def sample_picture_plane(
     """Return the complex pressure of one drive on a plane; *progress* gets (done, total)."""
     return PictureField(
         plane,
-        _sample(engine, plane, lambda points: engine.pressure(weights, points), progress),
+        _sample_picture(engine, plane, lambda points: engine.pressure(weights, points), progress),
     )
 
 
@@ -148,7 +148,7 @@ def sample_picture_mean(
         root: FloatArray = np.sqrt(square)
         return root
 
-    return PictureField(plane, _sample(engine, plane, rms, progress))
+    return PictureField(plane, _sample_picture(engine, plane, rms, progress))
 
 
 def picture_pressure(engine: FieldEngine, weights: ArrayLike, points: FloatArray) -> ComplexArray:
@@ -159,7 +159,7 @@ def picture_pressure(engine: FieldEngine, weights: ArrayLike, points: FloatArray
     return pressure
 
 
-def _sample(
+def _sample_picture(
     engine: FieldEngine,
     plane: PicturePlane,
     function: Callable[[FloatArray], NDArray[np.generic]],

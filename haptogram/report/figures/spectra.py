@@ -64,8 +64,10 @@ def draw_spectrum(
         right.set_xlabel("frequency (Hz); the line at 0 Hz is the mean")
         right.set_ylabel("amplitude (Pa)")
         right.set_xlim(-0.02 * highest_hz, 1.02 * highest_hz)
-        _mark(right, modulation_hz, BLUE, "--", "modulation")
-        _mark(right, None if rate_hz is None else rate_hz / 2.0, GREEN, ":", "half the frame rate")
+        _mark_spectrum(right, modulation_hz, BLUE, "--", "modulation")
+        _mark_spectrum(
+            right, None if rate_hz is None else rate_hz / 2.0, GREEN, ":", "half the frame rate"
+        )
         for axes in (left, right):
             axes.set_ylim(0.0, 1.05 * axes.get_ylim()[1])
         figure_legend(figure, columns=5)
@@ -73,6 +75,6 @@ def draw_spectrum(
     return figure
 
 
-def _mark(axes: Axes, at_hz: float | None, colour: str, style: str, label: str) -> None:
+def _mark_spectrum(axes: Axes, at_hz: float | None, colour: str, style: str, label: str) -> None:
     if at_hz is not None and at_hz <= axes.get_xlim()[1]:
         axes.axvline(at_hz, color=colour, linewidth=1.0, linestyle=style, zorder=1.0, label=label)

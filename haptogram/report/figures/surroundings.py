@@ -50,10 +50,10 @@ def _draw_elements(axes: Axes, places: FloatArray) -> None:
 
 def _draw_outline(axes: Axes, places: FloatArray) -> None:
     limits = axes.get_xlim(), axes.get_ylim()
-    if not _reaches_into(_outline(places), *limits):
+    if not _reaches_into(_array_outline(places), *limits):
         return
     for tint, width, label in (("white", 2.5, None), (GREY, 1.0, "outline of the array")):
-        line = _outline(places)
+        line = _array_outline(places)
         axes.plot(*line.T, "--", color=tint, lw=width, zorder=2.5, label=label)
     axes.set(xlim=limits[0], ylim=limits[1])
 
@@ -66,7 +66,7 @@ def _reaches_into(line: FloatArray, *limits: tuple[float, float]) -> bool:
     return bool(((points > low) & (points < high)).all(axis=-1).any())
 
 
-def _outline(places: FloatArray) -> FloatArray:
+def _array_outline(places: FloatArray) -> FloatArray:
     """Return the closed convex outline of (N, 2) places; elements in a line are a line."""
     spread = places - places.mean(axis=0)
     if np.linalg.matrix_rank(spread, tol=1e-6 * max(1.0, float(np.abs(spread).max()))) < 2:

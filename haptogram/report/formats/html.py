@@ -67,7 +67,7 @@ def write_html_page(path: Path, template: str, provenance: Provenance, **content
 def render_html_page(template: str, provenance: Provenance, **content: Any) -> str:
     """Return one page; parameters and errors are those of :func:`write_html_page`."""
     check_html_page(pictures=False)
-    return _environment().get_template(template).render(content, origin=provenance.rows())
+    return _html_environment().get_template(template).render(content, origin=provenance.rows())
 
 
 def setting_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -97,7 +97,7 @@ def _setting_text(value: Any) -> str:
     return str(value)
 
 
-def _environment() -> Environment:
+def _html_environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 

@@ -113,7 +113,7 @@ def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[s
 
 def summary_markdown(summary: JobSummary, provenance: Provenance) -> str:
     """Return *summary* in Markdown: the verdict, what is wrong, the facts, the figures."""
-    return "\n".join(_lines(summary, provenance)) + "\n"
+    return "\n".join(_summary_markdown_lines(summary, provenance)) + "\n"
 
 
 def write_job_summary(path: Path, summary: JobSummary, provenance: Provenance) -> None:
@@ -128,20 +128,22 @@ def write_job_summary(path: Path, summary: JobSummary, provenance: Provenance) -
     write_file_atomically(path, text.encode("utf-8", errors="replace"))
 
 
-def _lines(summary: JobSummary, provenance: Provenance) -> Iterator[str]:
+def _summary_markdown_lines(summary: JobSummary, provenance: Provenance) -> Iterator[str]:
     yield f"## {escape_markdown(f'haptogram {summary.command}: {summary.sentence}')}"
     yield ""
     found = [(f.level.value, f.name, f.text) for f in summary.findings]
-    yield from _table("", ("", "where", "found"), found)
+    yield from _summary_markdown_table("", ("", "where", "found"), found)
     if summary.facts:
         yield from (f"- {escape_markdown(fact)}" for fact in summary.facts)
         yield ""
     for table in summary.tables:
-        yield from _table(table.title, table.head, table.rows)
+        yield from _summary_markdown_table(table.title, table.head, table.rows)
     yield "; ".join(f"{name}: {escape_markdown(text)}" for name, text in provenance.rows())
 
 
-def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+def _summary_markdown_table(
+    title: str, head: Sequence[str], rows: Sequence[Sequence[str]]
+) -> Iterator[str]:
     if not rows:
         return
     if title:
@@ -178,9 +180,9 @@ def github_command(level: Level, title: str, message: str) -> str:
     >>> github_command(Level.ERROR, "HG-2.2/1: a, b", "50 %\n::error::not this")
     '::error title=HG-2.2/1%3A a%2C b::50 %25%0A::error::not this'
     """
-    title = _escape_data(title).replace(":", "%3A").replace(",", "%2C")
-    return f"::{level} title={title}::{_escape_data(message)}"
+    title = _escape_github_data(title).replace(":", "%3A").replace(",", "%2C")
+    return f"::{level} title={title}::{_escape_github_data(message)}"
 
 
-def _escape_data(text: str) -> str:
+def _escape_github_data(text: str) -> str:
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")

@@ -95,53 +95,55 @@ def write_junit(path: Path, suite: JUnitSuite) -> None:
     ConfigurationError
         If *path* cannot be written.
     """
-    root = _root(suite)
+    root = _junit_root(suite)
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     write_file_atomically(path, content + b"\n")
 
 
-def _root(suite: JUnitSuite) -> ElementTree.Element:
+def _junit_root(suite: JUnitSuite) -> ElementTree.Element:
     outcomes = Counter(case.outcome for case in suite.cases)
     totals = {
         "tests": str(len(suite.cases)),
         "failures": str(outcomes[JUnit.FAILURE]),
         "errors": str(outcomes[JUnit.ERROR]),
     }
-    time = _time(suite.seconds)
+    time = _junit_time(suite.seconds)
     root = ElementTree.Element("testsuites", {"name": suite.name} | totals | time)
     own = {"skipped": str(outcomes[JUnit.SKIPPED])} | time
     own |= {} if suite.timestamp is None else {"timestamp": suite.timestamp}
     node = ElementTree.SubElement(root, "testsuite", {"name": suite.name} | totals | own)
     properties = ElementTree.SubElement(node, "properties")
     for name, value in suite.properties.items():
-        ElementTree.SubElement(properties, "property", name=_legal(name), value=_legal(value))
+        ElementTree.SubElement(
+            properties, "property", name=_legal_junit_text(name), value=_legal_junit_text(value)
+        )
     for case in suite.cases:
-        _add_case(node, suite.name, case)
+        _add_junit_case(node, suite.name, case)
     if suite.log:
-        ElementTree.SubElement(node, "system-out").text = _legal(suite.log)
+        ElementTree.SubElement(node, "system-out").text = _legal_junit_text(suite.log)
     return root
 
 
-def _add_case(suite: ElementTree.Element, name: str, case: JUnitCase) -> None:
+def _add_junit_case(suite: ElementTree.Element, name: str, case: JUnitCase) -> None:
     group = f"{name}.{case.group}"
-    known = {"classname": group, "name": _legal(case.name)} | _time(case.seconds)
+    known = {"classname": group, "name": _legal_junit_text(case.name)} | _junit_time(case.seconds)
     node = ElementTree.SubElement(suite, "testcase", known)
     outcome = ElementTree.SubElement(node, case.outcome)
     if case.outcome is not JUnit.PASSED:
-        outcome.set("message", _legal(case.message))
+        outcome.set("message", _legal_junit_text(case.message))
     if case.outcome in (JUnit.FAILURE, JUnit.ERROR):  # the schema gives the others no type
         outcome.set("type", case.kind)
     if case.outcome is not JUnit.SKIPPED:
-        outcome.text = _legal(case.text)
+        outcome.text = _legal_junit_text(case.text)
     if case.log:
-        ElementTree.SubElement(node, "system-out").text = _legal(case.log)
+        ElementTree.SubElement(node, "system-out").text = _legal_junit_text(case.log)
 
 
-def _time(seconds: float | None) -> dict[str, str]:
+def _junit_time(seconds: float | None) -> dict[str, str]:
     return {} if seconds is None else {"time": f"{seconds:.3f}"}
 
 
-def _legal(text: str) -> str:
+def _legal_junit_text(text: str) -> str:
     """Return *text* with U+FFFD in place of what XML cannot hold."""
     return _ILLEGAL.sub("\ufffd", text)

@@ -36,10 +36,10 @@ def equation_mathml(text: str) -> str:
     >>> equation_mathml("E = P^2 / rho")
     '<math><mi>E</mi><mo>=</mo><mfrac><msup><mi>P</mi><mn>2</mn></msup><mi>ρ</mi></mfrac></math>'
     """
-    return f"<math>{_Reader(text).terms(until='')}</math>" if "=" in text else escape(text)
+    return f"<math>{_MathmlReader(text).terms(until='')}</math>" if "=" in text else escape(text)
 
 
-class _Reader:
+class _MathmlReader:
     """Reads the tokens of one equation."""
 
     def __init__(self, text: str) -> None:
@@ -58,7 +58,7 @@ class _Reader:
                 break
             if kind == "spaced":
                 self._at += 1
-                product = [f"<mfrac>{_row(product)}{self._factor(bare=True)}</mfrac>"]
+                product = [f"<mfrac>{_mathml_row(product)}{self._factor(bare=True)}</mfrac>"]
             elif token == "/":
                 self._at += 1
                 product.append(f"<mfrac>{product.pop()}{self._factor(bare=True)}</mfrac>")
@@ -134,5 +134,5 @@ class _Reader:
         return None
 
 
-def _row(parts: list[str]) -> str:
+def _mathml_row(parts: list[str]) -> str:
     return parts[0] if len(parts) == 1 else f"<mrow>{''.join(parts)}</mrow>"

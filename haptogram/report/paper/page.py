@@ -55,7 +55,7 @@ def paper_report_files(
         "table1": draw_table_1(paper.best),
         **draw_figure_4(),
     }
-    content = _content(paper, presets, figures)
+    content = _paper_page_content(paper, presets, figures)
     page = render_html_page("paper.html", provenance, **content).encode()
     if path.suffix:
         yield path, page
@@ -81,7 +81,7 @@ def check_paper_report(path: Path) -> None:
     check_html_page()
 
 
-def _content(
+def _paper_page_content(
     paper: PaperReproduction, presets: Iterable[Mapping[str, Any]], figures: Mapping[str, Figure]
 ) -> dict[str, Any]:
     cells = paper.best.cells

@@ -20,15 +20,15 @@ from ..formats.console import console_paragraph, console_table
 def paper_text(paper: PaperReproduction) -> str:
     """Return the equations, Table 1 cell by cell, its readings, and the foci of figure 4."""
     sections = (
-        _equations(paper),
-        _table_1(paper.best),
-        _readings(paper.results),
-        _figure_4(paper),
+        _paper_equations_text(paper),
+        _paper_table_1_text(paper.best),
+        _paper_readings_text(paper.results),
+        _paper_figure_4_text(paper),
     )
     return "\n\n".join("\n".join(section) for section in sections) + "\n"
 
 
-def _equations(paper: PaperReproduction) -> Iterator[str]:
+def _paper_equations_text(paper: PaperReproduction) -> Iterator[str]:
     yield "Equations, as printed and as corrected"
     for equation in EQUATIONS:
         yield f"  {equation.number} printed    {equation.printed}   [{equation.printed_unit}]"
@@ -47,14 +47,20 @@ def _equations(paper: PaperReproduction) -> Iterator[str]:
     yield from console_table(("In numbers", "as printed", "as corrected"), rows, indent=2)
 
 
-def _table_1(result: Table1Reproduction) -> Iterator[str]:
+def _paper_table_1_text(result: Table1Reproduction) -> Iterator[str]:
     yield "Table 1: force at the focus, printed and predicted (mN)"
     yield from console_paragraph(f"reading: {result.reading.remark}", indent=2)
     yield from console_paragraph(f"scale: {result.scale_mn:.4g} mN m^2. {SCALE_REMARK}", indent=2)
     yield ""
     yield from console_table(
-        ("array", "step (mm)", "points", *_force("average"), *_force("deviation")),
-        map(_row, result.cells),
+        (
+            "array",
+            "step (mm)",
+            "points",
+            *_paper_force_text("average"),
+            *_paper_force_text("deviation"),
+        ),
+        map(_paper_table_row, result.cells),
         numbers=(2, 3, 4, 5, 7, 8, 9),
         indent=2,
     )
@@ -72,11 +78,11 @@ def _table_1(result: Table1Reproduction) -> Iterator[str]:
         yield from console_paragraph(sentence, indent=4, bullet="- ")
 
 
-def _force(name: str) -> tuple[str, ...]:
+def _paper_force_text(name: str) -> tuple[str, ...]:
     return name, "ours", "error", ""
 
 
-def _row(cell: Table1Cell) -> tuple[str, ...]:
+def _paper_table_row(cell: Table1Cell) -> tuple[str, ...]:
     columns, rows = cell.configuration
     return (
         f"{columns}x{rows}",
@@ -93,7 +99,7 @@ def _row(cell: Table1Cell) -> tuple[str, ...]:
     )
 
 
-def _readings(results: Sequence[Table1Reproduction]) -> Iterator[str]:
+def _paper_readings_text(results: Sequence[Table1Reproduction]) -> Iterator[str]:
     yield "Readings: RMS error of the sixteen averages and of the deviations (mN), worst average"
     head, *lines = console_table(
         ("reading", "averages", "deviations", "worst", "within 7 %"),
@@ -116,7 +122,7 @@ def _readings(results: Sequence[Table1Reproduction]) -> Iterator[str]:
         yield from console_paragraph(result.reading.remark, indent=6, hang=0)
 
 
-def _figure_4(paper: PaperReproduction) -> Iterator[str]:
+def _paper_figure_4_text(paper: PaperReproduction) -> Iterator[str]:
     yield "Figure 4: 64 x 1 concave cylindrical section (Pa RMS)"
     for row in paper.figure_4:
         target, peak = (

@@ -72,21 +72,23 @@ def run_checks(run: RunVerdict, cut_short: str | None = None) -> list[RunCheck]:
     inconclusive if and only if the verdict is.
     """
     return [
-        *(_of_fault(run, fault) for fault in _FAULTS),
-        _unexpected(run),
-        _lost(run),
-        _late(run),
-        _share_verified(run),
-        _complete(run, cut_short),
+        *(_check_of_fault(run, fault) for fault in _FAULTS),
+        _check_of_unexpected(run),
+        _check_of_lost(run),
+        _check_of_late(run),
+        _check_of_share_verified(run),
+        _check_of_complete_run(run, cut_short),
     ]
 
 
-def _of_fault(run: RunVerdict, fault: _Fault) -> RunCheck:
+def _check_of_fault(run: RunVerdict, fault: _Fault) -> RunCheck:
     found = [frame for frame in run.frames if fault.shows(frame)]
     judged = run.counts[fault.seen_in]
     if found:
         message = f"{len(found)} of {count_text(judged, f'{fault.seen_in} frame')}"
-        return RunCheck(fault.name, fault.statement, CheckOutcome.FAILED, message, _named(found))
+        return RunCheck(
+            fault.name, fault.statement, CheckOutcome.FAILED, message, _frames_named_in_check(found)
+        )
     if not judged:
         message = f"no frame was {fault.seen_in}"
         return RunCheck(fault.name, fault.statement, CheckOutcome.NOT_JUDGED, message)
@@ -94,11 +96,11 @@ def _of_fault(run: RunVerdict, fault: _Fault) -> RunCheck:
     return RunCheck(fault.name, fault.statement, CheckOutcome.PASSED, message)
 
 
-def _unexpected(run: RunVerdict) -> RunCheck:
+def _check_of_unexpected(run: RunVerdict) -> RunCheck:
     statement = "no frame is latched that was not intended"
     keys = run.unexpected
     if keys:
-        details = _listed(keys, _key)
+        details = _listed_in_check(keys, _key_in_check)
         message = f"{len(keys)} {'latch' if len(keys) == 1 else 'latches'} of an unknown frame"
         return RunCheck("unexpected", statement, CheckOutcome.FAILED, message, details)
     if not run.counts["latched"]:
@@ -108,7 +110,7 @@ def _unexpected(run: RunVerdict) -> RunCheck:
     return RunCheck("unexpected", statement, CheckOutcome.PASSED, "none")
 
 
-def _lost(run: RunVerdict) -> RunCheck:
+def _check_of_lost(run: RunVerdict) -> RunCheck:
     """Lost frames decide a run only where they leave too few that are verified."""
     lost = [frame for frame in run.frames if frame.status is FrameStatus.LOST]
     statement = "no frame is lost"
@@ -121,10 +123,10 @@ def _lost(run: RunVerdict) -> RunCheck:
     decisive = run.verdict is Verdict.INCONCLUSIVE and run.too_few
     outcome = CheckOutcome.INCONCLUSIVE if decisive else CheckOutcome.NOTED
     message = f"{len(lost)} of {count_text(len(run.frames), 'frame')}"
-    return RunCheck("lost", statement, outcome, message, _named(lost))
+    return RunCheck("lost", statement, outcome, message, _frames_named_in_check(lost))
 
 
-def _late(run: RunVerdict) -> RunCheck:
+def _check_of_late(run: RunVerdict) -> RunCheck:
     late = [frame for frame in run.frames if frame.late]
     statement = "no frame is late"
     latched = run.counts["latched"]
@@ -135,10 +137,10 @@ def _late(run: RunVerdict) -> RunCheck:
             "late", statement, CheckOutcome.PASSED, f"none of {count_text(latched, 'frame')}"
         )
     message = f"{len(late)} of {count_text(latched, 'latched frame')}"
-    return RunCheck("late", statement, CheckOutcome.NOTED, message, _named(late))
+    return RunCheck("late", statement, CheckOutcome.NOTED, message, _frames_named_in_check(late))
 
 
-def _share_verified(run: RunVerdict) -> RunCheck:
+def _check_of_share_verified(run: RunVerdict) -> RunCheck:
     statement = f"at least {100.0 * run.min_verified:.4g} % of the frames are verified"
     message = f"{run.counts['verified']} of {run.due}"
     if not run.too_few:
@@ -147,10 +149,10 @@ def _share_verified(run: RunVerdict) -> RunCheck:
     # Beside a fault that was proved, too few frames change nothing.
     failed = run.verdict is Verdict.FAIL
     outcome = CheckOutcome.NOTED if failed else CheckOutcome.INCONCLUSIVE
-    return RunCheck("verified", statement, outcome, message, _named(missing))
+    return RunCheck("verified", statement, outcome, message, _frames_named_in_check(missing))
 
 
-def _complete(run: RunVerdict, cut_short: str | None) -> RunCheck:
+def _check_of_complete_run(run: RunVerdict, cut_short: str | None) -> RunCheck:
     statement = "the run comes to its end"
     if cut_short is None:
         return RunCheck(COMPLETE, statement, CheckOutcome.PASSED, "it came to its end")
@@ -158,16 +160,16 @@ def _complete(run: RunVerdict, cut_short: str | None) -> RunCheck:
     return RunCheck(COMPLETE, statement, CheckOutcome.INCONCLUSIVE, message)
 
 
-def _named(frames: list[FrameVerdict]) -> tuple[str, ...]:
-    return _listed(frames, frame_text)
+def _frames_named_in_check(frames: list[FrameVerdict]) -> tuple[str, ...]:
+    return _listed_in_check(frames, frame_text)
 
 
-def _listed(items: list[_Item], describe_item: Callable[[_Item], str]) -> tuple[str, ...]:
+def _listed_in_check(items: list[_Item], describe_item: Callable[[_Item], str]) -> tuple[str, ...]:
     lines = [describe_item(item) for item in items[:NAMED_FRAMES]]
     if len(items) > NAMED_FRAMES:
         lines.append(f"... and {len(items) - NAMED_FRAMES} more, in the JSON file")
     return tuple(lines)
 
 
-def _key(key: FrameKey) -> str:
+def _key_in_check(key: FrameKey) -> str:
     return f"session {key.session:#x}, sequence {key.sequence}, loop {key.loop}, index {key.index}"

@@ -110,7 +110,7 @@ def frame_field_picture(
     FieldPicture or None
         None if no frame was sent.
     """
-    frame = _choose(run, drives or {})
+    frame = _choose_pictured_frame(run, drives or {})
     if frame is None:
         return None
     drive = (drives or {}).get(frame.number)
@@ -118,10 +118,12 @@ def frame_field_picture(
     if drive is None:
         phases_rad = focus_phases(model, np.array(frame.target_m))
         drive = Drive.from_weights(np.exp(1j * phases_rad), phase_bits)
-    return FieldPicture(frame, latched, drive.phase_bits, *_maps(model, drive, frame.target_m))
+    return FieldPicture(
+        frame, latched, drive.phase_bits, *_panel_maps(model, drive, frame.target_m)
+    )
 
 
-def _choose(run: RunVerdict, drives: Mapping[int, Drive]) -> FrameVerdict | None:
+def _choose_pictured_frame(run: RunVerdict, drives: Mapping[int, Drive]) -> FrameVerdict | None:
     candidates = worst_frames_of_run(run, len(run.frames)) or run.frames
     shown = [frame for frame in candidates if frame.number in drives] or [
         # The ideal drive would show a wrong frame as a right one.
@@ -131,26 +133,26 @@ def _choose(run: RunVerdict, drives: Mapping[int, Drive]) -> FrameVerdict | None
     return shown[0] if shown else None
 
 
-def _maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[PanelFieldMap]:
+def _panel_maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[PanelFieldMap]:
     """Yield the level and the upright plane, then both close up."""
     half_extent = model.array.half_extent_m
     side = 1 if half_extent[1] > half_extent[0] else 0
     wide = [
-        _height(model, target_m) if axis == 2 else _window(model, target_m, axis)
+        _panel_height(model, target_m) if axis == 2 else _panel_window(model, target_m, axis)
         for axis in range(3)
     ]
-    close = [_range(1e3 * middle, _CLOSE_SIDE_MM) for middle in target_m]
+    close = [_panel_range(1e3 * middle, _CLOSE_SIDE_MM) for middle in target_m]
     for ranges, step_mm in ((wide, _STEP_MM), (close, _CLOSE_STEP_MM)):
         for across, up in ((0, 1), (side, 2)):
             name = "xyz"[across] + "xyz"[up]
-            yield _map(
+            yield _panel_map(
                 model,
                 drive,
                 PicturePlane(name, target_m, ranges[across], ranges[up], step_mm / 1e3),
             )
 
 
-def _height(model: AcousticModel, target_m: Vector) -> _Range:
+def _panel_height(model: AcousticModel, target_m: Vector) -> _Range:
     """Return the heights from just above the array to well above the target, in m."""
     bottom = min(1e3 * float(model.array.centre_m[2]), 1e3 * target_m[2] - _ABOVE_FOCUS_MM)
     top = max(bottom + _SIDE_MM, 1e3 * target_m[2] + _ABOVE_FOCUS_MM)
@@ -159,19 +161,19 @@ def _height(model: AcousticModel, target_m: Vector) -> _Range:
     return 1e-3 * low, 1e-3 * (low + steps * _STEP_MM)
 
 
-def _window(model: AcousticModel, target_m: Vector, axis: int) -> _Range:
+def _panel_window(model: AcousticModel, target_m: Vector, axis: int) -> _Range:
     """Return the range around the array's middle, or the target if it is not near it, in m."""
     middle, target = 1e3 * float(model.array.centre_m[axis]), 1e3 * target_m[axis]
     if abs(target - middle) > 0.75 * _SIDE_MM / 2.0:
         middle = target
-    return _range(middle, _SIDE_MM)
+    return _panel_range(middle, _SIDE_MM)
 
 
-def _range(middle_mm: float, side_mm: float) -> _Range:
+def _panel_range(middle_mm: float, side_mm: float) -> _Range:
     return 1e-3 * (middle_mm - side_mm / 2.0), 1e-3 * (middle_mm + side_mm / 2.0)
 
 
-def _map(model: AcousticModel, drive: Drive, plane: PicturePlane) -> PanelFieldMap:
+def _panel_map(model: AcousticModel, drive: Drive, plane: PicturePlane) -> PanelFieldMap:
     field = sample_picture_plane(NumpyEngine(model), drive.weights(), plane)
     across_m, up_m = plane.coordinates_m()
     rms_kpa = np.abs(field.values) / math.sqrt(2.0) / 1e3

@@ -86,7 +86,7 @@ def frame_table(run: RunVerdict) -> FrameTable:
     odd = sorted(run.odd_frames, key=lambda frame: (not frame.is_wrong, frame.number))
     named = {frame.number for frame in odd}
     largest = [f for f in worst_frames_of_run(run, _LARGEST) if f.number not in named]
-    rows = [_row(frame) for frame in [*odd[:_LISTED], *largest]]
+    rows = [_frame_row(frame) for frame in [*odd[:_LISTED], *largest]]
     used = [any(row.cells[at] for row in rows) for at in range(len(_MEASURES))]
     kept = tuple(name for name, is_used in zip(_MEASURES, used, strict=True) if is_used)
     rows = [replace(row, cells=tuple(compress(row.cells, used))) for row in rows]
@@ -103,7 +103,7 @@ def _figure(value: float | None, digits: int = 3) -> str:
     return "" if value is None else figure_text(value, digits)
 
 
-def _row(frame: FrameVerdict) -> FrameRow:
+def _frame_row(frame: FrameVerdict) -> FrameRow:
     failed = [name for name, passed in frame.criteria.items() if not passed]
     faults = [*frame.faults, *([f"{', '.join(failed)} failed"] if failed else [])]
     faults += [f"latched {frame.latches} times"] if frame.latches > 1 else []

@@ -56,14 +56,16 @@ def write_run_junit(
         If *path* cannot be written.
     """
     checks = checks_of_result(run, result)
-    cases = tuple(_case(check, seconds if check.name == COMPLETE else None) for check in checks)
-    properties = dict(_flat("", _known(result))) | dict(provenance.rows())
+    cases = tuple(
+        _run_junit_case(check, seconds if check.name == COMPLETE else None) for check in checks
+    )
+    properties = dict(_run_junit_flat("", _run_junit_uncertainty(result))) | dict(provenance.rows())
     date = provenance.timestamp
     suite = JUnitSuite("haptogram.verify", cases, properties, str(run), date, seconds)
     write_junit(path, suite)
 
 
-def _case(check: RunCheck, seconds: float | None) -> JUnitCase:
+def _run_junit_case(check: RunCheck, seconds: float | None) -> JUnitCase:
     text = "\n".join([check.message, *check.details])
     outcome = _OUTCOMES[check.outcome]
     return JUnitCase(
@@ -71,7 +73,7 @@ def _case(check: RunCheck, seconds: float | None) -> JUnitCase:
     )
 
 
-def _known(result: Mapping[str, Any]) -> dict[str, Any]:
+def _run_junit_uncertainty(result: Mapping[str, Any]) -> dict[str, Any]:
     names = ("verdict", "evidence", "seed", "frames", "faults")
     named = {name: result[name] for name in names if name in result}
     asked = {f"configuration.{name}": value for name, value in result["configuration"].items()}
@@ -79,12 +81,12 @@ def _known(result: Mapping[str, Any]) -> dict[str, Any]:
     return named | asked | made_by
 
 
-def _flat(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
+def _run_junit_flat(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
     """Yield dotted names and texts of nested settings, without those that are not set."""
     if value is None or value == []:
         return
     if isinstance(value, Mapping):
         for name, item in value.items():
-            yield from _flat(f"{prefix}.{name}" if prefix else str(name), item)
+            yield from _run_junit_flat(f"{prefix}.{name}" if prefix else str(name), item)
     else:
         yield prefix, value if isinstance(value, str) else json.dumps(value)

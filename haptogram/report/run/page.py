@@ -81,13 +81,13 @@ def write_run_page(
         heading=sentence_of_result(run, result),
         tone=_TONES[Verdict(result["verdict"])],
         lead=[*prose.run_summary_sentences(result), *effect],
-        key_figures=_key_figures(result),
-        faults=_faults(result["faults"]) if "faults" in result else None,
-        troubles=_troubles(result["troubles"]),
+        key_figures=_run_key_figures(result),
+        faults=_run_fault_rows(result["faults"]) if "faults" in result else None,
+        troubles=_run_trouble_rows(result["troubles"]),
         scene=run_scene(run, model, seen).embedded() if run.frames else None,
         checks=checks_of_result(run, result),
         tones=_CHECK_TONES,
-        pictures=list(_pictures(run, model, shown, result["board"].get("phase_steps"))),
+        pictures=list(_run_page_pictures(run, model, shown, result["board"].get("phase_steps"))),
         findings=list(islice(run.findings(), NAMED_FRAMES)),
         frames=frame_table(run),
         judged=any(frame.criteria for frame in run.frames),
@@ -95,14 +95,14 @@ def write_run_page(
         evidence=list(prose.run_evidence_sentences(result)),
         limits=list(prose.run_limits_sentences(result)),
         warnings=result["warnings"],
-        circumstances=_circumstances(result),
+        circumstances=_run_circumstances(result),
     )
 
 
 # --- Tables ------------------------------------------------------------------------------------
 
 
-def _key_figures(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+def _run_key_figures(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
     late, pressure, force = result["lateness_us"], result["pressure_rms_pa"], result["force_mn"]
     captures = result.get("captures")
@@ -115,7 +115,11 @@ def _key_figures(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         ("error along the beam, 99th percentile", figure_text(axial["p99"], 4), "mm"),
         ("error along the beam, largest", figure_text(axial["max"], 4), "mm"),
         ("smallest miss that shows", figure_text(result["smallest_miss_mm"]), "mm"),
-        ("uncertainty of the place, from air and elements", figure_text(_total(result)), "mm"),
+        (
+            "uncertainty of the place, from air and elements",
+            figure_text(_run_total_row(result)),
+            "mm",
+        ),
         ("coherence at the target, lowest", figure_text(result["coherence"]["min"], 5), ""),
         (
             "weakest of several foci, of their mean, lowest",
@@ -134,24 +138,24 @@ def _key_figures(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     return [row for row in rows if row[1] != NOTHING]
 
 
-def _total(result: Mapping[str, Any]) -> float | None:
+def _run_total_row(result: Mapping[str, Any]) -> float | None:
     return None if result["uncertainty_mm"] is None else result["uncertainty_mm"]["total"]
 
 
-def _faults(faults: Mapping[str, Any]) -> dict[str, Any]:
+def _run_fault_rows(faults: Mapping[str, Any]) -> dict[str, Any]:
     """Return the planned faults, and how often those of each name fired."""
     fired = faults["fired"] or {}
     rows = [(plan, fired.get(plan.split()[0], NOTHING)) for plan in faults["plan"]]
     return {"rows": rows, "seed": faults["seed"], "counted": faults["fired"] is not None}
 
 
-def _troubles(troubles: Mapping[str, Mapping[str, int]]) -> list[tuple[str, int, int]]:
+def _run_trouble_rows(troubles: Mapping[str, Mapping[str, int]]) -> list[tuple[str, int, int]]:
     """Return the counters of frames that were damaged, lost or out of time, on each side."""
     board, host = troubles.get("board", {}), troubles.get("host", {})
     return [(name, board.get(name, 0), host.get(name, 0)) for name in sorted({*board, *host})]
 
 
-def _circumstances(result: Mapping[str, Any]) -> dict[str, list[tuple[str, str]]]:
+def _run_circumstances(result: Mapping[str, Any]) -> dict[str, list[tuple[str, str]]]:
     parts = {
         "Configuration": {**result["configuration"], "seed": result["seed"]},
         "Board": result["board"],
@@ -164,7 +168,7 @@ def _circumstances(result: Mapping[str, Any]) -> dict[str, list[tuple[str, str]]
 # --- Pictures ----------------------------------------------------------------------------------
 
 
-def _pictures(
+def _run_page_pictures(
     run: RunVerdict, model: AcousticModel, shown: FieldPicture | None, steps: int | None
 ) -> Iterator[PagePicture]:
     yield embed_picture(

@@ -55,14 +55,16 @@ def foci_panel(figure: Figure, axes: Any, run: RunVerdict, model: AcousticModel)
     found = [(plotted_focus_mm(f), plotted_relative_error(f)) for f in frames]
     seen = [(point, error) for point, error in found if error is not None]
     if seen:
-        _measured(figure, axes, seen, size)
+        _measured_foci_panel(figure, axes, seen, size)
     mark_troubled_frames(axes, frames)
-    _equal_scales(axes, np.concatenate([elements, targets, *(p[None] for p, _ in seen)]))
+    _equal_panel_scales(axes, np.concatenate([elements, targets, *(p[None] for p, _ in seen)]))
     figure.legend(loc="outside lower center", ncols=4)
     axes.view_init(elev=17.0, azim=-58.0)
 
 
-def _measured(figure: Figure, axes: Any, seen: list[tuple[FloatArray, float]], size: float) -> None:
+def _measured_foci_panel(
+    figure: Figure, axes: Any, seen: list[tuple[FloatArray, float]], size: float
+) -> None:
     from matplotlib.colors import LogNorm
 
     points = np.array([point for point, _ in seen])
@@ -106,7 +108,7 @@ def mark_troubled_frames(axes: Any, frames: list[FrameVerdict], axes_count: int 
             axes.scatter(*places, s=36, c=VERMILION, marker=marker, label=str(status), **style)
 
 
-def _equal_scales(axes: Any, points: FloatArray) -> None:
+def _equal_panel_scales(axes: Any, points: FloatArray) -> None:
     """Draw a millimetre equally long on every axis; no axis is so short that labels collide."""
     low, high = points.min(axis=0), points.max(axis=0)
     longest = float((high - low).max())
@@ -179,17 +181,17 @@ def map_panel(
     axes.set(xlabel=f"{_AXES[field.axes[0]]} (mm)", ylabel=f"{_AXES[field.axes[1]]} (mm)")
     axes.grid(visible=False)
     if close:
-        _mark_foci(axes, field, shown)
+        _mark_panel_foci(axes, field, shown)
         return image
     draw_array(axes, model.array, *field.axes)
-    _mark_window(axes, shown.close_upright if field.axes[1] == 2 else shown.close_level)
+    _mark_panel_window(axes, shown.close_upright if field.axes[1] == 2 else shown.close_level)
     fixed = next(axis for axis in range(3) if axis not in field.axes)
     axes.set_title(f"{_AXES[fixed]} = {shown.marks_mm[0][fixed]:.1f} mm")
     axes.set_xlim(across[0], across[-1])
     return image
 
 
-def _mark_window(axes: Axes, window: PanelFieldMap) -> None:
+def _mark_panel_window(axes: Axes, window: PanelFieldMap) -> None:
     from matplotlib.patches import Rectangle
 
     left, bottom = window.across_mm[0], window.up_mm[0]
@@ -197,7 +199,7 @@ def _mark_window(axes: Axes, window: PanelFieldMap) -> None:
     axes.add_patch(Rectangle((left, bottom), *sides, fill=False, ec="white", lw=0.8))
 
 
-def _mark_foci(axes: Axes, field: PanelFieldMap, shown: FieldPicture) -> None:
+def _mark_panel_foci(axes: Axes, field: PanelFieldMap, shown: FieldPicture) -> None:
     first, second = field.axes
     target, measured = shown.marks_mm
     draw_mark(axes, target[first], target[second], "target")

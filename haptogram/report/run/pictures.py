@@ -108,7 +108,9 @@ def draw_run_misses(run: RunVerdict, model: AcousticModel) -> Figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.35, 1.0))
         upper = figure.add_subplot(grid[0, 0])
         lower = figure.add_subplot(grid[1, 0], sharex=upper)
-        frames = [f for f in thinned_frames_of_run(run.frames, _MOST_POINTS) if _time_us(f)]
+        frames = [
+            f for f in thinned_frames_of_run(run.frames, _MOST_POINTS) if _pictured_time_us(f)
+        ]
         for axes, axis, name in ((upper, 0, "across"), (lower, 1, "along")):
             _time_panel(axes, run, frames, model, axis, f"{name} the beam (mm)")
         upper.tick_params(labelbottom=False)
@@ -128,7 +130,7 @@ def _name_times(axes: Axes) -> None:
         axes.set_xlabel("time (s)")
 
 
-def _time_us(frame: FrameVerdict) -> int | None:
+def _pictured_time_us(frame: FrameVerdict) -> int | None:
     return frame.t_apply_us if frame.t_latch_us is None else frame.t_latch_us
 
 
@@ -146,12 +148,12 @@ def _time_panel(
         bounds = plotted_bounds_mm(model, frame)
         error = (frame.lateral_error_mm, frame.axial_error_mm)[axis]
         if bounds is not None and bounds[axis] is not None and error is not None:
-            rows.append((_time_us(frame), abs(error), bounds[axis], frame.is_wrong))
+            rows.append((_pictured_time_us(frame), abs(error), bounds[axis], frame.is_wrong))
     if not rows:
         empty_panel(axes, f"no error {label.partition(' (')[0]} was measured")
         return
     table = np.array(rows, dtype=np.float64)
-    begin_us = min(time for time in map(_time_us, run.frames) if time is not None)
+    begin_us = min(time for time in map(_pictured_time_us, run.frames) if time is not None)
     times_s = (table[:, 0] - begin_us) / 1e6
     errors = np.maximum(table[:, 1], LEAST_ERROR_MM)
     wrong = table[:, 3] > 0.0
@@ -168,7 +170,9 @@ def _time_panel(
             label="error of a wrong frame",
         )
     for kind, colour in (("lost", VERMILION), ("late", BLACK)):
-        frames_rug(axes, run, kind, colour, lambda f: ((_time_us(f) or begin_us) - begin_us) / 1e6)
+        frames_rug(
+            axes, run, kind, colour, lambda f: ((_pictured_time_us(f) or begin_us) - begin_us) / 1e6
+        )
     axes.set(yscale="log", ylabel=label)
     axes.margins(x=0.02, y=0.15)
 

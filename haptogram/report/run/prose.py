@@ -68,7 +68,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     if result["smallest_miss_mm"] is not None:
         yield (
             f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: a smaller one "
-            f"could come from the rounding of the phases{_and_tolerance(result)}."
+            f"could come from the rounding of the phases{_tolerance_sentence_end(result)}."
         )
     if (delay := host_delay_text(result)) is not None:
         yield f"{delay[0].upper()}{delay[1:]}."
@@ -76,7 +76,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
 
 
-def _and_tolerance(result: Mapping[str, Any]) -> str:
+def _tolerance_sentence_end(result: Mapping[str, Any]) -> str:
     stated = tolerance_text(Tolerance(**result["tolerance"]))
     return " alone" if stated == "none" else f", on top of a tolerance of {stated}"
 

@@ -83,7 +83,7 @@ def run_result_dict(
     )
     optional = {"faults": faults, "host": host, "environment": environment}
     result |= {name: value for name, value in optional.items() if value is not None}
-    plain: dict[str, Any] = _plain(result)
+    plain: dict[str, Any] = _plain_run_result(result)
     return plain
 
 
@@ -91,7 +91,7 @@ def run_environment() -> dict[str, str | int | None]:
     """Return versions of Python and packages, and the machine, without its name, user or date."""
     return {
         "python": platform.python_version(),
-        **{name: _version(name) for name in _PACKAGES},
+        **{name: _version_in_result(name) for name in _PACKAGES},
         "platform": platform.platform(),
         "machine": platform.machine(),
         "cpus": os.cpu_count(),
@@ -102,7 +102,7 @@ def frame_dict(frame: FrameVerdict) -> dict[str, Any]:
     """Return the verdict on one frame for JSON, with its join key and its line of text."""
     fields = {item.name: getattr(frame, item.name) for item in dataclasses.fields(frame)}
     key = fields.pop("key")
-    plain: dict[str, Any] = _plain(
+    plain: dict[str, Any] = _plain_run_result(
         dataclasses.asdict(key) | {"verdict": frame.status, "text": str(frame)} | fields
     )
     return plain
@@ -116,23 +116,23 @@ def write_run_json(path: Path, result: Mapping[str, Any]) -> None:
     ConfigurationError
         If *path* cannot be written.
     """
-    files.write_json_file(path, _plain(result))
+    files.write_json_file(path, _plain_run_result(result))
 
 
-def _version(package: str) -> str | None:
+def _version_in_result(package: str) -> str | None:
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return None
 
 
-def _plain(value: Any) -> Any:
+def _plain_run_result(value: Any) -> Any:
     """Return *value* in JSON's own types: JSON knows no numpy, no tuple and no NaN."""
     match value:
         case None | bool():
             return value
         case enum.Enum():
-            return _plain(value.value)
+            return _plain_run_result(value.value)
         case str():
             return str(value)
         case int() | np.integer():
@@ -142,15 +142,18 @@ def _plain(value: Any) -> Any:
         case np.bool_():
             return bool(value)
         case np.ndarray():
-            return _plain(value.tolist())
+            return _plain_run_result(value.tolist())
         case Mapping():
-            return {str(name): _plain(item) for name, item in value.items()}
+            return {str(name): _plain_run_result(item) for name, item in value.items()}
         case list() | tuple():
-            return [_plain(item) for item in value]
+            return [_plain_run_result(item) for item in value]
         case set() | frozenset():
-            return sorted(_plain(item) for item in value)
+            return sorted(_plain_run_result(item) for item in value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {item.name: _plain(getattr(value, item.name)) for item in dataclasses.fields(value)}
+        return {
+            item.name: _plain_run_result(getattr(value, item.name))
+            for item in dataclasses.fields(value)
+        }
     return str(value)
 
 

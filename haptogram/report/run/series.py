@@ -85,10 +85,10 @@ def plotted_error_series(run: RunVerdict, model: AcousticModel) -> tuple[ErrorSe
         lateral.append((frame.lateral_error_mm, bounds[0]))
         if bounds[1] is not None and frame.axial_error_mm is not None:
             axial.append((abs(frame.axial_error_mm), bounds[1]))
-    return _series("lateral", lateral), _series("axial", axial)
+    return _plotted_series("lateral", lateral), _plotted_series("axial", axial)
 
 
-def _series(name: str, pairs: Sequence[tuple[float | None, float]]) -> ErrorSeries:
+def _plotted_series(name: str, pairs: Sequence[tuple[float | None, float]]) -> ErrorSeries:
     table = np.array(pairs, dtype=np.float64).reshape(-1, 2)
     return ErrorSeries(name, table[:, 0], table[:, 1])
 
@@ -96,10 +96,10 @@ def _series(name: str, pairs: Sequence[tuple[float | None, float]]) -> ErrorSeri
 def worst_frames_of_run(run: RunVerdict, number: int) -> list[FrameVerdict]:
     """Return the *number* frames to look at first: wrong ones, then the largest errors."""
     judged = [frame for frame in run.frames if frame.criteria or frame.faults]
-    return sorted(judged, key=_badness, reverse=True)[:number]
+    return sorted(judged, key=_plotted_badness, reverse=True)[:number]
 
 
-def _badness(frame: FrameVerdict) -> tuple[bool, float, int]:
+def _plotted_badness(frame: FrameVerdict) -> tuple[bool, float, int]:
     wrong = frame.status is not FrameStatus.ON_TARGET
     return wrong, plotted_relative_error(frame) or 0.0, -frame.number
 

@@ -22,10 +22,15 @@ def count_text(number: int, noun: str) -> str:
 
 def frame_text(frame: FrameVerdict) -> str:
     """Return number and time of a frame, its faults and their consequence, in one line."""
-    return "; ".join([f"frame {frame.number} {_when(frame)}: {frame.status}", *_findings(frame)])
+    return "; ".join(
+        [
+            f"frame {frame.number} {_frame_time_text(frame)}: {frame.status}",
+            *_frame_findings_text(frame),
+        ]
+    )
 
 
-def _when(frame: FrameVerdict) -> str:
+def _frame_time_text(frame: FrameVerdict) -> str:
     place = f"(sequence {frame.key.sequence}, loop {frame.key.loop}, index {frame.key.index})"
     if frame.key.sequence == 0:
         place = f"(stream index {frame.key.index})"
@@ -33,7 +38,7 @@ def _when(frame: FrameVerdict) -> str:
     return f"{place}, {due}"
 
 
-def _findings(frame: FrameVerdict) -> Iterator[str]:
+def _frame_findings_text(frame: FrameVerdict) -> Iterator[str]:
     if (frame.late or frame.early) and frame.lateness_us is not None:
         yield f"latched {timeliness_text(frame)}"
     if frame.latches > 1:
@@ -71,7 +76,7 @@ def focus_place_text(frame: FrameVerdict) -> str:
 def faults_and_troubles_text(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the planned faults that fired, the host's own delay, and the damage on the line."""
     if "faults" in result:
-        yield f"faults on purpose: {_fired(result['faults'])}"
+        yield f"faults on purpose: {_fired_faults_text(result['faults'])}"
     if (delay := host_delay_text(result)) is not None:
         yield f"host: {delay}"
     sides = [
@@ -94,7 +99,7 @@ def host_delay_text(result: Mapping[str, Any]) -> str | None:
     )
 
 
-def _fired(faults: Mapping[str, Any]) -> str:
+def _fired_faults_text(faults: Mapping[str, Any]) -> str:
     if faults["fired"] is None:
         return f"{', '.join(faults['plan'])}; the board did not report how often each fired"
     times = (f"{name} {count_text(number, 'time')}" for name, number in faults["fired"].items())

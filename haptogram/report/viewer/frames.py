@@ -143,16 +143,16 @@ def frame_columns(frames: Sequence[ShownFrame], count: int) -> dict[str, NDArray
         "number": np.array([f.number for f in frames], dtype=np.uint32),
         "status": np.array([STATUSES.index(f.status) for f in frames], dtype=np.uint8),
         "timing": np.array([f.timing for f in frames], dtype=np.uint8),
-        "due_us": _numbers(frames, lambda f: f.due_us).astype(np.float64),
-        "latched_us": _numbers(frames, lambda f: f.latched_us).astype(np.float64),
-        "margin_ms": 1e-3 * _numbers(frames, lambda f: f.margin_us).astype(np.float32),
-        "target_mm": _places(f.target_m for f in frames) * np.float32(1e3),
-        "found_mm": _places(f.found_m for f in frames) * np.float32(1e3),
-        "bound_mm": _places(f.bound_mm for f in frames),
-        "across_mm": _numbers(frames, lambda f: f.across_mm).astype(np.float32),
-        "along_mm": _numbers(frames, lambda f: f.along_mm).astype(np.float32),
-        "pressure_pa": _numbers(frames, lambda f: f.pressure_pa).astype(np.float32),
-        "force_mn": 1e3 * _numbers(frames, lambda f: f.force_n).astype(np.float32),
+        "due_us": _shown_frame_numbers(frames, lambda f: f.due_us).astype(np.float64),
+        "latched_us": _shown_frame_numbers(frames, lambda f: f.latched_us).astype(np.float64),
+        "margin_ms": 1e-3 * _shown_frame_numbers(frames, lambda f: f.margin_us).astype(np.float32),
+        "target_mm": _shown_frame_places(f.target_m for f in frames) * np.float32(1e3),
+        "found_mm": _shown_frame_places(f.found_m for f in frames) * np.float32(1e3),
+        "bound_mm": _shown_frame_places(f.bound_mm for f in frames),
+        "across_mm": _shown_frame_numbers(frames, lambda f: f.across_mm).astype(np.float32),
+        "along_mm": _shown_frame_numbers(frames, lambda f: f.along_mm).astype(np.float32),
+        "pressure_pa": _shown_frame_numbers(frames, lambda f: f.pressure_pa).astype(np.float32),
+        "force_mn": 1e3 * _shown_frame_numbers(frames, lambda f: f.force_n).astype(np.float32),
         **drive_columns([f.drive for f in frames], count),
     }
 
@@ -175,12 +175,12 @@ def drive_columns(drives: Sequence[Drive | None], count: int) -> dict[str, NDArr
     return {"seen": seen, "phases": phases, "amplitudes": amplitudes}
 
 
-def _numbers(
+def _shown_frame_numbers(
     frames: Sequence[ShownFrame], value: Callable[[ShownFrame], float | None]
 ) -> NDArray[np.float64]:
     return np.array([value(frame) for frame in frames], dtype=np.float64)
 
 
-def _places(places: Iterable[Place]) -> NDArray[np.float32]:
+def _shown_frame_places(places: Iterable[Place]) -> NDArray[np.float32]:
     rows = [(None, None, None) if place is None else tuple(place) for place in places]
     return np.array(rows, dtype=np.float64).reshape(-1, 3).astype(np.float32)

@@ -40,7 +40,7 @@ def view_page(
     ConfigurationError
         If the extra ``report`` is not installed.
     """
-    return render_html_page("view.html", provenance, **_content(scene, title, lead, verdict))
+    return render_html_page("view.html", provenance, **_view_content(scene, title, lead, verdict))
 
 
 def write_view(
@@ -59,10 +59,10 @@ def write_view(
     ConfigurationError
         Also if *path* cannot be written.
     """
-    write_html_page(path, "view.html", provenance, **_content(scene, title, lead, verdict))
+    write_html_page(path, "view.html", provenance, **_view_content(scene, title, lead, verdict))
 
 
-def _content(scene: Scene | None, title: str, lead: list[str], verdict: str) -> dict[str, Any]:
+def _view_content(scene: Scene | None, title: str, lead: list[str], verdict: str) -> dict[str, Any]:
     return {
         "title": f"Haptogram: {title}",
         "heading": f"{verdict.upper()}: {title}" if verdict else title,

@@ -53,11 +53,11 @@ def recorded_scene(path: Path) -> RecordedScene:
     """
     recording = Recording(path)
     board = recording.board
-    judged = _judged_frames(recording)
+    judged = _shown_judged_frames(recording)
     if board is None:
         scene, lead = _scene_of_the_line(recording, judged)
     elif judged:
-        scene, lead = _scene(
+        scene, lead = _recorded_scene_of(
             backdoor_board_model(board), list(judged.values()), path, "judged frames"
         )
     else:
@@ -84,7 +84,7 @@ def _verdict(recording: Recording) -> str:
     return str(verdicts[-1] or "") if verdicts else ""
 
 
-def _scene(
+def _recorded_scene_of(
     model: AcousticModel, frames: list[ShownFrame], path: Path, what: str
 ) -> tuple[Scene, list[str]]:
     more = f", the first {_MOST_FRAMES} of {path.name}" if len(frames) == _MOST_FRAMES else ""
@@ -111,13 +111,13 @@ def _scene_of_the_line(
                 judged[frame.key] = replace(known, drive=frame.drive)
         frames, what = list(judged.values()), "judged frames"
     else:
-        frames, what = list(_sent_frames(model, islice(sent, _MOST_FRAMES))), "frames"
-    scene, lead = _scene(model, frames, path, what)
+        frames, what = list(_shown_sent_frames(model, islice(sent, _MOST_FRAMES))), "frames"
+    scene, lead = _recorded_scene_of(model, frames, path, what)
     lead[0] += " Drives are those that the host sent: nobody recorded what was radiated."
     return scene, lead
 
 
-def _sent_frames(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[ShownFrame]:
+def _shown_sent_frames(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[ShownFrame]:
     """Yield the frames that nobody saw latched, with the focus of the drive that was sent."""
     reconstructor, searches = Reconstructor(model), _MOST_SEARCHES
     for number, frame in enumerate(sent):
@@ -135,7 +135,7 @@ def _sent_frames(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[Sh
         )
 
 
-def _judged_frames(recording: Recording) -> dict[FrameKey, ShownFrame]:
+def _shown_judged_frames(recording: Recording) -> dict[FrameKey, ShownFrame]:
     """Return the first frames that have a verdict, with the drive that was seen of each."""
     judged: dict[FrameKey, ShownFrame] = {}
     for entry in islice(recording.entries((VERDICT,)), _MOST_FRAMES):

@@ -67,22 +67,24 @@ class Scene:
         """
         return cls(
             {
-                **_constants(model),
+                **_scene_constants(model),
                 "statuses": STATUSES,
                 "counters": dict(counters or {}),
                 "texts": odd_texts(frames),
                 "client_axes": None if client_axes is None else [*map(list, client_axes)],
             },
-            {**_elements(model), **frame_columns(frames, model.array.count)},
+            {**_scene_elements(model), **frame_columns(frames, model.array.count)},
         )
 
     def pack(self) -> bytes:
         """Return the bytes of the scene."""
         named = {name: np.ascontiguousarray(values) for name, values in self.columns.items()}
-        layout = [[name, _type(values), values.shape] for name, values in named.items()]
+        layout = [[name, _scene_value_type(values), values.shape] for name, values in named.items()]
         header = json.dumps({**self.header, "columns": layout}, allow_nan=False).encode()
         start = MAGIC + struct.pack("<I", len(header)) + header
-        return b"".join(_padded(part) for part in (start, *(v.tobytes() for v in named.values())))
+        return b"".join(
+            _padded_scene_data(part) for part in (start, *(v.tobytes() for v in named.values()))
+        )
 
     def embedded(self) -> str:
         """Return the scene for a page: compressed, in base64."""
@@ -94,9 +96,9 @@ def other_axes(client_axes: Sequence[Sequence[float]] | None) -> Sequence[Sequen
     return None if client_axes is None or np.array_equal(client_axes, np.eye(3)) else client_axes
 
 
-def _constants(model: AcousticModel) -> dict[str, Any]:
+def _scene_constants(model: AcousticModel) -> dict[str, Any]:
     """Return the constants of array and medium that the field needs."""
-    rectangle = _rectangle(model)
+    rectangle = _scene_rectangle(model)
     return {
         "sides_mm": [1e3 * rectangle.width_m, 1e3 * rectangle.height_m] if rectangle else [],
         "wavelength_mm": 1e3 * model.wavelength_m,
@@ -108,7 +110,7 @@ def _constants(model: AcousticModel) -> dict[str, Any]:
     }
 
 
-def _elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
+def _scene_elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
     """Return places, normals, responses and directivity of the elements.
 
     A directivity that depends on the direction around the axis has no table, ``gains`` is empty;
@@ -119,7 +121,7 @@ def _elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
     cosines = np.linspace(0.0 if directivity.baffled else -1.0, 1.0, _GAINS)
     tabled = not hasattr(directivity, "gain_towards")
     gains = directivity.gain(cosines, model.wavenumber) if tabled else np.empty(0)
-    rectangle = _rectangle(model)
+    rectangle = _scene_rectangle(model)
     width_axes = rectangle.side_axes(array.normals)[0] if rectangle else np.empty((0, 3))
     return {
         "positions_mm": (1e3 * array.positions_m).astype(np.float32),
@@ -130,17 +132,17 @@ def _elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
     }
 
 
-def _rectangle(model: AcousticModel) -> RectangularPiston | None:
+def _scene_rectangle(model: AcousticModel) -> RectangularPiston | None:
     directivity = model.transducer.directivity
     return directivity if isinstance(directivity, RectangularPiston) else None
 
 
-def _type(values: NDArray[Any]) -> str:
+def _scene_value_type(values: NDArray[Any]) -> str:
     for name, kind in _TYPES.items():
         if values.dtype == kind:
             return name
     raise TypeError(f"a column of {values.dtype}, must be one of {', '.join(_TYPES)}")
 
 
-def _padded(data: bytes) -> bytes:
+def _padded_scene_data(data: bytes) -> bytes:
     return data + bytes(-len(data) % _ALIGNMENT)

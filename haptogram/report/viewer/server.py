@@ -61,9 +61,9 @@ class ViewServer:
         self.news = threading.Condition()
         self.scene = scene
         self.page = page
-        self.headers = _headers(page)
+        self.headers = _view_headers(page)
         try:
-            self._server = _Server((host, port), _Handler)
+            self._server = _ViewHttpServer((host, port), _ViewHandler)
         except OSError as error:
             raise ConfigurationError(
                 f"cannot listen on {host}:{port} ({error.strerror}): choose another --http"
@@ -115,7 +115,7 @@ class ViewServer:
         self._server.server_close()
 
 
-class _Server(http.server.ThreadingHTTPServer):
+class _ViewHttpServer(http.server.ThreadingHTTPServer):
     daemon_threads = True
     view: ViewServer
 
@@ -125,8 +125,8 @@ class _Server(http.server.ThreadingHTTPServer):
             super().handle_error(request, client_address)
 
 
-class _Handler(http.server.BaseHTTPRequestHandler):
-    server: _Server
+class _ViewHandler(http.server.BaseHTTPRequestHandler):
+    server: _ViewHttpServer
     protocol_version = "HTTP/1.1"
     timeout = 30.0  # of a connection on which nothing comes
 
@@ -143,7 +143,9 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         elif secrets.compare_digest(path.encode(), view.path.encode()):
             self._answer(view.page.encode(), "text/html; charset=utf-8")
         elif secrets.compare_digest(path.encode(), f"{view.path}frames".encode()):
-            self._answer(view.frames_after(_whole(query)), "application/octet-stream")
+            self._answer(
+                view.frames_after(_whole_number_in_query(query)), "application/octet-stream"
+            )
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
@@ -163,13 +165,13 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         """Say nothing: the terminal belongs to the board."""
 
 
-def _whole(query: str) -> int:
+def _whole_number_in_query(query: str) -> int:
     """Return the number of frames that a page has, as its request says; 0 if it says none."""
     text = parse_qs(query).get("after", ["0"])[0]
     return int(text) if text.isdecimal() and len(text) < 16 else 0
 
 
-def _headers(page: str) -> dict[str, str]:
+def _view_headers(page: str) -> dict[str, str]:
     """Return headers that let the page run its own script and style, and load nothing else."""
     sources: dict[str, list[str]] = {"script": [], "style": []}
     for name, content in _INLINE.findall(page):

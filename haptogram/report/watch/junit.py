@@ -40,9 +40,9 @@ def write_watch_junit(
     ConfigurationError
         If *path* cannot be written.
     """
-    cases = [_frame_case(verdict) for verdict in verdicts]
-    cases += [_defect_case(result, defect) for defect in Defect]
-    cases.append(_seen_case(result, seconds))
+    cases = [_watch_junit_frame(verdict) for verdict in verdicts]
+    cases += [_watch_junit_defect(result, defect) for defect in Defect]
+    cases.append(_watch_junit_seen(result, seconds))
     properties = {"verdict": str(result.verdict), "latches": str(result.latches)}
     properties |= dict(provenance.rows())
     log = "\n".join(result.lines())
@@ -50,7 +50,7 @@ def write_watch_junit(
     write_junit(path, JUnitSuite(_SUITE, tuple(cases), properties, log, date, seconds))
 
 
-def _frame_case(verdict: FrameVerdict) -> JUnitCase:
+def _watch_junit_frame(verdict: FrameVerdict) -> JUnitCase:
     outcome = JUnit.PASSED
     if verdict.status in WRONG:
         outcome = JUnit.FAILURE
@@ -60,14 +60,14 @@ def _frame_case(verdict: FrameVerdict) -> JUnitCase:
     return JUnitCase("expected", name, outcome, str(verdict.status), "expected", str(verdict))
 
 
-def _defect_case(result: WatchResult, defect: Defect) -> JUnitCase:
+def _watch_junit_defect(result: WatchResult, defect: Defect) -> JUnitCase:
     found = [str(diagnosis) for diagnosis in result.diagnoses if diagnosis.defect is defect]
     outcome = JUnit.FAILURE if found else JUnit.PASSED
     message = found[0] if found else "not found"
     return JUnitCase("defects", f"no {defect}", outcome, message, "defect", "\n".join(found))
 
 
-def _seen_case(result: WatchResult, seconds: float | None) -> JUnitCase:
+def _watch_junit_seen(result: WatchResult, seconds: float | None) -> JUnitCase:
     count = sum(result.kinds.values())
     missing = result.missing or ("" if count else "no latch of a client was seen")
     outcome = JUnit.ERROR if missing else JUnit.PASSED

@@ -49,7 +49,7 @@ class WatchPage:
     def take(self, seen: WatchedLatch) -> None:
         """Take down a latch."""
         self._taken += 1
-        self._frames.append(_shown(seen))
+        self._frames.append(_shown_watched_frame(seen))
         self._rows.append(self._row(seen))
 
     def write(
@@ -87,8 +87,10 @@ class WatchPage:
             tone=_TONES[result.verdict],
             lead=self._lead(result),
             patterns=list(result.kinds.items()),
-            statuses=[(_status_tone(status), *pair) for status, *pair in _status_rows(result)],
-            defects=_defect_rows(result),
+            statuses=[
+                (_watch_status_tone(status), *pair) for status, *pair in _watch_status_rows(result)
+            ],
+            defects=_watch_defect_rows(result),
             tones={True: "bad", False: "good"},
             torn=list(result.torn[:_LISTED]),
             torn_more=max(0, len(result.torn) - _LISTED),
@@ -155,7 +157,7 @@ class WatchPage:
         ]
 
 
-def _shown(seen: WatchedLatch) -> ShownFrame:
+def _shown_watched_frame(seen: WatchedLatch) -> ShownFrame:
     latch, pattern = seen.latch, seen.pattern
     drive = Drive.from_weights(saturated_weights(np.nan_to_num(latch.weights)))
     if (verdict := seen.verdict) is not None:
@@ -169,17 +171,17 @@ def _shown(seen: WatchedLatch) -> ShownFrame:
     return frame
 
 
-def _status_rows(result: WatchResult) -> list[tuple[FrameStatus, str, int]]:
+def _watch_status_rows(result: WatchResult) -> list[tuple[FrameStatus, str, int]]:
     return [(status, str(status), count) for status, count in result.statuses.items()]
 
 
-def _status_tone(status: FrameStatus) -> str:
+def _watch_status_tone(status: FrameStatus) -> str:
     if status is FrameStatus.ON_TARGET:
         return "good"
     return "doubt" if status is FrameStatus.NOT_VERIFIED else "bad"
 
 
-def _defect_rows(result: WatchResult) -> list[tuple[str, bool, str]]:
+def _watch_defect_rows(result: WatchResult) -> list[tuple[str, bool, str]]:
     """Return each defect that has a name, those that were found first, and the figures."""
     rows = []
     for defect in Defect:

@@ -21,11 +21,11 @@ def watch_summary(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> JobS
     """
     sentence, *lines = result.lines()
     return JobSummary(
-        "watch", sentence, list(_findings(result, verdicts)), [line.strip() for line in lines]
+        "watch", sentence, list(_watch_findings(result, verdicts)), [line.strip() for line in lines]
     )
 
 
-def _findings(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> Iterator[Finding]:
+def _watch_findings(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> Iterator[Finding]:
     for diagnosis in result.diagnoses:
         yield Finding(Level.ERROR, str(diagnosis.defect), str(diagnosis))
     for verdict in verdicts:

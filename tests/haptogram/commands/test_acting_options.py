@@ -197,9 +197,9 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         "published.paper",
     ):
         monkeypatch.setattr(f"haptogram.commands.{module}.Outputs", stop)
-    monkeypatch.setattr("haptogram.commands.budget._run_dialect", stop)
-    monkeypatch.setattr("haptogram.commands.conform.command._list", stop)
-    monkeypatch.setattr("haptogram.commands.conform.command._compare", stop)
+    monkeypatch.setattr("haptogram.commands.budget._run_dialect_budget", stop)
+    monkeypatch.setattr("haptogram.commands.conform.command._list_conform_cases", stop)
+    monkeypatch.setattr("haptogram.commands.conform.command._compare_conform_results", stop)
     monkeypatch.setattr("haptogram.commands.conform.command.judge_recorded", stop)
     with pytest.raises(Passed):
         raise SystemExit(main([command, *acts.split(), *words]))

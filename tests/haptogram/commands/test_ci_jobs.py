@@ -25,7 +25,7 @@ FORMS = ("html", "junit", "summary")
 @pytest.fixture(autouse=True)
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the pictures out, which take most of the time and repeat by tests of their own."""
-    monkeypatch.setattr("haptogram.report.run.page._pictures", lambda *_: ())
+    monkeypatch.setattr("haptogram.report.run.page._run_page_pictures", lambda *_: ())
     monkeypatch.setattr("haptogram.report.run.page.frame_field_picture", lambda *_: None)
 
 

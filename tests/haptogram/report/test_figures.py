@@ -338,9 +338,9 @@ def test_decibels_are_relative_to_the_largest_value(quantity):
 
 
 def test_surfaces_fill_their_frame():
-    from haptogram.report.figures.isosurface import _frame
+    from haptogram.report.figures.isosurface import _frame_isosurface
 
-    low, high = _frame(np.array([[-5.0, 0.0, 60.0], [5.0, 20.0, 160.0]]))
+    low, high = _frame_isosurface(np.array([[-5.0, 0.0, 60.0], [5.0, 20.0, 160.0]]))
     assert high[2] - low[2] == pytest.approx(110.0)  # the longest side with a margin
     assert high[:2] - low[:2] == pytest.approx([41.0, 41.0])  # room for the names
     assert (low + high) / 2.0 == pytest.approx([0.0, 10.0, 110.0])

@@ -32,7 +32,7 @@ def run_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = make_run(model, points, {2: lose, 4: delay, 20: aim(model, points[20] + 2e-3)})
     path = tmp_path_factory.mktemp("verify") / "page.html"
     with pytest.MonkeyPatch.context() as patch:  # pictures take long, and are images like any
-        patch.setattr("haptogram.report.run.page._pictures", lambda *_: ())
+        patch.setattr("haptogram.report.run.page._run_page_pictures", lambda *_: ())
         report.write_run_page(path, run, make_result(run), model)
     return path
 

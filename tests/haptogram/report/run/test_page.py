@@ -62,7 +62,7 @@ def written(path: Path, run: RunVerdict, model: AcousticModel, **changes: Any) -
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the pictures out, which take most of the time."""
-    monkeypatch.setattr("haptogram.report.run.page._pictures", lambda *_: ())
+    monkeypatch.setattr("haptogram.report.run.page._run_page_pictures", lambda *_: ())
     monkeypatch.setattr("haptogram.report.run.page.frame_field_picture", lambda *_: None)
 
 
