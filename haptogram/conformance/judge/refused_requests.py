@@ -198,6 +198,9 @@ def _refused_begins(board: BoardClient) -> Iterator[Refusal]:
         most = identity.max_points + 1
         points = UploadBegin(UploadKind.POINTS, most, STORED, 16 * most, 0)
         wrong.append(("too many points", points, bad))
+        for number in {2, identity.max_points} if identity.max_points > 1 else ():
+            parts = UploadBegin(UploadKind.POINTS, number, STORED, 16 * (number + 1), 0)
+            wrong.append((f"no whole frames of {number} points", parts, length))
     for name, message, code in wrong:
         yield _refused_request_of(name, message, code)
     unknown = bytes([9]) + wrong[0][1].serialize()[1:]

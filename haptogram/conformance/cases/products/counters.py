@@ -132,13 +132,17 @@ def nothing_clears_a_counter(board: BoardClient) -> None:
     for name, happen in _happenings(board):
         happen()
         after = board.status().counters
-        less = {
-            counter: (getattr(before, counter), getattr(after, counter))
-            for counter in Counters.WIRE
-            if (getattr(after, counter) - getattr(before, counter)) & 0xFFFFFFFF > 1 << 31
-        }
-        check(not less, f"{name} sets counters back: {less}")
+        _check_none_fell(before, after, name)
         before = after
+
+
+def _check_none_fell(before: Counters, after: Counters, name: str) -> None:
+    less = {
+        counter: (getattr(before, counter), getattr(after, counter))
+        for counter in Counters.WIRE
+        if (getattr(after, counter) - getattr(before, counter)) & 0xFFFFFFFF > 1 << 31
+    }
+    check(not less, f"{name}: counters went back: {less}")
 
 
 def _happenings(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -160,11 +164,15 @@ def _happenings(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]
 def _move_all(board: BoardClient) -> None:
     """Move every counter that frames and timers can move."""
     kind = stream_kinds(board)[0]
+    before = board.status().counters
     for drop in DROPS:
         with contextlib.suppress(CaseEndedError):  # a queue too deep to be filled
             board.link.send(*frames_to_drop(board, drop, kind)[1])
             board.link.barrier()
         board.link.ask(Mute())  # flushes what is queued
+        after = board.status().counters
+        _check_none_fell(before, after, f"a new session and frames {drop.summary}")
+        before = after
     body = board.link.body(Ping.TYPE, bytes(8), seq=0)
     board.link.send(
         malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body)),

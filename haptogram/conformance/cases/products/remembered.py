@@ -10,6 +10,7 @@ from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
+    Config,
     DriveKind,
     Error,
     ErrorCode,
@@ -283,6 +284,41 @@ def remembers_every_number(board: BoardClient) -> None:
         board.link.refused(Ping(~number & 0xFFFF), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
         board.link.call(Ping(1), Pong, seq=number + 1)
         board.link.seq = number + 1
+
+
+@case(
+    "HG-4.9/4",
+    "a request of every type, refused for flags, length or a value of no table, uses no number",
+    variant="values",
+)
+def refusals_leave_the_number(board: BoardClient) -> None:
+    board.arm()
+    for kind in requests_of_board(board):
+        if kind is Hello:
+            continue
+        payload = bytes(kind.LAYOUT.size)
+        refusals = {
+            "an unknown flag": (payload, 0x40, ErrorCode.UNSUPPORTED),
+            "a wrong length": (payload + b"\x00", 0, ErrorCode.BAD_LENGTH),
+        }
+        for name, at in _places_of_enumerations(kind):
+            wrong = payload[:at] + b"\xee" + payload[at + 1 :]
+            refusals[f"{name} = 0xee"] = wrong, 0, ErrorCode.BAD_VALUE
+        for name, (wrong, flags, code) in refusals.items():
+            seq = board.link.next_seq()
+            board.link.refused_raw(kind.TYPE, wrong, code, seq=seq, flags=flags)
+            answer = board.link.ask(Ping(seq), seq=seq)
+            text = f"{kind.TYPE.name} with {name}, then PING of its number"
+            check(isinstance(answer.message, Pong), f"{text}: got {board.link.answer_text(answer)}")
+
+
+def _places_of_enumerations(kind: type[Message]) -> Iterator[tuple[str, int]]:
+    """Yield the fields of a request that are enumerations, with their offsets."""
+    if kind is SetConfig:
+        yield "trace_mode", Config.WIRE["trace_mode"].offset
+    for name, field in kind.WIRE.items():
+        if field.enumeration is not None:
+            yield name, field.offset
 
 
 # --- What is another request -------------------------------------------------------------------

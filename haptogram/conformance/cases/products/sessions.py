@@ -150,6 +150,20 @@ def every_bit_of_a_nonce_counts(board: BoardClient) -> None:
             reply = board.hello(nonce)
             check(reply.nonce == nonce, f"HELLO with {nonce:#06x} opens {reply.nonce:#06x}")
             check(reply.state is OutputState.DISARMED, f"{nonce:#06x} is taken for the open nonce")
+    nonces = [board.new_nonce()]
+    for number in range(12):  # each of the two to four sessions before comes again
+        if number < 4:
+            board.hello()
+            nonces.append(board.link.session)
+        old = nonces[-2 - number % 3]
+        if old == board.link.session:
+            continue
+        board.arm()
+        reply = board.hello(old)
+        nonces.append(old)
+        found = (reply.nonce, reply.state)
+        check(found == (old, OutputState.DISARMED), f"the nonce of a session before opens {found}")
+        board.link.call(Ping(number), Pong)
 
 
 @case(

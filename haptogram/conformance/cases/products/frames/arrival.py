@@ -1,4 +1,4 @@
-"""HG-2.1, HG-9.2: bytes that come in pieces and with pauses, and counters of many frames."""
+"""HG-2.1, HG-2.6, HG-9.2: bytes in pieces and with pauses, long runs, counters of many frames."""
 
 from __future__ import annotations
 
@@ -47,6 +47,23 @@ def _ask_in_pieces(board: BoardClient, cuts: list[int], pause_us: int) -> None:
     except CaseEndedError as error:
         how = f"cut at {cuts[:3]} of {len(wire)} bytes, with pauses of {pause_us} µs"
         raise CaseEndedError(error.behaviour, f"a PING {how}: {error}") from None
+
+
+@case(
+    "HG-2.6/3",
+    "runs of 65 536 to 200 000 bytes count once in oversize, and in nothing else",
+    variant="lengths",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def longest_runs_count_once(board: BoardClient) -> None:
+    for size in (65_536, 65_536 + 4_096, 70_000, 131_072 + 4_097, 200_000):
+        if 2 * board.wire.line_us(size) > board.wire.limits.case_us // 5:
+            not_observed(f"{size} bytes take too long on this line")
+        with board.counting(oversize=1):
+            board.link.send(b"\x00", malformed_frames.noise_bytes(board.random, size), b"\x00")
+            board.wire.idle(board.wire.line_us(size))
+            board.link.barrier()
 
 
 # --- Counters ----------------------------------------------------------------------------------

@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol.messages import (
+    Arm,
     Disarm,
     Feature,
+    Message,
+    Mute,
     Play,
     Points,
     SetConfig,
@@ -130,12 +133,13 @@ def requests_leave_the_division(board: BoardClient) -> None:
     board.arm()
     since, first = board.link.mark(), board.link.stream_next
     count = 0
-    for message in valid_requests(board, _SEQUENCE):
+    messages: list[Message] = [*valid_requests(board, _SEQUENCE), Mute(), Arm()]
+    for message in messages:
         if isinstance(message, SetConfig | Play | UploadBegin):
             continue
         latch_now(board, board.flat_phases())
         board.link.ask(message)
-        if isinstance(message, Disarm | Stop):
+        if isinstance(message, Disarm | Stop | Mute):
             board.arm()
         count += 1
     for refusal in refused_by_link(board):

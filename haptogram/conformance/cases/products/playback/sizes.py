@@ -178,7 +178,7 @@ def every_latch_counts_in_the_division(board: BoardClient) -> None:
         since, latched = board.link.mark(), board.status().counters.latched
         keys = []
         for _ in range(3):
-            for lateness_us in (None, _WINDOW_US // 2, -_WINDOW_US // 2):
+            for lateness_us in (None, _WINDOW_US // 20, -_WINDOW_US // 2):
                 keys.append((0, board.link.stream_next))
                 at_us = None if lateness_us is None else board.clock.device_us() - lateness_us
                 board.link.send(board.link.stream_wire(board.flat_phases(), at_us))
