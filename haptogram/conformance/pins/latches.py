@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -20,6 +21,7 @@ from haptogram.verification.pins.run_drives import fundamentals
 from haptogram.verification.pins.shown_frames import CaptureLimits
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.messages import (
+    EVENT_RANGE,
     FIRST_STREAM_SEQ,
     STREAM_RANGE,
     Drives,
@@ -295,11 +297,16 @@ def _told_latches(dialogue: PinDialogue) -> Iterator[ToldLatch]:
         if is_told and (at := dialogue.told(frame)) is not None:
             events.append((at, frame))
     events.sort(key=lambda event: event[0])
+    lost = _lost_events(dialogue)
     for place, (at, frame) in enumerate(events):
         known = configs.at(at)
         if known is None or known.trace_mode is not TraceMode.CRC:
             continue  # a latch of which nothing tells may be next to it
         following = events[place + 1][0] if place + 1 < len(events) else math.inf
+        since = events[place - 1][1].begin if place else -math.inf
+        until = events[place + 1][1].begin if place + 1 < len(events) else frame.begin + per_ms
+        if any(since < moment <= until for moment in lost):
+            continue  # the event of a latch next to it was damaged
         limit = min(following, ends[bisect.bisect_right(ends, at)], at + known.hold_ms * per_ms)
         found = _frame_of(sent, frame)
         codes = due = None
@@ -345,6 +352,17 @@ def _sent_drives(dialogue: PinDialogue) -> dict[tuple[int, int, int], _Sent]:
         key = header.session, index, zlib.crc32(b"".join(parts))
         found[key] = _Sent(frame, index, codes)
     return found
+
+
+def _lost_events(dialogue: PinDialogue) -> list[float]:
+    """Return when an event came before which one is missing on the captured line."""
+    events = [frame for frame in dialogue.to_host if frame.header.type in EVENT_RANGE]
+    return [
+        after.begin
+        for before, after in pairwise(events)
+        if before.header.session == after.header.session
+        and (after.header.seq - before.header.seq) % 2**16 != 1
+    ]
 
 
 def _frame_of(sent: dict[tuple[int, int, int], _Sent], told: LineFrame) -> _Sent | None:

@@ -80,6 +80,22 @@ def test_a_healthy_board_is_seen_to_meet_the_clauses(healthy):
     assert {r.case for r in joined.results if r.is_failure} == set()
 
 
+@pytest.mark.parametrize(
+    ("faults", "analyser"),
+    [
+        (["line.flip ber=1e-5"], {}),  # events of latches are lost on the line
+        (["clock.ppm ppm=-90"], {"capture_ppm": 150.0, "capture_rate_hz": 12e6}),
+    ],
+)
+def test_noise_on_the_line_and_clocks_that_differ_are_no_defects_of_pins(
+    faults, analyser, tmp_path
+):
+    _, record = captured_suite(tmp_path / "pins.vcd", faults, **analyser)
+    results = judge_pins([record])
+    assert {r.clause: r.detail for r in results if r.behaviour is Behaviour.FAILED} == {}
+    assert sum(r.behaviour is Behaviour.OK for r in results) >= 11
+
+
 LIES = {
     "capture_lingers=all=2000": {"HG-6.6/1", "HG-6.6/2", "HG-6.10/1", "HG-12.2/1"},
     "capture_lingers=5=60": {"HG-6.6/1"},
