@@ -56,7 +56,7 @@ def _c_struct(record: type[Record]) -> str:
             ),
             "};",
             "",
-            *_c_signature(f"hg_{lower}_c_read", f"{parameter} *value", "const uint8_t *from"),
+            *_c_signature(f"hg_{lower}_read", f"{parameter} *value", "const uint8_t *from"),
             "{",
             *(f"    {_c_read(name, field)};" for name, field in _c_items(record)),
             "}",
@@ -97,7 +97,7 @@ def _c_struct_member(name: str, field: WireField) -> str:
 
 def _c_read(name: str, field: WireField) -> str:
     if field.record is not None:
-        return f"hg_{c_lower_name(field.record)}_c_read(&value->{name}, from + {field.offset})"
+        return f"hg_{c_lower_name(field.record)}_read(&value->{name}, from + {field.offset})"
     if is_c_text(field):
         return f"memcpy(value->{name}, from + {field.offset}, {field.size})"
     return f"value->{name} = hg_get_{SCALARS[field.code][1]}(from + {field.offset})"
