@@ -21,6 +21,7 @@ _Floats: TypeAlias = NDArray[np.float64]
 _BLOCK: Final = 64
 _SPIKE: Final = 1.5  # samples: a shorter pulse alone is taken for a disturbance of the capture
 _NEIGHBOUR: Final = 0.1  # periods by which a pulse of the same drive may be off its place
+_ESTIMATED: Final = 0.99  # of a rate: an estimate from edges may be so much off
 _FULL_DUTY: Final = 0.5
 _WIDER: Final = 0.1  # by which a duty may exceed half a period before a pin counts as inverted
 
@@ -96,7 +97,7 @@ def _line_bytes(
     if name is None:
         return None
     baud = mapped.settings.baud
-    if rate_hz < LEAST_SAMPLES_A_BIT * baud:
+    if rate_hz < LEAST_SAMPLES_A_BIT * baud * _ESTIMATED:
         raise ConfigurationError(
             f"{capture.path}: {rate_hz:.6g} samples/s are {rate_hz / baud:.3g} in a bit of {name} "
             f"at {baud} baud, must be {LEAST_SAMPLES_A_BIT:g} at least: sample at "
