@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol.messages import (
+    Error,
     Flag,
     Play,
     PlaybackEnded,
@@ -66,9 +67,12 @@ def play_at(
     period_us: int = PERIOD_US,
     unattended_ms: int = UNATTENDED_MS,
 ) -> PlayReply:
-    """Play a sequence from *start_us* on."""
+    """Play a sequence from *start_us* on; INCONCLUSIVE if PLAY came too late for that."""
     play = Play(sequence, period_us, loops, min(unattended_ms, board.identity.max_unattended_ms))
-    return board.link.call(play, PlayReply, time_us=start_us)
+    answer = board.link.ask(play, time_us=start_us)
+    if isinstance(answer.message, Error):
+        board.clock.require_in_time(start_us - board.ready_after_us())
+    return board.link.reply_in(answer, PlayReply, Play.TYPE)
 
 
 def play_out(
