@@ -61,7 +61,7 @@ def _c_struct(record: type[Record]) -> str:
             *(f"    {_c_read(name, field)};" for name, field in _c_items(record)),
             "}",
             "",
-            *_c_signature(f"hg_{lower}_c_write", "uint8_t *to", f"const {parameter} *value"),
+            *_c_signature(f"hg_{lower}_write", "uint8_t *to", f"const {parameter} *value"),
             "{",
             *(f"    {_c_write(name, field)};" for name, field in _c_items(record)),
             "}",
@@ -105,7 +105,7 @@ def _c_read(name: str, field: WireField) -> str:
 
 def _c_write(name: str, field: WireField) -> str:
     if field.record is not None:
-        return f"hg_{c_lower_name(field.record)}_c_write(to + {field.offset}, &value->{name})"
+        return f"hg_{c_lower_name(field.record)}_write(to + {field.offset}, &value->{name})"
     if is_c_text(field):
         return f"memcpy(to + {field.offset}, value->{name}, {field.size})"
     return f"hg_put_{SCALARS[field.code][1]}(to + {field.offset}, value->{name})"
