@@ -36,20 +36,26 @@ from ...outcome import SELF_REPORTED, check, not_observed
 
 _POINT: Final = FocalPoint(0, 0, 150_000, 65_535, 0)
 _USES: Final[dict[Feature, Callable[[BoardClient], object]]] = {
-    Feature.AMPLITUDE: lambda b: _is_latched(b, _drives(b), "AMPLITUDE"),
-    Feature.POINTS: lambda b: _is_latched(b, Points((_POINT,)), "POINTS"),
-    Feature.SEQUENCE_PHASES: lambda b: _stores(
+    Feature.AMPLITUDE: lambda b: _is_advertised_drive_latched(
+        b, _advertised_drives(b), "AMPLITUDE"
+    ),
+    Feature.POINTS: lambda b: _is_advertised_drive_latched(b, Points((_POINT,)), "POINTS"),
+    Feature.SEQUENCE_PHASES: lambda b: _stores_as_advertised(
         b, UploadKind.PHASES, bytes(b.identity.transducers), 1, 0
     ),
-    Feature.SEQUENCE_POINTS: lambda b: _stores(b, UploadKind.POINTS, _POINT.pack(), 2, 1),
+    Feature.SEQUENCE_POINTS: lambda b: _stores_as_advertised(
+        b, UploadKind.POINTS, _POINT.pack(), 2, 1
+    ),
     Feature.CONFIG: lambda b: b.link.call(SetConfig(b.base_config), SetConfigReply),
-    Feature.CORRECTION: lambda b: _stores(
+    Feature.CORRECTION: lambda b: _stores_as_advertised(
         b, UploadKind.CORRECTION, bytes(b.identity.transducers), 0, 0
     ),
     Feature.READ_LATCHED: lambda b: b.link.call(ReadDrive(DriveKind.LATCHED, 0, 1), DriveReply),
     Feature.READ_RADIATED: lambda b: b.link.call(ReadDrive(DriveKind.RADIATED, 0, 1), DriveReply),
-    Feature.TRACE: lambda b: _tells(b, TraceMode.CRC, Trace, "TRACE"),
-    Feature.TRACE_DRIVE: lambda b: _tells(b, TraceMode.DRIVE, TraceDrive, "TRACE_DRIVE"),
+    Feature.TRACE: lambda b: _tells_as_advertised(b, TraceMode.CRC, Trace, "TRACE"),
+    Feature.TRACE_DRIVE: lambda b: _tells_as_advertised(
+        b, TraceMode.DRIVE, TraceDrive, "TRACE_DRIVE"
+    ),
     Feature.TRACE_RING: lambda b: b.link.call(ReadTrace(0, 1), TraceReply),
 }
 # Requests that are right in everything but the capability that they need.
@@ -71,18 +77,20 @@ _REQUESTS: Final[tuple[tuple[Feature, Callable[[BoardClient], Message]], ...]] =
 )
 
 
-def _drives(board: BoardClient) -> Drives:
+def _advertised_drives(board: BoardClient) -> Drives:
     return Drives(PhaseFormat.BITS_8, 0, bytes([255]) * 2 * board.identity.transducers)
 
 
-def _is_latched(board: BoardClient, message: Message, name: str) -> None:
+def _is_advertised_drive_latched(board: BoardClient, message: Message, name: str) -> None:
     board.arm()
     with board.counting(latched=1):
         latch_now(board, message)
     check(board.status().last_seq != 0, f"{name} is advertised, but nothing is latched")
 
 
-def _tells(board: BoardClient, mode: TraceMode, kind: type[Message], name: str) -> None:
+def _tells_as_advertised(
+    board: BoardClient, mode: TraceMode, kind: type[Message], name: str
+) -> None:
     board.configure(trace_mode=mode)
     board.arm()
     since = board.link.mark()
@@ -91,7 +99,9 @@ def _tells(board: BoardClient, mode: TraceMode, kind: type[Message], name: str) 
     check(bool(board.link.events(kind, since)), f"{name} is advertised, but a latch gives no event")
 
 
-def _stores(board: BoardClient, kind: UploadKind, data: bytes, target: int, points: int) -> None:
+def _stores_as_advertised(
+    board: BoardClient, kind: UploadKind, data: bytes, target: int, points: int
+) -> None:
     upload_to_board(board, kind, target, data, points)
 
 
@@ -122,7 +132,7 @@ def refuses_what_it_lacks(board: BoardClient) -> None:
 )
 def drops_what_it_lacks(board: BoardClient) -> None:
     frames: dict[Feature, Message] = {
-        Feature.AMPLITUDE: _drives(board),
+        Feature.AMPLITUDE: _advertised_drives(board),
         Feature.POINTS: Points((_POINT,)),
     }
     lacking = [message for feature, message in frames.items() if not board.has(feature)]

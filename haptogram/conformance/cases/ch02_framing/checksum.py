@@ -23,13 +23,13 @@ def has_crc32(board: BoardClient) -> None:
     for _ in range(3):
         reply = greet_board(board)
         if isinstance(reply, HelloReply):
-            _check_crc(board)
+            _check_checksum(board)
             return
         if reply is not None:
             inconclusive(f"HELLO is answered by {reply}, with its CRC-32")
     wrong = [piece for piece in _greetings(board, 0) if piece.reason == "crc"]
     check(not wrong, f"frames come, but none with its CRC-32: {wrong[0].fault if wrong else ''}")
-    for name, data in malformed_frames.malformed_checksums(_hello_body(board)).items():
+    for name, data in malformed_frames.malformed_checksums(_hello_with_checksum(board)).items():
         since = board.link.mark()
         board.link.send(malformed_frames.malformed_frame(data))
         board.wire.wait_for(_is_greeting, since, board.wire.limits.answer_us)
@@ -47,12 +47,12 @@ def _is_greeting(piece: Received) -> bool:
     return piece.unstuffed[:1] in (bytes([HelloReply.TYPE]), bytes([Error.TYPE]))
 
 
-def _hello_body(board: BoardClient) -> bytes:
+def _hello_with_checksum(board: BoardClient) -> bytes:
     hello = board.hello_message(board.new_nonce())
     return board.link.body(hello.TYPE, hello.serialize(), seq=board.link.next_seq(), session=0)
 
 
-def _check_crc(board: BoardClient) -> None:
+def _check_checksum(board: BoardClient) -> None:
     board.prepare()
     wrong = [piece for piece in full_dialogue(board) if piece.reason in ("crc", "short")]
     check(not wrong, f"a frame without its CRC-32: {wrong[0].fault if wrong else ''}")

@@ -51,7 +51,7 @@ def does_not_leak(board: BoardClient) -> None:
     before = board.status()
     left = min(_JUNK_BYTES, board.wire.baudrate // 10 * _JUNK_S)
     while left > 0:
-        block = b"".join(_junk(board) for _ in range(_JUNK_PIECES))
+        block = b"".join(_counted_junk(board) for _ in range(_JUNK_PIECES))
         board.link.send(block)
         board.wire.idle(board.wire.line_us(len(block)))
         board.link.call(Ping(left), Pong)
@@ -63,7 +63,7 @@ def does_not_leak(board: BoardClient) -> None:
     )
 
 
-def _junk(board: BoardClient) -> bytes:
+def _counted_junk(board: BoardClient) -> bytes:
     """Return junk of every kind: a short frame, no COBS, a wrong CRC, a run without an end."""
     body = board.link.body(Ping.TYPE, board.random.randbytes(8), seq=0)
     wrong = malformed_frames.malformed_frame(

@@ -60,7 +60,9 @@ def _check_geometry(board: BoardClient) -> None:
     reply = board.link.call(GetGeometry(0, 0xFFFF), GeometryReply)
     far = [e for e in reply.elements if max(abs(e.x_um), abs(e.y_um), abs(e.z_um)) > 5_000_000]
     check(not far, f"a transducer 5 m away: {far[:1]}")
-    bent = [e for e in reply.elements if not 0.98 < _length(e.nx, e.ny, e.nz) / 32767 < 1.02]
+    bent = [
+        e for e in reply.elements if not 0.98 < _length_of_values(e.nx, e.ny, e.nz) / 32767 < 1.02
+    ]
     check(not bent, f"a normal that is not of length 1 (32767): {bent[:1]}")
     if board.identity.transducers > 2:
         some = board.link.call(GetGeometry(1, 2), GeometryReply)
@@ -68,7 +70,7 @@ def _check_geometry(board: BoardClient) -> None:
         check(got == (1, 2), f"GET_GEOMETRY of 2 from 1: {got[1]} from {got[0]}")
 
 
-def _length(*parts: int) -> float:
+def _length_of_values(*parts: int) -> float:
     return math.hypot(*parts)
 
 

@@ -30,7 +30,7 @@ amplitude_is_linear = unobservable(
 )
 
 
-def _offered(board: BoardClient) -> list[PhaseFormat]:
+def _offered_drive_formats(board: BoardClient) -> list[PhaseFormat]:
     return [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
 
 
@@ -71,7 +71,7 @@ def has_its_origin_in_the_centre(board: BoardClient) -> None:
 def unpacks_phases(board: BoardClient) -> None:
     witness = Witness.of(board)
     board.arm()
-    for form in _offered(board):
+    for form in _offered_drive_formats(board):
         for _ in range(3):
             codes = bytes(
                 board.random.randrange(1 << form) for _ in range(board.identity.transducers)
@@ -89,7 +89,7 @@ def unpacks_phases(board: BoardClient) -> None:
 )
 def refuses_spare_bits(board: BoardClient) -> None:
     count = board.identity.transducers
-    spare = [form for form in _offered(board) if count * form % 8]
+    spare = [form for form in _offered_drive_formats(board) if count * form % 8]
     if not spare:
         not_observed(f"{count} phases leave no spare bit in the formats of this board")
     board.arm()
@@ -109,7 +109,7 @@ def refuses_spare_bits(board: BoardClient) -> None:
 )
 def phases_have_their_length(board: BoardClient) -> None:
     board.arm()
-    offered = _offered(board)
+    offered = _offered_drive_formats(board)
     with board.counting(bad_length=2 * len(offered), latched=len(offered)):
         for form in offered:
             size = packed_size(board.identity.transducers, form)
@@ -136,7 +136,7 @@ def bank_is_0(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def takes_its_formats(board: BoardClient) -> None:
-    count, offered = board.identity.transducers, _offered(board)
+    count, offered = board.identity.transducers, _offered_drive_formats(board)
     others = [*_UNKNOWN_BITS, *(form for form in PhaseFormat if form not in offered)]
     board.arm()
     with board.counting(bad_value=len(others), latched=len(offered)):
@@ -170,7 +170,7 @@ def phases_are_full(board: BoardClient) -> None:
 )
 def widens_codes(board: BoardClient) -> None:
     witness = Witness.of(board)
-    coarse = [form for form in _offered(board) if form < PhaseFormat.BITS_8]
+    coarse = [form for form in _offered_drive_formats(board) if form < PhaseFormat.BITS_8]
     if not coarse:
         not_observed("the board takes 8 bits only")
     board.arm()

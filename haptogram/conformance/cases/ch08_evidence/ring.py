@@ -35,14 +35,14 @@ def ring_keeps_the_last(board: BoardClient) -> None:
     check(size > 0, "TRACE_RING is advertised, trace_ring is 0")
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
-    total = _fill(board, size)
+    total = _fill_ring(board, size)
     reply = board.link.call(ReadTrace(0, 0xFFFF), TraceReply)
     due = (max(0, total - size), total)
     got = (reply.oldest, reply.next)
     check(got == due, f"{total} latches, room for {size}: oldest and next are {got}, due {due}")
 
 
-def _fill(board: BoardClient, size: int) -> int:
+def _fill_ring(board: BoardClient, size: int) -> int:
     """Latch a few more drives than the ring holds, if that can be done; return how many."""
     if not board.has(Feature.SEQUENCE_PHASES) or size > _RING_TRIED:
         for _ in range(20):

@@ -23,7 +23,7 @@ from ...outcome import SELF_REPORTED, check, not_observed
 _KINDS: Final = (Trace, TracePlayback, TraceDrive)
 
 
-def _events(board: BoardClient, since: int) -> int:
+def _trace_events(board: BoardClient, since: int) -> int:
     board.link.barrier()
     return sum(len(board.link.events(kind, since)) for kind in _KINDS)
 
@@ -49,7 +49,7 @@ def reports_by_its_mode(board: BoardClient) -> None:
         since = board.link.mark()
         for _ in range(6):
             latch_now(board, board.flat_phases())
-        got = _events(board, since)
+        got = _trace_events(board, since)
         check(got == due, f"trace_mode {mode.name}: {got} events of 6 latches, due are {due}")
 
 
@@ -146,7 +146,7 @@ def traces_every_third(board: BoardClient) -> None:
         found = board.link.events(TraceDrive, since)
         got = [event.key.index - first for _, event in found]
         check(got == [0, 3, 6, 9], f"of latches 0 to 9 these are traced: {got}")
-        check(_events(board, since) == 4, "a trace of another kind reports latches as well")
+        check(_trace_events(board, since) == 4, "a trace of another kind reports latches as well")
         for number, (_, event) in zip(got, found, strict=True):
             same = event.data == full_drive(drives[number])
             check(same, f"TRACE_DRIVE of latch {number} shows another drive than was sent")

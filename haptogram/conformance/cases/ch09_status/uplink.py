@@ -67,10 +67,10 @@ def drops_no_numbers(board: BoardClient) -> None:
 def only_traces_give_way(board: BoardClient) -> None:
     for feature, mode in ((Feature.TRACE_DRIVE, TraceMode.DRIVE), (Feature.TRACE, TraceMode.CRC)):
         if board.has(feature):
-            _flood(board, mode)
+            _flood_uplink(board, mode)
 
 
-def _flood(board: BoardClient, mode: TraceMode) -> None:
+def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     """Let a playback fill the uplink until the unattended time mutes the board, then read it."""
     period_ms = board.quick_status_ms
     board.configure(trace_mode=mode, status_period_ms=period_ms)

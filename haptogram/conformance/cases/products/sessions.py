@@ -41,7 +41,7 @@ _PLAYED: Final = 6
 _EDGES: Final = (0x7FFF, 0x8000, 0x00FF, 0xFF00, 0xFFFF, 0x0100)
 
 
-def _everything_set(board: BoardClient) -> Config:
+def _session_with_everything_set(board: BoardClient) -> Config:
     """Set every field of the configuration away from its default and return it."""
     return board.configure(
         hold_ms=4321,
@@ -56,38 +56,38 @@ def _everything_set(board: BoardClient) -> Config:
     )
 
 
-def _idle(_: BoardClient) -> None:
+def _idle_session(_: BoardClient) -> None:
     """Leave the board DISARMED."""
 
 
-def _muted(board: BoardClient) -> None:
+def _muted_session(board: BoardClient) -> None:
     board.link.ask(Mute())
 
 
-def _streaming(board: BoardClient) -> None:
+def _streaming_session(board: BoardClient) -> None:
     board.arm()
     latch_now(board, board.flat_phases(7))
     t_us = board.clock.soon_us(bytes(2000)) + 2_000_000
     board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
 
 
-def _playing(board: BoardClient) -> None:
+def _playing_session(board: BoardClient) -> None:
     board.arm()
     play_now(board, _SEQUENCE, loops=0)
 
 
-def _uploading(board: BoardClient) -> None:
+def _uploading_session(board: BoardClient) -> None:
     data = bytes(2 * board.identity.transducers)
     begin_upload(board, UploadKind.PHASES, _SEQUENCE, data)
     board.link.ask(UploadChunk(0, data[:1]))
 
 
 _MOMENTS: Final[dict[str, Callable[[BoardClient], None]]] = {
-    "while DISARMED": _idle,
-    "while MUTED": _muted,
-    "with frames queued": _streaming,
-    "during a playback": _playing,
-    "during an upload": _uploading,
+    "while DISARMED": _idle_session,
+    "while MUTED": _muted_session,
+    "with frames queued": _streaming_session,
+    "during a playback": _playing_session,
+    "during an upload": _uploading_session,
 }
 
 
@@ -104,7 +104,7 @@ def settings_outlive_sessions(board: BoardClient) -> None:
             board, UploadKind.CORRECTION, 0, board.random.randbytes(board.identity.transducers)
         )
     store_phases(board, _SEQUENCE, frames=_FRAMES)
-    config = _everything_set(board)
+    config = _session_with_everything_set(board)
     crc = board.status().config_crc
     for name, bring in _MOMENTS.items():
         bring(board)
@@ -119,10 +119,10 @@ def settings_outlive_sessions(board: BoardClient) -> None:
         check(board.status().queued == 0, f"{name}: frames are still queued")
         if board.identity.state is OutputState.ARMED:
             check(False, f"{name}: the board is ARMED in a new session")
-        _plays_still(board, name)
+        _session_plays_still(board, name)
 
 
-def _plays_still(board: BoardClient, name: str) -> None:
+def _session_plays_still(board: BoardClient, name: str) -> None:
     """FAILED unless the stored sequence is played as before."""
     board.arm()
     try:
@@ -221,12 +221,12 @@ def the_first_reply_stays(board: BoardClient) -> None:
     count = board.identity.transducers
     happenings: dict[str, Callable[[], object]] = {
         "ARM": board.arm,
-        "SET_CONFIG": lambda: _everything_set(board),
+        "SET_CONFIG": lambda: _session_with_everything_set(board),
         "a latch": lambda: latch_now(board, board.flat_phases(3)),
-        "MUTE": lambda: _muted(board),
+        "MUTE": lambda: _muted_session(board),
     }
     if board.has(Feature.SEQUENCE_PHASES):
-        happenings["an upload that begins"] = lambda: _uploading(board)
+        happenings["an upload that begins"] = lambda: _uploading_session(board)
     if board.has(Feature.CORRECTION):
         happenings["a new correction"] = lambda: upload(board.random.randbytes(count))
     board.configure(sound_speed_mm_s=331_300)

@@ -86,33 +86,33 @@ def every_span_of_the_drive(board: BoardClient) -> None:
             check(reply.key == whole.reply.key, f"READ_DRIVE from {first} names another latch")
 
 
-def _forwards(chunks: _Chunks) -> _Chunks:
+def _span_chunks_forwards(chunks: _Chunks) -> _Chunks:
     return chunks
 
 
-def _backwards(chunks: _Chunks) -> _Chunks:
+def _span_chunks_backwards(chunks: _Chunks) -> _Chunks:
     return chunks[::-1]
 
 
-def _odd_first(chunks: _Chunks) -> _Chunks:
+def _span_chunks_odd_first(chunks: _Chunks) -> _Chunks:
     return chunks[1::2] + chunks[::2]
 
 
-def _from_the_middle(chunks: _Chunks) -> _Chunks:
+def _span_chunks_from_middle(chunks: _Chunks) -> _Chunks:
     middle = len(chunks) // 2
     return chunks[middle:] + chunks[:middle][::-1]
 
 
-def _overlapping(chunks: _Chunks) -> _Chunks:
+def _span_chunks_overlapping(chunks: _Chunks) -> _Chunks:
     return [(max(0, start - 3), stop) for start, stop in chunks[::3] + chunks[1::3] + chunks[2::3]]
 
 
 _ORDERS: Final[tuple[Callable[[_Chunks], _Chunks], ...]] = (
-    _forwards,
-    _backwards,
-    _odd_first,
-    _from_the_middle,
-    _overlapping,
+    _span_chunks_forwards,
+    _span_chunks_backwards,
+    _span_chunks_odd_first,
+    _span_chunks_from_middle,
+    _span_chunks_overlapping,
 )
 
 

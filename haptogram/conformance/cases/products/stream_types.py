@@ -51,24 +51,24 @@ class Drop:
     queued: int = 0
 
 
-def _stale(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+def _stale_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
     one_bit_off = (board.link.session ^ 1 << bit for bit in range(16))
     for session in (board.link.session ^ _STALE, 0, *one_bit_off):
         for seq in (board.link.stream_next, board.link.stream_next - 1):
             yield board.link.stream_wire(kind.make(), session=session, seq=seq)
 
 
-def _old(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+def _old_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
     for back in (1, 2, 32_768):
         yield board.link.stream_wire(kind.make(), seq=board.link.stream_next - back)
 
 
-def _flagged(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+def _flagged_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
     for flags in (0x20, 0x40, 0x80, 0xE0 | Flag.IMMEDIATE):
         yield board.link.stream_wire(kind.make(), flags=flags)
 
 
-def _wrong_length(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+def _wrong_length_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
     message = kind.make()
     payload = message.serialize()
     wrong = [payload + b"\x00", payload[:-1], payload[:1], b""]
@@ -78,7 +78,7 @@ def _wrong_length(board: BoardClient, kind: StreamKind, _: int) -> Iterable[byte
         yield board.link.stream_raw(message.TYPE, one)
 
 
-def _wrong_value(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+def _wrong_value_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
     message = kind.make()
     if isinstance(message, Points):
         more = message.points[:1] * (board.identity.max_points + 1)
@@ -97,23 +97,23 @@ def _wrong_value(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes
         yield board.link.stream_raw(message.TYPE, payload[:1] + bytes([bank]) + payload[2:])
 
 
-def _any(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+def _any_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
     yield board.link.stream_wire(kind.make())
     yield board.link.stream_wire(kind.make(), board.clock.device_us() + _AHEAD_US)
 
 
-def _disordered(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
+def _disordered_drop(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
     for early_us in (0, 1, 1000, 100_000):
         yield board.link.stream_wire(kind.make(), last_us - early_us)
 
 
-def _late(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+def _late_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
     now_us = board.clock.device_us()
     for late_us in (1, 1000, 70_000, 1_000_000, 2**30):
         yield board.link.stream_wire(kind.make(), now_us - late_us)
 
 
-def _beyond(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+def _drop_beyond_window(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
     horizon_us = board.identity.max_horizon_us
     now_us = board.clock.device_us()
     for ahead_us in (horizon_us + 500_000, 2 * horizon_us, 2**31 - 10_000_000):
@@ -121,23 +121,23 @@ def _beyond(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
             yield board.link.stream_wire(kind.make(), now_us + ahead_us)
 
 
-def _overflowing(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
+def _overflow_drop(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
     yield board.link.stream_wire(kind.make(), last_us + 1)  # for the latch of the last one
     yield board.link.stream_wire(kind.make(), last_us + 1000)
     yield board.link.stream_wire(kind.make(), last_us + 2 * board.identity.max_horizon_us)
 
 
 DROPS: Final = (
-    Drop("HG-3.7/2", "of another session or none", "stale_session", _stale),
-    Drop("HG-5.5/1", "seen before", "duplicate", _old),
-    Drop("HG-3.4/1", "with unknown flags that must be understood", "unsupported", _flagged),
-    Drop("HG-3.2/4", "of a wrong length", "bad_length", _wrong_length),
-    Drop("HG-3.2/5", "with a value that no table has", "bad_value", _wrong_value),
-    Drop("HG-5.7/1", "while DISARMED", "dropped_state", _any, armed=False),
-    Drop("HG-5.7/2", "not after the last queued one", "dropped_order", _disordered, queued=1),
-    Drop("HG-5.7/3", "that meet a full queue", "dropped_full", _overflowing, queued=-1),
-    Drop("HG-5.7/4", "beyond the horizon", "dropped_future", _beyond),
-    Drop("HG-5.7/5", "1 µs to 18 minutes late", "dropped_late", _late),
+    Drop("HG-3.7/2", "of another session or none", "stale_session", _stale_drop),
+    Drop("HG-5.5/1", "seen before", "duplicate", _old_drop),
+    Drop("HG-3.4/1", "with unknown flags that must be understood", "unsupported", _flagged_drop),
+    Drop("HG-3.2/4", "of a wrong length", "bad_length", _wrong_length_drop),
+    Drop("HG-3.2/5", "with a value that no table has", "bad_value", _wrong_value_drop),
+    Drop("HG-5.7/1", "while DISARMED", "dropped_state", _any_drop, armed=False),
+    Drop("HG-5.7/2", "not after the last queued one", "dropped_order", _disordered_drop, queued=1),
+    Drop("HG-5.7/3", "that meet a full queue", "dropped_full", _overflow_drop, queued=-1),
+    Drop("HG-5.7/4", "beyond the horizon", "dropped_future", _drop_beyond_window),
+    Drop("HG-5.7/5", "1 µs to 18 minutes late", "dropped_late", _late_drop),
 )
 
 

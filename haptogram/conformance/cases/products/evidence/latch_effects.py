@@ -85,19 +85,19 @@ def _new_frame(board: BoardClient) -> tuple[bytes, Message]:
     return registers, board.phases(registers)
 
 
-def _at_once(board: BoardClient, _: bytes) -> _Effect:
+def _latch_at_once(board: BoardClient, _: bytes) -> _Effect:
     key, (registers, frame) = _stream_key(board), _new_frame(board)
     latch_now(board, frame)
     return _Effect(key, registers, (1, 1, 0, 0))
 
 
-def _in_time(board: BoardClient, _: bytes) -> _Effect:
+def _latch_in_time(board: BoardClient, _: bytes) -> _Effect:
     key, (registers, frame) = _stream_key(board), _new_frame(board)
     _send_for(board, frame, board.clock.soon_us(bytes(_HEADERS_BYTES + len(frame.serialize()))))
     return _Effect(key, registers, (1, 1, 0, 0))
 
 
-def _late(board: BoardClient, _: bytes) -> _Effect:
+def _late_latch(board: BoardClient, _: bytes) -> _Effect:
     key, (registers, frame) = _stream_key(board), _new_frame(board)
     wire = board.link.stream_wire(frame, board.clock.device_us() - _LATE_US)
     board.link.send(wire)
@@ -105,7 +105,7 @@ def _late(board: BoardClient, _: bytes) -> _Effect:
     return _Effect(key, registers, (1, 1, 1, 0))
 
 
-def _replacing(board: BoardClient, _: bytes) -> _Effect:
+def _replacing_latch(board: BoardClient, _: bytes) -> _Effect:
     """Latch the later of two frames that fall on one carrier period."""
     (_, first), (registers, second) = _new_frame(board), _new_frame(board)
     period_us = board.clock.carrier_us
@@ -116,7 +116,7 @@ def _replacing(board: BoardClient, _: bytes) -> _Effect:
     return _Effect(key, registers, (2, 1, 0, 1))
 
 
-def _flushing(board: BoardClient, _: bytes) -> _Effect:
+def _flushing_latch(board: BoardClient, _: bytes) -> _Effect:
     """Latch at once a frame that flushes one for later."""
     (_, first), (registers, second) = _new_frame(board), _new_frame(board)
     board.link.send(board.link.stream_wire(first, board.clock.device_us() + 2_000_000))
@@ -132,7 +132,7 @@ def _send_for(board: BoardClient, frame: Message, t_us: int, in_time_us: int | N
     board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
 
 
-def _played(board: BoardClient, last: bytes) -> _Effect:
+def _played_latch(board: BoardClient, last: bytes) -> _Effect:
     since = board.link.mark()
     play_now(board, _SEQUENCE, loops=_LOOPS)
     return _ended(board, since, last)
@@ -156,15 +156,15 @@ def _ended(board: BoardClient, since: int, last: bytes) -> _Effect:
 
 def _paths(board: BoardClient) -> Iterator[tuple[str, _Path]]:
     """Yield every path to a latch that the board has, by its name."""
-    yield "a frame latched at once", _at_once
-    yield "a frame latched in time", _in_time
+    yield "a frame latched at once", _latch_at_once
+    yield "a frame latched in time", _latch_in_time
     if board.has(Feature.CONFIG):
-        yield "a late frame", _late
+        yield "a late frame", _late_latch
     if board.clock.carrier_us > 1:
-        yield "a frame that replaces another", _replacing
-    yield "a frame that flushes another", _flushing
+        yield "a frame that replaces another", _replacing_latch
+    yield "a frame that flushes another", _flushing_latch
     if board.has(Feature.SEQUENCE_PHASES):
-        yield "a sequence played at once", _played
+        yield "a sequence played at once", _played_latch
         yield "a sequence played in time", _played_in_time
 
 
@@ -201,14 +201,16 @@ def a_latch_changes_all_that_tells_of_it(board: BoardClient) -> None:
                 order = "the first of a session" if first else "behind another latch"
                 text = f"{name}, {order}, trace {mode.name}"
                 after = board.status()
-                _check_status(before, after, effect, text)
-                _check_drives(board, after, effect, text)
+                _check_latch_in_status(before, after, effect, text)
+                _check_latch_in_drives(board, after, effect, text)
                 if mode is not TraceMode.OFF:
                     latches = board_latches(board, since, mode)
-                    _check_traces(board, latches, after, effect, text)
+                    _check_latch_in_traces(board, latches, after, effect, text)
 
 
-def _check_status(before: StatusReply, after: StatusReply, effect: _Effect, text: str) -> None:
+def _check_latch_in_status(
+    before: StatusReply, after: StatusReply, effect: _Effect, text: str
+) -> None:
     index = effect.key.index if effect.of_stream else before.last_seq
     check(after.last_seq == index, f"{text}: last_seq is {after.last_seq}, due is {index}")
     moved = after.last_latch_us != before.last_latch_us
@@ -218,7 +220,9 @@ def _check_status(before: StatusReply, after: StatusReply, effect: _Effect, text
         check(got == due, f"{text}: {name} counts {got}, due is {due}")
 
 
-def _check_drives(board: BoardClient, after: StatusReply, effect: _Effect, text: str) -> None:
+def _check_latch_in_drives(
+    board: BoardClient, after: StatusReply, effect: _Effect, text: str
+) -> None:
     for feature, kind in (
         (Feature.READ_LATCHED, DriveKind.LATCHED),
         (Feature.READ_RADIATED, DriveKind.RADIATED),
@@ -232,7 +236,7 @@ def _check_drives(board: BoardClient, after: StatusReply, effect: _Effect, text:
         check(same, f"{text}: READ_DRIVE({kind.name}) shows other codes than were latched")
 
 
-def _check_traces(
+def _check_latch_in_traces(
     board: BoardClient,
     latches: list[TracedLatch],
     after: StatusReply,

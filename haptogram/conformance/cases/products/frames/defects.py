@@ -36,7 +36,7 @@ _SEQUENCE: Final = 2
 # --- Types -------------------------------------------------------------------------------------
 
 
-def _unknown(types: Iterable[int]) -> list[int]:
+def _unknown_frame_types(types: Iterable[int]) -> list[int]:
     return [kind for kind in types if kind not in MESSAGES]
 
 
@@ -48,7 +48,7 @@ def _unknown(types: Iterable[int]) -> list[int]:
 )
 def every_foreign_type_is_dropped(board: BoardClient) -> None:
     board.arm()
-    streams = _unknown(STREAM_RANGE)
+    streams = _unknown_frame_types(STREAM_RANGE)
     others = list(range(REQUEST_RANGE.stop, 0x100))
     for session in (board.link.session, board.link.session ^ 0x8000, 0):
         number = len(streams) + len(others)
@@ -69,7 +69,7 @@ def every_foreign_type_is_dropped(board: BoardClient) -> None:
     variant="types",
 )
 def every_unknown_request_is_refused(board: BoardClient) -> None:
-    kinds = _unknown(REQUEST_RANGE)
+    kinds = _unknown_frame_types(REQUEST_RANGE)
     with board.counting(unsupported=2 * len(kinds)):
         for kind in kinds:
             for session in (board.link.session, board.link.session ^ 0x0010):
@@ -116,7 +116,7 @@ class _Defect:
     code: ErrorCode | None = None
 
 
-def _detail(board: BoardClient, frame: _Frame, defect: _Defect, right: _Frame) -> int:
+def _detail_of_defect(board: BoardClient, frame: _Frame, defect: _Defect, right: _Frame) -> int:
     """Return the detail of the ERROR for a defect; *right* is the frame without one."""
     kind = MESSAGES[right.kind]
     length = 0 if kind.TAIL else kind.LAYOUT.size
@@ -129,53 +129,53 @@ def _detail(board: BoardClient, frame: _Frame, defect: _Defect, right: _Frame) -
     }[defect.name]
 
 
-def _other_type(board: BoardClient, frame: _Frame) -> _Frame:
+def _other_type_defect(board: BoardClient, frame: _Frame) -> _Frame:
     of = STREAM_RANGE if frame.kind in STREAM_RANGE else REQUEST_RANGE
-    return replace(frame, kind=board.random.choice(_unknown(of)))
+    return replace(frame, kind=board.random.choice(_unknown_frame_types(of)))
 
 
-def _other_session(board: BoardClient, frame: _Frame) -> _Frame:
+def _other_session_defect(board: BoardClient, frame: _Frame) -> _Frame:
     return replace(frame, session=board.link.session ^ 1 << board.random.randrange(16))
 
 
-def _other_flags(board: BoardClient, frame: _Frame) -> _Frame:
+def _other_flags_defect(board: BoardClient, frame: _Frame) -> _Frame:
     return replace(frame, flags=frame.flags | board.random.choice((0x20, 0x40, 0x80, 0xE0)))
 
 
-def _other_length(_: BoardClient, frame: _Frame) -> _Frame:
+def _other_length_defect(_: BoardClient, frame: _Frame) -> _Frame:
     varies = frame.kind == UploadChunk.TYPE
     return replace(frame, payload=frame.payload[:3] if varies else frame.payload + b"\x00")
 
 
-def _used_number(board: BoardClient, frame: _Frame) -> _Frame:
+def _used_number_defect(board: BoardClient, frame: _Frame) -> _Frame:
     stream = frame.kind in STREAM_RANGE
     used = board.link.stream_next - 1 if stream else board.link.seq
     return replace(frame, seq=used & 0xFFFF)
 
 
-def _other_bank(_: BoardClient, frame: _Frame) -> _Frame:
+def _other_bank_defect(_: BoardClient, frame: _Frame) -> _Frame:
     return replace(frame, payload=frame.payload[:1] + b"\x01" + frame.payload[2:])
 
 
 #: In the order of HG-3.8.
 _OF_REQUESTS: Final = (
-    _Defect("type", "unsupported", _other_type, ErrorCode.UNSUPPORTED),
-    _Defect("session", "stale_session", _other_session, ErrorCode.STALE_SESSION),
-    _Defect("flags", "unsupported", _other_flags, ErrorCode.UNSUPPORTED),
-    _Defect("length", "bad_length", _other_length, ErrorCode.BAD_LENGTH),
-    _Defect("number", "bad_value", _used_number, ErrorCode.SEQUENCE_REUSED),
+    _Defect("type", "unsupported", _other_type_defect, ErrorCode.UNSUPPORTED),
+    _Defect("session", "stale_session", _other_session_defect, ErrorCode.STALE_SESSION),
+    _Defect("flags", "unsupported", _other_flags_defect, ErrorCode.UNSUPPORTED),
+    _Defect("length", "bad_length", _other_length_defect, ErrorCode.BAD_LENGTH),
+    _Defect("number", "bad_value", _used_number_defect, ErrorCode.SEQUENCE_REUSED),
 )
 _OF_STREAM: Final = (
-    _Defect("type", "unknown_type", _other_type),
-    _Defect("session", "stale_session", _other_session),
-    _Defect("number", "duplicate", _used_number),
-    _Defect("flags", "unsupported", _other_flags),
-    _Defect("length", "bad_length", _other_length),
-    _Defect("bank", "bad_value", _other_bank),
+    _Defect("type", "unknown_type", _other_type_defect),
+    _Defect("session", "stale_session", _other_session_defect),
+    _Defect("number", "duplicate", _used_number_defect),
+    _Defect("flags", "unsupported", _other_flags_defect),
+    _Defect("length", "bad_length", _other_length_defect),
+    _Defect("bank", "bad_value", _other_bank_defect),
 )
 
 
-def _pairs(board: BoardClient, defects: Iterable[_Defect]) -> list[tuple[_Defect, ...]]:
+def _pairs_of_defects(board: BoardClient, defects: Iterable[_Defect]) -> list[tuple[_Defect, ...]]:
     """Return every two defects in order, each alone and all together; if quick, neighbours only."""
     every = tuple(defects)
     if not board.thorough:
@@ -193,7 +193,7 @@ def every_request_is_judged_in_order(board: BoardClient) -> None:
     for message in valid_requests(board, _SEQUENCE):
         seq = board.link.seq + 1 & 0xFFFF
         right = _Frame(message.TYPE, message.serialize(), seq, board.link.session)
-        for defects in _pairs(board, _OF_REQUESTS):
+        for defects in _pairs_of_defects(board, _OF_REQUESTS):
             if isinstance(message, UploadChunk) and defects[0].name == "number":
                 continue  # HG-4.10: carried out every time
             frame = right
@@ -201,12 +201,12 @@ def every_request_is_judged_in_order(board: BoardClient) -> None:
                 frame = defect.spoil(board, frame)
             first = defects[0]
             assert first.code is not None  # of a request
-            with _naming(f"{message.TYPE.name} with {_names(defects)}"):
+            with _defect_naming(f"{message.TYPE.name} with {_names_of_defects(defects)}"):
                 board.link.refused_raw(
                     frame.kind,
                     frame.payload,
                     first.code,
-                    _detail(board, frame, first, right),
+                    _detail_of_defect(board, frame, first, right),
                     seq=frame.seq,
                     session=frame.session,
                     flags=frame.flags,
@@ -224,7 +224,7 @@ def every_refusal_leaves_its_number(board: BoardClient) -> None:
             seq = board.link.seq + 1 & 0xFFFF
             right = _Frame(message.TYPE, message.serialize(), seq, board.link.session)
             frame = defect.spoil(board, right)
-            with _naming(f"{message.TYPE.name} with a wrong {defect.name}, then its number"):
+            with _defect_naming(f"{message.TYPE.name} with a wrong {defect.name}, then its number"):
                 board.link.ask_raw(
                     frame.kind, frame.payload, seq=seq, session=frame.session, flags=frame.flags
                 )
@@ -242,7 +242,7 @@ def every_stream_frame_is_judged_in_order(board: BoardClient) -> None:
     for kind in stream_kinds(board):
         message = kind.make()
         defects = [d for d in _OF_STREAM if d.name != "bank" or not isinstance(message, Points)]
-        for some in _pairs(board, defects):
+        for some in _pairs_of_defects(board, defects):
             frame = _Frame(
                 message.TYPE,
                 message.serialize(),
@@ -257,13 +257,13 @@ def every_stream_frame_is_judged_in_order(board: BoardClient) -> None:
             body = board.link.body(
                 frame.kind, frame.payload, seq=frame.seq, flags=frame.flags, session=frame.session
             )
-            name = f"{kind.name} with {_names(some)}"
-            with _naming(name), board.counting(**{some[0].counter: 1}):
+            name = f"{kind.name} with {_names_of_defects(some)}"
+            with _defect_naming(name), board.counting(**{some[0].counter: 1}):
                 board.link.unanswered(name, encode_frame(body))
 
 
 @contextlib.contextmanager
-def _naming(name: str) -> Iterator[None]:
+def _defect_naming(name: str) -> Iterator[None]:
     """Put *name* in front of what ends the case."""
     try:
         yield
@@ -271,7 +271,7 @@ def _naming(name: str) -> Iterator[None]:
         raise CaseEndedError(error.behaviour, f"{name}: {error}") from None
 
 
-def _names(defects: Iterable[_Defect]) -> str:
+def _names_of_defects(defects: Iterable[_Defect]) -> str:
     return ", ".join(f"a wrong {defect.name}" for defect in defects)
 
 

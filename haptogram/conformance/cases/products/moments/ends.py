@@ -73,43 +73,43 @@ class _TooLateError(CaseEndedError):
     """A moment was over before its end was answered: host, line or emulator were held up."""
 
 
-def _nothing(_: BoardClient) -> None:
+def _moment_of_nothing(_: BoardClient) -> None:
     """Leave the board ARMED and silent."""
 
 
-def _sound(board: BoardClient) -> None:
+def _moment_of_sound(board: BoardClient) -> None:
     latch_now(board, board.flat_phases())
 
 
-def _queue(board: BoardClient) -> None:
-    _sound(board)
+def _moment_with_queue(board: BoardClient) -> None:
+    _moment_of_sound(board)
     fill_queue(board, _QUEUED, 3_000_000)
     board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
 
 
-def _fade(board: BoardClient) -> None:
+def _moment_of_fade(board: BoardClient) -> None:
     """Queue frames, and be silent until the ramp of hold or lease has begun."""
-    _queue(board)
+    _moment_with_queue(board)
     board.wire.idle(120 * _MS)
 
 
-def _wait_to_play(board: BoardClient) -> None:
-    _sound(board)
+def _moment_before_playback(board: BoardClient) -> None:
+    _moment_of_sound(board)
     play = Play(_SEQUENCE, 1000, 0, min(5000, board.identity.max_unattended_ms))
     board.link.call(play, PlayReply, time_us=board.clock.device_us() + 3_000_000)
 
 
-def _play(board: BoardClient) -> None:
+def _moment_of_playback(board: BoardClient) -> None:
     play_now(board, _SEQUENCE, loops=0)
     board.wire.idle(8 * _MS)
 
 
-def _play_slowly(board: BoardClient) -> None:
+def _moment_of_slow_playback(board: BoardClient) -> None:
     play_now(board, _SEQUENCE, loops=2, period_us=9_000_000)
     board.clock.wait_latched()
 
 
-def _fade_playing(board: BoardClient) -> None:
+def _moment_of_fading_playback(board: BoardClient) -> None:
     play_now(board, _SEQUENCE, loops=0, unattended_ms=40)
     board.wire.idle(100 * _MS)
 
@@ -117,23 +117,39 @@ def _fade_playing(board: BoardClient) -> None:
 _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 _FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
 _MOMENTS: Final = (
-    Moment("ARMED, silent", {}, _nothing),
-    Moment("sounding", {"hold_ms": _HOLD_MS}, _sound, lasts_ms=_HOLD_MS),
-    Moment("with frames queued", {}, _queue, _QUEUED),
-    Moment("in the hold's ramp", _RAMPS | {"hold_ms": 30}, _fade, _QUEUED, None, _FADES, _RAMP_MS),
+    Moment("ARMED, silent", {}, _moment_of_nothing),
+    Moment("sounding", {"hold_ms": _HOLD_MS}, _moment_of_sound, lasts_ms=_HOLD_MS),
+    Moment("with frames queued", {}, _moment_with_queue, _QUEUED),
     Moment(
-        "in a ramp of the lease",
-        _RAMPS | {"host_timeout_ms": 40},
-        _fade,
+        "in the hold's ramp",
+        _RAMPS | {"hold_ms": 30},
+        _moment_of_fade,
         _QUEUED,
         None,
         _FADES,
         _RAMP_MS,
     ),
-    Moment("while a playback waits", {}, _wait_to_play, 0, 0, _PLAYS),
-    Moment("while a sequence plays", {}, _play, 0, 3, _PLAYS),
-    Moment("within a long period", {}, _play_slowly, 0, 1, _PLAYS),
-    Moment("in a ramp of a playback", _RAMPS, _fade_playing, 0, 20, _PLAYS | _FADES, _RAMP_MS),
+    Moment(
+        "in a ramp of the lease",
+        _RAMPS | {"host_timeout_ms": 40},
+        _moment_of_fade,
+        _QUEUED,
+        None,
+        _FADES,
+        _RAMP_MS,
+    ),
+    Moment("while a playback waits", {}, _moment_before_playback, 0, 0, _PLAYS),
+    Moment("while a sequence plays", {}, _moment_of_playback, 0, 3, _PLAYS),
+    Moment("within a long period", {}, _moment_of_slow_playback, 0, 1, _PLAYS),
+    Moment(
+        "in a ramp of a playback",
+        _RAMPS,
+        _moment_of_fading_playback,
+        0,
+        20,
+        _PLAYS | _FADES,
+        _RAMP_MS,
+    ),
 )
 
 
@@ -176,7 +192,7 @@ _ENDS: Final = (
 )
 
 
-def _judge(board: BoardClient, end: End, moment: Moment) -> None:
+def _judge_end_at_moment(board: BoardClient, end: End, moment: Moment) -> None:
     """FAILED unless the end leads to its state, flushes, ends the playback and counts no timer."""
     board.hello()
     board.configure(**{"hold_ms": 5000} | moment.config)
@@ -206,9 +222,9 @@ def _judge_in_time(board: BoardClient, end: End, moment: Moment) -> None:
     """Judge; once more, twice at most, if the moment was over too soon."""
     for _ in range(_TRIES - 1):
         with contextlib.suppress(_TooLateError):
-            _judge(board, end, moment)
+            _judge_end_at_moment(board, end, moment)
             return
-    _judge(board, end, moment)
+    _judge_end_at_moment(board, end, moment)
 
 
 def _check_playback(board: BoardClient, moment: Moment, since: int) -> None:

@@ -107,14 +107,14 @@ def _begin(board: BoardClient, data: bytes, crc: int) -> None:
         board.link.call(UploadChunk(at, data[at : at + 1]), UploadChunkReply)
 
 
-def _streaming(board: BoardClient) -> int:
+def _streaming_moment(board: BoardClient) -> int:
     _set(board)
     board.arm()
     latch_now(board, stream_kinds(board)[-1].make())
     return fill_queue(board, _QUEUED, _AHEAD_US)
 
 
-def _playing(board: BoardClient) -> int:
+def _playing_moment(board: BoardClient) -> int:
     _set(board)
     board.arm()
     play_now(board, STORED, loops=0, period_us=_PERIOD_US, unattended_ms=9_999)
@@ -122,7 +122,7 @@ def _playing(board: BoardClient) -> int:
     return 0
 
 
-def _waiting(board: BoardClient) -> int:
+def _waiting_moment(board: BoardClient) -> int:
     _set(board)
     board.arm()
     latch_now(board, stream_kinds(board)[-1].make())
@@ -131,7 +131,7 @@ def _waiting(board: BoardClient) -> int:
     return 0
 
 
-def _disarmed(board: BoardClient) -> int:
+def _disarmed_moment(board: BoardClient) -> int:
     _set(board)
     board.arm()
     latch_now(board, stream_kinds(board)[-1].make())
@@ -139,8 +139,8 @@ def _disarmed(board: BoardClient) -> int:
     return 0
 
 
-def _muted(board: BoardClient) -> int:
-    _disarmed(board)
+def _muted_moment(board: BoardClient) -> int:
+    _disarmed_moment(board)
     board.link.ask(Mute())
     return 0
 
@@ -172,14 +172,14 @@ def _while_off(board: BoardClient) -> Iterator[Refusal]:
 
 def situations(board: BoardClient) -> Iterator[Situation]:
     """Yield the situations that a board can be brought into; in a quick run one."""
-    yield Situation("with frames queued", _streaming, _while_streaming)
+    yield Situation("with frames queued", _streaming_moment, _while_streaming)
     if not board.thorough:
         return
     if board.has(Feature.SEQUENCE_PHASES):
-        yield Situation("while a sequence plays", _playing, _while_playing)
-        yield Situation("while a playback waits for its start", _waiting, _while_playing)
-    yield Situation("while DISARMED", _disarmed, _while_off)
-    yield Situation("while MUTED", _muted, _while_off)
+        yield Situation("while a sequence plays", _playing_moment, _while_playing)
+        yield Situation("while a playback waits for its start", _waiting_moment, _while_playing)
+    yield Situation("while DISARMED", _disarmed_moment, _while_off)
+    yield Situation("while MUTED", _muted_moment, _while_off)
 
 
 # --- Cases -------------------------------------------------------------------------------------
@@ -195,12 +195,12 @@ def every_refusal_changes_nothing(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, STORED, frames=1)
     for situation in situations(board):
-        _judge(board, situation)
+        _judge_refusals_at_moment(board, situation)
         if board.has(Feature.SEQUENCE_PHASES):
             _goes_on(board, situation.name)
 
 
-def _judge(board: BoardClient, situation: Situation) -> None:
+def _judge_refusals_at_moment(board: BoardClient, situation: Situation) -> None:
     """FAILED with the name of the first refusal in a situation that changes anything."""
     last_us, before = brought(board, situation)
     brought_us = board.wire.now_us()
@@ -291,7 +291,7 @@ def a_mismatch_changes_nothing(board: BoardClient) -> None:
 def every_refusal_has_its_code(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, STORED, frames=1)
-    _streaming(board)
+    _streaming_moment(board)
     for refusal in list(_while_streaming(board)):
         code = refuse(board, refusal).code
         names = ErrorCode._value2member_map_

@@ -31,7 +31,7 @@ from ....judge.refused_requests import refused_by_link
 from ....judge.timers import check_mute_time, muted_by_timer
 from ....outcome import SELF_REPORTED, check, fail, inconclusive
 from ..stream_types import DROPS, Drop, fill_queue
-from .restarts import SLOW_US, STORED, TIMER_MS, play_later, wait_for
+from .restarts import SLOW_US, STORED, TIMER_MS, play_later, wait_for_timer
 
 _MS: Final = 1000
 _SILENT_MS: Final = 70
@@ -118,7 +118,7 @@ def nothing_else_ends_its_ramp(board: BoardClient) -> None:
     since = board.link.mark()
     latch_now(board, board.flat_phases())
     start_us = board.clock.unwrap(board.status().last_latch_us)
-    wait_for(board, start_us + (hold_ms + 20) * _MS)
+    wait_for_timer(board, start_us + (hold_ms + 20) * _MS)
     _ask_all(board)
     board.configure(hold_ms=10_000, ramp_ms=1)
     if board.clock.device_us() > start_us + (hold_ms + ramp_ms - 20) * _MS:
@@ -168,10 +168,10 @@ def stop_leaves_the_hold(board: BoardClient) -> None:
         else:
             latch_now(board, board.flat_phases())
         start_us = board.clock.unwrap(board.status().last_latch_us)
-        wait_for(board, start_us + 40 * _MS)
+        wait_for_timer(board, start_us + 40 * _MS)
         if name != "a slow playback":
             play_later(board, 2 * TIMER_MS, 2 * TIMER_MS)
-        wait_for(board, start_us + 80 * _MS)
+        wait_for_timer(board, start_us + 80 * _MS)
         if not name.endswith("muted"):
             board.link.call(Stop(), StopReply)
         board.link.ask(Arm())
@@ -242,7 +242,7 @@ def every_latch_ends_its_ramp(board: BoardClient) -> None:
         if way == "played later":
             play = Play(STORED, 9_000_000, 0, min(9000, board.identity.max_unattended_ms))
             board.link.call(play, PlayReply, time_us=at_us)
-        wait_for(board, at_us - 60 * _MS)
+        wait_for_timer(board, at_us - 60 * _MS)
         faded = read_back_radiated(board).loudest
         if board.clock.device_us() < at_us:
             check(faded < FULL, f"{way}: no ramp of the hold begins")

@@ -88,7 +88,7 @@ def latches_renew_no_lease(board: BoardClient) -> None:
             _queue_over(board, TIMER_MS + ramp_ms)
         start_us = board.clock.device_us()
         for part in (1, 2, 3, 4, 5):  # the later ones during the ramp
-            wait_for(board, start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
+            wait_for_timer(board, start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
             board.wire.send(hello_again(board))
         header, _ = muted_by_timer(board, since, 3 * (TIMER_MS + ramp_ms) * _MS, reason)
         check_mute_time(board, start_us, header, TIMER_MS + ramp_ms, f"{reason.name}, latches")
@@ -103,7 +103,7 @@ def _queue_over(board: BoardClient, length_ms: int) -> None:
     board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
 
 
-def wait_for(board: BoardClient, t_us: int) -> None:
+def wait_for_timer(board: BoardClient, t_us: int) -> None:
     """Wait until a device time, by the host's estimate, or go on if it has passed."""
     board.wire.idle(max(0, t_us - board.clock.device_estimate_us()))
 

@@ -65,11 +65,11 @@ def both_sides_of_the_wrap(board: BoardClient) -> None:
                 text = f"{side} 2^32 µs, frames {drop.summary}: {error}"
                 raise CaseEndedError(error.behaviour, text) from None
         if side == "before" and board.has(_PLAYS):
-            _play_across(board)
+            _play_across_wrap(board)
         board.clock.wait_until(_WRAP_US + 100 * _MS)
 
 
-def _play_across(board: BoardClient) -> None:
+def _play_across_wrap(board: BoardClient) -> None:
     """Play frames whose start lies behind the wrap, then one from before it to behind it."""
     lead_us = 100 * _MS + 2 * board.wire.limits.lead_us
     for offset_us in (30 * _MS, -30 * _MS):
@@ -94,13 +94,13 @@ def _play_across(board: BoardClient) -> None:
 # --- Timers ------------------------------------------------------------------------------------
 
 
-def _lease(board: BoardClient) -> tuple[MuteReason, int]:
+def _lease_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
     board.configure(host_timeout_ms=200)
     board.arm()
     return MuteReason.HOST_SILENT, board.clock.device_us()
 
 
-def _hold(board: BoardClient) -> tuple[MuteReason, int]:
+def _hold_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
     board.configure(hold_ms=200)
     board.arm()
     latch_now(board, board.flat_phases())
@@ -112,14 +112,14 @@ def _hold(board: BoardClient) -> tuple[MuteReason, int]:
     return MuteReason.HOLD_EXPIRED, start_us
 
 
-def _ramp(board: BoardClient) -> tuple[MuteReason, int]:
+def _ramp_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
     board.configure(hold_ms=20, ramp_ms=180)
     board.arm()
     latch_now(board, board.flat_phases())
     return MuteReason.HOLD_EXPIRED, board.clock.unwrap(board.status().last_latch_us)
 
 
-def _unattended(board: BoardClient) -> tuple[MuteReason, int]:
+def _unattended_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
     store_phases(board, _SEQUENCE, frames=2)
     board.configure(host_timeout_ms=20)
     board.arm()
@@ -128,10 +128,10 @@ def _unattended(board: BoardClient) -> tuple[MuteReason, int]:
 
 
 _TIMERS: Final[tuple[tuple[Callable[[BoardClient], tuple[MuteReason, int]], Feature], ...]] = (
-    (_lease, Feature(0)),
-    (_hold, Feature(0)),
-    (_ramp, Feature.AMPLITUDE),
-    (_unattended, Feature.SEQUENCE_PHASES),
+    (_lease_across_wrap, Feature(0)),
+    (_hold_across_wrap, Feature(0)),
+    (_ramp_across_wrap, Feature.AMPLITUDE),
+    (_unattended_across_wrap, Feature.SEQUENCE_PHASES),
 )
 
 
