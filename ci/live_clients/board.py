@@ -70,11 +70,19 @@ class VirtualBoard:
     def __init__(self, address: str, records: Path) -> None:
         self.address, self._records = address, records
 
-    def latches(self) -> list[Latch]:
-        """Return the latches so far, once nothing more comes for a while, or after five seconds."""
+    def latches(self, least: int = 0) -> list[Latch]:
+        """Return the latches so far, once nothing more comes for a while, or after five seconds.
+
+        There are *least* of them at least, if so many come: a board may start by waiting.
+        """
         size, deadline = -1, time.monotonic() + PATIENCE_S
-        while size != (size := self._records.stat().st_size) and time.monotonic() < deadline:
+        while time.monotonic() < deadline:
+            if size == (size := self._records.stat().st_size) and len(self._pulses()) >= least:
+                break
             time.sleep(QUIET_S)
+        return self._pulses()
+
+    def _pulses(self) -> list[Latch]:
         return [_latch(row) for row in self._rows() if row["kind"] == "pulses"]
 
     def positions_m(self) -> NDArray[np.float64]:
