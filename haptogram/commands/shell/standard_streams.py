@@ -28,7 +28,7 @@ def writable_text(text: str, encoding: str, errors: str = "strict") -> str:
     Examples
     --------
     >>> writable_text("25 µs", "utf-8"), writable_text("25 µs", "ascii")
-    ('25 µs', '25 µs')
+    ('25 µs', '25 us')
     """
     if _can_encode(text, encoding, "strict"):
         return text
