@@ -128,7 +128,7 @@ def test_what_is_no_link_of_a_board_is_left_alone(start, tmp_path):
     ("arguments", "text"),
     [
         ([], "one of --link --tcp --serial --as-device is missing"),
-        (["--link", "/no/such/folder/board"], "cannot make the link /no/such/folder/board"),
+        (["--link", "/proc/none/board"], "cannot make the link /proc/none/board"),
         (["--tcp", "127.0.0.1:x"], "--tcp 127.0.0.1:x: must be HOST:PORT"),
         (
             ["--serial", "/dev/no-such-port"],
