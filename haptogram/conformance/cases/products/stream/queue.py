@@ -42,6 +42,7 @@ _TRIES: Final = 3
     "IMMEDIATE frames of every message and format flush the queue, whatever their time_us",
     variant="types",
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def every_type_at_once(board: BoardClient) -> None:
     good = board.flat_phases()
@@ -67,6 +68,7 @@ def every_type_at_once(board: BoardClient) -> None:
     variant="types",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def every_type_late(board: BoardClient) -> None:
     modes = [mode for feature, mode in _TRACES if board.has(feature)] or [TraceMode.OFF]
