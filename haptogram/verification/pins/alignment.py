@@ -92,7 +92,7 @@ def align_run(record: PinRecord, run: RunDrives, rate: float) -> Iterator[Alignm
         best = int(heights.argmax())
         shift = best if best < len(seen) else best - size
         found = Alignment(shift * cell, rate, float(np.angle(total[best])))
-        yield _refined(record, run, found)
+        yield _refined_alignment(record, run, found)
         heights[np.arange(best - near, best + near + 1) % size] = 0.0
 
 
@@ -118,7 +118,7 @@ def _cells_of_pins(record: PinRecord, cell: float, run: RunDrives) -> _Cells:
             places, vectors.imag, count
         )
         rows.append((sums / cell).astype(np.complex64))
-    return _relative(np.array(rows).T, record, run)
+    return _relative_cells_of_pins(np.array(rows).T, record, run)
 
 
 def _cells_of_run(record: PinRecord, run: RunDrives, rate: float, cell: float) -> _Cells:
@@ -127,10 +127,10 @@ def _cells_of_run(record: PinRecord, run: RunDrives, rate: float, cell: float) -
     times = (np.arange(int(ends[-1] / cell) + 1) + 0.5) * cell
     frames = np.searchsorted(rate * run.starts, times, side="right") - 1
     cells = np.where((times < ends[-1])[:, None], run.weights[frames], 0.0)
-    return _relative(cells.astype(np.complex64), record, run)
+    return _relative_cells_of_pins(cells.astype(np.complex64), record, run)
 
 
-def _relative(cells: _Cells, record: PinRecord, run: RunDrives) -> _Cells:
+def _relative_cells_of_pins(cells: _Cells, record: PinRecord, run: RunDrives) -> _Cells:
     """Return *cells* relative to the reference, if that is an element, of some elements."""
     kept = np.arange(len(run.elements))
     if record.reference_element is not None:
@@ -146,7 +146,7 @@ def _relative(cells: _Cells, record: PinRecord, run: RunDrives) -> _Cells:
 # --- the line through the latches ----------------------------------------------------------------
 
 
-def _refined(record: PinRecord, run: RunDrives, found: Alignment) -> Alignment:
+def _refined_alignment(record: PinRecord, run: RunDrives, found: Alignment) -> Alignment:
     """Return *found* with offset and rate from the moments at which pins change."""
     before = np.arange(-1, run.count - 1)
     for number in range(_ROUNDS):
@@ -158,16 +158,16 @@ def _refined(record: PinRecord, run: RunDrives, found: Alignment) -> Alignment:
         late = np.where(steps.is_inside, steps.middle, np.nan)
         known = np.isfinite(late).any(axis=1)
         if not known.any():
-            return _by_latch_pin(record, run, found)
+            return _align_by_latch_pin(record, run, found)
         by_frame = np.nanmedian(late[known], axis=1)
-        shift = _mode(by_frame, _NEAR_PERIODS)
+        shift = _mode_of_alignment(by_frame, _NEAR_PERIODS)
         found = replace(found, offset=found.offset + shift, is_fine=True)
         if number:
-            found = _with_rate(run.starts[known], by_frame - shift, found)
+            found = _alignment_with_rate(run.starts[known], by_frame - shift, found)
     return found
 
 
-def _by_latch_pin(record: PinRecord, run: RunDrives, found: Alignment) -> Alignment:
+def _align_by_latch_pin(record: PinRecord, run: RunDrives, found: Alignment) -> Alignment:
     """Return *found* with the offset of the latch pin, where no drive tells when it was latched."""
     if record.latches is None or not len(record.latches):
         return found
@@ -179,10 +179,12 @@ def _by_latch_pin(record: PinRecord, run: RunDrives, found: Alignment) -> Alignm
     near = nearest[np.abs(nearest) < run.gap / 2.0]
     if not len(near):
         return found
-    return replace(found, offset=found.offset + _mode(near, _NEAR_PERIODS), is_fine=True)
+    return replace(
+        found, offset=found.offset + _mode_of_alignment(near, _NEAR_PERIODS), is_fine=True
+    )
 
 
-def _with_rate(starts: FloatArray, late: FloatArray, found: Alignment) -> Alignment:
+def _alignment_with_rate(starts: FloatArray, late: FloatArray, found: Alignment) -> Alignment:
     near: Bools = np.abs(late) < _NEAR_PERIODS
     if near.sum() < 8:
         return found
@@ -190,7 +192,7 @@ def _with_rate(starts: FloatArray, late: FloatArray, found: Alignment) -> Alignm
     return replace(found, offset=found.offset + float(shift), rate=found.rate + float(slope))
 
 
-def _mode(values: FloatArray, width: float) -> float:
+def _mode_of_alignment(values: FloatArray, width: float) -> float:
     """Return the middle of the densest window of *width* among *values*."""
     ordered = np.sort(values)
     ends = np.searchsorted(ordered, ordered + width, side="right")

@@ -167,7 +167,9 @@ def _plain_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> Pin
     known = np.isfinite(errors)
     limit = float(np.median(drives.limit_rad[frames, place]))
     return (
-        _constant_fault(seen[known], errors[known], limit, meant[frames]) if known.any() else None
+        _constant_pin_fault(seen[known], errors[known], limit, meant[frames])
+        if known.any()
+        else None
     )
 
 
@@ -191,7 +193,7 @@ def _rest_of_faults(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> 
     return PinFault(PinFaultKind.PHASE, f"phase off {count}, by up to {worst_deg:.1f} degrees")
 
 
-def _constant_fault(
+def _constant_pin_fault(
     seen: ComplexArray, errors: FloatArray, limit: float, meant: ComplexArray
 ) -> PinFault | None:
     """Return an error, or a phase, that is the same in every frame."""

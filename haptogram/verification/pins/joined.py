@@ -109,7 +109,7 @@ class CaptureVerdict:
 
     def __str__(self) -> str:
         """Return a summary that fits a screen."""
-        return "\n".join(_summary(self))
+        return "\n".join(_capture_verdict_summary(self))
 
 
 def verify_captures(
@@ -273,10 +273,10 @@ def joined_observations(
             codes, latches = filled.copy(), []
             for one in pins:
                 if one.judged[place]:
-                    _fill(codes, one, place, frames[place].drive)
+                    _fill_joined_codes(codes, one, place, frames[place].drive)
                     latches.append(one.late_us.get(place, 0.0))
             if latches:
-                found.append(_observation(frames[place], codes, max(latches)))
+                found.append(_joined_observation(frames[place], codes, max(latches)))
     return found
 
 
@@ -289,11 +289,11 @@ def _every_element(
         seen = [place for place in same if one.judged[place]]
         # The worst pass counts: what is wrong once is wrong.
         for place in sorted(seen, key=lambda p: -int(one.right[p].sum())):
-            _fill(codes, one, place, frame.drive)
+            _fill_joined_codes(codes, one, place, frame.drive)
     return None if (codes < 0).any() else codes
 
 
-def _fill(codes: np.ndarray, one: PinVerdict, place: int, meant: Drive) -> None:
+def _fill_joined_codes(codes: np.ndarray, one: PinVerdict, place: int, meant: Drive) -> None:
     elements = np.array(one.elements)
     right = one.right[place]
     phases, amplitudes = _nearest_codes(one.weights[place])
@@ -308,7 +308,7 @@ def _nearest_codes(weights: ComplexArray) -> tuple[np.ndarray, np.ndarray]:
     return phases, np.clip(sizes, 0, FULL_AMPLITUDE)
 
 
-def _observation(frame: Intended, codes: np.ndarray, late_us: float) -> Observation:
+def _joined_observation(frame: Intended, codes: np.ndarray, late_us: float) -> Observation:
     drive = Drive(codes[0].astype(np.uint8), codes[1].astype(np.uint8))
     due_us = frame.t_apply_us or 0
     return Observation(
@@ -320,7 +320,7 @@ def _observation(frame: Intended, codes: np.ndarray, late_us: float) -> Observat
     )
 
 
-def _summary(verdict: CaptureVerdict) -> Iterator[str]:
+def _capture_verdict_summary(verdict: CaptureVerdict) -> Iterator[str]:
     what = "; ".join(verdict.reasons[:2]) or "every captured pin does what was intended"
     more = len(verdict.reasons) - 2
     if more > 0:

@@ -103,20 +103,20 @@ def shown_frames(record: PinRecord, run: RunDrives) -> ShownFrames:
     limits = CaptureLimits.of(record)
     found = _best_alignment(record, run, limits)
     starts, ends = found.starts(run), found.ends(run)
-    lost, before = _lost_frames(record, _drives(record, run, found, limits, each=False))
+    lost, before = _lost_frames(record, _pin_drives(record, run, found, limits, each=False))
     weights = frame_weights(record, run, starts, ends).weights
     turns = common_turns(record, run, weights, limits.phase_rad)
     steps = pin_steps(record, run, starts, ends, before, turns)
-    drives = _drives(record, run, found, limits, steps, before)
+    drives = _pin_drives(record, run, found, limits, steps, before)
     lost |= _without_latch(record, starts, ends) & ~steps.is_inside.any(axis=1)
-    return ShownFrames(starts, ends, drives, steps, lost, _lateness(steps, lost))
+    return ShownFrames(starts, ends, drives, steps, lost, _pin_lateness(steps, lost))
 
 
 def _best_alignment(record: PinRecord, run: RunDrives, limits: CaptureLimits) -> Alignment:
     """Return the alignment in which most drives are right."""
 
     def share(place: Alignment) -> float:
-        return _share_right(_drives(record, run, place, limits))
+        return _share_of_right_pins(_pin_drives(record, run, place, limits))
 
     most, best = -1.0, Alignment(0.0, 1.0, 0.0)
     for rate in rates_of(record, run):
@@ -132,7 +132,7 @@ def _best_alignment(record: PinRecord, run: RunDrives, limits: CaptureLimits) ->
     return best if onset is None else onset
 
 
-def _share_right(drives: PinDrives) -> float:
+def _share_of_right_pins(drives: PinDrives) -> float:
     """Return the share of drives that are right, less where fewer frames are seen."""
     seen = np.isfinite(drives.weights).all(axis=1)
     if not seen.any():
@@ -140,7 +140,7 @@ def _share_right(drives: PinDrives) -> float:
     return float(drives.all_right()[seen].mean()) * math.sqrt(float(seen.mean()))
 
 
-def _drives(
+def _pin_drives(
     record: PinRecord,
     run: RunDrives,
     found: Alignment,
@@ -188,15 +188,17 @@ def _lost_frames(record: PinRecord, drives: PinDrives) -> tuple[Bools, NDArray[n
         before[frame] = shown
         if shown >= 0 and np.isfinite(weights[frame]).all() and sound.any():
             seen, old, new = weights[frame], run.weights[shown], run.weights[frame]
-            if not _shows(drives, frame, seen, new)[sound].all():
+            if not _pin_shows_frame(drives, frame, seen, new)[sound].all():
                 seen = _on_phase_of_reference(record, run, seen, old)
-                lost[frame] = _keeps(drives, frame, seen, old)[sound].all()
+                lost[frame] = _pin_keeps_frame(drives, frame, seen, old)[sound].all()
         if not lost[frame]:
             shown = frame
     return lost, before
 
 
-def _shows(drives: PinDrives, frame: int, seen: ComplexArray, meant: ComplexArray) -> Bools:
+def _pin_shows_frame(
+    drives: PinDrives, frame: int, seen: ComplexArray, meant: ComplexArray
+) -> Bools:
     """Return the (E,) pins that show what is *meant* in a frame."""
     size = np.abs(np.abs(seen) - np.abs(meant)) <= drives.limit_amplitude
     faint = np.abs(meant) <= drives.limit_amplitude
@@ -205,7 +207,7 @@ def _shows(drives: PinDrives, frame: int, seen: ComplexArray, meant: ComplexArra
     return shown
 
 
-def _keeps(drives: PinDrives, frame: int, seen: ComplexArray, old: ComplexArray) -> Bools:
+def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: ComplexArray) -> Bools:
     """Return the (E,) pins that keep the *old* drive, but for a latch of all in the last periods.
 
     So late a latch shows too little to be judged. It adds the same share of the new drive to all
@@ -215,7 +217,7 @@ def _keeps(drives: PinDrives, frame: int, seen: ComplexArray, old: ComplexArray)
     step = run.weights[frame] - old
     size = float((np.abs(step) ** 2).sum())
     share = float((np.conj(step) * (seen - old)).real.sum()) / size if size > 0.0 else 1.0
-    kept = _shows(drives, frame, seen, old)
+    kept = _pin_shows_frame(drives, frame, seen, old)
     window = max(float(run.ends[frame] - run.starts[frame]) - SETTLED - 1.0, 1.0)
     if not kept.all() and 0.0 < share < _LAST_PERIODS / window:
         rest = np.abs(seen - old - share * step)
@@ -247,7 +249,7 @@ def _without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray) -> B
     return missing if (is_inside & (counts > 0)).any() else np.zeros_like(missing)
 
 
-def _lateness(steps: PinSteps, lost: Bools) -> FloatArray:
+def _pin_lateness(steps: PinSteps, lost: Bools) -> FloatArray:
     """Return by how many periods each frame was latched after it was due."""
     late = np.where(steps.is_inside, steps.middle, np.nan)
     late[lost] = np.nan

@@ -95,7 +95,7 @@ class Expectation:
             key=FrameKey(0, 0, 0, latch.number),
             status=FrameStatus.NOT_VERIFIED,
             evidence=latch.evidence,
-            target_m=_vector(foci[0]),
+            target_m=_expected_vector(foci[0]),
             t_latch_us=latch.t_us,
             latches=1,
         )
@@ -114,7 +114,7 @@ class Expectation:
         if isinstance(pattern, OneFocus):
             offset_m = np.array(pattern.position_m) - target.position_m
             verdicts["S2"] = criteria.is_on_target(target, offset_m)
-            measures |= _placed(target, pattern, offset_m)
+            measures |= _placed_expectation(target, pattern, offset_m)
         elif all(verdicts.values()) and not self._shows_focus(target, latch.steps):
             count = int(target.active.sum())
             note = (
@@ -139,7 +139,7 @@ class Expectation:
             status,
             criteria=dict(sorted(verdicts.items())),
             faults=faults,
-            bound_mm=_finite_mm(target.bound_m),
+            bound_mm=_finite_expected_mm(target.bound_m),
             smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
             uncertainty_mm=target.place_uncertainty(self._uncertainty),
             note="; ".join(notes) if status is not FrameStatus.OFF_TARGET else "",
@@ -209,12 +209,14 @@ class Expectation:
             seen,
             FrameStatus.ON_TARGET if ok else FrameStatus.OFF_TARGET,
             criteria={"S2": ok},
-            measured_m=_vector(places[worst]),
+            measured_m=_expected_vector(places[worst]),
             lateral_error_mm=_MM * float(np.linalg.norm(off_m[worst])),
         )
 
 
-def _placed(target: FrameTarget, pattern: OneFocus, offset_m: FloatArray) -> dict[str, Any]:
+def _placed_expectation(
+    target: FrameTarget, pattern: OneFocus, offset_m: FloatArray
+) -> dict[str, Any]:
     across_m, along_m = target.split(offset_m)
     return {
         "measured_m": pattern.position_m,
@@ -228,11 +230,11 @@ def _as(seen: FrameVerdict, status: FrameStatus, **values: Any) -> FrameVerdict:
     return dataclasses.replace(seen, status=status, **values)
 
 
-def _finite_mm(bound_m: FloatArray) -> tuple[float | None, float | None, float | None]:
+def _finite_expected_mm(bound_m: FloatArray) -> tuple[float | None, float | None, float | None]:
     x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
     return x, y, z
 
 
-def _vector(values: FloatArray) -> Vector:
+def _expected_vector(values: FloatArray) -> Vector:
     x, y, z = (float(value) for value in values)
     return x, y, z

@@ -73,13 +73,15 @@ _ORDERS: Final = (
 
 def name_mistake(model: AcousticModel, aims: Sequence[Aim]) -> Diagnosis | None:
     """Return the mistake that explains where the foci are; None: none does, or several do."""
-    if len(_distinct(aims)) < LEAST_TARGETS:
+    if len(_distinct_aims(aims)) < LEAST_TARGETS:
         return None
     case = _Case(model, aims)
     if case.misfit(case.targets) <= _EXPLAINS:
         return None
     for hypotheses in (case.simple(), case.double()):
-        scored = sorted(((case.misfit(places), name) for name, places in hypotheses), key=_first)
+        scored = sorted(
+            ((case.misfit(places), name) for name, places in hypotheses), key=_first_mistake
+        )
         best, name = scored[0]
         if best > _EXPLAINS:
             continue
@@ -92,7 +94,7 @@ def name_mistake(model: AcousticModel, aims: Sequence[Aim]) -> Diagnosis | None:
 
 def is_explained_alone(model: AcousticModel, aims: Sequence[Aim], rivals: Sequence[Aim]) -> bool:
     """Return True if *aims* are on target, and *rivals* neither are nor show another mistake."""
-    if len(_distinct(rivals)) < LEAST_TARGETS or name_mistake(model, rivals) is not None:
+    if len(_distinct_aims(rivals)) < LEAST_TARGETS or name_mistake(model, rivals) is not None:
         return False
     misfit, rival = (_Case(model, each).misfit_of_targets() for each in (aims, rivals))
     return misfit <= _EXPLAINS and rival >= max(_MARGIN * misfit, _LEAST_RIVAL)
@@ -112,11 +114,11 @@ def hint_at_speed(model: AcousticModel, aims: Sequence[Aim]) -> str | None:
     return name.parts[-1][1] if case.misfit(places) <= _EXPLAINS else None
 
 
-def _first(item: tuple[float, _Name]) -> float:
+def _first_mistake(item: tuple[float, _Name]) -> float:
     return item[0]
 
 
-def _distinct(aims: Sequence[Aim]) -> set[tuple[float, ...]]:
+def _distinct_aims(aims: Sequence[Aim]) -> set[tuple[float, ...]]:
     return {tuple(np.round(aim.target_m, 6).tolist()) for aim in aims}
 
 

@@ -92,14 +92,14 @@ def _set(board: BoardClient) -> None:
             trace_divider=5,
         )
     if board.has(Feature.SEQUENCE_PHASES):
-        _begin(board, _pending(board), zlib.crc32(_pending(board)))
+        _begin_pending_upload(board, _pending(board), zlib.crc32(_pending(board)))
 
 
 def _pending(board: BoardClient) -> bytes:
     return bytes(number % 251 for number in range(_FRAMES * board.identity.transducers))
 
 
-def _begin(board: BoardClient, data: bytes, crc: int) -> None:
+def _begin_pending_upload(board: BoardClient, data: bytes, crc: int) -> None:
     """Begin an upload, and send its first byte and its last."""
     begin = UploadBegin(UploadKind.PHASES, 0, PENDING, len(data), crc)
     board.link.call(begin, UploadBeginReply)
@@ -269,7 +269,7 @@ def _goes_on(board: BoardClient, name: str) -> None:
 )
 def a_mismatch_changes_nothing(board: BoardClient) -> None:
     data = _pending(board)
-    _begin(board, data, zlib.crc32(data))
+    _begin_pending_upload(board, data, zlib.crc32(data))
     damaged = bytes([data[0] ^ 0x40]) + data[1:]
     send_chunks(board, damaged)
     since = board.link.mark()
