@@ -12,7 +12,7 @@ class Viewer {
     this.#fillTroubles(0);
     this.#listen();
     this.#takeColours();
-    this.show(0);
+    this.show(Math.max(0, this.firstTrouble)); // what failed comes first
     root.dataset.ready = "true";
   }
 
@@ -46,6 +46,7 @@ class Viewer {
   draw() {
     const options = { decibels: this.part("decibels").checked, trail: this.part("trail").checked };
     this.picture.draw(this.frame, options);
+    this.#fillScale(); // a field that is drawn may be above it
     this.timeline.draw(this.frame, this.picture.ink);
     this.#placeHandle();
   }
@@ -124,6 +125,7 @@ class Viewer {
     const count = scene.frames - first;
     const odd = Array.from({ length: count }, (_, at) => first + at).filter((at) => troubleOf(scene, at).rank > 0);
     this.troubles = (this.troubles ?? 0) + odd.length;
+    this.firstTrouble ??= odd.at(0) ?? -1;
     this.part("trouble-count").textContent = this.troubles ? `${this.troubles}` : "none";
     for (const frame of odd.slice(0, Math.max(0, 500 - list.children.length))) {
       const number = scene.column("number")[frame];
@@ -156,14 +158,17 @@ class Viewer {
   #fillLegends() {
     this.part("phase-bar").style.background = PHASE_MAP.gradient;
     this.part("pressure-bar").style.background = PRESSURE_MAP.gradient;
+    this.part("no-field").hidden = this.picture.field.isKnown;
+    this.part("margins").hidden = !this.timeline.longest;
+    this.part("longest").textContent = `${this.timeline.longest.toPrecision(3)} ms`;
+  }
+
+  #fillScale() {
     const [low, high] = this.part("decibels").checked
       ? [`−${DECIBELS} dB`, `0 dB, ${this.picture.scalePa} Pa RMS`]
       : ["0", `${this.picture.scalePa} Pa RMS`];
     this.part("pressure-low").textContent = low;
     this.part("pressure-high").textContent = high;
-    this.part("no-field").hidden = this.picture.field.isKnown;
-    this.part("margins").hidden = !this.timeline.longest;
-    this.part("longest").textContent = `${this.timeline.longest.toPrecision(3)} ms`;
   }
 
   // --- controls ----------------------------------------------------------------------------------
@@ -231,7 +236,7 @@ class Viewer {
     on("newest", "change", () => this.show(this.scene.frames - 1));
     on("follow", "change", () => this.show(this.frame));
     on("trail", "change", () => this.draw());
-    on("decibels", "change", () => { this.#fillLegends(); this.draw(); });
+    on("decibels", "change", () => this.draw());
     on("reset", "click", () => { this.picture.camera.reset(); this.draw(); });
     this.#listenToPicture();
     this.#listenToTimeline();

@@ -141,7 +141,9 @@ def _run_of_four() -> Scene:
 
 @pytest.fixture
 def page(tmp_path: Path, open_page: Callable[..., Any]) -> Any:
-    return open_page(_scene_page(tmp_path, _run_of_four()))
+    page = open_page(_scene_page(tmp_path, _run_of_four()))
+    page.evaluate("() => haptogramViewer.show(0)")
+    return page
 
 
 def test_a_scene_without_a_focus_reaches_before_the_array(
@@ -153,6 +155,17 @@ def test_a_scene_without_a_focus_reaches_before_the_array(
     bounds = page.evaluate("() => haptogramViewer.picture.bounds")
     assert bounds["low"][2] < 250.0 - 50.0  # the array lies at 250 mm and looks down
     assert bounds["high"][2] < 270.0
+    scale = page.evaluate("() => haptogramViewer.picture.scalePa")
+    assert scale > 10.0  # of the field that was drawn, as no focus gives one
+    assert page.locator("[data-part=pressure-high]").inner_text() == f"{scale:g} Pa RMS"
+
+
+def test_the_first_frame_that_wants_attention_is_shown_first(
+    tmp_path: Path, open_page: Callable[..., Any]
+) -> None:
+    page = open_page(_scene_page(tmp_path, _run_of_four()))
+    assert _table(page)["status"] == "lost"
+    assert page.evaluate("() => haptogramViewer.frame") == 2
 
 
 def _table(page: Any) -> dict[str, str]:
