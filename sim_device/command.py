@@ -313,7 +313,7 @@ def _board_config_of(options: argparse.Namespace) -> BoardConfig:
         raise ConfigurationError("--no-reconstruct acts only with --backdoor; leave it out")
     if options.as_device != bool(options.client):
         raise ConfigurationError("--as-device and a program behind -- need each other")
-    _check_board_files(options)
+    _check_virtual_board_files(options)
     values = given_options(options, BOARD_OPTIONS)
     line = [BOARD_OPTIONS[name].word for name in options_of(LineSettings) if name in values]
     if options.serial is not None:
@@ -325,7 +325,7 @@ def _board_config_of(options: argparse.Namespace) -> BoardConfig:
     return BoardConfig.of(**values)
 
 
-def _check_board_files(options: argparse.Namespace) -> None:
+def _check_virtual_board_files(options: argparse.Namespace) -> None:
     """Refuse a link or a back door that has the name of another file of the command line."""
     outputs = {
         option: Path(path)

@@ -96,7 +96,7 @@ def _run_own_budget(config: BudgetConfig) -> int:
     ]
     asked = next(b for b in budgets if b.name == f"phases, {config.phase_bits} bit")
     print(_budget_of_one_frame(asked, wake_ns, config))
-    print(_budget_of_all_formats(budgets, wake_ns))
+    print(_budget_table(budgets, wake_ns))
     print(_budget_of_answers(config.baud))
     return 0 if asked.highest_hz >= config.rate_hz else 1
 
@@ -161,7 +161,7 @@ def _budget_of_one_frame(asked: FrameBudget, wake_ns: int, config: BudgetConfig)
     return "\n".join(lines) + "\n"
 
 
-def _budget_of_all_formats(budgets: list[FrameBudget], wake_ns: int) -> str:
+def _budget_table(budgets: list[FrameBudget], wake_ns: int) -> str:
     head = (
         f"{'format':<23}{'bytes':>6}{'encode':>8}{'write':>7}{'wire':>9}{'decode':>8}"
         f"{'lead':>9}{'highest rate':>14}  limited by"

@@ -112,7 +112,7 @@ class _BackdoorSocket:
         self._socket.close()
 
 
-def _backdoor_opener(path: str, flags: int) -> int:
+def _open_backdoor_stream(path: str, flags: int) -> int:
     """Open a file, or a pipe whether or not a board has begun to write to it."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
@@ -120,7 +120,7 @@ def _backdoor_opener(path: str, flags: int) -> int:
 class _BackdoorFileStream:
     def __init__(self, path: str) -> None:
         try:
-            self._file = open(path, "rb", buffering=0, opener=_backdoor_opener)  # noqa: SIM115  closed by close()
+            self._file = open(path, "rb", buffering=0, opener=_open_backdoor_stream)  # noqa: SIM115  closed by close()
         except OSError as error:
             raise ConfigurationError(f"cannot read {path}: {error.strerror}") from error
 

@@ -53,7 +53,7 @@ def terminal_error_line(program: str, message: str, stream: TextIO) -> str:
     return without_job_commands(f"{shown} {message}")
 
 
-def paint_terminal_verdicts(text: str, stream: TextIO) -> str:
+def paint_verdicts_on_terminal(text: str, stream: TextIO) -> str:
     """Return *text* with the verdicts at the beginnings of its lines in their colours.
 
     It holds no command of a job of GitHub, though a board may have put one into its name.

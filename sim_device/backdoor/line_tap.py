@@ -18,7 +18,7 @@ from .recorder import InlineReconstruction
 from .records import Record
 
 
-class TapRecording(Protocol):
+class LineRecording(Protocol):
     """A recording that is being written; times are nanoseconds."""
 
     failure: str
@@ -55,7 +55,7 @@ class TapRecording(Protocol):
 
 
 #: Given a file and the options of the command, opens a recording.
-OpenRecording: TypeAlias = Callable[[Path, Mapping[str, Any]], TapRecording]
+OpenRecording: TypeAlias = Callable[[Path, Mapping[str, Any]], LineRecording]
 
 
 class LineTap:
@@ -66,7 +66,7 @@ class LineTap:
 
     Parameters
     ----------
-    recording : TapRecording
+    recording : LineRecording
         Is closed with this.
     config : BoardConfig
         The board, as it can be built again.
@@ -77,7 +77,12 @@ class LineTap:
     """
 
     def __init__(
-        self, recording: TapRecording, config: BoardConfig, settings: BoardSettings, *, paced: bool
+        self,
+        recording: LineRecording,
+        config: BoardConfig,
+        settings: BoardSettings,
+        *,
+        paced: bool,
     ) -> None:
         self._recording = recording
         self._latched = 0

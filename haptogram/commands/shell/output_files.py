@@ -14,7 +14,7 @@ from haptogram.machine.files import (
     check_file_writable,
     is_standard_output,
 )
-from haptogram.machine.terminal import paint_terminal_verdicts
+from haptogram.machine.terminal import paint_verdicts_on_terminal
 from haptogram.settings.board import is_grid_of_elements
 from haptogram.settings.shape import SHAPES
 
@@ -94,7 +94,7 @@ class Outputs:
 
     def print(self, text: str) -> None:
         """Print *text* to the stream for text, its verdicts in their colours."""
-        print(paint_terminal_verdicts(text, self.text), file=self.text, flush=True)
+        print(paint_verdicts_on_terminal(text, self.text), file=self.text, flush=True)
 
     def announce(self) -> None:
         """Say on standard error what was written."""

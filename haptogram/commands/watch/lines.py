@@ -6,7 +6,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Final, TextIO
 
-from haptogram.machine.terminal import paint_terminal_verdicts
+from haptogram.machine.terminal import paint_verdicts_on_terminal
 
 if TYPE_CHECKING:
     from haptogram.evidence.dialects.watched_board import WatchedBoard
@@ -48,13 +48,13 @@ class LatchLines:
             return
         more = f"  (+{self._left_out} more)" if self._left_out else ""
         line = latch_line(seen, self._board) + more
-        print(paint_terminal_verdicts(line, self._stream), file=self._stream, flush=True)
+        print(paint_verdicts_on_terminal(line, self._stream), file=self._stream, flush=True)
         self._printed_s, self._left_out = now_s, 0
 
     def print_remark(self, text: str) -> None:
         """Print what the board says of its client."""
         if not self._quiet:
-            line = paint_terminal_verdicts(f"{'':>6}  {text}", self._stream)
+            line = paint_verdicts_on_terminal(f"{'':>6}  {text}", self._stream)
             print(line, file=self._stream, flush=True)
 
 

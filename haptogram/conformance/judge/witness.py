@@ -73,14 +73,14 @@ def expect_shown(
         )
         if found != due
     ]
-    named = ", ".join(_names_of_witness(board, shown, registers, amplitudes, bits))
+    named = ", ".join(_drive_faults_of_witness(board, shown, registers, amplitudes, bits))
     fail(
         f"{named or 'another drive'}: {len(wrong)} transducers differ "
         f"((phase, amplitude) of {'; '.join(wrong[:_SHOWN])})"
     )
 
 
-def _names_of_witness(
+def _drive_faults_of_witness(
     board: BoardClient, shown: ShownDrive, registers: bytes, amplitudes: bytes, bits: int
 ) -> tuple[str, ...]:
     """Return the names of the faults of a drive, judged by the array's geometry."""

@@ -261,7 +261,7 @@ class Link:
             )
         if isinstance(outcome, RequestRefused):
             error = outcome.error
-            other = "; another host has opened a session" if _is_taken_over(error) else ""
+            other = "; another host has opened a session" if _link_is_taken_over(error) else ""
             raise DeviceError(
                 f"{outcome.request.name} was refused: {_link_error_name(error.code)}, "
                 f"detail {error.detail}{other}",
@@ -281,7 +281,7 @@ class Link:
             raise self._transport.error()
 
 
-def _is_taken_over(error: Error) -> bool:
+def _link_is_taken_over(error: Error) -> bool:
     """Return True if the board has the session of another host, which *error* names: HG-4.12."""
     return error.code == ErrorCode.STALE_SESSION and error.detail != 0
 

@@ -14,7 +14,7 @@ _FULL_DUTY: Final = 0.5
 _PHASE_BITS: Final = 8
 
 
-def element_findings(found: ElementDrives, *, active_low: bool, others_pulse: bool) -> list[str]:
+def pin_findings(found: ElementDrives, *, active_low: bool, others_pulse: bool) -> list[str]:
     """Return the defects of the pin of one element, in words; none: it may be right."""
     wrong = []
     if found.edges == 0 and others_pulse:
@@ -34,7 +34,7 @@ def findings_of(found: CaptureDrives, *, active_low: bool = False) -> list[str]:
     others = any(row.edges for row in found.elements)
     lines = []
     for row in found.elements:
-        words = element_findings(row, active_low=active_low, others_pulse=others)
+        words = pin_findings(row, active_low=active_low, others_pulse=others)
         if row.channel in found.restless:
             words.append("pulses that differ all the time, which show no latch")
         if row.edges and (undefined := found.capture.channel(row.channel).undefined):

@@ -9,7 +9,7 @@ from haptogram.records.frame import Evidence
 from haptogram.verification import Tolerance, cut_run_text, tolerance_text
 
 from .pins import capture_sentences
-from .wording import count_text, host_delay_text
+from .wording import count_text, run_host_delay_text
 
 _EVIDENCE: Final = {
     Evidence.EXTERNAL: "External: what was radiated was recorded beside the board's own answers "
@@ -70,7 +70,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
             f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: a smaller one "
             f"could come from the rounding of the phases{_tolerance_sentence_end(result)}."
         )
-    if (delay := host_delay_text(result)) is not None:
+    if (delay := run_host_delay_text(result)) is not None:
         yield f"{delay[0].upper()}{delay[1:]}."
     if frames["lost"] or frames["late"]:
         yield f"{frames['lost']} lost and {frames['late']} late; each is named below."

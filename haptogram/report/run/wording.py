@@ -77,7 +77,7 @@ def faults_and_troubles_text(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the planned faults that fired, the host's own delay, and the damage on the line."""
     if "faults" in result:
         yield f"faults on purpose: {_fired_faults_text(result['faults'])}"
-    if (delay := host_delay_text(result)) is not None:
+    if (delay := run_host_delay_text(result)) is not None:
         yield f"host: {delay}"
     sides = [
         f"the {side} counted " + ", ".join(f"{name} {number}" for name, number in counts.items())
@@ -87,7 +87,7 @@ def faults_and_troubles_text(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"line: {'; '.join(sides)} (SPEC.md 9.2)"
 
 
-def host_delay_text(result: Mapping[str, Any]) -> str | None:
+def run_host_delay_text(result: Mapping[str, Any]) -> str | None:
     """Return the delay of the host, or None if every frame was sent."""
     host = result.get("host")
     if not host or not host["skipped"]:

@@ -9,7 +9,7 @@ import pytest
 
 from haptogram.cli import main
 from haptogram.machine.terminal import (
-    paint_terminal_verdicts,
+    paint_verdicts_on_terminal,
     printable_text,
     terminal_error_line,
     terminal_has_colour,
@@ -52,10 +52,10 @@ def test_verdicts_at_the_beginning_of_a_line_have_their_colour(
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("TERM", "xterm")
     text = "PASS: all\nverdict      FAIL\nno PASS here\nPASSED"
-    assert paint_terminal_verdicts(text, Terminal()) == (
+    assert paint_verdicts_on_terminal(text, Terminal()) == (
         "\x1b[1;32mPASS\x1b[0m: all\nverdict      \x1b[1;31mFAIL\x1b[0m\nno PASS here\nPASSED"
     )
-    assert paint_terminal_verdicts(text, io.StringIO()) == text
+    assert paint_verdicts_on_terminal(text, io.StringIO()) == text
     assert terminal_error_line("prog", "why", Terminal()) == "\x1b[1;31mprog:\x1b[0m why"
 
 
@@ -80,10 +80,10 @@ def test_a_command_in_a_pipe_prints_no_escape(
 def test_in_a_job_of_github_printed_text_is_no_command(
     text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert paint_terminal_verdicts(text, io.StringIO()) == text
+    assert paint_verdicts_on_terminal(text, io.StringIO()) == text
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     for shown in (
-        paint_terminal_verdicts(text, io.StringIO()),
+        paint_verdicts_on_terminal(text, io.StringIO()),
         terminal_error_line("haptogram conform", text, io.StringIO()),
     ):
         assert shown.replace(" ", "").endswith(text.replace(" ", ""))

@@ -32,7 +32,7 @@ def drops_duplicates(board: BoardClient) -> None:
 
 
 @case("HG-5.5/2", "frames ahead by 1 to 32767 add to gap and are latched", evidence=SELF_REPORTED)
-def counts_gaps(board: BoardClient) -> None:
+def counts_stream_gaps(board: BoardClient) -> None:
     board.arm()
     for ahead in (1, 15, 16, 255, 256, 300, 32_767):
         board.link.stream_next += ahead

@@ -61,7 +61,7 @@ def any_frame_renews(board: BoardClient) -> None:
 
 
 @case("HG-6.10/1", "a sounding board whose stream stops is muted by the hold", needs=Feature.CONFIG)
-def hold_mutes(board: BoardClient) -> None:
+def mutes_after_hold(board: BoardClient) -> None:
     board.configure(hold_ms=60)
     board.arm()
     since = board.link.mark()
