@@ -17,6 +17,7 @@ static volatile int wanted;     /* 1: the board radiates */
 /* The set that is not active, once it is loaded; the timer interrupt makes it active. */
 static struct {
     volatile int loaded, waits;
+    volatile int wanted_before; /* whether the board radiated when it was taken */
     int64_t due_us;
     uint32_t strobe_ticks; /* drivers take a set at the beginning of the carrier period after this */
     volatile uint32_t taken_ticks;
@@ -39,13 +40,20 @@ static void take(void)
     active = 1 - active;
     next.waits = 0;
     next.taken_ticks = chip_ticks();
+    next.wanted_before = wanted;
     wanted = 1;
     chip_enable_output(!line_is_muted());
 }
 
+/* What was taken for a latch that does not come, as of a playback that STOP ended, goes back. */
 static void drop_next(void)
 {
     interrupts_off();
+    if (next.loaded && !next.waits) {
+        active = 1 - active;
+        wanted = next.wanted_before;
+        chip_enable_output(wanted && !line_is_muted());
+    }
     next.loaded = next.waits = 0;
     interrupts_on();
 }

@@ -1,0 +1,55 @@
+/* The drives of a port on this computer: one step for each line of standard input.
+
+   at TIME           the chip's time, in microseconds since it started; an alarm that is due comes
+   load TIME CODE    the board loads the phase CODE for TIME
+   unload            what was loaded is not to be taken
+   radiate TIME CODE the board latches it
+   off               the board ends the output
+
+   After each step the phase that the transducers get, or "-" while their gate is shut. */
+
+#include <stdio.h>
+#include <string.h>
+
+#define PORT_CORTEX_M_H /* this computer has no interrupts to mask */
+static void interrupts_off(void) {}
+static void interrupts_on(void) {}
+
+#include "../ports/common/clock.c"
+#include "../ports/common/transducers.c"
+
+static uint32_t now_us;
+static int is_open;
+
+uint32_t chip_ticks(void) { return now_us * CHIP_TICKS_PER_US; }
+void chip_enable_output(int enabled) { is_open = enabled; }
+int line_is_muted(void) { return 0; }
+
+int main(void)
+{
+    static struct drive drive;
+    char text[64], word[8];
+
+    while (fgets(text, sizeof text, stdin) != NULL) {
+        unsigned us = 0, code = 0;
+
+        if (sscanf(text, "%7s %u %u", word, &us, &code) < 1)
+            return 2;
+        memset(drive.phase, (int)code, sizeof drive.phase);
+        if (strcmp(word, "at") == 0) {
+            now_us = us;
+            transducers_tick();
+        } else if (strcmp(word, "load") == 0) {
+            transducers_load(NULL, &drive, BOARD_BOOT_US + us);
+        } else if (strcmp(word, "unload") == 0) {
+            transducers_load(NULL, NULL, BOARD_NEVER);
+        } else {
+            transducers_radiate(NULL, strcmp(word, "off") == 0 ? NULL : &drive, BOARD_BOOT_US + us);
+        }
+        if (is_open)
+            printf("%d\n", registers[active].phase[0]);
+        else
+            printf("-\n");
+    }
+    return 0;
+}
