@@ -216,7 +216,7 @@ class _Pins:
         )
         low, high = latch.at + settled, latch.until - 1.0
         seen = np.full(len(elements), np.nan, np.complex128)
-        gone = []
+        gone, sounding = [], False
         for place, element in enumerate(elements):
             centres, vectors = self.vectors[element]
             begin, end = np.searchsorted(centres, [low, high])
@@ -224,6 +224,7 @@ class _Pins:
             seen[place] = vectors[begin:end].sum() / max(1, round(high - low)) if len(times) else 0
             edges = np.concatenate([[low], times, [high]])
             has_gap = len(times) > 0 and np.diff(edges).max() > _SILENT
+            sounding |= abs(meant[place]) > self.limits.amplitude and len(times) > 0
             if abs(meant[place]) > self.limits.amplitude and has_gap:
                 gone.append(element)
             elif len(times):
@@ -232,7 +233,8 @@ class _Pins:
         if gone:
             length = in_us(record, high - low)
             lost = f"{pin_names(record, gone)} fall silent within {length} of the latch {where}"
-        findings.add("HG-5.8/5", lost)
+        if sounding:
+            findings.add("HG-5.8/5", lost)
         wrong = [
             e for e, bad in zip(elements, self._wrong(seen, meant, latch.boot), strict=True) if bad
         ]

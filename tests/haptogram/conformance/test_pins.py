@@ -132,6 +132,21 @@ def shifted(record, element, begin, end, periods):
     return dataclasses.replace(record, pins={**record.pins, element: changed})
 
 
+def test_pins_that_never_sound_prove_nothing(healthy):
+    """As where probes are off, or the map names other channels."""
+    _, record = healthy
+    pins = {
+        element: dataclasses.replace(pin, rises=pin.rises[:0], falls=pin.falls[:0])
+        for element, pin in record.pins.items()
+    }
+    results = judge_pins([dataclasses.replace(record, pins=pins)])
+    assert {r.clause for r in results if r.behaviour is Behaviour.OK} == set()
+    assert {r.clause for r in results if r.behaviour is Behaviour.FAILED} == {
+        "HG-5.2/1",
+        "HG-5.3/1",
+    }
+
+
 def test_pulses_in_a_silence_are_found_whatever_made_it(healthy):
     _, record = healthy
     dialogue = PinDialogue(record)
