@@ -28,6 +28,7 @@ from haptogram_protocol.messages import (
     Flag,
     HelloReply,
     MessageType,
+    StateChanged,
     Trace,
     TraceDrive,
     TraceMode,
@@ -35,6 +36,7 @@ from haptogram_protocol.messages import (
     drive_codes,
     unwrap,
 )
+from haptogram_protocol.state import OutputState
 
 from .configurations import KnownConfigurations
 from .dialogue import PinDialogue
@@ -51,6 +53,7 @@ _SEARCHED: Final = 8.0  # periods on both sides of a latch in which it is sought
 _TORN: Final = 1.25  # a period, and what a pulse that a latch cut may seem to be off
 _MISSED: Final = 2.0  # a period, and where its pulse lies in it
 _SILENT: Final = 2.5  # periods without a pulse
+_BEFORE_WORD_MS: Final = 1.0  # a board may be silent before it says so: HG-12.1/1
 _STEADY: Final = 3.0  # samples by which the pulses of one drive may differ
 _LEAST_STEP: Final = 0.06  # of full drive: drives nearer than that are not told apart
 
@@ -375,7 +378,7 @@ def _frame_of(sent: dict[tuple[int, int, int], _Sent], told: LineFrame) -> _Sent
 
 
 def _possible_ends(dialogue: PinDialogue) -> list[float]:
-    """Return the arrivals of requests that may change the output, in order, and the end."""
+    """Return when the output may change by something else than a latch, in order, and the end."""
     kinds = {
         MessageType.HELLO,
         MessageType.ARM,
@@ -387,4 +390,8 @@ def _possible_ends(dialogue: PinDialogue) -> list[float]:
         MessageType.STOP,
     }
     found = [f.arrival for f in dialogue.to_board if f.header.type in kinds]
+    for frame, changed in dialogue.said(StateChanged):  # by a fault, which no request brings
+        moment = dialogue.told(frame)
+        if changed.state is not OutputState.ARMED and moment is not None:
+            found.append(moment - _BEFORE_WORD_MS * dialogue.record.carrier_hz * 1e-3)
     return sorted([*found, *dialogue.resets, dialogue.record.end, math.inf])

@@ -13,13 +13,15 @@ from haptogram.conformance.pins.dialogue import PinDialogue
 from haptogram.conformance.pins.judge import judge_pins, with_pins
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.verdict import Behaviour
+from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record
 from haptogram.settings.board import PinCaptureConfig
 from haptogram.settings.faults.plan import FaultPlan
-from haptogram_protocol.messages import Mute, StateChanged
+from haptogram_protocol.messages import Mute, StateChanged, TraceMode
+from haptogram_protocol.state import OutputState
 from virtual_ports import BoardPort
 
 MAP = {"reference": "carrier", "to_board": "to_board", "to_host": "to_host", "elements": "e{}"}
@@ -130,6 +132,30 @@ def shifted(record, element, begin, end, periods):
         falls=np.concatenate([pin.falls, rises + periods])[order],
     )
     return dataclasses.replace(record, pins={**record.pins, element: changed})
+
+
+def test_a_fault_of_the_hardware_ends_a_drive_by_right(tmp_path):
+    path = tmp_path / "pins.vcd"
+    config = PinCaptureConfig(capture=path, capture_ms=10_000.0, capture_elements="0,5")
+    model = AcousticModel(
+        TransducerArray.parse("4x4", pitch_m=0.01), Medium.air(20.0), Transducer()
+    )
+    port = BoardPort(model=model, capture=config)
+    with Driver(port, seed=1) as driver:
+        driver.configure(trace_mode=TraceMode.CRC, hold_ms=1000, host_timeout_ms=1000)
+        driver.arm()
+        driver.focus((0.0, 0.0, 0.15))
+        driver.hold(0.03)
+        port.simulation.raise_hardware_fault()
+        port.stall(20_000_000)
+        assert driver.status().state is OutputState.FAULT
+    port.simulation.power_down()
+    port.pins.close()
+    record = pin_record(read_capture(path), ChannelMap.of("map.toml", MAP))
+    results = by_clause(judge_pins([record]))
+    assert {r.detail for r in results.values() if r.behaviour is Behaviour.FAILED} == set()
+    assert results["HG-5.8/5"].behaviour is Behaviour.OK
+    assert results["HG-6.6/1"].behaviour is Behaviour.OK
 
 
 def test_pins_that_never_sound_prove_nothing(healthy):
