@@ -31,12 +31,13 @@ NEEDED = {
     "modulation": ["am"],
     "soak": ["--hours", "0.0001"],
 }
-#: What an input of `verify` makes sense with.
+#: What an input of a command that judges captures makes sense with.
 BESIDE = {
     "capture": ["--port", "none", "--channels", "map.toml"],
     "channels": ["--port", "none", "--capture", "pins.vcd"],
     "recording": ["--capture", "pins.vcd", "--channels", "map.toml"],
 }
+CAPTURED = {"conform", "verify"}
 SUFFIX = {"picture": ".svg"}
 
 
@@ -93,7 +94,7 @@ def test_an_output_does_not_replace_an_input(
         other = str(source) if spelling == "same" else f"./{source}"
     options = file_options(command)
     options_words = [f"{word(options[reader])}={source}", f"{word(options[writer])}={other}"]
-    needed = [*NEEDED.get(command, []), *(BESIDE.get(reader, []) if command == "verify" else [])]
+    needed = [*NEEDED.get(command, []), *(BESIDE.get(reader, []) if command in CAPTURED else [])]
     assert main([command, *needed, *options_words]) == 2
     said = capsys.readouterr()
     assert said.err == (
