@@ -111,7 +111,7 @@ def verify_run(
         unseen = f"the driver keeps the last {len(kept)} latches it is told"
     not_kept = _kept_for_verdict(intended).dropped
     seen: dict[FrameKey, list[Observation]] = defaultdict(list)
-    latched = _checked_observations(observations)
+    latched = _observations_to_verify(observations)
     for observation in _verdict_of_kept(intended, latched) if not_kept else latched:
         seen[observation.key].append(observation)
     for latches in seen.values():
@@ -172,7 +172,7 @@ def check_judgement(
     )
 
 
-def _checked_observations(entries: Iterable[Observation]) -> Iterator[Observation]:
+def _observations_to_verify(entries: Iterable[Observation]) -> Iterator[Observation]:
     for number, entry in enumerate(entries):
         if not isinstance(entry, Observation):
             check_argument_kind(

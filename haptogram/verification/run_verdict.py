@@ -21,7 +21,7 @@ from .verdict import (
     FrameVerdict,
     Verdict,
     frame_measures,
-    frame_verdict_line,
+    frame_verdict_text,
 )
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
@@ -100,7 +100,7 @@ class RunVerdict:
         """Yield a line for each odd frame; of many, one for all with the same thing wrong."""
         odd = self.odd_frames
         if len(odd) <= _NAMED_FRAMES:
-            yield from ((frame_verdict_line(frame), [frame]) for frame in odd)
+            yield from ((frame_verdict_text(frame), [frame]) for frame in odd)
             return
         groups: dict[tuple[str, ...], list[FrameVerdict]] = defaultdict(list)
         for frame in odd:
@@ -108,7 +108,7 @@ class RunVerdict:
         for what, frames in sorted(groups.items(), key=lambda group: -len(group[1])):
             is_group = len(frames) > 1
             line = (
-                _run_verdict_group_line(what, frames) if is_group else frame_verdict_line(frames[0])
+                _run_verdict_group_line(what, frames) if is_group else frame_verdict_text(frames[0])
             )
             yield line, frames
 

@@ -246,7 +246,7 @@ def wrong_pressure_text(frame: FrameVerdict) -> str | None:
     return f"{frame.target_pressure_rms_pa:.0f} Pa at the target {wanted}"
 
 
-def frame_verdict_line(frame: FrameVerdict) -> str:
+def frame_verdict_text(frame: FrameVerdict) -> str:
     """Return the faults of one frame, with their size, in a line."""
     parts = [f"frame {frame.number}: {frame.status}"]
     if (frame.late or frame.early) and frame.lateness_us is not None:
@@ -261,7 +261,7 @@ def frame_verdict_line(frame: FrameVerdict) -> str:
 
 def _frame_verdict_text(frame: FrameVerdict) -> str:
     """Return the status of one frame, its evidence, and the smallest miss that would show."""
-    parts = [frame_verdict_line(frame)]
+    parts = [frame_verdict_text(frame)]
     if frame.status not in WRONG and (place := _frame_verdict_place(frame)) is not None:
         parts.append(place)
     if frame.criteria and not frame.is_silence:

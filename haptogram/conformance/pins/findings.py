@@ -39,7 +39,7 @@ def at_ms(record: PinRecord, periods: float) -> str:
     return f"at {periods * record.period_s * 1e3:.3f} ms"
 
 
-def in_us(record: PinRecord, periods: float) -> str:
+def pin_time(record: PinRecord, periods: float) -> str:
     """Return a length of time in words."""
     return f"{periods * 1e6 / record.carrier_hz:.0f} us"
 

@@ -40,7 +40,7 @@ from haptogram_protocol.state import OutputState
 
 from .configurations import KnownConfigurations
 from .dialogue import PinDialogue
-from .findings import PinFindings, at_ms, in_us, pin_names
+from .findings import PinFindings, at_ms, pin_names, pin_time
 
 _Vectors: TypeAlias = tuple[FloatArray, ComplexArray]
 _FULL: Final = 255
@@ -189,7 +189,7 @@ class _Pins:
                 behind = [element for element in after if after[element] - begin > _TORN]
                 torn = (
                     f"{pin_names(record, behind)} of {len(after)} pins change "
-                    f"{in_us(record, end - begin)} or more after the first, in the latch {where}"
+                    f"{pin_time(record, end - begin)} or more after the first, in the latch {where}"
                 )
             findings.add("HG-5.8/2", torn)
         middle = float(np.median([(after[e] + first[e]) / 2.0 for e in after]))
@@ -202,7 +202,7 @@ class _Pins:
         apart = shown - told
         if abs(apart) <= _MISSED:
             return ""
-        return f"the pins change {in_us(self.record, abs(apart))} {_side(apart)} {than}"
+        return f"the pins change {pin_time(self.record, abs(apart))} {_side(apart)} {than}"
 
     # --- what ------------------------------------------------------------------------------------
 
@@ -234,7 +234,7 @@ class _Pins:
                 seen[place] = vectors[begin:end].mean()
         lost = ""
         if gone:
-            length = in_us(record, high - low)
+            length = pin_time(record, high - low)
             lost = f"{pin_names(record, gone)} fall silent within {length} of the latch {where}"
         if sounding:
             findings.add("HG-5.8/5", lost)

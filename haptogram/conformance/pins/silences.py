@@ -21,7 +21,7 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import MuteReason, OutputState
 
 from .dialogue import PinDialogue
-from .findings import PinFindings, at_ms, in_us, pin_names
+from .findings import PinFindings, at_ms, pin_names, pin_time
 
 _PERIOD: Final = 1.0  # HG-6.6/1
 _CLOCKS: Final = 0.5  # periods by which device time and capture may differ: HG-6.9/2 allows 10 us
@@ -85,9 +85,9 @@ def judge_silences(dialogue: PinDialogue, findings: PinFindings) -> None:
         how = "go on sounding" if goes_on else "begin to sound"
         findings.add(
             clause,
-            f"{pin_names(record, sorted(wrong))} {how} {in_us(record, first - due.cause_at)} after "
-            f"{due.cause} {at_ms(record, due.cause_at)}, and last sound "
-            f"{in_us(record, last - due.cause_at)} after it",
+            f"{pin_names(record, sorted(wrong))} {how} {pin_time(record, first - due.cause_at)} "
+            f"after {due.cause} {at_ms(record, due.cause_at)}, and last sound "
+            f"{pin_time(record, last - due.cause_at)} after it",
         )
 
 

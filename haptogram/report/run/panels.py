@@ -17,9 +17,9 @@ from .fieldmap import FieldPicture, PanelFieldMap
 from .series import (
     ErrorSeries,
     plotted_focus_mm,
+    plotted_frames_of_run,
     plotted_relative_error,
     plotted_targets_mm,
-    thinned_frames_of_run,
 )
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def empty_panel(axes: Any, text: str) -> None:
 
 def foci_panel(figure: Figure, axes: Any, run: RunVerdict, model: AcousticModel) -> None:
     """Draw intended and measured foci over the array; *axes* has three dimensions."""
-    frames = thinned_frames_of_run(run.frames, _MOST_POINTS)
+    frames = plotted_frames_of_run(run.frames, _MOST_POINTS)
     elements = 1e3 * model.array.positions_m
     targets = plotted_targets_mm(frames)
     axes.scatter(*elements.T, s=5, c=GREY, marker="s", linewidths=0, label="transducers")
@@ -261,7 +261,7 @@ def frames_rug(
 def object_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:
     """Draw the pressure at the focus, seen from above."""
     frames = [
-        f for f in thinned_frames_of_run(run.frames, _MOST_POINTS) if f.pressure_rms_pa is not None
+        f for f in plotted_frames_of_run(run.frames, _MOST_POINTS) if f.pressure_rms_pa is not None
     ]
     if not frames:
         empty_panel(axes, "no pressure was measured")

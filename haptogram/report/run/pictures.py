@@ -31,9 +31,9 @@ from .series import (
     plotted_bounds_mm,
     plotted_error_series,
     plotted_focus_mm,
+    plotted_frames_of_run,
     plotted_relative_error,
     plotted_targets_mm,
-    thinned_frames_of_run,
 )
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def draw_run_misses(run: RunVerdict, model: AcousticModel) -> Figure:
         upper = figure.add_subplot(grid[0, 0])
         lower = figure.add_subplot(grid[1, 0], sharex=upper)
         frames = [
-            f for f in thinned_frames_of_run(run.frames, _MOST_POINTS) if _pictured_time_us(f)
+            f for f in plotted_frames_of_run(run.frames, _MOST_POINTS) if _pictured_time_us(f)
         ]
         for axes, axis, name in ((upper, 0, "across"), (lower, 1, "along")):
             _time_panel(axes, run, frames, model, axis, f"{name} the beam (mm)")
@@ -181,7 +181,7 @@ def _object_panel(figure: Figure, axes: Any, run: RunVerdict) -> None:
     """Draw the error over its bound at every focus, seen from above."""
     from matplotlib.colors import LogNorm
 
-    frames = thinned_frames_of_run(run.frames, _MOST_POINTS)
+    frames = plotted_frames_of_run(run.frames, _MOST_POINTS)
     found = [(plotted_focus_mm(f), plotted_relative_error(f)) for f in frames]
     seen = [(place, error) for place, error in found if error is not None]
     targets = plotted_targets_mm(frames)

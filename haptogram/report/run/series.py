@@ -104,7 +104,7 @@ def _plotted_badness(frame: FrameVerdict) -> tuple[bool, float, int]:
     return wrong, plotted_relative_error(frame) or 0.0, -frame.number
 
 
-def thinned_frames_of_run(frames: Sequence[FrameVerdict], most: int) -> list[FrameVerdict]:
+def plotted_frames_of_run(frames: Sequence[FrameVerdict], most: int) -> list[FrameVerdict]:
     """Return at most about *most* frames, evenly taken, with every one that is not on target."""
     step = -(-len(frames) // most)
     return [

@@ -153,11 +153,11 @@ def frame_columns(frames: Sequence[ShownFrame], count: int) -> dict[str, NDArray
         "along_mm": _shown_frame_numbers(frames, lambda f: f.along_mm).astype(np.float32),
         "pressure_pa": _shown_frame_numbers(frames, lambda f: f.pressure_pa).astype(np.float32),
         "force_mn": 1e3 * _shown_frame_numbers(frames, lambda f: f.force_n).astype(np.float32),
-        **drive_columns([f.drive for f in frames], count),
+        **view_drive_columns([f.drive for f in frames], count),
     }
 
 
-def drive_columns(drives: Sequence[Drive | None], count: int) -> dict[str, NDArray[np.uint8]]:
+def view_drive_columns(drives: Sequence[Drive | None], count: int) -> dict[str, NDArray[np.uint8]]:
     """Return the codes of *drives*, of *count* elements each; None: nobody saw the drive.
 
     Amplitudes that are the same in every drive are said once.

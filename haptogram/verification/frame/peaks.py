@@ -36,7 +36,7 @@ _MARGIN: Final = 1.1  # for the second order of the response to rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PeakDirection:
+class FramePeakAxes:
     """Space in which a peak is searched: a line, a plane, or all directions.
 
     Attributes
@@ -64,7 +64,7 @@ class ExpectedPeak:
 
     Attributes
     ----------
-    direction : PeakDirection
+    direction : FramePeakAxes
         Where it was looked for.
     place_m : (3,) numpy.ndarray
         The peak.
@@ -74,7 +74,7 @@ class ExpectedPeak:
         Largest displacement that rounding of the phases can make.
     """
 
-    direction: PeakDirection
+    direction: FramePeakAxes
     place_m: FloatArray
     response: FloatArray
     rounding_m: FloatArray
@@ -88,7 +88,7 @@ def expected_frame_peak(
     model: AcousticModel,
     ideal: ComplexArray,
     target_m: FloatArray,
-    direction: PeakDirection,
+    direction: FramePeakAxes,
     phase_limit_rad: float,
     reach_rad: float = NEXT_TO_TARGET_RAD,
 ) -> ExpectedPeak | None:
@@ -129,7 +129,7 @@ def _worst_peak_displacement_m(
     model: AcousticModel,
     ideal: ComplexArray,
     place_m: FloatArray,
-    direction: PeakDirection,
+    direction: FramePeakAxes,
     errors_rad: FloatArray,
 ) -> FloatArray:
     """Return (D,) the largest displacements of the peak by phase errors (K, N) and their negative.
@@ -144,7 +144,10 @@ def _worst_peak_displacement_m(
 
 
 def find_frame_peak(
-    model: AcousticModel, weights: ComplexArray, start_m: FloatArray, direction: PeakDirection
+    model: AcousticModel,
+    weights: ComplexArray,
+    start_m: FloatArray,
+    direction: FramePeakAxes,
 ) -> FloatArray | None:
     """Return (D,) the offset of the pressure peak next to *start_m* along the axes of *direction*.
 
@@ -183,7 +186,10 @@ def find_frame_peak(
 
 
 def frame_peak_response(
-    model: AcousticModel, weights: ComplexArray, place_m: FloatArray, direction: PeakDirection
+    model: AcousticModel,
+    weights: ComplexArray,
+    place_m: FloatArray,
+    direction: FramePeakAxes,
 ) -> FloatArray | None:
     """Return (D, N) how far each radian of phase of an element moves a peak, in m/rad.
 

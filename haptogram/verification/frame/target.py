@@ -19,7 +19,7 @@ from haptogram.acoustics.solvers.focus_fit import focus_phase_response
 from haptogram.errors import ConfigurationError
 
 from ..tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
-from .peaks import LOST, ExpectedPeak, PeakDirection, expected_frame_peak
+from .peaks import LOST, ExpectedPeak, FramePeakAxes, expected_frame_peak
 
 Bools = NDArray[np.bool_]
 
@@ -154,7 +154,7 @@ class FrameTarget:
             self.model, self.position_m, self.amplitudes * np.abs(self.arrivals)
         )
 
-    def directions(self) -> list[PeakDirection]:
+    def directions(self) -> list[FramePeakAxes]:
         """Return the plane across the beam and the line along it, if this array tells them."""
         found = []
         for axes in (axes_about_normal(self.axis)[:2], self.axis[None, :]):
@@ -163,10 +163,10 @@ class FrameTarget:
                 found.append(direction)
         return found
 
-    def direction(self, axes: FloatArray) -> PeakDirection:
+    def direction(self, axes: FloatArray) -> FramePeakAxes:
         """Return the direction along *axes* (D, 3) with its metric."""
         metric = self.model.wavenumber**2 * (axes @ self.covariance @ axes.T)
-        return PeakDirection(axes, metric)
+        return FramePeakAxes(axes, metric)
 
     @cached_property
     def peaks(self) -> list[ExpectedPeak]:

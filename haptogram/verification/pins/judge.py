@@ -19,7 +19,7 @@ from haptogram.records.pins import PinRecord
 from ..verdict import Verdict
 from .element_faults import PinFaultKind, exchanged_orders, faults_of_pins, grouped_faults
 from .pin_verdict import PinLimits, PinVerdict
-from .pin_weights import shared_phase, wrapped_angles
+from .pin_weights import pins_phase, wrapped_angles
 from .run_drives import Bools, RunDrives
 from .shared_phase import clock_turns
 from .shown_frames import FIT_SHARE, CaptureLimits, ShownFrames, shown_frames
@@ -236,7 +236,7 @@ class _PinJudge:
         if turns is None:
             return
         frames = np.flatnonzero(judged & np.isfinite(turns))
-        away = wrapped_angles(turns[frames] - shared_phase(turns[frames], self._limits.phase_rad))
+        away = wrapped_angles(turns[frames] - pins_phase(turns[frames], self._limits.phase_rad))
         limit = 2.0 * self._limits.phase_rad + self.run.allowed_rad[frames]
         for place in np.flatnonzero(np.abs(away) > limit):
             self._find(

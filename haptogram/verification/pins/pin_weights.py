@@ -105,7 +105,7 @@ def common_turns(
     sounding = np.isfinite(product) & (np.abs(product) > 0.0)
     errors = np.where(sounding, np.angle(product), np.nan)
     if record.reference_element is None:
-        turn = shared_phase(errors[sounding], limit_rad)
+        turn = pins_phase(errors[sounding], limit_rad)
         common = np.full(run.count, turn)
     else:
         common = _filled(errors[:, run.elements.index(record.reference_element)])
@@ -114,7 +114,7 @@ def common_turns(
     agreeing = _agreeing(errors, common, limit_rad)
     doubtful = (2 * agreeing.sum(axis=1) < sounding.sum(axis=1)) & (sounding.sum(axis=1) >= _FEWEST)
     for frame in np.flatnonzero(doubtful):
-        shared = shared_phase(errors[frame][sounding[frame]], limit_rad)
+        shared = pins_phase(errors[frame][sounding[frame]], limit_rad)
         near = np.abs(wrapped_angles(errors[frame] - shared)) <= 2.0 * limit_rad
         if near.sum() > max(agreeing[frame].sum(), 1):
             common[frame] = shared
@@ -137,7 +137,7 @@ def _agreeing(errors: FloatArray, common: FloatArray, limit_rad: float) -> Bools
     return near
 
 
-def shared_phase(errors: FloatArray, limit_rad: float) -> float:
+def pins_phase(errors: FloatArray, limit_rad: float) -> float:
     """Return the phase near which most of *errors* (K,) lie."""
     if not len(errors):
         return 0.0

@@ -15,8 +15,8 @@ from haptogram.report.run.fieldmap import frame_field_picture
 from haptogram.report.run.series import (
     plotted_bounds_mm,
     plotted_focus_mm,
+    plotted_frames_of_run,
     plotted_relative_error,
-    thinned_frames_of_run,
     worst_frames_of_run,
 )
 from haptogram.verification import FrameStatus, RunVerdict
@@ -186,9 +186,9 @@ def test_the_worst_frames_come_first() -> None:
 
 def test_thinning_keeps_what_went_wrong() -> None:
     run, _ = scene("everything")
-    kept = [frame.number for frame in thinned_frames_of_run(run.frames, 2)]
+    kept = [frame.number for frame in plotted_frames_of_run(run.frames, 2)]
     assert kept == [0, 1, 3, 4, 5]
-    assert thinned_frames_of_run(run.frames, 6) == run.frames
+    assert plotted_frames_of_run(run.frames, 6) == run.frames
 
 
 def test_a_tilted_and_a_sideways_array_have_their_field_drawn(model: AcousticModel) -> None:

@@ -56,7 +56,7 @@ def _wrong_crc(board: BoardClient) -> Frames:
     }
 
 
-def _other_damage(board: BoardClient) -> Frames:
+def _other_defect(board: BoardClient) -> Frames:
     ping = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
     long = malformed_frames.noise_bytes(board.random, MAX_ENCODED_BYTES + 100)
     frames = {
@@ -149,4 +149,4 @@ def damage_renews_nothing(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def others_renew_nothing(board: BoardClient) -> None:
-    _judge(board, _other_damage)
+    _judge(board, _other_defect)
