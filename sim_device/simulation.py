@@ -179,6 +179,7 @@ class Simulation:
     def raise_hardware_fault(self) -> None:
         """Let the hardware of a board of Haptogram's own dialect fail now."""
         if isinstance(self.dialect, VirtualHaptogramDialect):
+            self.dialect.advance_to(self._clock.device_us(self._now_ns))  # it was idle since
             self.dialect.raise_hardware_fault()
             self._record()
             self._feed_line()

@@ -393,5 +393,5 @@ def _possible_ends(dialogue: PinDialogue) -> list[float]:
     for frame, changed in dialogue.said(StateChanged):  # by a fault, which no request brings
         moment = dialogue.told(frame)
         if changed.state is not OutputState.ARMED and moment is not None:
-            found.append(moment - _BEFORE_WORD_MS * dialogue.record.carrier_hz * 1e-3)
+            found += [moment - _BEFORE_WORD_MS * dialogue.record.carrier_hz * 1e-3, moment]
     return sorted([*found, *dialogue.resets, dialogue.record.end, math.inf])

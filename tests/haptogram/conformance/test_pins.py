@@ -156,6 +156,8 @@ def test_a_fault_of_the_hardware_ends_a_drive_by_right(tmp_path):
     assert {r.detail for r in results.values() if r.behaviour is Behaviour.FAILED} == set()
     assert results["HG-5.8/5"].behaviour is Behaviour.OK
     assert results["HG-6.6/1"].behaviour is Behaviour.OK
+    for pin in record.pins.values():  # the fault came after the hold
+        assert pin.falls[-1] - pin.rises[0] == pytest.approx(0.03 * 40_000, abs=40.0)
 
 
 def test_pins_that_never_sound_prove_nothing(healthy):
