@@ -249,14 +249,15 @@ class _Pins:
         """Return the pins that differ, on the phase that the pins share with their drives."""
         limits = self.limits
         turn = seen * np.conj(meant)
+        sizes = np.abs(np.abs(seen) - np.abs(meant)) > limits.amplitude
+        audible = np.minimum(np.abs(seen), np.abs(meant)) > limits.amplitude
         if self.record.reference_element is None:
             offset = self._offset(turn, boot)
         else:
             place = list(self.record.pins).index(self.record.reference_element)
             offset = float(np.angle(turn[place]))
+            audible &= audible[place]  # a silent reference has no phase
         errors = np.abs(np.angle(turn * np.exp(-1j * offset)))
-        sizes = np.abs(np.abs(seen) - np.abs(meant)) > limits.amplitude
-        audible = np.minimum(np.abs(seen), np.abs(meant)) > limits.amplitude
         # The shared phase is known to a sample only.
         bad: NDArray[np.bool_] = sizes | (audible & (errors > 2.0 * limits.phase_rad))
         return bad

@@ -134,6 +134,15 @@ def shifted(record, element, begin, end, periods):
     return dataclasses.replace(record, pins={**record.pins, element: changed})
 
 
+def test_an_element_that_is_the_reference_may_be_silent(tmp_path):
+    captured_suite(tmp_path / "pins.vcd")
+    own = MAP | {"reference": "e0", "elements": {"e0": 0, "e5": 5, "e10": 10}}
+    record = pin_record(read_capture(tmp_path / "pins.vcd"), ChannelMap.of("map.toml", own))
+    results = judge_pins([record])
+    assert {r.clause: r.detail for r in results if r.behaviour is Behaviour.FAILED} == {}
+    assert {r.clause for r in results if r.behaviour is Behaviour.OK} == SEEN
+
+
 def test_a_fault_of_the_hardware_ends_a_drive_by_right(tmp_path):
     path = tmp_path / "pins.vcd"
     config = PinCaptureConfig(capture=path, capture_ms=10_000.0, capture_elements="0,5")
