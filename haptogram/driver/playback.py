@@ -213,13 +213,14 @@ class DriverPlayback:
         short.
         """
         self._news = self._events.total
+        self._goes_on = True  # also where PLAY arrived and nobody waited for its reply
         score = _PlaybackScore(frames, timing, self._start(timing), self._identity.nonce, intended)
         try:
             end = self._follow(score, progress)
         except BaseException:
-            self._goes_on = True
             score.note(self._due(score))
             raise
+        self._goes_on = False
         score.note(score.total)
         return score.t0_us, end
 

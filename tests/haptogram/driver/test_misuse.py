@@ -9,12 +9,14 @@ from haptogram import RecordFile
 from haptogram.acoustics import AcousticModel
 from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.driver.driver import Driver
+from haptogram.driver.line.link import Link
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import ConfigurationError, DeviceError, LinkLostError
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import FrameKey
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
+from haptogram_protocol.messages import Play
 from latched_drives import intend
 from sim_device.protocol_haptogram import open_virtual_port
 from virtual_ports import BoardPort
@@ -123,6 +125,24 @@ def test_a_driver_goes_on_after_a_playback_that_was_cut_short(then):
         with pytest.raises(ZeroDivisionError):
             driver.play([PLACE] * 100, 100, progress=fail)
         assert then(driver)
+
+
+def test_a_playback_whose_reply_nobody_waited_for_is_ended_before_the_next_frame(monkeypatch):
+    real = Link.request
+
+    def interrupted(link, message, *rest, **options):
+        reply = real(link, message, *rest, **options)
+        if isinstance(message, Play):
+            raise KeyboardInterrupt
+        return reply
+
+    with Driver(BoardPort(model=MODEL), seed=1) as driver:
+        driver.arm()
+        monkeypatch.setattr(Link, "request", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            driver.play([PLACE] * 100, 100)
+        monkeypatch.undo()
+        assert driver.stream([PLACE] * 5, 1000).status.counters.dropped_state == 0
 
 
 # --- Things of another driver, or of none --------------------------------------------------------
