@@ -112,6 +112,18 @@ class PinDialogue:
         return [f.arrival for f in self.to_board if f.header.type == MessageType.ARM]
 
     @cached_property
+    def _armings(self) -> list[float]:
+        """Arrivals of ARM, and the replies to those that the analyser read wrongly."""
+        read = {
+            (f.header.session, f.header.seq)
+            for f in self.to_board
+            if f.header.type == MessageType.ARM
+        }
+        replies = (f for f in self.to_host if f.header.type == MessageType.ARM_REPLY)
+        lost = [f.begin for f in replies if (f.header.session, f.header.seq) not in read]
+        return sorted([*self.arms, *lost])
+
+    @cached_property
     def sources(self) -> list[float]:
         """Arrivals of frames that may bring sound: of the stream, and PLAY."""
         return [
@@ -121,8 +133,8 @@ class PinDialogue:
         ]
 
     def next_arm(self, t: float) -> float:
-        """Return the first arrival of ARM from *t* on, else the end of the capture."""
-        return _next(self.arms, t, self.record.end)
+        """Return when the board may sound again from *t* on: by ARM; else the end."""
+        return _next(self._armings, t, self.record.end)
 
     def next_source(self, t: float) -> float:
         """Return the first arrival of a frame that may bring sound from *t* on, else the end."""

@@ -169,6 +169,16 @@ def test_a_fault_of_the_hardware_ends_a_drive_by_right(tmp_path):
         assert pin.falls[-1] - pin.rises[0] == pytest.approx(0.03 * 40_000, abs=40.0)
 
 
+def test_an_arm_that_the_analyser_read_wrongly_is_known_by_its_reply(healthy):
+    _, record = healthy
+    line, arms = record.to_board, PinDialogue(record).arms
+    for arm in arms[::2]:
+        kept = np.arange(len(line.values)) != np.searchsorted(line.times, arm) - 3
+        damaged = dataclasses.replace(line, values=line.values[kept], times=line.times[kept])
+        results = judge_pins([dataclasses.replace(record, to_board=damaged)])
+        assert {r.detail for r in results if r.behaviour is Behaviour.FAILED} == set(), arm
+
+
 def test_pins_that_never_sound_prove_nothing(healthy):
     """As where probes are off, or the map names other channels."""
     _, record = healthy
