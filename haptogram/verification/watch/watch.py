@@ -196,7 +196,7 @@ class Watch:
             yield f"{count} elements prove no pattern: with --expect their phases are judged"
         if self._are_off_target and (text := hint_at_speed(self._model, [*self._aims.values()])):
             yield f"the foci are where they would be if {text}"
-        elif self._missed and self._missed == self._only_phases:
+        elif self._only_phases and self._only_phases == sum(self._statuses[s] for s in WRONG):
             yield (
                 "every focus is where it was expected; single phases are off by more than half a "
                 "step (S1), as of codes that are cut off or of air that differs a little: "

@@ -187,11 +187,15 @@ def test_one_target_is_enough_for_a_hint_at_the_speed_of_sound():
 def test_foci_in_place_whose_codes_are_cut_off_are_a_hint_at_tolerances():
     array = LAYOUTS["sonicsurface"].array()
     targets = targets_of(array)[:2]
-    seen = latches(array, 32, targets, spoil=lambda w: w * np.exp(0.12j * (np.arange(256) % 2)))
+    spoil = {"spoil": lambda w: w * np.exp(0.12j * (np.arange(256) % 2))}
+    seen = list(latches(array, 32, targets, **spoil))
     result = watched(array, seen, targets).result()
     assert result.verdict is Verdict.FAIL
     (hint,) = result.hints
     assert hint.startswith("every focus is where it was expected; single phases are off")
+    run = watched(array, [*seen, *latches(array, 32, targets[:1])], [*targets[:, None], targets])
+    assert run.result().statuses[FrameStatus.WRONG_DRIVE] >= 1  # one focus, of two
+    assert run.result().hints == ()
 
 
 @pytest.mark.parametrize("board", ["sonicsurface", "ultraino-flat8", "sonicsurface-stack"])
