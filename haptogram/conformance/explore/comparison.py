@@ -16,6 +16,7 @@ from haptogram_protocol.messages import (
     Header,
     HelloReply,
     Message,
+    Play,
     PlaybackEnded,
     Pong,
     StateChanged,
@@ -32,12 +33,15 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason
 
+_SAME_IN_HELLO: Final = frozenset(
+    {"major", "minor", "nonce", "state", "sound_speed_mm_s", "config_crc"}
+)
 #: Fields in which boards of one protocol may differ.
 _OWN: Final[dict[type[Message], frozenset[str]]] = {
-    HelloReply: frozenset(HelloReply.WIRE) - {"major", "minor", "nonce", "state"},
+    HelloReply: frozenset(HelloReply.WIRE) - _SAME_IN_HELLO,
     UploadBeginReply: frozenset(UploadBeginReply.WIRE),
-    Status: frozenset({"free_bytes", "config_crc"}),
-    StatusReply: frozenset({"free_bytes", "config_crc"}),
+    Status: frozenset({"free_bytes"}),
+    StatusReply: frozenset({"free_bytes"}),
     GeometryReply: frozenset({"elements"}),
     # CRC-32 of a computed drive may differ by rounding; other cases compare the drives.
     Trace: frozenset({"crc"}),
@@ -51,15 +55,44 @@ _CODES_APART: Final = 1  # steps between two computations of one drive
 
 
 @dataclass(frozen=True, slots=True)
+class DialogueBase:
+    """Counters and number of stored sequences of a board before slot 0."""
+
+    counters: Counters
+    stored: int = 0
+
+
+@dataclass(slots=True)
+class EventNumbers:
+    """Numbers of a board's events: each is the one before and 1, from 0 in every session."""
+
+    session: int
+    due: int = 0
+
+    def first_wrong(self, frames: Iterable[tuple[Header, Message]]) -> str:
+        """Return the first event of *frames* that is not numbered so (HG-4.6); else empty."""
+        for header, message in frames:
+            if isinstance(message, HelloReply) and message.nonce != self.session:
+                self.session, self.due = message.nonce, 0
+            if header.type not in EVENT_RANGE:
+                continue
+            if header.seq != self.due:
+                name = _named_in_dialogue(message)
+                return f"{name}: its number is {header.seq}, due is {self.due}"
+            self.due = (self.due + 1) & 0xFFFF
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
 class SaidInDialogue:
-    """Responses and events of one board in one slot; counters since the start of the dialogue."""
+    """Responses and events of one board in one slot, and what it said before the dialogue."""
 
     responses: list[tuple[Header, Message]]
     events: list[tuple[Header, Message]]
-    base: Counters
+    base: DialogueBase
 
     @classmethod
-    def of(cls, frames: Iterable[tuple[Header, Message]], base: Counters) -> Self:
+    def of(cls, frames: Iterable[tuple[Header, Message]], base: DialogueBase) -> Self:
         """Sort *frames*; a STATE_CHANGED of a MUTE is optional (HG-6.8/2) and left out."""
         kept = [pair for pair in frames if not _is_optional_in_dialogue(pair[1])]
         events = [pair for pair in kept if pair[0].type in EVENT_RANGE]
@@ -118,8 +151,11 @@ def _dialogue_message_difference(
         if name in own:
             continue
         got, wanted = getattr(message, name), getattr(due, name)
+        if name == "detail" and _is_absent_sequence(due):
+            wanted += ours.base.stored - theirs.base.stored
         if name == "counters":
-            if text := _dialogue_counter_difference(got, wanted, ours.base, theirs.base):
+            before = ours.base.counters, theirs.base.counters
+            if text := _dialogue_counter_difference(got, wanted, *before):
                 return f"{_named_in_dialogue(message)}: {text}"
         elif isinstance(message, DriveReply) and name == "data":
             if not _are_near_codes_of_model(got, wanted):
@@ -133,12 +169,15 @@ def _dialogue_message_difference(
 
 
 def _is_own_detail_of_model(due: Error) -> bool:
-    """Return True if the detail of a refusal depends on the board's limits or its past."""
+    """Return True if the detail of a refusal depends on the board's limits."""
     uploads = due.request in (UploadChunk.TYPE, UploadCommit.TYPE)
-    return (uploads and due.code == ErrorCode.BAD_STATE) or due.code in (
-        ErrorCode.TOO_LARGE,
-        ErrorCode.NOT_FOUND,
-    )
+    return (uploads and due.code == ErrorCode.BAD_STATE) or due.code == ErrorCode.TOO_LARGE
+
+
+def _is_absent_sequence(due: Message) -> bool:
+    """Return True if the detail of a refusal is the number of stored sequences (HG-7.6/1)."""
+    is_absent = isinstance(due, Error) and due.code == ErrorCode.NOT_FOUND
+    return is_absent and getattr(due, "request", 0) == Play.TYPE
 
 
 def _dialogue_counter_difference(

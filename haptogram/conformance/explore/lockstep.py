@@ -16,15 +16,18 @@ from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     Arm,
     Config,
-    Counters,
     Disarm,
+    Error,
+    ErrorCode,
     Feature,
     FocalPoint,
+    GetStatus,
     Header,
     Hello,
     HelloReply,
     Message,
     MessageType,
+    Play,
     SetConfig,
     StatusReply,
     UploadBegin,
@@ -38,6 +41,8 @@ from ..client.board_client import BoardClient
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
 from .actions import (
+    ABSENT,
+    REPLACED,
     SLOT_US,
     STORED_FRAMES,
     STORED_PHASES,
@@ -45,12 +50,13 @@ from .actions import (
     DialogueAction,
     DialogueHost,
 )
-from .comparison import SaidInDialogue, difference
+from .comparison import DialogueBase, EventNumbers, SaidInDialogue, difference
 from .stepped_process import SteppedProcess
 
 _LEAD_US: Final = 2_000_000  # the model runs so long before slot 0
 _LATE_US: Final = SLOT_US // 4  # a host that sends later than this has changed the dialogue
 _SHARE: Final = 6  # of a slot may pass while its frames are on the line
+_TAIL: Final = 6  # slots after the last frame: timers end
 _MODEL: Final = "sim_device.driven.stepped_board"
 #: Limits that the model takes from HELLO_REPLY.
 _LIMITS: Final = (
@@ -130,17 +136,21 @@ class Lockstep:
         """
         board = self._board
         board.wire.begin_case()
+        board.hello()  # a board that differs may have another session open
         host = self._open(config, seed)
         try:
             return self._compare(host, actions)
         finally:
-            board.link.seq = host.seq + 1  # where the client goes on
+            # Where the client goes on.
+            board.link.seq, board.link.session = host.seq + 1, host.session
 
     def _compare(self, host: DialogueHost, actions: Sequence[DialogueAction]) -> Played:
         """Play the slots of a dialogue up to the first difference."""
         base = self._baseline(host)
+        host.last = b""  # its reply, sent again, has a time before the dialogue
+        self._events = EventNumbers(host.session)
         lines: list[str] = []
-        slots = max((action.slot for action in actions), default=0) + 4
+        slots = max((action.slot for action in actions), default=0) + _TAIL
         for slot in range(slots):
             batch = self._batch(host, [a for a in actions if a.slot == slot])
             lines += [f"{slot * SLOT_US:>8} µs  {a.text}: {wire.hex()}" for a, wire in batch]
@@ -167,24 +177,48 @@ class Lockstep:
     # --- the beginning of a dialogue -----------------------------------------------------------
 
     def _open(self, config: Config, seed: int) -> DialogueHost:
-        """Open a session at both, with two stored sequences and *config*; return the host."""
+        """Open a session at both, with stored sequences and *config*; return the host.
+
+        Configuration and sequences are sent in a session before it, so that both boards open it in
+        the same state.
+        """
         board = self._board
         now_us = board.clock.device_us()
         start_us = board.clock.on_carrier(now_us + _LEAD_US // 4)
         self._boot_us = start_us - _LEAD_US
         self._model.step(f"reset {self._boot_us}")
+        self._said_before = 0
+        host = DialogueHost(board.identity, 0, board.link.seq, start_us)
+        self._hello(host)
+        for message in self._preamble(config, seed):
+            self._ask(host, message)
+        self._hello(host)
+        host.sessions.pop(0)  # 0
+        self._session = host.session
+        return host
+
+    def _hello(self, host: DialogueHost) -> None:
+        """Open a session at both."""
+        board = self._board
         nonce = board.new_nonce()
         board.hello(nonce)
+        host.seq = board.link.seq - 1
         hello = Hello(1, 0, nonce, board.description_hash)
-        opening = Header(Hello.TYPE, 0, board.link.seq & 0xFFFF, 0, 0).pack() + hello.serialize()
-        self._model.receive(0, encode_frame(opening))
-        host = DialogueHost(board.identity, config, nonce, board.link.seq, start_us)
-        for number, message in enumerate(self._preamble(config, seed), start=1):
-            board.link.ask(message)
-            body = host.request(message)
-            self._model.receive(1000 * number, encode_frame(body))
-        host.seq = board.link.seq
-        return host
+        self._tell_model(host.hello(hello))
+
+    def _ask(self, host: DialogueHost, message: Message) -> tuple[Message, Message]:
+        """Return the answers of both to a request before slot 0."""
+        ours = self._board.link.ask(message).message
+        host.seq = self._board.link.seq - 1
+        theirs = self._tell_model(host.request(message))
+        assert ours is not None  # an answer was found by what it is
+        return ours, theirs
+
+    def _tell_model(self, body: bytes) -> Message:
+        """Return the model's answer to a request before slot 0."""
+        self._said_before += 1000
+        said = self._model.receive(self._said_before, encode_frame(body))
+        return _frames_in_lockstep(said)[-1][1]
 
     def _preamble(self, config: Config, seed: int) -> list[Message]:
         """Return the requests before slot 0: what a dialogue finds."""
@@ -197,12 +231,16 @@ class Lockstep:
             count = identity.transducers * STORED_FRAMES
             data = bytes((seed + 37 * n) & 0xFF for n in range(count))
             found += self._upload(UploadKind.PHASES, STORED_PHASES, data, 0)
+            found += self._upload(UploadKind.PHASES, REPLACED, data[: identity.transducers], 0)
         if can & Feature.SEQUENCE_POINTS:
             points = (
                 FocalPoint(9000, 5000 * n - 4000, 150_000, 50_000, 0) for n in range(STORED_FRAMES)
             )
             data = b"".join(point.pack() for point in points)
             found += self._upload(UploadKind.POINTS, STORED_POINTS, data, 1)
+        if can & Feature.CORRECTION:
+            none = bytes(identity.transducers)
+            found += self._upload(UploadKind.CORRECTION, 0, none, 0)
         return [*found, Arm(), Disarm()]
 
     def _upload(self, kind: UploadKind, target: int, data: bytes, points: int) -> list[Message]:
@@ -212,21 +250,29 @@ class Lockstep:
         begin = UploadBegin(kind, points, target, len(data), zlib.crc32(data))
         return [begin, *chunks, UploadCommit(target)]
 
-    def _baseline(self, host: DialogueHost) -> tuple[Counters, Counters]:
-        """Return the counters of both before slot 0."""
-        board = self._board
-        ours = board.status().counters
-        host.seq = board.link.seq
-        body = Header(0x45, 0, board.link.seq & 0xFFFF, 0, host.session).pack()
-        said = _frames_in_lockstep(self._model.receive(200_000, encode_frame(body)))
-        status = said[-1][1]
-        assert isinstance(status, StatusReply)
-        return ours, status.counters
+    def _baseline(self, host: DialogueHost) -> tuple[DialogueBase, DialogueBase]:
+        """Return what both say before slot 0."""
+        stored = [0, 0]
+        if self._board.identity.features & Feature.SEQUENCE_PHASES:
+            self._ask(host, Arm())
+            refusals = self._ask(host, Play(ABSENT, SLOT_US, 1, 1000))
+            stored = [
+                refusal.detail
+                for refusal in refusals
+                if isinstance(refusal, Error) and refusal.code == ErrorCode.NOT_FOUND
+            ]
+            self._ask(host, Disarm())
+        ours, theirs = self._ask(host, GetStatus())
+        assert isinstance(ours, StatusReply)
+        assert isinstance(theirs, StatusReply)
+        if len(stored) < len((ours, theirs)):
+            stored = [0, 0]
+        return DialogueBase(ours.counters, stored[0]), DialogueBase(theirs.counters, stored[1])
 
     # --- one slot ------------------------------------------------------------------------------
 
     def _slot(
-        self, host: DialogueHost, slot: int, data: bytes, base: tuple[Counters, Counters]
+        self, host: DialogueHost, slot: int, data: bytes, base: tuple[DialogueBase, DialogueBase]
     ) -> str:
         board, at_us = self._board, host.start_us + slot * SLOT_US
         early_us = at_us - board.clock.device_estimate_us()
@@ -251,12 +297,14 @@ class Lockstep:
         if broken:
             return f"the board sent {broken[0]}"
         heard = sum(len(piece.piece) + 2 for piece in pieces)
+        due = _frames_in_lockstep(theirs)
+        for _, message in due:
+            if isinstance(message, HelloReply):
+                self._session = message.nonce
+        host.session = self._session  # a HELLO that was left out has opened none
         tolerance_us = (board.wire.limits.slack_us or 2000) + board.wire.line_us(len(data) + heard)
-        return difference(
-            SaidInDialogue.of(ours, base[0]),
-            SaidInDialogue.of(_frames_in_lockstep(theirs), base[1]),
-            tolerance_us,
-        )
+        said, wanted = SaidInDialogue.of(ours, base[0]), SaidInDialogue.of(due, base[1])
+        return difference(said, wanted, tolerance_us) or self._events.first_wrong(ours)
 
 
 def _is_mute_in_lockstep(wire: bytes) -> bool:

@@ -10,11 +10,15 @@ from boards import run, virtual
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.conformance.explore.actions import SLOT_US, DialogueGenerator
+from haptogram.conformance.explore.actions import SLOT_US
+from haptogram.conformance.explore.comparison import EventNumbers
+from haptogram.conformance.explore.coverage import DialogueCoverage
+from haptogram.conformance.explore.generator import DialogueGenerator
+from haptogram.conformance.explore.limit_requests import limit_requests
 from haptogram.conformance.explore.shrinking import shrink_dialogue
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
-from haptogram_protocol.messages import HelloReply
+from haptogram_protocol.messages import Arm, Config, Header, HelloReply
 from protocol_c.building import compiler, make
 
 CASE = "HG-1.2/1-dialogues"
@@ -51,6 +55,30 @@ def test_the_same_seed_gives_the_same_dialogue():
     texts = [[(a.slot, a.text, a.damage) for a in g.actions(20)] for g in (first, second)]
     assert texts[0] == texts[1]
     assert {slot for slot, _, _ in texts[0]} <= set(range(20))
+
+
+def test_limits_of_every_request_are_met():
+    identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 1) | {"features": 2047, "firmware": "x"})
+    due, coverage = limit_requests(identity, Config()), DialogueCoverage()
+    assert 50 < len(due) < 120
+    for seed in range(40):
+        DialogueGenerator(identity, seed, coverage).actions(16)
+    met = {first for pair in coverage.pairs for first in pair}
+    assert {f"{message.TYPE.name} at a limit" for message in due} <= met
+
+
+def test_numbers_of_events_go_on_until_another_session():
+    def reply(nonce):
+        fields = dict.fromkeys(HelloReply.WIRE, 1) | {"nonce": nonce, "firmware": "x"}
+        return Header(0x80, 0, 1, 0, nonce), HelloReply(**fields)
+
+    def event(seq):
+        return Header(0xC0, 0, seq, 0, 7), Arm()
+
+    numbers = EventNumbers(7)
+    assert numbers.first_wrong([event(0), event(1), reply(7), event(2)]) == ""
+    assert numbers.first_wrong([reply(8), event(0), reply(7), event(0)]) == ""
+    assert "number is 0, due is 1" in numbers.first_wrong([reply(7), event(0)])
 
 
 @given(st.sets(st.integers(0, 30), min_size=1, max_size=3))

@@ -9,14 +9,16 @@ from haptogram_protocol.messages import Config, Feature
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...explore.actions import SLOT_US, DialogueAction, DialogueGenerator
+from ...explore.actions import SLOT_US, DialogueAction
+from ...explore.coverage import DialogueCoverage
+from ...explore.generator import DialogueGenerator
 from ...explore.lockstep import HostLateError, Lockstep, Played, identity_suits_model
 from ...explore.shrinking import shrink_dialogue
 from ...outcome import SELF_REPORTED, fail, inconclusive, not_observed
 
 _SLOTS: Final = 16
-_DIALOGUES: Final = 8  # without --explore
-_DIALOGUES_VIRTUAL: Final = 24
+_DIALOGUES: Final = 16  # without --explore
+_DIALOGUES_VIRTUAL: Final = 48
 _REPLAYS: Final = 60
 _LATE: Final = 3  # replays of a dialogue in which the host was late
 
@@ -37,10 +39,11 @@ def lives_like_the_model(board: BoardClient) -> None:
         not_observed("this line carries too few frames in the time between two of them")
     lockstep = Lockstep(board)
     late = number = 0
+    coverage = DialogueCoverage()
     start_us = board.wire.now_us()
     try:
         while _goes_on(board, number, start_us):
-            late += not _judge(board, lockstep, board.random.getrandbits(32))
+            late += not _judge(board, lockstep, board.random.getrandbits(32), coverage)
             number += 1
     finally:
         lockstep.close()
@@ -54,12 +57,12 @@ def _goes_on(board: BoardClient, number: int, start_us: int) -> bool:
     return number < (_DIALOGUES if board.wire.limits.slack_us else _DIALOGUES_VIRTUAL)
 
 
-def _judge(board: BoardClient, lockstep: Lockstep, seed: int) -> bool:
+def _judge(board: BoardClient, lockstep: Lockstep, seed: int, coverage: DialogueCoverage) -> bool:
     """Play one dialogue; FAILED with a short one if the board differs.
 
     Returns False if the host was late, so that nothing was compared.
     """
-    generator = DialogueGenerator(board.identity, seed)
+    generator = DialogueGenerator(board.identity, seed, coverage)
     config, actions = generator.config(), generator.actions(_SLOTS)
     played = _play(lockstep, actions, config, seed)
     if played is None:
