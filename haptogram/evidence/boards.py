@@ -336,7 +336,10 @@ class PortBoard:
         if mode is TraceMode.OFF:
             return "the board has no trace in force, and its last drive only was read back"
         if mode is TraceMode.DRIVE and divider > 1:
-            return f"the board shows one drive in {divider}: more do not fit the line"
+            return (
+                f"the board shows one drive in {divider}: more do not fit the line; a lower rate "
+                "of frames or a faster line shows more"
+            )
         return None
 
     def _divider(self, identity: HelloReply) -> int:

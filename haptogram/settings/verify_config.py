@@ -173,6 +173,8 @@ class CaptureConfig(Settings):
         super().__post_init__()
         if self.recording is not None and not self.capture:
             raise SettingError("recording", "is what a capture is judged by: name the --capture")
+        if self.capture and not self.channels:
+            raise SettingError("channels", "is missing: a capture needs the map of its channels")
         if self.capture and len(self.channels) not in (1, len(self.capture)):
             captures = len(self.capture)
             for_them = (

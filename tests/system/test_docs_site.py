@@ -16,7 +16,7 @@ import pytest
 
 from haptogram import VirtualBoard
 from haptogram.acoustics import SingleFocus
-from haptogram.cli import COMMANDS, command_parser
+from haptogram.cli import COMMANDS, command_parser, main
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -122,6 +122,15 @@ def test_a_host_in_40_lines_makes_its_focus(language: str, request: pytest.Fixtu
         assert focus.position_m == pytest.approx((0.0, 0.0, 0.15), abs=1e-3)
     states = [record["state"] for record in output if record.get("event") == "state"]
     assert states[-1] == "MUTED"
+
+
+def test_the_exercise_shows_the_sign_of_the_phases(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (DOCS / "tutorials" / "broken-firmware.md").read_text("utf-8")
+    (words,) = re.findall(r"`haptogram (verify --port \S+ --mode points .*?)`", page)
+    (mutant,) = re.findall(r"`(\S+)` \| points are computed", page)
+    words = words.replace("/tmp/board", f"haptogram://?clock=virtual&mutant={mutant}")
+    assert main([*words.split(), "--object", "circle", "--quiet"]) == 1
+    assert "opposite sign of all phases" in capsys.readouterr().out
 
 
 @pytest.mark.pty

@@ -24,7 +24,7 @@ examples:
       every frame of a recording, of both directions, with the host's times
   haptogram decode dump.bin --verbose
       bytes as they were on a line, every field in full
-  echo 00 0f 04 04 01 01 01 01 01 01 01 01 01 01 | haptogram decode -
+  echo 0002440201010101010402010701010101010105dd341d6100 | haptogram decode -
       hex text from standard input
   haptogram decode client.bin --dialect sonicsurface --json
       what another board's program sent, as JSON lines

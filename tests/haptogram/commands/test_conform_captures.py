@@ -98,7 +98,7 @@ def test_failures_of_pins_can_be_expected(capsys):
 BAD = {
     "conform --capture pins.vcd --channels map.toml": "--capture is of a run at --port",
     "conform --recording run.mcap": "name the --capture",
-    "conform --port x --capture pins.vcd": "names 0 maps for 1 capture",
+    "conform --port x --capture pins.vcd": "--channels is missing",
     f"{JUDGED} --port x": "--port acts only where cases are run",
     JUDGED.replace("map.toml", "blind.toml"): "no line to_host",
     JUDGED.replace("map.toml", "mute.toml"): "to_host carries",

@@ -99,7 +99,7 @@ def test_captures_of_several_passes_are_joined(capsys):
 
 BAD = {
     "--recording": ("name the --capture", 2),
-    "--capture pins.vcd": ("names 0 maps for 1 capture", 2),
+    "--capture pins.vcd": ("--channels is missing: a capture needs the map of its channels", 2),
     "--capture pins.vcd --channels map.toml": ("haptogram board --capture", 2),
     "--channels map.toml": ("name the --capture", 2),
     f"{JUDGED} map.toml --port x": ("--port acts only on a run", 2),

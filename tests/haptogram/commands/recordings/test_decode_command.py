@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -54,6 +55,17 @@ def test_hex_text_is_known_by_its_characters(text, tmp_path, capsys, monkeypatch
     assert "PING seq 5" in of_file
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
     assert run(capsys, "-").out == of_file
+
+
+def test_the_examples_of_help_and_page_are_frames(capsys, monkeypatch):
+    with pytest.raises(SystemExit):
+        main(["decode", "--help"])
+    page = (Path(__file__).parents[4] / "docs" / "recordings.md").read_text("utf-8")
+    shown = re.findall(r"echo ([^|]*) \| haptogram decode -", capsys.readouterr().out + page)
+    assert len(shown) == 2
+    for text in shown:
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.strip("'").encode())))
+        assert "PING seq" in run(capsys, "-").out
 
 
 def test_hex_text_in_many_blocks_is_the_same_as_raw_bytes(tmp_path, capsys):
