@@ -117,6 +117,7 @@ def with_pins(suite: SuiteResult, pins: Sequence[CaseResult]) -> SuiteResult:
 
 
 def sessions_of(record: PinRecord) -> set[int]:
-    """Return the nonces of the sessions that a host asked for in a capture."""
+    """Return the nonces of the sessions that a host asked for, or spoke in, in a capture."""
     frames = PinDialogue(record).to_board
-    return {frame.message.nonce for frame in frames if isinstance(frame.message, Hello)}
+    asked = {frame.message.nonce for frame in frames if isinstance(frame.message, Hello)}
+    return asked | {frame.header.session for frame in frames} - {0}

@@ -26,6 +26,7 @@ BOARD = (
     "--capture-ms 60000 --capture-elements 0,5,10"
 )
 RUN = "--clause HG-8.3/1 --clause HG-6.11/1 --quiet"
+ANOTHER = "conform --clause HG-8.3/1 --quiet --record run.mcap"
 JUDGED = "conform --recording run.mcap --capture pins.vcd --channels map.toml"
 
 
@@ -118,3 +119,11 @@ def test_bad_input_is_one_line(words, capsys):
     assert BAD[words] in said.err
     assert said.err.count("\n") == 1
     assert said.out == ""
+
+
+@pytest.mark.pty
+def test_a_capture_of_another_run_is_no_evidence(capsys):
+    assert main([*ANOTHER.split()]) == 0
+    capsys.readouterr()
+    assert main([*JUDGED.split()]) == 2
+    assert "pins.vcd shows another run than run.mcap" in capsys.readouterr().err
