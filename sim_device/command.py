@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import gc
 import logging
 import os
@@ -14,7 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError, HaptogramError
-from haptogram.machine.files import check_distinct_files, check_file_writable
+from haptogram.machine.files import (
+    STANDARD_OUTPUT,
+    check_distinct_files,
+    check_file_writable,
+    make_folder_of,
+)
 from haptogram.machine.terminal import terminal_error_line
 from haptogram.settings.board import (
     BOARD_OPTIONS,
@@ -27,7 +33,8 @@ from haptogram.settings.dialects import DIALECT_TITLES
 from haptogram.settings.faults.kinds import described_faults
 from haptogram.settings.line import LineSettings
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import Parser
+from haptogram.settings.parser import Parser, name_option
+from haptogram.settings.text_file import plain_reason
 
 if TYPE_CHECKING:
     from haptogram.machine.device_client import DeviceClient
@@ -85,11 +92,19 @@ def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
     parser.description = "A virtual ultrasonic phased array at the far end of a serial line."
     parser.epilog = _board_epilog(parser.prog)
     where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("--link", metavar="PATH", help="pseudo-terminal with this stable name")
-    where.add_argument("--tcp", metavar="[HOST:]PORT", help="TCP server [host 127.0.0.1]")
+    where.add_argument(
+        "--link", metavar="PATH", type=name_option, help="pseudo-terminal with this stable name"
+    )
+    where.add_argument(
+        "--tcp",
+        metavar="[HOST:]PORT",
+        type=functools.partial(name_option, what="[HOST:]PORT"),
+        help="TCP server [host 127.0.0.1]",
+    )
     where.add_argument(
         "--serial",
         metavar="PORT",
+        type=functools.partial(name_option, what="the name of a port"),
         help="real serial port, at its far end; --baud is 3000000 there, or that of the dialect",
     )
     where.add_argument(
@@ -105,7 +120,10 @@ def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
     add_setting_options(parser.add_argument_group("board"), board, seed="another one each time")
     add_setting_options(parser.add_argument_group("line"), line.values())
     parser.add_argument(
-        "--backdoor", metavar="PATH|unix:PATH", help="radiated drives, as JSON lines"
+        "--backdoor",
+        metavar="PATH|unix:PATH",
+        type=name_option,
+        help="radiated drives, as JSON lines",
     )
     parser.add_argument(
         "--no-reconstruct", action="store_true", help="leave the field out of the back door"
@@ -114,6 +132,7 @@ def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
         parser.add_argument(
             "--record",
             metavar="FILE",
+            type=name_option,
             help="write the bytes in both directions and the latches, as MCAP",
         )
     add_setting_options(parser.add_argument_group("drive pins"), _CAPTURE.values())
@@ -197,6 +216,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
     settings, parts, plan = board.settings, board.parts, board.faults
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
+    _make_board_folders(options)
     pins = _start_pin_capture(options, settings)
     tap = _start_line_tap(options, config, settings, open_recording)
     port: BoardPort | None = None
@@ -234,12 +254,13 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             if port is not None:
                 port.close()
             failed = client is not None and client.close()
-            if worker is not None:
-                _end_board_worker(worker)
+            failures = [_end_board_worker(worker) if worker is not None else ""]
             if pins is not None and port is not None:
-                _LOG.info("%s", pins.close())
-            if tap is not None and (failure := tap.close()):
-                raise ConfigurationError(failure)
+                failures.append(_end_pin_capture(pins))
+            if tap is not None:
+                failures.append(tap.close())
+            if any(failures):
+                raise ConfigurationError("; ".join(filter(None, failures)))
     if failed:
         raise HaptogramError(f"{options.client[0]} ended with status {failed}")
 
@@ -261,7 +282,7 @@ def _start_line_tap(
 
 
 def _start_pin_capture(options: argparse.Namespace, settings: BoardSettings) -> PinCapture | None:
-    """Return the recorder of the drive pins, if a capture is wanted; its file can be written."""
+    """Return the recorder of the drive pins, if a capture is wanted."""
     values = given_options(options, _CAPTURE)
     if options.capture is None:
         if values:
@@ -271,7 +292,6 @@ def _start_pin_capture(options: argparse.Namespace, settings: BoardSettings) -> 
     from .backdoor.pin_capture import PinCapture
 
     config = PinCaptureConfig.of(**values)
-    check_file_writable(Path(options.capture))
     return PinCapture(Path(options.capture), config, settings)
 
 
@@ -284,10 +304,21 @@ def _private_board_path(stack: contextlib.ExitStack, name: str) -> str:
     return str(folder.path / name)
 
 
-def _end_board_worker(worker: ReconstructionWorker) -> None:
-    worker.close()
+def _end_board_worker(worker: ReconstructionWorker) -> str:
+    """Close the back door; return why it ended early, or nothing."""
+    failure = worker.close()
     if worker.dropped:
         _LOG.warning("the back door lacks %d latches", worker.dropped)
+    return failure
+
+
+def _end_pin_capture(pins: PinCapture) -> str:
+    """Write the capture; return why it could not be written, or nothing."""
+    try:
+        _LOG.info("%s", pins.close())
+    except ConfigurationError as error:  # the recording is still to be closed
+        return str(error)
+    return ""
 
 
 def _start_board_client(options: argparse.Namespace, heartbeat: Heartbeat) -> DeviceClient:
@@ -326,17 +357,8 @@ def _board_config_of(options: argparse.Namespace) -> BoardConfig:
 
 
 def _check_virtual_board_files(options: argparse.Namespace) -> None:
-    """Refuse a link or a back door that has the name of another file of the command line."""
-    outputs = {
-        option: Path(path)
-        for option, path in (
-            ("--link", options.link),
-            ("--backdoor", options.backdoor),
-            ("--record", getattr(options, "record", None)),
-            ("--capture", None if options.capture is None else str(options.capture)),
-        )
-        if path is not None and not path.startswith(_SOCKET)
-    }
+    """Refuse outputs that cannot be written, or have the name of another file of the command."""
+    outputs = _board_outputs_of(options)
     array = None if options.array is None or is_grid_of_elements(options.array) else options.array
     inputs = (
         ("--array", array),
@@ -346,6 +368,50 @@ def _check_virtual_board_files(options: argparse.Namespace) -> None:
     check_distinct_files(
         outputs, [(option, Path(path)) for option, path in inputs if path is not None]
     )
+    for option, path in outputs.items():
+        if path == STANDARD_OUTPUT:
+            raise ConfigurationError(f"{option} -: standard output names the port; name a file")
+        if option != "--link":  # which looks after itself
+            _check_board_output(option, path)
+
+
+def _board_outputs_of(options: argparse.Namespace) -> dict[str, Path]:
+    """Return the files that the board makes, by option; a socket is none."""
+    given = {
+        "--link": options.link,
+        "--backdoor": options.backdoor,
+        "--record": getattr(options, "record", None),
+        "--capture": options.capture,
+    }
+    names = {option: str(path) for option, path in given.items() if path is not None}
+    return {option: Path(name) for option, name in names.items() if not name.startswith(_SOCKET)}
+
+
+def _check_board_output(option: str, path: Path) -> None:
+    """Raise if *path* cannot be written; a file that is there is not replaced."""
+    if path.is_file():
+        if not os.access(path, os.W_OK):
+            raise ConfigurationError(f"{option} {path}: cannot be written: no permission")
+        return
+    try:
+        check_file_writable(path)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{option} {error}") from error
+
+
+def _make_board_folders(options: argparse.Namespace) -> None:
+    """Make the folders of the outputs, and say so; that of the link is made with the link."""
+    outputs = _board_outputs_of(options)
+    outputs.pop("--link", None)
+    if options.backdoor is not None:  # by this process, whose log is read; a socket has one too
+        outputs["--backdoor"] = Path(options.backdoor.removeprefix(_SOCKET))
+    for option, path in outputs.items():
+        try:
+            make_folder_of(path)
+        except OSError as error:
+            raise ConfigurationError(
+                f"{option} {path}: cannot be written: {plain_reason(error)}"
+            ) from error
 
 
 def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPort:

@@ -210,11 +210,7 @@ def open_recording_of_board(path: Path, options: Mapping[str, Any]) -> Recording
         If it cannot be written.
     """
     from ..evidence.recordings.writer import RecordingWriter
-    from ..machine.files import STANDARD_OUTPUT, check_file_writable
 
-    if path == STANDARD_OUTPUT:
-        raise ConfigurationError("--record -: standard output names the port; name a file")
-    check_file_writable(path)
     return RecordingWriter(path, command="board", configuration=options)
 
 

@@ -140,6 +140,21 @@ def check_file_writable(path: Path) -> None:
         raise _refusal_of_file(path, error) from error
 
 
+def make_folder_of(path: Path, purpose: str = "what is written") -> None:
+    """Make the folder of *path* if there is none, and say so, and for what, in the log.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    import logging  # not for --help
+
+    if not (folder := path.parent).exists():
+        folder.mkdir(parents=True)
+        logging.getLogger(__name__).info("%s: a new folder, made for %s", folder, purpose)
+
+
 def check_distinct_files(
     outputs: Mapping[str, Path], inputs: Iterable[tuple[str, Path]] = ()
 ) -> None:

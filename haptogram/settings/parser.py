@@ -211,9 +211,14 @@ def _shown_option_value(value: object) -> str:
 
 def file_name_option(text: str) -> Path:
     """Return the path of an argument that names a file or a folder."""
-    if not text:  # Path("") is the current folder
-        raise argparse.ArgumentTypeError("is '', must be the name of a file")
-    return Path(text)
+    return Path(name_option(text))  # Path("") is the current folder
+
+
+def name_option(text: str, what: str = "the name of a file") -> str:
+    """Return an argument that names a place, *what*, which may begin with ``unix:``."""
+    if not text.removeprefix("unix:"):
+        raise argparse.ArgumentTypeError(f"is {text!r}, must be {what}")
+    return text
 
 
 def checked_type(read: Callable[[str], _T], name: str = "") -> Callable[[str], _T]:

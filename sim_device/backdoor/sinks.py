@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Protocol
 
 from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.machine.files import make_folder_of
 from haptogram.settings.text_file import plain_reason
 
 from ..line.socket_server import UnixListener
-
-_LOG: Final = logging.getLogger(__name__)
 
 UNIX_PREFIX: Final = "unix:"
 CLIENT_BUFFER: Final = 8 << 20  # bytes that a client may fall behind before it is dropped
@@ -81,9 +79,7 @@ class FileSink:
     def __init__(self, path: str, wait: Callable[[], bool] | None = None) -> None:
         self._path = path
         try:
-            if not (folder := Path(path).parent).exists():
-                folder.mkdir(parents=True)
-                _LOG.info("%s: a new folder, made for what is written", folder)
+            make_folder_of(Path(path))
             self._file = os.fdopen(_opened_backdoor(path, wait), "ab", buffering=0)
         except OSError as error:
             raise ConfigurationError(f"cannot write to {path}: {plain_reason(error)}") from error

@@ -75,6 +75,7 @@ class ReconstructionWorker:
         self._unsent = b""  # the rest of a batch
         self._batch = 0  # records in it
         self._alive = True
+        self._failure = ""
         self._process = _start_worker_process()
         self._input.write(packed_batch([WorkerJob(settings, target, reconstruct)]))
         self._input.flush()
@@ -146,8 +147,14 @@ class ReconstructionWorker:
         """From now on write every latch down without its field, those on their way included."""
         self._process.send_signal(SKIP_FIELDS)
 
-    def close(self, timeout_s: float = DRAIN_TIMEOUT_S) -> None:
-        """Let the worker write everything down and end; kill it if it takes too long."""
+    def close(self, timeout_s: float = DRAIN_TIMEOUT_S) -> str:
+        """Let the worker write everything down and end; kill it if it takes too long.
+
+        Returns
+        -------
+        str
+            Why the records ended early, in one line; empty if nothing stopped them.
+        """
         deadline_s = time.monotonic() + timeout_s
         self._waiting.append(RecordsEnd(self.dropped, self.notices_dropped))
         self._drain(min(deadline_s, time.monotonic() + SKIP_FIELDS_AFTER_S))
@@ -155,13 +162,17 @@ class ReconstructionWorker:
             self.skip_fields()
             self._drain(deadline_s)
         self._alive = False
-        for pipe in (self._input, self._process.stdout):
-            _close_worker_pipe(pipe)
+        _close_worker_pipe(self._input)
         try:
             self._process.wait(max(0.0, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        answers: Any = self._process.stdout
+        if not answers.closed:
+            self._failure = _read_worker_line(answers, 0.0).decode(errors="replace").strip()
+            _close_worker_pipe(answers)
+        return self._failure
 
     def _drain(self, deadline_s: float) -> None:
         with selectors.DefaultSelector() as selector:

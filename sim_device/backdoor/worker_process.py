@@ -42,7 +42,7 @@ def run_reconstruction_worker() -> None:
     except ConfigurationError as error:
         _answer_of_worker(1, f"{error}\n".encode())
         return
-    answer = 1  # the board reads this until it has heard that all is ready
+    is_ready = False
     try:
         recorder = InlineReconstruction(
             job.settings,
@@ -51,12 +51,15 @@ def run_reconstruction_worker() -> None:
         )
         recorder.warm_up()
         signal.signal(SKIP_FIELDS, lambda *_: recorder.skip_fields())
-        _answer_of_worker(answer, READY)
-        answer = 2
+        _answer_of_worker(1, READY)
+        is_ready = True
         _record_all_at_worker(items, recorder, sink)
         _linger_at_sink(sink)
     except HaptogramError as error:  # the disc is full: the board goes on, and counts what it lost
-        _answer_of_worker(answer, f"{error}\n".encode())
+        text = f"{error}\n".encode()
+        _answer_of_worker(1, text)  # for the end of the board, or instead of READY
+        if is_ready:
+            _answer_of_worker(2, text)  # at once
     finally:
         sink.close()
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import os
 from pathlib import Path
 from typing import Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.machine.files import make_folder_of
 from haptogram.machine.posix import posix_module
 
-_LOG: Final = logging.getLogger(__name__)
 INSTEAD_OF_PTY: Final = "a TCP port, or the URL haptogram:// inside the host's process"
 
 
@@ -62,13 +61,10 @@ class PtyLink:
         self._lock = -1
 
     def _make_folder(self) -> None:
-        folder = self._path.parent
-        if not folder.exists():
-            try:
-                folder.mkdir(parents=True)
-            except OSError as error:
-                raise self._impossible(error) from error
-            _LOG.info("%s: a new folder, made for the link", folder)
+        try:
+            make_folder_of(self._path, "the link")
+        except OSError as error:
+            raise self._impossible(error) from error
 
     def _take_lock(self) -> int:
         fcntl = posix_module("fcntl", "a pty port", INSTEAD_OF_PTY)
@@ -85,10 +81,19 @@ class PtyLink:
                 text = f"link {self._path} is held by a live board (process {owner})"
                 raise ConfigurationError(text) from error
             if self._is_current(lock):
-                os.truncate(lock, 0)
-                os.write(lock, f"{os.getpid()}\n".encode())
+                self._sign_lock(lock)
                 return lock
             os.close(lock)  # its owner removed it between our two calls: try again
+
+    def _sign_lock(self, lock: int) -> None:
+        try:
+            os.truncate(lock, 0)
+            os.write(lock, f"{os.getpid()}\n".encode())
+        except OSError as error:  # the disk is full
+            with contextlib.suppress(OSError):
+                os.unlink(self._lock_path)
+            os.close(lock)
+            raise self._impossible(error) from error
 
     def _impossible(self, error: OSError) -> ConfigurationError:
         return ConfigurationError(f"cannot make the link {self._path}: {error.strerror}")

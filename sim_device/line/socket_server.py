@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.machine.files import make_folder_of
+from haptogram.settings.text_file import plain_reason
 
 from .port import PortLostError
 
@@ -106,12 +108,15 @@ class UnixListener:
         self._socket = socket.socket(socket.AF_UNIX)
         self._socket.setblocking(False)
         try:
+            make_folder_of(Path(path))
             _remove_stale_socket(path)
             self._socket.bind(path)
             self._socket.listen()
         except OSError as error:
             self._socket.close()
-            raise ConfigurationError(f"cannot listen on unix:{path}: {error}") from error
+            raise ConfigurationError(
+                f"cannot listen on unix:{path}: {plain_reason(error)}"
+            ) from error
         self._doorman = SocketDoorman(self._socket, f"unix:{path}")
 
     def accept(self) -> int | None:

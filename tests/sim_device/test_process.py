@@ -138,7 +138,7 @@ def test_what_is_no_link_of_a_board_is_left_alone(start, tmp_path):
             ["--tcp", "0", "--array", "99x99"],
             "--array is '99x99', must be a grid of 1 to 1024 elements",
         ),
-        (["--tcp", "0", "--backdoor", "/dev/null/x"], "cannot write to /dev/null/x"),
+        (["--tcp", "0", "--backdoor", "/dev/null/x"], "--backdoor /dev/null/x: cannot be"),
         (["--tcp", "0", "--backdoor", "/dev/full"], "cannot write to /dev/full: No space left"),
         (["--tcp", "0", "--baud", "0"], "baud is 0, must be 300 to"),
         (["--serial", "/dev/x", "--latency-ms", "1"], "--latency-ms: the line of --serial is a"),

@@ -7,17 +7,19 @@ import contextlib
 import functools
 import json
 import math
-import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from io import FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import TYPE_CHECKING, Final, TextIO, TypeAlias
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import write_json_file
+from haptogram.machine.files import STANDARD_OUTPUT, write_json_file
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
+from haptogram.settings.parser import name_option
+from haptogram.settings.text_file import plain_reason
 from haptogram.settings.tolerance import ToleranceConfig
 
 from ..acting_options import refuse_idle_options
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from haptogram.verification.verdict import FrameVerdict
     from haptogram.verification.watch import Watch, WatchedLatch
 
+_WriteLine: TypeAlias = Callable[[str], None]
 _REST_S: Final = 3.0  # behind an interrupt, to look at latches that have come
 _FILES: Final = ("json", "junit", "html", "summary")
 _EXAMPLES: Final = """\
@@ -78,7 +81,10 @@ def set_up(parser: Parser, replay: Replay) -> None:
     rows = options_of(BoardConfig)
     add_setting_options(board, [rows[name] for name in WATCHED_BOARD_OPTIONS])
     board.add_argument(
-        "--link", metavar="PATH", help="start a board at this pseudo-terminal [none]"
+        "--link",
+        metavar="PATH",
+        type=name_option,
+        help="start a board at this pseudo-terminal [none]",
     )
     expected = parser.add_argument_group("expected foci")
     expected.add_argument(
@@ -127,7 +133,7 @@ class _WatchRun:
         self,
         arguments: argparse.Namespace,
         frames_mm: list[Foci],
-        frames: TextIO | None,
+        frames: _WriteLine | None,
         text: TextIO,
         records: WatchedRecords,
     ) -> None:
@@ -217,8 +223,7 @@ class _WatchRun:
             self._verdicts.append(found)
         if self._frames is not None:
             line = seen.as_dict() | {"client_mm": client_places_mm(seen.pattern, self._board)}
-            self._frames.write(json.dumps(line, allow_nan=False) + "\n")
-            self._frames.flush()
+            self._frames(json.dumps(line, allow_nan=False) + "\n")
 
     def finish(self, outputs: Outputs, provenance: Provenance) -> int:
         """Print the summary, write the files, and return the exit status."""
@@ -259,12 +264,32 @@ def _why_watch_is_incomplete(end: Record) -> str | None:
 
 
 @contextlib.contextmanager
-def _watch_frames_file(path: Path | None) -> Iterator[TextIO | None]:
+def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
+    """Yield what writes a line to the file of the frames at once; None without a file."""
     if path is None:
         yield None
-    elif str(path) == "-":
-        yield sys.stdout
+    elif path == STANDARD_OUTPUT:
+        yield functools.partial(print, end="", flush=True)
     else:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", encoding="ascii") as file:
-            yield file
+        with contextlib.ExitStack() as open_file:
+            with _refusing_of_frames(path):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                file = open_file.enter_context(path.open("wb", buffering=0))
+            yield functools.partial(_write_watch_line, file, path)
+
+
+def _write_watch_line(file: FileIO, path: Path, line: str) -> None:
+    rest = line.encode("ascii")
+    with _refusing_of_frames(path):
+        while rest:
+            rest = rest[file.write(rest) :]
+
+
+@contextlib.contextmanager
+def _refusing_of_frames(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise ConfigurationError(
+            f"--frames {path}: cannot be written: {plain_reason(error)}"
+        ) from error

@@ -128,6 +128,14 @@ def test_foci_are_expected_in_the_client_s_axes(expected, status, told, capsys):
     assert f"expected  1 {told}" in out
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_frames_on_a_full_disk_are_told_in_one_line(capsys):
+    board = (capture("sonicsurface/two_foci_then_4_commits"), "--dialect", "sonicsurface")
+    status, _, err = watch(capsys, *board, "--quiet", "--frames", "/dev/full")
+    assert status == 2
+    assert "--frames /dev/full: cannot be written: the disk is full\n" in err
+
+
 def test_results_are_written_in_every_form(tmp_path, capsys):
     expected = tmp_path / "foci.csv"
     expected.write_text("frame,x,y,z\n1,-40,180,0\n2,40,180,0\n")

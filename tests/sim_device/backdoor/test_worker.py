@@ -120,6 +120,15 @@ def test_a_place_that_cannot_be_written_is_an_error_at_once(tmp_path):
         ReconstructionWorker(SETTINGS, str(tmp_path / "file" / "door"))
 
 
+def test_a_file_that_takes_no_more_is_told_at_the_end(tmp_path):
+    os.mkfifo(tmp_path / "door")
+    reader = os.open(tmp_path / "door", os.O_RDONLY | os.O_NONBLOCK)
+    worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"), reconstruct=False)
+    os.close(reader)
+    worker.latch(a_latch(0))
+    assert worker.close() == f"cannot write to {tmp_path / 'door'}: Broken pipe"
+
+
 @pytest.mark.parametrize("bits", [8, 6, 5])
 def test_coarser_phases_are_judged_by_their_own_rounding(bits):
     found = DriveEstimator(MODEL).estimate(a_latch(3, bits))
