@@ -1,7 +1,8 @@
 """The cases: a folder for every chapter of SPEC.md, a module for one or more of its sections.
 
-``products`` holds the cases that ask for a clause at every type, on every path, at every size and
-length of time that it speaks of.
+A module ``every_...`` asks for its clauses at every type, on every path, at every size and length
+of time that they speak of.  It lies in the chapter of its subject, whatever the chapters of its
+clauses.
 """
 
 from __future__ import annotations

@@ -1,0 +1,272 @@
+"""HG-2.4, HG-3.2, HG-3.4, HG-4.9, HG-4.11, HG-4.12, HG-6.4: frames of a host, at every type."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    REQUEST_RANGE,
+    RESPONSE_OFFSET,
+    Error,
+    ErrorCode,
+    Flag,
+    Hello,
+    Message,
+    Mute,
+    MuteReply,
+    Ping,
+    Play,
+    UploadChunk,
+)
+
+from ...case import case
+from ...client import malformed_frames
+from ...client.board_client import BoardClient
+from ...client.capabilities import UPLOADS, requests_of_board, session_for
+from ...client.playback import store_phases
+from ...client.stream_kinds import host_types, refused_requests, stream_kinds, valid_requests
+from ...client.wire import Received
+from ...outcome import SELF_REPORTED, check
+
+_SEQUENCE: Final = 3
+_LONG: Final = 3000
+_UNKNOWN_REQUEST: Final = 0x7B
+_FLIPS: Final = (1, 1 << 15, 1 << 16, 1 << 31)
+_IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10
+_LOW_FLAGS: Final = (1, 2, 4, 8, 15)
+
+
+@case(
+    "HG-2.4/2",
+    "frames of every type, short and long, with a bit of CRC or payload inverted, count in crc",
+    variant="types",
+    evidence=SELF_REPORTED,
+)
+def every_type_is_checked(board: BoardClient) -> None:
+    board.arm()
+    for kind, payload in _payloads(board):
+        stream = kind not in REQUEST_RANGE
+        seq = board.link.stream_next if stream else board.link.next_seq()
+        session = 0 if kind == Hello.TYPE else board.link.session
+        body = board.link.body(kind, payload, seq=seq, session=session, flags=0x10 * stream)
+        frames = [malformed_frames.malformed_with_wrong_crc(body, flip) for flip in _FLIPS]
+        frames.append(_damaged(body))
+        with board.counting(crc=len(frames), frames=1, requests=1):  # the barrier's
+            board.link.unanswered(
+                f"type {kind:#04x} with {len(payload)} bytes and a wrong CRC",
+                *map(malformed_frames.malformed_frame, frames),
+            )
+
+
+def _payloads(board: BoardClient) -> list[tuple[int, bytes]]:
+    """Return every type of a host with a payload: as of zeros, valid, and long."""
+    fixed = [(int(kind.TYPE), bytes(kind.LAYOUT.size)) for kind in host_types()]
+    messages = [kind.make() for kind in stream_kinds(board)]
+    messages.append(UploadChunk(0, board.random.randbytes(_LONG)))
+    messages.append(board.hello_message(board.new_nonce()))
+    valid = [(int(message.TYPE), message.serialize()) for message in messages]
+    return [*fixed, *valid, (int(Mute.TYPE), board.random.randbytes(_LONG))]
+
+
+def _damaged(body: bytes) -> bytes:
+    """Return a body with one bit inverted behind its type, and the CRC that it had before."""
+    whole = bytearray(malformed_frames.malformed_with_crc(body))
+    whole[len(body) - 1] ^= 0x08
+    return bytes(whole)
+
+
+# --- Requests ----------------------------------------------------------------------------------
+
+
+def _requests(board: BoardClient) -> list[Message]:
+    """Return a valid request of every type; the sequence that they play is stored."""
+    if any(isinstance(message, Play) for message in valid_requests(board, _SEQUENCE)):
+        store_phases(board, _SEQUENCE, frames=2)
+    board.arm()
+    return list(valid_requests(board, _SEQUENCE))
+
+
+@case(
+    "HG-4.12/1",
+    "a request of every type of another session, or of none, is refused: STALE_SESSION",
+    variant="types",
+)
+def every_type_has_a_session(board: BoardClient) -> None:
+    requests, session = _requests(board), board.link.session
+    others = [0, *(session ^ 1 << bit for bit in range(16))]
+    number = len(others) * len(requests)
+    with board.counting(stale_session=number, frames=number, requests=0):
+        for message in requests:
+            for wrong in others:
+                seq = board.link.next_seq()
+                board.link.refused(
+                    message, ErrorCode.STALE_SESSION, session, session=wrong, seq=seq
+                )
+
+
+@case(
+    "HG-3.4/1",
+    "each unknown flag in a request of every type is refused: UNSUPPORTED, detail: the flag",
+    variant="requests",
+)
+def every_type_has_its_flags(board: BoardClient) -> None:
+    for message in _requests(board):
+        unknown = [0x20, 0x40, 0x80, 0xE0]
+        if not isinstance(message, Play):
+            unknown.append(int(Flag.IMMEDIATE))
+        with board.counting(unsupported=len(unknown)):
+            for flags in unknown:
+                board.link.refused(message, ErrorCode.UNSUPPORTED, flags, flags=flags)
+
+
+@case(
+    "HG-3.4/2",
+    "requests of every type with each bit of the low nibble are carried out, PLAY at once",
+    variant="requests",
+)
+def every_type_ignores_low_flags(board: BoardClient) -> None:
+    for low in _LOW_FLAGS:
+        for message in _requests(board):
+            plays = isinstance(message, Play)
+            flags = low | (Flag.IMMEDIATE if plays else 0)
+            past_us = board.clock.device_us() - 2_000_000 if plays else 0  # HG-3.5/2: not used
+            answer = board.link.ask(message, flags=flags, time_us=past_us)
+            check(
+                board.link.type_of(answer) == message.TYPE + RESPONSE_OFFSET,
+                f"{message.TYPE.name} with the flags {flags:#04x} is answered by "
+                f"{board.link.answer_text(answer)}",
+            )
+
+
+@case(
+    "HG-3.2/4",
+    "requests of every type and 11 wrong lengths: the detail is the right one, 0 where it varies",
+    variant="requests",
+)
+def every_type_has_its_length(board: BoardClient) -> None:
+    kinds: list[tuple[type[Message], int]] = []
+    for kind in requests_of_board(board):
+        kinds += [(kind, size) for size in _other_sizes(kind.LAYOUT.size)]
+    if board.identity.features & UPLOADS:
+        kinds += [(UploadChunk, size) for size in range(UploadChunk.LAYOUT.size)]
+    with board.counting(bad_length=len(kinds)):
+        for kind, size in kinds:
+            right = 0 if kind.TAIL else kind.LAYOUT.size
+            board.link.refused_raw(
+                kind.TYPE,
+                bytes(size),
+                ErrorCode.BAD_LENGTH,
+                right,
+                session=session_for(board, kind),
+            )
+
+
+def _other_sizes(right: int) -> list[int]:
+    """Return lengths other than *right*, and with the same low byte."""
+    near = {0, 1, right - 1, right + 1, 2 * right, right + 4}
+    far = {right + (1 << bits) for bits in (7, 8, 9, 10, 11)}
+    return sorted(size for size in near | far if size >= 0 and size != right)
+
+
+@case(
+    "HG-4.9/1",
+    "a request of every type sent again gets the same bytes, and is not carried out again",
+    variant="types",
+    evidence=SELF_REPORTED,
+)
+def every_type_is_remembered(board: BoardClient) -> None:
+    for message in _requests(board):
+        if isinstance(message, _IDEMPOTENT):
+            continue
+        flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
+        started = board.status().counters
+        seq = board.link.next_seq()
+        first = board.link.ask(message, seq=seq, flags=flags)
+        again = board.link.ask(message, seq=seq, flags=flags)
+        name = message.TYPE.name
+        check(
+            first.body == again.body,
+            f"{name} sent again is answered by {board.link.answer_text(again)}, "
+            f"the first was {board.link.answer_text(first)}",
+        )
+        board.link.refused(Ping(seq), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+        counted = board.counted_since(started)
+        found = tuple(counted[name_of] for name_of in ("requests", "repeated", "bad_value"))
+        check(
+            found == (1, 1, 1),
+            f"{name}, the same again, and its number with another request: requests, repeated, "
+            f"bad_value count {found}",
+        )
+        before = board.status().counters
+        # GET_STATUS is the newest request now: what came before it is old.
+        board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq, flags=flags)
+        counted = board.counted_since(before)
+        check(
+            (counted["bad_value"], counted["requests"]) == (1, 0),
+            f"an old {name} counts bad_value {counted['bad_value']}, "
+            f"requests {counted['requests']}",
+        )
+
+
+@case(
+    "HG-6.4/1",
+    "MUTE with payloads of 0 to 3000 bytes, every flag and any session mutes an ARMED board",
+    variant="sizes",
+)
+def every_mute_mutes(board: BoardClient) -> None:
+    for size in (0, 1, 2, 30, 100, 255, 256, 1000, _LONG):
+        for session in (0, board.link.session, board.link.session ^ 1):
+            board.arm()
+            seq = board.link.next_seq()
+            flags = board.random.choice((0, 0x10, 0x20, 0xF0, 0xFF))
+            body = board.link.body(
+                Mute.TYPE, board.random.randbytes(size), seq=seq, session=session, flags=flags
+            )
+            since = board.link.mark()
+            board.link.send(encode_frame(body))
+            answer = board.link.answer_to(Mute.TYPE, seq, since, board.wire.line_us(size))
+            state = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
+            check(state.name == "MUTED", f"MUTE with {size} bytes: {state.name}")
+
+
+# --- Number and session of each reply ----------------------------------------------------------
+
+
+@case(
+    "HG-4.11/1",
+    "replies and refusals of every type have type, number and open session, whatever MUTE carries",
+    variant="types",
+)
+def every_reply_belongs(board: BoardClient) -> None:
+    for message in [*_requests(board), *refused_requests(board)]:
+        board.arm()
+        flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
+        board.link.seq += board.random.randrange(1, 3000)
+        _check_header(board, board.link.ask(message, flags=flags), message)
+        seq = board.link.seq
+        for again in ({"flags": 0x40}, {"seq": seq, "flags": flags}, {"seq": seq, "time_us": 5}):
+            _check_header(board, board.link.ask(message, **again), message)
+    for session in (board.link.session, 0, board.link.session ^ 0x0101, 0xFFFF):
+        _check_header(board, board.link.ask(Mute(), session=session), Mute())
+    for hello in (
+        board.hello_message(board.link.session),
+        Hello(2, 0, board.link.session, 0),
+        Hello(1, 0, 0, 0),
+    ):
+        _check_header(board, board.link.ask(hello, session=0), hello)
+    _check_header(board, board.link.ask_raw(_UNKNOWN_REQUEST), None)
+
+
+def _check_header(board: BoardClient, answer: Received, message: Message | None) -> None:
+    """FAILED unless an answer is of the open session, and of the type of its request or ERROR."""
+    name = message.TYPE.name if message is not None else "an unknown request"
+    header = answer.header
+    assert header is not None  # ask
+    check(
+        header.session == board.link.session,
+        f"the answer to {name} has session {header.session:#06x}, open is "
+        f"{board.link.session:#06x}",
+    )
+    types = {int(Error.TYPE)} | ({message.TYPE + RESPONSE_OFFSET} if message is not None else set())
+    check(header.type in types, f"{name} is answered by a frame of type {header.type:#04x}")

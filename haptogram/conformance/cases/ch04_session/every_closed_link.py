@@ -1,0 +1,81 @@
+"""HG-4.11, HG-4.12: frames of every type while no session is open."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    REQUEST_RANGE,
+    STREAM_RANGE,
+    ErrorCode,
+    Flag,
+    Hello,
+    Mute,
+    Ping,
+)
+from haptogram_protocol.state import OutputState
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.stream_kinds import host_types
+from ...outcome import SELF_REPORTED, check
+
+_UNKNOWN_REQUEST: Final = 0x7B
+#: Counters of what a board does with frames of an open session.
+_OF_A_SESSION: Final = ("accepted", "latched", "dropped_state", "duplicate", "gap", "bad_length")
+
+
+@case(
+    "HG-4.12/1",
+    "before the first HELLO frames of every type and session, 0 too, are stale: nothing is done",
+    variant="closed",
+    needs_reset=True,
+    evidence=SELF_REPORTED,
+)
+def nothing_is_done_before_hello(board: BoardClient) -> None:
+    sent = 0
+    for session in (0, 1, 0x8000, 0xFFFF, board.new_nonce()):
+        for kind in host_types():
+            name = f"{kind.TYPE.name} of session {session:#06x}"
+            payload = bytes(kind.LAYOUT.size)
+            if kind.TYPE in STREAM_RANGE:
+                header = {"session": session, "flags": int(Flag.IMMEDIATE)}
+                board.link.send(board.link.stream_raw(kind.TYPE, payload, **header))
+            elif kind.TYPE in REQUEST_RANGE and kind not in (Hello, Mute):
+                answer = board.link.ask_raw(kind.TYPE, payload, session=session)
+                board.link.error_in(answer, kind.TYPE, ErrorCode.STALE_SESSION, 0)
+                told = answer.header.session if answer.header is not None else -1
+                check(told == 0, f"no session is open; the refusal of {name} has {told:#06x}")
+            else:
+                continue
+            sent += 1
+    state = board.hello().state
+    check(state is OutputState.DISARMED, f"frames before the first HELLO have led to {state.name}")
+    counters = board.status().counters
+    moved = {name: number for name in _OF_A_SESSION if (number := getattr(counters, name))}
+    check(not moved, f"frames before the first HELLO are counted in {moved}")
+    stale = counters.stale_session
+    heard = board.link.knocks  # repetitions of the first one, to a board that boots
+    check(sent <= stale <= sent + heard, f"{sent} frames before HELLO; stale_session is {stale}")
+
+
+@case(
+    "HG-4.11/1",
+    "before the first HELLO every answer has session 0",
+    variant="closed",
+    needs_reset=True,
+)
+def no_session_is_0(board: BoardClient) -> None:
+    board.link.session = 0
+    answers = {
+        "MUTE": board.link.ask(Mute()),
+        "MUTE of a session": board.link.ask(Mute(), session=0x1234),
+        "PING": board.link.ask(Ping(1)),
+        "PING of a session": board.link.ask(Ping(1), session=0x1234),
+        "an unknown request": board.link.ask_raw(_UNKNOWN_REQUEST),
+        "HELLO of another version": board.link.ask(Hello(2, 0, 1, 0)),
+        "HELLO of nonce 0": board.link.ask(Hello(1, 0, 0, 0)),
+    }
+    for name, answer in answers.items():
+        session = answer.header.session if answer.header is not None else -1
+        check(session == 0, f"no session is open; the answer to {name} has {session:#06x}")

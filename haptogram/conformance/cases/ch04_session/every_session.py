@@ -1,0 +1,263 @@
+"""HG-4.6: a new session at every moment, and a repeated HELLO."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Config,
+    ConfigReply,
+    Feature,
+    GetConfig,
+    Hello,
+    Mute,
+    Ping,
+    PlaybackEnded,
+    Pong,
+    TraceMode,
+    UploadChunk,
+    UploadCommit,
+    UploadCommitReply,
+    UploadKind,
+)
+from haptogram_protocol.state import OutputState
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import play_now, play_out, store_phases
+from ...client.uploads import begin_upload, upload_to_board
+from ...judge.held_state import held_state_changes
+from ...judge.refused_requests import STORED
+from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ..ch10_errors.every_refusal import brought, held_after, situations
+
+_SEQUENCE: Final = 5
+_FRAMES: Final = 4
+_PLAYED: Final = 6
+_EDGES: Final = (0x7FFF, 0x8000, 0x00FF, 0xFF00, 0xFFFF, 0x0100)
+
+
+def _session_with_everything_set(board: BoardClient) -> Config:
+    """Set every field of the configuration away from its default and return it."""
+    return board.configure(
+        hold_ms=4321,
+        ramp_ms=0 if not board.has(Feature.AMPLITUDE) else 33,
+        host_timeout_ms=7654,
+        status_period_ms=0,
+        late_window_us=12_345,
+        sound_speed_mm_s=355_555,
+        trace_mode=TraceMode.OFF,
+        amplitude_ceiling=77,
+        trace_divider=515,
+    )
+
+
+def _idle_session(_: BoardClient) -> None:
+    """Leave the board DISARMED."""
+
+
+def _muted_session(board: BoardClient) -> None:
+    board.link.ask(Mute())
+
+
+def _streaming_session(board: BoardClient) -> None:
+    board.arm()
+    latch_now(board, board.flat_phases(7))
+    t_us = board.clock.soon_us(bytes(2000)) + 2_000_000
+    board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+
+
+def _playing_session(board: BoardClient) -> None:
+    board.arm()
+    play_now(board, _SEQUENCE, loops=0)
+
+
+def _uploading_session(board: BoardClient) -> None:
+    data = bytes(2 * board.identity.transducers)
+    begin_upload(board, UploadKind.PHASES, _SEQUENCE, data)
+    board.link.ask(UploadChunk(0, data[:1]))
+
+
+_MOMENTS: Final[dict[str, Callable[[BoardClient], None]]] = {
+    "while DISARMED": _idle_session,
+    "while MUTED": _muted_session,
+    "with frames queued": _streaming_session,
+    "during a playback": _playing_session,
+    "during an upload": _uploading_session,
+}
+
+
+@case(
+    "HG-4.6/5",
+    "a new session, idle, muted, streaming, playing, uploading, leaves every setting as it is",
+    variant="moments",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+)
+def settings_outlive_sessions(board: BoardClient) -> None:
+    if board.has(Feature.CORRECTION):
+        upload_to_board(
+            board, UploadKind.CORRECTION, 0, board.random.randbytes(board.identity.transducers)
+        )
+    store_phases(board, _SEQUENCE, frames=_FRAMES)
+    config = _session_with_everything_set(board)
+    crc = board.status().config_crc
+    for name, bring in _MOMENTS.items():
+        bring(board)
+        before = board.status().counters
+        reply = board.hello()
+        check(reply.config_crc == crc, f"{name}: config_crc is {reply.config_crc:#x}, was {crc:#x}")
+        found = board.link.call(GetConfig(), ConfigReply).config
+        check(found == config, f"{name}: the configuration is {found}, was {config}")
+        counted = board.counted_since(before)
+        gone = {key: value for key, value in counted.items() if value > 1 << 31}
+        check(not gone, f"{name}: counters went back by {gone}")
+        check(board.status().queued == 0, f"{name}: frames are still queued")
+        if board.identity.state is OutputState.ARMED:
+            check(False, f"{name}: the board is ARMED in a new session")
+        _session_plays_still(board, name)
+
+
+def _session_plays_still(board: BoardClient, name: str) -> None:
+    """FAILED unless the stored sequence is played as before."""
+    board.arm()
+    try:
+        with board.counting(latched=_FRAMES):
+            play_out(board, _SEQUENCE, _FRAMES)
+    except CaseEndedError as error:
+        text = f"{name}: the stored sequence in a new session: {error}"
+        raise CaseEndedError(error.behaviour, text) from None
+    board.disarm()
+
+
+# --- A repeated HELLO --------------------------------------------------------------------------
+
+
+@case(
+    "HG-4.6/2",
+    "nonces one bit from the open one, and the least and greatest, each open a session, DISARMED",
+    variant="nonces",
+)
+def every_bit_of_a_nonce_counts(board: BoardClient) -> None:
+    for step in (*range(16), *_EDGES):
+        board.arm()
+        nonce = step if step in _EDGES else board.link.session ^ 1 << step
+        if nonce and nonce != board.link.session:
+            reply = board.hello(nonce)
+            check(reply.nonce == nonce, f"HELLO with {nonce:#06x} opens {reply.nonce:#06x}")
+            check(reply.state is OutputState.DISARMED, f"{nonce:#06x} is taken for the open nonce")
+    nonces = [board.new_nonce()]
+    for number in range(12):  # each of the two to four sessions before comes again
+        if number < 4:
+            board.hello()
+            nonces.append(board.link.session)
+        old = nonces[-2 - number % 3]
+        if old == board.link.session:
+            continue
+        board.arm()
+        reply = board.hello(old)
+        nonces.append(old)
+        found = (reply.nonce, reply.state)
+        check(found == (old, OutputState.DISARMED), f"the nonce of a session before opens {found}")
+        board.link.call(Ping(number), Pong)
+
+
+@case(
+    "HG-4.6/1",
+    "a HELLO of the open nonce of any number leaves numbers, remembered reply, playback, upload",
+    variant="effects",
+)
+def a_repeated_hello_does_nothing(board: BoardClient) -> None:
+    board.hello()
+    board.arm()
+    hello = board.hello_message(board.link.session)
+    for ahead in (0, 1, 9, 20_000, 40_000, -1):
+        wire, seq = board.link.request_wire(Ping(ahead & 0xFF))
+        since = board.link.mark()
+        board.link.send(wire)
+        first = board.link.answer_to(Ping.TYPE, seq, since)
+        board.link.ask(hello, session=0, seq=seq + ahead)
+        since = board.link.mark()
+        board.link.send(wire)
+        again = board.link.answer_to(Ping.TYPE, seq, since)
+        text = f"after a HELLO of the open nonce {ahead} numbers on, a repeated PING gets"
+        check(again.body == first.body, f"{text} {board.link.answer_text(again)}")
+        board.link.call(Ping(1), Pong)  # the next number, which is not used up
+    if board.has(Feature.SEQUENCE_PHASES):
+        _check_playback_and_upload(board, hello)
+
+
+def _check_playback_and_upload(board: BoardClient, hello: Hello) -> None:
+    frames = store_phases(board, _PLAYED, frames=2)
+    since = board.link.mark()
+    play_now(board, _PLAYED, loops=0)
+    data = b"".join(frames)
+    begin_upload(board, UploadKind.PHASES, _PLAYED + 1, data)
+    half = min(len(data) // 2, board.identity.max_chunk)
+    board.link.ask(UploadChunk(0, data[:half]))
+    board.link.ask(hello, session=0)
+    state = board.status().state
+    check(state is OutputState.ARMED, f"HELLO of the open nonce has led to {state.name}")
+    ended = board.link.events(PlaybackEnded, since)
+    check(not ended, "HELLO of the open nonce has ended the playback")
+    for start in range(half, len(data), max(1, half)):
+        board.link.ask(UploadChunk(start, data[start : start + half]))
+    taken = board.link.call(UploadCommit(_PLAYED + 1), UploadCommitReply).frames
+    check(taken == len(frames), f"an upload around HELLO of the open nonce: {taken} frames")
+
+
+@case(
+    "HG-4.6/1",
+    "a repeated HELLO gets the first reply, with the state and settings of then, after any change",
+    variant="reply",
+    needs=Feature.CONFIG,
+)
+def the_first_reply_stays(board: BoardClient) -> None:
+    upload = partial(upload_to_board, board, UploadKind.CORRECTION, 0)
+    count = board.identity.transducers
+    happenings: dict[str, Callable[[], object]] = {
+        "ARM": board.arm,
+        "SET_CONFIG": lambda: _session_with_everything_set(board),
+        "a latch": lambda: latch_now(board, board.flat_phases(3)),
+        "MUTE": lambda: _muted_session(board),
+    }
+    if board.has(Feature.SEQUENCE_PHASES):
+        happenings["an upload that begins"] = lambda: _uploading_session(board)
+    if board.has(Feature.CORRECTION):
+        happenings["a new correction"] = lambda: upload(board.random.randbytes(count))
+    board.configure(sound_speed_mm_s=331_300)
+    first = board.hello()
+    for name, happen in happenings.items():
+        happen()
+        again = board.hello(board.link.session)
+        check(again == first, f"after {name}: HELLO_REPLY was {first}, then {again}")
+    last = board.hello()
+    due = (board.config.sound_speed_mm_s, board.status().config_crc, OutputState.MUTED)
+    told = (last.sound_speed_mm_s, last.config_crc, last.state)
+    check(told == due, f"a new session tells (speed, config_crc, state) {told}, due is {due}")
+    changed = {"sound_speed_mm_s": 0, "config_crc": 0, "state": OutputState.MUTED, "nonce": 1}
+    same = [dataclasses.replace(reply, **changed) for reply in (first, last)]  # type: ignore[arg-type]
+    check(same[0] == same[1], f"the identity was {first}, and is after other settings {last}")
+    if board.has(Feature.CORRECTION):
+        upload(bytes(count))
+
+
+@case(
+    "HG-4.6/1",
+    "a repeated HELLO, streaming, playing, waiting, off, leaves all that a board holds as it is",
+    variant="moments",
+    evidence=SELF_REPORTED,
+)
+def a_repeated_hello_leaves_all(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, STORED, frames=1)
+    for situation in situations(board):
+        last_us, before = brought(board, situation)
+        held = held_after(board, last_us, lambda: board.hello(board.link.session))
+        held = {key: value for key, value in held.items() if key != "the counter repeated"}
+        text = held_state_changes(before, held)
+        check(not text, f"{situation.name}, HELLO with the open nonce: {text}")

@@ -1,0 +1,206 @@
+"""HG-5.7, HG-5.8: frames that arrive at one moment, and at the moment of a latch."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from haptogram_protocol.messages import Disarm, Feature, Flag, Mute, Play, Stop
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import board_latches, watch_board_latches
+from ...client.playback import PERIOD_US, play_at, store_phases
+from ...client.stream_kinds import points_of, stream_kinds
+from ...outcome import SELF_REPORTED, check, inconclusive, not_observed
+
+_SEQUENCE: Final = 5
+_WINDOW_US: Final = 100_000
+_AHEAD_US: Final = 400_000
+_TRIES: Final = 3
+#: By how much a moment is missed at most: the host's estimate and the line are rounded.
+_ROUNDED_US: Final = range(4)
+
+
+def _enders(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
+    """Yield what flushes the queue: name, and how to make its bytes."""
+    yield "IMMEDIATE", lambda: board.link.stream_wire(board.flat_phases())
+    yield "MUTE", lambda: board.link.request_wire(Mute())[0]
+    yield "MUTE without a session", lambda: board.link.request_wire(Mute(), session=0)[0]
+    yield "DISARM", lambda: board.link.request_wire(Disarm())[0]
+    if board.has(Feature.SEQUENCE_PHASES):
+        play = Play(_SEQUENCE, PERIOD_US, 1, min(500, board.identity.max_unattended_ms))
+        yield "PLAY", lambda: board.link.request_wire(play, time_us=_later_us(board))[0]
+    hello = board.hello_message(board.link.session ^ 1 or 2)
+    yield "HELLO of a new session", lambda: board.link.request_wire(hello, session=0)[0]
+
+
+def _later_us(board: BoardClient) -> int:
+    return board.clock.device_estimate_us() + _AHEAD_US
+
+
+@case(
+    "HG-5.7/6",
+    "a late frame that is flushed before its latch counts in flushed alone, whatever flushes it",
+    variant="flushed",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def flushed_frames_are_not_late(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=1)
+    board.configure(late_window_us=_WINDOW_US)
+    for name, make in _enders(board):
+        for _ in range(_TRIES):
+            board.arm()
+            board.wire.idle(board.clock.carrier_us + 7)  # another moment of the carrier period
+            before = board.status().counters
+            late_us = board.clock.device_us() - 1000
+            board.link.send(board.link.stream_wire(board.flat_phases(), late_us) + make())
+            if name.startswith("HELLO"):
+                board.hello()  # behind that HELLO, whose session is not ours
+            else:
+                board.clock.wait_latched(1000)
+            counted = board.counted_since(before)
+            if name.startswith("MUTE") and counted["dropped_state"] == 1:
+                continue  # MUTE has overtaken the frame: HG-3.8/4
+            if counted["dropped_late"]:
+                inconclusive("the host was held up and sent its frames too late")
+            names = ("late", "flushed", "dropped_state", "latched")
+            found = tuple(counted[counter] for counter in names)
+            others = 1 if name == "IMMEDIATE" else 0
+            due = [(1, 0, 0, 1 + others), (0, 1, 0, others)]
+            if "MUTE" in name:  # which may have overtaken the frame
+                due.append((0, 0, 1, others))
+            check(
+                found in due,
+                f"a late frame and {name} at once: {', '.join(names)} count {found}, due is "
+                f"{' or '.join(map(str, due))}",
+            )
+            board.link.ask(Stop())
+
+
+@case(
+    "HG-5.7/6",
+    "of a late frame and two for later, sent at once, the late one alone is told and counted late",
+    variant="first",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def late_is_of_one_frame(board: BoardClient) -> None:
+    mode = watch_board_latches(board)
+    board.configure(late_window_us=_WINDOW_US, trace_mode=mode)
+    board.arm()
+    kinds = stream_kinds(board)
+    for kind in kinds if board.thorough else kinds[:1]:
+        since, first = board.link.mark(), board.link.stream_next
+        with board.counting(late=1, latched=3):
+            frame = kind.make()
+            ready_us = board.ready_after_us(points_of(frame))
+            late_us = board.clock.device_us() + ready_us - 1000
+            size = 3 * len(frame.serialize()) + 60
+            soon_us = board.clock.soon_us(bytes(size), points=3 * points_of(frame))
+            times = (late_us, soon_us, soon_us + 1000)
+            board.link.send(*(board.link.stream_wire(kind.make(), t_us) for t_us in times))
+            board.clock.require_in_time(soon_us)
+            board.clock.wait_until(soon_us + 2000)
+        late = [x.late for x in board_latches(board, since, mode) if x.index >= first]
+        check(late == [True, False, False], f"{kind.name}, late, and two for later: LATE {late}")
+
+
+@case(
+    "HG-5.8/3",
+    "of frames of every two kinds for one carrier period the later is latched, the other flushed",
+    variant="replaced",
+    evidence=SELF_REPORTED,
+)
+def every_kind_replaces_every_other(board: BoardClient) -> None:
+    if board.clock.carrier_us < 3:
+        not_observed("a carrier period of this board has no room for two times")
+    kinds = stream_kinds(board)
+    board.arm()
+    for turn in range(len(kinds)) if board.thorough else range(1):
+        pairs = list(zip(kinds, kinds[turn:] + kinds[:turn], strict=True))
+        frames = [(first.make(), second.make()) for first, second in pairs]
+        messages = [one for pair in frames for one in pair]
+        size = sum(len(one.serialize()) + 20 for one in messages)
+        points = sum(map(points_of, messages))
+        with board.counting(latched=len(frames), flushed=len(frames), late=0):
+            start_us = board.clock.soon_us(bytes(size), points=points)
+            for place, pair in enumerate(frames):
+                for early_us, message in zip((2, 1), pair, strict=True):
+                    t_us = start_us + 1000 * place - early_us
+                    board.link.send(board.link.stream_wire(message, t_us))
+            board.clock.require_in_time(start_us - 2)
+            board.clock.wait_until(start_us + 1000 * len(frames))
+        last, due = board.status().last_seq, board.link.stream_next - 1
+        check(last == due, f"{pairs[-1][1].name}, in one period: latched was {last}, not {due}")
+
+
+def _arriving_at(board: BoardClient, t_us: int, wires: bytes) -> None:
+    """Send bytes that arrive at a device time, as far as the host's clock tells it."""
+    start_us = t_us - board.wire.line_us(len(wires))
+    board.wire.idle(max(0, start_us - board.clock.device_estimate_us()))
+    board.link.send(wires)
+
+
+@case(
+    "HG-5.8/3",
+    "frames of every two kinds that come at once, on a latch, with PLAY or STOP: one in a period",
+    variant="pairs",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_pair_takes_two_periods(board: BoardClient) -> None:
+    mode = watch_board_latches(board)
+    kinds = stream_kinds(board)
+    board.arm()
+    since = board.link.mark()
+    for first, second in itertools.product(kinds, repeat=2):
+        for off_us in _ROUNDED_US:
+            wires = board.link.stream_wire(first.make()) + board.link.stream_wire(second.make())
+            _arriving_at(board, _next_boundary_us(board) + off_us, wires)
+            board.clock.wait_latched(len(wires))
+    for kind in kinds:
+        for off_us in _moments(board):
+            t_us = board.clock.soon_us(bytes(4000))
+            board.link.send(board.link.stream_wire(kind.make(), t_us))
+            _arriving_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
+            board.clock.wait_latched(4000)
+    if board.has(Feature.SEQUENCE_PHASES):
+        _play_and_stop_on_latches(board)
+    times = sorted(latch.t_us for latch in board_latches(board, since, mode))
+    near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
+    check(not near, f"of {len(times)} latches {len(near)} are in the carrier period of another")
+
+
+def _next_boundary_us(board: BoardClient) -> int:
+    return board.clock.device_us() if board.wire.limits.slack_us else board.clock.soon_us()
+
+
+def _moments(board: BoardClient) -> range:
+    """Return how much later than reckoned bytes are sent to arrive at a moment, in turn."""
+    return range(1) if board.wire.limits.slack_us else _ROUNDED_US
+
+
+def _play_and_stop_on_latches(board: BoardClient) -> None:
+    """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
+    store_phases(board, _SEQUENCE, frames=2)
+    play = Play(_SEQUENCE, PERIOD_US, 0, min(2000, board.identity.max_unattended_ms))
+    for off_us in _moments(board):
+        boundary_us = board.clock.soon_us(bytes(2000))
+        wires = board.link.stream_wire(board.flat_phases())
+        wires += board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
+        _arriving_at(board, boundary_us + off_us, wires)
+        board.clock.wait_latched(len(wires))
+        board.link.ask(Stop())
+        start_us = board.clock.soon_us(bytes(200))
+        play_at(board, _SEQUENCE, start_us, loops=0)
+        passed_us = board.clock.soon_us(bytes(2000)) - start_us
+        latch_us = start_us + -(-passed_us // PERIOD_US) * PERIOD_US
+        stop, _ = board.link.request_wire(Stop())
+        wires = stop + board.link.stream_wire(board.flat_phases())
+        _arriving_at(board, latch_us + off_us, wires)
+        board.clock.wait_latched(len(wires))

@@ -1,0 +1,243 @@
+"""HG-5.2, HG-5.7, HG-5.9: the queue at every format: slots, times ahead, late frames, IMMEDIATE."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Feature,
+    Flag,
+    Message,
+    Mute,
+    TraceMode,
+)
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.drive_paths import registers_of
+from ...client.latching import board_latches, watch_board_latches
+from ...client.stream_kinds import StreamKind, points_of, stream_kinds
+from ...outcome import SELF_REPORTED, check, not_observed
+
+_WINDOW_US: Final = 100_000
+_WAITING: Final = 3
+_TRACES: Final = (
+    (Feature.TRACE, TraceMode.CRC),
+    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
+    (Feature.TRACE_RING, TraceMode.RING),
+)
+_SEQUENCE: Final = 5
+_DEEPEST: Final = 512
+_STEP_US: Final = 200
+_BATCH_US: Final = 300_000  # of the line, for frames that are sent at once
+_OVER_US: Final = 15_000  # beyond a power of two
+_LOOK_US: Final = 20_000
+_AHEAD_US: Final = 400_000
+_TRIES: Final = 3
+
+
+@case(
+    "HG-5.9/1",
+    "IMMEDIATE frames of every message and format flush the queue, whatever their time_us",
+    variant="types",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_type_at_once(board: BoardClient) -> None:
+    good = board.flat_phases()
+    for kind in stream_kinds(board):
+        board.hello()
+        board.arm()
+        t_us = board.clock.soon_us(bytes(4000)) + 1_000_000
+        for number in range(_WAITING):
+            board.link.send(board.link.stream_wire(good, t_us + 1000 * number))
+        for past_us in (0, 1, 2**30, -(2**30)):
+            waiting = board.status().queued
+            with board.counting(flushed=waiting, latched=1, late=0):
+                board.link.send(
+                    board.link.stream_wire(kind.make(), t_us - past_us, flags=Flag.IMMEDIATE)
+                )
+                board.clock.wait_latched(4000)
+        check(board.status().queued == 0, f"{kind.name}: frames wait behind IMMEDIATE")
+
+
+@case(
+    "HG-5.7/6",
+    "late frames of every message and format, in every trace: LATE, and only of these",
+    variant="types",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_type_late(board: BoardClient) -> None:
+    modes = [mode for feature, mode in _TRACES if board.has(feature)] or [TraceMode.OFF]
+    modes = modes if board.thorough else modes[:1]
+    for mode in modes:
+        board.configure(late_window_us=_WINDOW_US, trace_mode=mode)
+        for kind in stream_kinds(board):
+            board.arm()
+            since, first = board.link.mark(), board.link.stream_next
+            with board.counting(late=1, latched=3):
+                for late_us in (None, _WINDOW_US // 2, None):
+                    frame, at_us = kind.make(), None
+                    if late_us is not None:
+                        ready_us = board.ready_after_us(points_of(frame))
+                        at_us = board.clock.device_us() + ready_us - late_us
+                    board.link.send(board.link.stream_wire(frame, at_us))
+                    board.clock.wait_latched(4000)
+            if mode is TraceMode.OFF:
+                continue
+            seen = [
+                latch.late for latch in board_latches(board, since, mode) if latch.index >= first
+            ]
+            check(
+                seen[-3:] == [False, True, False],
+                f"{kind.name}, trace {mode.name}: a frame at once, a late one, one at once: "
+                f"LATE is {seen}",
+            )
+
+
+@case(
+    "HG-5.7/5",
+    "windows of 20, 66, 100 ms: frames 0.4 times so late, at the very border, 1.5 times so late",
+    variant="windows",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_window(board: BoardClient) -> None:
+    for window_us in (20_000, 66_000, _WINDOW_US):
+        board.configure(late_window_us=window_us)
+        board.arm()
+        around_us = [window_us + off_us for off_us in range(-3, 4)]
+        for late_us in (round(0.4 * window_us), *around_us, round(1.5 * window_us)):
+            before = board.status().counters
+            wire_us = board.wire.line_us(len(board.link.stream_wire(board.flat_phases(), 0, seq=0)))
+            board.clock.device_us()
+            ready_us = board.clock.device_estimate_us() + wire_us + board.ready_after_us()
+            t_us = ready_us - late_us
+            board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+            board.clock.wait_latched(4000)
+            found = board.status()
+            counted = {
+                name: (getattr(found.counters, name) - getattr(before, name)) & 0xFFFFFFFF
+                for name in ("latched", "late", "dropped_late")
+            }
+            late_us = -found.margin_min_us  # as it arrived: the host may have been held up
+            within = late_us <= window_us
+            late = within and late_us > 0  # a line may be faster than its rate
+            due = {"latched": within, "late": late, "dropped_late": not within}
+            check(
+                counted == due,
+                f"window {window_us} µs, a frame {late_us} µs late: counted {counted}",
+            )
+
+
+# --- Slots and times ---------------------------------------------------------------------------
+
+
+def _codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
+    """Return every kind of codes, each behind the one that sets amplitudes."""
+    graded = [kind for kind in kinds if kind.name == "DRIVES"]
+    full = [kind for kind in kinds if kind.name.startswith("PHASES")]
+    return [kind for each in full for kind in (*graded, each)]
+
+
+@case(
+    "HG-5.2/6",
+    "through every slot of the queue DRIVES, then PHASES of every format: each as it was sent",
+    variant="slots",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_slot_is_written_whole(board: BoardClient) -> None:
+    depth = board.identity.queue_depth
+    if depth > _DEEPEST:
+        not_observed(f"a queue of {depth} frames is not filled")
+    mode = watch_board_latches(board)
+    board.arm()
+    for kind in _codes_in_turn(stream_kinds(board)):
+        sent: dict[int, int] = {}
+        since = board.link.mark()
+        while len(sent) < depth:
+            _queue_some(board, kind, depth - len(sent), sent)
+        seen = {latch.index: latch.crc for latch in board_latches(board, since, mode)}
+        lost = sent.keys() - seen.keys()
+        check(not lost, f"{kind.name}: {len(lost)} of {len(sent)} queued frames are not latched")
+        wrong = sum(seen[index] != crc for index, crc in sent.items())
+        check(wrong == 0, f"{kind.name}: {wrong} of {len(sent)} drives are not those sent")
+
+
+def _queue_some(board: BoardClient, kind: StreamKind, most: int, sent: dict[int, int]) -> None:
+    """Queue up to *most* frames, wait until they are latched; add the CRC of each by its number."""
+    messages: list[Message] = []
+    for _ in range(most):
+        messages.append(kind.make())
+        if board.wire.line_us(len(messages) * len(messages[0].serialize())) > _BATCH_US:
+            break
+    room = bytes(sum(len(message.serialize()) + 20 for message in messages))
+    start_us = board.clock.soon_us(room)
+    wires = []
+    for place, message in enumerate(messages):
+        registers = registers_of(board, message)
+        assert registers is not None  # codes
+        sent[board.link.stream_next] = zlib.crc32(b"".join(registers))
+        wires.append(board.link.stream_wire(message, start_us + place * _STEP_US))
+    board.link.send(*wires)
+    board.clock.require_in_time(start_us)
+    board.clock.wait_until(start_us + len(messages) * _STEP_US)
+
+
+@case(
+    "HG-5.7/4",
+    "frames at the very border of the horizon wait or are dropped, by their margin",
+    variant="border",
+    evidence=SELF_REPORTED,
+)
+def the_horizon_is_sharp(board: BoardClient) -> None:
+    horizon_us = board.identity.max_horizon_us
+    wire_us = board.wire.line_us(len(board.link.stream_wire(board.flat_phases(), 0, seq=0)))
+    for off_us in range(-3, 4):
+        board.arm()
+        board.clock.device_us()
+        before = board.status().counters
+        t_us = board.clock.device_estimate_us() + wire_us + horizon_us + off_us
+        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        found = board.status()
+        dropped = (found.counters.dropped_future - before.dropped_future) & 0xFFFFFFFF
+        ahead_us = found.margin_min_us + board.ready_after_us()  # the margin is of the ready frame
+        within = ahead_us <= horizon_us
+        due = (int(within), int(not within))
+        check(
+            (found.queued, dropped) == due,
+            f"a frame {ahead_us} µs ahead, the horizon is {horizon_us} µs: queued "
+            f"{found.queued}, dropped {dropped}",
+        )
+        board.link.ask(Mute())
+
+
+@case(
+    "HG-5.7/4",
+    "frames due just above every power of two of microseconds wait, up to the horizon",
+    variant="lengths",
+    evidence=SELF_REPORTED,
+)
+def far_frames_wait(board: BoardClient) -> None:
+    board.arm()
+    most_us = board.identity.max_horizon_us - _AHEAD_US
+    lengths = [(1 << bits) + _OVER_US for bits in range(16, 31)]
+    ahead_us = [us for us in lengths if us < most_us][: board.identity.queue_depth]
+    size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
+    wait_us = board.wire.line_us(len(ahead_us) * size)
+    now_us = board.clock.device_us() + wait_us
+    with board.counting(latched=0, flushed=len(ahead_us)):
+        board.link.send(
+            *(board.link.stream_wire(board.flat_phases(), now_us + us) for us in ahead_us)
+        )
+        board.wire.idle(_LOOK_US)
+        queued = board.status().queued
+        board.clock.require_in_time(now_us + ahead_us[0])
+        check(queued == len(ahead_us), f"{len(ahead_us)} frames wait, queued is {queued}")
+        board.link.ask(Mute())

@@ -1,0 +1,134 @@
+"""HG-3.8, HG-5.5, HG-9.1: checks that come before the output state, and STATUS, in every state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+from haptogram_protocol.messages import Feature, Mute, Play, PlayReply, Status
+from haptogram_protocol.state import OutputState
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import play_now, store_phases
+from ...client.stream_kinds import stream_kinds
+from ...judge.timers import check_status_steps
+from ...outcome import SELF_REPORTED, CaseEndedError, check
+from .every_drop import DROPS
+
+_MS: Final = 1000
+_SEQUENCE: Final = 6
+_GAP: Final = 7
+_AHEAD_US: Final = 8_000_000
+#: Counters of steps 6 to 10 of HG-3.8, which come before the output state.
+_BEFORE_STATE: Final = ("stale_session", "duplicate", "unsupported", "bad_length", "bad_value")
+
+
+def _playing(board: BoardClient) -> None:
+    board.arm()
+    play_now(board, _SEQUENCE, loops=0, period_us=9_000_000, unattended_ms=9_999)
+
+
+def _waiting(board: BoardClient) -> None:
+    board.arm()
+    play = Play(_SEQUENCE, 1000, 0, min(9_999, board.identity.max_unattended_ms))
+    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+
+
+def _silent(board: BoardClient) -> None:
+    board.bring_to(OutputState.DISARMED)
+    board.arm()
+
+
+def _states(board: BoardClient) -> dict[str, Callable[[], object]]:
+    """Return what brings the board into each state of the output, from ARMED, by its name."""
+    states: dict[str, Callable[[], object]] = {
+        "while DISARMED": partial(board.bring_to, OutputState.DISARMED),
+        "while MUTED": partial(board.bring_to, OutputState.MUTED),
+        "while ARMED and silent": partial(_silent, board),
+        "while it sounds": lambda: latch_now(board, board.flat_phases()),
+    }
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=1)
+        states["while a sequence plays"] = partial(_playing, board)
+        states["while a playback waits"] = partial(_waiting, board)
+    return states
+
+
+@case(
+    "HG-3.8/1",
+    "stale, old, flagged, wrong frames of every format count alike off, on, playing and waiting",
+    variant="states",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_state_checks_alike(board: BoardClient) -> None:
+    for name, bring in _states(board).items():
+        board.hello()
+        board.arm()
+        latch_now(board, board.flat_phases())  # a number is used
+        for kind in stream_kinds(board):
+            for drop in DROPS:
+                if drop.counter not in _BEFORE_STATE:
+                    continue
+                board.link.ask(Mute())
+                board.arm()
+                bring()  # anew: on a slow line its timers would end meanwhile
+                wires = list(drop.frames(board, kind, 0))
+                try:
+                    with board.counting(**{drop.counter: len(wires)}, latched=0, accepted=0):
+                        board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
+                except CaseEndedError as error:
+                    text = f"{name}, {kind.name} {drop.summary}: {error}"
+                    raise CaseEndedError(error.behaviour, text) from None
+        board.link.ask(Mute())
+
+
+@case(
+    "HG-5.5/2",
+    "gaps before frames that are taken or dropped count alike off, on, playing and waiting",
+    variant="states",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_state_counts_gaps(board: BoardClient) -> None:
+    for name, bring in _states(board).items():
+        board.arm()
+        bring()
+        for kind in stream_kinds(board):
+            for flags in ({}, {"flags": 0x40}):
+                before = board.status().counters
+                board.link.stream_next += _GAP
+                board.link.send(board.link.stream_wire(kind.make(), **flags))
+                board.link.send(board.link.stream_wire(kind.make(), **flags))
+                counted = board.counted_since(before)["gap"]
+                check(
+                    counted == _GAP, f"{name}, a gap of {_GAP} before {kind.name} counts {counted}"
+                )
+        board.link.ask(Mute())
+
+
+@case(
+    "HG-9.1/1",
+    "STATUS comes at its time off, on, playing and waiting",
+    variant="states",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def status_comes_in_every_state(board: BoardClient) -> None:
+    period_ms = board.quick_status_ms
+    for name, bring in _states(board).items():
+        board.configure(status_period_ms=period_ms)
+        board.arm()
+        bring()
+        since = board.link.mark()
+        board.wire.idle(7 * period_ms * _MS // 2 + board.wire.limits.slack_us)
+        board.link.barrier()
+        times = [
+            board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)
+        ]
+        check(len(times) >= 3, f"{name}: {len(times)} STATUS in 3.5 periods of {period_ms} ms")
+        check_status_steps(board, times, period_ms, name)
+        board.link.ask(Mute())

@@ -1,0 +1,186 @@
+"""HG-7.6: loops, periods, starts and frames of every width, up to 32 bits and beyond."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    ErrorCode,
+    Feature,
+    Play,
+    PlaybackEnded,
+    PlayReply,
+    Stop,
+    StopReply,
+)
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.playback import PERIOD_US, play_now, shortest_period_us, store_phases
+from ...outcome import SELF_REPORTED, check, fail, inconclusive
+
+_MS: Final = 1000
+_SEQUENCE: Final = 0x8001
+_WIDTHS: Final = (8, 15, 16, 24, 31, 32)
+_SEEN: Final = 12  # latches after which a playback of very many frames is stopped
+_LOOK_MS: Final = 60
+_SLOW_US: Final = 9_500_000
+
+
+def _period_us(board: BoardClient) -> int:
+    return shortest_period_us(board, PERIOD_US)
+
+
+def _loop_numbers(frames: int) -> list[int]:
+    """Return numbers of loops at which loops, or all frames, are just over 2^b.
+
+    Examples
+    --------
+    >>> _loop_numbers(1)[:2]
+    [256, 257]
+    """
+    numbers = {0xFFFFFFFF}
+    for width in _WIDTHS:
+        numbers |= {1 << width, (1 << width) + 1, -(-(1 << width) // frames)}
+    return sorted(number for number in numbers if number * frames > _SEEN and number < 1 << 32)
+
+
+@case(
+    "HG-7.6/4",
+    "loops of every width of 1, 2 and 3 frames do not end after the first few frames",
+    variant="loops",
+    needs=Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def many_loops_go_on(board: BoardClient) -> None:
+    period_us = _period_us(board)
+    for frames in (1, 2, 3):
+        store_phases(board, _SEQUENCE, frames=frames)
+        for loops in _loop_numbers(frames):
+            board.arm()
+            since, before = board.link.mark(), board.status().counters.latched
+            play_now(board, _SEQUENCE, loops=loops, period_us=period_us)
+            board.wire.idle(_SEEN * period_us)
+            name = f"{loops} loops of {frames} frames"
+            if board.link.events(PlaybackEnded, since):
+                event = board.link.events(PlaybackEnded, since)[0][1]
+                fail(f"{name} end after {event.frames} frames")
+            board.link.call(Stop(), StopReply)
+            latched = (board.status().counters.latched - before) & 0xFFFFFFFF
+            check(latched >= _SEEN - 1, f"{name}: {latched} latches in {_SEEN} periods")
+
+
+def _periods_us() -> list[int]:
+    """Return periods just over 2^b us, ms and tenths of ms, up to 32 bits, of 200 ms and more."""
+    edges = {unit << width for unit in (1, 100, 1000) for width in _WIDTHS} | {0xFFFFFFF0}
+    return sorted(edge + 10 * _MS for edge in edges if 200 * _MS <= edge < (1 << 32) - 10 * _MS)
+
+
+@case(
+    "HG-7.6/4",
+    "periods of every width up to 2^32 µs: no second frame comes soon after the first",
+    variant="periods",
+    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def long_periods_are_long(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=3)
+    board.configure(hold_ms=10_000)
+    periods = _periods_us()
+    for period_us in periods if board.thorough else periods[-2:]:
+        board.arm()
+        with board.counting(latched=1):
+            since, start_us = board.link.mark(), board.wire.now_us()
+            play_now(board, _SEQUENCE, loops=1, period_us=period_us)
+            board.wire.idle(_LOOK_MS * _MS)
+            if board.link.events(PlaybackEnded, since):
+                fail(f"a period of {period_us} µs: all 3 frames within {_LOOK_MS} ms")
+            board.link.call(Stop(), StopReply)
+            if board.wire.now_us() - start_us > period_us:
+                inconclusive(f"the host was held up for more than {period_us} µs")
+
+
+@case(
+    "HG-7.6/4",
+    "one playback of more than 2^32 µs: each frame at its time, past 2^31 and 2^32 µs too",
+    variant="long",
+    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def long_playbacks_stay_in_time(board: BoardClient) -> None:
+    frames = (1 << 32) // _SLOW_US + 4
+    if board.wire.limits.slack_us:
+        frames = 4  # 38 s; the rest is the business of virtual time
+    store_phases(board, _SEQUENCE, frames=2)
+    board.configure(hold_ms=10_000)
+    alone_ms = min(60_000, board.identity.max_unattended_ms)
+    board.arm()
+    since, now_us = board.link.mark(), board.clock.device_us()
+    start_us = now_us + board.ready_after_us() + 20 * _MS
+    play = Play(_SEQUENCE, _SLOW_US, 0, alone_ms)
+    board.link.call(play, PlayReply, time_us=start_us)
+    for number in range(frames):
+        due_us = board.clock.on_carrier(start_us + number * _SLOW_US)
+        board.clock.wait_until(due_us + _MS)
+        if board.link.events(PlaybackEnded, since):
+            fail(f"the playback ended before frame {number}, {number * _SLOW_US / 1e6:.0f} s on")
+        status = board.status()
+        got_us = board.clock.unwrap(status.last_latch_us)
+        check(got_us == due_us, f"frame {number} was latched at {got_us} µs, due was {due_us} µs")
+    board.link.call(Stop(), StopReply)
+    found = board.link.await_event(PlaybackEnded, since, 100 * _MS + board.wire.limits.slack_us)
+    told = None if found is None else (found[1].loops, found[1].frames)
+    check(told == (frames // 2, frames), f"{frames} frames: PLAYBACK_ENDED says {told}")
+
+
+@case(
+    "HG-7.6/2",
+    "starts up to the horizon ahead are taken; the first frame is latched then and not before",
+    variant="starts",
+    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def every_start_is_kept(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=1)
+    horizon_us = board.identity.max_horizon_us
+    aheads = {70 * _MS, 600 * _MS, horizon_us - 200 * _MS}
+    aheads |= {(1 << width) + 50 * _MS for width in (15, 16, 20, 23, 24, 31)}
+    alone_ms = min(60_000, board.identity.max_unattended_ms)
+    for ahead_us in sorted(ahead for ahead in aheads if ahead < min(horizon_us, alone_ms * _MS)):
+        board.disarm()  # no hold runs
+        board.arm()
+        start_us = board.clock.on_carrier(board.clock.device_us() + ahead_us)
+        before = board.status().counters.latched
+        play = Play(_SEQUENCE, _period_us(board), 1, alone_ms)
+        board.link.call(play, PlayReply, time_us=start_us)
+        board.clock.wait_until(start_us - 30 * _MS - 2 * board.wire.limits.slack_us)
+        early = (board.status().counters.latched - before) & 0xFFFFFFFF
+        in_time = board.clock.device_us() < start_us
+        board.clock.wait_until(start_us + _MS)
+        got_us = board.clock.unwrap(board.status().last_latch_us)
+        check(not (early and in_time), f"a start {ahead_us} µs ahead: latched before it")
+        check(
+            got_us == start_us, f"a start {ahead_us} µs ahead: latched at {got_us - start_us:+d} µs"
+        )
+
+
+@case(
+    "HG-7.6/2",
+    "starts that have passed are refused with detail 0, whatever late_window_us is",
+    variant="late",
+    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
+)
+def passed_starts_are_refused(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=1)
+    for window_us in (0, 20_000, 100_000):
+        board.configure(late_window_us=window_us)
+        board.arm()
+        for late_us in (1, 1000, 15_000, 70_000, 1_000_000):
+            start_us = board.clock.device_us() - late_us
+            play = Play(_SEQUENCE, _period_us(board), 1, 100)
+            board.link.refused(play, ErrorCode.BAD_VALUE, 0, time_us=start_us)

@@ -1,0 +1,193 @@
+"""HG-7.6, HG-7.8, HG-8.4: playback of every kind and size."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Feature,
+    Flag,
+    ReadTrace,
+    TraceDrive,
+    TraceMode,
+    TraceReply,
+    UploadKind,
+)
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import board_latches, latch_now
+from ...client.playback import (
+    UNATTENDED_MS,
+    play_at,
+    play_out,
+    playback_end,
+    shortest_period_us,
+    store_phases,
+)
+from ...client.stream_kinds import random_point
+from ...client.uploads import upload_to_board
+from ...outcome import SELF_REPORTED, check
+
+_SEQUENCE: Final = 0x0201
+#: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.
+_SHAPES: Final = ((1, 1, 1003), (1, 258, 0), (3, 100, 0), (300, 1, 0), (2, 1, 70_000))
+_MANY: Final = 66_000  # frames in a playback: more than 16 bits
+_DIVIDER: Final = 260
+_WINDOW_US: Final = 100_000
+
+
+def _store(board: BoardClient, kind: UploadKind, frames: int) -> None:
+    if kind is UploadKind.PHASES:
+        store_phases(board, _SEQUENCE, frames=frames)
+        return
+    data = b"".join(random_point(board).pack() for _ in range(frames))
+    upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, 1)
+
+
+def _kinds(board: BoardClient) -> list[UploadKind]:
+    features = (
+        (Feature.SEQUENCE_PHASES, UploadKind.PHASES),
+        (Feature.SEQUENCE_POINTS, UploadKind.POINTS),
+    )
+    return [kind for feature, kind in features if board.has(feature)]
+
+
+def _shortest_us(board: BoardClient) -> int:
+    return shortest_period_us(board, max(200, board.identity.point_time_us))
+
+
+@case(
+    "HG-7.6/4",
+    "258 loops, 300 frames, a period of 70 ms, of phases and points: each frame at its time, once",
+    variant="sizes",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_shape_is_played(board: BoardClient) -> None:
+    ring = board.identity.trace_ring
+    for kind in _kinds(board):
+        for frames, loops, period_us in _SHAPES:
+            if frames * loops > ring or frames > board.identity.max_sequence_frames:
+                continue
+            board.hello()
+            board.configure(trace_mode=TraceMode.RING)
+            _store(board, kind, frames)
+            board.arm()
+            since = board.link.mark()
+            start_us = board.clock.soon_us(bytes(100)) + 1003
+            period = max(period_us or _shortest_us(board), board.identity.point_time_us)
+            alone_ms = max(UNATTENDED_MS, 2 * frames * loops * period // 1000)
+            play_at(
+                board,
+                _SEQUENCE,
+                start_us,
+                loops=loops,
+                period_us=period,
+                unattended_ms=alone_ms,
+            )
+            event = playback_end(board, since, frames * loops * period)
+            due = [
+                (_SEQUENCE, n // frames, n % frames, board.clock.on_carrier(start_us + n * period))
+                for n in range(frames * loops)
+            ]
+            seen = board_latches(board, since, TraceMode.RING)
+            got = [(latch.sequence, latch.loop, latch.index, latch.t_us) for latch in seen]
+            name = f"{kind.name}, {frames} frames, {loops} loops, {period} µs"
+            wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
+            check(not wrong, f"{name}: (sequence, loop, index, time) seen and due: {wrong[:1]}")
+            check(len(got) == len(due), f"{name}: {len(got)} latches, {len(due)} were due")
+            told = (event.sequence, event.loops, event.frames)
+            check(told == (_SEQUENCE, loops, frames * loops), f"{name}: PLAYBACK_ENDED {told}")
+
+
+@case(
+    "HG-7.8/1",
+    "66000 frames are played and counted: more than 16 bits hold",
+    variant="many",
+    needs=Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def many_frames_are_counted(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=1)
+    rings = board.has(Feature.TRACE_RING | Feature.CONFIG)
+    if rings:
+        board.configure(trace_mode=TraceMode.RING, late_window_us=_WINDOW_US)
+    board.arm()
+    with board.counting(latched=_MANY):
+        event = play_out(board, _SEQUENCE, 1, loops=_MANY, period_us=shortest_period_us(board))
+    told = (event.loops, event.frames)
+    check(told == (_MANY, _MANY), f"{_MANY} passes of one frame: PLAYBACK_ENDED says {told}")
+    if rings:
+        _check_many_in_the_ring(board)
+
+
+def _check_many_in_the_ring(board: BoardClient) -> None:
+    """FAILED unless the ring numbers the last latches, and one late frame, beyond 16 bits."""
+    last = board.link.stream_next
+    board.link.send(board.link.stream_wire(board.flat_phases(), board.clock.device_us() - 5000))
+    board.clock.wait_latched(2 * board.identity.transducers)
+    reply = board.link.call(ReadTrace(_MANY - 2, 9), TraceReply)
+    due = [(n, _SEQUENCE, n, 0, 0) for n in (_MANY - 2, _MANY - 1)]
+    due.append((_MANY, 0, 0, last, int(Flag.LATE)))
+    got = [(r.number, r.key.sequence, r.key.loop, r.key.index, r.flags) for r in reply.records]
+    text = "(number, sequence, loop, index, flags) of the last latches"
+    check(got == due, f"{text}: {got}, due are {due}")
+    check(reply.next == _MANY + 1, f"TRACE_REPLY: next is {reply.next} behind {_MANY} latches")
+
+
+@case(
+    "HG-8.4/1",
+    "of 600 latches a divider of 260 traces those of 0, 260 and 520, of stream and playback",
+    variant="divider",
+    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def wide_dividers_divide(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=3)
+    board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
+    board.arm()
+    since = board.link.mark()
+    latch_now(board, board.flat_phases())
+    play_out(board, _SEQUENCE, 3, loops=200, period_us=_shortest_us(board))
+    board.link.barrier()
+    got = [event.key for _, event in board.link.events(TraceDrive, since)]
+    # Latch 0 is the stream's, so that latch n of the rest is frame n - 1 of the playback.
+    due = [(0, 0), *(divmod(n - 1, 3) for n in (_DIVIDER, 2 * _DIVIDER))]
+    found = [(key.loop, 0 if key.sequence == 0 else key.index) for key in got]
+    check(found == due, f"(loop, index) of the traced latches {found}, due are {due}")
+
+
+@case(
+    "HG-8.4/1",
+    "latches at once, in time, late and played count alike in a division by 2, 3 and 4",
+    variant="kinds",
+    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_latch_counts_in_the_division(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=1)
+    for divider in (2, 3, 4):
+        board.configure(
+            trace_mode=TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US
+        )
+        board.arm()
+        since, latched = board.link.mark(), board.status().counters.latched
+        keys = []
+        for _ in range(3):
+            for lateness_us in (None, _WINDOW_US // 20, -_WINDOW_US // 2):
+                keys.append((0, board.link.stream_next))
+                at_us = None if lateness_us is None else board.clock.device_us() - lateness_us
+                board.link.send(board.link.stream_wire(board.flat_phases(), at_us))
+                board.wire.idle(max(0, -(lateness_us or 0)))
+                board.clock.wait_latched(2 * board.identity.transducers)
+            keys.append((_SEQUENCE, 0))
+            play_out(board, _SEQUENCE, 1)
+        counted = (board.status().counters.latched - latched) & 0xFFFFFFFF
+        check(counted == len(keys), f"of {len(keys)} frames {counted} are latched")
+        got = [(e.key.sequence, e.key.index) for _, e in board.link.events(TraceDrive, since)]
+        due = keys[::divider]
+        check(got == due, f"divider {divider}: (sequence, index) traced {got}, due are {due}")

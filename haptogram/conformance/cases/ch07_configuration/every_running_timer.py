@@ -1,0 +1,221 @@
+"""HG-7.1: a configuration set while a timer runs, each field and each timer."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from haptogram_protocol.messages import Feature, SetConfig, SetConfigReply, Status, TraceMode
+from haptogram_protocol.state import MuteReason
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import play_now, store_phases
+from ...judge.timers import EXACT_US, check_mute_time, check_status_steps, muted_by_timer
+from ...outcome import check, not_observed
+
+_MS: Final = 1000
+_SEQUENCE: Final = 3
+_BEFORE_MS: Final = 30  # from the start of a timer to the new configuration
+_LENGTH_MS: Final = 130
+_NEVER_MS: Final = 10_000
+_RAMP_MS: Final = 30
+
+
+def _others(board: BoardClient) -> list[dict[str, Any]]:
+    """Return a change of each field that is no length of a mute; at a wall clock all in one."""
+    found: list[dict[str, Any]] = [
+        {"status_period_ms": board.quick_status_ms + 100},
+        {"late_window_us": 50_000},
+        {"sound_speed_mm_s": 333_000},
+        {"trace_divider": 7},
+    ]
+    if board.has(Feature.AMPLITUDE):
+        found.append({"amplitude_ceiling": 50})
+    if board.has(Feature.TRACE):
+        found.append({"trace_mode": TraceMode.CRC})
+    if board.wire.limits.slack_us:
+        found = [{name: value for change in found for name, value in change.items()}]
+    return found
+
+
+def _set_alone(board: BoardClient, **changes: Any) -> int:
+    """Set the configuration and return the time of the reply; no frame follows that may help."""
+    wanted = dataclasses.replace(board.base_config, **changes)
+    answer = board.link.ask(SetConfig(wanted))
+    board.config = board.link.reply_in(answer, SetConfigReply, SetConfig.TYPE).config
+    assert answer.header is not None  # reply_in
+    return board.clock.unwrap(answer.header.time_us)
+
+
+def _start_hold(board: BoardClient) -> int:
+    latch_now(board, board.flat_phases())
+    return board.clock.unwrap(board.status().last_latch_us)
+
+
+def _start_played_hold(board: BoardClient) -> int:
+    play_now(board, _SEQUENCE, loops=1)
+    board.wire.idle(5 * _MS)
+    return _last_latch(board)
+
+
+def _last_latch(board: BoardClient) -> int:
+    return board.clock.unwrap(board.status().last_latch_us)
+
+
+def _hold_with(
+    board: BoardClient,
+    start: Callable[[BoardClient], int],
+    length_ms: int,
+    changes: Mapping[str, Any],
+) -> None:
+    """Change the configuration while a hold runs; FAILED unless it ends at its new time."""
+    ramps = board.has(Feature.AMPLITUDE)
+    before = {"hold_ms": length_ms, "ramp_ms": _RAMP_MS if ramps else 0}
+    after = before | dict(changes)
+    board.configure(**before)
+    board.arm()
+    since = board.link.mark()
+    start_us = start(board)
+    board.wire.idle(max(0, start_us + _BEFORE_MS * _MS - board.clock.device_estimate_us()))
+    early_us = board.clock.device_us()
+    late_us = _set_alone(board, **after)
+    longest_ms = 2 * max(length_ms, after["hold_ms"]) + after["ramp_ms"]
+    header, _ = muted_by_timer(board, since, longest_ms * _MS, MuteReason.HOLD_EXPIRED)
+    muted_us = board.clock.unwrap(header.time_us)
+    due_us = start_us + after["hold_ms"] * _MS
+    # A hold that is over by its new length ends when SET_CONFIG comes.
+    least_us = max(due_us, early_us) + after["ramp_ms"] * _MS
+    most_us = max(due_us, late_us) + after["ramp_ms"] * _MS
+    check(
+        least_us - EXACT_US <= muted_us <= most_us + EXACT_US,
+        f"hold {before}, after {_BEFORE_MS} ms {dict(changes)}: muted "
+        f"{(muted_us - start_us) / _MS:.1f} ms after the latch, due is "
+        f"{(least_us - start_us) / _MS:.1f} to {(most_us - start_us) / _MS:.1f} ms",
+    )
+
+
+@case(
+    "HG-7.1/3",
+    "a hold that runs, of stream and playback, gets a new length and ramp; other fields leave it",
+    variant="hold",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def a_running_hold_is_changed(board: BoardClient) -> None:
+    ramps: list[dict[str, Any]] = [{"ramp_ms": 0}]
+    if board.has(Feature.AMPLITUDE):
+        ramps += [{"ramp_ms": 90}, {"ramp_ms": 90, "hold_ms": _LENGTH_MS - 50}]
+    starts = [_start_hold]
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=2)
+        starts.append(_start_played_hold)
+    lengths: list[tuple[int, dict[str, Any]]] = [
+        (_LENGTH_MS, {"hold_ms": _LENGTH_MS - 50}),
+        (_LENGTH_MS, {"hold_ms": 1}),
+        (_LENGTH_MS, {"hold_ms": _BEFORE_MS // 2}),
+        (_LENGTH_MS, {"hold_ms": _LENGTH_MS + 60}),
+        (_NEVER_MS, {"hold_ms": _LENGTH_MS}),
+        *((_LENGTH_MS, changes) for changes in [*ramps, *_others(board)]),
+    ]
+    for start in starts:
+        least = board.wire.limits.slack_us and start is _start_played_hold
+        for length_ms, changes in lengths[:2] if least else lengths:
+            _hold_with(board, start, length_ms, changes)
+
+
+@case(
+    "HG-7.1/3",
+    "a lease, and an unattended time, that run get new lengths with SET_CONFIG, and the new ramp",
+    variant="lease",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def a_running_lease_is_changed(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=2)
+    lengths: list[dict[str, Any]] = [
+        {"host_timeout_ms": 60},
+        {"host_timeout_ms": _LENGTH_MS + 100},
+        {"hold_ms": 1000},
+    ]
+    lengths += [{"ramp_ms": 90}] if board.has(Feature.AMPLITUDE) else []
+    for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
+        for changes in [*lengths, *_others(board)]:
+            _lease_with(board, changes, plays=plays)
+
+
+def _lease_with(board: BoardClient, changes: Mapping[str, Any], *, plays: bool) -> None:
+    before = {"host_timeout_ms": _LENGTH_MS, "hold_ms": 5000, "ramp_ms": 0}
+    after = before | dict(changes)
+    board.configure(**before)
+    board.arm()
+    since = board.link.mark()
+    if plays:
+        play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_LENGTH_MS)
+    else:
+        latch_now(board, board.flat_phases())
+    board.wire.idle(_BEFORE_MS * _MS)
+    start_us = _set_alone(board, **after)
+    due_ms = (_LENGTH_MS if plays else after["host_timeout_ms"]) + after["ramp_ms"]
+    reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
+    header, _ = muted_by_timer(board, since, 3 * due_ms * _MS, reason)
+    check_mute_time(board, start_us, header, due_ms, f"{reason.name}, {dict(changes)} meanwhile")
+
+
+@case(
+    "HG-7.1/3",
+    "a ramp that has begun goes on as it began, whichever field is set meanwhile",
+    variant="fields",
+    needs=Feature.CONFIG | Feature.AMPLITUDE,
+    depth=Depth.DEFAULT,
+)
+def a_running_ramp_is_not_changed(board: BoardClient) -> None:
+    hold_ms, ramp_ms = 30, 150
+    lengths: tuple[dict[str, Any], ...] = (
+        {"hold_ms": 1},
+        {"hold_ms": _NEVER_MS},
+        {"ramp_ms": 0},
+        {"ramp_ms": 2000},
+        {"host_timeout_ms": 200},
+    )
+    for changes in (*lengths, *_others(board)):
+        board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
+        board.arm()
+        since = board.link.mark()
+        start_us = _start_hold(board)
+        middle_us = start_us + (hold_ms + ramp_ms // 3) * _MS
+        board.wire.idle(max(0, middle_us - board.clock.device_estimate_us()))
+        board.clock.require_in_time(start_us + (hold_ms + ramp_ms) * _MS)
+        board.configure(**{"hold_ms": hold_ms, "ramp_ms": ramp_ms} | changes)
+        header, _ = muted_by_timer(board, since, 2500 * _MS, MuteReason.HOLD_EXPIRED)
+        name = f"a ramp of {hold_ms} + {ramp_ms} ms, {changes} meanwhile"
+        check_mute_time(board, start_us, header, hold_ms + ramp_ms, name)
+
+
+@case(
+    "HG-7.1/3",
+    "a status period that runs is replaced: the first STATUS comes within the new period",
+    variant="status",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def a_running_status_period_is_changed(board: BoardClient) -> None:
+    least_ms = board.quick_status_ms
+    if least_ms > 1000:
+        not_observed("a status period takes too long on this line")
+    for before_ms, after_ms in ((65_535, least_ms), (least_ms, 3 * least_ms), (0, least_ms)):
+        board.configure(status_period_ms=before_ms)
+        board.wire.idle(least_ms * _MS // 2)
+        since = board.link.mark()
+        start_us = _set_alone(board, status_period_ms=after_ms)
+        board.wire.idle(7 * after_ms * _MS // 2 + board.wire.limits.slack_us)
+        board.link.barrier()
+        found = board.link.events(Status, since)
+        times = [board.clock.unwrap(header.time_us) for header, _ in found]
+        name = f"status_period_ms {before_ms}, then {after_ms}"
+        check(len(times) >= 3, f"{name}: {len(times)} STATUS in 3.5 periods")
+        check(times[0] - start_us <= after_ms * _MS + EXACT_US, f"{name}: the first one is late")
+        check_status_steps(board, times, after_ms, f"{before_ms} before")

@@ -1,0 +1,176 @@
+"""HG-4.6, HG-7.2, HG-7.6: several sequences in the store, replaced in every order."""
+
+from __future__ import annotations
+
+import itertools
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Error,
+    ErrorCode,
+    Feature,
+    Mute,
+    Play,
+    PlayReply,
+    Stop,
+    StopReply,
+    TraceMode,
+    UploadBegin,
+    UploadBeginReply,
+    UploadKind,
+)
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import board_latches, full_drive
+from ...client.playback import play_now, play_out
+from ...client.uploads import SEQUENCES, upload_to_board
+from ...outcome import SELF_REPORTED, check
+
+_IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
+_ABSENT: Final = 0x6000  # of no sequence; those behind it are stored
+_MANY: Final = 40
+_AHEAD_US: Final = 5_000_000
+_SIZES: Final = ((3, 1, 2), (1, 3, 2), (2, 2, 2))
+
+
+@dataclass(slots=True)
+class Store:
+    """Sequences that a host has stored, with the CRC-32 of each drive that a playback latches.
+
+    Attributes
+    ----------
+    board : BoardClient
+        The board.
+    crcs : dict of int to list of int
+        By the id of the sequence.
+    """
+
+    board: BoardClient
+    crcs: dict[int, list[int]] = field(default_factory=dict)
+
+    def put(self, sequence: int, frames: int) -> None:
+        """Upload a sequence of random phases in place of the one with this id."""
+        count = self.board.identity.transducers
+        drives = [self.board.random.randbytes(count) for _ in range(frames)]
+        upload_to_board(self.board, UploadKind.PHASES, sequence, b"".join(drives))
+        self.crcs[sequence] = [zlib.crc32(full_drive(drive)) for drive in drives]
+
+    def abandon(self, sequence: int, frames: int) -> None:
+        """Begin an upload of a sequence, and do not go on."""
+        size = frames * self.board.identity.transducers
+        begin = UploadBegin(UploadKind.PHASES, 0, sequence, size, 0)
+        self.board.link.call(begin, UploadBeginReply)
+
+    def check_all(self, name: str) -> None:
+        """FAILED unless every sequence is played as it was uploaded."""
+        for sequence, due in self.crcs.items():
+            self.board.arm()
+            since = self.board.link.mark()
+            play_out(self.board, sequence, len(due))
+            got = [latch.crc for latch in board_latches(self.board, since, TraceMode.CRC)]
+            check(got == due, f"{name}: sequence {sequence:#06x} is not played as it was uploaded")
+
+
+def _orders() -> Iterator[tuple[int, ...]]:
+    """Yield orders in which the sequences are replaced, one of them twice."""
+    for order in itertools.permutations(range(len(_IDS))):
+        yield (*order, order[0])
+
+
+@case(
+    "HG-4.6/5",
+    "3 sequences, each replaced in every order by a longer or shorter one: all are played whole",
+    variant="store",
+    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def every_order_of_replacements(board: BoardClient) -> None:
+    orders = list(_orders())
+    for order in orders if board.thorough else orders[3:4]:
+        board.configure(trace_mode=TraceMode.CRC)
+        store = Store(board)
+        for sequence, frames in zip(_IDS, _SIZES[0], strict=True):
+            store.put(sequence, frames)
+        store.check_all("uploaded")
+        for turn, place in enumerate(order):
+            store.put(_IDS[place], _SIZES[1 + turn % 2][place] + turn % 3)
+            if board.has(Feature.CORRECTION) and turn == 1:
+                upload_to_board(board, UploadKind.CORRECTION, 0, bytes(board.identity.transducers))
+            if turn == 2:
+                store.abandon(_IDS[order[0]], 4)
+            store.check_all(f"replaced in the order {order[: turn + 1]}")
+        board.hello()
+        store.check_all(f"replaced in the order {order}, in a new session")
+
+
+@case(
+    "HG-7.2/5",
+    "while a sequence plays, waits, or has ended others and the correction are uploaded",
+    variant="others",
+    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def others_are_uploaded_meanwhile(board: BoardClient) -> None:
+    first, second, third = _IDS
+    board.configure(trace_mode=TraceMode.CRC)
+    store = Store(board)
+    for sequence in _IDS:
+        store.put(sequence, 2)
+    board.arm()
+    since = board.link.mark()
+    play_now(board, second, loops=0, period_us=2000)
+    store.put(first, 3)  # those before and behind the one that plays move it
+    store.put(third, 1)
+    store.put(first, 1)
+    if board.has(Feature.CORRECTION):
+        upload_to_board(board, UploadKind.CORRECTION, 0, bytes(board.identity.transducers))
+    board.wire.idle(10_000)
+    board.link.ask(Mute())
+    got = [latch.crc for latch in board_latches(board, since, TraceMode.CRC)]
+    due = store.crcs[second] * len(got)
+    check(len(got) > 4, f"{len(got)} latches while others are uploaded")
+    check(got == due[: len(got)], "the sequence that plays changes while others are uploaded")
+    store.check_all("uploaded while another one played")
+
+
+@case(
+    "HG-7.6/1",
+    "with one sequence more at a time, up to 40, each is played, and NOT_FOUND tells their number",
+    variant="many",
+    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def many_sequences_are_stored(board: BoardClient) -> None:
+    board.configure(trace_mode=TraceMode.CRC)
+    store, count = Store(board), board.identity.transducers
+    for sequence in SEQUENCES:  # later cases find room for theirs
+        store.put(sequence, 1)
+    board.arm()
+    held = _refused_play(board, _ABSENT)
+    for sequence in range(_ABSENT + 1, _ABSENT + 1 + _MANY):
+        is_new = _refused_play(board, sequence) is not None
+        begin = UploadBegin(UploadKind.PHASES, 0, sequence, count, 0)
+        if isinstance(board.link.ask(begin).message, Error):  # no room for one more
+            break
+        for _ in range(2):  # the second replaces the first
+            store.put(sequence, 1)
+        told, due = _refused_play(board, _ABSENT), (held or 0) + is_new
+        check(told == due, f"{due} sequences are stored: NOT_FOUND tells {told}")
+        held = told
+    store.check_all(f"{len(store.crcs)} sequences")
+
+
+def _refused_play(board: BoardClient, sequence: int) -> int | None:
+    """Return the detail of NOT_FOUND, the number of stored sequences; None if this one is there."""
+    start_us = board.clock.device_us() + _AHEAD_US
+    play = Play(sequence, 1000, 1, min(9_999, board.identity.max_unattended_ms))
+    answer = board.link.ask(play, time_us=start_us)
+    if isinstance(answer.message, PlayReply):
+        board.link.call(Stop(), StopReply)
+        return None
+    return board.link.error_in(answer, Play.TYPE, ErrorCode.NOT_FOUND).detail

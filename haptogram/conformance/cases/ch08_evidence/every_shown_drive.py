@@ -1,0 +1,181 @@
+"""HG-8.3, HG-8.4, HG-8.6: traces and read-backs of every drive, under ceiling and ramp."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+from haptogram_protocol.messages import (
+    DriveKind,
+    DriveReply,
+    Feature,
+    ReadDrive,
+    TraceDrive,
+    TraceMode,
+    UploadKind,
+)
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.drive_paths import drive_paths, registers_of
+from ...client.latching import ShownDrive, board_latches, full_drive, latch_now, read_back
+from ...client.playback import play_out, store_phases
+from ...client.stream_kinds import stream_kinds
+from ...client.uploads import upload_to_board
+from ...outcome import SELF_REPORTED, check
+
+_MS: Final = 1000
+_SEQUENCE: Final = 2
+_CEILING: Final = 100
+_MODES: Final = (
+    (Feature.TRACE, TraceMode.CRC),
+    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
+    (Feature.TRACE_RING, TraceMode.RING),
+)
+
+
+@contextmanager
+def _shaded(board: BoardClient, **changes: Any) -> Iterator[None]:
+    """Let the radiated drive differ from the latched one in every phase and loud amplitude."""
+    count = board.identity.transducers
+    if board.has(Feature.AMPLITUDE):
+        changes = {"amplitude_ceiling": _CEILING} | changes
+    if board.has(Feature.CORRECTION):
+        correction = bytes(1 + code % 255 for code in board.random.randbytes(count))
+        upload_to_board(board, UploadKind.CORRECTION, 0, correction)
+    board.configure(**changes)
+    yield
+    if board.has(Feature.CORRECTION):
+        upload_to_board(board, UploadKind.CORRECTION, 0, bytes(count))
+
+
+@case(
+    "HG-8.3/2",
+    "drives of every format and path, under ceiling and correction: every trace shows the latched",
+    variant="paths",
+    needs=Feature.CONFIG | Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
+    for feature, mode in _MODES:
+        if not board.has(feature):
+            continue
+        with _shaded(board, trace_mode=mode):
+            board.arm()
+            for path in drive_paths(board):
+                since = board.link.mark()
+                due = registers_of(board, path.latch())
+                shown = read_back(board)
+                name = f"{path.name}, trace {mode.name}"
+                if due is not None:
+                    same = (shown.phases, shown.amplitudes) == due
+                    check(same, f"{name}: the latched drive read back is not the one sent")
+                seen = board_latches(board, since, mode)
+                check(bool(seen), f"{name}: no latch is traced")
+                check(seen[-1].crc == shown.crc, f"{name}: traced is not the latched drive")
+
+
+@case(
+    "HG-8.6/1",
+    "READ_DRIVE of every span, of drives of every format under ceiling, correction and a ramp",
+    variant="shaded",
+    needs=Feature.CONFIG | Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+)
+def every_span_under_a_ceiling(board: BoardClient) -> None:
+    count = board.identity.transducers
+    kinds = [DriveKind.LATCHED]
+    kinds += [DriveKind.RADIATED] if board.has(Feature.READ_RADIATED) else []
+    with _shaded(board):
+        board.arm()
+        for stream in stream_kinds(board):
+            message = stream.make()
+            latch_now(board, message)
+            due = registers_of(board, message)
+            for kind in kinds:
+                whole = read_back(board, kind)
+                name = f"{stream.name}, {kind.name}"
+                if due is not None and kind is DriveKind.LATCHED:
+                    check((whole.phases, whole.amplitudes) == due, f"{name}: not the drive sent")
+                for first in sorted({1, count // 3, count // 2, count - 1} & set(range(count))):
+                    _check_span(board, name, whole, kind, first)
+
+
+def _check_span(
+    board: BoardClient, name: str, whole: ShownDrive, kind: DriveKind, first: int
+) -> None:
+    for number in (1, 3, 0xFFFF):
+        reply = board.link.call(ReadDrive(kind, first, number), DriveReply)
+        due = whole.phases[first : first + number] + whole.amplitudes[first : first + number]
+        check(reply.data == due, f"{name}: {number} from {first} are other codes than the whole's")
+
+
+@case(
+    "HG-8.3/2",
+    "latches in a ramp, and while the ceiling is 0 and changes, are traced as they are latched",
+    variant="ramp",
+    needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def ramps_are_not_traced(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=4)
+    for feature, mode in _MODES:
+        if not board.has(feature):
+            continue
+        for ceiling in (0, _CEILING):
+            # The host is silent, so that the lease's ramp goes on while queued frames are latched.
+            board.hello()
+            board.configure(
+                trace_mode=mode, amplitude_ceiling=ceiling, host_timeout_ms=30, ramp_ms=400
+            )
+            board.arm()
+            since, first = board.link.mark(), board.link.stream_next
+            registers = [board.random_registers() for _ in range(3)]
+            start_us = board.clock.soon_us(bytes(4 * board.identity.transducers)) + 80 * _MS
+            times = [start_us + 20 * _MS * place for place in range(3)]
+            board.link.send(
+                *(
+                    board.link.stream_wire(board.phases(codes), t_us)
+                    for codes, t_us in zip(registers, times, strict=True)
+                )
+            )
+            board.clock.require_in_time(times[0])
+            board.wire.idle(max(0, times[-1] + 5 * _MS - board.clock.device_estimate_us()))
+            seen = [latch for latch in board_latches(board, since, mode) if latch.index >= first]
+            due = [zlib.crc32(full_drive(codes)) for codes in registers]
+            got = [latch.crc for latch in seen]
+            check(got == due, f"trace {mode.name}, ceiling {ceiling}, during a ramp: other drives")
+
+
+@case(
+    "HG-8.4/1",
+    "a divider counts the latches of stream and playback from SET_CONFIG and from HELLO on, each",
+    variant="restarts",
+    needs=Feature.CONFIG | Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+)
+def divisions_start_anew(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=2)
+    for before in range(4):
+        for name in ("SET_CONFIG", "HELLO"):
+            board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
+            board.arm()
+            for _ in range(before):
+                latch_now(board, board.flat_phases())
+            if name == "HELLO":
+                board.hello()
+            else:
+                board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
+            board.arm()
+            since = board.link.mark()
+            latch_now(board, board.flat_phases())
+            play_out(board, _SEQUENCE, 2, loops=3)  # 7 latches: 0, 3 and 6 of them are traced
+            board.link.barrier()
+            keys = [event.key for _, event in board.link.events(TraceDrive, since)]
+            got = [2 * key.loop + key.index + 1 if key.sequence else 0 for key in keys]
+            check(got == [0, 3, 6], f"{before} latches, {name}, 7 latches: traced are {got}")

@@ -1,0 +1,203 @@
+"""HG-3.6, HG-8.5, HG-9.2: numbers, ring and counters that no request or timer sets back."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Final
+
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    Counters,
+    Feature,
+    Flag,
+    Message,
+    Mute,
+    Phases,
+    Ping,
+    Play,
+    ReadTrace,
+    StateChanged,
+    Trace,
+    TraceMode,
+    TraceReply,
+)
+
+from ...case import Depth, case
+from ...client import malformed_frames
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import flood_with_traces, store_phases
+from ...client.stream_kinds import stream_kinds, valid_requests
+from ...judge.refused_requests import refused_by_link
+from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ..ch05_stream.every_drop import DROPS, frames_to_drop
+from ..ch10_errors.every_refusal import refuse
+
+_MS: Final = 1000
+_SEQUENCE: Final = 4
+_LEASE_MS: Final = 20
+_GAP: Final = 7
+_WINDOW_US: Final = 100_000
+_FLOODS: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
+
+
+@case(
+    "HG-3.6/2",
+    "behind every request, refusal and repeated HELLO events and stream frames go on by 1",
+    variant="requests",
+    needs=Feature.TRACE | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def requests_leave_the_numbers(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=1)
+    board.configure(trace_mode=TraceMode.CRC)
+    board.arm()
+    names = ["ARM"]
+    since, before = board.link.mark(), board.status().counters
+    latch_now(board, board.flat_phases())
+    for name, send in _requests(board):
+        send()
+        names.append(name)
+        board.arm()
+        latch_now(board, board.flat_phases())
+    counted = board.counted_since(before)
+    latches = [trace.index for _, trace in board.link.events(Trace, since)]
+    for place, (one, two) in enumerate(itertools.pairwise(latches)):
+        check(two == one + 1, f"behind {names[place + 1]}: stream frames {one}, then {two}")
+    numbers = [p.header.seq for p in board.wire.received[since:] if p.is_event and p.header]
+    steps = [(two - one) & 0xFFFF for one, two in itertools.pairwise(numbers)]
+    check(set(steps) <= {1}, f"{len(numbers)} events: steps of {sorted(set(steps))}")
+    check(len(latches) == len(names), f"{len(latches)} traces of {len(names)} latches")
+    moved = {name: counted[name] for name in ("gap", "duplicate") if counted[name]}
+    check(not moved, f"stream frames without a gap are counted in {moved}")
+
+
+def _requests(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Yield what sends each request that is carried out or refused, and HELLO again, by name."""
+    messages: list[Message] = [*valid_requests(board, _SEQUENCE), Mute()]
+    for message in messages:
+        if not isinstance(message, Play):
+            yield message.TYPE.name, partial(board.link.ask, message)
+        again = partial(board.hello, board.link.session)
+        yield f"HELLO again, behind {message.TYPE.name}", again
+    for refusal in refused_by_link(board):
+        yield refusal.name, partial(refuse, board, refusal)
+
+
+@case(
+    "HG-8.5/1",
+    "the ring keeps its latches over every request, MUTE, timer and HELLO again of the session",
+    variant="kept",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def the_ring_outlives_requests(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=1)
+    board.configure(trace_mode=TraceMode.RING)
+    board.arm()
+    for _ in range(3):
+        latch_now(board, board.flat_phases())
+    before = board.link.call(ReadTrace(0, 3), TraceReply).records
+    check(len(before) == 3, f"the ring holds {len(before)} of 3 latches")
+    for name, happen in _happenings(board):
+        if not name.startswith("a new session"):
+            happen()
+            board.configure(trace_mode=TraceMode.RING)
+            after = board.link.call(ReadTrace(0, 3), TraceReply).records
+            check(after == before, f"after {name} the ring holds {after}, before {before}")
+
+
+# --- Counters ----------------------------------------------------------------------------------
+
+
+@case(
+    "HG-9.2/1",
+    "every counter that can be moved outlives every request, session, playback and timer",
+    variant="all",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def nothing_clears_a_counter(board: BoardClient) -> None:
+    _move_all(board)
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=1)
+    before = board.status().counters
+    for name, happen in itertools.chain(_happenings(board), _happenings(board)):
+        happen()  # the second time behind a timer's mute
+        after = board.status().counters
+        _check_none_fell(before, after, name)
+        before = after
+
+
+def _check_none_fell(before: Counters, after: Counters, name: str) -> None:
+    less = {
+        counter: (getattr(before, counter), getattr(after, counter))
+        for counter in Counters.WIRE
+        if (getattr(after, counter) - getattr(before, counter)) & 0xFFFFFFFF > 1 << 31
+    }
+    check(not less, f"{name}: counters went back: {less}")
+
+
+def _happenings(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
+    yield "a new session", board.hello
+    yield "HELLO again", lambda: board.hello(board.link.session)
+    yield "ARM", board.arm
+    for message in valid_requests(board, _SEQUENCE):
+        flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
+        yield message.TYPE.name, partial(board.link.ask, message, flags=flags)
+    yield "MUTE", partial(board.link.ask, Mute())
+    yield "MUTE without a session", partial(board.link.ask, Mute(), session=0)
+    yield "a new session while MUTED", board.hello
+    yield "ARM while MUTED", board.arm
+    if board.has(Feature.CONFIG):
+        yield "the lease", partial(_run_out, board)
+    yield "a new session behind a timer", board.hello
+
+
+def _move_all(board: BoardClient) -> None:
+    """Move every counter that frames and timers can move."""
+    kind = stream_kinds(board)[0]
+    before = board.status().counters
+    for drop in DROPS:
+        with contextlib.suppress(CaseEndedError):  # a queue too deep to be filled
+            board.link.send(*frames_to_drop(board, drop, kind)[1])
+            board.link.barrier()
+        board.link.ask(Mute())  # flushes what is queued
+        after = board.status().counters
+        _check_none_fell(before, after, f"a new session and frames {drop.summary}")
+        before = after
+    body = board.link.body(Ping.TYPE, bytes(8), seq=0)
+    board.link.send(
+        malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body)),
+        malformed_frames.malformed_frame(b"\x40\x01\x02"),
+        b"\x00\xff\x01\x02\x00",
+        b"\x00" + malformed_frames.noise_bytes(board.random, 4200) + b"\x00",
+        encode_frame(board.link.body(0xEE, seq=0)),
+    )
+    board.link.stream_next += _GAP
+    board.link.send(board.link.stream_raw(Phases.TYPE, b""))
+    board.hello(board.link.session)
+    if board.has(Feature.CONFIG):
+        board.configure(late_window_us=_WINDOW_US)
+        board.arm()
+        late_us = board.clock.device_us() - _WINDOW_US // 2
+        board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
+        board.clock.wait_latched()
+        _run_out(board)
+    if board.has(_FLOODS):
+        flood_with_traces(board)
+
+
+def _run_out(board: BoardClient) -> None:
+    board.configure(host_timeout_ms=_LEASE_MS)
+    board.arm()
+    timeout_us = (_LEASE_MS + 200) * _MS + board.wire.limits.slack_us
+    board.link.await_event(StateChanged, board.link.mark(), timeout_us)
+    board.configure()

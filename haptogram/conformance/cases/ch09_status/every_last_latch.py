@@ -1,0 +1,129 @@
+"""HG-9.1: what a board tells of the last latch stays until the next one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Arm,
+    Disarm,
+    Feature,
+    LatchKey,
+    Mute,
+    Play,
+    PlaybackEnded,
+    PlayReply,
+    Stop,
+    UploadKind,
+)
+from haptogram_protocol.state import MuteReason
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now, read_back
+from ...client.playback import play_now, store_phases
+from ...client.stream_kinds import valid_requests
+from ...client.uploads import upload_to_board
+from ...judge.timers import muted_by_timer
+from ...outcome import SELF_REPORTED, check
+
+_MS: Final = 1000
+_SEQUENCE: Final = 7
+
+#: The last latch: key, time, phases and amplitudes; number of the last stream frame, time again.
+LastLatch = tuple[LatchKey | None, int, bytes, int, int]
+
+
+def _told(board: BoardClient) -> LastLatch:
+    status = board.status()
+    if not board.has(Feature.READ_LATCHED):
+        return None, 0, b"", status.last_seq, status.last_latch_us
+    reply = read_back(board).reply
+    return reply.key, reply.t_latch_us, reply.data, status.last_seq, status.last_latch_us
+
+
+def _without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Yield what a host or a timer does that latches nothing; the board is ARMED and sounding."""
+    for message in valid_requests(board, _SEQUENCE):
+        if not isinstance(message, Play | Disarm):
+            yield message.TYPE.name, partial(board.link.ask, message)
+    yield (
+        "a frame for later",
+        lambda: board.link.send(
+            board.link.stream_wire(board.flat_phases(9), board.clock.device_us() + 5_000_000)
+        ),
+    )
+    yield (
+        "a late frame",
+        lambda: board.link.send(
+            board.link.stream_wire(board.flat_phases(9), board.clock.device_us() - 5_000_000)
+        ),
+    )
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield "a playback that waits", lambda: _play_later(board)
+        yield "STOP before its start", lambda: board.link.ask(Stop())
+    if board.has(Feature.CORRECTION):
+        codes = bytes([3]) * board.identity.transducers
+        yield "a correction", lambda: upload_to_board(board, UploadKind.CORRECTION, 0, codes)
+    if board.has(Feature.CONFIG):
+        yield "the hold that mutes", lambda: _time_out(board)
+    yield "MUTE", lambda: board.link.ask(Mute())
+    yield "ARM", lambda: board.link.ask(Arm())
+    yield "DISARM", lambda: board.link.ask(Disarm())
+
+
+def _play_later(board: BoardClient) -> None:
+    play = Play(_SEQUENCE, 1000, 1, min(5000, board.identity.max_unattended_ms))
+    board.link.call(play, PlayReply, time_us=board.clock.device_us() + 3_000_000)
+
+
+def _time_out(board: BoardClient) -> None:
+    since = board.link.mark()
+    board.configure(hold_ms=1)
+    muted_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
+    board.configure()
+
+
+def _stays(board: BoardClient, name: str) -> None:
+    before = _told(board)
+    for what, do in _without_latch(board):
+        do()
+        board.link.barrier()
+        now = _told(board)
+        names = ("key", "time", "codes", "last_seq", "last_latch_us")
+        changed = [n for n, a, b in zip(names, before, now, strict=True) if a != b]
+        check(not changed, f"after {name}, {what} changes {', '.join(changed)} of the last latch")
+
+
+@case(
+    "HG-9.1/2",
+    "last_seq, last_latch_us, key and codes of the last latch stay until the next latch",
+    variant="stays",
+    evidence=SELF_REPORTED,
+)
+def the_last_latch_stays(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=1)
+    board.arm()
+    index = latch_now(board, board.phases(board.random_registers()))
+    _stays(board, "a stream frame")
+    if not board.has(Feature.SEQUENCE_PHASES):
+        return
+    for ended in ("by itself", "by STOP"):
+        board.arm()
+        since = board.link.mark()
+        play_now(board, _SEQUENCE, loops=3 if ended == "by itself" else 0)
+        if ended == "by itself":
+            board.link.await_event(PlaybackEnded, since, 300 * _MS)
+        else:
+            board.wire.idle(5 * _MS)
+            board.link.ask(Stop())
+        key, _, _, last_seq, _ = _told(board)
+        check(last_seq == index, f"after a playback last_seq is {last_seq}, due is {index}")
+        if key is not None:
+            check(key.sequence == _SEQUENCE, f"after a playback the key of the latch is {key}")
+            due = (2, 0) if ended == "by itself" else (key.loop, 0)
+            check((key.loop, key.index) == due, f"after 3 passes of 1 frame the key is {key}")
+        _stays(board, f"a playback that ended {ended}")

@@ -1,0 +1,278 @@
+"""HG-9.1, HG-12.3: all that a latch changes, on every path that leads to one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+from haptogram_protocol.messages import (
+    DriveKind,
+    Feature,
+    LatchKey,
+    Message,
+    PlaybackEnded,
+    StatusReply,
+    TraceMode,
+)
+from haptogram_protocol.state import MuteReason
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import (
+    TracedLatch,
+    board_latches,
+    full_drive,
+    latch_now,
+    read_back,
+)
+from ...client.playback import PERIOD_US, play_at, play_now, store_phases
+from ...judge.timers import check_mute_time, muted_by_timer
+from ...outcome import SELF_REPORTED, check, inconclusive
+
+_MS: Final = 1000
+_SEQUENCE: Final = 4
+_FRAMES: Final = 2
+_LOOPS: Final = 2
+_LATE_US: Final = 5 * _MS
+_WINDOW_US: Final = 100_000
+_HOLD_MS: Final = 420
+_HEADERS_BYTES: Final = 100  # of a PING and two stream frames
+_COUNTED: Final = ("accepted", "latched", "late", "flushed")
+_MODES: Final = (
+    (Feature(0), TraceMode.OFF),
+    (Feature.TRACE, TraceMode.CRC),
+    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
+    (Feature.TRACE_RING, TraceMode.RING),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Effect:
+    """What the latches of one path have to leave behind.
+
+    Attributes
+    ----------
+    key : LatchKey
+        Of the last latch.
+    registers : bytes
+        Phase codes of the last latch; its amplitudes are 255.
+    counted : tuple of int
+        Growth of the counters named in ``_COUNTED``.
+    """
+
+    key: LatchKey
+    registers: bytes
+    counted: tuple[int, int, int, int]
+
+    @property
+    def of_stream(self) -> bool:
+        """True if a stream frame was latched, not a frame of a sequence."""
+        return self.key.sequence == 0
+
+
+#: Latches something; the board is ARMED and the sequence stored, its last frame given.
+_Path: TypeAlias = Callable[[BoardClient, bytes], _Effect]
+
+
+def _stream_key(board: BoardClient) -> LatchKey:
+    return LatchKey(0, 0, board.link.stream_next)
+
+
+def _new_frame(board: BoardClient) -> tuple[bytes, Message]:
+    registers = board.random_registers()
+    registers = bytes(code >> (8 - board.finest) << (8 - board.finest) for code in registers)
+    return registers, board.phases(registers)
+
+
+def _latch_at_once(board: BoardClient, _: bytes) -> _Effect:
+    key, (registers, frame) = _stream_key(board), _new_frame(board)
+    latch_now(board, frame)
+    return _Effect(key, registers, (1, 1, 0, 0))
+
+
+def _latch_in_time(board: BoardClient, _: bytes) -> _Effect:
+    key, (registers, frame) = _stream_key(board), _new_frame(board)
+    _send_for(board, frame, board.clock.soon_us(bytes(_HEADERS_BYTES + len(frame.serialize()))))
+    return _Effect(key, registers, (1, 1, 0, 0))
+
+
+def _late_latch(board: BoardClient, _: bytes) -> _Effect:
+    key, (registers, frame) = _stream_key(board), _new_frame(board)
+    wire = board.link.stream_wire(frame, board.clock.device_us() - _LATE_US)
+    board.link.send(wire)
+    board.clock.wait_latched(len(wire))
+    return _Effect(key, registers, (1, 1, 1, 0))
+
+
+def _replacing_latch(board: BoardClient, _: bytes) -> _Effect:
+    """Latch the later of two frames that fall on one carrier period."""
+    (_, first), (registers, second) = _new_frame(board), _new_frame(board)
+    period_us = board.clock.carrier_us
+    t_us = board.clock.soon_us(bytes(_HEADERS_BYTES + 2 * len(first.serialize())))
+    board.link.send(board.link.stream_wire(first, t_us - period_us + 1))
+    key = _stream_key(board)
+    _send_for(board, second, t_us, in_time_us=t_us - period_us)
+    return _Effect(key, registers, (2, 1, 0, 1))
+
+
+def _flushing_latch(board: BoardClient, _: bytes) -> _Effect:
+    """Latch at once a frame that flushes one for later."""
+    (_, first), (registers, second) = _new_frame(board), _new_frame(board)
+    board.link.send(board.link.stream_wire(first, board.clock.device_us() + 2_000_000))
+    key = _stream_key(board)
+    latch_now(board, second)
+    return _Effect(key, registers, (2, 1, 0, 1))
+
+
+def _send_for(board: BoardClient, frame: Message, t_us: int, in_time_us: int | None = None) -> None:
+    """Send a frame for *t_us* and wait for its latch; INCONCLUSIVE if it is sent too late."""
+    board.link.send(board.link.stream_wire(frame, t_us))
+    board.clock.require_in_time(t_us if in_time_us is None else in_time_us)
+    board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
+
+
+def _played_latch(board: BoardClient, last: bytes) -> _Effect:
+    since = board.link.mark()
+    play_now(board, _SEQUENCE, loops=_LOOPS)
+    return _ended(board, since, last)
+
+
+def _played_in_time(board: BoardClient, last: bytes) -> _Effect:
+    since = board.link.mark()
+    start_us = board.clock.soon_us(bytes(500)) + 5 * _MS
+    play_at(board, _SEQUENCE, start_us, loops=_LOOPS)
+    return _ended(board, since, last)
+
+
+def _ended(board: BoardClient, since: int, last: bytes) -> _Effect:
+    latches = _LOOPS * _FRAMES
+    traces_us = board.wire.line_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
+    timeout_us = 200 * _MS + 2 * latches * PERIOD_US + traces_us + 2 * board.wire.limits.slack_us
+    found = board.link.await_event(PlaybackEnded, since, timeout_us)
+    check(found is not None, "no PLAYBACK_ENDED")
+    return _Effect(LatchKey(_SEQUENCE, _LOOPS - 1, _FRAMES - 1), last, (0, latches, 0, 0))
+
+
+def _paths(board: BoardClient) -> Iterator[tuple[str, _Path]]:
+    """Yield every path to a latch that the board has, by its name."""
+    yield "a frame latched at once", _latch_at_once
+    yield "a frame latched in time", _latch_in_time
+    if board.has(Feature.CONFIG):
+        yield "a late frame", _late_latch
+    if board.clock.carrier_us > 1:
+        yield "a frame that replaces another", _replacing_latch
+    yield "a frame that flushes another", _flushing_latch
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield "a sequence played at once", _played_latch
+        yield "a sequence played in time", _played_in_time
+
+
+def _stored(board: BoardClient) -> bytes:
+    """Store a sequence where the board takes any; return its last frame."""
+    if not board.has(Feature.SEQUENCE_PHASES):
+        return b""
+    return store_phases(board, _SEQUENCE, frames=_FRAMES)[-1]
+
+
+# --- Cases -------------------------------------------------------------------------------------
+
+
+@case(
+    "HG-9.1/3",
+    "a latch of every path, the first and later: counters, last_seq, time, key, codes, LATE",
+    variant="latches",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def a_latch_changes_all_that_tells_of_it(board: BoardClient) -> None:
+    last = _stored(board)
+    modes = [mode for feature, mode in _MODES if board.has(feature)]
+    for mode in modes if board.has(Feature.CONFIG) else [TraceMode.OFF]:
+        if board.has(Feature.CONFIG):
+            board.configure(trace_mode=mode, late_window_us=_WINDOW_US)
+        for first in (True, False):
+            for name, path in _paths(board):
+                if first:
+                    board.hello()
+                board.arm()
+                before, since = board.status(), board.link.mark()
+                effect = path(board, last)
+                order = "the first of a session" if first else "behind another latch"
+                text = f"{name}, {order}, trace {mode.name}"
+                after = board.status()
+                _check_latch_in_status(before, after, effect, text)
+                _check_latch_in_drives(board, after, effect, text)
+                if mode is not TraceMode.OFF:
+                    latches = board_latches(board, since, mode)
+                    _check_latch_in_traces(board, latches, after, effect, text)
+
+
+def _check_latch_in_status(
+    before: StatusReply, after: StatusReply, effect: _Effect, text: str
+) -> None:
+    index = effect.key.index if effect.of_stream else before.last_seq
+    check(after.last_seq == index, f"{text}: last_seq is {after.last_seq}, due is {index}")
+    moved = after.last_latch_us != before.last_latch_us
+    check(moved, f"{text}: last_latch_us stays {after.last_latch_us}")
+    for name, due in zip(_COUNTED, effect.counted, strict=True):
+        got = (getattr(after.counters, name) - getattr(before.counters, name)) & 0xFFFFFFFF
+        check(got == due, f"{text}: {name} counts {got}, due is {due}")
+
+
+def _check_latch_in_drives(
+    board: BoardClient, after: StatusReply, effect: _Effect, text: str
+) -> None:
+    for feature, kind in (
+        (Feature.READ_LATCHED, DriveKind.LATCHED),
+        (Feature.READ_RADIATED, DriveKind.RADIATED),
+    ):
+        if not board.has(feature):
+            continue
+        shown = read_back(board, kind)
+        told, due = (shown.reply.key, shown.reply.t_latch_us), (effect.key, after.last_latch_us)
+        check(told == due, f"{text}: READ_DRIVE({kind.name}) names {told}, due is {due}")
+        same = shown.phases + shown.amplitudes == full_drive(effect.registers)
+        check(same, f"{text}: READ_DRIVE({kind.name}) shows other codes than were latched")
+
+
+def _check_latch_in_traces(
+    board: BoardClient,
+    latches: list[TracedLatch],
+    after: StatusReply,
+    effect: _Effect,
+    text: str,
+) -> None:
+    _, latched, late, _ = effect.counted
+    new = latches[-latched:]
+    check(len(new) == latched, f"{text}: {len(new)} latches are traced, due are {latched}")
+    key = LatchKey(new[-1].sequence, new[-1].loop, new[-1].index)
+    check(key == effect.key, f"{text}: the trace names {key}, due is {effect.key}")
+    due_us = board.clock.unwrap(after.last_latch_us)
+    check(new[-1].t_us == due_us, f"{text}: traced at {new[-1].t_us} µs, latched at {due_us} µs")
+    flags = [latch.late for latch in new]
+    check(flags == [bool(late)] * latched, f"{text}: the traces have LATE {flags}")
+
+
+@case(
+    "HG-12.3/1",
+    "a latch of every path begins the hold anew: it ends hold_ms behind the last latch",
+    variant="latches",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def a_latch_begins_the_hold_anew(board: BoardClient) -> None:
+    last = _stored(board)
+    board.configure(hold_ms=_HOLD_MS, late_window_us=_WINDOW_US)
+    for name, path in _paths(board):
+        board.arm()
+        since = board.link.mark()
+        latch_now(board, board.flat_phases())
+        begun_us = board.clock.unwrap(board.status().last_latch_us)
+        board.wire.idle(_HOLD_MS * _MS // 3)
+        path(board, last)
+        start_us = board.clock.unwrap(board.status().last_latch_us)
+        if start_us > begun_us + (_HOLD_MS - 50) * _MS:
+            inconclusive("the line or the host is too slow to latch within the hold")
+        header, _ = muted_by_timer(board, since, 3 * _HOLD_MS * _MS, MuteReason.HOLD_EXPIRED)
+        check_mute_time(board, start_us, header, _HOLD_MS, f"hold_ms = {_HOLD_MS}, behind {name}")

@@ -1,0 +1,132 @@
+"""HG-3.6, HG-7.1, HG-10.2: requests that a state allows are carried out, and change one thing."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from typing import Any, Final
+
+from haptogram_protocol.messages import (
+    Arm,
+    ArmReply,
+    Disarm,
+    DisarmReply,
+    Error,
+    Feature,
+    Message,
+    Play,
+    SetConfig,
+    Stop,
+    TraceMode,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+)
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.playback import play_out, shortest_period_us, store_phases
+from ...client.stream_kinds import valid_requests
+from ...judge.held_state import held_state_changes
+from ...judge.refused_requests import STORED, other_config
+from ...outcome import SELF_REPORTED, check, fail
+from .every_refusal import brought, held_after, situations
+
+_ABSENT: Final = 51
+_EVENTS: Final = 2200  # more than 11 bits of event numbers
+_CHANGING: Final = (Arm, Disarm, Stop, Play, SetConfig, UploadBegin, UploadChunk, UploadCommit)
+#: What a configuration itself changes, of what a board holds.
+_BY_CONFIG: Final = ("config_crc", "the configuration", "the radiated drive")
+
+
+def _readings(board: BoardClient) -> list[Message]:
+    """Return every request that only asks."""
+    return [m for m in valid_requests(board, _ABSENT) if not isinstance(m, _CHANGING)]
+
+
+@case(
+    "HG-10.2/1",
+    "requests that only ask are answered while streaming, playing, waiting, DISARMED and MUTED",
+    variant="moments",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def readings_are_always_answered(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, STORED, frames=1)
+    for situation in situations(board):
+        last_us, before = brought(board, situation)
+        for message in _readings(board):
+            answer = board.link.ask(message)
+            name = f"{situation.name}, {message.TYPE.name}"
+            if isinstance(answer.message, Error) or answer.message is None:
+                fail(f"{name} is answered by {board.link.answer_text(answer)}")
+        text = held_state_changes(before, held_after(board, last_us))
+        check(not text, f"{situation.name}, requests that only ask: {text}")
+
+
+@case(
+    "HG-7.1/3",
+    "a field set while frames wait, a sequence plays or an upload is under way changes only itself",
+    variant="alone",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def a_field_changes_only_itself(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, STORED, frames=1)
+    for situation in situations(board):
+        last_us, before = brought(board, situation)
+        other = other_config(board)
+        changed: dict[str, Any] = {
+            "ramp_ms": other.ramp_ms if board.has(Feature.AMPLITUDE) else 0,
+            "late_window_us": other.late_window_us,
+            "sound_speed_mm_s": other.sound_speed_mm_s,
+            "amplitude_ceiling": other.amplitude_ceiling,
+            "trace_divider": other.trace_divider,
+            "host_timeout_ms": board.config.host_timeout_ms - 1,
+            "hold_ms": board.config.hold_ms - 1,
+        }
+        usual = board.config
+        for name, value in changed.items():
+            board.link.ask(SetConfig(dataclasses.replace(usual, **{name: value})))
+            after = held_after(board, last_us)
+            held = {key: value for key, value in before.items() if key not in _BY_CONFIG}
+            text = held_state_changes(before, {key: after[key] for key in held})
+            check(not text, f"{situation.name}, {name} is set: {text}")
+        board.config = usual
+
+
+@case(
+    "HG-7.1/3",
+    "HELLO_REPLY tells the speed of sound that is set",
+    variant="hello",
+    needs=Feature.CONFIG,
+)
+def hello_tells_the_speed(board: BoardClient) -> None:
+    for speed in (300_000, 343_210, 380_000):
+        board.configure(sound_speed_mm_s=speed)
+        told = board.hello().sound_speed_mm_s
+        check(told == speed, f"sound_speed_mm_s {speed} is set, HELLO_REPLY says {told}")
+
+
+@case(
+    "HG-3.6/2",
+    "2200 events of one session count up by 1: more than 11 bits of their numbers are kept",
+    variant="events",
+    needs=Feature.TRACE | Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def many_events_are_numbered(board: BoardClient) -> None:
+    store_phases(board, STORED, frames=2)
+    board.configure(trace_mode=TraceMode.CRC)
+    board.hello()
+    board.link.call(Arm(), ArmReply)
+    since, period_us = board.link.mark(), shortest_period_us(board, 500)
+    play_out(board, STORED, 2, loops=_EVENTS // 2, period_us=period_us)
+    numbers = [p.header.seq for p in board.wire.received[since:] if p.is_event and p.header]
+    gaps = [(b - a) & 0xFFFF for a, b in itertools.pairwise(numbers) if (b - a) & 0xFFFF != 1]
+    check(not gaps, f"{len(numbers)} events: steps of {gaps[:4]} between two of them")
+    board.link.call(Disarm(), DisarmReply)

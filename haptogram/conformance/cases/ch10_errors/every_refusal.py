@@ -1,0 +1,298 @@
+"""HG-10.1, HG-10.2: a refused request of every type and for every reason changes nothing."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Error,
+    ErrorCode,
+    Feature,
+    Mute,
+    Play,
+    PlayReply,
+    TraceMode,
+    UploadBegin,
+    UploadBeginReply,
+    UploadChunk,
+    UploadChunkReply,
+    UploadCommit,
+    UploadCommitReply,
+    UploadKind,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import play_now, store_phases
+from ...client.stream_kinds import stream_kinds
+from ...client.uploads import send_chunks
+from ...judge.held_state import Held, held_state_changes, read_held
+from ...judge.refused_requests import (
+    FOREIGN,
+    PENDING,
+    STORED,
+    Refusal,
+    refused_by_link,
+    refused_by_value,
+    refused_chunks,
+    refused_for_playing,
+    refused_now,
+    refused_plays,
+)
+from ...outcome import SELF_REPORTED, check, fail
+from ..ch05_stream.every_drop import fill_queue
+
+_FRAMES: Final = 3
+_AHEAD_US: Final = 8_000_000  # queued frames and a waiting playback are due then
+_FRESH_US: Final = 4_000_000  # a situation is brought about again after this time
+_PERIOD_US: Final = 9_000_000
+_QUEUED: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """A state of a board in which requests are refused.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    bring : callable
+        Brings it about in a new session; returns the t_apply of the last queued frame, 0: none.
+    refusals : callable
+        Yields the requests that are refused in it.
+    """
+
+    name: str
+    bring: Callable[[BoardClient], int]
+    refusals: Callable[[BoardClient], Iterator[Refusal]]
+
+
+# --- Situations --------------------------------------------------------------------------------
+
+
+def _set(board: BoardClient) -> None:
+    """Open a session, with a configuration away from the default, and an upload with a gap."""
+    board.hello()
+    if board.has(Feature.CONFIG):
+        ring = board.has(Feature.TRACE_RING)
+        board.configure(
+            hold_ms=10_000,
+            ramp_ms=33 if board.has(Feature.AMPLITUDE) else 0,
+            host_timeout_ms=9876,
+            late_window_us=100_000,
+            sound_speed_mm_s=355_555,
+            trace_mode=TraceMode.RING if ring else TraceMode.OFF,
+            amplitude_ceiling=77 if board.has(Feature.AMPLITUDE) else 255,
+            trace_divider=5,
+        )
+    if board.has(Feature.SEQUENCE_PHASES):
+        _begin_pending_upload(board, _pending(board), zlib.crc32(_pending(board)))
+
+
+def _pending(board: BoardClient) -> bytes:
+    return bytes(number % 251 for number in range(_FRAMES * board.identity.transducers))
+
+
+def _begin_pending_upload(board: BoardClient, data: bytes, crc: int) -> None:
+    """Begin an upload, and send its first byte and its last."""
+    begin = UploadBegin(UploadKind.PHASES, 0, PENDING, len(data), crc)
+    board.link.call(begin, UploadBeginReply)
+    for at in (0, len(data) - 1):
+        board.link.call(UploadChunk(at, data[at : at + 1]), UploadChunkReply)
+
+
+def _streaming_moment(board: BoardClient) -> int:
+    _set(board)
+    board.arm()
+    latch_now(board, stream_kinds(board)[-1].make())
+    return fill_queue(board, _QUEUED, _AHEAD_US)
+
+
+def _playing_moment(board: BoardClient) -> int:
+    _set(board)
+    board.arm()
+    play_now(board, STORED, loops=0, period_us=_PERIOD_US, unattended_ms=9_999)
+    board.clock.wait_latched()
+    return 0
+
+
+def _waiting_moment(board: BoardClient) -> int:
+    _set(board)
+    board.arm()
+    latch_now(board, stream_kinds(board)[-1].make())
+    play = Play(STORED, 1000, 0, min(9_999, board.identity.max_unattended_ms))
+    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+    return 0
+
+
+def _disarmed_moment(board: BoardClient) -> int:
+    _set(board)
+    board.arm()
+    latch_now(board, stream_kinds(board)[-1].make())
+    board.disarm()
+    return 0
+
+
+def _muted_moment(board: BoardClient) -> int:
+    _disarmed_moment(board)
+    board.link.ask(Mute())
+    return 0
+
+
+def _always(board: BoardClient) -> Iterator[Refusal]:
+    yield from refused_by_link(board)
+    yield from refused_by_value(board)
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield from refused_chunks(board, len(_pending(board)))
+
+
+def _while_streaming(board: BoardClient) -> Iterator[Refusal]:
+    yield from _always(board)
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield from refused_plays(board)
+
+
+def _while_playing(board: BoardClient) -> Iterator[Refusal]:
+    yield from refused_now(board)
+    yield from refused_for_playing(board)
+    yield from _always(board)
+
+
+def _while_off(board: BoardClient) -> Iterator[Refusal]:
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield from refused_now(board)
+    yield from _always(board)
+
+
+def situations(board: BoardClient) -> Iterator[Situation]:
+    """Yield the situations that a board can be brought into; in a quick run one."""
+    yield Situation("with frames queued", _streaming_moment, _while_streaming)
+    if not board.thorough:
+        return
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield Situation("while a sequence plays", _playing_moment, _while_playing)
+        yield Situation("while a playback waits for its start", _waiting_moment, _while_playing)
+    yield Situation("while DISARMED", _disarmed_moment, _while_off)
+    yield Situation("while MUTED", _muted_moment, _while_off)
+
+
+# --- Cases -------------------------------------------------------------------------------------
+
+
+@case(
+    "HG-10.1/1",
+    "queue, output, playback, upload, margins, settings, ring: no refused request changes them",
+    variant="types",
+    evidence=SELF_REPORTED,
+)
+def every_refusal_changes_nothing(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, STORED, frames=1)
+    for situation in situations(board):
+        _judge_refusals_at_moment(board, situation)
+        if board.has(Feature.SEQUENCE_PHASES):
+            _goes_on(board, situation.name)
+
+
+def _judge_refusals_at_moment(board: BoardClient, situation: Situation) -> None:
+    """FAILED with the name of the first refusal in a situation that changes anything."""
+    last_us, before = brought(board, situation)
+    brought_us = board.wire.now_us()
+    for refusal in list(situation.refusals(board)):
+        if board.wire.now_us() - brought_us > _FRESH_US:
+            last_us, before = brought(board, situation)
+            brought_us = board.wire.now_us()
+        text = held_state_changes(
+            before, held_after(board, last_us, partial(refuse, board, refusal))
+        )
+        if text:
+            fail(f"{situation.name}, refused {refusal.name}: {text}")
+
+
+def brought(board: BoardClient, situation: Situation) -> tuple[int, Held]:
+    """Bring a situation about; return the t_apply of its last frame, and what the board holds."""
+    last_us = situation.bring(board)
+    board.status()  # the margins start anew
+    return last_us, held_after(board, last_us)
+
+
+def held_after(
+    board: BoardClient, last_us: int, happen: Callable[[], object] = lambda: None
+) -> Held:
+    """Return the state after a frame that is dropped for its order, and what *happen* does."""
+    since = board.link.mark()
+    if last_us:
+        board.link.send(board.link.stream_wire(board.shortest_stream(), last_us))
+    happen()
+    return read_held(board, since)
+
+
+def refuse(board: BoardClient, refusal: Refusal) -> Error:
+    """Send a request that has to be refused; FAILED unless it is."""
+    header = dict(refusal.header)
+    if refusal.code is ErrorCode.SEQUENCE_REUSED:
+        board.link.barrier()  # a refusal of the link before it used up no number
+        header["seq"] = board.link.seq - 1
+    if refusal.code is ErrorCode.STALE_SESSION:
+        header["session"] = board.link.session ^ FOREIGN
+    answer = board.link.ask_raw(refusal.kind, refusal.payload, **header)
+    if not isinstance(answer.message, Error):
+        fail(f"{refusal.name} is answered by {board.link.answer_text(answer)}")
+    return answer.message
+
+
+def _goes_on(board: BoardClient, name: str) -> None:
+    """FAILED unless the upload under way can be completed, and both sequences are played."""
+    data = _pending(board)
+    send_chunks(board, data)
+    taken = board.link.ask(UploadCommit(PENDING)).message
+    check(isinstance(taken, UploadCommitReply), f"{name}: the upload cannot be committed any more")
+    board.hello()
+    for sequence, frames in ((STORED, 1), (PENDING, _FRAMES)):
+        board.arm()
+        with board.counting(latched=frames):
+            play_now(board, sequence, loops=1)
+            board.wire.idle((frames + 1) * 1000 + board.wire.limits.slack_us)
+
+
+@case(
+    "HG-10.1/1",
+    "an upload outlives a commit that is refused with CRC_MISMATCH: the right bytes complete it",
+    variant="mismatch",
+    needs=Feature.SEQUENCE_PHASES,
+)
+def a_mismatch_changes_nothing(board: BoardClient) -> None:
+    data = _pending(board)
+    _begin_pending_upload(board, data, zlib.crc32(data))
+    damaged = bytes([data[0] ^ 0x40]) + data[1:]
+    send_chunks(board, damaged)
+    since = board.link.mark()
+    before = read_held(board, since)
+    for _ in range(2):
+        board.link.refused(UploadCommit(PENDING), ErrorCode.CRC_MISMATCH, zlib.crc32(damaged))
+        text = held_state_changes(before, read_held(board, since))
+        check(not text, f"a commit refused with CRC_MISMATCH: {text}")
+    board.link.call(UploadChunk(0, data[:1]), UploadChunkReply)
+    answer = board.link.ask(UploadCommit(PENDING))
+    board.link.reply_in(answer, UploadCommitReply, UploadCommit.TYPE)
+
+
+@case(
+    "HG-10.2/1",
+    "a request of every type, refused for every reason, gets the code of that reason",
+    variant="types",
+)
+def every_refusal_has_its_code(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, STORED, frames=1)
+    _streaming_moment(board)
+    for refusal in list(_while_streaming(board)):
+        code = refuse(board, refusal).code
+        names = ErrorCode._value2member_map_
+        check(code == refusal.code, f"{refusal.name}: {names.get(code, code)!r} instead")

@@ -1,0 +1,263 @@
+"""HG-6.10, HG-6.11, HG-12.3: the hold runs from the last latch, whatever else comes."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Arm,
+    Drives,
+    Feature,
+    FocalPoint,
+    Message,
+    PhaseFormat,
+    Play,
+    PlaybackEnded,
+    PlayReply,
+    Points,
+    Stop,
+    StopReply,
+    Trace,
+    TraceMode,
+)
+from haptogram_protocol.state import MuteReason
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import FULL, latch_now, read_back_radiated
+from ...client.playback import play_now, store_phases
+from ...client.stream_kinds import stream_kinds, valid_requests
+from ...judge.refused_requests import refused_by_link
+from ...judge.timers import check_mute_time, muted_by_timer
+from ...outcome import SELF_REPORTED, check, fail, inconclusive
+from ..ch05_stream.every_drop import DROPS, Drop, fill_queue
+from .every_restart import SLOW_US, STORED, TIMER_MS, play_later, wait_for_timer
+
+_MS: Final = 1000
+_SILENT_MS: Final = 70
+_HELD_MS: Final = 120  # a hold that a read-back behind a latch does not outlast
+
+
+@case(
+    "HG-6.10/1",
+    "dropped frames of every kind and every request leave the hold as it runs; only latches do not",
+    variant="types",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def nothing_else_restarts_the_hold(board: BoardClient) -> None:
+    drops = [drop for drop in DROPS if drop.armed and drop.queued >= 0]
+    groups: list[Drop | None] = [None, *sorted(drops, key=lambda drop: drop.queued)]
+    hold_ms = _hold_ms(board)
+    took_us = _hold_after(board, groups, hold_ms)
+    if abs(took_us - hold_ms * _MS) <= _MS:
+        return
+    for group in groups:  # which one was it?
+        took_us = _hold_after(board, [group], hold_ms)
+        name = "requests" if group is None else f"frames {group.summary}"
+        check(
+            abs(took_us - hold_ms * _MS) <= _MS,
+            f"{name}: muted {took_us / _MS:.1f} ms after the latch, hold_ms is {hold_ms}",
+        )
+    fail(f"muted {took_us / _MS:.1f} ms after the latch, hold_ms is {hold_ms}")
+
+
+def _hold_ms(board: BoardClient) -> int:
+    """Return a hold that is longer than everything that is sent within it takes on the line."""
+    sizes = sum(len(kind.make().serialize()) + 20 for kind in stream_kinds(board))
+    return min(7000, 700 + board.wire.line_us(8 * len(DROPS) * sizes) // _MS)
+
+
+def _hold_after(board: BoardClient, groups: list[Drop | None], hold_ms: int) -> int:
+    """Return the time from a latch to the mute by the hold, with *groups* sent in between."""
+    board.hello()
+    board.configure(hold_ms=hold_ms)
+    board.arm()
+    since = board.link.mark()
+    latch_now(board, board.flat_phases())
+    start_us = board.clock.unwrap(board.status().last_latch_us)
+    board.wire.idle(30 * _MS)
+    for group in groups:
+        if group is None:
+            _ask_all(board)
+        else:
+            _send_all(board, group, (hold_ms + 1000) * _MS)
+    if board.clock.device_us() - start_us > (hold_ms - 20) * _MS:
+        inconclusive("the line or the host is too slow to send everything within the hold")
+    header, _ = muted_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
+    return board.clock.unwrap(header.time_us) - start_us
+
+
+def _send_all(board: BoardClient, drop: Drop, ahead_us: int) -> None:
+    last_us = fill_queue(board, 1, ahead_us) if drop.queued else 0
+    for kind in stream_kinds(board):
+        board.link.send(*drop.frames(board, kind, last_us))
+
+
+def _ask_all(board: BoardClient) -> None:
+    """Send every request that leaves the hold as it runs: carried out, refused, and HELLO again."""
+    for message in valid_requests(board, STORED):
+        if message.TYPE.name not in ("DISARM", "PLAY"):
+            board.link.ask(message)
+    for refusal in refused_by_link(board):
+        board.link.ask_raw(refusal.kind, refusal.payload, **{"session": 0} | dict(refusal.header))
+    board.hello(board.link.session)
+
+
+@case(
+    "HG-12.3/1",
+    "during a ramp of the hold no request, ARM and SET_CONFIG among them, ends or moves it",
+    variant="ramp",
+    needs=Feature.CONFIG | Feature.AMPLITUDE,
+    depth=Depth.DEFAULT,
+)
+def nothing_else_ends_its_ramp(board: BoardClient) -> None:
+    hold_ms, ramp_ms = 60, min(2000, _hold_ms(board))
+    board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
+    board.arm()
+    since = board.link.mark()
+    latch_now(board, board.flat_phases())
+    start_us = board.clock.unwrap(board.status().last_latch_us)
+    wait_for_timer(board, start_us + (hold_ms + 20) * _MS)
+    _ask_all(board)
+    board.configure(hold_ms=10_000, ramp_ms=1)
+    if board.clock.device_us() > start_us + (hold_ms + ramp_ms - 20) * _MS:
+        inconclusive("the line or the host is too slow to send everything within the ramp")
+    header, _ = muted_by_timer(board, since, 3 * ramp_ms * _MS, MuteReason.HOLD_EXPIRED)
+    check_mute_time(board, start_us, header, hold_ms + ramp_ms, "hold and ramp")
+
+
+@case(
+    "HG-12.3/1",
+    "during a playback longer than the hold each latch restarts it; after it the hold runs out",
+    variant="playback",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    depth=Depth.DEFAULT,
+)
+def playback_restarts_the_hold(board: BoardClient) -> None:
+    board.configure(hold_ms=100)
+    store_phases(board, STORED, frames=2)
+    board.arm()
+    since = board.link.mark()
+    play_now(board, STORED, loops=50, period_us=4 * _MS)
+    timeout_us = 600 * _MS + board.wire.limits.slack_us
+    ended = board.link.await_event(PlaybackEnded, since, timeout_us)
+    check(ended is not None, "a playback of 400 ms with a hold of 100 ms did not end")
+    start_us = board.clock.unwrap(board.status().last_latch_us)
+    header, _ = muted_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
+    check_mute_time(board, start_us, header, 100, "after the last frame of a playback")
+
+
+@case(
+    "HG-12.3/1",
+    "PLAY, a playback that waits, STOP and ARM leave the hold of the last latch as it runs",
+    variant="stop",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    depth=Depth.DEFAULT,
+)
+def stop_leaves_the_hold(board: BoardClient) -> None:
+    store_phases(board, STORED, frames=2)
+    for name in ("a playback that waits, muted", "a playback that waits", "a slow playback"):
+        board.hello()
+        board.configure(hold_ms=TIMER_MS)
+        board.arm()
+        since = board.link.mark()
+        if name == "a slow playback":
+            play_now(board, STORED, loops=0, period_us=SLOW_US)
+            board.clock.wait_latched()
+        else:
+            latch_now(board, board.flat_phases())
+        start_us = board.clock.unwrap(board.status().last_latch_us)
+        wait_for_timer(board, start_us + 40 * _MS)
+        if name != "a slow playback":
+            play_later(board, 2 * TIMER_MS, 2 * TIMER_MS)
+        wait_for_timer(board, start_us + 80 * _MS)
+        if not name.endswith("muted"):
+            board.link.call(Stop(), StopReply)
+        board.link.ask(Arm())
+        header, _ = muted_by_timer(board, since, 3 * TIMER_MS * _MS, MuteReason.HOLD_EXPIRED)
+        check_mute_time(board, start_us, header, TIMER_MS, f"hold_ms behind {name}")
+
+
+@case(
+    "HG-6.10/1",
+    "drives without sound, of amplitude 0 or under a ceiling of 0, are held and traced as others",
+    variant="silent",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def silent_drives_are_held(board: BoardClient) -> None:
+    count = board.identity.transducers
+    silent: dict[str, tuple[Message, int]] = {}
+    if board.has(Feature.AMPLITUDE):
+        codes = board.random.randbytes(count) + bytes(count)
+        silent["DRIVES of amplitude 0"] = Drives(PhaseFormat.BITS_8, 0, codes), FULL
+        silent["PHASES under a ceiling of 0"] = board.flat_phases(5), 0
+    if board.has(Feature.POINTS):
+        points = (FocalPoint(10_000, 5_000, 150_000, 0, 0),)
+        silent["POINTS of amplitude 0"] = Points(points), FULL
+    mode = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
+    for name, (message, ceiling) in silent.items():
+        board.configure(hold_ms=_SILENT_MS, amplitude_ceiling=ceiling, trace_mode=mode)
+        board.arm()
+        since = board.link.mark()
+        with board.counting(latched=1, accepted=1, timeouts=1):
+            latch_now(board, message)
+            start_us = board.clock.unwrap(board.status().last_latch_us)
+            timeout_us = (_SILENT_MS + 300) * _MS
+            header, _ = muted_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
+        check_mute_time(board, start_us, header, _SILENT_MS, name)
+        traced = len(board.link.events(Trace, since))
+        check(traced == (mode is TraceMode.CRC), f"{name}: {traced} traces of one latch")
+
+
+# --- Latches that end its ramp -----------------------------------------------------------------
+
+
+@case(
+    "HG-6.11/4",
+    "in a ramp of the hold every latch restores the output: at once, queued, late, played",
+    variant="latches",
+    needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_latch_ends_its_ramp(board: BoardClient) -> None:
+    ways = ["at once", "queued", "queued, with others behind it", "late"]
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, STORED, frames=2)
+        ways += ["played", "played later"]
+    for way in ways:
+        board.hello()
+        board.configure(hold_ms=_HELD_MS, ramp_ms=2000, late_window_us=100_000)
+        board.arm()
+        latch_now(board, board.flat_phases())
+        start_us = board.clock.unwrap(board.status().last_latch_us)
+        at_us = board.clock.on_carrier(start_us + (_HELD_MS + 200) * _MS)  # a tenth of the ramp
+        if way.startswith("queued"):
+            number = 3 if "others" in way else 1
+            times = [at_us + 4_000_000 * place for place in range(number)]
+            frames = [board.link.stream_wire(board.flat_phases(), t_us) for t_us in times]
+            board.link.send(*frames)
+        if way == "played later":
+            play = Play(STORED, 9_000_000, 0, min(9000, board.identity.max_unattended_ms))
+            board.link.call(play, PlayReply, time_us=at_us)
+        wait_for_timer(board, at_us - 60 * _MS)
+        faded = read_back_radiated(board).loudest
+        if board.clock.device_us() < at_us:
+            check(faded < FULL, f"{way}: no ramp of the hold begins")
+        board.clock.wait_until(at_us + board.ready_after_us())
+        if way == "at once":
+            latch_now(board, board.flat_phases())
+        elif way == "late":
+            late_us = board.clock.device_us() - 20 * _MS
+            board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
+            board.clock.wait_latched(1000, board.ready_after_us())
+        elif way == "played":
+            play_now(board, STORED, loops=0, period_us=SLOW_US)
+            board.clock.wait_latched(0, board.ready_after_us())
+        latched_us = board.clock.unwrap(board.status().last_latch_us)
+        loudest = read_back_radiated(board).loudest
+        if board.clock.device_us() - latched_us > (_HELD_MS - 10) * _MS:
+            inconclusive("the host was held up after the latch")
+        check(loudest == FULL, f"a frame {way} leaves the ramp of the hold: {loudest} is radiated")

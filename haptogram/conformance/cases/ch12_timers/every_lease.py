@@ -1,0 +1,152 @@
+"""HG-2.4, HG-6.7: what renews no timer: damaged frames and frames of another session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+from haptogram_protocol.framing import MAX_ENCODED_BYTES
+from haptogram_protocol.messages import Feature, Message, Ping
+from haptogram_protocol.state import MuteReason
+
+from ...case import Depth, case
+from ...client import malformed_frames
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import play_now, store_phases
+from ...client.stream_kinds import stream_kinds, valid_requests
+from ...judge.timers import EXACT_US, muted_by_timer
+from ...outcome import check, fail
+
+_MS: Final = 1000
+_SEQUENCE: Final = 2
+_LENGTH_MS: Final = 150  # of a timer, and what the frames take on the line
+_RAMP_MS: Final = 80
+_MOMENTS: Final = (0.4, 0.8, 1.3)  # of the length: the last one in the ramp
+_STALE: Final = 0x0F0F
+
+#: Names of frames, and the bytes of each.
+Frames = dict[str, list[bytes]]
+
+
+def _bodies(board: BoardClient) -> Iterator[tuple[Message, bytes]]:
+    """Yield a message of every type of a host, and its body with a fresh number."""
+    for kind in stream_kinds(board):
+        message = kind.make()
+        yield (
+            message,
+            board.link.body(
+                message.TYPE, message.serialize(), seq=board.link.stream_next, flags=0x10
+            ),
+        )
+    for message in valid_requests(board, _SEQUENCE):
+        yield (
+            message,
+            board.link.body(message.TYPE, message.serialize(), seq=board.link.seq + 1),
+        )
+
+
+def _wrong_crc(board: BoardClient) -> Frames:
+    return {
+        f"{message.TYPE.name} with a wrong CRC": [
+            malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body, flip))
+            for flip in (1, 1 << 31)
+        ]
+        for message, body in _bodies(board)
+    }
+
+
+def _other_defect(board: BoardClient) -> Frames:
+    ping = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
+    long = malformed_frames.noise_bytes(board.random, MAX_ENCODED_BYTES + 100)
+    frames = {
+        "bytes that are no COBS": [b"\x00\xff\x01\x02\x00"],
+        "a short frame": [
+            malformed_frames.malformed_frame(malformed_frames.malformed_with_crc(ping[:9]))
+        ],
+        "nothing between delimiters": [b"\x00\x00\x00\x00"],
+        "a run of 4196 bytes": [b"\x00" + long + b"\x00"],
+    }
+    for message, body in _bodies(board):
+        for session in (board.link.session ^ _STALE, 0):
+            other = body[:8] + session.to_bytes(2, "little") + body[10:]
+            data = malformed_frames.malformed_frame(malformed_frames.malformed_with_crc(other))
+            name = f"{message.TYPE.name} of another session"
+            frames.setdefault(name, []).append(data)
+    return frames
+
+
+def _start(board: BoardClient, reason: MuteReason, length_ms: int) -> int:
+    """Start the timer that mutes for *reason*; return the device time at which it began."""
+    ramp_ms = _RAMP_MS if board.has(Feature.AMPLITUDE) else 0
+    changes: dict[str, Any] = {"ramp_ms": ramp_ms}
+    if reason is MuteReason.HOLD_EXPIRED:
+        changes["hold_ms"] = length_ms
+    elif reason is MuteReason.HOST_SILENT:
+        changes["host_timeout_ms"] = length_ms
+    board.configure(**changes)
+    board.arm()
+    if reason is MuteReason.UNATTENDED:
+        play_now(board, _SEQUENCE, loops=0, unattended_ms=length_ms)
+    else:
+        latch_now(board, board.flat_phases())
+    start_us = board.clock.device_us()
+    if reason is MuteReason.HOLD_EXPIRED:
+        start_us = board.clock.unwrap(board.status().last_latch_us)
+    return start_us
+
+
+def _off_ms(board: BoardClient, reason: MuteReason, frames: Frames) -> float:
+    """Return how late the timer mutes, in ms, with *frames* sent three times meanwhile."""
+    wire = b"".join(data for some in frames.values() for data in some)
+    length_ms = _LENGTH_MS + 5 * board.wire.line_us(len(wire)) // _MS
+    since = board.link.mark()
+    start_us = _start(board, reason, length_ms)
+    for moment in _MOMENTS:
+        due_us = start_us + round(moment * length_ms * _MS)
+        board.wire.idle(max(0, due_us - board.clock.device_estimate_us()))
+        board.link.send(wire)
+    header, _ = muted_by_timer(board, since, 5 * length_ms * _MS, reason)
+    took_us = board.clock.unwrap(header.time_us) - start_us
+    return took_us / _MS - length_ms - board.config.ramp_ms
+
+
+def _judge(board: BoardClient, make: Callable[[BoardClient], Frames]) -> None:
+    """FAILED if hold, lease or unattended time end late because of these frames."""
+    reasons = [MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT]
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, _SEQUENCE, frames=2)
+        reasons.append(MuteReason.UNATTENDED)
+    for reason in reasons:
+        late_ms = _off_ms(board, reason, make(board))
+        if abs(late_ms) * _MS <= EXACT_US:
+            continue
+        for name, frames in make(board).items():  # which one was it?
+            late_ms = _off_ms(board, reason, {name: frames})
+            check(
+                abs(late_ms) * _MS <= EXACT_US,
+                f"{name}: the mute, {reason.name}, comes {late_ms:+.1f} ms after its time",
+            )
+        fail(f"frames that renew nothing move the mute, {reason.name}, by {late_ms:+.1f} ms")
+
+
+@case(
+    "HG-2.4/2",
+    "frames of every type with a wrong CRC renew no hold, lease or unattended time, nor in a ramp",
+    variant="timers",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def damage_renews_nothing(board: BoardClient) -> None:
+    _judge(board, _wrong_crc)
+
+
+@case(
+    "HG-6.7/1",
+    "other damage and frames of another session do not renew hold, lease or unattended time",
+    variant="others",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def others_renew_nothing(board: BoardClient) -> None:
+    _judge(board, _other_defect)

@@ -1,0 +1,304 @@
+"""HG-6.11, HG-7.6, HG-9.1, HG-12.1, HG-12.2, HG-12.3: timers of every length.
+
+A length just above 2^b units is judged in some ten milliseconds: a timer that kept b bits of it
+ends at once.  In virtual time each of these lengths passes as a whole too; at a wall clock only the
+greatest ones do, in a run with ``--full``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from haptogram_protocol.messages import Feature, Mute, StateChanged, Status
+from haptogram_protocol.state import MuteReason
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import play_now, store_phases
+from ...judge.timers import EXACT_US, check_mute_time, muted_by_timer
+from ...outcome import check, fail
+
+_MS: Final = 1000
+_BITS: Final = (16, 15, 12, 10, 8)
+_UNITS_US: Final = (1, 10, 100, 1000)
+_OVER_MS: Final = 15  # beyond 2^b units: what is left of a length that wrapped
+_LOOK_MS: Final = 60  # how long the board is watched for a timer that wrapped
+_LONGEST_WALL_MS: Final = 70_000  # of a timer that is awaited at a wall clock
+_PERIOD_US: Final = 4_000_000  # of a playback that is left alone
+_SEQUENCE: Final = 2
+
+
+def wrapping_lengths(least_ms: int, most_ms: int, *, thorough: bool = True) -> list[int]:
+    """Return lengths in ms just above every power of two in every unit, within the bounds.
+
+    If not *thorough*: just above 2^16 units.
+
+    Examples
+    --------
+    >>> wrapping_lengths(20, 500)
+    [48, 81, 271, 343, 425]
+    """
+    edges = {
+        -(-(unit_us << bits) // _MS)
+        for unit_us in _UNITS_US
+        for bits in _BITS[: None if thorough else 1]
+    }
+    lengths = {edge + _OVER_MS for edge in edges if edge >= 2 * _OVER_MS}
+    return sorted(ms for ms in lengths if max(least_ms, 2 * _OVER_MS) <= ms <= most_ms)
+
+
+def _stays(board: BoardClient, name: str, start: Callable[[], object], length_ms: int) -> None:
+    """FAILED if the timer that *start* starts ends within the first tens of milliseconds."""
+    since, start_us = board.link.mark(), board.clock.device_us()
+    start()
+    look_ms = min(_LOOK_MS, length_ms - 2 * _OVER_MS)
+    found = board.link.await_event(StateChanged, since, look_ms * _MS)
+    if found is not None:
+        # By the board's own clock: a host that was held up may have let the whole length pass.
+        took_us = board.clock.unwrap(found[0].time_us) - start_us
+        reason = found[1].reason.name
+        text = f"{name} = {length_ms}: {reason} within {took_us / _MS:.1f} ms"
+        check(took_us >= length_ms * _MS - EXACT_US, text)
+    board.link.ask(Mute())
+
+
+@case(
+    "HG-12.2/1",
+    "leases just above every power of two of 1 µs to 1 ms do not run out at once",
+    variant="lengths",
+    needs=Feature.CONFIG,
+)
+def leases_do_not_wrap(board: BoardClient) -> None:
+    for length_ms in wrapping_lengths(20, 10_000, thorough=board.thorough):
+        board.configure(host_timeout_ms=length_ms)
+        _stays(board, "host_timeout_ms", board.arm, length_ms)
+
+
+@case(
+    "HG-12.3/1",
+    "holds just above every power of two of 1 µs to 1 ms do not run out at once",
+    variant="lengths",
+    needs=Feature.CONFIG,
+)
+def holds_do_not_wrap(board: BoardClient) -> None:
+    for length_ms in wrapping_lengths(1, 10_000, thorough=board.thorough):
+        board.configure(hold_ms=length_ms)
+        board.arm()
+        _stays(board, "hold_ms", lambda: latch_now(board, board.flat_phases()), length_ms)
+
+
+@case(
+    "HG-7.6/5",
+    "unattended times just above every power of two of 1 µs to 1 ms do not run out at once",
+    variant="lengths",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+)
+def unattended_does_not_wrap(board: BoardClient) -> None:
+    store_phases(board, _SEQUENCE, frames=2)
+    for length_ms in wrapping_lengths(1, board.identity.max_unattended_ms, thorough=board.thorough):
+
+        def play(length_ms: int = length_ms) -> None:
+            board.arm()
+            play_now(board, _SEQUENCE, loops=0, unattended_ms=length_ms)
+
+        _stays(board, "unattended_ms", play, length_ms)
+
+
+@case(
+    "HG-9.1/1",
+    "status periods just above every power of two of 1 µs to 1 ms bring no STATUS at once",
+    variant="lengths",
+    needs=Feature.CONFIG,
+)
+def status_periods_do_not_wrap(board: BoardClient) -> None:
+    for length_ms in wrapping_lengths(board.quick_status_ms, 65_535, thorough=board.thorough):
+        board.configure(status_period_ms=length_ms)
+        since = board.link.mark()
+        board.wire.idle(min(_LOOK_MS, length_ms - 2 * _OVER_MS) * _MS)
+        got = len(board.link.events(Status, since))
+        check(got == 0, f"status_period_ms = {length_ms}: {got} STATUS within {_LOOK_MS} ms")
+
+
+@case(
+    "HG-6.11/2",
+    "ramps just above every power of two of 1 µs to 1 ms do not end at once",
+    variant="lengths",
+    needs=Feature.CONFIG | Feature.AMPLITUDE,
+)
+def ramps_do_not_wrap(board: BoardClient) -> None:
+    for length_ms in wrapping_lengths(60, 2000, thorough=board.thorough):
+        board.configure(ramp_ms=length_ms, hold_ms=5)
+        board.arm()
+        _stays(board, "ramp_ms", lambda: latch_now(board, board.flat_phases()), length_ms - 10)
+
+
+@case(
+    "HG-6.11/5",
+    "hold, lease and unattended time each mute after their ramp, with their reason, counted once",
+    variant="timers",
+    needs=Feature.CONFIG | Feature.AMPLITUDE,
+    depth=Depth.DEFAULT,
+)
+def every_timer_ramps(board: BoardClient) -> None:
+    for reason, changes in (
+        (MuteReason.HOLD_EXPIRED, {"hold_ms": 90}),
+        (MuteReason.HOST_SILENT, {"host_timeout_ms": 90}),
+        (MuteReason.UNATTENDED, {"host_timeout_ms": 40}),
+    ):
+        plays = reason is MuteReason.UNATTENDED
+        if plays and not board.has(Feature.SEQUENCE_PHASES):
+            continue
+        if plays:
+            store_phases(board, _SEQUENCE, frames=2)
+        for ramp_ms in (40, 270):
+            board.configure(ramp_ms=ramp_ms, **changes)
+            board.arm()
+            with board.counting(timeouts=1):
+                since = board.link.mark()
+                if plays:
+                    play_now(board, _SEQUENCE, loops=0, unattended_ms=90)
+                else:
+                    latch_now(board, board.flat_phases())
+                start_us = board.clock.device_us()
+                if reason is MuteReason.HOLD_EXPIRED:
+                    start_us = board.clock.unwrap(board.status().last_latch_us)
+                header, _ = muted_by_timer(board, since, (400 + ramp_ms) * _MS, reason)
+                check_mute_time(board, start_us, header, 90 + ramp_ms, f"{reason.name}, ramp")
+
+
+# --- Whole lengths -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class TimerKind:
+    """A timer that mutes.
+
+    Attributes
+    ----------
+    name : str
+        Name of its length.
+    reason : MuteReason
+        Reason of the mute at its end.
+    least_ms : int
+        Least length.
+    most_ms : callable
+        Returns the greatest length on a board.
+    start : callable
+        Starts it on a DISARMED board, with a length in ms; returns the device time of its start.
+    needs : Feature
+        Capabilities that it needs.
+    """
+
+    name: str
+    reason: MuteReason
+    least_ms: int
+    most_ms: Callable[[BoardClient], int]
+    start: Callable[[BoardClient, int], int]
+    needs: Feature = Feature.CONFIG
+
+
+def _start_lease(board: BoardClient, length_ms: int) -> int:
+    board.configure(host_timeout_ms=length_ms)
+    board.arm()
+    return board.clock.device_us()
+
+
+def _start_hold(board: BoardClient, length_ms: int) -> int:
+    board.configure(hold_ms=length_ms)
+    board.arm()
+    latch_now(board, board.flat_phases())  # before it the hold does not run (HG-12.2/2)
+    return board.clock.unwrap(board.status().last_latch_us)
+
+
+def _start_unattended(board: BoardClient, length_ms: int) -> int:
+    board.configure(host_timeout_ms=50, hold_ms=10_000)
+    store_phases(board, _SEQUENCE, frames=2)
+    board.arm()
+    play_now(board, _SEQUENCE, loops=0, unattended_ms=length_ms, period_us=_PERIOD_US)
+    return board.clock.device_us()
+
+
+def _start_ramp(board: BoardClient, length_ms: int) -> int:
+    board.configure(ramp_ms=length_ms, hold_ms=5)
+    board.arm()
+    latch_now(board, board.flat_phases())
+    return board.clock.unwrap(board.status().last_latch_us) + 5 * _MS
+
+
+def _longest_alone(board: BoardClient) -> int:
+    most_ms = board.identity.max_unattended_ms
+    return min(most_ms, _LONGEST_WALL_MS if board.wire.limits.slack_us else 1 << 21)
+
+
+_TIMERS: Final = (
+    TimerKind("host_timeout_ms", MuteReason.HOST_SILENT, 20, lambda _: 10_000, _start_lease),
+    TimerKind("hold_ms", MuteReason.HOLD_EXPIRED, 1, lambda _: 10_000, _start_hold),
+    TimerKind(
+        "ramp_ms",
+        MuteReason.HOLD_EXPIRED,
+        1,
+        lambda _: 2000,
+        _start_ramp,
+        Feature.CONFIG | Feature.AMPLITUDE,
+    ),
+    TimerKind(
+        "unattended_ms",
+        MuteReason.UNATTENDED,
+        1,
+        _longest_alone,
+        _start_unattended,
+        Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    ),
+)
+
+
+@case(
+    "HG-12.1/1",
+    "lease, hold, ramp and unattended time of lengths up to the greatest end within 1 ms",
+    variant="whole",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def whole_lengths(board: BoardClient) -> None:
+    for timer in _TIMERS:
+        if not board.has(timer.needs):
+            continue
+        most_ms = timer.most_ms(board)
+        lengths = [most_ms]
+        if not board.wire.limits.slack_us:
+            lengths = [*wrapping_lengths(timer.least_ms, most_ms), most_ms]
+        for length_ms in lengths:
+            since = board.link.mark()
+            start_us = timer.start(board, length_ms)
+            header, _ = muted_by_timer(board, since, (length_ms + 1000) * _MS, timer.reason)
+            check_mute_time(board, start_us, header, length_ms, f"{timer.name} = {length_ms}")
+
+
+@case(
+    "HG-9.1/1",
+    "status periods of every length up to the greatest pass as a whole",
+    variant="whole",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def whole_status_periods(board: BoardClient) -> None:
+    lengths = [65_535]
+    if not board.wire.limits.slack_us:
+        lengths = [*wrapping_lengths(board.quick_status_ms, lengths[0]), *lengths]
+    for length_ms in lengths:
+        board.configure(status_period_ms=length_ms)
+        since, start_us = board.link.mark(), board.clock.device_us()
+        found = board.link.await_event(Status, since, (length_ms + 1000) * _MS)
+        if found is None:
+            fail(f"status_period_ms = {length_ms}: no STATUS within {length_ms + 1000} ms")
+        took_us = board.clock.unwrap(found[0].time_us) - start_us
+        late_us = took_us - length_ms * _MS
+        check(
+            -board.wire.limits.slack_us - EXACT_US <= late_us <= EXACT_US,
+            f"status_period_ms = {length_ms}: STATUS after {took_us / _MS:.1f} ms",
+        )

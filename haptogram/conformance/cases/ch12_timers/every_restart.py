@@ -1,0 +1,302 @@
+"""HG-6.7, HG-6.11, HG-7.6, HG-9.1, HG-12.2: what starts lease, unattended time and STATUS anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Final
+
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    STREAM_RANGE,
+    Arm,
+    ArmReply,
+    Feature,
+    Flag,
+    Hello,
+    Message,
+    Play,
+    PlayReply,
+    SetConfig,
+    Status,
+    Stop,
+    StopReply,
+)
+from haptogram_protocol.state import MuteReason
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.playback import play_now, store_phases
+from ...client.stream_kinds import StreamKind, stream_kinds, valid_requests
+from ...judge.refused_requests import Refusal, refused_by_value
+from ...judge.timers import check_in_time, check_mute_time, check_status_steps, muted_by_timer
+from ...outcome import check
+from ..ch05_stream.every_drop import DROPS, Drop
+
+_MS: Final = 1000
+#: Leases, and the times after which a frame renews them: at first short ones.
+_LEASES_MS: Final = ((30, 10), (60, 20), (240, 100), (240, 100))
+_OTHER_MS: Final = 200  # by which the lease is longer that an unattended time replaces
+#: The same for lease and ramp together, of equal lengths, with the frame in the ramp.
+_LEASES_IN_RAMPS_MS: Final = ((40, 30), (80, 60), (320, 240), (320, 240))
+_UNKNOWN_FLAG: Final = 0x40
+_STRANGE_TYPES: Final = {
+    "an unknown stream frame": 0x3E,
+    "an unknown request": 0x7B,
+    "a PING of a wrong length": 0x44,
+    "a response": 0x84,
+    "an unknown response": 0xBE,
+    "an event": 0xC1,
+    "an unknown event": 0xEE,
+}
+STORED: Final = 2  # sequence that is played
+TIMER_MS: Final = 300  # of a timer that nothing renews
+SLOW_US: Final = 9_000_000  # period of a playback of which one frame is seen
+
+
+# --- What renews nothing -----------------------------------------------------------------------
+
+
+def hello_again(board: BoardClient) -> bytes:
+    """Return the HELLO of the open session once more, which has no effect but its reply."""
+    again = board.hello_message(board.link.session).serialize()
+    body = board.link.body(Hello.TYPE, again, seq=board.link.next_seq(), session=0)
+    return encode_frame(body)
+
+
+@case(
+    "HG-12.2/1",
+    "no latch, of queue or playback, and no HELLO again renews lease or unattended time",
+    variant="latches",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def latches_renew_no_lease(board: BoardClient) -> None:
+    ramp_ms = TIMER_MS if board.has(Feature.AMPLITUDE) else 0
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, STORED, frames=2)
+    for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
+        reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
+        board.hello()
+        board.configure(host_timeout_ms=50 if plays else TIMER_MS, ramp_ms=ramp_ms)
+        board.arm()
+        since = board.link.mark()
+        if plays:
+            play_now(board, STORED, loops=0, unattended_ms=TIMER_MS, period_us=50 * _MS)
+        else:
+            _queue_over(board, TIMER_MS + ramp_ms)
+        start_us = board.clock.device_us()
+        for part in (1, 2, 3, 4, 5):  # the later ones during the ramp
+            wait_for_timer(board, start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
+            board.wire.send(hello_again(board))
+        header, _ = muted_by_timer(board, since, 3 * (TIMER_MS + ramp_ms) * _MS, reason)
+        check_mute_time(board, start_us, header, TIMER_MS + ramp_ms, f"{reason.name}, latches")
+
+
+def _queue_over(board: BoardClient, length_ms: int) -> None:
+    """Latch a frame, and queue frames for every 50 ms of a time."""
+    latch_now(board, board.flat_phases())
+    first_us = board.clock.soon_us(bytes(4000))
+    good, number = board.shortest_stream(), min(board.identity.queue_depth, length_ms // 50)
+    times = [first_us + 50 * _MS * place for place in range(number)]
+    board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
+
+
+def wait_for_timer(board: BoardClient, t_us: int) -> None:
+    """Wait until a device time, by the host's estimate, or go on if it has passed."""
+    board.wire.idle(max(0, t_us - board.clock.device_estimate_us()))
+
+
+# --- The lease, and the unattended time in its place -------------------------------------------
+
+
+def play_later(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
+    """Let a playback of the stored sequence wait for its start so far ahead."""
+    now_us = board.clock.device_us()
+    play = Play(STORED, SLOW_US, 0, min(alone_ms, board.identity.max_unattended_ms))
+    board.link.call(play, PlayReply, time_us=now_us + ahead_ms * _MS)
+
+
+@case(
+    "HG-7.6/5",
+    "from PLAY on, also before its start, unattended_ms stands for host_timeout_ms; STOP ends that",
+    variant="waiting",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    depth=Depth.DEFAULT,
+)
+def waits_unattended(board: BoardClient) -> None:
+    store_phases(board, STORED, frames=2)
+    board.configure(host_timeout_ms=80, hold_ms=10_000)
+    for name, ahead_ms, alone_ms in (
+        ("its start comes", 250, 400),
+        ("muted before its start", 700, 250),
+    ):
+        board.arm()
+        since = board.link.mark()
+        play_later(board, ahead_ms, alone_ms)
+        start_us = board.clock.device_us()
+        header, _ = muted_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
+        check_mute_time(board, start_us, header, alone_ms, f"unattended_ms, {name}")
+    for ahead_ms in (0, 5000):
+        board.arm()
+        since = board.link.mark()
+        play_later(board, ahead_ms + 60, 9000)
+        board.wire.idle(150 * _MS)
+        answer = board.link.ask(Stop())  # nothing behind it: that would renew the lease
+        board.link.reply_in(answer, StopReply, Stop.TYPE)
+        assert answer.header is not None  # reply_in
+        start_us = board.clock.unwrap(answer.header.time_us)
+        header, _ = muted_by_timer(board, since, 300 * _MS, MuteReason.HOST_SILENT)
+        check_mute_time(board, start_us, header, 80, "host_timeout_ms behind STOP")
+
+
+@case(
+    "HG-6.7/1",
+    "frames of every type, good and bad, each renew the lease: it runs out behind the last of them",
+    variant="types",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def every_type_renews(board: BoardClient) -> None:
+    _renewed_by_each(board, plays=False)
+
+
+@case(
+    "HG-6.7/1",
+    "during a playback frames of every type, good and bad, each renew the unattended time",
+    variant="playing",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    depth=Depth.DEFAULT,
+)
+def every_type_renews_a_playback(board: BoardClient) -> None:
+    _renewed_by_each(board, plays=True)
+
+
+@case(
+    "HG-6.11/4",
+    "during a ramp of the lease frames of every type, good and bad, each end it",
+    variant="types",
+    needs=Feature.CONFIG | Feature.AMPLITUDE,
+    depth=Depth.DEFAULT,
+)
+def every_type_ends_a_ramp(board: BoardClient) -> None:
+    _renewed_by_each(board, plays=False, ramps=True)
+
+
+def _renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = False) -> None:
+    """FAILED unless the timer, renewed by one frame, runs out its whole length behind it.
+
+    If it *ramps*, the frame comes in the ramp, which makes up the second half of that length. A
+    frame that seems to renew nothing is sent anew in longer times: host or board may have been
+    late.
+    """
+    timer = "unattended time" if plays else "lease"
+    if board.has(Feature.SEQUENCE_PHASES):
+        store_phases(board, STORED, frames=2)
+    line_ms = 2 * board.wire.line_us(2 * 2 * board.identity.transducers) // _MS
+    for name, make in _renewals(board, plays=plays):
+        for least_ms, wait_ms in _LEASES_IN_RAMPS_MS if ramps else _LEASES_MS:
+            lasts_ms = least_ms + line_ms
+            ramp_ms = least_ms // 2 if ramps else 0
+            host_timeout_ms = lasts_ms - ramp_ms + (_OTHER_MS if plays else 0)
+            if board.config.host_timeout_ms != host_timeout_ms:
+                board.configure(host_timeout_ms=host_timeout_ms, hold_ms=10_000, ramp_ms=ramp_ms)
+            off_ms = _muted_after_ms(board, make, lasts_ms, wait_ms, plays=plays) - lasts_ms
+            if wait_ms / 2 < off_ms < wait_ms + _OTHER_MS / 2:
+                break
+        else:
+            text = (
+                f"{timer} of {lasts_ms} ms, after {wait_ms} ms {name}: ends {off_ms:+.1f} ms late"
+            )
+            check_in_time(board, False, text)
+
+
+def _muted_after_ms(
+    board: BoardClient, make: Callable[[], bytes], lasts_ms: int, wait_ms: int, *, plays: bool
+) -> float:
+    """Return the time in ms from the start of the timer to its mute, with a frame meanwhile."""
+    since = board.link.mark()
+    answer = board.link.ask(Arm())
+    if plays:
+        alone_ms = min(lasts_ms, board.identity.max_unattended_ms)
+        answer = board.link.ask(Play(STORED, SLOW_US, 0, alone_ms), flags=Flag.IMMEDIATE)
+    board.link.reply_in(answer, *((PlayReply, Play.TYPE) if plays else (ArmReply, Arm.TYPE)))
+    assert answer.header is not None  # reply_in
+    start_us = board.clock.unwrap(answer.header.time_us)
+    board.wire.idle(wait_ms * _MS)
+    board.link.send(make())
+    reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
+    header, _ = muted_by_timer(board, since, (lasts_ms + 1000) * _MS, reason)
+    return (board.clock.unwrap(header.time_us) - start_us) / _MS
+
+
+def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callable[[], bytes]]]:
+    """Yield frames of the session that renew the lease: their names, and what makes them."""
+    kinds = stream_kinds(board)
+    for stream_kind in kinds:
+        yield stream_kind.name, partial(_stream_frame, board, stream_kind)
+    for drop in DROPS:
+        if drop.armed and not drop.queued and drop.counter != "stale_session":
+            yield f"a frame {drop.summary}", partial(_dropped_frame, board, drop, kinds[0])
+    for name, kind in _STRANGE_TYPES.items():
+        yield name, partial(_strange_frame, board, kind)
+    for message in valid_requests(board, STORED + plays):
+        if message.TYPE.name not in ("DISARM", "PLAY", *(["STOP"] if plays else [])):
+            yield message.TYPE.name, partial(_request, board, message)
+            name = f"{message.TYPE.name} with an unknown flag"
+            yield name, partial(_request, board, message, flags=_UNKNOWN_FLAG)
+    for refusal in refused_by_value(board) if not board.wire.limits.slack_us else ():
+        if refusal.kind != Hello.TYPE:  # which is of no session
+            yield refusal.name, partial(_refused_request, board, refusal)
+
+
+def _stream_frame(board: BoardClient, kind: StreamKind) -> bytes:
+    return board.link.stream_wire(kind.make())
+
+
+def _dropped_frame(board: BoardClient, drop: Drop, kind: StreamKind) -> bytes:
+    return next(iter(drop.frames(board, kind, 0)))
+
+
+def _refused_request(board: BoardClient, refusal: Refusal) -> bytes:
+    seq = board.link.next_seq()
+    body = board.link.body(refusal.kind, refusal.payload, seq=seq, **refusal.header)
+    return encode_frame(body)
+
+
+def _strange_frame(board: BoardClient, kind: int) -> bytes:
+    seq = board.link.stream_next if kind in STREAM_RANGE else board.link.next_seq()
+    return encode_frame(board.link.body(kind, bytes(2), seq=seq))
+
+
+def _request(board: BoardClient, message: Message, flags: int = 0) -> bytes:
+    return board.link.request_wire(message, flags=flags)[0]
+
+
+# --- STATUS ------------------------------------------------------------------------------------
+
+
+@case(
+    "HG-9.1/1",
+    "while everything is sent that a host sends, STATUS comes at its time: only STATUS restarts it",
+    variant="types",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def nothing_else_restarts_status(board: BoardClient) -> None:
+    period_ms = board.quick_status_ms + 7
+    board.configure(status_period_ms=period_ms)
+    since, end_us = board.link.mark(), board.wire.now_us() + 6 * period_ms * _MS
+    while board.wire.now_us() < end_us:
+        board.arm()
+        latch_now(board, board.flat_phases())
+        for message in valid_requests(board, STORED):
+            if not isinstance(message, SetConfig):
+                board.link.ask(message)
+            board.wire.idle(period_ms * _MS // 40)
+        board.hello(board.link.session)
+    board.link.barrier()
+    times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
+    check(len(times) > 4, f"{len(times)} STATUS in 6 periods")
+    check_status_steps(board, times, period_ms)

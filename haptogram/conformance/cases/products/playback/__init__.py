@@ -1,1 +1,0 @@
-"""Playback: sizes and times of every width, and the store of sequences."""
