@@ -44,11 +44,11 @@ def all_cases() -> tuple[Case, ...]:
 def select(cases: Sequence[Case], wanted: Sequence[str]) -> Iterator[Case]:
     """Yield the cases of the clauses, sections or chapters named: HG-3.4/1, HG-3.4, HG-3."""
     for case in cases:
-        if not wanted or any(_is_of(case, name) for name in wanted):
+        if not wanted or any(_is_case_of(case, name) for name in wanted):
             yield case
 
 
-def _is_of(case: Case, name: str) -> bool:
+def _is_case_of(case: Case, name: str) -> bool:
     if name in (case.id, case.clause):
         return True
     return case.clause.startswith((f"{name}/", f"{name}.")) and "/" not in name

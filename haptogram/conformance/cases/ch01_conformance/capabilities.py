@@ -52,8 +52,8 @@ _USES: Final[dict[Feature, Callable[[BoardClient], object]]] = {
     ),
     Feature.READ_LATCHED: lambda b: b.link.call(ReadDrive(DriveKind.LATCHED, 0, 1), DriveReply),
     Feature.READ_RADIATED: lambda b: b.link.call(ReadDrive(DriveKind.RADIATED, 0, 1), DriveReply),
-    Feature.TRACE: lambda b: _tells_as_advertised(b, TraceMode.CRC, Trace, "TRACE"),
-    Feature.TRACE_DRIVE: lambda b: _tells_as_advertised(
+    Feature.TRACE: lambda b: _traces_as_advertised(b, TraceMode.CRC, Trace, "TRACE"),
+    Feature.TRACE_DRIVE: lambda b: _traces_as_advertised(
         b, TraceMode.DRIVE, TraceDrive, "TRACE_DRIVE"
     ),
     Feature.TRACE_RING: lambda b: b.link.call(ReadTrace(0, 1), TraceReply),
@@ -88,7 +88,7 @@ def _is_advertised_drive_latched(board: BoardClient, message: Message, name: str
     check(board.status().last_seq != 0, f"{name} is advertised, but nothing is latched")
 
 
-def _tells_as_advertised(
+def _traces_as_advertised(
     board: BoardClient, mode: TraceMode, kind: type[Message], name: str
 ) -> None:
     board.configure(trace_mode=mode)
@@ -106,7 +106,7 @@ def _stores_as_advertised(
 
 
 @case("HG-1.2/1", "every capability that the board advertises is used once, and works")
-def advertised_is_there(board: BoardClient) -> None:
+def advertised_capabilities_are_there(board: BoardClient) -> None:
     for feature, use in _USES.items():
         if board.has(feature):
             board.hello()
@@ -116,7 +116,7 @@ def advertised_is_there(board: BoardClient) -> None:
 @case(
     "HG-1.2/2", "requests that need a capability which is not advertised are refused: UNSUPPORTED"
 )
-def refuses_what_it_lacks(board: BoardClient) -> None:
+def refuses_capabilities_not_advertised(board: BoardClient) -> None:
     lacking = [make for any_of, make in _REQUESTS if not board.identity.features & any_of]
     if not lacking:
         not_observed("the board advertises every capability that a request can need")
@@ -130,7 +130,7 @@ def refuses_what_it_lacks(board: BoardClient) -> None:
     "DRIVES and POINTS are dropped and counted in unsupported where they are not advertised",
     evidence=SELF_REPORTED,
 )
-def drops_what_it_lacks(board: BoardClient) -> None:
+def drops_frames_of_capabilities_not_advertised(board: BoardClient) -> None:
     frames: dict[Feature, Message] = {
         Feature.AMPLITUDE: _advertised_drives(board),
         Feature.POINTS: Points((_POINT,)),

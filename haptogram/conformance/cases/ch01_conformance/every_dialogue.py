@@ -31,7 +31,7 @@ _LATE: Final = 3  # replays of a dialogue in which the host was late
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def lives_like_the_model(board: BoardClient) -> None:
+def random_dialogues_match_the_model(board: BoardClient) -> None:
     if not identity_suits_model(board.identity):
         not_observed("the model is a grid with a carrier of 40 kHz; this board is not")
     largest = len(board.flat_phases().serialize()) + 40
@@ -42,8 +42,10 @@ def lives_like_the_model(board: BoardClient) -> None:
     coverage = DialogueCoverage()
     start_us = board.wire.now_us()
     try:
-        while _goes_on(board, number, start_us):
-            late += not _judge(board, lockstep, board.random.getrandbits(32), coverage)
+        while _goes_on_after_dialogue(board, number, start_us):
+            late += not _judge_random_dialogue(
+                board, lockstep, board.random.getrandbits(32), coverage
+            )
             number += 1
     finally:
         lockstep.close()
@@ -51,40 +53,42 @@ def lives_like_the_model(board: BoardClient) -> None:
         inconclusive(f"the host was late in each of {number} dialogues")
 
 
-def _goes_on(board: BoardClient, number: int, start_us: int) -> bool:
+def _goes_on_after_dialogue(board: BoardClient, number: int, start_us: int) -> bool:
     if board.explore_us:
         return board.wire.now_us() - start_us < board.explore_us
     return number < (_DIALOGUES if board.wire.limits.slack_us else _DIALOGUES_VIRTUAL)
 
 
-def _judge(board: BoardClient, lockstep: Lockstep, seed: int, coverage: DialogueCoverage) -> bool:
+def _judge_random_dialogue(
+    board: BoardClient, lockstep: Lockstep, seed: int, coverage: DialogueCoverage
+) -> bool:
     """Play one dialogue; FAILED with a short one if the board differs.
 
     Returns False if the host was late, so that nothing was compared.
     """
     generator = DialogueGenerator(board.identity, seed, coverage)
     config, actions = generator.config(), generator.actions(_SLOTS)
-    played = _play(lockstep, actions, config, seed)
+    played = _play_random_dialogue(lockstep, actions, config, seed)
     if played is None:
         return False
     if not played.difference:
         return True
 
     def differs(part: Sequence[DialogueAction]) -> bool:
-        again = _play(lockstep, part, config, seed)
+        again = _play_random_dialogue(lockstep, part, config, seed)
         return again is not None and bool(again.difference)
 
     if not differs(actions):  # once, and not again: the host may have been at fault
         return False
     short = shrink_dialogue(actions, differs, _REPLAYS)
-    played = _play(lockstep, short, config, seed) or played
+    played = _play_random_dialogue(lockstep, short, config, seed) or played
     fail(
         f"dialogue {seed}, {len(short)} frames: {played.difference or 'now and then another reply'}"
         f" [{config}; {' | '.join(played.lines)}]"
     )
 
 
-def _play(
+def _play_random_dialogue(
     lockstep: Lockstep, actions: Sequence[DialogueAction], config: Config, seed: int
 ) -> Played | None:
     for _ in range(_LATE):

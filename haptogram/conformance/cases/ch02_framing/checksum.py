@@ -18,7 +18,7 @@ from ...outcome import SELF_REPORTED, check, inconclusive
     "HELLO with a CRC-32 is answered by a frame with a CRC-32; another checksum is named",
     needs_session=False,
 )
-def has_crc32(board: BoardClient) -> None:
+def frames_have_crc32_checksum(board: BoardClient) -> None:
     board.link.session = 0
     for _ in range(3):
         reply = greet_board(board)
@@ -27,23 +27,23 @@ def has_crc32(board: BoardClient) -> None:
             return
         if reply is not None:
             inconclusive(f"HELLO is answered by {reply}, with its CRC-32")
-    wrong = [piece for piece in _greetings(board, 0) if piece.reason == "crc"]
+    wrong = [piece for piece in _framed_greetings(board, 0) if piece.reason == "crc"]
     check(not wrong, f"frames come, but none with its CRC-32: {wrong[0].fault if wrong else ''}")
     for name, data in malformed_frames.malformed_checksums(_hello_with_checksum(board)).items():
         since = board.link.mark()
         board.link.send(malformed_frames.malformed_frame(data))
-        board.wire.wait_for(_is_greeting, since, board.wire.limits.answer_us)
-        answered = _greetings(board, since)
+        board.wire.wait_for(_is_framed_greeting, since, board.wire.limits.answer_us)
+        answered = _framed_greetings(board, since)
         check(not answered, f"HELLO is answered if it ends with {name} instead of CRC-32")
     inconclusive("no HELLO is answered, with whatever checksum")
 
 
-def _greetings(board: BoardClient, since: int) -> list[Received]:
+def _framed_greetings(board: BoardClient, since: int) -> list[Received]:
     """Return the pieces that begin like an answer to HELLO, with any checksum."""
-    return [piece for piece in board.wire.received[since:] if _is_greeting(piece)]
+    return [piece for piece in board.wire.received[since:] if _is_framed_greeting(piece)]
 
 
-def _is_greeting(piece: Received) -> bool:
+def _is_framed_greeting(piece: Received) -> bool:
     return piece.unstuffed[:1] in (bytes([HelloReply.TYPE]), bytes([Error.TYPE]))
 
 
@@ -63,7 +63,7 @@ def _check_checksum(board: BoardClient) -> None:
     "frames with a wrong CRC are counted in crc; they get no answer and use up no number",
     evidence=SELF_REPORTED,
 )
-def drops_a_wrong_crc(board: BoardClient) -> None:
+def drops_frames_of_wrong_checksum(board: BoardClient) -> None:
     flips = (1, 0x80000000, 0x00010000, 0xFFFFFFFF)
     body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())
     stream = board.link.body(
@@ -99,7 +99,7 @@ def drops_a_wrong_crc(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def a_wrong_crc_renews_no_lease(board: BoardClient) -> None:
+def wrong_checksums_renew_no_lease(board: BoardClient) -> None:
     timeout_ms = 200
     board.configure(host_timeout_ms=timeout_ms)
     body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())

@@ -21,7 +21,7 @@ def sends_both_delimiters(board: BoardClient) -> None:
 
 
 @case("HG-2.1/2", "a stream frame and a PING that share a zero are both taken")
-def accepts_a_shared_delimiter(board: BoardClient) -> None:
+def frames_may_share_a_delimiter(board: BoardClient) -> None:
     frames = [board.link.stream_wire(board.flat_phases()) for _ in range(3)]
     with board.counting(dropped_state=3, requests=1):
         ping, seq = board.link.request_wire(Ping(1))
@@ -31,7 +31,7 @@ def accepts_a_shared_delimiter(board: BoardClient) -> None:
 
 
 @case("HG-2.1/3", "a PING is answered right behind noise, halves of frames and runs too long")
-def accepts_whatever_came_before(board: BoardClient) -> None:
+def frames_are_read_behind_junk(board: BoardClient) -> None:
     half = encode_frame(board.link.body(Ping.TYPE, bytes(8), seq=0x4444))[:-6]
     junk = [
         malformed_frames.noise_bytes(board.random, size) for size in (1, 3, 17, 300, 4095, 5000)

@@ -25,7 +25,7 @@ _LONGEST: Final = 40  # bytes of such a frame on the line
     "PINGs in two pieces cut at every byte, byte by byte, and with a pause of 120 ms are answered",
     variant="pieces",
 )
-def reads_every_cut(board: BoardClient) -> None:
+def reads_frames_cut_at_every_byte(board: BoardClient) -> None:
     size = len(board.link.request_wire(Ping(0), seq=0)[0])
     cuts: list[list[int]] = [[at] for at in range(1, size)]
     for at in cuts if board.thorough else cuts[::5]:
@@ -56,7 +56,7 @@ def _ask_in_pieces(board: BoardClient, cuts: list[int], pause_us: int) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def longest_runs_count_once(board: BoardClient) -> None:
+def longest_frame_lengths_count_once(board: BoardClient) -> None:
     for size in (65_536, 65_536 + 4_096, 70_000, 131_072 + 4_097, 200_000):
         if 2 * board.wire.line_us(size) > board.wire.limits.case_us // 5:
             not_observed(f"{size} bytes take too long on this line")
@@ -69,7 +69,7 @@ def longest_runs_count_once(board: BoardClient) -> None:
 # --- Counters ----------------------------------------------------------------------------------
 
 
-def _counted(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
+def _counts_of_junk(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
     """Yield counters with the shortest frame that each counts and no answer tells of."""
     ping = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq)
     crc = malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(ping))
@@ -87,13 +87,13 @@ def _counted(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
     yield "unsupported", lambda: board.link.stream_raw(Phases.TYPE, b"", flags=0x40)
 
 
-def _count_many(board: BoardClient, number: int) -> None:
+def _count_much_junk(board: BoardClient, number: int) -> None:
     """FAILED unless each counter grows by *number* with so many frames."""
     if 2 * board.wire.line_us(8 * number * _LONGEST) > board.wire.limits.case_us:
         not_observed(f"{number} frames of each defect take too long on this line")
     board.link.send(board.link.stream_wire(board.flat_phases()))  # the first number is used
     board.link.barrier()
-    for counter, make in _counted(board):
+    for counter, make in _counts_of_junk(board):
         with board.counting(**{counter: number}):
             left = number
             while left:
@@ -112,8 +112,8 @@ def _count_many(board: BoardClient, number: int) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def counters_hold_hundreds(board: BoardClient) -> None:
-    _count_many(board, _OVER_8_BITS)
+def counters_hold_hundreds_of_junk_frames(board: BoardClient) -> None:
+    _count_much_junk(board, _OVER_8_BITS)
 
 
 @case(
@@ -123,5 +123,5 @@ def counters_hold_hundreds(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.FULL,
 )
-def counters_hold_thousands(board: BoardClient) -> None:
-    _count_many(board, _OVER_16_BITS)
+def counters_hold_thousands_of_junk_frames(board: BoardClient) -> None:
+    _count_much_junk(board, _OVER_16_BITS)

@@ -32,12 +32,12 @@ _ENDS: Final = (b"\x00", b"\x00\x00", b"\x00\x01", b"\x00\x00\x00\xff")
 _MOST: Final = 1500  # bytes of a frame of the host
 
 
-def _runs(most: int) -> list[int]:
+def _runs_to_stuff(most: int) -> list[int]:
     """Return lengths of runs without a zero at and around every multiple of a full piece.
 
     Examples
     --------
-    >>> _runs(256)
+    >>> _runs_to_stuff(256)
     [250, 251, 252, 253, 254, 255, 256]
     """
     borders = range(1, _PIECES + 1)
@@ -45,17 +45,17 @@ def _runs(most: int) -> list[int]:
     return [run for run in runs if run <= most]
 
 
-def _full(board: BoardClient, size: int) -> bytes:
+def _full_stuffing_piece(board: BoardClient, size: int) -> bytes:
     return malformed_frames.noise_bytes(board.random, size)
 
 
-def _drives(board: BoardClient) -> Iterator[tuple[int, Message, bytes]]:
+def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, Message, bytes]]:
     """Yield drives with a zero behind each run: its length, the frame, the registers."""
     count = board.identity.transducers
     graded = board.has(Feature.AMPLITUDE)
     room = 2 * count if graded else count
-    for run in _runs(room - 1):
-        codes = bytearray(_full(board, room))
+    for run in _runs_to_stuff(room - 1):
+        codes = bytearray(_full_stuffing_piece(board, room))
         codes[run] = 0
         if graded:
             yield run, Drives(PhaseFormat.BITS_8, 0, bytes(codes)), bytes(codes)
@@ -71,39 +71,41 @@ def _drives(board: BoardClient) -> Iterator[tuple[int, Message, bytes]]:
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
-def stuffs_every_drive(board: BoardClient) -> None:
+def every_drive_is_stuffed(board: BoardClient) -> None:
     if not board.identity.phase_formats & 1 and not board.has(Feature.AMPLITUDE):
         not_observed("this board takes no codes of 8 bits, so that no run can be chosen")
     if board.has(Feature.TRACE_DRIVE | Feature.CONFIG):
         board.configure(trace_mode=TraceMode.DRIVE)
     board.arm()
     judged = 0
-    for run, message, registers in _drives(board):
+    for run, message, registers in _drives_to_stuff(board):
         since = board.link.mark()
         latch_now(board, message)
-        _check_reply(board, run, registers)
+        _check_stuffed_reply(board, run, registers)
         _check_stuffing(board.wire.received[since:], f"a drive with {run} bytes before a zero")
         judged += 1
-    for count in _counts(board.identity.transducers):  # a run that goes on into the CRC
-        _ask(board, ReadDrive(DriveKind.LATCHED, 0, count), f"READ_DRIVE of {count}")
+    for count in _counts_of_stuffed_bytes(
+        board.identity.transducers
+    ):  # a run that goes on into the CRC
+        _ask_with_stuffing(board, ReadDrive(DriveKind.LATCHED, 0, count), f"READ_DRIVE of {count}")
         judged += 1
     if not judged:
         not_observed(f"a drive of {board.identity.transducers} transducers fills no piece")
 
 
-def _counts(transducers: int) -> list[int]:
-    halves = {run // 2 for run in _runs(2 * transducers)}
+def _counts_of_stuffed_bytes(transducers: int) -> list[int]:
+    halves = {run // 2 for run in _runs_to_stuff(2 * transducers)}
     return sorted(halves)
 
 
-def _check_reply(board: BoardClient, run: int, registers: bytes) -> None:
+def _check_stuffed_reply(board: BoardClient, run: int, registers: bytes) -> None:
     name = f"READ_DRIVE of a drive with {run} bytes before a zero"
-    reply = _ask(board, ReadDrive(DriveKind.LATCHED, 0, 0xFFFF), name)
+    reply = _ask_with_stuffing(board, ReadDrive(DriveKind.LATCHED, 0, 0xFFFF), name)
     wrong = sum(a != b for a, b in zip(reply.data, registers, strict=False))
     check(wrong == 0, f"{name}: {wrong} codes are not those that were sent")
 
 
-def _ask(board: BoardClient, message: ReadDrive, name: str) -> DriveReply:
+def _ask_with_stuffing(board: BoardClient, message: ReadDrive, name: str) -> DriveReply:
     """Return the reply; FAILED if what comes instead is damaged."""
     wire, seq = board.link.request_wire(message)
     since = board.link.mark()
@@ -130,10 +132,15 @@ def _check_stuffing(pieces: list[Received], name: str) -> None:
     "frames with one, two or more zeros around each multiple of 254 other bytes are read",
     variant="pieces",
 )
-def reads_every_piece(board: BoardClient) -> None:
-    for run in _runs(_MOST - 10):
+def every_stuffed_piece_is_read(board: BoardClient) -> None:
+    for run in _runs_to_stuff(_MOST - 10):
         for end in _ENDS if board.thorough else _ENDS[:1]:
-            payload = b"\x00" + _full(board, run) + end + _full(board, min(run, _MOST - run))
+            payload = (
+                b"\x00"
+                + _full_stuffing_piece(board, run)
+                + end
+                + _full_stuffing_piece(board, min(run, _MOST - run))
+            )
             seq = board.link.next_seq()
             data = malformed_frames.malformed_with_crc(board.link.body(Mute.TYPE, payload, seq=seq))
             since = board.link.mark()

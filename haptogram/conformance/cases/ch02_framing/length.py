@@ -17,7 +17,7 @@ from ...outcome import SELF_REPORTED, check, fail
     "1 to 13 bytes, some with a right CRC-32, are counted in short, once each",
     evidence=SELF_REPORTED,
 )
-def drops_short_frames(board: BoardClient) -> None:
+def drops_frames_of_short_length(board: BoardClient) -> None:
     pieces = [malformed_frames.noise_bytes(board.random, size) for size in range(1, 14)]
     pieces += [malformed_frames.malformed_with_crc(bytes([Ping.TYPE] * size)) for size in range(10)]
     with board.counting(short=len(pieces), frames=0):
@@ -25,13 +25,13 @@ def drops_short_frames(board: BoardClient) -> None:
 
 
 @case("HG-2.6/1", "no frame of a full dialogue is longer than 4096 bytes", depth=Depth.DEFAULT)
-def sends_no_frame_too_long(board: BoardClient) -> None:
+def frames_keep_the_longest_length(board: BoardClient) -> None:
     longest = max((len(piece.piece) for piece in full_dialogue(board)), default=0)
     check(longest <= MAX_ENCODED_BYTES, f"{longest} bytes between two delimiters")
 
 
 @case("HG-2.6/2", "frames of 4090 to 4096 bytes between their delimiters are read")
-def reads_the_longest_frames(board: BoardClient) -> None:
+def reads_frames_of_longest_length(board: BoardClient) -> None:
     for size in (2048, MAX_ENCODED_BYTES - 6, MAX_ENCODED_BYTES - 1, MAX_ENCODED_BYTES):
         encoded, seq = malformed_frames.mute_of_encoded_size(board.link, size)
         since = board.link.mark()
@@ -45,7 +45,7 @@ def reads_the_longest_frames(board: BoardClient) -> None:
     "runs of 4097 to 20000 bytes are counted in oversize, once; frames inside have no effect",
     evidence=SELF_REPORTED,
 )
-def discards_a_run_too_long(board: BoardClient) -> None:
+def discards_frames_beyond_the_longest_length(board: BoardClient) -> None:
     inside = cobs_encode(malformed_frames.malformed_with_crc(board.link.body(Arm.TYPE, seq=0x7000)))
     runs = [malformed_frames.noise_bytes(board.random, size) for size in (4097, 5000, 8192, 20_000)]
     with board.counting(oversize=len(runs) + 1):

@@ -15,7 +15,7 @@ _LISTEN_US: Final = 300_000
 
 
 @case("HG-2.7/1", "all 256 byte values come back from PING as they were sent")
-def carries_every_byte(board: BoardClient) -> None:
+def line_carries_every_byte(board: BoardClient) -> None:
     for start in range(0, 256, 8):
         echo = int.from_bytes(bytes(range(start, start + 8)), "little")
         got = board.link.call(Ping(echo), Pong).echo
@@ -27,7 +27,7 @@ def carries_every_byte(board: BoardClient) -> None:
     "stream frames of rx_window bytes, sent without a pause, are all counted",
     evidence=SELF_REPORTED,
 )
-def takes_a_full_window(board: BoardClient) -> None:
+def line_takes_a_full_window(board: BoardClient) -> None:
     first = board.link.stream_wire(board.flat_phases())
     count = max(1, board.identity.rx_window // len(first))
     frames = [first, *(board.link.stream_wire(board.flat_phases()) for _ in range(count - 1))]
@@ -42,7 +42,7 @@ def takes_a_full_window(board: BoardClient) -> None:
     needs_reset=True,
     depth=Depth.DEFAULT,
 )
-def is_silent_before_hello(board: BoardClient) -> None:
+def line_is_silent_before_hello(board: BoardClient) -> None:
     board.wire.idle(_LISTEN_US)
     frames = [piece for piece in board.wire.received if piece.header is not None]
     check(

@@ -18,7 +18,7 @@ _RUNS: Final = (252, 253, 254, 255, 256, 507, 508, 509, 762)
 
 
 @case("HG-2.2/1", "every frame of a full dialogue is stuffed as COBS prescribes")
-def sends_cobs(board: BoardClient) -> None:
+def frames_are_stuffed_by_cobs(board: BoardClient) -> None:
     pieces = full_dialogue(board)
     broken = [piece for piece in pieces if not piece.unstuffed]
     check(not broken, f"no COBS: {broken[0].piece[:16].hex(' ') if broken else ''} ...")
@@ -31,7 +31,7 @@ def sends_cobs(board: BoardClient) -> None:
     "frames that end with 252 to 762 bytes without a zero are read, each as it was sent",
     variant="runs",
 )
-def reads_long_runs(board: BoardClient) -> None:
+def reads_long_runs_of_stuffed_bytes(board: BoardClient) -> None:
     for run in _RUNS:
         data, seq = malformed_frames.mute_with_run(board.link, run)
         since = board.link.mark()
@@ -45,7 +45,7 @@ def reads_long_runs(board: BoardClient) -> None:
     "a code byte that points past the end is counted in cobs, once; the frame has no effect",
     evidence=SELF_REPORTED,
 )
-def drops_what_is_no_cobs(board: BoardClient) -> None:
+def drops_frames_with_wrong_stuffing(board: BoardClient) -> None:
     good = b"\x01"
     while good.endswith(b"\x01"):  # without this byte it would be COBS, too
         body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())
@@ -58,7 +58,7 @@ def drops_what_is_no_cobs(board: BoardClient) -> None:
 
 
 @case("HG-2.2/3", "a frame that ends with a full piece and a code byte 01 is read")
-def accepts_a_spare_code_byte(board: BoardClient) -> None:
+def accepts_a_spare_stuffing_byte(board: BoardClient) -> None:
     for run in (malformed_frames.BLOCK, 2 * malformed_frames.BLOCK):
         data, seq = malformed_frames.mute_with_run(board.link, run)
         encoded = cobs_encode(data)

@@ -40,7 +40,7 @@ _SEQUENCE: Final = 4
 
 
 @case("HG-3.8/1", "requests with two defects are refused for the one that is checked first")
-def requests_in_order(board: BoardClient) -> None:
+def checks_requests_in_order(board: BoardClient) -> None:
     stale = board.link.session ^ _STALE
     used = board.link.seq
     refused = board.link.refused_raw
@@ -63,7 +63,7 @@ def requests_in_order(board: BoardClient) -> None:
     variant="stream",
     evidence=SELF_REPORTED,
 )
-def stream_in_order(board: BoardClient) -> None:
+def checks_stream_frames_in_order(board: BoardClient) -> None:
     stale, good = board.link.session ^ _STALE, board.flat_phases()
     payload = good.serialize()
     bank = bytes([payload[0], 1]) + payload[2:]
@@ -95,7 +95,7 @@ def stream_in_order(board: BoardClient) -> None:
     variant="queue",
     evidence=SELF_REPORTED,
 )
-def queue_in_order(board: BoardClient) -> None:
+def checks_for_the_queue_in_order(board: BoardClient) -> None:
     depth = board.identity.queue_depth
     if depth > _DEEPEST:
         not_observed(f"a queue of {depth} frames is not filled")
@@ -119,7 +119,7 @@ def queue_in_order(board: BoardClient) -> None:
 
 
 @case("HG-3.8/2", "a PING of the new session right behind its HELLO is answered, after it")
-def takes_frames_as_they_come(board: BoardClient) -> None:
+def checks_frames_in_the_order_they_come(board: BoardClient) -> None:
     nonce = board.new_nonce()
     hello, first = board.link.request_wire(board.hello_message(nonce), session=0)
     ping, second = board.link.request_wire(Ping(5), session=nonce)
@@ -133,7 +133,9 @@ def takes_frames_as_they_come(board: BoardClient) -> None:
     check(numbers == [first, second], f"sent were {first}, {second}; answered {numbers}")
 
 
-def _answer(board: BoardClient, message: Message, seq: int, since: int) -> Message:
+def _answer_to_checked_message(
+    board: BoardClient, message: Message, seq: int, since: int
+) -> Message:
     found = board.link.answer_to(message.TYPE, seq, since).message
     if found is None:
         fail(f"the answer to {message.TYPE.name} cannot be read")
@@ -145,7 +147,7 @@ def _answer(board: BoardClient, message: Message, seq: int, since: int) -> Messa
     "ARM, a stream frame, PLAY, ARM and MUTE at once: off behind it, each frame done or refused",
     evidence=SELF_REPORTED,
 )
-def nothing_before_mute_sounds_behind_it(board: BoardClient) -> None:
+def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
     plays = board.has(Feature.SEQUENCE_PHASES)
     if plays:
         store_phases(board, _SEQUENCE, frames=2)
@@ -165,12 +167,12 @@ def nothing_before_mute_sounds_behind_it(board: BoardClient) -> None:
             mute, mute_seq = board.link.request_wire(Mute(), session=session)
             first, *others = (wire for wire, _ in wires)
             board.link.send(first, frame, *others, mute)
-            state = _answer(board, Mute(), mute_seq, since)
+            state = _answer_to_checked_message(board, Mute(), mute_seq, since)
             check(state == MuteReply(OutputState.MUTED), f"MUTE behind other frames: {state}")
             for (message, _), (_, seq) in zip(ahead, wires, strict=True):
-                _check_overtaken(message, _answer(board, message, seq, since))
+                _check_overtaken(message, _answer_to_checked_message(board, message, seq, since))
             board.clock.wait_latched()
-            _check_silence(board)
+            _check_order_kept_silence(board)
             counted = board.counted_since(before)
             found = counted["accepted"], counted["dropped_state"]
             check(
@@ -193,7 +195,7 @@ def _check_overtaken(message: Message, answer: Message) -> None:
     check(due == answer.TYPE, f"{name} right before MUTE is answered by {answer.TYPE.name}")
 
 
-def _check_silence(board: BoardClient) -> None:
+def _check_order_kept_silence(board: BoardClient) -> None:
     found = board.status()
     got = found.state, found.reason, found.queued
     check(got == (OutputState.MUTED, MuteReason.MUTE, 0), f"behind MUTE: {got}")
@@ -207,7 +209,7 @@ def _check_silence(board: BoardClient) -> None:
 
 
 @case("HG-3.8/3", "MUTE with any session, flags, payload and number is carried out")
-def mute_passes(board: BoardClient) -> None:
+def mute_passes_all_header_checks(board: BoardClient) -> None:
     for header in (
         {"session": 0},
         {"session": board.link.session ^ _STALE},

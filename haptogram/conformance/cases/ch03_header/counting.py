@@ -29,7 +29,7 @@ _UNKNOWN_STREAM: Final = 0x3D
     "junk of every kind neither restarts the board nor moves a counter back nor disarms it",
     evidence=SELF_REPORTED,
 )
-def survives_junk(board: BoardClient) -> None:
+def junk_headers_are_survived(board: BoardClient) -> None:
     boot_id, before = board.identity.boot_id, board.status()
     board.arm()
     for _ in range(40):
@@ -47,11 +47,11 @@ def survives_junk(board: BoardClient) -> None:
     "2 MiB of junk, or 20 s of it: PINGs are answered, and free_bytes is as before",
     depth=Depth.DEFAULT,
 )
-def does_not_leak(board: BoardClient) -> None:
+def junk_headers_leak_no_memory(board: BoardClient) -> None:
     before = board.status()
     left = min(_JUNK_BYTES, board.wire.baudrate // 10 * _JUNK_S)
     while left > 0:
-        block = b"".join(_counted_junk(board) for _ in range(_JUNK_PIECES))
+        block = b"".join(_counted_junk_headers(board) for _ in range(_JUNK_PIECES))
         board.link.send(block)
         board.wire.idle(board.wire.line_us(len(block)))
         board.link.call(Ping(left), Pong)
@@ -63,7 +63,7 @@ def does_not_leak(board: BoardClient) -> None:
     )
 
 
-def _counted_junk(board: BoardClient) -> bytes:
+def _counted_junk_headers(board: BoardClient) -> bytes:
     """Return junk of every kind: a short frame, no COBS, a wrong CRC, a run without an end."""
     body = board.link.body(Ping.TYPE, board.random.randbytes(8), seq=0)
     wrong = malformed_frames.malformed_frame(
@@ -85,7 +85,7 @@ def _counted_junk(board: BoardClient) -> bytes:
     "of one frame with each defect every counter grows by 1, and frames by their number",
     evidence=SELF_REPORTED,
 )
-def counts_once(board: BoardClient) -> None:
+def header_defects_count_once(board: BoardClient) -> None:
     good, old = board.flat_phases(), board.link.session ^ _STALE
     payload = good.serialize()
     used = board.link.stream_next
@@ -117,7 +117,7 @@ def counts_once(board: BoardClient) -> None:
     "frames = accepted + requests + repeated + every drop, over 60 frames of all sorts",
     evidence=SELF_REPORTED,
 )
-def the_sum_holds(board: BoardClient) -> None:
+def header_counts_add_up(board: BoardClient) -> None:
     board.arm()
     before = board.status().counters
     good, queued, sent = board.flat_phases(), 0, 0

@@ -46,7 +46,7 @@ def _unknown_frame_types(types: Iterable[int]) -> list[int]:
     variant="types",
     evidence=SELF_REPORTED,
 )
-def every_foreign_type_is_dropped(board: BoardClient) -> None:
+def every_foreign_header_type_is_dropped(board: BoardClient) -> None:
     board.arm()
     streams = _unknown_frame_types(STREAM_RANGE)
     others = list(range(REQUEST_RANGE.stop, 0x100))
@@ -68,7 +68,7 @@ def every_foreign_type_is_dropped(board: BoardClient) -> None:
     "each of the 48 unknown types of requests, of any session, is refused by its type: UNSUPPORTED",
     variant="types",
 )
-def every_unknown_request_is_refused(board: BoardClient) -> None:
+def every_unknown_header_type_is_refused(board: BoardClient) -> None:
     kinds = _unknown_frame_types(REQUEST_RANGE)
     with board.counting(unsupported=2 * len(kinds)):
         for kind in kinds:
@@ -129,49 +129,49 @@ def _detail_of_defect(board: BoardClient, frame: _Frame, defect: _Defect, right:
     }[defect.name]
 
 
-def _other_type_defect(board: BoardClient, frame: _Frame) -> _Frame:
+def _header_type_defect(board: BoardClient, frame: _Frame) -> _Frame:
     of = STREAM_RANGE if frame.kind in STREAM_RANGE else REQUEST_RANGE
     return replace(frame, kind=board.random.choice(_unknown_frame_types(of)))
 
 
-def _other_session_defect(board: BoardClient, frame: _Frame) -> _Frame:
+def _header_session_defect(board: BoardClient, frame: _Frame) -> _Frame:
     return replace(frame, session=board.link.session ^ 1 << board.random.randrange(16))
 
 
-def _other_flags_defect(board: BoardClient, frame: _Frame) -> _Frame:
+def _header_flags_defect(board: BoardClient, frame: _Frame) -> _Frame:
     return replace(frame, flags=frame.flags | board.random.choice((0x20, 0x40, 0x80, 0xE0)))
 
 
-def _other_length_defect(_: BoardClient, frame: _Frame) -> _Frame:
+def _length_defect(_: BoardClient, frame: _Frame) -> _Frame:
     varies = frame.kind == UploadChunk.TYPE
     return replace(frame, payload=frame.payload[:3] if varies else frame.payload + b"\x00")
 
 
-def _used_number_defect(board: BoardClient, frame: _Frame) -> _Frame:
+def _header_number_defect(board: BoardClient, frame: _Frame) -> _Frame:
     stream = frame.kind in STREAM_RANGE
     used = board.link.stream_next - 1 if stream else board.link.seq
     return replace(frame, seq=used & 0xFFFF)
 
 
-def _other_bank_defect(_: BoardClient, frame: _Frame) -> _Frame:
+def _bank_value_defect(_: BoardClient, frame: _Frame) -> _Frame:
     return replace(frame, payload=frame.payload[:1] + b"\x01" + frame.payload[2:])
 
 
 #: In the order of HG-3.8.
 _OF_REQUESTS: Final = (
-    _Defect("type", "unsupported", _other_type_defect, ErrorCode.UNSUPPORTED),
-    _Defect("session", "stale_session", _other_session_defect, ErrorCode.STALE_SESSION),
-    _Defect("flags", "unsupported", _other_flags_defect, ErrorCode.UNSUPPORTED),
-    _Defect("length", "bad_length", _other_length_defect, ErrorCode.BAD_LENGTH),
-    _Defect("number", "bad_value", _used_number_defect, ErrorCode.SEQUENCE_REUSED),
+    _Defect("type", "unsupported", _header_type_defect, ErrorCode.UNSUPPORTED),
+    _Defect("session", "stale_session", _header_session_defect, ErrorCode.STALE_SESSION),
+    _Defect("flags", "unsupported", _header_flags_defect, ErrorCode.UNSUPPORTED),
+    _Defect("length", "bad_length", _length_defect, ErrorCode.BAD_LENGTH),
+    _Defect("number", "bad_value", _header_number_defect, ErrorCode.SEQUENCE_REUSED),
 )
 _OF_STREAM: Final = (
-    _Defect("type", "unknown_type", _other_type_defect),
-    _Defect("session", "stale_session", _other_session_defect),
-    _Defect("number", "duplicate", _used_number_defect),
-    _Defect("flags", "unsupported", _other_flags_defect),
-    _Defect("length", "bad_length", _other_length_defect),
-    _Defect("bank", "bad_value", _other_bank_defect),
+    _Defect("type", "unknown_type", _header_type_defect),
+    _Defect("session", "stale_session", _header_session_defect),
+    _Defect("number", "duplicate", _header_number_defect),
+    _Defect("flags", "unsupported", _header_flags_defect),
+    _Defect("length", "bad_length", _length_defect),
+    _Defect("bank", "bad_value", _bank_value_defect),
 )
 
 
@@ -189,7 +189,7 @@ def _pairs_of_defects(board: BoardClient, defects: Iterable[_Defect]) -> list[tu
     variant="requests",
     evidence=SELF_REPORTED,
 )
-def every_request_is_judged_in_order(board: BoardClient) -> None:
+def requests_with_every_two_defects_are_checked_in_order(board: BoardClient) -> None:
     for message in valid_requests(board, _SEQUENCE):
         seq = board.link.seq + 1 & 0xFFFF
         right = _Frame(message.TYPE, message.serialize(), seq, board.link.session)
@@ -218,7 +218,7 @@ def every_request_is_judged_in_order(board: BoardClient) -> None:
     "a request of every type that is refused for one defect leaves its number free for the next",
     variant="numbers",
 )
-def every_refusal_leaves_its_number(board: BoardClient) -> None:
+def every_defect_leaves_the_request_number(board: BoardClient) -> None:
     for message in valid_requests(board, _SEQUENCE):
         for defect in _OF_REQUESTS[:-1]:
             seq = board.link.seq + 1 & 0xFFFF
@@ -237,7 +237,7 @@ def every_refusal_leaves_its_number(board: BoardClient) -> None:
     variant="formats",
     evidence=SELF_REPORTED,
 )
-def every_stream_frame_is_judged_in_order(board: BoardClient) -> None:
+def stream_frames_with_every_two_defects_are_checked_in_order(board: BoardClient) -> None:
     board.link.send(board.link.stream_wire(board.flat_phases()))  # the first number is used
     for kind in stream_kinds(board):
         message = kind.make()
@@ -284,7 +284,7 @@ def _names_of_defects(defects: Iterable[_Defect]) -> str:
     variant="types",
     evidence=SELF_REPORTED,
 )
-def every_request_counts_once(board: BoardClient) -> None:
+def every_header_type_counts_once(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=2)
     for armed in (True, False) if board.thorough else (True,):

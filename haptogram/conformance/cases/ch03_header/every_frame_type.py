@@ -43,15 +43,15 @@ _LOW_FLAGS: Final = (1, 2, 4, 8, 15)
     variant="types",
     evidence=SELF_REPORTED,
 )
-def every_type_is_checked(board: BoardClient) -> None:
+def crc_is_checked_at_every_header_type(board: BoardClient) -> None:
     board.arm()
-    for kind, payload in _payloads(board):
+    for kind, payload in _payloads_of_every_type(board):
         stream = kind not in REQUEST_RANGE
         seq = board.link.stream_next if stream else board.link.next_seq()
         session = 0 if kind == Hello.TYPE else board.link.session
         body = board.link.body(kind, payload, seq=seq, session=session, flags=0x10 * stream)
         frames = [malformed_frames.malformed_with_wrong_crc(body, flip) for flip in _FLIPS]
-        frames.append(_damaged(body))
+        frames.append(_damaged_of_every_type(body))
         with board.counting(crc=len(frames), frames=1, requests=1):  # the barrier's
             board.link.unanswered(
                 f"type {kind:#04x} with {len(payload)} bytes and a wrong CRC",
@@ -59,7 +59,7 @@ def every_type_is_checked(board: BoardClient) -> None:
             )
 
 
-def _payloads(board: BoardClient) -> list[tuple[int, bytes]]:
+def _payloads_of_every_type(board: BoardClient) -> list[tuple[int, bytes]]:
     """Return every type of a host with a payload: as of zeros, valid, and long."""
     fixed = [(int(kind.TYPE), bytes(kind.LAYOUT.size)) for kind in host_types()]
     messages = [kind.make() for kind in stream_kinds(board)]
@@ -69,7 +69,7 @@ def _payloads(board: BoardClient) -> list[tuple[int, bytes]]:
     return [*fixed, *valid, (int(Mute.TYPE), board.random.randbytes(_LONG))]
 
 
-def _damaged(body: bytes) -> bytes:
+def _damaged_of_every_type(body: bytes) -> bytes:
     """Return a body with one bit inverted behind its type, and the CRC that it had before."""
     whole = bytearray(malformed_frames.malformed_with_crc(body))
     whole[len(body) - 1] ^= 0x08
@@ -79,7 +79,7 @@ def _damaged(body: bytes) -> bytes:
 # --- Requests ----------------------------------------------------------------------------------
 
 
-def _requests(board: BoardClient) -> list[Message]:
+def _requests_of_every_type(board: BoardClient) -> list[Message]:
     """Return a valid request of every type; the sequence that they play is stored."""
     if any(isinstance(message, Play) for message in valid_requests(board, _SEQUENCE)):
         store_phases(board, _SEQUENCE, frames=2)
@@ -92,8 +92,8 @@ def _requests(board: BoardClient) -> list[Message]:
     "a request of every type of another session, or of none, is refused: STALE_SESSION",
     variant="types",
 )
-def every_type_has_a_session(board: BoardClient) -> None:
-    requests, session = _requests(board), board.link.session
+def every_header_type_has_its_session(board: BoardClient) -> None:
+    requests, session = _requests_of_every_type(board), board.link.session
     others = [0, *(session ^ 1 << bit for bit in range(16))]
     number = len(others) * len(requests)
     with board.counting(stale_session=number, frames=number, requests=0):
@@ -110,8 +110,8 @@ def every_type_has_a_session(board: BoardClient) -> None:
     "each unknown flag in a request of every type is refused: UNSUPPORTED, detail: the flag",
     variant="requests",
 )
-def every_type_has_its_flags(board: BoardClient) -> None:
-    for message in _requests(board):
+def every_header_type_has_its_flags(board: BoardClient) -> None:
+    for message in _requests_of_every_type(board):
         unknown = [0x20, 0x40, 0x80, 0xE0]
         if not isinstance(message, Play):
             unknown.append(int(Flag.IMMEDIATE))
@@ -125,9 +125,9 @@ def every_type_has_its_flags(board: BoardClient) -> None:
     "requests of every type with each bit of the low nibble are carried out, PLAY at once",
     variant="requests",
 )
-def every_type_ignores_low_flags(board: BoardClient) -> None:
+def every_header_type_ignores_low_flags(board: BoardClient) -> None:
     for low in _LOW_FLAGS:
-        for message in _requests(board):
+        for message in _requests_of_every_type(board):
             plays = isinstance(message, Play)
             flags = low | (Flag.IMMEDIATE if plays else 0)
             past_us = board.clock.device_us() - 2_000_000 if plays else 0  # HG-3.5/2: not used
@@ -144,10 +144,10 @@ def every_type_ignores_low_flags(board: BoardClient) -> None:
     "requests of every type and 11 wrong lengths: the detail is the right one, 0 where it varies",
     variant="requests",
 )
-def every_type_has_its_length(board: BoardClient) -> None:
+def every_header_type_has_its_length(board: BoardClient) -> None:
     kinds: list[tuple[type[Message], int]] = []
     for kind in requests_of_board(board):
-        kinds += [(kind, size) for size in _other_sizes(kind.LAYOUT.size)]
+        kinds += [(kind, size) for size in _wrong_lengths_of_type(kind.LAYOUT.size)]
     if board.identity.features & UPLOADS:
         kinds += [(UploadChunk, size) for size in range(UploadChunk.LAYOUT.size)]
     with board.counting(bad_length=len(kinds)):
@@ -162,7 +162,7 @@ def every_type_has_its_length(board: BoardClient) -> None:
             )
 
 
-def _other_sizes(right: int) -> list[int]:
+def _wrong_lengths_of_type(right: int) -> list[int]:
     """Return lengths other than *right*, and with the same low byte."""
     near = {0, 1, right - 1, right + 1, 2 * right, right + 4}
     far = {right + (1 << bits) for bits in (7, 8, 9, 10, 11)}
@@ -175,8 +175,8 @@ def _other_sizes(right: int) -> list[int]:
     variant="types",
     evidence=SELF_REPORTED,
 )
-def every_type_is_remembered(board: BoardClient) -> None:
-    for message in _requests(board):
+def every_header_type_is_remembered(board: BoardClient) -> None:
+    for message in _requests_of_every_type(board):
         if isinstance(message, _IDEMPOTENT):
             continue
         flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
@@ -214,7 +214,7 @@ def every_type_is_remembered(board: BoardClient) -> None:
     "MUTE with payloads of 0 to 3000 bytes, every flag and any session mutes an ARMED board",
     variant="sizes",
 )
-def every_mute_mutes(board: BoardClient) -> None:
+def mute_passes_with_every_header(board: BoardClient) -> None:
     for size in (0, 1, 2, 30, 100, 255, 256, 1000, _LONG):
         for session in (0, board.link.session, board.link.session ^ 1):
             board.arm()
@@ -238,8 +238,8 @@ def every_mute_mutes(board: BoardClient) -> None:
     "replies and refusals of every type have type, number and open session, whatever MUTE carries",
     variant="types",
 )
-def every_reply_belongs(board: BoardClient) -> None:
-    for message in [*_requests(board), *refused_requests(board)]:
+def every_reply_has_the_header_of_its_request(board: BoardClient) -> None:
+    for message in [*_requests_of_every_type(board), *refused_requests(board)]:
         board.arm()
         flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
         board.link.seq += board.random.randrange(1, 3000)

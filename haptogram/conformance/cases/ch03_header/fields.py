@@ -15,7 +15,7 @@ from ...outcome import SELF_REPORTED, check
 
 
 @case("HG-3.1/1", "every frame of a full dialogue begins with a header of ten bytes")
-def begins_with_a_header(board: BoardClient) -> None:
+def frames_begin_with_a_header(board: BoardClient) -> None:
     for piece in full_dialogue(board):
         _, body = crc_of_piece(piece)
         check(
@@ -29,7 +29,7 @@ def begins_with_a_header(board: BoardClient) -> None:
 
 
 @case("HG-3.7/1", "every frame of a full dialogue carries its session; ERROR may carry 0")
-def carries_the_session(board: BoardClient) -> None:
+def header_carries_the_session(board: BoardClient) -> None:
     for piece in undamaged_pieces(full_dialogue(board)):
         header = piece.header
         assert header is not None  # frames_in
@@ -45,7 +45,7 @@ def carries_the_session(board: BoardClient) -> None:
     "a stream frame of another session is counted in stale_session and uses up no number",
     evidence=SELF_REPORTED,
 )
-def drops_another_session(board: BoardClient) -> None:
+def drops_headers_of_another_session(board: BoardClient) -> None:
     old = board.link.session
     board.hello()
     board.arm()

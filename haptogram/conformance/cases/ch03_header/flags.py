@@ -22,7 +22,7 @@ from ...outcome import SELF_REPORTED, check
 
 
 @case("HG-3.4/1", "each must-understand flag that is unknown refuses a request, by its bit")
-def refuses_unknown_flags(board: BoardClient) -> None:
+def refuses_unknown_header_flags(board: BoardClient) -> None:
     flags = (0x20, 0x40, 0x80, 0xE0, 0x21)
     with board.counting(unsupported=len(flags)):
         for flag in flags:
@@ -35,7 +35,7 @@ def refuses_unknown_flags(board: BoardClient) -> None:
     variant="stream",
     evidence=SELF_REPORTED,
 )
-def drops_unknown_flags(board: BoardClient) -> None:
+def drops_unknown_header_flags(board: BoardClient) -> None:
     board.arm()
     with board.counting(unsupported=3, latched=0):
         for flag in (0x20, 0x40, 0x80):
@@ -46,7 +46,7 @@ def drops_unknown_flags(board: BoardClient) -> None:
 
 
 @case("HG-3.4/2", "PING with each bit of the low nibble is answered; a stream frame is latched")
-def ignores_the_low_nibble(board: BoardClient) -> None:
+def ignores_the_low_nibble_of_flags(board: BoardClient) -> None:
     for flag in (1, 2, 4, 8, 15):
         board.link.call(Ping(flag), Pong, flags=flag)
     board.arm()
@@ -56,7 +56,7 @@ def ignores_the_low_nibble(board: BoardClient) -> None:
 
 
 @case("HG-3.4/3", "no frame of a full dialogue has a flag but LATE, and only traces have LATE")
-def sends_no_flags(board: BoardClient) -> None:
+def sends_no_header_flags(board: BoardClient) -> None:
     traces = {MessageType.TRACE, MessageType.TRACE_PLAYBACK, MessageType.TRACE_DRIVE}
     for piece in undamaged_pieces(full_dialogue(board)):
         if piece.header is not None:
@@ -65,7 +65,7 @@ def sends_no_flags(board: BoardClient) -> None:
 
 
 @case("HG-3.5/1", "IMMEDIATE on any request but PLAY is refused with UNSUPPORTED, detail 0x10")
-def takes_immediate_where_it_belongs(board: BoardClient) -> None:
+def takes_the_immediate_flag_where_it_belongs(board: BoardClient) -> None:
     kinds = [kind for kind in requests_of_board(board) if kind is not Play]
     for kind in kinds:
         board.link.refused_raw(
@@ -86,7 +86,7 @@ def takes_immediate_where_it_belongs(board: BoardClient) -> None:
     "with IMMEDIATE a frame is latched at once, whatever time it carries",
     evidence=SELF_REPORTED,
 )
-def ignores_the_time_of_immediate(board: BoardClient) -> None:
+def immediate_flag_ignores_the_time(board: BoardClient) -> None:
     board.arm()
     now_us = board.clock.device_us()
     for time_us in (0, 1, now_us - 1_000_000, now_us + 5_000_000, now_us + 2**31, 0xFFFFFFFF):

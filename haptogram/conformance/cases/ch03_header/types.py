@@ -27,7 +27,7 @@ _UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
 
 
 @case("HG-3.3/1", "each request is answered by its type + 0x40, or by ERROR")
-def answers_with_the_right_type(board: BoardClient) -> None:
+def header_has_the_right_reply_type(board: BoardClient) -> None:
     kinds: list[type[Message]] = [*requests_of_board(board), Mute]
     for kind in kinds:
         payload = bytes(kind.LAYOUT.size)
@@ -46,7 +46,7 @@ def answers_with_the_right_type(board: BoardClient) -> None:
     "stream, response and event frames of unknown types are counted in unknown_type, unanswered",
     evidence=SELF_REPORTED,
 )
-def drops_unknown_types(board: BoardClient) -> None:
+def drops_unknown_header_types(board: BoardClient) -> None:
     kinds = (0x00, 0x04, 0x3F, 0x80, 0xBE, 0xBF, 0xC0, 0xFF)
     frames = [
         board.link.stream_raw(kind, bytes(5))
@@ -59,7 +59,7 @@ def drops_unknown_types(board: BoardClient) -> None:
 
 
 @case("HG-3.3/3", "unknown requests are refused with UNSUPPORTED and their type, and counted")
-def refuses_unknown_requests(board: BoardClient) -> None:
+def refuses_unknown_header_types(board: BoardClient) -> None:
     unknown = [kind for kind in _UNKNOWN_REQUESTS if kind not in MESSAGES]
     with board.counting(unsupported=len(unknown)):
         for kind in unknown:

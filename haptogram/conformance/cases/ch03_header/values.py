@@ -36,7 +36,7 @@ _ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
 
 
 @case("HG-3.2/1", "numbers of 16, 32 and 64 bits, signed ones too, have their lowest byte first")
-def is_little_endian(board: BoardClient) -> None:
+def values_are_little_endian(board: BoardClient) -> None:
     nonce = 0x1FE2 if board.link.session != 0x1FE2 else 0x1FE3
     reply = board.hello(nonce)
     check(reply.nonce == nonce, f"HELLO_REPLY has the nonce {reply.nonce:#06x}, not {nonce:#06x}")
@@ -47,16 +47,16 @@ def is_little_endian(board: BoardClient) -> None:
     apart_us = signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
     check(0 <= apart_us < 1_000_000, f"t_rx {pong.t_rx_us:#x} and t_tx {pong.t_tx_us:#x} disagree")
     board.link.refused(Ping(0), ErrorCode.STALE_SESSION, nonce, session=nonce ^ 0x0101)
-    _check_frames_counted(board)
-    _check_geometry(board)
+    _check_counted_values(board)
+    _check_geometry_values(board)
 
 
-def _check_frames_counted(board: BoardClient) -> None:
+def _check_counted_values(board: BoardClient) -> None:
     first, second = board.status().counters.frames, board.status().counters.frames
     check((second - first) & 0xFFFFFFFF == 1, f"frames: {first:#x}, one request later {second:#x}")
 
 
-def _check_geometry(board: BoardClient) -> None:
+def _check_geometry_values(board: BoardClient) -> None:
     reply = board.link.call(GetGeometry(0, 0xFFFF), GeometryReply)
     far = [e for e in reply.elements if max(abs(e.x_um), abs(e.y_um), abs(e.z_um)) > 5_000_000]
     check(not far, f"a transducer 5 m away: {far[:1]}")
@@ -79,7 +79,7 @@ def _length_of_values(*parts: int) -> float:
     "pitch_um in HELLO_REPLY is not the pitch of the geometry with its bytes reversed",
     variant="pitch",
 )
-def pitch_is_little_endian(board: BoardClient) -> None:
+def pitch_value_is_little_endian(board: BoardClient) -> None:
     identity = board.identity
     if identity.grid_nx * identity.grid_ny < 2:
         not_observed("the array is no grid, or of one transducer")
@@ -98,7 +98,7 @@ def pitch_is_little_endian(board: BoardClient) -> None:
     variant="config",
     needs=Feature.CONFIG,
 )
-def takes_little_endian(board: BoardClient) -> None:
+def takes_little_endian_values(board: BoardClient) -> None:
     sent = board.configure(
         hold_ms=0x0102, ramp_ms=0x0304, host_timeout_ms=0x0506, status_period_ms=0x0708
     )
@@ -107,7 +107,7 @@ def takes_little_endian(board: BoardClient) -> None:
 
 
 @case("HG-3.2/2", "the firmware's name is UTF-8 and filled with zeros to 16 bytes")
-def text_is_filled(board: BoardClient) -> None:
+def text_value_is_filled(board: BoardClient) -> None:
     answer = board.link.ask(board.hello_message(board.link.session), session=0)
     raw = answer.body[-16:]
     name = raw.rstrip(b"\x00")
@@ -119,7 +119,7 @@ def text_is_filled(board: BoardClient) -> None:
 
 
 @case("HG-3.2/3", "every payload of a full dialogue has the length of its type")
-def payloads_have_their_length(board: BoardClient) -> None:
+def payload_types_have_their_length(board: BoardClient) -> None:
     wrong = [piece for piece in full_dialogue(board) if piece.reason == "bad_length"]
     check(not wrong, f"{annotated_frame_text(wrong[0].piece) if wrong else ''}")
 
@@ -127,9 +127,11 @@ def payloads_have_their_length(board: BoardClient) -> None:
 @case(
     "HG-3.2/4", "requests a byte too long or too short are refused; the detail is the right length"
 )
-def refuses_a_wrong_length(board: BoardClient) -> None:
+def refuses_a_wrong_length_of_type(board: BoardClient) -> None:
     kinds = requests_of_board(board)
-    wrong = [(kind, size) for kind in kinds for size in _wrong_sizes(kind.LAYOUT.size)]
+    wrong = [
+        (kind, size) for kind in kinds for size in _wrong_lengths_of_payload_type(kind.LAYOUT.size)
+    ]
     with board.counting(bad_length=len(wrong)):
         for kind, size in wrong:
             right = kind.LAYOUT.size
@@ -139,7 +141,7 @@ def refuses_a_wrong_length(board: BoardClient) -> None:
             )
 
 
-def _wrong_sizes(right: int) -> tuple[int, ...]:
+def _wrong_lengths_of_payload_type(right: int) -> tuple[int, ...]:
     return (right + 1,) if right == 0 else (right - 1, right + 1)
 
 
@@ -149,7 +151,7 @@ def _wrong_sizes(right: int) -> tuple[int, ...]:
     variant="stream",
     evidence=SELF_REPORTED,
 )
-def drops_a_wrong_length(board: BoardClient) -> None:
+def drops_a_wrong_length_of_type(board: BoardClient) -> None:
     right = board.flat_phases()
     payloads = [right.serialize() + b"\x00", right.serialize()[:-1], b"\x08"]
     bodies = [(Phases.TYPE, payload) for payload in payloads]
@@ -165,7 +167,7 @@ def drops_a_wrong_length(board: BoardClient) -> None:
 
 
 @case("HG-3.2/5", "values that no table has are refused with BAD_VALUE and the field's offset")
-def refuses_a_wrong_value(board: BoardClient) -> None:
+def refuses_values_of_no_table(board: BoardClient) -> None:
     wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, b"\x01\x00\x00\x00" + bytes(4), 2)]
     if board.has(Feature.READ_LATCHED):
         wrong.append((ReadDrive.TYPE, b"\x07\x00\x00\x01\x00", 0))
@@ -182,7 +184,7 @@ def refuses_a_wrong_value(board: BoardClient) -> None:
 
 
 @case("HG-3.2/6", "requests, chunks and stream frames that begin at each of 8 addresses are taken")
-def reads_at_any_address(board: BoardClient) -> None:
+def reads_values_at_any_address(board: BoardClient) -> None:
     board.arm()
     with board.counting(latched=_ADDRESSES):
         for zeros in range(_ADDRESSES):  # the frame before it ends at another address each time

@@ -24,7 +24,7 @@ _JUMPS: Final = (2, 255, 256, 300, 20_000, 30_000, 32_000, 0x7FFF)
     "40 stream frames across 0xFFFF are latched: no gap, no duplicate",
     evidence=SELF_REPORTED,
 )
-def stream_numbers_wrap(board: BoardClient) -> None:
+def stream_sequence_numbers_wrap(board: BoardClient) -> None:
     board.arm()
     with board.counting(latched=_ACROSS):
         for _ in range(_ACROSS):
@@ -32,7 +32,7 @@ def stream_numbers_wrap(board: BoardClient) -> None:
 
 
 @case("HG-3.6/1", "requests across 0xFFFF are answered; old ones are refused", variant="requests")
-def request_numbers_wrap(board: BoardClient) -> None:
+def request_sequence_numbers_wrap(board: BoardClient) -> None:
     board.link.seq = 0xFFFC
     board.hello()
     for _ in range(8):
@@ -48,7 +48,7 @@ def request_numbers_wrap(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def times_wrap(board: BoardClient) -> None:
+def header_times_wrap(board: BoardClient) -> None:
     board.prepare()
     board.configure(hold_ms=10_000)
     lead_us = board.wire.limits.lead_us
@@ -69,7 +69,7 @@ def times_wrap(board: BoardClient) -> None:
 
 
 @case("HG-3.6/2", "events count up by 1; requests in between make no gap in the stream")
-def three_sequences(board: BoardClient) -> None:
+def numbers_three_header_sequences(board: BoardClient) -> None:
     pieces = [piece for piece in full_dialogue(board) if piece.is_event]
     for before, after in itertools.pairwise(pieces):
         assert before.header is not None  # is_event
@@ -90,7 +90,7 @@ def three_sequences(board: BoardClient) -> None:
     "a first stream frame 0xFFF0 is no gap, 0xFFF3 is a gap of 3",
     evidence=SELF_REPORTED,
 )
-def first_stream_number(board: BoardClient) -> None:
+def first_sequence_number_of_stream(board: BoardClient) -> None:
     with board.counting(dropped_state=1):
         board.link.send(board.link.stream_wire(board.flat_phases()))
     board.hello()
@@ -99,7 +99,7 @@ def first_stream_number(board: BoardClient) -> None:
 
 
 @case("HG-3.6/4", "the first event of each of 3 sessions has the number 0", needs=Feature.CONFIG)
-def first_event_number(board: BoardClient) -> None:
+def first_sequence_number_of_events(board: BoardClient) -> None:
     period_ms = board.quick_status_ms
     board.configure(status_period_ms=period_ms)
     for _ in range(3):
@@ -120,7 +120,7 @@ def first_event_number(board: BoardClient) -> None:
     "after gaps of up to 2^15 - 1 and several wraps STATUS reports the unwrapped number",
     evidence=SELF_REPORTED,
 )
-def unwrapped_numbers(board: BoardClient) -> None:
+def sequence_numbers_are_unwrapped(board: BoardClient) -> None:
     board.arm()
     check(board.status().last_seq == 0, "last_seq is not 0 before the first latch")
     index = latch_now(board, board.flat_phases())

@@ -32,7 +32,7 @@ _OF_A_SESSION: Final = ("accepted", "latched", "dropped_state", "duplicate", "ga
     needs_reset=True,
     evidence=SELF_REPORTED,
 )
-def nothing_is_done_before_hello(board: BoardClient) -> None:
+def closed_link_does_nothing_before_hello(board: BoardClient) -> None:
     sent = 0
     for session in (0, 1, 0x8000, 0xFFFF, board.new_nonce()):
         for kind in host_types():
@@ -65,7 +65,7 @@ def nothing_is_done_before_hello(board: BoardClient) -> None:
     variant="closed",
     needs_reset=True,
 )
-def no_session_is_0(board: BoardClient) -> None:
+def closed_link_has_session_0(board: BoardClient) -> None:
     board.link.session = 0
     answers = {
         "MUTE": board.link.ask(Mute()),

@@ -60,7 +60,7 @@ def _remembered(board: BoardClient) -> Iterator[Message]:
             yield message
 
 
-def _largest(board: BoardClient) -> Iterator[Message]:
+def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:
     """Yield the requests whose replies are as long as the board makes them."""
     yield GetGeometry(0, 0xFFFF)
     for feature, kind in (
@@ -73,7 +73,7 @@ def _largest(board: BoardClient) -> Iterator[Message]:
         yield ReadTrace(0, 0xFFFF)
 
 
-def _fill_ring(board: BoardClient) -> None:
+def _fill_ring_for_remembered_reply(board: BoardClient) -> None:
     """Latch so often that the ring fills a frame, at most a thousand times."""
     if not board.has(Feature.TRACE_RING | Feature.CONFIG | Feature.SEQUENCE_PHASES):
         return
@@ -85,14 +85,16 @@ def _fill_ring(board: BoardClient) -> None:
     board.link.ask(Stop())
 
 
-def _flags(message: Message) -> int:
+def _flags_of_repetition(message: Message) -> int:
     return int(Flag.IMMEDIATE) if isinstance(message, Play) else 0
 
 
 # --- What does not replace the remembered reply ------------------------------------------------
 
 
-def _is_again(board: BoardClient, wire: bytes, seq: int, first: Received, after: str) -> None:
+def _is_remembered_reply(
+    board: BoardClient, wire: bytes, seq: int, first: Received, after: str
+) -> None:
     """FAILED unless the request in *wire* gets the reply *first* to the byte."""
     since = board.link.mark()
     board.link.send(wire)
@@ -105,24 +107,24 @@ def _is_again(board: BoardClient, wire: bytes, seq: int, first: Received, after:
     )
 
 
-def _judge_kept(board: BoardClient, betweens: dict[str, Between]) -> None:
+def _judge_remembered_reply(board: BoardClient, betweens: dict[str, Between]) -> None:
     """FAILED unless every request gets its reply again behind each of *betweens*."""
     for message in [*_remembered(board), *refused_requests(board), GetGeometry(0, 0xFFFF)]:
         board.arm()
-        wire, seq = board.link.request_wire(message, flags=_flags(message))
+        wire, seq = board.link.request_wire(message, flags=_flags_of_repetition(message))
         since = board.link.mark()
         board.link.send(wire)
         first = board.link.answer_to(message.TYPE, seq, since)
         for name, send in betweens.items():
             send(board)
-            _is_again(board, wire, seq, first, f"{message.TYPE.name} and {name}")
+            _is_remembered_reply(board, wire, seq, first, f"{message.TYPE.name} and {name}")
 
 
-def _mute(board: BoardClient) -> None:
+def _mute_between_repetitions(board: BoardClient) -> None:
     board.link.call(Mute(), MuteReply)
 
 
-def _other_mute(session: Callable[[BoardClient], int], ahead: int) -> Between:
+def _other_mute_between_repetitions(session: Callable[[BoardClient], int], ahead: int) -> Between:
     """Send a MUTE whose number is not used up, or was used before."""
 
     def send(board: BoardClient) -> None:
@@ -132,7 +134,7 @@ def _other_mute(session: Callable[[BoardClient], int], ahead: int) -> Between:
     return send
 
 
-def _chunk(offset: int, size: int) -> Between:
+def _chunk_between_repetitions(offset: int, size: int) -> Between:
     def send(board: BoardClient) -> None:
         board.link.ask(UploadChunk(offset, bytes(size)))
 
@@ -140,15 +142,19 @@ def _chunk(offset: int, size: int) -> Between:
 
 
 _MUTES: Final[dict[str, Between]] = {
-    "a MUTE of its own number": _other_mute(lambda board: board.link.session, 0),
-    "a MUTE without a session": _other_mute(lambda _: 0, 7),
-    "a MUTE of another session": _other_mute(lambda board: board.link.session ^ 0x0F0F, 30_000),
-    "a MUTE of the session": _mute,
+    "a MUTE of its own number": _other_mute_between_repetitions(
+        lambda board: board.link.session, 0
+    ),
+    "a MUTE without a session": _other_mute_between_repetitions(lambda _: 0, 7),
+    "a MUTE of another session": _other_mute_between_repetitions(
+        lambda board: board.link.session ^ 0x0F0F, 30_000
+    ),
+    "a MUTE of the session": _mute_between_repetitions,
 }
 _CHUNKS: Final[dict[str, Between]] = {
-    "an UPLOAD_CHUNK that is refused": _chunk(0x7FFFFFFF, 8),
-    "an empty UPLOAD_CHUNK": _chunk(0, 0),
-    "an UPLOAD_CHUNK": _chunk(0, 1),
+    "an UPLOAD_CHUNK that is refused": _chunk_between_repetitions(0x7FFFFFFF, 8),
+    "an empty UPLOAD_CHUNK": _chunk_between_repetitions(0, 0),
+    "an UPLOAD_CHUNK": _chunk_between_repetitions(0, 1),
 }
 
 
@@ -157,11 +163,11 @@ _CHUNKS: Final[dict[str, Between]] = {
     "a reply of every type, refusals too, is still remembered after MUTE and UPLOAD_CHUNK",
     variant="kept",
 )
-def outlives_the_idempotent(board: BoardClient) -> None:
+def remembered_reply_outlives_idempotent_requests(board: BoardClient) -> None:
     betweens = dict(_MUTES)
     if board.identity.features & UPLOADS:
         betweens |= _CHUNKS
-    _judge_kept(board, betweens)
+    _judge_remembered_reply(board, betweens)
 
 
 @case(
@@ -169,7 +175,7 @@ def outlives_the_idempotent(board: BoardClient) -> None:
     "the number of a MUTE or UPLOAD_CHUNK of the session, refused or not, is used: SEQUENCE_REUSED",
     variant="used",
 )
-def the_idempotent_use_numbers(board: BoardClient) -> None:
+def idempotent_requests_use_request_numbers(board: BoardClient) -> None:
     messages: list[Message] = [Mute()]
     if board.identity.features & UPLOADS:
         messages += [UploadChunk(0, b""), UploadChunk(0, b"\x01"), UploadChunk(0x7FFFFFFF, b"\x01")]
@@ -179,7 +185,7 @@ def the_idempotent_use_numbers(board: BoardClient) -> None:
         board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
 
 
-def _refused(code: ErrorCode, message: Message | int, **header: Any) -> Between:
+def _refused_between_repetitions(code: ErrorCode, message: Message | int, **header: Any) -> Between:
     def send(board: BoardClient) -> None:
         seq = board.link.seq + header.get("ahead", 1)
         rest = {name: value for name, value in header.items() if name != "ahead"}
@@ -195,12 +201,12 @@ def _refused(code: ErrorCode, message: Message | int, **header: Any) -> Between:
     return send
 
 
-def _stream(board: BoardClient) -> None:
+def _stream_between_repetitions(board: BoardClient) -> None:
     board.link.send(board.link.stream_wire(board.flat_phases()))
     board.link.send(board.link.stream_wire(board.flat_phases(), flags=0x40))
 
 
-def _damaged(board: BoardClient) -> None:
+def _damaged_between_repetitions(board: BoardClient) -> None:
     body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
     board.link.send(
         malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body))
@@ -209,17 +215,27 @@ def _damaged(board: BoardClient) -> None:
 
 
 _REFUSALS: Final[dict[str, Between]] = {
-    "an unknown request": _refused(ErrorCode.UNSUPPORTED, _UNKNOWN_REQUEST),
-    "a request of another session": _refused(ErrorCode.STALE_SESSION, Ping(1), stale=True),
-    "an unknown flag": _refused(ErrorCode.UNSUPPORTED, Ping(2), flags=0x40),
-    "a wrong length": _refused(ErrorCode.BAD_LENGTH, Ping.TYPE, payload=bytes(7)),
-    "a used number": _refused(ErrorCode.SEQUENCE_REUSED, Ping(3), ahead=0),
-    "an old number": _refused(ErrorCode.SEQUENCE_REUSED, Ping(4), ahead=-1),
-    "a number far behind": _refused(ErrorCode.SEQUENCE_REUSED, Ping(5), ahead=-30_000),
-    "a HELLO of another version": _refused(ErrorCode.VERSION, Hello(2, 0, 1, 0), session=0),
-    "a HELLO of nonce 0": _refused(ErrorCode.BAD_VALUE, Hello(1, 0, 0, 0), session=0),
-    "stream frames": _stream,
-    "damaged frames": _damaged,
+    "an unknown request": _refused_between_repetitions(ErrorCode.UNSUPPORTED, _UNKNOWN_REQUEST),
+    "a request of another session": _refused_between_repetitions(
+        ErrorCode.STALE_SESSION, Ping(1), stale=True
+    ),
+    "an unknown flag": _refused_between_repetitions(ErrorCode.UNSUPPORTED, Ping(2), flags=0x40),
+    "a wrong length": _refused_between_repetitions(
+        ErrorCode.BAD_LENGTH, Ping.TYPE, payload=bytes(7)
+    ),
+    "a used number": _refused_between_repetitions(ErrorCode.SEQUENCE_REUSED, Ping(3), ahead=0),
+    "an old number": _refused_between_repetitions(ErrorCode.SEQUENCE_REUSED, Ping(4), ahead=-1),
+    "a number far behind": _refused_between_repetitions(
+        ErrorCode.SEQUENCE_REUSED, Ping(5), ahead=-30_000
+    ),
+    "a HELLO of another version": _refused_between_repetitions(
+        ErrorCode.VERSION, Hello(2, 0, 1, 0), session=0
+    ),
+    "a HELLO of nonce 0": _refused_between_repetitions(
+        ErrorCode.BAD_VALUE, Hello(1, 0, 0, 0), session=0
+    ),
+    "stream frames": _stream_between_repetitions,
+    "damaged frames": _damaged_between_repetitions,
 }
 
 
@@ -228,8 +244,8 @@ _REFUSALS: Final[dict[str, Between]] = {
     "a reply of every type, refusals too, is still remembered after each refusal of steps 5 to 11",
     variant="types",
 )
-def outlives_refusals(board: BoardClient) -> None:
-    _judge_kept(board, _REFUSALS)
+def remembered_reply_outlives_refusals(board: BoardClient) -> None:
+    _judge_remembered_reply(board, _REFUSALS)
 
 
 @case(
@@ -237,20 +253,22 @@ def outlives_refusals(board: BoardClient) -> None:
     "refused requests, and those with the longest replies, get the same bytes again",
     variant="replies",
 )
-def remembers_every_reply(board: BoardClient) -> None:
+def every_reply_is_remembered(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=2)
-        _fill_ring(board)
+        _fill_ring_for_remembered_reply(board)
     board.arm()
-    for message in [*refused_requests(board), *_largest(board)]:
+    for message in [*refused_requests(board), *_largest_remembered_request(board)]:
         with board.counting(repeated=2):
-            wire, seq = board.link.request_wire(message, flags=_flags(message))
+            wire, seq = board.link.request_wire(message, flags=_flags_of_repetition(message))
             since = board.link.mark()
             board.link.send(wire)
             first = board.link.answer_to(message.TYPE, seq, since)
             for _ in range(2):
-                _is_again(board, wire, seq, first, message.TYPE.name)
-        board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq, flags=_flags(message))
+                _is_remembered_reply(board, wire, seq, first, message.TYPE.name)
+        board.link.refused(
+            message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq, flags=_flags_of_repetition(message)
+        )
 
 
 @case(
@@ -258,7 +276,7 @@ def remembers_every_reply(board: BoardClient) -> None:
     "requests 1 to 32767 numbers ahead are carried out, those 1 to 32768 behind are refused",
     variant="jumps",
 )
-def every_jump_is_judged_by_its_sign(board: BoardClient) -> None:
+def every_jump_of_request_numbers_is_judged(board: BoardClient) -> None:
     for bits in range(16):
         for jump in {1 << bits, (1 << bits) - 1} - {0, 1 << 15}:
             board.link.seq += jump - 1
@@ -272,7 +290,7 @@ def every_jump_is_judged_by_its_sign(board: BoardClient) -> None:
     "requests numbered 0, 255, 0x7FFF, 0x8000, 0xFFFF and beside them get the same bytes again",
     variant="numbers",
 )
-def remembers_every_number(board: BoardClient) -> None:
+def every_request_number_is_remembered(board: BoardClient) -> None:
     for number in _NUMBERS:
         board.hello(seq=number - 1 & 0xFFFF)
         wire, seq = board.link.request_wire(Ping(number), seq=number)
@@ -280,7 +298,7 @@ def remembers_every_number(board: BoardClient) -> None:
         board.link.send(wire)
         first = board.link.answer_to(Ping.TYPE, seq, since)
         board.link.reply_in(first, Pong, Ping.TYPE)
-        _is_again(board, wire, seq, first, f"PING of number {number:#06x}")
+        _is_remembered_reply(board, wire, seq, first, f"PING of number {number:#06x}")
         board.link.refused(Ping(~number & 0xFFFF), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
         board.link.call(Ping(1), Pong, seq=number + 1)
         board.link.seq = number + 1
@@ -291,7 +309,7 @@ def remembers_every_number(board: BoardClient) -> None:
     "a request of every type, refused for flags, length or a value of no table, uses no number",
     variant="values",
 )
-def refusals_leave_the_number(board: BoardClient) -> None:
+def refused_requests_leave_the_request_number(board: BoardClient) -> None:
     board.arm()
     for kind in requests_of_board(board):
         if kind is Hello:
@@ -301,7 +319,7 @@ def refusals_leave_the_number(board: BoardClient) -> None:
             "an unknown flag": (payload, 0x40, ErrorCode.UNSUPPORTED),
             "a wrong length": (payload + b"\x00", 0, ErrorCode.BAD_LENGTH),
         }
-        for name, at in _places_of_enumerations(kind):
+        for name, at in _enumeration_bytes_of_request(kind):
             wrong = payload[:at] + b"\xee" + payload[at + 1 :]
             refusals[f"{name} = 0xee"] = wrong, 0, ErrorCode.BAD_VALUE
         for name, (wrong, flags, code) in refusals.items():
@@ -312,7 +330,7 @@ def refusals_leave_the_number(board: BoardClient) -> None:
             check(isinstance(answer.message, Pong), f"{text}: got {board.link.answer_text(answer)}")
 
 
-def _places_of_enumerations(kind: type[Message]) -> Iterator[tuple[str, int]]:
+def _enumeration_bytes_of_request(kind: type[Message]) -> Iterator[tuple[str, int]]:
     """Yield the fields of a request that are enumerations, with their offsets."""
     if kind is SetConfig:
         yield "trace_mode", Config.WIRE["trace_mode"].offset
@@ -324,29 +342,29 @@ def _places_of_enumerations(kind: type[Message]) -> Iterator[tuple[str, int]]:
 # --- What is another request -------------------------------------------------------------------
 
 
-def _other_bytes(board: BoardClient, body: bytes) -> Iterator[tuple[str, bytes]]:
+def _requests_with_other_bytes(board: BoardClient, body: bytes) -> Iterator[tuple[str, bytes]]:
     """Yield bodies with the number of *body* that differ from it in one field, all legal."""
     for low in _LOW_FLAGS:
         yield f"flag {low:#x}", body[:1] + bytes([body[1] ^ low]) + body[2:]
     for at in range(4, 8):
-        yield f"byte {at - 4} of time_us", _flipped(body, at)
+        yield f"byte {at - 4} of time_us", _request_with_flipped_byte(body, at)
     for at in range(HEADER_BYTES, len(body)):
-        changed = _flipped(body, at)
-        if _is_legal(board, changed):
+        changed = _request_with_flipped_byte(body, at)
+        if _is_legal_request(board, changed):
             yield f"byte {at - HEADER_BYTES} of the payload", changed
     size = len(body) - HEADER_BYTES
     for kind in requests_of_board(board):
         changed = bytes([kind.TYPE]) + body[1:]
         same = kind is Hello or body[0] == kind.TYPE or kind.LAYOUT.size != size
-        if not same and _is_legal(board, changed):
+        if not same and _is_legal_request(board, changed):
             yield f"type {kind.TYPE.name}", changed
 
 
-def _flipped(body: bytes, at: int) -> bytes:
+def _request_with_flipped_byte(body: bytes, at: int) -> bytes:
     return body[:at] + bytes([body[at] ^ 1]) + body[at + 1 :]
 
 
-def _is_legal(board: BoardClient, body: bytes) -> bool:
+def _is_legal_request(board: BoardClient, body: bytes) -> bool:
     """Return whether the values of a body are those of its tables, and SET_CONFIG's in bounds."""
     try:
         message = MESSAGES[body[0]].deserialize(body[HEADER_BYTES:])
@@ -363,29 +381,35 @@ def _is_legal(board: BoardClient, body: bytes) -> bool:
     "the number of a request of every type with one byte changed, in header or payload, is refused",
     variant="bytes",
 )
-def every_byte_counts(board: BoardClient) -> None:
+def every_changed_byte_is_no_repetition(board: BoardClient) -> None:
     for message in _remembered(board):
         board.arm()
         seq = board.link.next_seq()
         body = board.link.body(
-            message.TYPE, message.serialize(), seq=seq, flags=_flags(message), time_us=0x01020304
+            message.TYPE,
+            message.serialize(),
+            seq=seq,
+            flags=_flags_of_repetition(message),
+            time_us=0x01020304,
         )
         since = board.link.mark()
         board.link.send(encode_frame(body))
         first = board.link.answer_to(message.TYPE, seq, since)
-        for name, changed in _other_bytes(board, body):
+        for name, changed in _requests_with_other_bytes(board, body):
             since = board.link.mark()
             board.link.send(encode_frame(changed))
             answer = board.link.answer_to(changed[0], seq, since)
             check(
-                _is_refused(answer, seq, may_be_value="payload" in name),
+                _is_repetition_refused(answer, seq, may_be_value="payload" in name),
                 f"{message.TYPE.name}, then its number with another {name}: should be "
                 f"SEQUENCE_REUSED, got {board.link.answer_text(answer)}",
             )
-        _is_again(board, encode_frame(body), seq, first, f"{message.TYPE.name} and others like it")
+        _is_remembered_reply(
+            board, encode_frame(body), seq, first, f"{message.TYPE.name} and others like it"
+        )
 
 
-def _is_refused(answer: Received, seq: int, *, may_be_value: bool) -> bool:
+def _is_repetition_refused(answer: Received, seq: int, *, may_be_value: bool) -> bool:
     """Return whether a request was refused for its number, or for a value, which comes first."""
     error = answer.message
     if not isinstance(error, Error):

@@ -33,7 +33,7 @@ from ...client.uploads import begin_upload, upload_to_board
 from ...judge.held_state import held_state_changes
 from ...judge.refused_requests import STORED
 from ...outcome import SELF_REPORTED, CaseEndedError, check
-from ..ch10_errors.every_refusal import brought, held_after, situations
+from ..ch10_errors.every_refusal import brought_to_refusal, held_after_refusals, refusal_situations
 
 _SEQUENCE: Final = 5
 _FRAMES: Final = 4
@@ -98,7 +98,7 @@ _MOMENTS: Final[dict[str, Callable[[BoardClient], None]]] = {
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
 )
-def settings_outlive_sessions(board: BoardClient) -> None:
+def settings_outlive_every_session(board: BoardClient) -> None:
     if board.has(Feature.CORRECTION):
         upload_to_board(
             board, UploadKind.CORRECTION, 0, board.random.randbytes(board.identity.transducers)
@@ -142,7 +142,7 @@ def _session_plays_still(board: BoardClient, name: str) -> None:
     "nonces one bit from the open one, and the least and greatest, each open a session, DISARMED",
     variant="nonces",
 )
-def every_bit_of_a_nonce_counts(board: BoardClient) -> None:
+def every_bit_of_a_nonce_opens_a_session(board: BoardClient) -> None:
     for step in (*range(16), *_EDGES):
         board.arm()
         nonce = step if step in _EDGES else board.link.session ^ 1 << step
@@ -188,10 +188,10 @@ def a_repeated_hello_does_nothing(board: BoardClient) -> None:
         check(again.body == first.body, f"{text} {board.link.answer_text(again)}")
         board.link.call(Ping(1), Pong)  # the next number, which is not used up
     if board.has(Feature.SEQUENCE_PHASES):
-        _check_playback_and_upload(board, hello)
+        _check_repeated_hello_left_playback(board, hello)
 
 
-def _check_playback_and_upload(board: BoardClient, hello: Hello) -> None:
+def _check_repeated_hello_left_playback(board: BoardClient, hello: Hello) -> None:
     frames = store_phases(board, _PLAYED, frames=2)
     since = board.link.mark()
     play_now(board, _PLAYED, loops=0)
@@ -216,7 +216,7 @@ def _check_playback_and_upload(board: BoardClient, hello: Hello) -> None:
     variant="reply",
     needs=Feature.CONFIG,
 )
-def the_first_reply_stays(board: BoardClient) -> None:
+def the_first_hello_reply_stays(board: BoardClient) -> None:
     upload = partial(upload_to_board, board, UploadKind.CORRECTION, 0)
     count = board.identity.transducers
     happenings: dict[str, Callable[[], object]] = {
@@ -255,9 +255,9 @@ def the_first_reply_stays(board: BoardClient) -> None:
 def a_repeated_hello_leaves_all(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, STORED, frames=1)
-    for situation in situations(board):
-        last_us, before = brought(board, situation)
-        held = held_after(board, last_us, lambda: board.hello(board.link.session))
+    for situation in refusal_situations(board):
+        last_us, before = brought_to_refusal(board, situation)
+        held = held_after_refusals(board, last_us, lambda: board.hello(board.link.session))
         held = {key: value for key, value in held.items() if key != "the counter repeated"}
         text = held_state_changes(before, held)
         check(not text, f"{situation.name}, HELLO with the open nonce: {text}")

@@ -40,7 +40,7 @@ host_ignores = about_host("HG-4.5/2")
 
 
 @case("HG-4.3/1", "HELLO is answered while DISARMED, ARMED and MUTED")
-def greets_in_every_state(board: BoardClient) -> None:
+def greets_hello_in_every_state(board: BoardClient) -> None:
     board.hello()
     board.arm()
     board.hello()
@@ -50,18 +50,18 @@ def greets_in_every_state(board: BoardClient) -> None:
 
 
 @case("HG-4.3/2", "carrier_hz divides 1000000")
-def carrier_divides(board: BoardClient) -> None:
+def identity_has_a_whole_carrier(board: BoardClient) -> None:
     carrier = board.identity.carrier_hz
     check(0 < carrier <= 1_000_000 and 1_000_000 % carrier == 0, f"carrier_hz is {carrier}")
 
 
 @case("HG-4.3/3", "clock_hz is 1000000")
-def clock_is_a_megahertz(board: BoardClient) -> None:
+def identity_has_a_clock_of_a_megahertz(board: BoardClient) -> None:
     check(board.identity.clock_hz == 1_000_000, f"clock_hz is {board.identity.clock_hz}")
 
 
 @case("HG-4.3/4", "grid_nx grid_ny is N, or both are 0")
-def grid_is_whole(board: BoardClient) -> None:
+def identity_has_a_whole_grid(board: BoardClient) -> None:
     nx, ny, count = (
         board.identity.grid_nx,
         board.identity.grid_ny,
@@ -71,27 +71,27 @@ def grid_is_whole(board: BoardClient) -> None:
 
 
 @case("HG-4.3/5", "boot_id after a reset is not the one before", needs_reset=True)
-def boot_id_differs(board: BoardClient) -> None:
+def boot_identity_differs(board: BoardClient) -> None:
     board.hello()
     now = board.identity.boot_id
     check(now != board.last_boot_id, f"boot_id is {now:#x} after a reset, as before")
 
 
 @case("HG-4.3/6", "geometry_hash is the CRC-32 of the geometry records of all transducers")
-def geometry_hash_is_right(board: BoardClient) -> None:
+def identity_has_the_geometry_hash(board: BoardClient) -> None:
     records = b"".join(element.pack() for element in board.read_geometry())
     got, due = board.identity.geometry_hash, zlib.crc32(records)
     check(got == due, f"geometry_hash is {got:#010x}, that of the records {due:#010x}")
 
 
 @case("HG-4.3/7", "bit 0 of phase_formats is set: phases of 8 bits are taken")
-def takes_8_bits(board: BoardClient) -> None:
+def identity_offers_8_bits(board: BoardClient) -> None:
     formats = board.identity.phase_formats
     check(formats & 1 == 1, f"phase_formats is {formats:#04x}: no phases of 8 bits")
 
 
 @case("HG-4.3/8", "every limit of what is advertised has the least value that a host may rely on")
-def limits_are_large_enough(board: BoardClient) -> None:
+def identity_has_large_enough_limits(board: BoardClient) -> None:
     identity = board.identity
     for name, least, features in LEAST_LIMITS:
         if not features or identity.features & features:
@@ -106,7 +106,7 @@ def limits_are_large_enough(board: BoardClient) -> None:
 
 
 @case("HG-4.3/9", "rx_window has room for upload_window of the longest chunks")
-def a_window_of_chunks_fits(board: BoardClient) -> None:
+def identity_has_room_for_a_window(board: BoardClient) -> None:
     identity = board.identity
     board.need_any(_UPLOADS)
     longest = UploadChunk(0xFFFFFFFF, b"\xff" * min(identity.max_chunk, _LONGEST_CHUNK))

@@ -38,7 +38,7 @@ def refuses_nonce_0(board: BoardClient) -> None:
 
 
 @case("HG-4.1/4", "after a second HELLO the first session is stale, for requests and stream")
-def has_one_session(board: BoardClient) -> None:
+def opens_one_session(board: BoardClient) -> None:
     old = board.link.session
     board.hello()
     board.link.refused(Ping(0), ErrorCode.STALE_SESSION, board.link.session, session=old)
@@ -47,12 +47,12 @@ def has_one_session(board: BoardClient) -> None:
 
 
 @case("HG-4.1/4", "after a reset no session is open", variant="reset", needs_reset=True)
-def has_no_session_after_reset(board: BoardClient) -> None:
+def opens_no_session_at_reset(board: BoardClient) -> None:
     board.link.refused(Ping(0), ErrorCode.STALE_SESSION, 0, session=board.new_nonce())
 
 
 @case("HG-4.2/1", "HELLO_REPLY states the version that the board has")
-def states_its_version(board: BoardClient) -> None:
+def hello_states_the_version(board: BoardClient) -> None:
     reply = board.hello()
     check(reply.major == VERSION_MAJOR, f"HELLO_REPLY says version {reply.major}.{reply.minor}")
     for minor in (0, 1, 255):
@@ -68,7 +68,7 @@ def states_its_version(board: BoardClient) -> None:
 
 
 @case("HG-4.4/1", "HELLO of other major versions is refused with VERSION; the session goes on")
-def refuses_other_versions(board: BoardClient) -> None:
+def hello_of_other_versions_is_refused(board: BoardClient) -> None:
     board.arm()
     with board.counting(unsupported=3):
         for major in (0, VERSION_MAJOR + 1, 255):

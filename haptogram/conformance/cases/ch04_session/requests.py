@@ -44,7 +44,7 @@ host_starts_at_0 = about_host("HG-4.8/4")
 host_gives_up = about_host("HG-4.8/5")
 
 
-def _repeat(board: BoardClient, wire: bytes, kind: type[Message], seq: int) -> bytes:
+def _repeat_request(board: BoardClient, wire: bytes, kind: type[Message], seq: int) -> bytes:
     """Send the same bytes again and return the body of the answer."""
     since = board.link.mark()
     board.link.send(wire)
@@ -55,9 +55,9 @@ def _repeat(board: BoardClient, wire: bytes, kind: type[Message], seq: int) -> b
     "HG-4.9/1",
     "ARM again after a MUTE without a session: same reply to the byte, still MUTED; repeated + 1",
 )
-def repeats_its_reply(board: BoardClient) -> None:
+def repeats_the_reply_to_a_request(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Arm())
-    first = _repeat(board, wire, Arm, seq)
+    first = _repeat_request(board, wire, Arm, seq)
     board.link.ask(Mute(), session=0, seq=seq + 1000)
     with board.counting(repeated=2):
         # GET_STATUS would be the last request: the repetitions come first.
@@ -65,19 +65,19 @@ def repeats_its_reply(board: BoardClient) -> None:
         state = board.status().state
         check(state is OutputState.MUTED, f"after MUTE: {state.name}")
         wire, seq = board.link.request_wire(Ping(7))
-        first = _repeat(board, wire, Ping, seq)
+        first = _repeat_request(board, wire, Ping, seq)
         board.wire.idle(5000)
         for _ in range(2):
-            again = _repeat(board, wire, Ping, seq)
+            again = _repeat_request(board, wire, Ping, seq)
             check(again == first, f"PING again: {again.hex(' ')} instead of {first.hex(' ')}")
-    _arm_is_not_done_twice(board)
+    _repeated_arm_is_not_done_twice(board)
 
 
-def _arm_is_not_done_twice(board: BoardClient) -> None:
+def _repeated_arm_is_not_done_twice(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Arm())
-    first = _repeat(board, wire, Arm, seq)
+    first = _repeat_request(board, wire, Arm, seq)
     board.link.ask(Mute(), session=0, seq=seq + 1000)
-    again = _repeat(board, wire, Arm, seq)
+    again = _repeat_request(board, wire, Arm, seq)
     check(again == first, f"ARM again: {again.hex(' ')} instead of {first.hex(' ')}")
     board.link.seq = seq
     state = board.status().state
@@ -88,7 +88,7 @@ def _arm_is_not_done_twice(board: BoardClient) -> None:
     "HG-4.9/2",
     "the last request's number with other bytes is refused: SEQUENCE_REUSED, detail: the number",
 )
-def refuses_a_reused_number(board: BoardClient) -> None:
+def refuses_a_reused_request_number(board: BoardClient) -> None:
     board.arm()
     seq = board.link.seq & 0xFFFF
     board.link.refused(Disarm(), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
@@ -98,9 +98,9 @@ def refuses_a_reused_number(board: BoardClient) -> None:
 
 
 @case("HG-4.9/3", "a delayed copy of ARM does not undo a later DISARM: SEQUENCE_REUSED")
-def refuses_a_delayed_copy(board: BoardClient) -> None:
+def refuses_a_delayed_copy_of_a_request(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Arm())
-    _repeat(board, wire, Arm, seq)
+    _repeat_request(board, wire, Arm, seq)
     board.disarm()
     since = board.link.mark()
     board.link.send(wire)
@@ -114,9 +114,9 @@ def refuses_a_delayed_copy(board: BoardClient) -> None:
 
 
 @case("HG-4.9/4", "after refusals for flags, length and type the same number is still free")
-def refusals_use_up_nothing(board: BoardClient) -> None:
+def refused_requests_use_no_number(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Arm())
-    reply = _repeat(board, wire, Arm, seq)
+    reply = _repeat_request(board, wire, Arm, seq)
     free = (seq + 1) & 0xFFFF
     board.link.refused(Ping(1), ErrorCode.UNSUPPORTED, 0x20, seq=free, flags=0x20)
     board.link.refused_raw(Ping.TYPE, bytes(3), ErrorCode.BAD_LENGTH, 8, seq=free)
@@ -124,7 +124,7 @@ def refusals_use_up_nothing(board: BoardClient) -> None:
     board.link.refused(
         Ping(1), ErrorCode.STALE_SESSION, seq=free, session=board.link.session ^ 0x0F0F
     )
-    check(_repeat(board, wire, Arm, seq) == reply, "the remembered reply is gone")
+    check(_repeat_request(board, wire, Arm, seq) == reply, "the remembered reply is gone")
     board.link.call(Ping(2), Pong, seq=free)
     board.link.seq = free
 
@@ -133,11 +133,11 @@ def refusals_use_up_nothing(board: BoardClient) -> None:
     "HG-4.9/5",
     "behind a MUTE a copy of a request: same reply if it was done, SEQUENCE_REUSED if it was lost",
 )
-def mute_passes_a_request(board: BoardClient) -> None:
+def mute_passes_a_pending_request(board: BoardClient) -> None:
     ping, seq = board.link.request_wire(Ping(9))
-    first = _repeat(board, ping, Ping, seq)
+    first = _repeat_request(board, ping, Ping, seq)
     board.link.call(Mute(), MuteReply)
-    again = _repeat(board, ping, Ping, seq)
+    again = _repeat_request(board, ping, Ping, seq)
     check(again == first, f"PING again: {again.hex(' ')} instead of {first.hex(' ')}")
     for message in (Arm(), Ping(1)):
         lost, seq = board.link.request_wire(message)
@@ -152,13 +152,13 @@ def mute_passes_a_request(board: BoardClient) -> None:
 
 
 @case("HG-4.10/1", "MUTE is carried out each time; its number in the session counts as used")
-def does_mute_again(board: BoardClient) -> None:
+def repeated_mute_is_done_again(board: BoardClient) -> None:
     board.arm()
     wire, seq = board.link.request_wire(Mute())
-    _repeat(board, wire, Mute, seq)
+    _repeat_request(board, wire, Mute, seq)
     board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
     board.arm()
-    _repeat(board, wire, Mute, seq)
+    _repeat_request(board, wire, Mute, seq)
     state = board.status().state
     check(state is OutputState.MUTED, f"the same MUTE again has led to {state.name}")
     board.link.call(Mute(), MuteReply, session=0, seq=board.link.seq + 500)
@@ -170,7 +170,7 @@ def does_mute_again(board: BoardClient) -> None:
     "PING and MUTE at once: PING is answered, although the number of MUTE is newer",
     variant="behind",
 )
-def mute_uses_no_number_before_it(board: BoardClient) -> None:
+def mute_uses_no_earlier_request_number(board: BoardClient) -> None:
     for number in range(8):
         ping, first = board.link.request_wire(Ping(number))
         mute, second = board.link.request_wire(Mute())
@@ -182,14 +182,14 @@ def mute_uses_no_number_before_it(board: BoardClient) -> None:
 
 
 @case("HG-4.10/1", "UPLOAD_CHUNK is carried out each time", variant="chunk")
-def does_chunks_again(board: BoardClient) -> None:
+def repeated_chunks_are_done_again(board: BoardClient) -> None:
     board.need_any(_UPLOADS)
     kind = UploadKind.PHASES if board.has(Feature.SEQUENCE_PHASES) else UploadKind.CORRECTION
     target = 1 if kind is UploadKind.PHASES else 0
     data = bytes(board.identity.transducers)
     begin_upload(board, kind, target, data)
     wire, seq = board.link.request_wire(UploadChunk(0, data[:1]))
-    first = _repeat(board, wire, UploadChunk, seq)
+    first = _repeat_request(board, wire, UploadChunk, seq)
     begin_upload(board, kind, target, data)
     since = board.link.mark()
     board.link.send(wire)
@@ -202,7 +202,7 @@ def does_chunks_again(board: BoardClient) -> None:
 @case(
     "HG-4.12/1", "DISARM, PING, GET_STATUS of another session: STALE_SESSION, session 0; not done"
 )
-def refuses_another_session(board: BoardClient) -> None:
+def refuses_requests_of_another_session(board: BoardClient) -> None:
     board.arm()
     requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())
     with board.counting(stale_session=2 * len(requests)):

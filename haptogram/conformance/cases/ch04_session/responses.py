@@ -43,7 +43,7 @@ host_ignores = about_host("HG-4.11/4")
 
 
 @case("HG-4.11/1", "responses have the number of their request and the open session")
-def responses_belong(board: BoardClient) -> None:
+def responses_belong_to_their_requests(board: BoardClient) -> None:
     requests: tuple[Message, ...] = (Ping(1), GetStatus(), GetConfig(), Arm(), Disarm())
     for message in requests:
         board.link.seq += 77
@@ -87,10 +87,10 @@ def responses_tell_the_time(board: BoardClient) -> None:
     "ERROR to unknown flags and a repeated HELLO_REPLY, behind a long reply: when they leave",
     variant="exact",
 )
-def refusals_tell_the_time(board: BoardClient) -> None:
+def refusing_responses_tell_the_time(board: BoardClient) -> None:
     if board.wire.limits.slack_us:
         not_observed("when a byte is on a real line is not known to 10 µs here")
-    offset_us = _device_offset_us(board)
+    offset_us = _device_offset_of_responses_us(board)
     greeting = board.hello_message(board.link.session)
     for message, header in ((Ping(1), {"flags": 0x40}), (greeting, {"session": 0})):
         long, _ = board.link.request_wire(GetGeometry(0, 0xFFFF))
@@ -105,7 +105,7 @@ def refusals_tell_the_time(board: BoardClient) -> None:
         check(abs(off_us) <= _CLOCK_US, f"the time of {name} is off by {off_us:+d} µs")
 
 
-def _device_offset_us(board: BoardClient) -> int:
+def _device_offset_of_responses_us(board: BoardClient) -> int:
     """Return the device clock less that of the transport, by a PONG that waited for nothing."""
     answer = board.link.ask(Ping(0))
     pong = board.link.reply_in(answer, Pong, Ping.TYPE)
@@ -114,7 +114,7 @@ def _device_offset_us(board: BoardClient) -> int:
 
 
 @case("HG-4.11/6", "a PING again, 20 ms later: the time in the header is that of the first PONG")
-def repetitions_keep_their_time(board: BoardClient) -> None:
+def repeated_responses_keep_their_time(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Ping(5))
     times = []
     for _ in range(3):
@@ -128,8 +128,8 @@ def repetitions_keep_their_time(board: BoardClient) -> None:
 
 
 @case("HG-4.11/3", "of 8 PINGs one is answered within 10 ms")
-def answers_promptly(board: BoardClient) -> None:
-    took_us = min(_round_trip_us(board, number) for number in range(_TRIES))
+def responses_come_promptly(board: BoardClient) -> None:
+    took_us = min(_response_round_trip_us(board, number) for number in range(_TRIES))
     size = 2 * len(encode_frame(bytes(26)))
     check(
         took_us <= _PROMPT_US + board.wire.line_us(size),
@@ -137,16 +137,16 @@ def answers_promptly(board: BoardClient) -> None:
     )
 
 
-def _round_trip_us(board: BoardClient, number: int) -> int:
+def _response_round_trip_us(board: BoardClient, number: int) -> int:
     start_us = board.wire.now_us()
     board.link.call(Ping(number), Pong)
     return board.wire.now_us() - start_us
 
 
 @case("HG-4.11/5", "MUTE without a session: MUTE_REPLY comes before STATE_CHANGED")
-def answers_before_it_reports(board: BoardClient) -> None:
+def responses_come_before_reports(board: BoardClient) -> None:
     board.arm()
-    _in_order(board, Mute(), (MuteReply, StateChanged), session=0)
+    _responses_in_order(board, Mute(), (MuteReply, StateChanged), session=0)
 
 
 @case(
@@ -155,7 +155,7 @@ def answers_before_it_reports(board: BoardClient) -> None:
     variant="play",
     needs=Feature.SEQUENCE_PHASES,
 )
-def answers_before_playback_ends(board: BoardClient) -> None:
+def responses_come_before_the_playback_ends(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)
     hello = board.hello_message(board.new_nonce())
     orders: tuple[tuple[Message, int, tuple[type[Message], ...]], ...] = (
@@ -168,11 +168,11 @@ def answers_before_playback_ends(board: BoardClient) -> None:
     for message, session, order in orders:
         board.arm()
         play_now(board, 1, loops=0)
-        _in_order(board, message, order, session=session)
+        _responses_in_order(board, message, order, session=session)
     board.link.session = hello.nonce
 
 
-def _in_order(
+def _responses_in_order(
     board: BoardClient, message: Message, due: tuple[type[Message], ...], *, session: int
 ) -> None:
     """Send a request; FAILED unless its reply and events come in the order *due*."""

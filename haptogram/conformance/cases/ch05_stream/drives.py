@@ -30,18 +30,18 @@ amplitude_is_linear = unobservable(
 )
 
 
-def _offered_drive_formats(board: BoardClient) -> list[PhaseFormat]:
+def _stream_formats_of_drives(board: BoardClient) -> list[PhaseFormat]:
     return [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
 
 
 @case("HG-5.1/1", "N is 1 to 1024")
-def count_is_in_range(board: BoardClient) -> None:
+def drives_have_a_count_in_range(board: BoardClient) -> None:
     count = board.identity.transducers
     check(1 <= count <= MAX_TRANSDUCERS, f"N is {count}")
 
 
 @case("HG-5.1/2", "on a grid GET_GEOMETRY counts the rows of a column before the next column")
-def counts_along_y_first(board: BoardClient) -> None:
+def drives_count_along_y_first(board: BoardClient) -> None:
     nx, ny = board.identity.grid_nx, board.identity.grid_ny
     if not nx * ny > 1:
         not_observed("this board is no grid of two transducers or more")
@@ -54,7 +54,7 @@ def counts_along_y_first(board: BoardClient) -> None:
 
 
 @case("HG-5.1/3", "the origin is the centre of all transducers, and their normals point to +z")
-def has_its_origin_in_the_centre(board: BoardClient) -> None:
+def points_have_their_origin_in_the_centre(board: BoardClient) -> None:
     elements = board.read_geometry()
     check(all(element.nz > 0 for element in elements), "a normal points away from +z")
     for axis in ("x_um", "y_um"):
@@ -68,10 +68,10 @@ def has_its_origin_in_the_centre(board: BoardClient) -> None:
     "random codes in every format reach the registers as they were packed",
     evidence=SELF_REPORTED,
 )
-def unpacks_phases(board: BoardClient) -> None:
+def stream_phases_are_unpacked(board: BoardClient) -> None:
     witness = Witness.of(board)
     board.arm()
-    for form in _offered_drive_formats(board):
+    for form in _stream_formats_of_drives(board):
         for _ in range(3):
             codes = bytes(
                 board.random.randrange(1 << form) for _ in range(board.identity.transducers)
@@ -87,9 +87,9 @@ def unpacks_phases(board: BoardClient) -> None:
     "a PHASES frame with a spare bit set is counted in bad_value",
     evidence=SELF_REPORTED,
 )
-def refuses_spare_bits(board: BoardClient) -> None:
+def drives_with_spare_bits_are_dropped(board: BoardClient) -> None:
     count = board.identity.transducers
-    spare = [form for form in _offered_drive_formats(board) if count * form % 8]
+    spare = [form for form in _stream_formats_of_drives(board) if count * form % 8]
     if not spare:
         not_observed(f"{count} phases leave no spare bit in the formats of this board")
     board.arm()
@@ -107,9 +107,9 @@ def refuses_spare_bits(board: BoardClient) -> None:
     "PHASES with a byte less or more than ceil(N b / 8) are counted in bad_length",
     evidence=SELF_REPORTED,
 )
-def phases_have_their_length(board: BoardClient) -> None:
+def stream_phases_have_their_length(board: BoardClient) -> None:
     board.arm()
-    offered = _offered_drive_formats(board)
+    offered = _stream_formats_of_drives(board)
     with board.counting(bad_length=2 * len(offered), latched=len(offered)):
         for form in offered:
             size = packed_size(board.identity.transducers, form)
@@ -119,7 +119,7 @@ def phases_have_their_length(board: BoardClient) -> None:
 
 
 @case("HG-5.2/4", "banks other than 0 are counted in bad_value", evidence=SELF_REPORTED)
-def bank_is_0(board: BoardClient) -> None:
+def drives_have_bank_0(board: BoardClient) -> None:
     payload = board.flat_phases().serialize()
     board.arm()
     with board.counting(bad_value=3, latched=0):
@@ -135,8 +135,8 @@ def bank_is_0(board: BoardClient) -> None:
     "each format advertised is latched, each other one is counted in bad_value",
     evidence=SELF_REPORTED,
 )
-def takes_its_formats(board: BoardClient) -> None:
-    count, offered = board.identity.transducers, _offered_drive_formats(board)
+def takes_stream_drives_of_each_format(board: BoardClient) -> None:
+    count, offered = board.identity.transducers, _stream_formats_of_drives(board)
     others = [*_UNKNOWN_BITS, *(form for form in PhaseFormat if form not in offered)]
     board.arm()
     with board.counting(bad_value=len(others), latched=len(offered)):
@@ -152,7 +152,7 @@ def takes_its_formats(board: BoardClient) -> None:
     "after DRIVES of amplitude 10, PHASES has amplitude 255 again",
     evidence=SELF_REPORTED,
 )
-def phases_are_full(board: BoardClient) -> None:
+def stream_phases_have_full_amplitude(board: BoardClient) -> None:
     witness = Witness.of(board)
     board.arm()
     registers = board.random_registers()
@@ -168,9 +168,9 @@ def phases_are_full(board: BoardClient) -> None:
     "every code of 6 bits is latched as 4 c, every one of 5 bits as 8 c",
     evidence=SELF_REPORTED,
 )
-def widens_codes(board: BoardClient) -> None:
+def widens_codes_of_stream_drives(board: BoardClient) -> None:
     witness = Witness.of(board)
-    coarse = [form for form in _offered_drive_formats(board) if form < PhaseFormat.BITS_8]
+    coarse = [form for form in _stream_formats_of_drives(board) if form < PhaseFormat.BITS_8]
     if not coarse:
         not_observed("the board takes 8 bits only")
     board.arm()
@@ -190,7 +190,7 @@ def widens_codes(board: BoardClient) -> None:
     needs=Feature.AMPLITUDE,
     evidence=SELF_REPORTED,
 )
-def takes_drives(board: BoardClient) -> None:
+def takes_stream_drives(board: BoardClient) -> None:
     witness = Witness.of(board)
     count = board.identity.transducers
     board.arm()

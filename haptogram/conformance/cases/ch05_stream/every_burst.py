@@ -23,7 +23,7 @@ _TRIES: Final = 3
 _ROUNDED_US: Final = range(4)
 
 
-def _enders(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
+def _enders_of_burst(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
     """Yield what flushes the queue: name, and how to make its bytes."""
     yield "IMMEDIATE", lambda: board.link.stream_wire(board.flat_phases())
     yield "MUTE", lambda: board.link.request_wire(Mute())[0]
@@ -31,12 +31,12 @@ def _enders(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
     yield "DISARM", lambda: board.link.request_wire(Disarm())[0]
     if board.has(Feature.SEQUENCE_PHASES):
         play = Play(_SEQUENCE, PERIOD_US, 1, min(500, board.identity.max_unattended_ms))
-        yield "PLAY", lambda: board.link.request_wire(play, time_us=_later_us(board))[0]
+        yield "PLAY", lambda: board.link.request_wire(play, time_us=_time_behind_burst_us(board))[0]
     hello = board.hello_message(board.link.session ^ 1 or 2)
     yield "HELLO of a new session", lambda: board.link.request_wire(hello, session=0)[0]
 
 
-def _later_us(board: BoardClient) -> int:
+def _time_behind_burst_us(board: BoardClient) -> int:
     return board.clock.device_estimate_us() + _AHEAD_US
 
 
@@ -47,11 +47,11 @@ def _later_us(board: BoardClient) -> int:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def flushed_frames_are_not_late(board: BoardClient) -> None:
+def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=1)
     board.configure(late_window_us=_WINDOW_US)
-    for name, make in _enders(board):
+    for name, make in _enders_of_burst(board):
         for _ in range(_TRIES):
             board.arm()
             board.wire.idle(board.clock.carrier_us + 7)  # another moment of the carrier period
@@ -88,7 +88,7 @@ def flushed_frames_are_not_late(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def late_is_of_one_frame(board: BoardClient) -> None:
+def lateness_is_of_one_stream_frame(board: BoardClient) -> None:
     mode = watch_board_latches(board)
     board.configure(late_window_us=_WINDOW_US, trace_mode=mode)
     board.arm()
@@ -115,7 +115,7 @@ def late_is_of_one_frame(board: BoardClient) -> None:
     variant="replaced",
     evidence=SELF_REPORTED,
 )
-def every_kind_replaces_every_other(board: BoardClient) -> None:
+def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
     if board.clock.carrier_us < 3:
         not_observed("a carrier period of this board has no room for two times")
     kinds = stream_kinds(board)
@@ -138,7 +138,7 @@ def every_kind_replaces_every_other(board: BoardClient) -> None:
         check(last == due, f"{pairs[-1][1].name}, in one period: latched was {last}, not {due}")
 
 
-def _arriving_at(board: BoardClient, t_us: int, wires: bytes) -> None:
+def _burst_arriving_at(board: BoardClient, t_us: int, wires: bytes) -> None:
     """Send bytes that arrive at a device time, as far as the host's clock tells it."""
     start_us = t_us - board.wire.line_us(len(wires))
     board.wire.idle(max(0, start_us - board.clock.device_estimate_us()))
@@ -153,7 +153,7 @@ def _arriving_at(board: BoardClient, t_us: int, wires: bytes) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_pair_takes_two_periods(board: BoardClient) -> None:
+def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     mode = watch_board_latches(board)
     kinds = stream_kinds(board)
     board.arm()
@@ -161,39 +161,39 @@ def every_pair_takes_two_periods(board: BoardClient) -> None:
     for first, second in itertools.product(kinds, repeat=2):
         for off_us in _ROUNDED_US:
             wires = board.link.stream_wire(first.make()) + board.link.stream_wire(second.make())
-            _arriving_at(board, _next_boundary_us(board) + off_us, wires)
+            _burst_arriving_at(board, _next_latch_boundary_us(board) + off_us, wires)
             board.clock.wait_latched(len(wires))
     for kind in kinds:
-        for off_us in _moments(board):
+        for off_us in _moments_of_burst(board):
             t_us = board.clock.soon_us(bytes(4000))
             board.link.send(board.link.stream_wire(kind.make(), t_us))
-            _arriving_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
+            _burst_arriving_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
             board.clock.wait_latched(4000)
     if board.has(Feature.SEQUENCE_PHASES):
-        _play_and_stop_on_latches(board)
+        _play_and_stop_in_a_burst(board)
     times = sorted(latch.t_us for latch in board_latches(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     check(not near, f"of {len(times)} latches {len(near)} are in the carrier period of another")
 
 
-def _next_boundary_us(board: BoardClient) -> int:
+def _next_latch_boundary_us(board: BoardClient) -> int:
     return board.clock.device_us() if board.wire.limits.slack_us else board.clock.soon_us()
 
 
-def _moments(board: BoardClient) -> range:
+def _moments_of_burst(board: BoardClient) -> range:
     """Return how much later than reckoned bytes are sent to arrive at a moment, in turn."""
     return range(1) if board.wire.limits.slack_us else _ROUNDED_US
 
 
-def _play_and_stop_on_latches(board: BoardClient) -> None:
+def _play_and_stop_in_a_burst(board: BoardClient) -> None:
     """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
     store_phases(board, _SEQUENCE, frames=2)
     play = Play(_SEQUENCE, PERIOD_US, 0, min(2000, board.identity.max_unattended_ms))
-    for off_us in _moments(board):
+    for off_us in _moments_of_burst(board):
         boundary_us = board.clock.soon_us(bytes(2000))
         wires = board.link.stream_wire(board.flat_phases())
         wires += board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
-        _arriving_at(board, boundary_us + off_us, wires)
+        _burst_arriving_at(board, boundary_us + off_us, wires)
         board.clock.wait_latched(len(wires))
         board.link.ask(Stop())
         start_us = board.clock.soon_us(bytes(200))
@@ -202,5 +202,5 @@ def _play_and_stop_on_latches(board: BoardClient) -> None:
         latch_us = start_us + -(-passed_us // PERIOD_US) * PERIOD_US
         stop, _ = board.link.request_wire(Stop())
         wires = stop + board.link.stream_wire(board.flat_phases())
-        _arriving_at(board, latch_us + off_us, wires)
+        _burst_arriving_at(board, latch_us + off_us, wires)
         board.clock.wait_latched(len(wires))

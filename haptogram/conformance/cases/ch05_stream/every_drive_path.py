@@ -26,7 +26,7 @@ _WORST_STEPS: Final = 1.5 + 1e-6  # one step beyond the rounding, which is half 
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
-def every_path_of_codes(board: BoardClient) -> None:
+def every_path_of_streamed_codes(board: BoardClient) -> None:
     board.arm()
     for path in drive_paths(board):
         due = registers_of(board, path.latch())
@@ -44,17 +44,17 @@ def every_path_of_codes(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_path_of_points(board: BoardClient) -> None:
+def every_path_of_streamed_points(board: BoardClient) -> None:
     for speed in _SPEEDS_MM_S if board.thorough else _SPEEDS_MM_S[:1]:
         board.configure(sound_speed_mm_s=speed)
         board.arm()
         for path in drive_paths(board):
             message = path.latch()
             if isinstance(message, Points):
-                _check_points(board, f"{path.name}, {speed / 1000:g} m/s", message)
+                _check_streamed_points(board, f"{path.name}, {speed / 1000:g} m/s", message)
 
 
-def _check_points(board: BoardClient, name: str, message: Points) -> None:
+def _check_streamed_points(board: BoardClient, name: str, message: Points) -> None:
     from ...judge.array_model import model_of_board
     from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
 
@@ -75,12 +75,12 @@ def _check_points(board: BoardClient, name: str, message: Points) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def corrects_every_path(board: BoardClient) -> None:
+def every_drive_path_is_corrected(board: BoardClient) -> None:
     correction = board.random.randbytes(board.identity.transducers)
     upload_to_board(board, UploadKind.CORRECTION, 0, correction)
     board.arm()
     for path in drive_paths(board):
-        latched, radiated = _latch(board, path.latch())
+        latched, radiated = _latch_streamed_drive(board, path.latch())
         due = bytes((a + b) % 256 for a, b in zip(latched.phases, correction, strict=True))
         wrong = sum(a != b for a, b in zip(radiated.phases, due, strict=True))
         check(wrong == 0, f"{path.name}: {wrong} radiated phases are not latched + correction")
@@ -95,12 +95,12 @@ def corrects_every_path(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def limits_every_path(board: BoardClient) -> None:
+def every_drive_path_is_limited(board: BoardClient) -> None:
     for ceiling in _CEILINGS if board.thorough else _CEILINGS[1:2]:
         board.configure(amplitude_ceiling=ceiling)
         board.arm()
         for path in drive_paths(board):
-            latched, radiated = _latch(board, path.latch())
+            latched, radiated = _latch_streamed_drive(board, path.latch())
             loudest = max(radiated.amplitudes)
             check(loudest <= ceiling, f"{path.name}: ceiling {ceiling}, {loudest} is radiated")
             quiet = [
@@ -115,6 +115,6 @@ def limits_every_path(board: BoardClient) -> None:
             )
 
 
-def _latch(board: BoardClient, _: Message) -> tuple[ShownDrive, ShownDrive]:
+def _latch_streamed_drive(board: BoardClient, _: Message) -> tuple[ShownDrive, ShownDrive]:
     """Return the latched and the radiated drive after a latch."""
     return read_back(board), read_back(board, DriveKind.RADIATED)

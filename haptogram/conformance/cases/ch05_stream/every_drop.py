@@ -182,7 +182,7 @@ def frames_to_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> tuple[in
     return waiting, list(drop.frames(board, kind, last_us))
 
 
-def _case(drop: Drop) -> Case:
+def _drop_case(drop: Drop) -> Case:
     def body(board: BoardClient) -> None:
         for kind in stream_kinds(board):
             try:
@@ -194,7 +194,7 @@ def _case(drop: Drop) -> Case:
     return Case(drop.clause, summary, body, "types", evidence=SELF_REPORTED)
 
 
-PRODUCT: Final = tuple(_case(drop) for drop in DROPS)
+PRODUCT: Final = tuple(_drop_case(drop) for drop in DROPS)
 
 
 @case(
@@ -204,7 +204,7 @@ PRODUCT: Final = tuple(_case(drop) for drop in DROPS)
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def low_flags_are_ignored(board: BoardClient) -> None:
+def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
     board.arm()
     lows = _LOW_FLAGS if board.thorough else _LOW_FLAGS[-1:]
     traced = board.has(Feature.CONFIG | Feature.TRACE)

@@ -26,7 +26,7 @@ _MODES: Final = (
 )
 
 
-def _margins_us(board: BoardClient, window_us: int) -> list[int]:
+def _margins_around_lateness_us(board: BoardClient, window_us: int) -> list[int]:
     """Return the margins at and beside every border: in time, a carrier period, the late window.
 
     At a wall clock, where no frame arrives to the microsecond, those at the borders.
@@ -37,7 +37,7 @@ def _margins_us(board: BoardClient, window_us: int) -> list[int]:
     return sorted({border + step for border in borders for step in steps})
 
 
-def _settings(board: BoardClient) -> Iterator[tuple[int, TraceMode]]:
+def _settings_of_late_window(board: BoardClient) -> Iterator[tuple[int, TraceMode]]:
     """Yield late windows and trace modes: every window, and every mode in turn."""
     modes = [mode for feature, mode in _MODES if board.has(feature)] or [TraceMode.OFF]
     windows_us = _WALL_WINDOWS_US if board.wire.limits.slack_us else _WINDOWS_US
@@ -56,15 +56,15 @@ def _settings(board: BoardClient) -> Iterator[tuple[int, TraceMode]]:
 def lateness_has_its_borders(board: BoardClient) -> None:
     delays_us: dict[str, int] = {}  # from the PING before a frame to the frame, by kind
     late = 0
-    for window_us, mode in _settings(board):
+    for window_us, mode in _settings_of_late_window(board):
         board.hello()
         board.configure(late_window_us=window_us, trace_mode=mode)
         board.arm()
         for kind in stream_kinds(board):
             message = kind.make()  # one for all: another may be longer on the line
-            for due_us in _margins_us(board, window_us):
+            for due_us in _margins_around_lateness_us(board, window_us):
                 for _ in range(_AIMS if not board.wire.limits.slack_us else 1):
-                    got_us = _judge(board, kind.name, message, due_us, delays_us)
+                    got_us = _judge_lateness(board, kind.name, message, due_us, delays_us)
                     late += -window_us <= got_us < 0
                     if got_us == due_us:
                         break
@@ -72,7 +72,7 @@ def lateness_has_its_borders(board: BoardClient) -> None:
         not_observed("the host hit no late window with any frame")
 
 
-def _judge(
+def _judge_lateness(
     board: BoardClient, kind: str, message: Message, due_us: int, delays_us: dict[str, int]
 ) -> int:
     """Send a frame for a margin of *due_us*; FAILED unless it fares as the margin it had demands.
@@ -106,10 +106,10 @@ def _judge(
     check(counted == due, f"{name}: {', '.join(names)} count {counted}, due is {due}")
     if mode is not TraceMode.OFF:
         traced = [t for t in board_latches(board, since, mode) if t.index == index]
-        _check_flag(traced, name, dropped=dropped, late=is_late)
+        _check_late_flag(traced, name, dropped=dropped, late=is_late)
     return got_us
 
 
-def _check_flag(traced: list[TracedLatch], name: str, *, dropped: bool, late: bool) -> None:
+def _check_late_flag(traced: list[TracedLatch], name: str, *, dropped: bool, late: bool) -> None:
     flags = [latch.late for latch in traced]
     check(flags == ([] if dropped else [late]), f"{name}: the trace has LATE {flags}")

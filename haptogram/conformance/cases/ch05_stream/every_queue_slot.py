@@ -44,7 +44,7 @@ _TRIES: Final = 3
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_type_at_once(board: BoardClient) -> None:
+def every_format_is_streamed_at_once(board: BoardClient) -> None:
     good = board.flat_phases()
     for kind in stream_kinds(board):
         board.hello()
@@ -70,7 +70,7 @@ def every_type_at_once(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_type_late(board: BoardClient) -> None:
+def every_format_is_streamed_late(board: BoardClient) -> None:
     modes = [mode for feature, mode in _TRACES if board.has(feature)] or [TraceMode.OFF]
     modes = modes if board.thorough else modes[:1]
     for mode in modes:
@@ -106,7 +106,7 @@ def every_type_late(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_window(board: BoardClient) -> None:
+def every_late_window_of_the_queue(board: BoardClient) -> None:
     for window_us in (20_000, 66_000, _WINDOW_US):
         board.configure(late_window_us=window_us)
         board.arm()
@@ -137,7 +137,7 @@ def every_window(board: BoardClient) -> None:
 # --- Slots and times ---------------------------------------------------------------------------
 
 
-def _codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
+def _queued_codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
     """Return every kind of codes, each behind the one that sets amplitudes."""
     graded = [kind for kind in kinds if kind.name == "DRIVES"]
     full = [kind for kind in kinds if kind.name.startswith("PHASES")]
@@ -152,17 +152,17 @@ def _codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_slot_is_written_whole(board: BoardClient) -> None:
+def every_queue_slot_is_written_whole(board: BoardClient) -> None:
     depth = board.identity.queue_depth
     if depth > _DEEPEST:
         not_observed(f"a queue of {depth} frames is not filled")
     mode = watch_board_latches(board)
     board.arm()
-    for kind in _codes_in_turn(stream_kinds(board)):
+    for kind in _queued_codes_in_turn(stream_kinds(board)):
         sent: dict[int, int] = {}
         since = board.link.mark()
         while len(sent) < depth:
-            _queue_some(board, kind, depth - len(sent), sent)
+            _queue_some_stream_frames(board, kind, depth - len(sent), sent)
         seen = {latch.index: latch.crc for latch in board_latches(board, since, mode)}
         lost = sent.keys() - seen.keys()
         check(not lost, f"{kind.name}: {len(lost)} of {len(sent)} queued frames are not latched")
@@ -170,7 +170,9 @@ def every_slot_is_written_whole(board: BoardClient) -> None:
         check(wrong == 0, f"{kind.name}: {wrong} of {len(sent)} drives are not those sent")
 
 
-def _queue_some(board: BoardClient, kind: StreamKind, most: int, sent: dict[int, int]) -> None:
+def _queue_some_stream_frames(
+    board: BoardClient, kind: StreamKind, most: int, sent: dict[int, int]
+) -> None:
     """Queue up to *most* frames, wait until they are latched; add the CRC of each by its number."""
     messages: list[Message] = []
     for _ in range(most):
@@ -196,7 +198,7 @@ def _queue_some(board: BoardClient, kind: StreamKind, most: int, sent: dict[int,
     variant="border",
     evidence=SELF_REPORTED,
 )
-def the_horizon_is_sharp(board: BoardClient) -> None:
+def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
     horizon_us = board.identity.max_horizon_us
     wire_us = board.wire.line_us(len(board.link.stream_wire(board.flat_phases(), 0, seq=0)))
     for off_us in range(-3, 4):
@@ -224,7 +226,7 @@ def the_horizon_is_sharp(board: BoardClient) -> None:
     variant="lengths",
     evidence=SELF_REPORTED,
 )
-def far_frames_wait(board: BoardClient) -> None:
+def far_frames_wait_in_the_queue(board: BoardClient) -> None:
     board.arm()
     most_us = board.identity.max_horizon_us - _AHEAD_US
     lengths = [(1 << bits) + _OVER_US for bits in range(16, 31)]

@@ -26,34 +26,34 @@ _AHEAD_US: Final = 8_000_000
 _BEFORE_STATE: Final = ("stale_session", "duplicate", "unsupported", "bad_length", "bad_value")
 
 
-def _playing(board: BoardClient) -> None:
+def _playing_at_stream_frame(board: BoardClient) -> None:
     board.arm()
     play_now(board, _SEQUENCE, loops=0, period_us=9_000_000, unattended_ms=9_999)
 
 
-def _waiting(board: BoardClient) -> None:
+def _waiting_at_stream_frame(board: BoardClient) -> None:
     board.arm()
     play = Play(_SEQUENCE, 1000, 0, min(9_999, board.identity.max_unattended_ms))
     board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
 
 
-def _silent(board: BoardClient) -> None:
+def _silent_at_stream_frame(board: BoardClient) -> None:
     board.bring_to(OutputState.DISARMED)
     board.arm()
 
 
-def _states(board: BoardClient) -> dict[str, Callable[[], object]]:
+def _states_at_stream_frame(board: BoardClient) -> dict[str, Callable[[], object]]:
     """Return what brings the board into each state of the output, from ARMED, by its name."""
     states: dict[str, Callable[[], object]] = {
         "while DISARMED": partial(board.bring_to, OutputState.DISARMED),
         "while MUTED": partial(board.bring_to, OutputState.MUTED),
-        "while ARMED and silent": partial(_silent, board),
+        "while ARMED and silent": partial(_silent_at_stream_frame, board),
         "while it sounds": lambda: latch_now(board, board.flat_phases()),
     }
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=1)
-        states["while a sequence plays"] = partial(_playing, board)
-        states["while a playback waits"] = partial(_waiting, board)
+        states["while a sequence plays"] = partial(_playing_at_stream_frame, board)
+        states["while a playback waits"] = partial(_waiting_at_stream_frame, board)
     return states
 
 
@@ -64,8 +64,8 @@ def _states(board: BoardClient) -> dict[str, Callable[[], object]]:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_state_checks_alike(board: BoardClient) -> None:
-    for name, bring in _states(board).items():
+def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
+    for name, bring in _states_at_stream_frame(board).items():
         board.hello()
         board.arm()
         latch_now(board, board.flat_phases())  # a number is used
@@ -93,8 +93,8 @@ def every_state_checks_alike(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_state_counts_gaps(board: BoardClient) -> None:
-    for name, bring in _states(board).items():
+def every_state_counts_gaps_of_the_stream(board: BoardClient) -> None:
+    for name, bring in _states_at_stream_frame(board).items():
         board.arm()
         bring()
         for kind in stream_kinds(board):
@@ -117,9 +117,9 @@ def every_state_counts_gaps(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def status_comes_in_every_state(board: BoardClient) -> None:
+def every_state_of_the_stream_sends_status(board: BoardClient) -> None:
     period_ms = board.quick_status_ms
-    for name, bring in _states(board).items():
+    for name, bring in _states_at_stream_frame(board).items():
         board.configure(status_period_ms=period_ms)
         board.arm()
         bring()

@@ -30,7 +30,7 @@ _READS: Final = 12
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def latches_on_the_carrier(board: BoardClient) -> None:
+def latches_on_carrier_boundaries(board: BoardClient) -> None:
     board.arm()
     for offset_us in _OFFSETS_US:
         t_us = board.clock.soon_us(bytes(400)) + offset_us
@@ -59,7 +59,7 @@ def latches_on_the_carrier(board: BoardClient) -> None:
     variant="immediate",
     evidence=SELF_REPORTED,
 )
-def immediate_on_the_carrier(board: BoardClient) -> None:
+def latches_immediate_frames_on_the_carrier(board: BoardClient) -> None:
     board.arm()
     for _ in range(12):
         latch_now(board, board.flat_phases())
@@ -75,7 +75,7 @@ def immediate_on_the_carrier(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def latches_all_at_once(board: BoardClient) -> None:
+def latches_all_elements_at_once(board: BoardClient) -> None:
     count = board.identity.transducers
     mode = watch_board_latches(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
     drives = (bytes([0x08]) * count, bytes([0xF0]) * count)
@@ -121,7 +121,7 @@ def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
     "of two frames for the same carrier period the later is latched, the other flushed",
     evidence=SELF_REPORTED,
 )
-def one_latch_a_period(board: BoardClient) -> None:
+def latches_once_a_period(board: BoardClient) -> None:
     if board.clock.carrier_us < 3:
         not_observed("a carrier period of this board has no room for two times")
     board.arm()
@@ -151,7 +151,7 @@ def counts_latches(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def holds_the_last_drive(board: BoardClient) -> None:
+def holds_the_last_latched_drive(board: BoardClient) -> None:
     witness = Witness.of(board)
     board.arm()
     before = board.random_registers()
@@ -177,7 +177,7 @@ def holds_the_last_drive(board: BoardClient) -> None:
     "IMMEDIATE flushes 3 queued frames and is latched at once",
     evidence=SELF_REPORTED,
 )
-def immediate_flushes(board: BoardClient) -> None:
+def immediate_frames_flush_the_queue(board: BoardClient) -> None:
     board.arm()
     t_us = board.clock.soon_us(bytes(2000)) + 50_000
     with board.counting(flushed=3, latched=1):

@@ -17,7 +17,7 @@ from ...outcome import SELF_REPORTED
     "frames 1 to 32767 behind the newest are counted in duplicate and not latched",
     evidence=SELF_REPORTED,
 )
-def drops_duplicates(board: BoardClient) -> None:
+def drops_duplicates_of_the_stream(board: BoardClient) -> None:
     board.arm()
     for _ in range(20):
         latch_now(board, board.flat_phases())
@@ -45,7 +45,7 @@ def counts_stream_gaps(board: BoardClient) -> None:
     "frames dropped for type, flags, length, value, state and time use up their numbers",
     evidence=SELF_REPORTED,
 )
-def numbers_are_used_up(board: BoardClient) -> None:
+def stream_numbers_are_used_up(board: BoardClient) -> None:
     good = board.flat_phases()
     payload = good.serialize()
     board.link.send(board.link.stream_wire(good))  # not armed: dropped_state

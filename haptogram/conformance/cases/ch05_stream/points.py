@@ -24,7 +24,7 @@ _MANY: Final = 24
 _COMPUTES: Final = Feature.POINTS | Feature.READ_LATCHED
 
 
-def _model(board: BoardClient) -> AcousticModel:
+def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
     from ...judge.array_model import model_of_board
 
     return model_of_board(board)
@@ -38,10 +38,10 @@ def _model(board: BoardClient) -> AcousticModel:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def phases_make_a_focus(board: BoardClient) -> None:
+def streamed_phases_make_a_focus(board: BoardClient) -> None:
     from ...judge.focusing import check_focus, judge_of_model, judged_host_frames
 
-    model = _model(board)
+    model = _model_of_streamed_points(board)
     judge = judge_of_model(model)
     board.arm()
     offered = [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
@@ -59,10 +59,10 @@ def phases_make_a_focus(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def drives_make_a_focus(board: BoardClient) -> None:
+def streamed_drives_make_a_focus(board: BoardClient) -> None:
     from ...judge.focusing import check_focus, judge_of_model, judged_host_frames
 
-    model = _model(board)
+    model = _model_of_streamed_points(board)
     judge = judge_of_model(model)
     board.arm()
     for frame in judged_host_frames(
@@ -78,10 +78,10 @@ def drives_make_a_focus(board: BoardClient) -> None:
     needs=_COMPUTES,
     evidence=SELF_REPORTED,
 )
-def points_make_a_focus(board: BoardClient) -> None:
+def streamed_points_make_a_focus(board: BoardClient) -> None:
     from ...judge.focusing import check_focus, judge_of_model, judged_host_frames
 
-    model = _model(board)
+    model = _model_of_streamed_points(board)
     judge = judge_of_model(model)
     board.arm()
     for frame in judged_host_frames(
@@ -91,7 +91,7 @@ def points_make_a_focus(board: BoardClient) -> None:
         check_focus(judge, frame, read_back(board))
 
 
-def _random_point(board: BoardClient) -> FocalPoint:
+def _random_point_to_stream(board: BoardClient) -> FocalPoint:
     def away(low: int, high: int) -> int:
         return board.random.choice((-1, 1)) * board.random.randrange(low, high)
 
@@ -104,13 +104,13 @@ def _random_point(board: BoardClient) -> FocalPoint:
     )
 
 
-def _random_latches(
+def _latches_of_random_points(
     board: BoardClient, points: int
 ) -> list[tuple[tuple[FocalPoint, ...], ShownDrive]]:
     number = max(_MANY, -(-400 // board.identity.transducers))
     found = []
     for _ in range(number):
-        group = tuple(_random_point(board) for _ in range(points))
+        group = tuple(_random_point_to_stream(board) for _ in range(points))
         latch_now(board, Points(group))
         found.append((group, read_back(board)))
     return found
@@ -123,12 +123,12 @@ def _random_latches(
     needs=_COMPUTES,
     evidence=SELF_REPORTED,
 )
-def points_are_rounded(board: BoardClient) -> None:
+def streamed_points_are_rounded(board: BoardClient) -> None:
     from ...judge.focusing import judged_phase_errors
 
-    model = _model(board)
+    model = _model_of_streamed_points(board)
     board.arm()
-    found = _random_latches(board, 1)
+    found = _latches_of_random_points(board, 1)
     mean = float(judged_phase_errors(model, found).mean())
     kind = "cut off" if mean < 0 else "rounded up"
     check(abs(mean) < _ROUNDING, f"phase codes are {kind}: off by {mean:+.2f} steps on average")
@@ -140,13 +140,13 @@ def points_are_rounded(board: BoardClient) -> None:
     needs=_COMPUTES,
     evidence=SELF_REPORTED,
 )
-def points_have_their_amplitude(board: BoardClient) -> None:
+def streamed_points_have_their_amplitude(board: BoardClient) -> None:
     from ...judge.focusing import judged_amplitude_errors
 
-    model = _model(board)
+    model = _model_of_streamed_points(board)
     board.arm()
     points = min(2, board.identity.max_points)
-    found = _random_latches(board, points)
+    found = _latches_of_random_points(board, points)
     if not board.has(Feature.AMPLITUDE):
         check(all(set(shown.amplitudes) == {255} for _, shown in found), "amplitudes are not 255")
         return
@@ -163,12 +163,12 @@ def points_have_their_amplitude(board: BoardClient) -> None:
     needs=_COMPUTES,
     evidence=SELF_REPORTED,
 )
-def points_are_exact(board: BoardClient) -> None:
+def streamed_points_are_exact(board: BoardClient) -> None:
     from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
 
-    model = _model(board)
+    model = _model_of_streamed_points(board)
     board.arm()
-    found = _random_latches(board, min(3, board.identity.max_points))
+    found = _latches_of_random_points(board, min(3, board.identity.max_points))
     # One step beyond the rounding, which is half of one.
     worst = float(abs(judged_phase_errors(model, found)).max())
     check(worst <= 1.5 + 1e-6, f"a phase is off by {worst:.2f} steps before rounding")
@@ -183,7 +183,7 @@ def points_are_exact(board: BoardClient) -> None:
     needs=Feature.POINTS,
     evidence=SELF_REPORTED,
 )
-def counts_its_points(board: BoardClient) -> None:
+def counts_the_points_of_a_frame(board: BoardClient) -> None:
     most = board.identity.max_points
     if (most + 1) * FocalPoint.LAYOUT.size > 4000:
         not_observed("more points than max_points do not fit into a frame")

@@ -21,7 +21,7 @@ _MAX_LATE_US: Final = 100_000  # HG-7.1
     "frames while DISARMED and MUTED are counted in dropped_state",
     evidence=SELF_REPORTED,
 )
-def drops_unless_armed(board: BoardClient) -> None:
+def drops_stream_frames_unless_armed(board: BoardClient) -> None:
     t_us = board.clock.soon_us(bytes(2000))
     with board.counting(dropped_state=2, latched=0):
         board.link.send(board.link.stream_wire(board.flat_phases()))
@@ -38,7 +38,7 @@ def drops_unless_armed(board: BoardClient) -> None:
     "frames not after the last queued one are counted in dropped_order",
     evidence=SELF_REPORTED,
 )
-def keeps_its_order(board: BoardClient) -> None:
+def queue_keeps_its_order(board: BoardClient) -> None:
     board.arm()
     t_us = board.clock.soon_us(bytes(4000)) + 20_000
     good = board.flat_phases()
@@ -56,7 +56,7 @@ def keeps_its_order(board: BoardClient) -> None:
     "queue_depth frames are queued and latched; one more is dropped_full",
     evidence=SELF_REPORTED,
 )
-def holds_its_depth(board: BoardClient) -> None:
+def queue_holds_its_depth(board: BoardClient) -> None:
     depth = board.identity.queue_depth
     if depth > _DEEPEST:
         not_observed(f"a queue of {depth} frames is not filled")
@@ -81,7 +81,7 @@ def holds_its_depth(board: BoardClient) -> None:
     "a frame beyond max_horizon_us is dropped_future, one 1% nearer is queued",
     evidence=SELF_REPORTED,
 )
-def sees_its_horizon(board: BoardClient) -> None:
+def queue_has_its_horizon(board: BoardClient) -> None:
     board.arm()
     horizon_us = board.identity.max_horizon_us
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
@@ -102,7 +102,7 @@ def sees_its_horizon(board: BoardClient) -> None:
     "with late_window_us = 0 frames 1 µs to 1 s late are dropped_late, none is latched",
     evidence=SELF_REPORTED,
 )
-def drops_what_is_late(board: BoardClient) -> None:
+def drops_late_stream_frames(board: BoardClient) -> None:
     board.arm()
     late = (1, 100, 5_000, 200_000, 1_000_000)
     with board.counting(dropped_late=len(late), latched=0):
@@ -120,7 +120,7 @@ def drops_what_is_late(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def drops_beyond_the_window(board: BoardClient) -> None:
+def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
     board.configure(late_window_us=_MAX_LATE_US)
     board.arm()
     with board.counting(dropped_late=1, latched=0):
@@ -136,7 +136,7 @@ def drops_beyond_the_window(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def latches_within_the_window(board: BoardClient) -> None:
+def latches_frames_within_the_late_window(board: BoardClient) -> None:
     traced = board.identity.features & (Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING)
     mode = watch_board_latches(board) if traced else None
     board.configure(late_window_us=_MAX_LATE_US, **({"trace_mode": mode} if mode else {}))
@@ -155,6 +155,6 @@ def latches_within_the_window(board: BoardClient) -> None:
 
 
 @case("HG-5.7/7", "max_horizon_us is less than 2^31")
-def horizon_is_less(board: BoardClient) -> None:
+def queue_horizon_is_below_half_the_clock(board: BoardClient) -> None:
     horizon_us = board.identity.max_horizon_us
     check(0 < horizon_us < 2**31, f"max_horizon_us is {horizon_us}")

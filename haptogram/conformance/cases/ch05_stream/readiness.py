@@ -26,13 +26,13 @@ _POINT: Final = FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
 
 
 @case("HG-5.7/9", "latch_lead_us and point_time_us are at most 100 ms")
-def leads_are_short(board: BoardClient) -> None:
+def readiness_takes_a_short_lead(board: BoardClient) -> None:
     for name in ("latch_lead_us", "point_time_us"):
         got_us = getattr(board.identity, name)
         check(got_us <= _MOST_US, f"{name} is {got_us}, must be {_MOST_US} or less")
 
 
-def _kinds(board: BoardClient) -> list[tuple[Message, int]]:
+def _kinds_of_ready_frames(board: BoardClient) -> list[tuple[Message, int]]:
     """Return a frame of each kind, and how many points the board has to compute for it."""
     kinds: list[tuple[Message, int]] = [(board.flat_phases(), 0)]
     if board.has(Feature.POINTS):
@@ -46,9 +46,9 @@ def _kinds(board: BoardClient) -> list[tuple[Message, int]]:
     variant="ready",
     evidence=SELF_REPORTED,
 )
-def latches_when_ready(board: BoardClient) -> None:
+def latches_frames_when_ready(board: BoardClient) -> None:
     board.arm()
-    for message, points in _kinds(board):
+    for message, points in _kinds_of_ready_frames(board):
         for _ in range(_TRIES):
             around_us = between_pings(board, message)
             board.clock.wait_latched(len(message.serialize()))
@@ -71,7 +71,7 @@ def latches_when_ready(board: BoardClient) -> None:
     needs=Feature.POINTS,
     evidence=SELF_REPORTED,
 )
-def computes_one_after_the_other(board: BoardClient) -> None:
+def readies_frames_one_after_the_other(board: BoardClient) -> None:
     board.arm()
     most = board.identity.max_points
     message = Points((_POINT,) * most)
@@ -101,9 +101,9 @@ def computes_one_after_the_other(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def judges_lateness_by_the_margin(board: BoardClient) -> None:
+def lateness_counts_from_readiness(board: BoardClient) -> None:
     board.arm()
-    for message, points in _kinds(board):
+    for message, points in _kinds_of_ready_frames(board):
         for ahead_us in range(-200, 201, 80):
             board.clock.wait_latched()
             before = board.status().counters
@@ -127,7 +127,7 @@ def judges_lateness_by_the_margin(board: BoardClient) -> None:
     "accepted = latched + flushed + queued, over frames latched, flushed, dropped, waiting",
     evidence=SELF_REPORTED,
 )
-def counts_what_it_accepts(board: BoardClient) -> None:
+def counts_accepted_stream_frames(board: BoardClient) -> None:
     good = board.flat_phases()
     board.link.send(board.link.stream_wire(good))  # not armed: dropped
     board.arm()
@@ -137,17 +137,19 @@ def counts_what_it_accepts(board: BoardClient) -> None:
     t_us = board.clock.soon_us(bytes(3000)) + 50_000
     wires = [board.link.stream_wire(good, t_us + 1000 * number) for number in range(3)]
     board.link.send(*wires, board.link.stream_wire(good, t_us))  # the last one is not in order
-    _check_accepted(first, board.status(), 6, queued=3)
+    _check_accepted_stream_frames(first, board.status(), 6, queued=3)
     latch_now(board, good)  # flushes three
-    _check_accepted(first, board.status(), 7, queued=0)
+    _check_accepted_stream_frames(first, board.status(), 7, queued=0)
     t_us = board.clock.soon_us(bytes(3000)) + 50_000
     board.link.send(*(board.link.stream_wire(good, t_us + 1000 * number) for number in range(2)))
     board.link.barrier()  # or MUTE may overtake them
     board.link.ask(Mute())
-    _check_accepted(first, board.status(), 9, queued=0)
+    _check_accepted_stream_frames(first, board.status(), 9, queued=0)
 
 
-def _check_accepted(first: StatusReply, now: StatusReply, accepted: int, queued: int) -> None:
+def _check_accepted_stream_frames(
+    first: StatusReply, now: StatusReply, accepted: int, queued: int
+) -> None:
     grown = {
         name: (getattr(now.counters, name) - getattr(first.counters, name)) & 0xFFFFFFFF
         for name in ("accepted", "latched", "flushed")

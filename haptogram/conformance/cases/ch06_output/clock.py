@@ -60,7 +60,7 @@ class _Watch:
     "over 10 s (2 s in wall time) the clock keeps its rate and makes no step",
     depth=Depth.DEFAULT,
 )
-def keeps_time(board: BoardClient) -> None:
+def output_clock_keeps_time(board: BoardClient) -> None:
     duration_us = 2_000_000 if board.wire.limits.slack_us else 10_000_000
     watch = _Watch(board)
     for _ in range(_SAMPLES + 1):
@@ -76,25 +76,25 @@ def keeps_time(board: BoardClient) -> None:
     before_wrap_us=1_000_000,
     depth=Depth.DEFAULT,
 )
-def crosses_the_wrap(board: BoardClient) -> None:
+def output_clock_crosses_the_wrap(board: BoardClient) -> None:
     board.prepare()
     watch = _Watch(board)
     watch.look()
-    board.wire.idle(max(0, _to_the_wrap_us(board) - 200_000))
+    board.wire.idle(max(0, _clock_to_the_wrap_us(board) - 200_000))
     for _ in range(_SAMPLES):
         watch.look()
         board.wire.idle(20_000)
 
 
-def _to_the_wrap_us(board: BoardClient) -> int:
+def _clock_to_the_wrap_us(board: BoardClient) -> int:
     """Return the time until the clock passes 2^32; negative if that was not long ago."""
     return -signed_difference(board.link.call(Ping(0), Pong).t_rx_us, 0, 32)
 
 
 @case("HG-6.9/4", "soon after a reset the clock is little past 2^32 - 10 s", needs_reset=True)
-def starts_ten_seconds_before_the_wrap(board: BoardClient) -> None:
+def clock_starts_ten_seconds_before_the_wrap(board: BoardClient) -> None:
     board.prepare()
-    up_us = _AT_BOOT_US - _to_the_wrap_us(board)
+    up_us = _AT_BOOT_US - _clock_to_the_wrap_us(board)
     check(0 <= up_us < _BOOTED_US, f"soon after a reset the clock is {up_us} µs past 2^32 - 10 s")
 
 
@@ -106,11 +106,11 @@ def starts_ten_seconds_before_the_wrap(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
-def counts_beyond_32_bits(board: BoardClient) -> None:
+def clock_counts_beyond_32_bits(board: BoardClient) -> None:
     board.prepare()
     if 2**32 % board.clock.carrier_us == 0:
         not_observed("2^32 µs are whole carrier periods of this board")
-    board.wire.idle(max(0, _to_the_wrap_us(board) + 10_000))
+    board.wire.idle(max(0, _clock_to_the_wrap_us(board) + 10_000))
     board.clock.device_us()
     board.arm()
     for _ in range(4):
@@ -121,17 +121,17 @@ def counts_beyond_32_bits(board: BoardClient) -> None:
         check(off_us == 0, f"the latch at {t_us} µs is {off_us} µs past a carrier period")
 
 
-def _pong(board: BoardClient, answer: Received) -> Pong:
+def _clock_of_pong(board: BoardClient, answer: Received) -> Pong:
     return board.link.reply_in(answer, Pong, Ping.TYPE)
 
 
 @case("HG-6.9/2", "t_rx is not after t_tx, and both lie within the round trip")
-def stamps_pings(board: BoardClient) -> None:
+def clock_stamps_pings(board: BoardClient) -> None:
     for number in range(_SAMPLES):
         start_us = board.wire.now_us()
         answer = board.link.ask(Ping(number))
         trip_us = board.wire.now_us() - start_us
-        pong = _pong(board, answer)
+        pong = _clock_of_pong(board, answer)
         inside_us = signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
         check(
             0 <= inside_us <= trip_us + _LIMIT_US,
@@ -145,7 +145,7 @@ def stamps_pings(board: BoardClient) -> None:
     variant="margin",
     evidence=SELF_REPORTED,
 )
-def stamps_agree(board: BoardClient) -> None:
+def clock_stamps_agree(board: BoardClient) -> None:
     board.arm()
     good, apart = board.flat_phases(), []
     for _ in range(min(_SAMPLES // 3, board.identity.queue_depth)):
@@ -154,7 +154,7 @@ def stamps_agree(board: BoardClient) -> None:
         ping, seq = board.link.request_wire(Ping(t_us))
         since = board.link.mark()
         board.link.send(board.link.stream_wire(good, t_us), ping)
-        pong = _pong(board, board.link.answer_to(Ping.TYPE, seq, since))
+        pong = _clock_of_pong(board, board.link.answer_to(Ping.TYPE, seq, since))
         ready_us = t_us - board.status().margin_min_us
         arrival_us = ready_us - board.ready_after_us()
         apart.append(signed_difference(pong.t_rx_us, arrival_us & 0xFFFFFFFF, 32))
@@ -172,7 +172,7 @@ def stamps_agree(board: BoardClient) -> None:
     "behind 4000 bytes t_rx is the end of the PING itself; behind a reply t_tx waits for the line",
     variant="exact",
 )
-def stamps_exactly(board: BoardClient) -> None:
+def clock_stamps_exactly(board: BoardClient) -> None:
     if board.wire.limits.slack_us:
         not_observed("when a byte is on a real line is not known to 10 µs here")
     device_us = board.clock.device_us()
@@ -184,20 +184,20 @@ def stamps_exactly(board: BoardClient) -> None:
     before = b"\x00" + encoded + b"\x00"
     since, sent_us = board.link.mark(), board.wire.now_us()
     board.link.send(before, ping)
-    pong = _pong(board, board.link.answer_to(Ping.TYPE, first, since, 50_000))
+    pong = _clock_of_pong(board, board.link.answer_to(Ping.TYPE, first, since, 50_000))
     due_us = base_us + sent_us + board.wire.line_us(len(before) + len(ping))
     off_us = signed_difference(pong.t_rx_us, due_us & 0xFFFFFFFF, 32)
     check(abs(off_us) <= _LIMIT_US, f"t_rx is off by {off_us:+d} µs (clock at {device_us})")
-    _check_first_byte(board, base_us)
+    _check_clock_of_first_byte(board, base_us)
 
 
-def _check_first_byte(board: BoardClient, base_us: int) -> None:
+def _check_clock_of_first_byte(board: BoardClient, base_us: int) -> None:
     long, _ = board.link.request_wire(GetGeometry(0, 0xFFFF))
     ping, seq = board.link.request_wire(Ping(3))
     since = board.link.mark()
     board.link.send(long, ping)
     answer = board.link.answer_to(Ping.TYPE, seq, since, 50_000)
-    pong = _pong(board, answer)
+    pong = _clock_of_pong(board, answer)
     due_us = base_us + answer.t_us - board.wire.line_us(len(answer.piece) + 2)
     off_us = signed_difference(pong.t_tx_us, due_us & 0xFFFFFFFF, 32)
     check(abs(off_us) <= _LIMIT_US, f"t_tx of a PONG behind a long reply is off by {off_us:+d} µs")

@@ -73,43 +73,43 @@ class _TooLateError(CaseEndedError):
     """A moment was over before its end was answered: host, line or emulator were held up."""
 
 
-def _moment_of_nothing(_: BoardClient) -> None:
+def _output_of_nothing(_: BoardClient) -> None:
     """Leave the board ARMED and silent."""
 
 
-def _moment_of_sound(board: BoardClient) -> None:
+def _output_of_sound(board: BoardClient) -> None:
     latch_now(board, board.flat_phases())
 
 
-def _moment_with_queue(board: BoardClient) -> None:
-    _moment_of_sound(board)
+def _output_with_queue(board: BoardClient) -> None:
+    _output_of_sound(board)
     fill_queue(board, _QUEUED, 3_000_000)
     board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
 
 
-def _moment_of_fade(board: BoardClient) -> None:
+def _output_in_ramp(board: BoardClient) -> None:
     """Queue frames, and be silent until the ramp of hold or lease has begun."""
-    _moment_with_queue(board)
+    _output_with_queue(board)
     board.wire.idle(120 * _MS)
 
 
-def _moment_before_playback(board: BoardClient) -> None:
-    _moment_of_sound(board)
+def _output_before_playback(board: BoardClient) -> None:
+    _output_of_sound(board)
     play = Play(_SEQUENCE, 1000, 0, min(5000, board.identity.max_unattended_ms))
     board.link.call(play, PlayReply, time_us=board.clock.device_us() + 3_000_000)
 
 
-def _moment_of_playback(board: BoardClient) -> None:
+def _output_of_playback(board: BoardClient) -> None:
     play_now(board, _SEQUENCE, loops=0)
     board.wire.idle(8 * _MS)
 
 
-def _moment_of_slow_playback(board: BoardClient) -> None:
+def _output_of_slow_playback(board: BoardClient) -> None:
     play_now(board, _SEQUENCE, loops=2, period_us=9_000_000)
     board.clock.wait_latched()
 
 
-def _moment_of_fading_playback(board: BoardClient) -> None:
+def _output_of_playback_in_ramp(board: BoardClient) -> None:
     play_now(board, _SEQUENCE, loops=0, unattended_ms=40)
     board.wire.idle(100 * _MS)
 
@@ -117,13 +117,13 @@ def _moment_of_fading_playback(board: BoardClient) -> None:
 _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 _FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
 _MOMENTS: Final = (
-    Moment("ARMED, silent", {}, _moment_of_nothing),
-    Moment("sounding", {"hold_ms": _HOLD_MS}, _moment_of_sound, lasts_ms=_HOLD_MS),
-    Moment("with frames queued", {}, _moment_with_queue, _QUEUED),
+    Moment("ARMED, silent", {}, _output_of_nothing),
+    Moment("sounding", {"hold_ms": _HOLD_MS}, _output_of_sound, lasts_ms=_HOLD_MS),
+    Moment("with frames queued", {}, _output_with_queue, _QUEUED),
     Moment(
         "in the hold's ramp",
         _RAMPS | {"hold_ms": 30},
-        _moment_of_fade,
+        _output_in_ramp,
         _QUEUED,
         None,
         _FADES,
@@ -132,19 +132,19 @@ _MOMENTS: Final = (
     Moment(
         "in a ramp of the lease",
         _RAMPS | {"host_timeout_ms": 40},
-        _moment_of_fade,
+        _output_in_ramp,
         _QUEUED,
         None,
         _FADES,
         _RAMP_MS,
     ),
-    Moment("while a playback waits", {}, _moment_before_playback, 0, 0, _PLAYS),
-    Moment("while a sequence plays", {}, _moment_of_playback, 0, 3, _PLAYS),
-    Moment("within a long period", {}, _moment_of_slow_playback, 0, 1, _PLAYS),
+    Moment("while a playback waits", {}, _output_before_playback, 0, 0, _PLAYS),
+    Moment("while a sequence plays", {}, _output_of_playback, 0, 3, _PLAYS),
+    Moment("within a long period", {}, _output_of_slow_playback, 0, 1, _PLAYS),
     Moment(
         "in a ramp of a playback",
         _RAMPS,
-        _moment_of_fading_playback,
+        _output_of_playback_in_ramp,
         0,
         20,
         _PLAYS | _FADES,
@@ -179,20 +179,20 @@ class End:
     send: Callable[[BoardClient], object]
 
 
-def _mute_as_another(board: BoardClient) -> None:
+def _mute_output_as_another(board: BoardClient) -> None:
     board.link.ask(Mute(), session=board.link.session ^ _FOREIGN)
 
 
 _ENDS: Final = (
     End("HG-4.6/3", "moments", "a new session", OutputInput.NEW_SESSION, lambda b: b.hello()),
     End("HG-6.4/2", "moments", "MUTE", OutputInput.MUTE, lambda b: b.link.ask(Mute())),
-    End("HG-6.4/2", "others", "MUTE of another session", OutputInput.MUTE, _mute_as_another),
+    End("HG-6.4/2", "others", "MUTE of another session", OutputInput.MUTE, _mute_output_as_another),
     End("HG-6.5/1", "moments", "DISARM", OutputInput.DISARM, lambda b: b.link.ask(Disarm())),
     End("HG-7.7/1", "moments", "STOP", OutputInput.STOP, lambda b: b.link.ask(Stop())),
 )
 
 
-def _judge_end_at_moment(board: BoardClient, end: End, moment: Moment) -> None:
+def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
     """FAILED unless the end leads to its state, flushes, ends the playback and counts no timer."""
     board.hello()
     board.configure(**{"hold_ms": 5000} | moment.config)
@@ -213,21 +213,21 @@ def _judge_end_at_moment(board: BoardClient, end: End, moment: Moment) -> None:
     check(found.queued == queued, f"{found.queued} frames are queued, due are {queued}")
     if is_over and board.has(Feature.READ_RADIATED):
         check(is_board_silent(board), "transducers are driven")
-    _check_playback(board, moment, since)
+    _check_end_of_played_output(board, moment, since)
     if is_over:
-        _check_afterwards(board, since, moment.config.get("hold_ms", 0) + _AFTER_MS)
+        _check_output_stays_off(board, since, moment.config.get("hold_ms", 0) + _AFTER_MS)
 
 
-def _judge_in_time(board: BoardClient, end: End, moment: Moment) -> None:
+def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -> None:
     """Judge; once more, twice at most, if the moment was over too soon."""
     for _ in range(_TRIES - 1):
         with contextlib.suppress(_TooLateError):
-            _judge_end_at_moment(board, end, moment)
+            _judge_end_of_output(board, end, moment)
             return
-    _judge_end_at_moment(board, end, moment)
+    _judge_end_of_output(board, end, moment)
 
 
-def _check_playback(board: BoardClient, moment: Moment, since: int) -> None:
+def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
     board.link.barrier()
     told = [event for _, event in board.link.events(PlaybackEnded, since)]
     due = int(moment.frames is not None)
@@ -242,7 +242,7 @@ def _check_playback(board: BoardClient, moment: Moment, since: int) -> None:
         )
 
 
-def _check_afterwards(board: BoardClient, since: int, watch_ms: int) -> None:
+def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> None:
     """FAILED if something that was under way goes on: a timer, a ramp, the queue, a playback."""
     before = len(board.link.events(StateChanged, since))
     board.arm()
@@ -254,7 +254,7 @@ def _check_afterwards(board: BoardClient, since: int, watch_ms: int) -> None:
     check(not late, f"ARMED again, {late[0][1].reason.name if late else ''} mutes the board")
 
 
-def _case(end: End) -> Case:
+def _case_of_output_end(end: End) -> Case:
     def body(board: BoardClient) -> None:
         if board.has(Feature.SEQUENCE_PHASES):
             store_phases(board, _SEQUENCE, frames=2)
@@ -262,7 +262,7 @@ def _case(end: End) -> Case:
             if not board.has(moment.needs):
                 continue
             try:
-                _judge_in_time(board, end, moment)
+                _judge_end_of_output_in_time(board, end, moment)
             except CaseEndedError as error:
                 text = f"{end.name} {moment.name}: {error}"
                 raise CaseEndedError(error.behaviour, text) from None
@@ -280,4 +280,4 @@ def _case(end: End) -> Case:
     )
 
 
-PRODUCT: Final = tuple(_case(end) for end in _ENDS)
+PRODUCT: Final = tuple(_case_of_output_end(end) for end in _ENDS)

@@ -19,7 +19,7 @@ _SEQUENCE: Final = 4
 _CEILINGS: Final = (255, 254, 128, 100, 1, 0)
 
 
-def _amplitudes(ceiling: int, count: int) -> bytes:
+def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
     """Return amplitudes at and beside the ceiling, and the least and greatest, one after another.
 
     An array of fewer transducers has the first of them.
@@ -37,27 +37,27 @@ def _amplitudes(ceiling: int, count: int) -> bytes:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def ramps_begin_below_the_ceiling(board: BoardClient) -> None:
+def output_ramps_begin_below_the_ceiling(board: BoardClient) -> None:
     count = board.identity.transducers
     played = board.has(Feature.SEQUENCE_PHASES)
     if played:
         store_phases(board, _SEQUENCE, frames=1)
     for number, ceiling in enumerate(_CEILINGS):
-        amplitudes = _amplitudes(ceiling, count)
+        amplitudes = _amplitudes_in_ramps(ceiling, count)
         drives = Drives(PhaseFormat.BITS_8, 0, bytes(count) + amplitudes)
         ramp_ms = _RAMPS_MS[number % len(_RAMPS_MS)]
         board.configure(hold_ms=_HOLD_MS, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
         board.arm()
         latch_now(board, drives)
-        _judge(board, ramp_ms, amplitudes, "of a stream frame")
+        _judge_output_ramp(board, ramp_ms, amplitudes, "of a stream frame")
         if played and (number % 2 == 0 or not board.wire.limits.slack_us):
             board.arm()
             play_now(board, _SEQUENCE, loops=1)
             board.clock.wait_latched()
-            _judge(board, ramp_ms, bytes([FULL]) * count, "of a played frame")
+            _judge_output_ramp(board, ramp_ms, bytes([FULL]) * count, "of a played frame")
 
 
-def _judge(board: BoardClient, ramp_ms: int, latched: bytes, name: str) -> None:
+def _judge_output_ramp(board: BoardClient, ramp_ms: int, latched: bytes, name: str) -> None:
     ceiling = board.config.amplitude_ceiling
     begins = bytes(min(code, ceiling) for code in latched)
     ramp = read_ramp(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)

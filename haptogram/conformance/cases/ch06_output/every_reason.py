@@ -31,7 +31,7 @@ _REASONS: Final = {
 }
 
 
-def _after(before: Found, event: OutputInput) -> Found:
+def _state_and_reason_after(before: Found, event: OutputInput) -> Found:
     """Return state and reason after an input; one that is not allowed changes neither."""
     due = OUTPUT_TRANSITIONS.get((before[0], event))
     state = before[0] if due is None else due
@@ -46,57 +46,70 @@ def _after(before: Found, event: OutputInput) -> Found:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_input_behind_every_reason(board: BoardClient) -> None:
+def every_input_in_every_output_state(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=1)
-    for bring, due in _origins(board):
-        for name, event, happen in _inputs(board):
+    for bring, due in _origins_of_output_states(board):
+        for name, event, happen in _inputs_to_output_states(board):
             bring()
-            before = _found(board)
-            check(before == due, f"{_text(before)} where {_text(due)} is due")
-            happen()
-            after = _found(board)
-            wanted = before if event is None else _after(before, event)
+            before = _found_state_and_reason(board)
             check(
-                after == wanted, f"{name} in {_text(before)}: {_text(after)}, due {_text(wanted)}"
+                before == due,
+                f"{_state_text(before)} where {_state_text(due)} is due",
+            )
+            happen()
+            after = _found_state_and_reason(board)
+            wanted = before if event is None else _state_and_reason_after(before, event)
+            check(
+                after == wanted,
+                f"{name} in {_state_text(before)}: {_state_text(after)}, due {_state_text(wanted)}",
             )
 
 
-def _found(board: BoardClient) -> Found:
+def _found_state_and_reason(board: BoardClient) -> Found:
     status = board.status()
     return status.state, status.reason
 
 
-def _text(found: Found) -> str:
+def _state_text(found: Found) -> str:
     return f"{found[0].name} ({found[1].name})"
 
 
-def _origins(board: BoardClient) -> Iterator[tuple[Callable[[], object], Found]]:
+def _origins_of_output_states(board: BoardClient) -> Iterator[tuple[Callable[[], object], Found]]:
     """Yield what leads to a state, with the state and the reason that it has then."""
     disarmed, muted = OutputState.DISARMED, OutputState.MUTED
     yield partial(board.bring_to, disarmed), (disarmed, MuteReason.DISARM)
-    yield partial(_new_session, board), (disarmed, MuteReason.NEW_SESSION)
-    yield partial(_sound, board), (OutputState.ARMED, MuteReason.NONE)
+    yield partial(_new_session_for_output_state, board), (disarmed, MuteReason.NEW_SESSION)
+    yield partial(_sound_for_output_state, board), (OutputState.ARMED, MuteReason.NONE)
     yield partial(board.bring_to, muted), (muted, MuteReason.MUTE)
     if board.has(Feature.CONFIG):
-        yield partial(_timer, board, MuteReason.HOLD_EXPIRED), (muted, MuteReason.HOLD_EXPIRED)
-        yield partial(_timer, board, MuteReason.HOST_SILENT), (muted, MuteReason.HOST_SILENT)
+        yield (
+            partial(_mute_by_timer_for_state, board, MuteReason.HOLD_EXPIRED),
+            (muted, MuteReason.HOLD_EXPIRED),
+        )
+        yield (
+            partial(_mute_by_timer_for_state, board, MuteReason.HOST_SILENT),
+            (muted, MuteReason.HOST_SILENT),
+        )
     if board.has(Feature.SEQUENCE_PHASES | Feature.CONFIG):
-        yield partial(_timer, board, MuteReason.UNATTENDED), (muted, MuteReason.UNATTENDED)
+        yield (
+            partial(_mute_by_timer_for_state, board, MuteReason.UNATTENDED),
+            (muted, MuteReason.UNATTENDED),
+        )
 
 
-def _new_session(board: BoardClient) -> None:
+def _new_session_for_output_state(board: BoardClient) -> None:
     board.arm()
     board.hello()
 
 
-def _sound(board: BoardClient) -> None:
+def _sound_for_output_state(board: BoardClient) -> None:
     board.bring_to(OutputState.DISARMED)
     board.arm()
     latch_now(board, board.flat_phases())
 
 
-def _timer(board: BoardClient, reason: MuteReason) -> None:
+def _mute_by_timer_for_state(board: BoardClient, reason: MuteReason) -> None:
     """Let one timer run out."""
     lease = reason is MuteReason.HOST_SILENT
     hold = reason is MuteReason.HOLD_EXPIRED
@@ -113,7 +126,9 @@ def _timer(board: BoardClient, reason: MuteReason) -> None:
     board.configure()
 
 
-def _inputs(board: BoardClient) -> Iterator[tuple[str, OutputInput | None, Callable[[], object]]]:
+def _inputs_to_output_states(
+    board: BoardClient,
+) -> Iterator[tuple[str, OutputInput | None, Callable[[], object]]]:
     """Yield inputs with their names; None: one that changes neither state nor reason."""
     inputs: dict[OutputInput, Message] = {
         OutputInput.ARM: Arm(),

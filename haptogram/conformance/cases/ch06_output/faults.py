@@ -31,7 +31,7 @@ _PLAYBACK: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 _FAULT: Final = (OutputState.FAULT, MuteReason.FAULT)
 
 
-def _off_before_fault(board: BoardClient) -> None:
+def _output_off_before_fault(board: BoardClient) -> None:
     board.disarm()
 
 
@@ -39,34 +39,36 @@ def _mute_before_fault(board: BoardClient) -> None:
     board.link.ask(Mute())
 
 
-def _sound_before_fault(board: BoardClient) -> None:
+def _output_on_before_fault(board: BoardClient) -> None:
     latch_now(board, board.flat_phases())
 
 
-def _queue_before_fault(board: BoardClient) -> None:
-    _sound_before_fault(board)
+def _queue_output_before_fault(board: BoardClient) -> None:
+    _output_on_before_fault(board)
     t_us = board.clock.soon_us(bytes(4000)) + 3_000_000
     for place in range(_QUEUED):
         wire = board.link.stream_wire(board.flat_phases(), t_us + 1000 * place)
         board.link.send(wire)
 
 
-def _play_before_fault(board: BoardClient) -> None:
+def _play_output_before_fault(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=2)
     play_now(board, _SEQUENCE, loops=0)
     board.wire.idle(5000)
 
 
-def _moments_of_fault(board: BoardClient) -> dict[str, Callable[[BoardClient], None]]:
+def _moments_of_hardware_fault(board: BoardClient) -> dict[str, Callable[[BoardClient], None]]:
     """Return states of a board by their names; each starts with an ARMED board."""
     found: dict[str, Callable[[BoardClient], None]]
     found = {
-        "DISARMED": _off_before_fault,
+        "DISARMED": _output_off_before_fault,
         "MUTED": _mute_before_fault,
-        "sounding": _sound_before_fault,
-        "with frames queued": _queue_before_fault,
+        "sounding": _output_on_before_fault,
+        "with frames queued": _queue_output_before_fault,
     }
-    return found | ({"playing": _play_before_fault} if board.has(Feature.SEQUENCE_PHASES) else {})
+    return found | (
+        {"playing": _play_output_before_fault} if board.has(Feature.SEQUENCE_PHASES) else {}
+    )
 
 
 def _fail_hardware(board: BoardClient) -> None:
@@ -78,7 +80,7 @@ def _fail_hardware(board: BoardClient) -> None:
     board.wire.idle(board.wire.limits.slack_us + 1000)
 
 
-def _recover_from_fault(board: BoardClient) -> None:
+def _recover_from_hardware_fault(board: BoardClient) -> None:
     """Lead the board out of FAULT; NOT-OBSERVED if the fault lasts."""
     board.link.ask(Disarm())
     if board.status().state is OutputState.FAULT:
@@ -86,8 +88,8 @@ def _recover_from_fault(board: BoardClient) -> None:
 
 
 @case("HG-6.8/1", "STATE_CHANGED tells a fault once, from each state", variant="fault")
-def tells_of_a_fault(board: BoardClient) -> None:
-    for name, bring in _moments_of_fault(board).items():
+def tells_of_a_hardware_fault(board: BoardClient) -> None:
+    for name, bring in _moments_of_hardware_fault(board).items():
         board.arm()
         bring(board)
         since = board.link.mark()
@@ -95,7 +97,7 @@ def tells_of_a_fault(board: BoardClient) -> None:
         board.link.barrier()
         told = [(event.state, event.reason) for _, event in board.link.events(StateChanged, since)]
         check(told == [_FAULT], f"a fault while {name}: STATE_CHANGED says {told}")
-        _recover_from_fault(board)
+        _recover_from_hardware_fault(board)
 
 
 @case(
@@ -104,11 +106,11 @@ def tells_of_a_fault(board: BoardClient) -> None:
     variant="fault",
     evidence=SELF_REPORTED,
 )
-def a_fault_silences(board: BoardClient) -> None:
-    for name, bring in _moments_of_fault(board).items():
+def a_hardware_fault_silences(board: BoardClient) -> None:
+    for name, bring in _moments_of_hardware_fault(board).items():
         board.arm()
         since = board.link.mark()
-        with board.counting(flushed=_QUEUED if bring is _queue_before_fault else 0):
+        with board.counting(flushed=_QUEUED if bring is _queue_output_before_fault else 0):
             bring(board)
             _fail_hardware(board)
         found = board.status()
@@ -118,13 +120,14 @@ def a_fault_silences(board: BoardClient) -> None:
             check(is_board_silent(board), f"a fault while {name}: transducers are driven")
         ended = len(board.link.events(PlaybackEnded, since))
         check(
-            ended == (bring is _play_before_fault), f"a fault while {name}: {ended} PLAYBACK_ENDED"
+            ended == (bring is _play_output_before_fault),
+            f"a fault while {name}: {ended} PLAYBACK_ENDED",
         )
-        _recover_from_fault(board)
+        _recover_from_hardware_fault(board)
 
 
 @case("HG-6.2/1", "in FAULT every input leads to the state in the table", variant="fault")
-def follows_the_table_in_a_fault(board: BoardClient) -> None:
+def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
     inputs: dict[OutputInput, Message] = {
         OutputInput.ARM: Arm(),
         OutputInput.MUTE: Mute(),
@@ -154,7 +157,7 @@ def follows_the_table_in_a_fault(board: BoardClient) -> None:
             not_observed("the fault lasts, so that DISARM does not lead out of FAULT")
         due = OutputState.FAULT if due is None else due
         check(found is due, f"{event.name} in FAULT: {found.name}, due is {due.name}")
-        _recover_from_fault(board)
+        _recover_from_hardware_fault(board)
 
 
 @case(
@@ -163,7 +166,7 @@ def follows_the_table_in_a_fault(board: BoardClient) -> None:
     variant="fault",
     evidence=SELF_REPORTED,
 )
-def a_fault_keeps_its_reason(board: BoardClient) -> None:
+def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
     others: dict[str, Callable[[], object]] = {
         "MUTE": lambda: board.link.ask(Mute()),
         "MUTE without a session": lambda: board.link.ask(Mute(), session=0),
@@ -176,4 +179,4 @@ def a_fault_keeps_its_reason(board: BoardClient) -> None:
         happen()
         found = board.status()
         check((found.state, found.reason) == _FAULT, f"{name} in FAULT: {found.reason.name}")
-    _recover_from_fault(board)
+    _recover_from_hardware_fault(board)

@@ -47,7 +47,7 @@ fault_lasts = unobservable("HG-6.6/3", "no frame can bring about a fault of the 
     "HG-6.4/1",
     "MUTE mutes in every state, without a session and with a payload; frames are dropped",
 )
-def mutes_always(board: BoardClient) -> None:
+def mutes_in_every_output_state(board: BoardClient) -> None:
     for state in _STATES:
         for header in (
             {},
@@ -71,7 +71,7 @@ def mutes_always(board: BoardClient) -> None:
                 check(is_board_silent(board), "MUTE is acknowledged, but the board still radiates")
 
 
-def _check_flush(board: BoardClient, message: Message) -> None:
+def _check_mute_flushes(board: BoardClient, message: Message) -> None:
     board.arm()
     t_us = board.clock.soon_us(bytes(2000)) + 20_000
     with board.counting(flushed=3, latched=0):
@@ -84,7 +84,7 @@ def _check_flush(board: BoardClient, message: Message) -> None:
         board.clock.wait_until(t_us + 4000)
 
 
-def _check_end_of_playback(board: BoardClient, message: Message) -> None:
+def _check_mute_ends_playback(board: BoardClient, message: Message) -> None:
     if not board.has(Feature.SEQUENCE_PHASES):
         return
     store_phases(board, 2, frames=3)
@@ -102,8 +102,8 @@ def _check_end_of_playback(board: BoardClient, message: Message) -> None:
 
 @case("HG-6.4/2", "MUTE flushes 3 queued frames and ends a playback", evidence=SELF_REPORTED)
 def mute_flushes(board: BoardClient) -> None:
-    _check_flush(board, Mute())
-    _check_end_of_playback(board, Mute())
+    _check_mute_flushes(board, Mute())
+    _check_mute_ends_playback(board, Mute())
 
 
 @case(
@@ -126,13 +126,13 @@ def mute_takes_the_reason(board: BoardClient) -> None:
 
 
 @case("HG-6.5/1", "DISARM flushes 3 queued frames and ends a playback", evidence=SELF_REPORTED)
-def disarm_flushes(board: BoardClient) -> None:
-    _check_flush(board, Disarm())
-    _check_end_of_playback(board, Disarm())
+def disarm_flushes_the_output(board: BoardClient) -> None:
+    _check_mute_flushes(board, Disarm())
+    _check_mute_ends_playback(board, Disarm())
 
 
 @case("HG-6.5/2", "DISARM while MUTED: DISARM_REPLY and STATUS say MUTED")
-def disarm_leaves_muted(board: BoardClient) -> None:
+def disarm_leaves_muted_state(board: BoardClient) -> None:
     board.link.ask(Mute())
     replied, found = board.link.call(Disarm(), DisarmReply).state, board.status().state
     check(
@@ -147,7 +147,7 @@ def disarm_leaves_muted(board: BoardClient) -> None:
     needs=Feature.READ_RADIATED,
     evidence=SELF_REPORTED,
 )
-def is_off_at_once(board: BoardClient) -> None:
+def output_is_off_at_once(board: BoardClient) -> None:
     for message in (Mute(), Disarm(), board.hello_message(board.new_nonce())):
         board.prepare()
         board.arm()
@@ -172,7 +172,7 @@ def is_off_at_once(board: BoardClient) -> None:
     needs=Feature.READ_RADIATED,
     evidence=SELF_REPORTED,
 )
-def is_off_unless_armed(board: BoardClient) -> None:
+def output_is_off_unless_armed(board: BoardClient) -> None:
     for message in (Mute(), Disarm()):
         board.arm()
         latch_now(board, board.flat_phases())

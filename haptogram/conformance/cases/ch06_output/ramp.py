@@ -33,7 +33,7 @@ _RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def any_frame_renews(board: BoardClient) -> None:
+def any_frame_renews_the_output_lease(board: BoardClient) -> None:
     board.configure(host_timeout_ms=600)  # a busy emulator may miss a few frames' time
     good = board.flat_phases()
     kinds: dict[str, Callable[[], bytes]] = {
@@ -61,7 +61,7 @@ def any_frame_renews(board: BoardClient) -> None:
 
 
 @case("HG-6.10/1", "a sounding board whose stream stops is muted by the hold", needs=Feature.CONFIG)
-def mutes_after_hold(board: BoardClient) -> None:
+def mutes_the_output_after_hold(board: BoardClient) -> None:
     board.configure(hold_ms=60)
     board.arm()
     since = board.link.mark()
@@ -70,7 +70,7 @@ def mutes_after_hold(board: BoardClient) -> None:
     check(board.status().reason is MuteReason.HOLD_EXPIRED, "STATUS does not say HOLD_EXPIRED")
 
 
-def _ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampReading]:
+def _ramp_of_output(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampReading]:
     """Return what is radiated from before a ramp of the hold to behind its end."""
     board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
     board.arm()
@@ -85,8 +85,8 @@ def _ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampReading
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def ramps_do_not_rise(board: BoardClient) -> None:
-    ramp = _ramp(board, hold_ms=100, ramp_ms=300)
+def output_ramps_do_not_rise(board: BoardClient) -> None:
+    ramp = _ramp_of_output(board, hold_ms=100, ramp_ms=300)
     for before, after in itertools.pairwise(ramp):
         rises = [b for a, b in zip(before.amplitudes, after.amplitudes, strict=True) if b > a]
         check(
@@ -102,14 +102,14 @@ def ramps_do_not_rise(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def ramps_reach_silence(board: BoardClient) -> None:
+def output_ramps_reach_silence(board: BoardClient) -> None:
     ramp_ms = 400
-    ramp = _ramp(board, hold_ms=100, ramp_ms=ramp_ms)
+    ramp = _ramp_of_output(board, hold_ms=100, ramp_ms=ramp_ms)
     check_straight_ramp(board, ramp, ramp_ms, bytes([FULL]) * board.identity.transducers)
 
 
 @case("HG-6.11/3", "with ramp_ms = 0 the board is muted right at the end of the hold")
-def hard_mute(board: BoardClient) -> None:
+def hard_mute_has_no_ramp(board: BoardClient) -> None:
     board.configure(hold_ms=80, ramp_ms=0)
     board.arm()
     since = board.link.mark()
@@ -126,7 +126,7 @@ def hard_mute(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def ramps_are_renewed(board: BoardClient) -> None:
+def output_ramps_are_renewed(board: BoardClient) -> None:
     board.configure(hold_ms=100, ramp_ms=600)
     board.arm()
     latch_now(board, board.flat_phases())
@@ -153,7 +153,7 @@ def ramps_are_renewed(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def ramps_end_muted(board: BoardClient) -> None:
+def output_ramps_end_muted(board: BoardClient) -> None:
     board.configure(hold_ms=60, ramp_ms=60)
     board.arm()
     with board.counting(timeouts=1, flushed=1, latched=1):
@@ -172,7 +172,7 @@ def ramps_end_muted(board: BoardClient) -> None:
     variant="playback",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
 )
-def ramps_end_playback(board: BoardClient) -> None:
+def output_ramps_end_playback(board: BoardClient) -> None:
     board.configure(hold_ms=50)
     store_phases(board, 1, frames=2)
     board.arm()

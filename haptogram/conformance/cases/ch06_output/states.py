@@ -46,7 +46,7 @@ _REASONS: Final = {
     "after a reset: DISARMED, NEVER_ARMED, nothing radiated; frames are dropped",
     needs_reset=True,
 )
-def starts_disarmed(board: BoardClient) -> None:
+def output_starts_disarmed(board: BoardClient) -> None:
     state = board.hello().state
     check(state is OutputState.DISARMED, f"after a reset HELLO_REPLY says {state.name}")
     found = board.status()
@@ -60,13 +60,13 @@ def starts_disarmed(board: BoardClient) -> None:
 @case(
     "HG-6.2/1", "ARM, MUTE, DISARM, STOP and HELLO lead from every state to the state in the table"
 )
-def follows_the_table(board: BoardClient) -> None:
+def follows_the_table_of_output_states(board: BoardClient) -> None:
     for state in _STATES:
         for event in (*_INPUTS, OutputInput.NEW_SESSION):
             if event is OutputInput.STOP and not board.identity.features & _SEQUENCES:
                 continue
             board.bring_to(state)
-            _do(board, event)
+            _do_output_event(board, event)
             due = OUTPUT_TRANSITIONS[state, event]
             found = board.status()
             check(
@@ -80,7 +80,7 @@ def follows_the_table(board: BoardClient) -> None:
                 )
 
 
-def _do(board: BoardClient, event: OutputInput) -> None:
+def _do_output_event(board: BoardClient, event: OutputInput) -> None:
     if event is OutputInput.NEW_SESSION:
         board.hello()
         return
@@ -94,7 +94,7 @@ def _do(board: BoardClient, event: OutputInput) -> None:
 
 
 @case("HG-6.2/1", "PLAY while DISARMED and MUTED is refused", variant="play")
-def plays_only_when_armed(board: BoardClient) -> None:
+def plays_only_in_armed_state(board: BoardClient) -> None:
     board.need(Feature.SEQUENCE_PHASES)
     store_phases(board, 1, frames=2)
     for state in (OutputState.DISARMED, OutputState.MUTED):
@@ -103,7 +103,7 @@ def plays_only_when_armed(board: BoardClient) -> None:
 
 
 @case("HG-6.2/2", "ERROR(BAD_STATE) has the output state as its detail, in each state")
-def tells_the_state(board: BoardClient) -> None:
+def tells_the_output_state(board: BoardClient) -> None:
     board.need_any(_SEQUENCES | Feature.CORRECTION)
     for state in _STATES:
         board.bring_to(state)
@@ -116,14 +116,14 @@ def tells_the_state(board: BoardClient) -> None:
     "an input that keeps the state keeps the reason too, except MUTE",
     evidence=SELF_REPORTED,
 )
-def keeps_the_reason(board: BoardClient) -> None:
+def keeps_the_reason_of_the_state(board: BoardClient) -> None:
     for state in _STATES:
         for event in (OutputInput.ARM, OutputInput.DISARM, OutputInput.NEW_SESSION):
             if OUTPUT_TRANSITIONS[state, event] is not state:
                 continue
             board.bring_to(state)
             before = board.status().reason
-            _do(board, event)
+            _do_output_event(board, event)
             after = board.status().reason
             check(
                 after is before,
@@ -137,7 +137,7 @@ def keeps_the_reason(board: BoardClient) -> None:
     needs=Feature.READ_RADIATED,
     evidence=SELF_REPORTED,
 )
-def is_silent_until_the_first_latch(board: BoardClient) -> None:
+def armed_output_is_silent_until_a_latch(board: BoardClient) -> None:
     board.arm()
     check(is_board_silent(board), "ARM makes a sound")
     latch_now(board, board.flat_phases())
@@ -150,7 +150,7 @@ def is_silent_until_the_first_latch(board: BoardClient) -> None:
 
 
 @case("HG-6.3/2", "ARM while ARMED keeps the queue and the drive", evidence=SELF_REPORTED)
-def arms_again(board: BoardClient) -> None:
+def arms_again_in_armed_state(board: BoardClient) -> None:
     board.arm()
     latch_now(board, board.flat_phases())
     t_us = board.clock.soon_us(bytes(1500))
@@ -165,7 +165,7 @@ def arms_again(board: BoardClient) -> None:
 
 
 @case("HG-6.8/2", "MUTE without a session and of another one: STATE_CHANGED(MUTED, MUTE)")
-def tells_of_a_foreign_mute(board: BoardClient) -> None:
+def tells_the_state_after_a_foreign_mute(board: BoardClient) -> None:
     for session in (0, board.link.session ^ 0x0AA0):
         board.arm()
         since = board.link.mark()
@@ -183,7 +183,7 @@ def tells_of_a_foreign_mute(board: BoardClient) -> None:
 @case(
     "HG-6.8/1", "STATE_CHANGED names the lease and the hold when they run out", needs=Feature.CONFIG
 )
-def tells_of_a_timer(board: BoardClient) -> None:
+def tells_the_state_after_a_timer(board: BoardClient) -> None:
     for reason, changes in (
         (MuteReason.HOST_SILENT, {"host_timeout_ms": 100}),
         (MuteReason.HOLD_EXPIRED, {"hold_ms": 50}),

@@ -42,7 +42,7 @@ _MODES: Final = {
 _STATUS_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + StatusReply.LAYOUT.size)))
 
 
-def _in_force(board: BoardClient) -> Config:
+def _configuration_in_force(board: BoardClient) -> Config:
     return board.link.call(GetConfig(), ConfigReply).config
 
 
@@ -51,14 +51,17 @@ def _in_force(board: BoardClient) -> Config:
     "values one beyond a bound are refused with their offset and change nothing; bounds are taken",
     needs=Feature.CONFIG,
 )
-def keeps_its_bounds(board: BoardClient) -> None:
-    before = _in_force(board)
+def configuration_keeps_its_bounds(board: BoardClient) -> None:
+    before = _configuration_in_force(board)
     for name, value in OUT_OF_BOUNDS:
         changes: dict[str, Any] = {"hold_ms": 777, name: value}
         wrong = dataclasses.replace(board.base_config, **changes)
         offset = Config.WIRE[name].offset
         board.link.refused(SetConfig(wrong), ErrorCode.BAD_VALUE, offset)
-        check(_in_force(board) == before, f"{name} = {value} is refused, but has changed something")
+        check(
+            _configuration_in_force(board) == before,
+            f"{name} = {value} is refused, but has changed something",
+        )
     for values in _JUST_RIGHT:
         board.configure(**values)
 
@@ -68,7 +71,7 @@ def keeps_its_bounds(board: BoardClient) -> None:
     "a status_period_ms at which STATUS takes more than a tenth of the line is refused",
     needs=Feature.CONFIG,
 )
-def spares_the_line(board: BoardClient) -> None:
+def configuration_spares_the_line(board: BoardClient) -> None:
     least_ms = _STATUS_BYTES * 10 * 10 * 1000 // board.wire.baudrate
     if least_ms <= 10:
         not_observed("on a line this fast STATUS every 10 ms takes less than a tenth")
@@ -86,7 +89,7 @@ def spares_the_line(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def is_in_force_at_once(board: BoardClient) -> None:
+def configuration_is_in_force_at_once(board: BoardClient) -> None:
     board.arm()
     period_ms = board.quick_status_ms
     wanted = dataclasses.replace(
@@ -100,7 +103,10 @@ def is_in_force_at_once(board: BoardClient) -> None:
         board.link.answer_to(SetConfig.TYPE, seq, since)
         board.clock.wait_latched(400)
     board.config = wanted
-    check(_in_force(board) == wanted, "GET_CONFIG shows another configuration than was set")
+    check(
+        _configuration_in_force(board) == wanted,
+        "GET_CONFIG shows another configuration than was set",
+    )
     found = board.link.await_event(Status, since, 3 * period_ms * _MS + board.wire.limits.slack_us)
     check(found is not None, f"status_period_ms = {period_ms} is not in force")
 
@@ -112,7 +118,7 @@ def is_in_force_at_once(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.AMPLITUDE,
     depth=Depth.DEFAULT,
 )
-def a_ramp_goes_on(board: BoardClient) -> None:
+def configuration_lets_a_ramp_go_on(board: BoardClient) -> None:
     board.configure(hold_ms=50, ramp_ms=400)
     board.arm()
     since = board.link.mark()
@@ -130,10 +136,10 @@ def a_ramp_goes_on(board: BoardClient) -> None:
     "a configuration is gone after a reset, unless CONFIG_KEPT is advertised",
     needs_reset=True,
 )
-def starts_with_its_default(board: BoardClient) -> None:
+def starts_with_the_default_configuration(board: BoardClient) -> None:
     board.hello()
     board.need(Feature.CONFIG)
-    found, set_before = _in_force(board), board.last_config
+    found, set_before = _configuration_in_force(board), board.last_config
     if set_before is None:
         not_observed("nothing was set before the reset")
     kept = found == set_before
@@ -147,7 +153,7 @@ def starts_with_its_default(board: BoardClient) -> None:
     "HG-7.1/5",
     "config_crc is the CRC-32 of the 20 bytes in force and the N bytes of the correction",
 )
-def config_crc_is_right(board: BoardClient) -> None:
+def configuration_has_its_crc(board: BoardClient) -> None:
     none = bytes(board.identity.transducers)
     corrections = [none]
     if board.has(Feature.CORRECTION):
@@ -171,7 +177,7 @@ def config_crc_is_right(board: BoardClient) -> None:
     "trace modes that are not advertised or not defined are refused",
     needs=Feature.CONFIG,
 )
-def refuses_other_traces(board: BoardClient) -> None:
+def refuses_configuration_of_other_traces(board: BoardClient) -> None:
     lacking = [int(mode) for mode, feature in _MODES.items() if not board.has(feature)]
     offset = Config.WIRE["trace_mode"].offset
     for mode in (*lacking, max(TraceMode) + 1, 0xFF):

@@ -22,7 +22,7 @@ from ...outcome import SELF_REPORTED, check
     needs=Feature.CORRECTION | Feature.READ_RADIATED | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
-def adds_the_correction(board: BoardClient) -> None:
+def adds_the_phase_correction(board: BoardClient) -> None:
     count = board.identity.transducers
     correction = board.random.randbytes(count)
     upload_to_board(board, UploadKind.CORRECTION, 0, correction)
@@ -46,7 +46,7 @@ def adds_the_correction(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
-def keeps_under_the_ceiling(board: BoardClient) -> None:
+def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
     board.arm()
     for ceiling in (100, 1, 255):
         board.configure(amplitude_ceiling=ceiling)

@@ -27,16 +27,16 @@ _LOOK_MS: Final = 60
 _SLOW_US: Final = 9_500_000
 
 
-def _period_us(board: BoardClient) -> int:
+def _playback_period_us(board: BoardClient) -> int:
     return shortest_period_us(board, PERIOD_US)
 
 
-def _loop_numbers(frames: int) -> list[int]:
+def _playback_loop_numbers(frames: int) -> list[int]:
     """Return numbers of loops at which loops, or all frames, are just over 2^b.
 
     Examples
     --------
-    >>> _loop_numbers(1)[:2]
+    >>> _playback_loop_numbers(1)[:2]
     [256, 257]
     """
     numbers = {0xFFFFFFFF}
@@ -53,11 +53,11 @@ def _loop_numbers(frames: int) -> list[int]:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def many_loops_go_on(board: BoardClient) -> None:
-    period_us = _period_us(board)
+def many_playback_loops_go_on(board: BoardClient) -> None:
+    period_us = _playback_period_us(board)
     for frames in (1, 2, 3):
         store_phases(board, _SEQUENCE, frames=frames)
-        for loops in _loop_numbers(frames):
+        for loops in _playback_loop_numbers(frames):
             board.arm()
             since, before = board.link.mark(), board.status().counters.latched
             play_now(board, _SEQUENCE, loops=loops, period_us=period_us)
@@ -71,7 +71,7 @@ def many_loops_go_on(board: BoardClient) -> None:
             check(latched >= _SEEN - 1, f"{name}: {latched} latches in {_SEEN} periods")
 
 
-def _periods_us() -> list[int]:
+def _playback_periods_us() -> list[int]:
     """Return periods just over 2^b us, ms and tenths of ms, up to 32 bits, of 200 ms and more."""
     edges = {unit << width for unit in (1, 100, 1000) for width in _WIDTHS} | {0xFFFFFFF0}
     return sorted(edge + 10 * _MS for edge in edges if 200 * _MS <= edge < (1 << 32) - 10 * _MS)
@@ -84,10 +84,10 @@ def _periods_us() -> list[int]:
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def long_periods_are_long(board: BoardClient) -> None:
+def long_playback_periods_are_long(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=3)
     board.configure(hold_ms=10_000)
-    periods = _periods_us()
+    periods = _playback_periods_us()
     for period_us in periods if board.thorough else periods[-2:]:
         board.arm()
         with board.counting(latched=1):
@@ -145,7 +145,7 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
-def every_start_is_kept(board: BoardClient) -> None:
+def every_playback_start_is_kept(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=1)
     horizon_us = board.identity.max_horizon_us
     aheads = {70 * _MS, 600 * _MS, horizon_us - 200 * _MS}
@@ -156,7 +156,7 @@ def every_start_is_kept(board: BoardClient) -> None:
         board.arm()
         start_us = board.clock.on_carrier(board.clock.device_us() + ahead_us)
         before = board.status().counters.latched
-        play = Play(_SEQUENCE, _period_us(board), 1, alone_ms)
+        play = Play(_SEQUENCE, _playback_period_us(board), 1, alone_ms)
         board.link.call(play, PlayReply, time_us=start_us)
         board.clock.wait_until(start_us - 30 * _MS - 2 * board.wire.limits.slack_us)
         early = (board.status().counters.latched - before) & 0xFFFFFFFF
@@ -175,12 +175,12 @@ def every_start_is_kept(board: BoardClient) -> None:
     variant="late",
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
 )
-def passed_starts_are_refused(board: BoardClient) -> None:
+def passed_playback_starts_are_refused(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=1)
     for window_us in (0, 20_000, 100_000):
         board.configure(late_window_us=window_us)
         board.arm()
         for late_us in (1, 1000, 15_000, 70_000, 1_000_000):
             start_us = board.clock.device_us() - late_us
-            play = Play(_SEQUENCE, _period_us(board), 1, 100)
+            play = Play(_SEQUENCE, _playback_period_us(board), 1, 100)
             board.link.refused(play, ErrorCode.BAD_VALUE, 0, time_us=start_us)

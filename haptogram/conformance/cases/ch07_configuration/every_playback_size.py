@@ -37,7 +37,7 @@ _DIVIDER: Final = 260
 _WINDOW_US: Final = 100_000
 
 
-def _store(board: BoardClient, kind: UploadKind, frames: int) -> None:
+def _store_playback(board: BoardClient, kind: UploadKind, frames: int) -> None:
     if kind is UploadKind.PHASES:
         store_phases(board, _SEQUENCE, frames=frames)
         return
@@ -45,7 +45,7 @@ def _store(board: BoardClient, kind: UploadKind, frames: int) -> None:
     upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, 1)
 
 
-def _kinds(board: BoardClient) -> list[UploadKind]:
+def _kinds_of_playback(board: BoardClient) -> list[UploadKind]:
     features = (
         (Feature.SEQUENCE_PHASES, UploadKind.PHASES),
         (Feature.SEQUENCE_POINTS, UploadKind.POINTS),
@@ -53,7 +53,7 @@ def _kinds(board: BoardClient) -> list[UploadKind]:
     return [kind for feature, kind in features if board.has(feature)]
 
 
-def _shortest_us(board: BoardClient) -> int:
+def _shortest_playback_us(board: BoardClient) -> int:
     return shortest_period_us(board, max(200, board.identity.point_time_us))
 
 
@@ -65,19 +65,19 @@ def _shortest_us(board: BoardClient) -> int:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_shape_is_played(board: BoardClient) -> None:
+def every_playback_size_is_played(board: BoardClient) -> None:
     ring = board.identity.trace_ring
-    for kind in _kinds(board):
+    for kind in _kinds_of_playback(board):
         for frames, loops, period_us in _SHAPES:
             if frames * loops > ring or frames > board.identity.max_sequence_frames:
                 continue
             board.hello()
             board.configure(trace_mode=TraceMode.RING)
-            _store(board, kind, frames)
+            _store_playback(board, kind, frames)
             board.arm()
             since = board.link.mark()
             start_us = board.clock.soon_us(bytes(100)) + 1003
-            period = max(period_us or _shortest_us(board), board.identity.point_time_us)
+            period = max(period_us or _shortest_playback_us(board), board.identity.point_time_us)
             alone_ms = max(UNATTENDED_MS, 2 * frames * loops * period // 1000)
             play_at(
                 board,
@@ -110,7 +110,7 @@ def every_shape_is_played(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def many_frames_are_counted(board: BoardClient) -> None:
+def many_playback_frames_are_counted(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=1)
     rings = board.has(Feature.TRACE_RING | Feature.CONFIG)
     if rings:
@@ -121,10 +121,10 @@ def many_frames_are_counted(board: BoardClient) -> None:
     told = (event.loops, event.frames)
     check(told == (_MANY, _MANY), f"{_MANY} passes of one frame: PLAYBACK_ENDED says {told}")
     if rings:
-        _check_many_in_the_ring(board)
+        _check_playback_in_the_ring(board)
 
 
-def _check_many_in_the_ring(board: BoardClient) -> None:
+def _check_playback_in_the_ring(board: BoardClient) -> None:
     """FAILED unless the ring numbers the last latches, and one late frame, beyond 16 bits."""
     last = board.link.stream_next
     board.link.send(board.link.stream_wire(board.flat_phases(), board.clock.device_us() - 5000))
@@ -145,13 +145,13 @@ def _check_many_in_the_ring(board: BoardClient) -> None:
     needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def wide_dividers_divide(board: BoardClient) -> None:
+def wide_dividers_divide_playback(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=3)
     board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
     board.arm()
     since = board.link.mark()
     latch_now(board, board.flat_phases())
-    play_out(board, _SEQUENCE, 3, loops=200, period_us=_shortest_us(board))
+    play_out(board, _SEQUENCE, 3, loops=200, period_us=_shortest_playback_us(board))
     board.link.barrier()
     got = [event.key for _, event in board.link.events(TraceDrive, since)]
     # Latch 0 is the stream's, so that latch n of the rest is frame n - 1 of the playback.
@@ -168,7 +168,7 @@ def wide_dividers_divide(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_latch_counts_in_the_division(board: BoardClient) -> None:
+def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=1)
     for divider in (2, 3, 4):
         board.configure(

@@ -24,7 +24,7 @@ _NEVER_MS: Final = 10_000
 _RAMP_MS: Final = 30
 
 
-def _others(board: BoardClient) -> list[dict[str, Any]]:
+def _other_configuration_fields(board: BoardClient) -> list[dict[str, Any]]:
     """Return a change of each field that is no length of a mute; at a wall clock all in one."""
     found: list[dict[str, Any]] = [
         {"status_period_ms": board.quick_status_ms + 100},
@@ -41,7 +41,7 @@ def _others(board: BoardClient) -> list[dict[str, Any]]:
     return found
 
 
-def _set_alone(board: BoardClient, **changes: Any) -> int:
+def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
     """Set the configuration and return the time of the reply; no frame follows that may help."""
     wanted = dataclasses.replace(board.base_config, **changes)
     answer = board.link.ask(SetConfig(wanted))
@@ -50,22 +50,22 @@ def _set_alone(board: BoardClient, **changes: Any) -> int:
     return board.clock.unwrap(answer.header.time_us)
 
 
-def _start_hold(board: BoardClient) -> int:
+def _start_hold_to_configure(board: BoardClient) -> int:
     latch_now(board, board.flat_phases())
     return board.clock.unwrap(board.status().last_latch_us)
 
 
-def _start_played_hold(board: BoardClient) -> int:
+def _start_played_hold_to_configure(board: BoardClient) -> int:
     play_now(board, _SEQUENCE, loops=1)
     board.wire.idle(5 * _MS)
-    return _last_latch(board)
+    return _last_latch_before_configuration(board)
 
 
-def _last_latch(board: BoardClient) -> int:
+def _last_latch_before_configuration(board: BoardClient) -> int:
     return board.clock.unwrap(board.status().last_latch_us)
 
 
-def _hold_with(
+def _hold_with_configuration(
     board: BoardClient,
     start: Callable[[BoardClient], int],
     length_ms: int,
@@ -81,7 +81,7 @@ def _hold_with(
     start_us = start(board)
     board.wire.idle(max(0, start_us + _BEFORE_MS * _MS - board.clock.device_estimate_us()))
     early_us = board.clock.device_us()
-    late_us = _set_alone(board, **after)
+    late_us = _set_configuration_alone(board, **after)
     longest_ms = 2 * max(length_ms, after["hold_ms"]) + after["ramp_ms"]
     header, _ = muted_by_timer(board, since, longest_ms * _MS, MuteReason.HOLD_EXPIRED)
     muted_us = board.clock.unwrap(header.time_us)
@@ -104,26 +104,26 @@ def _hold_with(
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def a_running_hold_is_changed(board: BoardClient) -> None:
+def configuration_changes_a_running_hold(board: BoardClient) -> None:
     ramps: list[dict[str, Any]] = [{"ramp_ms": 0}]
     if board.has(Feature.AMPLITUDE):
         ramps += [{"ramp_ms": 90}, {"ramp_ms": 90, "hold_ms": _LENGTH_MS - 50}]
-    starts = [_start_hold]
+    starts = [_start_hold_to_configure]
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=2)
-        starts.append(_start_played_hold)
+        starts.append(_start_played_hold_to_configure)
     lengths: list[tuple[int, dict[str, Any]]] = [
         (_LENGTH_MS, {"hold_ms": _LENGTH_MS - 50}),
         (_LENGTH_MS, {"hold_ms": 1}),
         (_LENGTH_MS, {"hold_ms": _BEFORE_MS // 2}),
         (_LENGTH_MS, {"hold_ms": _LENGTH_MS + 60}),
         (_NEVER_MS, {"hold_ms": _LENGTH_MS}),
-        *((_LENGTH_MS, changes) for changes in [*ramps, *_others(board)]),
+        *((_LENGTH_MS, changes) for changes in [*ramps, *_other_configuration_fields(board)]),
     ]
     for start in starts:
-        least = board.wire.limits.slack_us and start is _start_played_hold
+        least = board.wire.limits.slack_us and start is _start_played_hold_to_configure
         for length_ms, changes in lengths[:2] if least else lengths:
-            _hold_with(board, start, length_ms, changes)
+            _hold_with_configuration(board, start, length_ms, changes)
 
 
 @case(
@@ -133,7 +133,7 @@ def a_running_hold_is_changed(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def a_running_lease_is_changed(board: BoardClient) -> None:
+def configuration_changes_a_running_lease(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=2)
     lengths: list[dict[str, Any]] = [
@@ -143,11 +143,13 @@ def a_running_lease_is_changed(board: BoardClient) -> None:
     ]
     lengths += [{"ramp_ms": 90}] if board.has(Feature.AMPLITUDE) else []
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
-        for changes in [*lengths, *_others(board)]:
-            _lease_with(board, changes, plays=plays)
+        for changes in [*lengths, *_other_configuration_fields(board)]:
+            _lease_with_configuration(board, changes, plays=plays)
 
 
-def _lease_with(board: BoardClient, changes: Mapping[str, Any], *, plays: bool) -> None:
+def _lease_with_configuration(
+    board: BoardClient, changes: Mapping[str, Any], *, plays: bool
+) -> None:
     before = {"host_timeout_ms": _LENGTH_MS, "hold_ms": 5000, "ramp_ms": 0}
     after = before | dict(changes)
     board.configure(**before)
@@ -158,7 +160,7 @@ def _lease_with(board: BoardClient, changes: Mapping[str, Any], *, plays: bool) 
     else:
         latch_now(board, board.flat_phases())
     board.wire.idle(_BEFORE_MS * _MS)
-    start_us = _set_alone(board, **after)
+    start_us = _set_configuration_alone(board, **after)
     due_ms = (_LENGTH_MS if plays else after["host_timeout_ms"]) + after["ramp_ms"]
     reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
     header, _ = muted_by_timer(board, since, 3 * due_ms * _MS, reason)
@@ -172,7 +174,7 @@ def _lease_with(board: BoardClient, changes: Mapping[str, Any], *, plays: bool) 
     needs=Feature.CONFIG | Feature.AMPLITUDE,
     depth=Depth.DEFAULT,
 )
-def a_running_ramp_is_not_changed(board: BoardClient) -> None:
+def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
     hold_ms, ramp_ms = 30, 150
     lengths: tuple[dict[str, Any], ...] = (
         {"hold_ms": 1},
@@ -181,11 +183,11 @@ def a_running_ramp_is_not_changed(board: BoardClient) -> None:
         {"ramp_ms": 2000},
         {"host_timeout_ms": 200},
     )
-    for changes in (*lengths, *_others(board)):
+    for changes in (*lengths, *_other_configuration_fields(board)):
         board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
         board.arm()
         since = board.link.mark()
-        start_us = _start_hold(board)
+        start_us = _start_hold_to_configure(board)
         middle_us = start_us + (hold_ms + ramp_ms // 3) * _MS
         board.wire.idle(max(0, middle_us - board.clock.device_estimate_us()))
         board.clock.require_in_time(start_us + (hold_ms + ramp_ms) * _MS)
@@ -202,7 +204,7 @@ def a_running_ramp_is_not_changed(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def a_running_status_period_is_changed(board: BoardClient) -> None:
+def configuration_changes_a_running_status_period(board: BoardClient) -> None:
     least_ms = board.quick_status_ms
     if least_ms > 1000:
         not_observed("a status period takes too long on this line")
@@ -210,7 +212,7 @@ def a_running_status_period_is_changed(board: BoardClient) -> None:
         board.configure(status_period_ms=before_ms)
         board.wire.idle(least_ms * _MS // 2)
         since = board.link.mark()
-        start_us = _set_alone(board, status_period_ms=after_ms)
+        start_us = _set_configuration_alone(board, status_period_ms=after_ms)
         board.wire.idle(7 * after_ms * _MS // 2 + board.wire.limits.slack_us)
         board.link.barrier()
         found = board.link.events(Status, since)

@@ -46,7 +46,7 @@ _DIVIDER: Final = 3
     needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED,
     evidence=SELF_REPORTED,
 )
-def a_ceiling_is_in_force_at_once(board: BoardClient) -> None:
+def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
     plays = [False, True] if board.has(Feature.SEQUENCE_PHASES) else [False]
     for played in plays:
         board.configure()
@@ -70,7 +70,7 @@ def a_ceiling_is_in_force_at_once(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.SEQUENCE_POINTS | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
-def stored_points_take_the_new_speed(board: BoardClient) -> None:
+def stored_points_take_the_configured_speed(board: BoardClient) -> None:
     from ...judge.array_model import model_of_board
     from ...judge.focusing import judged_phase_errors
 
@@ -95,7 +95,7 @@ def stored_points_take_the_new_speed(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def trace_modes_are_in_force_at_once(board: BoardClient) -> None:
+def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
     events = {
         TraceMode.OFF: (Feature(0), None),
         TraceMode.CRC: (Feature.TRACE, TracePlayback),
@@ -126,7 +126,7 @@ def trace_modes_are_in_force_at_once(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def requests_leave_the_division(board: BoardClient) -> None:
+def requests_leave_the_configured_division(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=1)
     board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)

@@ -35,7 +35,7 @@ _PIECES: Final = 12  # chunks of an upload
 _Chunks = list[tuple[int, int]]
 
 
-def _spans(count: int) -> list[tuple[int, int]]:
+def _spans_of_geometry(count: int) -> list[tuple[int, int]]:
     """Return (first, count) at and around every edge of an array of *count*."""
     firsts = {0, 1, count // 2, count - 1} & set(range(count))
     counts = {0, 1, 2, count - 1, count, count + 1, 0xFFFF}
@@ -49,7 +49,7 @@ def _spans(count: int) -> list[tuple[int, int]]:
 )
 def every_span_of_the_geometry(board: BoardClient) -> None:
     whole, total = board.read_geometry(), board.identity.transducers
-    for first, count in _spans(total):
+    for first, count in _spans_of_geometry(total):
         reply = board.link.call(GetGeometry(first, count), GeometryReply)
         due = whole[first : first + count]
         check((reply.total, reply.first) == (total, first), f"from {first}: {reply.first}")
@@ -67,7 +67,7 @@ def every_span_of_the_geometry(board: BoardClient) -> None:
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
-def every_span_of_the_drive(board: BoardClient) -> None:
+def every_span_of_drive_and_geometry(board: BoardClient) -> None:
     board.arm()
     latch_now(board, stream_kinds(board)[-1].make())  # with amplitudes that differ, where it can
     kinds = [DriveKind.LATCHED]
@@ -75,7 +75,7 @@ def every_span_of_the_drive(board: BoardClient) -> None:
         kinds.append(DriveKind.RADIATED)
     for kind in kinds:
         whole, total = read_back(board, kind), board.identity.transducers
-        for first, count in _spans(total):
+        for first, count in _spans_of_geometry(total):
             reply = board.link.call(ReadDrive(kind, first, count), DriveReply)
             end = min(first + count, total)
             due = whole.phases[first:end] + whole.amplitudes[first:end]
@@ -86,33 +86,33 @@ def every_span_of_the_drive(board: BoardClient) -> None:
             check(reply.key == whole.reply.key, f"READ_DRIVE from {first} names another latch")
 
 
-def _span_chunks_forwards(chunks: _Chunks) -> _Chunks:
+def _upload_chunks_forwards(chunks: _Chunks) -> _Chunks:
     return chunks
 
 
-def _span_chunks_backwards(chunks: _Chunks) -> _Chunks:
+def _upload_chunks_backwards(chunks: _Chunks) -> _Chunks:
     return chunks[::-1]
 
 
-def _span_chunks_odd_first(chunks: _Chunks) -> _Chunks:
+def _upload_chunks_odd_first(chunks: _Chunks) -> _Chunks:
     return chunks[1::2] + chunks[::2]
 
 
-def _span_chunks_from_middle(chunks: _Chunks) -> _Chunks:
+def _upload_chunks_from_middle(chunks: _Chunks) -> _Chunks:
     middle = len(chunks) // 2
     return chunks[middle:] + chunks[:middle][::-1]
 
 
-def _span_chunks_overlapping(chunks: _Chunks) -> _Chunks:
+def _upload_chunks_overlapping(chunks: _Chunks) -> _Chunks:
     return [(max(0, start - 3), stop) for start, stop in chunks[::3] + chunks[1::3] + chunks[2::3]]
 
 
 _ORDERS: Final[tuple[Callable[[_Chunks], _Chunks], ...]] = (
-    _span_chunks_forwards,
-    _span_chunks_backwards,
-    _span_chunks_odd_first,
-    _span_chunks_from_middle,
-    _span_chunks_overlapping,
+    _upload_chunks_forwards,
+    _upload_chunks_backwards,
+    _upload_chunks_odd_first,
+    _upload_chunks_from_middle,
+    _upload_chunks_overlapping,
 )
 
 
@@ -123,7 +123,7 @@ _ORDERS: Final[tuple[Callable[[_Chunks], _Chunks], ...]] = (
     needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def every_order_of_chunks(board: BoardClient) -> None:
+def every_order_of_upload_chunks(board: BoardClient) -> None:
     count = board.identity.transducers
     frames = max(3, -(-2 * _PIECES // count))
     for order in _ORDERS:
@@ -138,10 +138,10 @@ def every_order_of_chunks(board: BoardClient) -> None:
             board.link.call(UploadChunk(start, data[start:stop]), UploadChunkReply)
         taken = board.link.call(UploadCommit(_SEQUENCE), UploadCommitReply).frames
         check(taken == frames, f"{name}: {taken} frames are taken, not {frames}")
-        _plays(board, name, drives)
+        _uploaded_chunks_play(board, name, drives)
 
 
-def _plays(board: BoardClient, name: str, drives: list[bytes]) -> None:
+def _uploaded_chunks_play(board: BoardClient, name: str, drives: list[bytes]) -> None:
     board.configure(trace_mode=TraceMode.CRC)
     board.arm()
     since = board.link.mark()

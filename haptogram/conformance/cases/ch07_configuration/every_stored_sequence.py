@@ -75,7 +75,7 @@ class Store:
             check(got == due, f"{name}: sequence {sequence:#06x} is not played as it was uploaded")
 
 
-def _orders() -> Iterator[tuple[int, ...]]:
+def _orders_of_stored_sequences() -> Iterator[tuple[int, ...]]:
     """Yield orders in which the sequences are replaced, one of them twice."""
     for order in itertools.permutations(range(len(_IDS))):
         yield (*order, order[0])
@@ -88,8 +88,8 @@ def _orders() -> Iterator[tuple[int, ...]]:
     needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def every_order_of_replacements(board: BoardClient) -> None:
-    orders = list(_orders())
+def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
+    orders = list(_orders_of_stored_sequences())
     for order in orders if board.thorough else orders[3:4]:
         board.configure(trace_mode=TraceMode.CRC)
         store = Store(board)
@@ -114,7 +114,7 @@ def every_order_of_replacements(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def others_are_uploaded_meanwhile(board: BoardClient) -> None:
+def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     first, second, third = _IDS
     board.configure(trace_mode=TraceMode.CRC)
     store = Store(board)
@@ -151,21 +151,21 @@ def many_sequences_are_stored(board: BoardClient) -> None:
     for sequence in SEQUENCES:  # later cases find room for theirs
         store.put(sequence, 1)
     board.arm()
-    held = _refused_play(board, _ABSENT)
+    held = _refused_play_of_sequence(board, _ABSENT)
     for sequence in range(_ABSENT + 1, _ABSENT + 1 + _MANY):
-        is_new = _refused_play(board, sequence) is not None
+        is_new = _refused_play_of_sequence(board, sequence) is not None
         begin = UploadBegin(UploadKind.PHASES, 0, sequence, count, 0)
         if isinstance(board.link.ask(begin).message, Error):  # no room for one more
             break
         for _ in range(2):  # the second replaces the first
             store.put(sequence, 1)
-        told, due = _refused_play(board, _ABSENT), (held or 0) + is_new
+        told, due = _refused_play_of_sequence(board, _ABSENT), (held or 0) + is_new
         check(told == due, f"{due} sequences are stored: NOT_FOUND tells {told}")
         held = told
     store.check_all(f"{len(store.crcs)} sequences")
 
 
-def _refused_play(board: BoardClient, sequence: int) -> int | None:
+def _refused_play_of_sequence(board: BoardClient, sequence: int) -> int | None:
     """Return the detail of NOT_FOUND, the number of stored sequences; None if this one is there."""
     start_us = board.clock.device_us() + _AHEAD_US
     play = Play(sequence, 1000, 1, min(9_999, board.identity.max_unattended_ms))

@@ -36,14 +36,14 @@ def shows_its_geometry(board: BoardClient) -> None:
 
 
 @case("HG-7.5/2", "GET_GEOMETRY from N on is refused with NOT_FOUND, detail N")
-def has_no_more_transducers(board: BoardClient) -> None:
+def geometry_has_no_more_transducers(board: BoardClient) -> None:
     count = board.identity.transducers
     for first in (count, count + 1, 0xFFFF):
         board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, count)
 
 
 @case("HG-7.5/3", "GET_GEOMETRY is the grid of HELLO_REPLY: pitch, z = 0, normals (0, 0, 32767)")
-def shows_its_grid(board: BoardClient) -> None:
+def geometry_is_the_grid(board: BoardClient) -> None:
     nx, ny, pitch_um = board.identity.grid_nx, board.identity.grid_ny, board.identity.pitch_um
     if not nx * ny:
         not_observed("this board is no grid")

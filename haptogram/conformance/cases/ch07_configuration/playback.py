@@ -30,7 +30,7 @@ _MS: Final = 1000
 _NEEDS: Final = Feature.SEQUENCE_PHASES
 
 
-def _ended(board: BoardClient, since: int, timeout_us: int) -> PlaybackEnded:
+def _playback_ended(board: BoardClient, since: int, timeout_us: int) -> PlaybackEnded:
     found = board.link.await_event(
         PlaybackEnded, since, timeout_us + 2 * board.wire.limits.slack_us
     )
@@ -44,7 +44,7 @@ def _ended(board: BoardClient, since: int, timeout_us: int) -> PlaybackEnded:
     "PLAY during a playback is refused with BAD_STATE, of no stored sequence with NOT_FOUND",
     needs=_NEEDS,
 )
-def refuses_to_play(board: BoardClient) -> None:
+def refuses_playback_in_wrong_state(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)
     board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, 0, flags=0x10)
     board.arm()
@@ -60,7 +60,7 @@ def refuses_to_play(board: BoardClient) -> None:
     "periods, unattended times and starts out of bounds are refused with BAD_VALUE",
     needs=_NEEDS,
 )
-def checks_its_times(board: BoardClient) -> None:
+def checks_the_times_of_playback(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)
     board.arm()
     identity = board.identity
@@ -77,7 +77,7 @@ def checks_its_times(board: BoardClient) -> None:
     board.link.refused(play, bad, 0, time_us=beyond_us)
     since = board.link.mark()
     play_now(board, 1, loops=1, period_us=least_us)
-    _ended(board, since, 50 * _MS)
+    _playback_ended(board, since, 50 * _MS)
 
 
 @case(
@@ -86,7 +86,7 @@ def checks_its_times(board: BoardClient) -> None:
     variant="ready",
     needs=Feature.SEQUENCE_POINTS,
 )
-def leaves_time_to_compute(board: BoardClient) -> None:
+def playback_leaves_time_to_compute(board: BoardClient) -> None:
     points = board.identity.max_points
     frame = b"".join(random_point(board, points).pack() for _ in range(points))
     upload_to_board(board, UploadKind.POINTS, 1, 2 * frame, points)
@@ -100,7 +100,7 @@ def leaves_time_to_compute(board: BoardClient) -> None:
         board.link.refused(Play(1, least_us - 1, 1, 1000), bad, period, flags=0x10)
     since = board.link.mark()
     play_at(board, 1, board.clock.soon_us(bytes(100)), loops=1, period_us=usual_us)
-    _ended(board, since, 2 * usual_us + board.clock.lead_us + 50 * _MS)
+    _playback_ended(board, since, 2 * usual_us + board.clock.lead_us + 50 * _MS)
 
 
 @case(
@@ -109,7 +109,7 @@ def leaves_time_to_compute(board: BoardClient) -> None:
     needs=_NEEDS,
     evidence=SELF_REPORTED,
 )
-def play_flushes(board: BoardClient) -> None:
+def playback_flushes_the_queue(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)
     for plays_later in (False, True):
         board.arm()
@@ -131,7 +131,7 @@ def play_flushes(board: BoardClient) -> None:
     needs=_NEEDS | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def plays_in_time(board: BoardClient) -> None:
+def plays_the_sequence_in_time(board: BoardClient) -> None:
     mode = watch_board_latches(board)
     store_phases(board, 1, frames=3)
     least_us = shortest_period_us(board)
@@ -140,7 +140,7 @@ def plays_in_time(board: BoardClient) -> None:
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(100)) + 5003
     play_at(board, 1, start_us, loops=loops, period_us=period_us)
-    event = _ended(board, since, 3 * loops * period_us + 200 * _MS)
+    event = _playback_ended(board, since, 3 * loops * period_us + 200 * _MS)
     seen = board_latches(board, since, mode)
     due = [
         (1, number // 3, number % 3, board.clock.on_carrier(start_us + number * period_us))
@@ -159,7 +159,7 @@ def plays_in_time(board: BoardClient) -> None:
     "a playback outlives host_timeout_ms, and is muted after unattended_ms: UNATTENDED",
     needs=_NEEDS | Feature.CONFIG,
 )
-def may_be_left_alone(board: BoardClient) -> None:
+def playback_may_be_left_alone(board: BoardClient) -> None:
     board.configure(host_timeout_ms=60)
     store_phases(board, 1, frames=2)
     alone_ms = min(300, board.identity.max_unattended_ms)
@@ -180,7 +180,7 @@ def may_be_left_alone(board: BoardClient) -> None:
     needs=_NEEDS,
     depth=Depth.DEFAULT,
 )
-def plays_until_it_is_ended(board: BoardClient) -> None:
+def playback_loops_until_it_is_ended(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)
     for message in (Stop(), Disarm(), Mute(), None):
         board.arm()
@@ -193,7 +193,7 @@ def plays_until_it_is_ended(board: BoardClient) -> None:
             board.hello()
         else:
             board.link.ask(message)
-            event = _ended(board, since, 20 * _MS)
+            event = _playback_ended(board, since, 20 * _MS)
             check(event.frames >= 40, f"{event.frames} frames were latched in 50 ms at 1 kHz")
         board.arm()
         with board.counting(latched=0):
@@ -201,7 +201,7 @@ def plays_until_it_is_ended(board: BoardClient) -> None:
 
 
 @case("HG-7.7/1", "STOP ends a playback; the board stays ARMED and holds the drive", needs=_NEEDS)
-def stops(board: BoardClient) -> None:
+def stop_ends_the_playback(board: BoardClient) -> None:
     store_phases(board, 1, frames=2)
     board.arm()
     since = board.link.mark()
@@ -209,14 +209,14 @@ def stops(board: BoardClient) -> None:
     board.wire.idle(5 * _MS)
     state = board.link.call(Stop(), StopReply).state
     check(state is OutputState.ARMED, f"STOP_REPLY says {state.name}")
-    _ended(board, since, 20 * _MS)
+    _playback_ended(board, since, 20 * _MS)
     with board.counting(latched=0):
         board.wire.idle(10 * _MS)
         check(board.status().state is OutputState.ARMED, "STOP does not leave the board ARMED")
 
 
 @case("HG-7.7/2", "STOP without a playback is answered with STOP_REPLY")
-def stops_nothing(board: BoardClient) -> None:
+def stop_without_playback(board: BoardClient) -> None:
     board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
     since = board.link.mark()
     state = board.link.call(Stop(), StopReply).state
@@ -229,7 +229,7 @@ def stops_nothing(board: BoardClient) -> None:
     "one PLAYBACK_ENDED tells each end of a playback: by itself, by STOP, MUTE and DISARM",
     needs=_NEEDS,
 )
-def tells_of_the_end(board: BoardClient) -> None:
+def tells_the_end_of_playback(board: BoardClient) -> None:
     store_phases(board, 4, frames=3)
     for message in (None, Stop(), Mute(), Disarm()):
         board.arm()
@@ -238,7 +238,7 @@ def tells_of_the_end(board: BoardClient) -> None:
         board.wire.idle(15 * _MS)
         if message is not None:
             board.link.ask(message)
-        event = _ended(board, since, 20 * _MS)
+        event = _playback_ended(board, since, 20 * _MS)
         board.link.barrier()
         number = len(board.link.events(PlaybackEnded, since))
         check(number == 1, f"{number} PLAYBACK_ENDED for one playback")
@@ -255,7 +255,7 @@ def streams_after_playback(board: BoardClient) -> None:
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=1)
-    _ended(board, since, 50 * _MS)
+    _playback_ended(board, since, 50 * _MS)
     with board.counting(latched=1):
         latch_now(board, board.flat_phases())
     check(board.status().state is OutputState.ARMED, "not ARMED after a playback")

@@ -30,7 +30,7 @@ _LARGEST: Final = 0xFFFFFFFF
 _GAPS: Final = 80
 
 
-def _kind(board: BoardClient) -> tuple[UploadKind, int, int]:
+def _upload_kind(board: BoardClient) -> tuple[UploadKind, int, int]:
     """Return a kind that the board takes, a target for it and the bytes of one frame."""
     board.need_any(_ANY)
     if board.has(Feature.SEQUENCE_PHASES):
@@ -40,8 +40,8 @@ def _kind(board: BoardClient) -> tuple[UploadKind, int, int]:
     return UploadKind.POINTS, 1, 16
 
 
-def _begin(board: BoardClient, size: int, crc: int = 0) -> UploadBegin:
-    kind, target, _ = _kind(board)
+def _begin_upload_of_size(board: BoardClient, size: int, crc: int = 0) -> UploadBegin:
+    kind, target, _ = _upload_kind(board)
     return UploadBegin(kind, int(kind is UploadKind.POINTS), target, size, crc)
 
 
@@ -49,13 +49,13 @@ def _begin(board: BoardClient, size: int, crc: int = 0) -> UploadBegin:
     "HG-7.2/1",
     "an upload of more bytes or frames than fit is refused: TOO_LARGE, detail: the limit",
 )
-def refuses_what_is_too_large(board: BoardClient) -> None:
-    kind, _, frame = _kind(board)
+def refuses_uploads_too_large(board: BoardClient) -> None:
+    kind, _, frame = _upload_kind(board)
     identity = board.identity
     size = identity.max_upload_bytes - identity.max_upload_bytes % frame + frame
     tested = False
     if size <= _LARGEST:
-        error = board.link.refused(_begin(board, size), ErrorCode.TOO_LARGE)
+        error = board.link.refused(_begin_upload_of_size(board, size), ErrorCode.TOO_LARGE)
         check(
             error.detail <= identity.max_upload_bytes,
             f"the limit is {identity.max_upload_bytes}, the detail says {error.detail}",
@@ -64,7 +64,9 @@ def refuses_what_is_too_large(board: BoardClient) -> None:
     frames = identity.max_sequence_frames + 1
     if kind is not UploadKind.CORRECTION and frames * frame <= identity.max_upload_bytes:
         board.link.refused(
-            _begin(board, frames * frame), ErrorCode.TOO_LARGE, identity.max_sequence_frames
+            _begin_upload_of_size(board, frames * frame),
+            ErrorCode.TOO_LARGE,
+            identity.max_sequence_frames,
         )
         tested = True
     if not tested:
@@ -77,8 +79,8 @@ def refuses_what_is_too_large(board: BoardClient) -> None:
     "uploads of exactly the advertised frames, points and bytes, and one frame less, are taken",
     variant="limits",
 )
-def takes_its_limits(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def takes_uploads_at_its_limits(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     identity = board.identity
     sizes = {(kind, 0 if kind is not UploadKind.POINTS else 1, frame)}
     if board.has(Feature.SEQUENCE_POINTS):
@@ -96,15 +98,15 @@ def takes_its_limits(board: BoardClient) -> None:
 @case(
     "HG-7.2/2", "sizes that are no whole frames are refused: BAD_LENGTH, detail: bytes in a frame"
 )
-def refuses_a_broken_size(board: BoardClient) -> None:
-    _, _, frame = _kind(board)
+def refuses_uploads_of_broken_size(board: BoardClient) -> None:
+    _, _, frame = _upload_kind(board)
     for size in (0, frame + 1, 2 * frame - 1):
         if size == 0 or size % frame:
-            board.link.refused(_begin(board, size), ErrorCode.BAD_LENGTH, frame)
+            board.link.refused(_begin_upload_of_size(board, size), ErrorCode.BAD_LENGTH, frame)
 
 
 @case("HG-7.2/3", "sequence 0, and a correction for target 1, are refused with BAD_VALUE")
-def refuses_a_wrong_target(board: BoardClient) -> None:
+def refuses_uploads_to_a_wrong_target(board: BoardClient) -> None:
     board.need_any(_ANY)
     count, offset = board.identity.transducers, UploadBegin.WIRE["target"].offset
     if board.has(Feature.SEQUENCE_PHASES):
@@ -119,8 +121,8 @@ def refuses_a_wrong_target(board: BoardClient) -> None:
 
 
 @case("HG-7.2/4", "a second UPLOAD_BEGIN discards the chunks of the first")
-def begins_anew(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def upload_begins_anew(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     data = b"\x07" * frame
     points = int(kind is UploadKind.POINTS)
     begin_upload(board, kind, target, data, points)
@@ -134,7 +136,7 @@ def begins_anew(board: BoardClient) -> None:
     "UPLOAD_BEGIN for the sequence that plays is refused with BAD_STATE",
     needs=Feature.SEQUENCE_PHASES,
 )
-def protects_what_plays(board: BoardClient) -> None:
+def upload_spares_the_playing_sequence(board: BoardClient) -> None:
     store_phases(board, 5, frames=2)
     board.arm()
     play_now(board, 5, loops=0)
@@ -143,8 +145,8 @@ def protects_what_plays(board: BoardClient) -> None:
 
 
 @case("HG-7.3/1", "chunks that come backwards and then once more are put together in order")
-def takes_any_order(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def takes_chunks_in_any_order(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     data = board.random.randbytes(frame)
     begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
     size = max(1, min(board.identity.max_chunk, 1 + frame // 5))
@@ -155,8 +157,8 @@ def takes_any_order(board: BoardClient) -> None:
 
 
 @case("HG-7.3/5", "of 80 chunks between gaps all are taken, or those beyond a limit are TOO_LARGE")
-def limits_its_gaps(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def limits_the_gaps_of_an_upload(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     frames = 1 if kind is UploadKind.CORRECTION else -(-2 * _GAPS // frame)
     data = board.random.randbytes(frame * frames)
     begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
@@ -169,8 +171,8 @@ def limits_its_gaps(board: BoardClient) -> None:
 
 
 @case("HG-7.3/2", "a window of chunks sent without a pause is taken whole")
-def takes_a_window(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def takes_a_window_of_chunks(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     identity = board.identity
     most = 1 if kind is UploadKind.CORRECTION else identity.max_sequence_frames
     frames = max(1, min(most, identity.upload_window * identity.max_chunk // frame))
@@ -193,8 +195,8 @@ def takes_a_window(board: BoardClient) -> None:
 
 
 @case("HG-7.3/3", "a chunk of max_chunk bytes is taken; one byte more is refused with BAD_LENGTH")
-def limits_its_chunks(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def limits_the_chunks_of_an_upload(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     limit = board.identity.max_chunk
     if limit + 1 > 4000 or (kind is UploadKind.CORRECTION and frame <= limit):
         not_observed("no chunk longer than max_chunk fits, or makes sense")
@@ -209,8 +211,8 @@ def limits_its_chunks(board: BoardClient) -> None:
     "HG-7.3/4",
     "a chunk past the end is refused with BAD_VALUE, one without an upload with BAD_STATE",
 )
-def refuses_stray_chunks(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def refuses_stray_upload_chunks(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     board.hello()
     board.link.refused(UploadChunk(0, b"\x01"), ErrorCode.BAD_STATE)
     begin_upload(board, kind, target, bytes(frame), int(kind is UploadKind.POINTS))
@@ -223,8 +225,8 @@ def refuses_stray_chunks(board: BoardClient) -> None:
     "chunks of 0, 1, 2 and max_chunk bytes at every edge: those that end within the size are taken",
     variant="edges",
 )
-def takes_what_fits(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def takes_chunks_that_fit(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     size = frame if kind is UploadKind.CORRECTION else 3 * frame
     for offset in (0, 1, size // 2, size - 1, size, size + 1, 1 << 16, 1 << 31, _LARGEST):
         for length in (0, 1, 2, board.identity.max_chunk):
@@ -246,7 +248,7 @@ def takes_what_fits(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def keeps_the_old_one(board: BoardClient) -> None:
+def upload_keeps_the_old_sequence(board: BoardClient) -> None:
     mode = watch_board_latches(board)
     old = store_phases(board, 6, frames=2)
     new = [board.random.randbytes(len(old[0])) for _ in range(2)]
@@ -268,8 +270,8 @@ def keeps_the_old_one(board: BoardClient) -> None:
 
 
 @case("HG-7.4/2", "a commit with a gap is refused: INCOMPLETE, detail: the first missing byte")
-def refuses_a_gap(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def refuses_upload_commits_with_a_gap(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     frames = 1 if kind is UploadKind.CORRECTION else 2
     data = board.random.randbytes(frame * frames)
     begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
@@ -289,10 +291,10 @@ def refuses_a_gap(board: BoardClient) -> None:
     "HG-7.4/3",
     "a commit of other bytes than announced is refused: CRC_MISMATCH, detail: their CRC-32",
 )
-def refuses_other_bytes(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def refuses_upload_commits_of_other_bytes(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     data = board.random.randbytes(frame)
-    begin = _begin(board, frame, zlib.crc32(data) ^ 0x10)
+    begin = _begin_upload_of_size(board, frame, zlib.crc32(data) ^ 0x10)
     board.link.ask(begin)
     send_chunks(board, data)
     board.link.refused(UploadCommit(target), ErrorCode.CRC_MISMATCH, zlib.crc32(data))
@@ -303,8 +305,8 @@ def refuses_other_bytes(board: BoardClient) -> None:
     "HG-7.4/4",
     "a commit of another target is refused with BAD_VALUE, one without an upload with BAD_STATE",
 )
-def refuses_a_stray_commit(board: BoardClient) -> None:
-    kind, target, frame = _kind(board)
+def refuses_a_stray_upload_commit(board: BoardClient) -> None:
+    kind, target, frame = _upload_kind(board)
     board.hello()
     board.link.refused(UploadCommit(target), ErrorCode.BAD_STATE)
     data = bytes(frame)

@@ -30,7 +30,7 @@ _LOOPS: Final = 66_000
 _NEEDS: Final = Feature.TRACE_RING | Feature.CONFIG | Feature.SEQUENCE_PHASES
 
 
-def _spans(oldest: int, following: int) -> Iterator[tuple[int, int]]:
+def _spans_of_ring(oldest: int, following: int) -> Iterator[tuple[int, int]]:
     """Yield (first, count) at and around every edge of the ring, and of 32 bits."""
     middle = (oldest + following) // 2
     firsts = {0, 1, oldest, oldest + 1, middle, following - 1, following, following + 1}
@@ -58,7 +58,7 @@ def every_span_of_the_ring(board: BoardClient) -> None:
     play_out(board, _SEQUENCE, _FRAMES, loops=loops, period_us=shortest_period_us(board, 200))
     total = loops * _FRAMES + 1
     oldest = max(0, total - ring)
-    for first, count in _spans(oldest, total):
+    for first, count in _spans_of_ring(oldest, total):
         reply = board.link.call(ReadTrace(first, count), TraceReply)
         name = f"READ_TRACE of {count} from {first}"
         edges = (reply.oldest, reply.next)
@@ -69,11 +69,11 @@ def every_span_of_the_ring(board: BoardClient) -> None:
             got == due, f"{name}: {len(got)} records from {got[:1]}, due {len(due)} from {due[:1]}"
         )
         for record in reply.records:
-            key = _key(record.number, index)
+            key = _trace_key(record.number, index)
             check(record.key == key, f"{name}: latch {record.number} is {record.key}, due {key}")
 
 
-def _key(number: int, index: int) -> LatchKey:
+def _trace_key(number: int, index: int) -> LatchKey:
     if number == 0:
         return LatchKey(0, 0, index)
     loop, frame = divmod(number - 1, _FRAMES)
@@ -89,7 +89,7 @@ def _key(number: int, index: int) -> LatchKey:
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
-def loops_are_counted_on(board: BoardClient) -> None:
+def loops_are_counted_on_in_trace_keys(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.RING)
     store_phases(board, _SEQUENCE, frames=1)
     board.arm()
@@ -108,7 +108,7 @@ def loops_are_counted_on(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def a_divider_is_of_drives_alone(board: BoardClient) -> None:
+def a_divider_is_of_drive_traces_alone(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=_FRAMES)
     for feature, mode in ((Feature.TRACE, TraceMode.CRC), (Feature.TRACE_RING, TraceMode.RING)):
         if not board.has(feature):

@@ -37,7 +37,7 @@ _MODES: Final = (
 
 
 @contextmanager
-def _shaded(board: BoardClient, **changes: Any) -> Iterator[None]:
+def _shown_under_ceiling(board: BoardClient, **changes: Any) -> Iterator[None]:
     """Let the radiated drive differ from the latched one in every phase and loud amplitude."""
     count = board.identity.transducers
     if board.has(Feature.AMPLITUDE):
@@ -63,7 +63,7 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
     for feature, mode in _MODES:
         if not board.has(feature):
             continue
-        with _shaded(board, trace_mode=mode):
+        with _shown_under_ceiling(board, trace_mode=mode):
             board.arm()
             for path in drive_paths(board):
                 since = board.link.mark()
@@ -85,11 +85,11 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
-def every_span_under_a_ceiling(board: BoardClient) -> None:
+def every_span_of_a_read_back_under_a_ceiling(board: BoardClient) -> None:
     count = board.identity.transducers
     kinds = [DriveKind.LATCHED]
     kinds += [DriveKind.RADIATED] if board.has(Feature.READ_RADIATED) else []
-    with _shaded(board):
+    with _shown_under_ceiling(board):
         board.arm()
         for stream in stream_kinds(board):
             message = stream.make()
@@ -101,10 +101,10 @@ def every_span_under_a_ceiling(board: BoardClient) -> None:
                 if due is not None and kind is DriveKind.LATCHED:
                     check((whole.phases, whole.amplitudes) == due, f"{name}: not the drive sent")
                 for first in sorted({1, count // 3, count // 2, count - 1} & set(range(count))):
-                    _check_span(board, name, whole, kind, first)
+                    _check_span_of_read_back(board, name, whole, kind, first)
 
 
-def _check_span(
+def _check_span_of_read_back(
     board: BoardClient, name: str, whole: ShownDrive, kind: DriveKind, first: int
 ) -> None:
     for number in (1, 3, 0xFFFF):
@@ -121,7 +121,7 @@ def _check_span(
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def ramps_are_not_traced(board: BoardClient) -> None:
+def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=4)
     for feature, mode in _MODES:
@@ -159,7 +159,7 @@ def ramps_are_not_traced(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
 )
-def divisions_start_anew(board: BoardClient) -> None:
+def trace_divisions_start_anew(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=2)
     for before in range(4):
         for name in ("SET_CONFIG", "HELLO"):

@@ -25,7 +25,7 @@ _OFFSETS_US: Final = (0, 3, 24)
 _MOMENTS_US: Final = (-40, 0, 10, 30, 60, 100, 150, 250, 400)  # around the latch that is due
 
 
-def _latch_at(board: BoardClient, offset_us: int) -> int:
+def _latch_at_time_of_trace(board: BoardClient, offset_us: int) -> int:
     """Latch a frame at its time; return its unwrapped number."""
     index = board.link.stream_next
     t_us = board.clock.soon_us(bytes(400)) + offset_us
@@ -41,7 +41,7 @@ def _latch_at(board: BoardClient, offset_us: int) -> int:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def every_report_names_one_time(board: BoardClient) -> None:
+def evidence_names_one_latch_time(board: BoardClient) -> None:
     modes = ((Feature.TRACE, TraceMode.CRC), (Feature.TRACE_RING, TraceMode.RING))
     for _, mode in (pair for pair in modes if board.has(pair[0])):
         for offset_us in _OFFSETS_US:
@@ -49,7 +49,7 @@ def every_report_names_one_time(board: BoardClient) -> None:
             board.configure(trace_mode=mode)
             board.arm()
             since = board.link.mark()
-            index = _latch_at(board, offset_us)
+            index = _latch_at_time_of_trace(board, offset_us)
             times = {"STATUS": board.clock.unwrap(board.status().last_latch_us)}
             if board.has(Feature.READ_LATCHED):
                 shown = read_back(board).reply
@@ -67,7 +67,7 @@ def every_report_names_one_time(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.TRACE_RING,
     evidence=SELF_REPORTED,
 )
-def reports_nothing_before(board: BoardClient) -> None:
+def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
     latch_now(board, board.flat_phases())
@@ -98,7 +98,7 @@ def reports_nothing_before(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def drives_are_there_when_they_are_said_to_be(board: BoardClient) -> None:
+def drives_are_there_at_their_latch_time(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.CRC)
     board.arm()
     latch_now(board, board.flat_phases())

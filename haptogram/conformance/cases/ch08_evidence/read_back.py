@@ -33,7 +33,7 @@ _ANY_READ: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
     "READ_DRIVE of one, some and too many transducers shows those from first on",
     evidence=SELF_REPORTED,
 )
-def reads_some(board: BoardClient) -> None:
+def reads_back_a_span(board: BoardClient) -> None:
     board.need_any(_ANY_READ)
     kind = DriveKind.LATCHED if board.has(Feature.READ_LATCHED) else DriveKind.RADIATED
     count = board.identity.transducers
@@ -51,7 +51,7 @@ def reads_some(board: BoardClient) -> None:
 
 
 @case("HG-8.6/2", "READ_DRIVE from N on is refused with NOT_FOUND, detail N")
-def reads_no_more(board: BoardClient) -> None:
+def reads_back_no_more_transducers(board: BoardClient) -> None:
     board.need_any(_ANY_READ)
     count = board.identity.transducers
     for kind, feature in (
@@ -69,7 +69,7 @@ def reads_no_more(board: BoardClient) -> None:
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
-def reads_one_latch(board: BoardClient) -> None:
+def reads_back_one_latch(board: BoardClient) -> None:
     mode = watch_board_latches(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
     board.arm()
     for _ in range(8):
@@ -93,7 +93,7 @@ def reads_one_latch(board: BoardClient) -> None:
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
-def reads_nothing_at_first(board: BoardClient) -> None:
+def reads_back_nothing_at_first(board: BoardClient) -> None:
     board.arm()
     latch_now(board, board.phases(board.random_registers()))
     board.hello()

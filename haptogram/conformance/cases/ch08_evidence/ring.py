@@ -30,19 +30,19 @@ _RING_TRIED: Final = 6000  # latches: a longer ring is not filled
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def ring_keeps_the_last(board: BoardClient) -> None:
+def trace_ring_keeps_the_last(board: BoardClient) -> None:
     size = board.identity.trace_ring
     check(size > 0, "TRACE_RING is advertised, trace_ring is 0")
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
-    total = _fill_ring(board, size)
+    total = _fill_trace_ring(board, size)
     reply = board.link.call(ReadTrace(0, 0xFFFF), TraceReply)
     due = (max(0, total - size), total)
     got = (reply.oldest, reply.next)
     check(got == due, f"{total} latches, room for {size}: oldest and next are {got}, due {due}")
 
 
-def _fill_ring(board: BoardClient, size: int) -> int:
+def _fill_trace_ring(board: BoardClient, size: int) -> int:
     """Latch a few more drives than the ring holds, if that can be done; return how many."""
     if not board.has(Feature.SEQUENCE_PHASES) or size > _RING_TRIED:
         for _ in range(20):
@@ -65,7 +65,7 @@ def _fill_ring(board: BoardClient, size: int) -> int:
     needs=Feature.TRACE_RING | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def ring_is_read(board: BoardClient) -> None:
+def trace_ring_is_read(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
     first = board.link.stream_next

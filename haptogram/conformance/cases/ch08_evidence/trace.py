@@ -34,7 +34,7 @@ def _trace_events(board: BoardClient, since: int) -> int:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def reports_by_its_mode(board: BoardClient) -> None:
+def traces_by_its_mode(board: BoardClient) -> None:
     modes = {
         TraceMode.OFF: (Feature(0), 0),
         TraceMode.CRC: (Feature.TRACE, 6),
@@ -59,7 +59,7 @@ def reports_by_its_mode(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def keys_are_unique(board: BoardClient) -> None:
+def trace_keys_are_unique(board: BoardClient) -> None:
     mode = watch_board_latches(board)
     board.arm()
     since, first = board.link.mark(), board.link.stream_next

@@ -19,16 +19,16 @@ from ...outcome import SELF_REPORTED, check
     needs_reset=True,
     evidence=SELF_REPORTED,
 )
-def counts_from_0(board: BoardClient) -> None:
+def counters_begin_at_0(board: BoardClient) -> None:
     board.hello()
     first = board.status().counters
     heard = first.repeated if board.link.knocks else 0  # a board that booted may have kept HELLOs
     due = {"frames": 2 + heard, "requests": 2, "repeated": heard}
     if board.link.knocks:  # and may have heard one from its middle on
         due |= {name: getattr(first, name) for name in ("crc", "cobs", "short")}
-    wrong = {n: v for n, v in _counter_values(first).items() if v != due.get(n, 0)}
+    wrong = {n: v for n, v in _status_counter_values(first).items() if v != due.get(n, 0)}
     check(not wrong, f"after a reset, HELLO and GET_STATUS: {wrong}")
-    _check_nothing_clears(board)
+    _check_nothing_clears_counters(board)
 
 
 @case(
@@ -37,24 +37,24 @@ def counts_from_0(board: BoardClient) -> None:
     variant="kept",
     evidence=SELF_REPORTED,
 )
-def keeps_its_counters(board: BoardClient) -> None:
-    _check_nothing_clears(board)
+def keeps_its_status_counters(board: BoardClient) -> None:
+    _check_nothing_clears_counters(board)
 
 
-def _check_nothing_clears(board: BoardClient) -> None:
+def _check_nothing_clears_counters(board: BoardClient) -> None:
     board.arm()
     latch_now(board, board.flat_phases())
     board.link.send(board.link.stream_wire(board.flat_phases(), seq=board.link.stream_next - 1))
     board.link.send(b"\x00\xff\x01\x00\x00\x03\x01\x02\x00", encode_frame(bytes(10))[:-5], b"\x00")
-    before = _counter_values(board.status().counters)
+    before = _status_counter_values(board.status().counters)
     board.link.ask_raw(0x42)
     board.arm()
     board.disarm()
     board.hello()
-    after = _counter_values(board.status().counters)
+    after = _status_counter_values(board.status().counters)
     less = {name: (before[name], after[name]) for name in before if after[name] < before[name]}
     check(not less, f"counters that went back: {less}")
 
 
-def _counter_values(counters: Counters) -> dict[str, int]:
+def _status_counter_values(counters: Counters) -> dict[str, int]:
     return {name: getattr(counters, name) for name in Counters.WIRE}

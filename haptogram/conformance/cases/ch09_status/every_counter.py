@@ -52,7 +52,7 @@ _FLOODS: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def requests_leave_the_numbers(board: BoardClient) -> None:
+def requests_leave_the_event_counters(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=1)
     board.configure(trace_mode=TraceMode.CRC)
@@ -60,7 +60,7 @@ def requests_leave_the_numbers(board: BoardClient) -> None:
     names = ["ARM"]
     since, before = board.link.mark(), board.status().counters
     latch_now(board, board.flat_phases())
-    for name, send in _requests(board):
+    for name, send in _requests_at_counters(board):
         send()
         names.append(name)
         board.arm()
@@ -77,7 +77,7 @@ def requests_leave_the_numbers(board: BoardClient) -> None:
     check(not moved, f"stream frames without a gap are counted in {moved}")
 
 
-def _requests(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
+def _requests_at_counters(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
     """Yield what sends each request that is carried out or refused, and HELLO again, by name."""
     messages: list[Message] = [*valid_requests(board, _SEQUENCE), Mute()]
     for message in messages:
@@ -97,7 +97,7 @@ def _requests(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def the_ring_outlives_requests(board: BoardClient) -> None:
+def the_ring_outlives_requests_as_counters_do(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=1)
     board.configure(trace_mode=TraceMode.RING)
@@ -106,7 +106,7 @@ def the_ring_outlives_requests(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
     before = board.link.call(ReadTrace(0, 3), TraceReply).records
     check(len(before) == 3, f"the ring holds {len(before)} of 3 latches")
-    for name, happen in _happenings(board):
+    for name, happen in _happenings_at_counters(board):
         if not name.startswith("a new session"):
             happen()
             board.configure(trace_mode=TraceMode.RING)
@@ -124,19 +124,21 @@ def the_ring_outlives_requests(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def nothing_clears_a_counter(board: BoardClient) -> None:
-    _move_all(board)
+def nothing_clears_any_counter(board: BoardClient) -> None:
+    _move_all_counters(board)
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=1)
     before = board.status().counters
-    for name, happen in itertools.chain(_happenings(board), _happenings(board)):
+    for name, happen in itertools.chain(
+        _happenings_at_counters(board), _happenings_at_counters(board)
+    ):
         happen()  # the second time behind a timer's mute
         after = board.status().counters
-        _check_none_fell(before, after, name)
+        _check_no_counter_fell(before, after, name)
         before = after
 
 
-def _check_none_fell(before: Counters, after: Counters, name: str) -> None:
+def _check_no_counter_fell(before: Counters, after: Counters, name: str) -> None:
     less = {
         counter: (getattr(before, counter), getattr(after, counter))
         for counter in Counters.WIRE
@@ -145,7 +147,7 @@ def _check_none_fell(before: Counters, after: Counters, name: str) -> None:
     check(not less, f"{name}: counters went back: {less}")
 
 
-def _happenings(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
+def _happenings_at_counters(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
     yield "a new session", board.hello
     yield "HELLO again", lambda: board.hello(board.link.session)
     yield "ARM", board.arm
@@ -157,11 +159,11 @@ def _happenings(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]
     yield "a new session while MUTED", board.hello
     yield "ARM while MUTED", board.arm
     if board.has(Feature.CONFIG):
-        yield "the lease", partial(_run_out, board)
+        yield "the lease", partial(_run_out_timers_at_counters, board)
     yield "a new session behind a timer", board.hello
 
 
-def _move_all(board: BoardClient) -> None:
+def _move_all_counters(board: BoardClient) -> None:
     """Move every counter that frames and timers can move."""
     kind = stream_kinds(board)[0]
     before = board.status().counters
@@ -171,7 +173,7 @@ def _move_all(board: BoardClient) -> None:
             board.link.barrier()
         board.link.ask(Mute())  # flushes what is queued
         after = board.status().counters
-        _check_none_fell(before, after, f"a new session and frames {drop.summary}")
+        _check_no_counter_fell(before, after, f"a new session and frames {drop.summary}")
         before = after
     body = board.link.body(Ping.TYPE, bytes(8), seq=0)
     board.link.send(
@@ -190,12 +192,12 @@ def _move_all(board: BoardClient) -> None:
         late_us = board.clock.device_us() - _WINDOW_US // 2
         board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
         board.clock.wait_latched()
-        _run_out(board)
+        _run_out_timers_at_counters(board)
     if board.has(_FLOODS):
         flood_with_traces(board)
 
 
-def _run_out(board: BoardClient) -> None:
+def _run_out_timers_at_counters(board: BoardClient) -> None:
     board.configure(host_timeout_ms=_LEASE_MS)
     board.arm()
     timeout_us = (_LEASE_MS + 200) * _MS + board.wire.limits.slack_us

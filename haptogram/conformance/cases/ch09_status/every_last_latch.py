@@ -36,7 +36,7 @@ _SEQUENCE: Final = 7
 LastLatch = tuple[LatchKey | None, int, bytes, int, int]
 
 
-def _told(board: BoardClient) -> LastLatch:
+def _last_latch_in_status(board: BoardClient) -> LastLatch:
     status = board.status()
     if not board.has(Feature.READ_LATCHED):
         return None, 0, b"", status.last_seq, status.last_latch_us
@@ -44,7 +44,7 @@ def _told(board: BoardClient) -> LastLatch:
     return reply.key, reply.t_latch_us, reply.data, status.last_seq, status.last_latch_us
 
 
-def _without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
+def _status_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
     """Yield what a host or a timer does that latches nothing; the board is ARMED and sounding."""
     for message in valid_requests(board, _SEQUENCE):
         if not isinstance(message, Play | Disarm):
@@ -62,36 +62,36 @@ def _without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[], objec
         ),
     )
     if board.has(Feature.SEQUENCE_PHASES):
-        yield "a playback that waits", lambda: _play_later(board)
+        yield "a playback that waits", lambda: _play_later_than_last_latch(board)
         yield "STOP before its start", lambda: board.link.ask(Stop())
     if board.has(Feature.CORRECTION):
         codes = bytes([3]) * board.identity.transducers
         yield "a correction", lambda: upload_to_board(board, UploadKind.CORRECTION, 0, codes)
     if board.has(Feature.CONFIG):
-        yield "the hold that mutes", lambda: _time_out(board)
+        yield "the hold that mutes", lambda: _time_out_after_last_latch(board)
     yield "MUTE", lambda: board.link.ask(Mute())
     yield "ARM", lambda: board.link.ask(Arm())
     yield "DISARM", lambda: board.link.ask(Disarm())
 
 
-def _play_later(board: BoardClient) -> None:
+def _play_later_than_last_latch(board: BoardClient) -> None:
     play = Play(_SEQUENCE, 1000, 1, min(5000, board.identity.max_unattended_ms))
     board.link.call(play, PlayReply, time_us=board.clock.device_us() + 3_000_000)
 
 
-def _time_out(board: BoardClient) -> None:
+def _time_out_after_last_latch(board: BoardClient) -> None:
     since = board.link.mark()
     board.configure(hold_ms=1)
     muted_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
     board.configure()
 
 
-def _stays(board: BoardClient, name: str) -> None:
-    before = _told(board)
-    for what, do in _without_latch(board):
+def _last_latch_stays_in_status(board: BoardClient, name: str) -> None:
+    before = _last_latch_in_status(board)
+    for what, do in _status_without_latch(board):
         do()
         board.link.barrier()
-        now = _told(board)
+        now = _last_latch_in_status(board)
         names = ("key", "time", "codes", "last_seq", "last_latch_us")
         changed = [n for n, a, b in zip(names, before, now, strict=True) if a != b]
         check(not changed, f"after {name}, {what} changes {', '.join(changed)} of the last latch")
@@ -103,12 +103,12 @@ def _stays(board: BoardClient, name: str) -> None:
     variant="stays",
     evidence=SELF_REPORTED,
 )
-def the_last_latch_stays(board: BoardClient) -> None:
+def the_last_latch_stays_in_status(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=1)
     board.arm()
     index = latch_now(board, board.phases(board.random_registers()))
-    _stays(board, "a stream frame")
+    _last_latch_stays_in_status(board, "a stream frame")
     if not board.has(Feature.SEQUENCE_PHASES):
         return
     for ended in ("by itself", "by STOP"):
@@ -120,10 +120,10 @@ def the_last_latch_stays(board: BoardClient) -> None:
         else:
             board.wire.idle(5 * _MS)
             board.link.ask(Stop())
-        key, _, _, last_seq, _ = _told(board)
+        key, _, _, last_seq, _ = _last_latch_in_status(board)
         check(last_seq == index, f"after a playback last_seq is {last_seq}, due is {index}")
         if key is not None:
             check(key.sequence == _SEQUENCE, f"after a playback the key of the latch is {key}")
             due = (2, 0) if ended == "by itself" else (key.loop, 0)
             check((key.loop, key.index) == due, f"after 3 passes of 1 frame the key is {key}")
-        _stays(board, f"a playback that ended {ended}")
+        _last_latch_stays_in_status(board, f"a playback that ended {ended}")

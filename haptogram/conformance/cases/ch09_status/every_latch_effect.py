@@ -48,7 +48,7 @@ _MODES: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class _Effect:
+class _LatchEffectInStatus:
     """What the latches of one path have to leave behind.
 
     Attributes
@@ -72,103 +72,109 @@ class _Effect:
 
 
 #: Latches something; the board is ARMED and the sequence stored, its last frame given.
-_Path: TypeAlias = Callable[[BoardClient, bytes], _Effect]
+_Path: TypeAlias = Callable[[BoardClient, bytes], _LatchEffectInStatus]
 
 
-def _stream_key(board: BoardClient) -> LatchKey:
+def _stream_key_in_status(board: BoardClient) -> LatchKey:
     return LatchKey(0, 0, board.link.stream_next)
 
 
-def _new_frame(board: BoardClient) -> tuple[bytes, Message]:
+def _new_frame_for_status(board: BoardClient) -> tuple[bytes, Message]:
     registers = board.random_registers()
     registers = bytes(code >> (8 - board.finest) << (8 - board.finest) for code in registers)
     return registers, board.phases(registers)
 
 
-def _latch_at_once(board: BoardClient, _: bytes) -> _Effect:
-    key, (registers, frame) = _stream_key(board), _new_frame(board)
+def _latch_at_once_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
+    key, (registers, frame) = _stream_key_in_status(board), _new_frame_for_status(board)
     latch_now(board, frame)
-    return _Effect(key, registers, (1, 1, 0, 0))
+    return _LatchEffectInStatus(key, registers, (1, 1, 0, 0))
 
 
-def _latch_in_time(board: BoardClient, _: bytes) -> _Effect:
-    key, (registers, frame) = _stream_key(board), _new_frame(board)
-    _send_for(board, frame, board.clock.soon_us(bytes(_HEADERS_BYTES + len(frame.serialize()))))
-    return _Effect(key, registers, (1, 1, 0, 0))
+def _latch_in_time_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
+    key, (registers, frame) = _stream_key_in_status(board), _new_frame_for_status(board)
+    _send_latch_for_status(
+        board, frame, board.clock.soon_us(bytes(_HEADERS_BYTES + len(frame.serialize())))
+    )
+    return _LatchEffectInStatus(key, registers, (1, 1, 0, 0))
 
 
-def _late_latch(board: BoardClient, _: bytes) -> _Effect:
-    key, (registers, frame) = _stream_key(board), _new_frame(board)
+def _late_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
+    key, (registers, frame) = _stream_key_in_status(board), _new_frame_for_status(board)
     wire = board.link.stream_wire(frame, board.clock.device_us() - _LATE_US)
     board.link.send(wire)
     board.clock.wait_latched(len(wire))
-    return _Effect(key, registers, (1, 1, 1, 0))
+    return _LatchEffectInStatus(key, registers, (1, 1, 1, 0))
 
 
-def _replacing_latch(board: BoardClient, _: bytes) -> _Effect:
+def _replacing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
     """Latch the later of two frames that fall on one carrier period."""
-    (_, first), (registers, second) = _new_frame(board), _new_frame(board)
+    (_, first), (registers, second) = _new_frame_for_status(board), _new_frame_for_status(board)
     period_us = board.clock.carrier_us
     t_us = board.clock.soon_us(bytes(_HEADERS_BYTES + 2 * len(first.serialize())))
     board.link.send(board.link.stream_wire(first, t_us - period_us + 1))
-    key = _stream_key(board)
-    _send_for(board, second, t_us, in_time_us=t_us - period_us)
-    return _Effect(key, registers, (2, 1, 0, 1))
+    key = _stream_key_in_status(board)
+    _send_latch_for_status(board, second, t_us, in_time_us=t_us - period_us)
+    return _LatchEffectInStatus(key, registers, (2, 1, 0, 1))
 
 
-def _flushing_latch(board: BoardClient, _: bytes) -> _Effect:
+def _flushing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
     """Latch at once a frame that flushes one for later."""
-    (_, first), (registers, second) = _new_frame(board), _new_frame(board)
+    (_, first), (registers, second) = _new_frame_for_status(board), _new_frame_for_status(board)
     board.link.send(board.link.stream_wire(first, board.clock.device_us() + 2_000_000))
-    key = _stream_key(board)
+    key = _stream_key_in_status(board)
     latch_now(board, second)
-    return _Effect(key, registers, (2, 1, 0, 1))
+    return _LatchEffectInStatus(key, registers, (2, 1, 0, 1))
 
 
-def _send_for(board: BoardClient, frame: Message, t_us: int, in_time_us: int | None = None) -> None:
+def _send_latch_for_status(
+    board: BoardClient, frame: Message, t_us: int, in_time_us: int | None = None
+) -> None:
     """Send a frame for *t_us* and wait for its latch; INCONCLUSIVE if it is sent too late."""
     board.link.send(board.link.stream_wire(frame, t_us))
     board.clock.require_in_time(t_us if in_time_us is None else in_time_us)
     board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
 
 
-def _played_latch(board: BoardClient, last: bytes) -> _Effect:
+def _played_latch_for_status(board: BoardClient, last: bytes) -> _LatchEffectInStatus:
     since = board.link.mark()
     play_now(board, _SEQUENCE, loops=_LOOPS)
-    return _ended(board, since, last)
+    return _playback_end_for_status(board, since, last)
 
 
-def _played_in_time(board: BoardClient, last: bytes) -> _Effect:
+def _played_in_time_for_status(board: BoardClient, last: bytes) -> _LatchEffectInStatus:
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(500)) + 5 * _MS
     play_at(board, _SEQUENCE, start_us, loops=_LOOPS)
-    return _ended(board, since, last)
+    return _playback_end_for_status(board, since, last)
 
 
-def _ended(board: BoardClient, since: int, last: bytes) -> _Effect:
+def _playback_end_for_status(board: BoardClient, since: int, last: bytes) -> _LatchEffectInStatus:
     latches = _LOOPS * _FRAMES
     traces_us = board.wire.line_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
     timeout_us = 200 * _MS + 2 * latches * PERIOD_US + traces_us + 2 * board.wire.limits.slack_us
     found = board.link.await_event(PlaybackEnded, since, timeout_us)
     check(found is not None, "no PLAYBACK_ENDED")
-    return _Effect(LatchKey(_SEQUENCE, _LOOPS - 1, _FRAMES - 1), last, (0, latches, 0, 0))
+    return _LatchEffectInStatus(
+        LatchKey(_SEQUENCE, _LOOPS - 1, _FRAMES - 1), last, (0, latches, 0, 0)
+    )
 
 
-def _paths(board: BoardClient) -> Iterator[tuple[str, _Path]]:
+def _latch_paths_for_status(board: BoardClient) -> Iterator[tuple[str, _Path]]:
     """Yield every path to a latch that the board has, by its name."""
-    yield "a frame latched at once", _latch_at_once
-    yield "a frame latched in time", _latch_in_time
+    yield "a frame latched at once", _latch_at_once_for_status
+    yield "a frame latched in time", _latch_in_time_for_status
     if board.has(Feature.CONFIG):
-        yield "a late frame", _late_latch
+        yield "a late frame", _late_latch_for_status
     if board.clock.carrier_us > 1:
-        yield "a frame that replaces another", _replacing_latch
-    yield "a frame that flushes another", _flushing_latch
+        yield "a frame that replaces another", _replacing_latch_for_status
+    yield "a frame that flushes another", _flushing_latch_for_status
     if board.has(Feature.SEQUENCE_PHASES):
-        yield "a sequence played at once", _played_latch
-        yield "a sequence played in time", _played_in_time
+        yield "a sequence played at once", _played_latch_for_status
+        yield "a sequence played in time", _played_in_time_for_status
 
 
-def _stored(board: BoardClient) -> bytes:
+def _stored_for_status(board: BoardClient) -> bytes:
     """Store a sequence where the board takes any; return its last frame."""
     if not board.has(Feature.SEQUENCE_PHASES):
         return b""
@@ -185,14 +191,14 @@ def _stored(board: BoardClient) -> bytes:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def a_latch_changes_all_that_tells_of_it(board: BoardClient) -> None:
-    last = _stored(board)
+def a_latch_changes_all_of_the_status(board: BoardClient) -> None:
+    last = _stored_for_status(board)
     modes = [mode for feature, mode in _MODES if board.has(feature)]
     for mode in modes if board.has(Feature.CONFIG) else [TraceMode.OFF]:
         if board.has(Feature.CONFIG):
             board.configure(trace_mode=mode, late_window_us=_WINDOW_US)
         for first in (True, False):
-            for name, path in _paths(board):
+            for name, path in _latch_paths_for_status(board):
                 if first:
                     board.hello()
                 board.arm()
@@ -202,14 +208,14 @@ def a_latch_changes_all_that_tells_of_it(board: BoardClient) -> None:
                 text = f"{name}, {order}, trace {mode.name}"
                 after = board.status()
                 _check_latch_in_status(before, after, effect, text)
-                _check_latch_in_drives(board, after, effect, text)
+                _check_status_against_drives(board, after, effect, text)
                 if mode is not TraceMode.OFF:
                     latches = board_latches(board, since, mode)
-                    _check_latch_in_traces(board, latches, after, effect, text)
+                    _check_status_against_traces(board, latches, after, effect, text)
 
 
 def _check_latch_in_status(
-    before: StatusReply, after: StatusReply, effect: _Effect, text: str
+    before: StatusReply, after: StatusReply, effect: _LatchEffectInStatus, text: str
 ) -> None:
     index = effect.key.index if effect.of_stream else before.last_seq
     check(after.last_seq == index, f"{text}: last_seq is {after.last_seq}, due is {index}")
@@ -220,8 +226,8 @@ def _check_latch_in_status(
         check(got == due, f"{text}: {name} counts {got}, due is {due}")
 
 
-def _check_latch_in_drives(
-    board: BoardClient, after: StatusReply, effect: _Effect, text: str
+def _check_status_against_drives(
+    board: BoardClient, after: StatusReply, effect: _LatchEffectInStatus, text: str
 ) -> None:
     for feature, kind in (
         (Feature.READ_LATCHED, DriveKind.LATCHED),
@@ -236,11 +242,11 @@ def _check_latch_in_drives(
         check(same, f"{text}: READ_DRIVE({kind.name}) shows other codes than were latched")
 
 
-def _check_latch_in_traces(
+def _check_status_against_traces(
     board: BoardClient,
     latches: list[TracedLatch],
     after: StatusReply,
-    effect: _Effect,
+    effect: _LatchEffectInStatus,
     text: str,
 ) -> None:
     _, latched, late, _ = effect.counted
@@ -261,10 +267,10 @@ def _check_latch_in_traces(
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def a_latch_begins_the_hold_anew(board: BoardClient) -> None:
-    last = _stored(board)
+def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
+    last = _stored_for_status(board)
     board.configure(hold_ms=_HOLD_MS, late_window_us=_WINDOW_US)
-    for name, path in _paths(board):
+    for name, path in _latch_paths_for_status(board):
         board.arm()
         since = board.link.mark()
         latch_now(board, board.flat_phases())

@@ -41,15 +41,15 @@ _WITH_MARGIN: Final = ("dropped_order", "dropped_full", "dropped_future", "dropp
     variant="requests",
     evidence=SELF_REPORTED,
 )
-def margins_outlive_requests(board: BoardClient) -> None:
+def status_margins_outlive_requests(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=2)
     messages = [m for m in valid_requests(board, _SEQUENCE) if not isinstance(m, GetStatus)]
     every: list[Message] = [Mute(), Arm(), *messages, board.hello_message(board.new_nonce())]
-    if _margins_behind(board, every):
+    if _status_margins_behind(board, every):
         return
     for message in every:  # which one was it?
-        check(_margins_behind(board, [message]), f"{message.TYPE.name} changes the margins")
+        check(_status_margins_behind(board, [message]), f"{message.TYPE.name} changes the margins")
     check(False, "margins of 3 frames are gone after every request but GET_STATUS")
 
 
@@ -59,7 +59,7 @@ def margins_outlive_requests(board: BoardClient) -> None:
     variant="late",
     needs=Feature.CONFIG,
 )
-def only_traces_are_late(board: BoardClient) -> None:
+def status_is_never_late(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=2)
     trace = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
@@ -86,7 +86,7 @@ def only_traces_are_late(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
 )
-def last_seq_is_of_the_stream(board: BoardClient) -> None:
+def last_seq_in_status_is_of_the_stream(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=3)
     board.arm()
     index = latch_now(board, board.flat_phases())
@@ -107,7 +107,7 @@ def last_seq_is_of_the_stream(board: BoardClient) -> None:
     variant="drops",
     evidence=SELF_REPORTED,
 )
-def every_drop_has_its_margin(board: BoardClient) -> None:
+def every_drop_has_its_margin_in_status(board: BoardClient) -> None:
     kind = stream_kinds(board)[0]
     for drop in DROPS:
         _, wires = frames_to_drop(board, drop, kind)
@@ -128,7 +128,7 @@ def every_drop_has_its_margin(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def both_restart_margins(board: BoardClient) -> None:
+def status_and_its_reply_restart_margins(board: BoardClient) -> None:
     board.configure(status_period_ms=board.quick_status_ms)
     board.arm()
     board.status()
@@ -146,7 +146,7 @@ def both_restart_margins(board: BoardClient) -> None:
     check(sum(told) == 1, f"one frame was sent; the margins of STATUS tell of {told} frames")
 
 
-def _margins_behind(board: BoardClient, messages: list[Message]) -> bool:
+def _status_margins_behind(board: BoardClient, messages: list[Message]) -> bool:
     """Return whether the margins of three frames are those sent, behind *messages*."""
     board.hello()
     board.arm()

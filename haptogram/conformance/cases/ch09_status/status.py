@@ -52,7 +52,7 @@ def sends_status(board: BoardClient) -> None:
     "last_seq and last_latch_us are 0 until a latch, and again in a new session",
     evidence=SELF_REPORTED,
 )
-def begins_with_nothing(board: BoardClient) -> None:
+def status_begins_with_nothing(board: BoardClient) -> None:
     board.arm()
     for _ in range(2):
         found = board.status()
@@ -71,7 +71,7 @@ def begins_with_nothing(board: BoardClient) -> None:
     "margins of 3 frames in time and one too late: number, least and mean; then they begin anew",
     evidence=SELF_REPORTED,
 )
-def tells_margins(board: BoardClient) -> None:
+def status_tells_margins(board: BoardClient) -> None:
     board.arm()
     board.status()
     empty = board.status()
@@ -114,7 +114,7 @@ def _check_margins(
     variant="widths",
     evidence=SELF_REPORTED,
 )
-def wide_margins(board: BoardClient) -> None:
+def status_tells_wide_margins(board: BoardClient) -> None:
     board.arm()
     good = board.shortest_stream()
     most_us = 2**31 - 60_000_000
@@ -145,7 +145,7 @@ def wide_margins(board: BoardClient) -> None:
     variant="ready",
     evidence=SELF_REPORTED,
 )
-def margins_count_from_ready(board: BoardClient) -> None:
+def status_margins_count_from_ready(board: BoardClient) -> None:
     board.arm()
     kinds: list[tuple[Message, int]] = [(board.flat_phases(), 0)]
     if board.has(Feature.POINTS):
@@ -171,7 +171,7 @@ def margins_count_from_ready(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
-def tells_of_one_moment(board: BoardClient) -> None:
+def status_tells_of_one_moment(board: BoardClient) -> None:
     board.configure(status_period_ms=board.quick_status_ms)
     board.arm()
     good = board.shortest_stream()

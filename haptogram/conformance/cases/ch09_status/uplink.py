@@ -32,7 +32,7 @@ _STATUS_TOLD: Final = 4  # STATUS while the uplink is full
     "stream frames of free_bytes bytes, sent without a pause, are all counted",
     evidence=SELF_REPORTED,
 )
-def free_bytes_are_free(board: BoardClient) -> None:
+def free_bytes_in_status_are_free(board: BoardClient) -> None:
     frames = board.link.stream_wire(board.flat_phases())
     count = max(1, board.status().free_bytes // len(frames))
     with board.counting(dropped_state=count):
@@ -43,7 +43,7 @@ def free_bytes_are_free(board: BoardClient) -> None:
 
 
 @case("HG-9.5/1", "events count up without a gap, even where traces were dropped at the board")
-def drops_no_numbers(board: BoardClient) -> None:
+def uplink_drops_no_event_numbers(board: BoardClient) -> None:
     board.need(Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG)
     since = board.link.mark()
     flood_with_traces(board)
@@ -64,7 +64,7 @@ def drops_no_numbers(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def only_traces_give_way(board: BoardClient) -> None:
+def only_traces_give_way_on_the_uplink(board: BoardClient) -> None:
     for feature, mode in ((Feature.TRACE_DRIVE, TraceMode.DRIVE), (Feature.TRACE, TraceMode.CRC)):
         if board.has(feature):
             _flood_uplink(board, mode)
@@ -107,7 +107,7 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     "40 GET_GEOMETRY without a pause: whole frames come, then the board answers as before",
     depth=Depth.DEFAULT,
 )
-def bounds_its_output(board: BoardClient) -> None:
+def bounds_its_uplink(board: BoardClient) -> None:
     wires = [board.link.request_wire(GetGeometry(0, 0xFFFF))[0] for _ in range(_ASKED)]
     since = board.link.mark()
     board.link.send(*wires)

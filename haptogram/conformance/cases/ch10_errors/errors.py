@@ -27,7 +27,7 @@ unknown_codes = about_host("HG-10.1/3")
 
 
 @case("HG-10.1/1", "refused requests leave state, configuration, queue and stream numbers alone")
-def refusals_change_nothing(board: BoardClient) -> None:
+def error_refusals_change_nothing(board: BoardClient) -> None:
     board.arm()
     before, config = board.status(), board.link.call(GetConfig(), ConfigReply)
     t_us = board.clock.soon_us(bytes(2000)) + 40_000
@@ -49,7 +49,7 @@ def refusals_change_nothing(board: BoardClient) -> None:
 
 
 @case("HG-10.1/2", "stream frames, good ones and bad ones of every kind, get no answer")
-def stream_is_not_answered(board: BoardClient) -> None:
+def stream_gets_no_error(board: BoardClient) -> None:
     board.arm()
     good = board.flat_phases()
     frames = [
@@ -69,7 +69,7 @@ def stream_is_not_answered(board: BoardClient) -> None:
 
 
 @case("HG-10.2/1", "ten refusals have the code that SPEC.md gives; none is BUSY")
-def uses_the_right_codes(board: BoardClient) -> None:
+def uses_the_right_error_codes(board: BoardClient) -> None:
     board.link.refused_raw(0x7B, b"", ErrorCode.UNSUPPORTED, 0x7B)
     board.link.refused(Ping(0), ErrorCode.UNSUPPORTED, 0x80, flags=0x80)
     board.link.refused_raw(Ping.TYPE, b"", ErrorCode.BAD_LENGTH, 8)

@@ -30,7 +30,7 @@ from ...client.stream_kinds import valid_requests
 from ...judge.held_state import held_state_changes
 from ...judge.refused_requests import STORED, other_config
 from ...outcome import SELF_REPORTED, check, fail
-from .every_refusal import brought, held_after, situations
+from .every_refusal import brought_to_refusal, held_after_refusals, refusal_situations
 
 _ABSENT: Final = 51
 _EVENTS: Final = 2200  # more than 11 bits of event numbers
@@ -39,7 +39,7 @@ _CHANGING: Final = (Arm, Disarm, Stop, Play, SetConfig, UploadBegin, UploadChunk
 _BY_CONFIG: Final = ("config_crc", "the configuration", "the radiated drive")
 
 
-def _readings(board: BoardClient) -> list[Message]:
+def _allowed_readings(board: BoardClient) -> list[Message]:
     """Return every request that only asks."""
     return [m for m in valid_requests(board, _ABSENT) if not isinstance(m, _CHANGING)]
 
@@ -51,17 +51,17 @@ def _readings(board: BoardClient) -> list[Message]:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def readings_are_always_answered(board: BoardClient) -> None:
+def allowed_readings_are_always_answered(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, STORED, frames=1)
-    for situation in situations(board):
-        last_us, before = brought(board, situation)
-        for message in _readings(board):
+    for situation in refusal_situations(board):
+        last_us, before = brought_to_refusal(board, situation)
+        for message in _allowed_readings(board):
             answer = board.link.ask(message)
             name = f"{situation.name}, {message.TYPE.name}"
             if isinstance(answer.message, Error) or answer.message is None:
                 fail(f"{name} is answered by {board.link.answer_text(answer)}")
-        text = held_state_changes(before, held_after(board, last_us))
+        text = held_state_changes(before, held_after_refusals(board, last_us))
         check(not text, f"{situation.name}, requests that only ask: {text}")
 
 
@@ -73,11 +73,11 @@ def readings_are_always_answered(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def a_field_changes_only_itself(board: BoardClient) -> None:
+def an_allowed_setting_changes_only_itself(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, STORED, frames=1)
-    for situation in situations(board):
-        last_us, before = brought(board, situation)
+    for situation in refusal_situations(board):
+        last_us, before = brought_to_refusal(board, situation)
         other = other_config(board)
         changed: dict[str, Any] = {
             "ramp_ms": other.ramp_ms if board.has(Feature.AMPLITUDE) else 0,
@@ -91,7 +91,7 @@ def a_field_changes_only_itself(board: BoardClient) -> None:
         usual = board.config
         for name, value in changed.items():
             board.link.ask(SetConfig(dataclasses.replace(usual, **{name: value})))
-            after = held_after(board, last_us)
+            after = held_after_refusals(board, last_us)
             held = {key: value for key, value in before.items() if key not in _BY_CONFIG}
             text = held_state_changes(before, {key: after[key] for key in held})
             check(not text, f"{situation.name}, {name} is set: {text}")
@@ -104,7 +104,7 @@ def a_field_changes_only_itself(board: BoardClient) -> None:
     variant="hello",
     needs=Feature.CONFIG,
 )
-def hello_tells_the_speed(board: BoardClient) -> None:
+def an_allowed_speed_is_told_by_hello(board: BoardClient) -> None:
     for speed in (300_000, 343_210, 380_000):
         board.configure(sound_speed_mm_s=speed)
         told = board.hello().sound_speed_mm_s
@@ -119,7 +119,7 @@ def hello_tells_the_speed(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def many_events_are_numbered(board: BoardClient) -> None:
+def events_of_many_allowed_requests_are_numbered(board: BoardClient) -> None:
     store_phases(board, STORED, frames=2)
     board.configure(trace_mode=TraceMode.CRC)
     board.hello()

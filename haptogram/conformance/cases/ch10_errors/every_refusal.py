@@ -76,7 +76,7 @@ class Situation:
 # --- Situations --------------------------------------------------------------------------------
 
 
-def _set(board: BoardClient) -> None:
+def _set_before_refusal(board: BoardClient) -> None:
     """Open a session, with a configuration away from the default, and an upload with a gap."""
     board.hello()
     if board.has(Feature.CONFIG):
@@ -92,14 +92,16 @@ def _set(board: BoardClient) -> None:
             trace_divider=5,
         )
     if board.has(Feature.SEQUENCE_PHASES):
-        _begin_pending_upload(board, _pending(board), zlib.crc32(_pending(board)))
+        _begin_upload_before_refusal(
+            board, _pending_before_refusal(board), zlib.crc32(_pending_before_refusal(board))
+        )
 
 
-def _pending(board: BoardClient) -> bytes:
+def _pending_before_refusal(board: BoardClient) -> bytes:
     return bytes(number % 251 for number in range(_FRAMES * board.identity.transducers))
 
 
-def _begin_pending_upload(board: BoardClient, data: bytes, crc: int) -> None:
+def _begin_upload_before_refusal(board: BoardClient, data: bytes, crc: int) -> None:
     """Begin an upload, and send its first byte and its last."""
     begin = UploadBegin(UploadKind.PHASES, 0, PENDING, len(data), crc)
     board.link.call(begin, UploadBeginReply)
@@ -107,23 +109,23 @@ def _begin_pending_upload(board: BoardClient, data: bytes, crc: int) -> None:
         board.link.call(UploadChunk(at, data[at : at + 1]), UploadChunkReply)
 
 
-def _streaming_moment(board: BoardClient) -> int:
-    _set(board)
+def _streaming_before_refusal(board: BoardClient) -> int:
+    _set_before_refusal(board)
     board.arm()
     latch_now(board, stream_kinds(board)[-1].make())
     return fill_queue(board, _QUEUED, _AHEAD_US)
 
 
-def _playing_moment(board: BoardClient) -> int:
-    _set(board)
+def _playing_before_refusal(board: BoardClient) -> int:
+    _set_before_refusal(board)
     board.arm()
     play_now(board, STORED, loops=0, period_us=_PERIOD_US, unattended_ms=9_999)
     board.clock.wait_latched()
     return 0
 
 
-def _waiting_moment(board: BoardClient) -> int:
-    _set(board)
+def _waiting_before_refusal(board: BoardClient) -> int:
+    _set_before_refusal(board)
     board.arm()
     latch_now(board, stream_kinds(board)[-1].make())
     play = Play(STORED, 1000, 0, min(9_999, board.identity.max_unattended_ms))
@@ -131,55 +133,57 @@ def _waiting_moment(board: BoardClient) -> int:
     return 0
 
 
-def _disarmed_moment(board: BoardClient) -> int:
-    _set(board)
+def _disarmed_before_refusal(board: BoardClient) -> int:
+    _set_before_refusal(board)
     board.arm()
     latch_now(board, stream_kinds(board)[-1].make())
     board.disarm()
     return 0
 
 
-def _muted_moment(board: BoardClient) -> int:
-    _disarmed_moment(board)
+def _muted_before_refusal(board: BoardClient) -> int:
+    _disarmed_before_refusal(board)
     board.link.ask(Mute())
     return 0
 
 
-def _always(board: BoardClient) -> Iterator[Refusal]:
+def _refusals_always(board: BoardClient) -> Iterator[Refusal]:
     yield from refused_by_link(board)
     yield from refused_by_value(board)
     if board.has(Feature.SEQUENCE_PHASES):
-        yield from refused_chunks(board, len(_pending(board)))
+        yield from refused_chunks(board, len(_pending_before_refusal(board)))
 
 
-def _while_streaming(board: BoardClient) -> Iterator[Refusal]:
-    yield from _always(board)
+def _refusals_while_streaming(board: BoardClient) -> Iterator[Refusal]:
+    yield from _refusals_always(board)
     if board.has(Feature.SEQUENCE_PHASES):
         yield from refused_plays(board)
 
 
-def _while_playing(board: BoardClient) -> Iterator[Refusal]:
+def _refusals_while_playing(board: BoardClient) -> Iterator[Refusal]:
     yield from refused_now(board)
     yield from refused_for_playing(board)
-    yield from _always(board)
+    yield from _refusals_always(board)
 
 
-def _while_off(board: BoardClient) -> Iterator[Refusal]:
+def _refusals_while_off(board: BoardClient) -> Iterator[Refusal]:
     if board.has(Feature.SEQUENCE_PHASES):
         yield from refused_now(board)
-    yield from _always(board)
+    yield from _refusals_always(board)
 
 
-def situations(board: BoardClient) -> Iterator[Situation]:
+def refusal_situations(board: BoardClient) -> Iterator[Situation]:
     """Yield the situations that a board can be brought into; in a quick run one."""
-    yield Situation("with frames queued", _streaming_moment, _while_streaming)
+    yield Situation("with frames queued", _streaming_before_refusal, _refusals_while_streaming)
     if not board.thorough:
         return
     if board.has(Feature.SEQUENCE_PHASES):
-        yield Situation("while a sequence plays", _playing_moment, _while_playing)
-        yield Situation("while a playback waits for its start", _waiting_moment, _while_playing)
-    yield Situation("while DISARMED", _disarmed_moment, _while_off)
-    yield Situation("while MUTED", _muted_moment, _while_off)
+        yield Situation("while a sequence plays", _playing_before_refusal, _refusals_while_playing)
+        yield Situation(
+            "while a playback waits for its start", _waiting_before_refusal, _refusals_while_playing
+        )
+    yield Situation("while DISARMED", _disarmed_before_refusal, _refusals_while_off)
+    yield Situation("while MUTED", _muted_before_refusal, _refusals_while_off)
 
 
 # --- Cases -------------------------------------------------------------------------------------
@@ -194,35 +198,35 @@ def situations(board: BoardClient) -> Iterator[Situation]:
 def every_refusal_changes_nothing(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, STORED, frames=1)
-    for situation in situations(board):
-        _judge_refusals_at_moment(board, situation)
+    for situation in refusal_situations(board):
+        _judge_refusals_in_situation(board, situation)
         if board.has(Feature.SEQUENCE_PHASES):
-            _goes_on(board, situation.name)
+            _goes_on_after_refusal(board, situation.name)
 
 
-def _judge_refusals_at_moment(board: BoardClient, situation: Situation) -> None:
+def _judge_refusals_in_situation(board: BoardClient, situation: Situation) -> None:
     """FAILED with the name of the first refusal in a situation that changes anything."""
-    last_us, before = brought(board, situation)
+    last_us, before = brought_to_refusal(board, situation)
     brought_us = board.wire.now_us()
     for refusal in list(situation.refusals(board)):
         if board.wire.now_us() - brought_us > _FRESH_US:
-            last_us, before = brought(board, situation)
+            last_us, before = brought_to_refusal(board, situation)
             brought_us = board.wire.now_us()
         text = held_state_changes(
-            before, held_after(board, last_us, partial(refuse, board, refusal))
+            before, held_after_refusals(board, last_us, partial(refuse, board, refusal))
         )
         if text:
             fail(f"{situation.name}, refused {refusal.name}: {text}")
 
 
-def brought(board: BoardClient, situation: Situation) -> tuple[int, Held]:
+def brought_to_refusal(board: BoardClient, situation: Situation) -> tuple[int, Held]:
     """Bring a situation about; return the t_apply of its last frame, and what the board holds."""
     last_us = situation.bring(board)
     board.status()  # the margins start anew
-    return last_us, held_after(board, last_us)
+    return last_us, held_after_refusals(board, last_us)
 
 
-def held_after(
+def held_after_refusals(
     board: BoardClient, last_us: int, happen: Callable[[], object] = lambda: None
 ) -> Held:
     """Return the state after a frame that is dropped for its order, and what *happen* does."""
@@ -247,9 +251,9 @@ def refuse(board: BoardClient, refusal: Refusal) -> Error:
     return answer.message
 
 
-def _goes_on(board: BoardClient, name: str) -> None:
+def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
     """FAILED unless the upload under way can be completed, and both sequences are played."""
-    data = _pending(board)
+    data = _pending_before_refusal(board)
     send_chunks(board, data)
     taken = board.link.ask(UploadCommit(PENDING)).message
     check(isinstance(taken, UploadCommitReply), f"{name}: the upload cannot be committed any more")
@@ -267,9 +271,9 @@ def _goes_on(board: BoardClient, name: str) -> None:
     variant="mismatch",
     needs=Feature.SEQUENCE_PHASES,
 )
-def a_mismatch_changes_nothing(board: BoardClient) -> None:
-    data = _pending(board)
-    _begin_pending_upload(board, data, zlib.crc32(data))
+def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
+    data = _pending_before_refusal(board)
+    _begin_upload_before_refusal(board, data, zlib.crc32(data))
     damaged = bytes([data[0] ^ 0x40]) + data[1:]
     send_chunks(board, damaged)
     since = board.link.mark()
@@ -288,11 +292,11 @@ def a_mismatch_changes_nothing(board: BoardClient) -> None:
     "a request of every type, refused for every reason, gets the code of that reason",
     variant="types",
 )
-def every_refusal_has_its_code(board: BoardClient) -> None:
+def every_refusal_has_its_error_code(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, STORED, frames=1)
-    _streaming_moment(board)
-    for refusal in list(_while_streaming(board)):
+    _streaming_before_refusal(board)
+    for refusal in list(_refusals_while_streaming(board)):
         code = refuse(board, refusal).code
         names = ErrorCode._value2member_map_
         check(code == refusal.code, f"{refusal.name}: {names.get(code, code)!r} instead")

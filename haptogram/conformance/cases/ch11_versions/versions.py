@@ -38,7 +38,7 @@ host_versions = about_host("HG-11.4/3")
 
 
 @case("HG-11.1/1", "HELLO of major 0 to 255 and MUTE with a longer payload are understood")
-def keeps_what_never_changes(board: BoardClient) -> None:
+def keeps_what_no_version_changes(board: BoardClient) -> None:
     for major in (0, 2, 3, 127, 255):
         hello = Hello(major, 99, board.new_nonce(), 0xFFFFFFFF)
         board.link.refused(hello, ErrorCode.VERSION, VERSION_MAJOR, session=0)
@@ -54,7 +54,7 @@ def keeps_what_never_changes(board: BoardClient) -> None:
     "a host of minor version 255 is answered; the board sends messages of 1.0 only",
     depth=Depth.DEFAULT,
 )
-def uses_the_smaller_minor(board: BoardClient) -> None:
+def uses_the_smaller_minor_version(board: BoardClient) -> None:
     hello = Hello(VERSION_MAJOR, 255, board.new_nonce(), board.description_hash ^ 1)
     reply = board.link.call(hello, HelloReply, session=0)
     board.adopt(reply)
@@ -69,7 +69,7 @@ def uses_the_smaller_minor(board: BoardClient) -> None:
 
 
 @case("HG-11.5/1", "SYNC_IN and COMMIT are not advertised")
-def advertises_nothing_reserved(board: BoardClient) -> None:
+def advertises_no_reserved_bits(board: BoardClient) -> None:
     reserved = Feature.SYNC_IN | Feature.COMMIT
     found = Feature(board.identity.features & int(reserved))
     check(not found, f"{found.name} is reserved in this version")
@@ -81,7 +81,7 @@ def advertises_nothing_reserved(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def sends_nothing_reserved(board: BoardClient) -> None:
+def sends_no_reserved_bits(board: BoardClient) -> None:
     known = sum(int(feature) for feature in Feature)
     spare = board.identity.features & ~known
     check(not spare, f"capability bits {spare:#x} are in no table")

@@ -31,7 +31,7 @@ from ...judge.refused_requests import refused_by_link
 from ...judge.timers import check_mute_time, muted_by_timer
 from ...outcome import SELF_REPORTED, check, fail, inconclusive
 from ..ch05_stream.every_drop import DROPS, Drop, fill_queue
-from .every_restart import SLOW_US, STORED, TIMER_MS, play_later, wait_for_timer
+from .every_restart import SLOW_US, STORED, TIMER_MS, play_later_than_timer, wait_for_timer
 
 _MS: Final = 1000
 _SILENT_MS: Final = 70
@@ -48,7 +48,7 @@ _HELD_MS: Final = 120  # a hold that a read-back behind a latch does not outlast
 def nothing_else_restarts_the_hold(board: BoardClient) -> None:
     drops = [drop for drop in DROPS if drop.armed and drop.queued >= 0]
     groups: list[Drop | None] = [None, *sorted(drops, key=lambda drop: drop.queued)]
-    hold_ms = _hold_ms(board)
+    hold_ms = _length_of_hold_ms(board)
     took_us = _hold_after(board, groups, hold_ms)
     if abs(took_us - hold_ms * _MS) <= _MS:
         return
@@ -62,7 +62,7 @@ def nothing_else_restarts_the_hold(board: BoardClient) -> None:
     fail(f"muted {took_us / _MS:.1f} ms after the latch, hold_ms is {hold_ms}")
 
 
-def _hold_ms(board: BoardClient) -> int:
+def _length_of_hold_ms(board: BoardClient) -> int:
     """Return a hold that is longer than everything that is sent within it takes on the line."""
     sizes = sum(len(kind.make().serialize()) + 20 for kind in stream_kinds(board))
     return min(7000, 700 + board.wire.line_us(8 * len(DROPS) * sizes) // _MS)
@@ -79,22 +79,22 @@ def _hold_after(board: BoardClient, groups: list[Drop | None], hold_ms: int) -> 
     board.wire.idle(30 * _MS)
     for group in groups:
         if group is None:
-            _ask_all(board)
+            _ask_all_during_hold(board)
         else:
-            _send_all(board, group, (hold_ms + 1000) * _MS)
+            _send_all_during_hold(board, group, (hold_ms + 1000) * _MS)
     if board.clock.device_us() - start_us > (hold_ms - 20) * _MS:
         inconclusive("the line or the host is too slow to send everything within the hold")
     header, _ = muted_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
     return board.clock.unwrap(header.time_us) - start_us
 
 
-def _send_all(board: BoardClient, drop: Drop, ahead_us: int) -> None:
+def _send_all_during_hold(board: BoardClient, drop: Drop, ahead_us: int) -> None:
     last_us = fill_queue(board, 1, ahead_us) if drop.queued else 0
     for kind in stream_kinds(board):
         board.link.send(*drop.frames(board, kind, last_us))
 
 
-def _ask_all(board: BoardClient) -> None:
+def _ask_all_during_hold(board: BoardClient) -> None:
     """Send every request that leaves the hold as it runs: carried out, refused, and HELLO again."""
     for message in valid_requests(board, STORED):
         if message.TYPE.name not in ("DISARM", "PLAY"):
@@ -111,15 +111,15 @@ def _ask_all(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.AMPLITUDE,
     depth=Depth.DEFAULT,
 )
-def nothing_else_ends_its_ramp(board: BoardClient) -> None:
-    hold_ms, ramp_ms = 60, min(2000, _hold_ms(board))
+def nothing_else_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
+    hold_ms, ramp_ms = 60, min(2000, _length_of_hold_ms(board))
     board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
     board.arm()
     since = board.link.mark()
     latch_now(board, board.flat_phases())
     start_us = board.clock.unwrap(board.status().last_latch_us)
     wait_for_timer(board, start_us + (hold_ms + 20) * _MS)
-    _ask_all(board)
+    _ask_all_during_hold(board)
     board.configure(hold_ms=10_000, ramp_ms=1)
     if board.clock.device_us() > start_us + (hold_ms + ramp_ms - 20) * _MS:
         inconclusive("the line or the host is too slow to send everything within the ramp")
@@ -170,7 +170,7 @@ def stop_leaves_the_hold(board: BoardClient) -> None:
         start_us = board.clock.unwrap(board.status().last_latch_us)
         wait_for_timer(board, start_us + 40 * _MS)
         if name != "a slow playback":
-            play_later(board, 2 * TIMER_MS, 2 * TIMER_MS)
+            play_later_than_timer(board, 2 * TIMER_MS, 2 * TIMER_MS)
         wait_for_timer(board, start_us + 80 * _MS)
         if not name.endswith("muted"):
             board.link.call(Stop(), StopReply)
@@ -186,7 +186,7 @@ def stop_leaves_the_hold(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def silent_drives_are_held(board: BoardClient) -> None:
+def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
     count = board.identity.transducers
     silent: dict[str, tuple[Message, int]] = {}
     if board.has(Feature.AMPLITUDE):
@@ -222,7 +222,7 @@ def silent_drives_are_held(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def every_latch_ends_its_ramp(board: BoardClient) -> None:
+def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     ways = ["at once", "queued", "queued, with others behind it", "late"]
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, STORED, frames=2)

@@ -29,7 +29,7 @@ _STALE: Final = 0x0F0F
 Frames = dict[str, list[bytes]]
 
 
-def _bodies(board: BoardClient) -> Iterator[tuple[Message, bytes]]:
+def _bodies_that_renew_no_lease(board: BoardClient) -> Iterator[tuple[Message, bytes]]:
     """Yield a message of every type of a host, and its body with a fresh number."""
     for kind in stream_kinds(board):
         message = kind.make()
@@ -46,17 +46,17 @@ def _bodies(board: BoardClient) -> Iterator[tuple[Message, bytes]]:
         )
 
 
-def _wrong_crc(board: BoardClient) -> Frames:
+def _wrong_crc_renews_no_lease(board: BoardClient) -> Frames:
     return {
         f"{message.TYPE.name} with a wrong CRC": [
             malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body, flip))
             for flip in (1, 1 << 31)
         ]
-        for message, body in _bodies(board)
+        for message, body in _bodies_that_renew_no_lease(board)
     }
 
 
-def _other_defect(board: BoardClient) -> Frames:
+def _defect_renews_no_lease(board: BoardClient) -> Frames:
     ping = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
     long = malformed_frames.noise_bytes(board.random, MAX_ENCODED_BYTES + 100)
     frames = {
@@ -67,7 +67,7 @@ def _other_defect(board: BoardClient) -> Frames:
         "nothing between delimiters": [b"\x00\x00\x00\x00"],
         "a run of 4196 bytes": [b"\x00" + long + b"\x00"],
     }
-    for message, body in _bodies(board):
+    for message, body in _bodies_that_renew_no_lease(board):
         for session in (board.link.session ^ _STALE, 0):
             other = body[:8] + session.to_bytes(2, "little") + body[10:]
             data = malformed_frames.malformed_frame(malformed_frames.malformed_with_crc(other))
@@ -76,7 +76,7 @@ def _other_defect(board: BoardClient) -> Frames:
     return frames
 
 
-def _start(board: BoardClient, reason: MuteReason, length_ms: int) -> int:
+def _start_lease_for_reason(board: BoardClient, reason: MuteReason, length_ms: int) -> int:
     """Start the timer that mutes for *reason*; return the device time at which it began."""
     ramp_ms = _RAMP_MS if board.has(Feature.AMPLITUDE) else 0
     changes: dict[str, Any] = {"ramp_ms": ramp_ms}
@@ -96,12 +96,12 @@ def _start(board: BoardClient, reason: MuteReason, length_ms: int) -> int:
     return start_us
 
 
-def _off_ms(board: BoardClient, reason: MuteReason, frames: Frames) -> float:
+def _lease_ran_out_ms(board: BoardClient, reason: MuteReason, frames: Frames) -> float:
     """Return how late the timer mutes, in ms, with *frames* sent three times meanwhile."""
     wire = b"".join(data for some in frames.values() for data in some)
     length_ms = _LENGTH_MS + 5 * board.wire.line_us(len(wire)) // _MS
     since = board.link.mark()
-    start_us = _start(board, reason, length_ms)
+    start_us = _start_lease_for_reason(board, reason, length_ms)
     for moment in _MOMENTS:
         due_us = start_us + round(moment * length_ms * _MS)
         board.wire.idle(max(0, due_us - board.clock.device_estimate_us()))
@@ -111,18 +111,18 @@ def _off_ms(board: BoardClient, reason: MuteReason, frames: Frames) -> float:
     return took_us / _MS - length_ms - board.config.ramp_ms
 
 
-def _judge(board: BoardClient, make: Callable[[BoardClient], Frames]) -> None:
+def _judge_lease(board: BoardClient, make: Callable[[BoardClient], Frames]) -> None:
     """FAILED if hold, lease or unattended time end late because of these frames."""
     reasons = [MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT]
     if board.has(Feature.SEQUENCE_PHASES):
         store_phases(board, _SEQUENCE, frames=2)
         reasons.append(MuteReason.UNATTENDED)
     for reason in reasons:
-        late_ms = _off_ms(board, reason, make(board))
+        late_ms = _lease_ran_out_ms(board, reason, make(board))
         if abs(late_ms) * _MS <= EXACT_US:
             continue
         for name, frames in make(board).items():  # which one was it?
-            late_ms = _off_ms(board, reason, {name: frames})
+            late_ms = _lease_ran_out_ms(board, reason, {name: frames})
             check(
                 abs(late_ms) * _MS <= EXACT_US,
                 f"{name}: the mute, {reason.name}, comes {late_ms:+.1f} ms after its time",
@@ -137,8 +137,8 @@ def _judge(board: BoardClient, make: Callable[[BoardClient], Frames]) -> None:
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def damage_renews_nothing(board: BoardClient) -> None:
-    _judge(board, _wrong_crc)
+def damaged_frames_renew_no_timer(board: BoardClient) -> None:
+    _judge_lease(board, _wrong_crc_renews_no_lease)
 
 
 @case(
@@ -148,5 +148,5 @@ def damage_renews_nothing(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def others_renew_nothing(board: BoardClient) -> None:
-    _judge(board, _other_defect)
+def frames_of_other_sessions_renew_no_timer(board: BoardClient) -> None:
+    _judge_lease(board, _defect_renews_no_lease)

@@ -31,14 +31,14 @@ _PERIOD_US: Final = 4_000_000  # of a playback that is left alone
 _SEQUENCE: Final = 2
 
 
-def wrapping_lengths(least_ms: int, most_ms: int, *, thorough: bool = True) -> list[int]:
+def wrapping_timer_lengths(least_ms: int, most_ms: int, *, thorough: bool = True) -> list[int]:
     """Return lengths in ms just above every power of two in every unit, within the bounds.
 
     If not *thorough*: just above 2^16 units.
 
     Examples
     --------
-    >>> wrapping_lengths(20, 500)
+    >>> wrapping_timer_lengths(20, 500)
     [48, 81, 271, 343, 425]
     """
     edges = {
@@ -50,7 +50,9 @@ def wrapping_lengths(least_ms: int, most_ms: int, *, thorough: bool = True) -> l
     return sorted(ms for ms in lengths if max(least_ms, 2 * _OVER_MS) <= ms <= most_ms)
 
 
-def _stays(board: BoardClient, name: str, start: Callable[[], object], length_ms: int) -> None:
+def _timer_stays(
+    board: BoardClient, name: str, start: Callable[[], object], length_ms: int
+) -> None:
     """FAILED if the timer that *start* starts ends within the first tens of milliseconds."""
     since, start_us = board.link.mark(), board.clock.device_us()
     start()
@@ -71,10 +73,10 @@ def _stays(board: BoardClient, name: str, start: Callable[[], object], length_ms
     variant="lengths",
     needs=Feature.CONFIG,
 )
-def leases_do_not_wrap(board: BoardClient) -> None:
-    for length_ms in wrapping_lengths(20, 10_000, thorough=board.thorough):
+def leases_of_every_length_do_not_wrap(board: BoardClient) -> None:
+    for length_ms in wrapping_timer_lengths(20, 10_000, thorough=board.thorough):
         board.configure(host_timeout_ms=length_ms)
-        _stays(board, "host_timeout_ms", board.arm, length_ms)
+        _timer_stays(board, "host_timeout_ms", board.arm, length_ms)
 
 
 @case(
@@ -83,11 +85,11 @@ def leases_do_not_wrap(board: BoardClient) -> None:
     variant="lengths",
     needs=Feature.CONFIG,
 )
-def holds_do_not_wrap(board: BoardClient) -> None:
-    for length_ms in wrapping_lengths(1, 10_000, thorough=board.thorough):
+def holds_of_every_length_do_not_wrap(board: BoardClient) -> None:
+    for length_ms in wrapping_timer_lengths(1, 10_000, thorough=board.thorough):
         board.configure(hold_ms=length_ms)
         board.arm()
-        _stays(board, "hold_ms", lambda: latch_now(board, board.flat_phases()), length_ms)
+        _timer_stays(board, "hold_ms", lambda: latch_now(board, board.flat_phases()), length_ms)
 
 
 @case(
@@ -96,15 +98,17 @@ def holds_do_not_wrap(board: BoardClient) -> None:
     variant="lengths",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
 )
-def unattended_does_not_wrap(board: BoardClient) -> None:
+def unattended_times_of_every_length_do_not_wrap(board: BoardClient) -> None:
     store_phases(board, _SEQUENCE, frames=2)
-    for length_ms in wrapping_lengths(1, board.identity.max_unattended_ms, thorough=board.thorough):
+    for length_ms in wrapping_timer_lengths(
+        1, board.identity.max_unattended_ms, thorough=board.thorough
+    ):
 
         def play(length_ms: int = length_ms) -> None:
             board.arm()
             play_now(board, _SEQUENCE, loops=0, unattended_ms=length_ms)
 
-        _stays(board, "unattended_ms", play, length_ms)
+        _timer_stays(board, "unattended_ms", play, length_ms)
 
 
 @case(
@@ -113,8 +117,8 @@ def unattended_does_not_wrap(board: BoardClient) -> None:
     variant="lengths",
     needs=Feature.CONFIG,
 )
-def status_periods_do_not_wrap(board: BoardClient) -> None:
-    for length_ms in wrapping_lengths(board.quick_status_ms, 65_535, thorough=board.thorough):
+def status_timers_of_every_length_do_not_wrap(board: BoardClient) -> None:
+    for length_ms in wrapping_timer_lengths(board.quick_status_ms, 65_535, thorough=board.thorough):
         board.configure(status_period_ms=length_ms)
         since = board.link.mark()
         board.wire.idle(min(_LOOK_MS, length_ms - 2 * _OVER_MS) * _MS)
@@ -128,11 +132,13 @@ def status_periods_do_not_wrap(board: BoardClient) -> None:
     variant="lengths",
     needs=Feature.CONFIG | Feature.AMPLITUDE,
 )
-def ramps_do_not_wrap(board: BoardClient) -> None:
-    for length_ms in wrapping_lengths(60, 2000, thorough=board.thorough):
+def timer_ramps_of_every_length_do_not_wrap(board: BoardClient) -> None:
+    for length_ms in wrapping_timer_lengths(60, 2000, thorough=board.thorough):
         board.configure(ramp_ms=length_ms, hold_ms=5)
         board.arm()
-        _stays(board, "ramp_ms", lambda: latch_now(board, board.flat_phases()), length_ms - 10)
+        _timer_stays(
+            board, "ramp_ms", lambda: latch_now(board, board.flat_phases()), length_ms - 10
+        )
 
 
 @case(
@@ -142,7 +148,7 @@ def ramps_do_not_wrap(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.AMPLITUDE,
     depth=Depth.DEFAULT,
 )
-def every_timer_ramps(board: BoardClient) -> None:
+def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
     for reason, changes in (
         (MuteReason.HOLD_EXPIRED, {"hold_ms": 90}),
         (MuteReason.HOST_SILENT, {"host_timeout_ms": 90}),
@@ -221,14 +227,14 @@ def _start_unattended(board: BoardClient, length_ms: int) -> int:
     return board.clock.device_us()
 
 
-def _start_ramp(board: BoardClient, length_ms: int) -> int:
+def _start_ramp_of_lease(board: BoardClient, length_ms: int) -> int:
     board.configure(ramp_ms=length_ms, hold_ms=5)
     board.arm()
     latch_now(board, board.flat_phases())
     return board.clock.unwrap(board.status().last_latch_us) + 5 * _MS
 
 
-def _longest_alone(board: BoardClient) -> int:
+def _longest_unattended_time(board: BoardClient) -> int:
     most_ms = board.identity.max_unattended_ms
     return min(most_ms, _LONGEST_WALL_MS if board.wire.limits.slack_us else 1 << 21)
 
@@ -241,14 +247,14 @@ _TIMERS: Final = (
         MuteReason.HOLD_EXPIRED,
         1,
         lambda _: 2000,
-        _start_ramp,
+        _start_ramp_of_lease,
         Feature.CONFIG | Feature.AMPLITUDE,
     ),
     TimerKind(
         "unattended_ms",
         MuteReason.UNATTENDED,
         1,
-        _longest_alone,
+        _longest_unattended_time,
         _start_unattended,
         Feature.CONFIG | Feature.SEQUENCE_PHASES,
     ),
@@ -263,14 +269,14 @@ _TIMERS: Final = (
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
-def whole_lengths(board: BoardClient) -> None:
+def timers_pass_their_whole_lengths(board: BoardClient) -> None:
     for timer in _TIMERS:
         if not board.has(timer.needs):
             continue
         most_ms = timer.most_ms(board)
         lengths = [most_ms]
         if not board.wire.limits.slack_us:
-            lengths = [*wrapping_lengths(timer.least_ms, most_ms), most_ms]
+            lengths = [*wrapping_timer_lengths(timer.least_ms, most_ms), most_ms]
         for length_ms in lengths:
             since = board.link.mark()
             start_us = timer.start(board, length_ms)
@@ -286,10 +292,10 @@ def whole_lengths(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
-def whole_status_periods(board: BoardClient) -> None:
+def status_timers_pass_their_whole_lengths(board: BoardClient) -> None:
     lengths = [65_535]
     if not board.wire.limits.slack_us:
-        lengths = [*wrapping_lengths(board.quick_status_ms, lengths[0]), *lengths]
+        lengths = [*wrapping_timer_lengths(board.quick_status_ms, lengths[0]), *lengths]
     for length_ms in lengths:
         board.configure(status_period_ms=length_ms)
         since, start_us = board.link.mark(), board.clock.device_us()

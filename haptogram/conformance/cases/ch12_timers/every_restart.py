@@ -58,7 +58,7 @@ SLOW_US: Final = 9_000_000  # period of a playback of which one frame is seen
 # --- What renews nothing -----------------------------------------------------------------------
 
 
-def hello_again(board: BoardClient) -> bytes:
+def hello_again_during_timers(board: BoardClient) -> bytes:
     """Return the HELLO of the open session once more, which has no effect but its reply."""
     again = board.hello_message(board.link.session).serialize()
     body = board.link.body(Hello.TYPE, again, seq=board.link.next_seq(), session=0)
@@ -85,16 +85,16 @@ def latches_renew_no_lease(board: BoardClient) -> None:
         if plays:
             play_now(board, STORED, loops=0, unattended_ms=TIMER_MS, period_us=50 * _MS)
         else:
-            _queue_over(board, TIMER_MS + ramp_ms)
+            _queue_over_lease(board, TIMER_MS + ramp_ms)
         start_us = board.clock.device_us()
         for part in (1, 2, 3, 4, 5):  # the later ones during the ramp
             wait_for_timer(board, start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
-            board.wire.send(hello_again(board))
+            board.wire.send(hello_again_during_timers(board))
         header, _ = muted_by_timer(board, since, 3 * (TIMER_MS + ramp_ms) * _MS, reason)
         check_mute_time(board, start_us, header, TIMER_MS + ramp_ms, f"{reason.name}, latches")
 
 
-def _queue_over(board: BoardClient, length_ms: int) -> None:
+def _queue_over_lease(board: BoardClient, length_ms: int) -> None:
     """Latch a frame, and queue frames for every 50 ms of a time."""
     latch_now(board, board.flat_phases())
     first_us = board.clock.soon_us(bytes(4000))
@@ -111,7 +111,7 @@ def wait_for_timer(board: BoardClient, t_us: int) -> None:
 # --- The lease, and the unattended time in its place -------------------------------------------
 
 
-def play_later(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
+def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
     """Let a playback of the stored sequence wait for its start so far ahead."""
     now_us = board.clock.device_us()
     play = Play(STORED, SLOW_US, 0, min(alone_ms, board.identity.max_unattended_ms))
@@ -134,14 +134,14 @@ def waits_unattended(board: BoardClient) -> None:
     ):
         board.arm()
         since = board.link.mark()
-        play_later(board, ahead_ms, alone_ms)
+        play_later_than_timer(board, ahead_ms, alone_ms)
         start_us = board.clock.device_us()
         header, _ = muted_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
         check_mute_time(board, start_us, header, alone_ms, f"unattended_ms, {name}")
     for ahead_ms in (0, 5000):
         board.arm()
         since = board.link.mark()
-        play_later(board, ahead_ms + 60, 9000)
+        play_later_than_timer(board, ahead_ms + 60, 9000)
         board.wire.idle(150 * _MS)
         answer = board.link.ask(Stop())  # nothing behind it: that would renew the lease
         board.link.reply_in(answer, StopReply, Stop.TYPE)
@@ -158,8 +158,8 @@ def waits_unattended(board: BoardClient) -> None:
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def every_type_renews(board: BoardClient) -> None:
-    _renewed_by_each(board, plays=False)
+def every_type_renews_the_lease(board: BoardClient) -> None:
+    _timer_renewed_by_each(board, plays=False)
 
 
 @case(
@@ -169,8 +169,8 @@ def every_type_renews(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     depth=Depth.DEFAULT,
 )
-def every_type_renews_a_playback(board: BoardClient) -> None:
-    _renewed_by_each(board, plays=True)
+def every_type_renews_the_unattended_time(board: BoardClient) -> None:
+    _timer_renewed_by_each(board, plays=True)
 
 
 @case(
@@ -180,11 +180,11 @@ def every_type_renews_a_playback(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.AMPLITUDE,
     depth=Depth.DEFAULT,
 )
-def every_type_ends_a_ramp(board: BoardClient) -> None:
-    _renewed_by_each(board, plays=False, ramps=True)
+def every_type_ends_the_ramp_of_a_lease(board: BoardClient) -> None:
+    _timer_renewed_by_each(board, plays=False, ramps=True)
 
 
-def _renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = False) -> None:
+def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = False) -> None:
     """FAILED unless the timer, renewed by one frame, runs out its whole length behind it.
 
     If it *ramps*, the frame comes in the ramp, which makes up the second half of that length. A
@@ -202,7 +202,9 @@ def _renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = False) ->
             host_timeout_ms = lasts_ms - ramp_ms + (_OTHER_MS if plays else 0)
             if board.config.host_timeout_ms != host_timeout_ms:
                 board.configure(host_timeout_ms=host_timeout_ms, hold_ms=10_000, ramp_ms=ramp_ms)
-            off_ms = _muted_after_ms(board, make, lasts_ms, wait_ms, plays=plays) - lasts_ms
+            off_ms = (
+                _muted_by_lease_after_ms(board, make, lasts_ms, wait_ms, plays=plays) - lasts_ms
+            )
             if wait_ms / 2 < off_ms < wait_ms + _OTHER_MS / 2:
                 break
         else:
@@ -212,7 +214,7 @@ def _renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = False) ->
             check_in_time(board, False, text)
 
 
-def _muted_after_ms(
+def _muted_by_lease_after_ms(
     board: BoardClient, make: Callable[[], bytes], lasts_ms: int, wait_ms: int, *, plays: bool
 ) -> float:
     """Return the time in ms from the start of the timer to its mute, with a frame meanwhile."""
@@ -235,42 +237,45 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
     """Yield frames of the session that renew the lease: their names, and what makes them."""
     kinds = stream_kinds(board)
     for stream_kind in kinds:
-        yield stream_kind.name, partial(_stream_frame, board, stream_kind)
+        yield stream_kind.name, partial(_stream_frame_that_renews, board, stream_kind)
     for drop in DROPS:
         if drop.armed and not drop.queued and drop.counter != "stale_session":
-            yield f"a frame {drop.summary}", partial(_dropped_frame, board, drop, kinds[0])
+            yield (
+                f"a frame {drop.summary}",
+                partial(_dropped_frame_that_renews, board, drop, kinds[0]),
+            )
     for name, kind in _STRANGE_TYPES.items():
-        yield name, partial(_strange_frame, board, kind)
+        yield name, partial(_strange_frame_that_renews, board, kind)
     for message in valid_requests(board, STORED + plays):
         if message.TYPE.name not in ("DISARM", "PLAY", *(["STOP"] if plays else [])):
-            yield message.TYPE.name, partial(_request, board, message)
+            yield message.TYPE.name, partial(_request_that_renews, board, message)
             name = f"{message.TYPE.name} with an unknown flag"
-            yield name, partial(_request, board, message, flags=_UNKNOWN_FLAG)
+            yield name, partial(_request_that_renews, board, message, flags=_UNKNOWN_FLAG)
     for refusal in refused_by_value(board) if not board.wire.limits.slack_us else ():
         if refusal.kind != Hello.TYPE:  # which is of no session
-            yield refusal.name, partial(_refused_request, board, refusal)
+            yield refusal.name, partial(_refused_request_that_renews, board, refusal)
 
 
-def _stream_frame(board: BoardClient, kind: StreamKind) -> bytes:
+def _stream_frame_that_renews(board: BoardClient, kind: StreamKind) -> bytes:
     return board.link.stream_wire(kind.make())
 
 
-def _dropped_frame(board: BoardClient, drop: Drop, kind: StreamKind) -> bytes:
+def _dropped_frame_that_renews(board: BoardClient, drop: Drop, kind: StreamKind) -> bytes:
     return next(iter(drop.frames(board, kind, 0)))
 
 
-def _refused_request(board: BoardClient, refusal: Refusal) -> bytes:
+def _refused_request_that_renews(board: BoardClient, refusal: Refusal) -> bytes:
     seq = board.link.next_seq()
     body = board.link.body(refusal.kind, refusal.payload, seq=seq, **refusal.header)
     return encode_frame(body)
 
 
-def _strange_frame(board: BoardClient, kind: int) -> bytes:
+def _strange_frame_that_renews(board: BoardClient, kind: int) -> bytes:
     seq = board.link.stream_next if kind in STREAM_RANGE else board.link.next_seq()
     return encode_frame(board.link.body(kind, bytes(2), seq=seq))
 
 
-def _request(board: BoardClient, message: Message, flags: int = 0) -> bytes:
+def _request_that_renews(board: BoardClient, message: Message, flags: int = 0) -> bytes:
     return board.link.request_wire(message, flags=flags)[0]
 
 
@@ -284,7 +289,7 @@ def _request(board: BoardClient, message: Message, flags: int = 0) -> bytes:
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
 )
-def nothing_else_restarts_status(board: BoardClient) -> None:
+def nothing_else_restarts_the_status_timer(board: BoardClient) -> None:
     period_ms = board.quick_status_ms + 7
     board.configure(status_period_ms=period_ms)
     since, end_us = board.link.mark(), board.wire.now_us() + 6 * period_ms * _MS

@@ -32,7 +32,7 @@ _FRAMES: Final = 6
 _PLAYS: Final = Feature.CONFIG | Feature.TRACE | Feature.SEQUENCE_PHASES
 
 
-def _wait_before_wrap(board: BoardClient, before_us: int) -> int:
+def _wait_before_timer_wrap(board: BoardClient, before_us: int) -> int:
     """Wait until so long before the next wrap of the device clock; return the time of the wrap.
 
     Meanwhile the board is DISARMED, and asked for its time every 30 minutes, so that the host's
@@ -54,7 +54,7 @@ def _wait_before_wrap(board: BoardClient, before_us: int) -> int:
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def both_sides_of_the_wrap(board: BoardClient) -> None:
+def frames_on_both_sides_of_the_timer_wrap(board: BoardClient) -> None:
     board.prepare()
     kind = stream_kinds(board)[0]
     for side in ("before", "after"):
@@ -65,17 +65,17 @@ def both_sides_of_the_wrap(board: BoardClient) -> None:
                 text = f"{side} 2^32 µs, frames {drop.summary}: {error}"
                 raise CaseEndedError(error.behaviour, text) from None
         if side == "before" and board.has(_PLAYS):
-            _play_across_wrap(board)
+            _play_across_timer_wrap(board)
         board.clock.wait_until(_WRAP_US + 100 * _MS)
 
 
-def _play_across_wrap(board: BoardClient) -> None:
+def _play_across_timer_wrap(board: BoardClient) -> None:
     """Play frames whose start lies behind the wrap, then one from before it to behind it."""
     lead_us = 100 * _MS + 2 * board.wire.limits.lead_us
     for offset_us in (30 * _MS, -30 * _MS):
         store_phases(board, _SEQUENCE, frames=_FRAMES)
         board.configure(trace_mode=TraceMode.CRC)
-        wrap_us = _wait_before_wrap(board, lead_us)
+        wrap_us = _wait_before_timer_wrap(board, lead_us)
         board.arm()
         since, start_us = board.link.mark(), board.clock.on_carrier(wrap_us + offset_us)
         play = Play(_SEQUENCE, 10 * _MS, 1, 2000)
@@ -112,7 +112,7 @@ def _hold_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
     return MuteReason.HOLD_EXPIRED, start_us
 
 
-def _ramp_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
+def _ramp_of_timer_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
     board.configure(hold_ms=20, ramp_ms=180)
     board.arm()
     latch_now(board, board.flat_phases())
@@ -130,7 +130,7 @@ def _unattended_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
 _TIMERS: Final[tuple[tuple[Callable[[BoardClient], tuple[MuteReason, int]], Feature], ...]] = (
     (_lease_across_wrap, Feature(0)),
     (_hold_across_wrap, Feature(0)),
-    (_ramp_across_wrap, Feature.AMPLITUDE),
+    (_ramp_of_timer_across_wrap, Feature.AMPLITUDE),
     (_unattended_across_wrap, Feature.SEQUENCE_PHASES),
 )
 
@@ -151,7 +151,7 @@ def timers_cross_the_wrap(board: BoardClient) -> None:
         if not board.has(needs):
             continue
         board.configure(host_timeout_ms=10_000)
-        wrap_us = _wait_before_wrap(board, 100 * _MS)
+        wrap_us = _wait_before_timer_wrap(board, 100 * _MS)
         since = board.link.mark()
         reason, start_us = start(board)
         header, _ = muted_by_timer(board, since, 500 * _MS, reason)
@@ -159,7 +159,7 @@ def timers_cross_the_wrap(board: BoardClient) -> None:
         if board.wire.limits.slack_us:
             return
     period_ms = board.quick_status_ms
-    wrap_us = _wait_before_wrap(board, 5 * period_ms * _MS // 2)
+    wrap_us = _wait_before_timer_wrap(board, 5 * period_ms * _MS // 2)
     board.configure(status_period_ms=period_ms)
     since = board.link.mark()
     board.wire.idle(6 * period_ms * _MS)

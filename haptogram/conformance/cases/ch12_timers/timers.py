@@ -67,7 +67,7 @@ def lease_runs_out(board: BoardClient) -> None:
     "between ARM and the first latch the hold does not run, the lease does",
     needs=Feature.CONFIG,
 )
-def hold_waits_for_a_latch(board: BoardClient) -> None:
+def hold_timer_waits_for_a_latch(board: BoardClient) -> None:
     board.configure(hold_ms=30, host_timeout_ms=250)
     board.arm()
     start_us, since = board.clock.device_us(), board.link.mark()
@@ -76,7 +76,7 @@ def hold_waits_for_a_latch(board: BoardClient) -> None:
 
 
 @case("HG-12.3/1", "the hold runs from the last of several latches", needs=Feature.CONFIG)
-def hold_runs_from_the_last_latch(board: BoardClient) -> None:
+def hold_timer_runs_from_the_last_latch(board: BoardClient) -> None:
     board.configure(hold_ms=150)
     board.arm()
     since = board.link.mark()
@@ -94,7 +94,7 @@ def hold_runs_from_the_last_latch(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     depth=Depth.DEFAULT,
 )
-def lease_after_playback(board: BoardClient) -> None:
+def lease_is_back_after_playback(board: BoardClient) -> None:
     board.configure(host_timeout_ms=150, hold_ms=5000)
     store_phases(board, 1, frames=2)
     board.arm()
