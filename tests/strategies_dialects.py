@@ -11,19 +11,20 @@ from haptogram_protocol.dialects.autd3 import operations as device
 from haptogram_protocol.dialects.autd3.frame import DeviceFrame, DeviceState
 from haptogram_protocol.dialects.autd3.payload import PAYLOAD_BYTES, pack_autd3_operation
 from haptogram_protocol.dialects.codec import BoardEnd, Dialect, HostEnd, Operation
-from haptogram_protocol.dialects.fpga_bytes import (
+from haptogram_protocol.dialects.fpga_bytes.operations import (
     Begin,
     BeginAmplitudes,
-    FpgaByteRules,
     Select,
     SetAmplitudes,
     SetPhases,
     Swap,
 )
+from haptogram_protocol.dialects.fpga_bytes.rules import FpgaByteRules
 from haptogram_protocol.dialects.interactlab import CHANNELS, QueueFrame
 from haptogram_protocol.dialects.table import DIALECTS
-from haptogram_protocol.dialects.ultraino import arduino, fpga
-from haptogram_protocol.dialects.ultraino import operations as nibbles
+from haptogram_protocol.dialects.ultraino import fpga
+from haptogram_protocol.dialects.ultraino.arduino import firmware as arduino
+from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
 
 Operations = st.SearchStrategy[list[Operation]]
 

@@ -11,9 +11,9 @@ from haptogram_protocol.dialects.autd3.operations import Gain
 from haptogram_protocol.dialects.interactlab import QueueFrame
 from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
 from haptogram_protocol.dialects.table import DIALECTS
-from haptogram_protocol.dialects.ultraino.arduino import mega64_frame
+from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
+from haptogram_protocol.dialects.ultraino.arduino.operations import SetPattern, Swap
 from haptogram_protocol.dialects.ultraino.fpga import chained_fpga_frame
-from haptogram_protocol.dialects.ultraino.operations import SetPattern, Swap
 from sim_device.blueprint import blueprint_of
 
 CHUNK = 4096  # bytes, as a pseudo-terminal hands them out

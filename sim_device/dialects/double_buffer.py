@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
-from haptogram_protocol.dialects.fpga_bytes import (
+from haptogram_protocol.dialects.fpga_bytes.operations import (
     Begin,
     Clocks,
-    FpgaByteRules,
     ModulationStep,
     SetAmplitudes,
     SetPhases,
     Swap,
 )
+from haptogram_protocol.dialects.fpga_bytes.rules import FpgaByteRules
 
 from ..board.events import Modulation, PulseLatch
 from .unit import LatchingUnit

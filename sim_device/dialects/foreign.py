@@ -63,7 +63,8 @@ class VirtualForeignDialect:
     ) -> None:
         self.line_free_us = now_us
         self._dialect, self._unit, self._channels = dialect, unit, channels
-        self._new_end, self._end = end, end()
+        self._new_end = end
+        self._connect()
         self._now_us = now_us
         self._output = bytearray()
         self._own: Counter[str] = Counter()
@@ -75,6 +76,12 @@ class VirtualForeignDialect:
         self._frame_bytes = 0  # since the last latch
         self._remarks = ClientRemarks(dialect, [*map(dialect.frame_bytes, range(1, boards + 1))])
         self._collect()
+
+    def _connect(self) -> None:
+        """Make the end of the line, which knows nothing of the bytes before."""
+        self._end = self._new_end()
+        # Asked once: whether an object fits a protocol costs as much as a frame.
+        self._commits = self._end if isinstance(self._end, Commits) else None
 
     # --- time and bytes ------------------------------------------------------------------------
 
@@ -159,7 +166,7 @@ class VirtualForeignDialect:
         self._quiet_us, self._frame_bytes = None, 0
         if not self._dialect.bauds:
             self._own.update(self._end.counters)
-            self._end = self._new_end()
+            self._connect()
             self._counted = self._unit.counters.copy()
             self._output.clear()
 
@@ -187,12 +194,10 @@ class VirtualForeignDialect:
 
     def _unshown(self) -> Unshown:
         """Return what came since the last latch and has shown nothing."""
-        end = self._end
-        if not isinstance(end, Commits):
-            return Unshown(end.pending, kinds=self._counted_since_latch().keys())
-        return Unshown(
-            end.unfinished, end.uncommitted, end.commit, self._counted_since_latch().keys()
-        )
+        kinds, end = self._counted_since_latch().keys(), self._commits
+        if end is None:
+            return Unshown(self._end.pending, kinds=kinds)
+        return Unshown(end.unfinished, end.uncommitted, end.commit, kinds)
 
     def _counted_since_latch(self) -> dict[str, int]:
         counters = self._end.counters + self._unit.counters
@@ -208,7 +213,7 @@ class VirtualForeignDialect:
             self._counted = self._end.counters + self._unit.counters
             if counted:
                 self._remarks.counted(self._now_us)
-            if self._frame_bytes and isinstance(self._end, Commits):
+            if self._frame_bytes and self._commits is not None:
                 self._remarks.frame(self._frame_bytes, counted)
                 self._frame_bytes = 0
             self._latches.append(

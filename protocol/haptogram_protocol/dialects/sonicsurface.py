@@ -25,18 +25,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from .codec import Codes, Dialect, Operation
-from .fpga_bytes import (
-    Begin,
-    Clocks,
-    FpgaBoardEnd,
-    FpgaByteRules,
-    FpgaHostEnd,
-    ModulationStep,
-    Select,
-    SetPhases,
-    Swap,
-)
-from .fpga_display import FpgaDisplay
+from .fpga_bytes.board_end import FpgaBoardEnd
+from .fpga_bytes.display import FpgaDisplay
+from .fpga_bytes.host_end import FpgaHostEnd
+from .fpga_bytes.operations import Begin, Clocks, ModulationStep, Select, SetPhases, Swap
+from .fpga_bytes.rules import FpgaByteRules
 
 __all__ = [
     "CHANNELS",

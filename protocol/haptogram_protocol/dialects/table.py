@@ -8,7 +8,7 @@ from .autd3.link import AUTD3
 from .codec import Dialect
 from .interactlab import INTERACTLAB
 from .sonicsurface import SONICSURFACE, TACTILE
-from .ultraino.arduino import MEGA64, NANO8, NANO16
+from .ultraino.arduino.dialects import MEGA64, NANO8, NANO16
 from .ultraino.fpga import CHAINED, SIMPLE, SIMPLE_128
 
 __all__ = ["DIALECTS"]

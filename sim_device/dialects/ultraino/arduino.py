@@ -18,8 +18,15 @@ from haptogram.acoustics.model.boards.grids import (
 from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.codec import Dialect
-from haptogram_protocol.dialects.ultraino import arduino as wire
-from haptogram_protocol.dialects.ultraino.slots import (
+from haptogram_protocol.dialects.ultraino.arduino import dialects
+from haptogram_protocol.dialects.ultraino.arduino.board_end import ArduinoBoardEnd
+from haptogram_protocol.dialects.ultraino.arduino.firmware import (
+    MAX_BOARDS,
+    MEGA64_FIRMWARE,
+    NANO8_FIRMWARE,
+    NANO16_FIRMWARE,
+)
+from haptogram_protocol.dialects.ultraino.arduino.slots import (
     MEGA64_LAYOUT,
     NANO8_LAYOUT,
     NANO16_CONNECTED,
@@ -37,7 +44,7 @@ _BOARDS_HELP: Final = "boards of the chain; the elements of each follow those of
 class ArduinoChain(Settings):
     """Options of a chain of Nano boards."""
 
-    boards: int = option(1, unit="N", low=1, high=wire.MAX_BOARDS, help=_BOARDS_HELP)
+    boards: int = option(1, unit="N", low=1, high=MAX_BOARDS, help=_BOARDS_HELP)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +72,7 @@ def _arduino_emulation(
 
     return Emulation(
         dialect=dialect,
-        end=lambda options: wire.ArduinoBoardEnd(outputs.firmware, options.boards),
+        end=lambda options: ArduinoBoardEnd(outputs.firmware, options.boards),
         unit=unit,
         layout=lambda _: layout,
         options=options,
@@ -75,13 +82,13 @@ def _arduino_emulation(
 
 
 MEGA64: Final = _arduino_emulation(
-    wire.MEGA64, Outputs(wire.MEGA64_FIRMWARE, MEGA64_LAYOUT), ULTRAINO_FLAT8, Mega64Chain
+    dialects.MEGA64, Outputs(MEGA64_FIRMWARE, MEGA64_LAYOUT), ULTRAINO_FLAT8, Mega64Chain
 )
 NANO16: Final = _arduino_emulation(
-    wire.NANO16,
-    Outputs(wire.NANO16_FIRMWARE, NANO16_LAYOUT, NANO16_CONNECTED),
+    dialects.NANO16,
+    Outputs(NANO16_FIRMWARE, NANO16_LAYOUT, NANO16_CONNECTED),
     ULTRAINO_NANO16,
 )
 NANO8: Final = _arduino_emulation(
-    wire.NANO8, Outputs(wire.NANO8_FIRMWARE, NANO8_LAYOUT), ULTRAINO_NANO8
+    dialects.NANO8, Outputs(NANO8_FIRMWARE, NANO8_LAYOUT), ULTRAINO_NANO8
 )

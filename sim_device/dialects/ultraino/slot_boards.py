@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
-from haptogram_protocol.dialects.ultraino.arduino import ArduinoFirmware
-from haptogram_protocol.dialects.ultraino.operations import (
+from haptogram_protocol.dialects.ultraino.arduino.firmware import ArduinoFirmware
+from haptogram_protocol.dialects.ultraino.arduino.operations import (
     CommitDurations,
     Forward,
     SetDurations,
     SetPattern,
     Swap,
 )
-from haptogram_protocol.dialects.ultraino.slots import SlotLayout
+from haptogram_protocol.dialects.ultraino.arduino.slots import SlotLayout
 
 from ...board.events import PulseLatch
 from ..unit import LatchingUnit

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram_protocol.dialects.table import DIALECTS
-from haptogram_protocol.dialects.ultraino.operations import (
+from haptogram_protocol.dialects.ultraino.arduino.operations import (
     CommitDurations,
     Forward,
     Restart,
@@ -15,7 +15,7 @@ from haptogram_protocol.dialects.ultraino.operations import (
     SetPattern,
     Swap,
 )
-from haptogram_protocol.dialects.ultraino.slots import (
+from haptogram_protocol.dialects.ultraino.arduino.slots import (
     MEGA64_LAYOUT,
     NANO8_LAYOUT,
     NANO16_LAYOUT,

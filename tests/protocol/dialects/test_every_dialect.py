@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram_protocol.dialects.codec import BoardEnd, Operation
-from haptogram_protocol.dialects.fpga_bytes import SetAmplitudes, SetPhases
+from haptogram_protocol.dialects.fpga_bytes.operations import SetAmplitudes, SetPhases
 from haptogram_protocol.dialects.looks_like import looks_like_dialect
 from haptogram_protocol.dialects.table import DIALECTS
-from haptogram_protocol.dialects.ultraino.operations import Forward, SetPattern
+from haptogram_protocol.dialects.ultraino.arduino.operations import Forward, SetPattern
 from haptogram_protocol.errors import LocalProtocolError
 from strategies_dialects import WIRES, Wire, sent
 from strategies_protocol import chunkings

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from haptogram_protocol.dialects.fpga_bytes import (
+from haptogram_protocol.dialects.fpga_bytes.operations import (
     Begin,
     BeginAmplitudes,
     Clocks,

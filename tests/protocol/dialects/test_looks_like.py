@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 
 from haptogram_protocol.dialects.autd3 import messages as link
 from haptogram_protocol.dialects.codec import Operation
-from haptogram_protocol.dialects.fpga_bytes import Begin, ModulationStep, Select, SetPhases, Swap
+from haptogram_protocol.dialects.fpga_bytes.operations import (
+    Begin,
+    ModulationStep,
+    Select,
+    SetPhases,
+    Swap,
+)
 from haptogram_protocol.dialects.interactlab import QueueFrame
 from haptogram_protocol.dialects.looks_like import (
     AUTD3_SDK,
@@ -19,8 +25,8 @@ from haptogram_protocol.dialects.looks_like import (
 )
 from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
 from haptogram_protocol.dialects.table import DIALECTS
-from haptogram_protocol.dialects.ultraino import operations as nibbles
-from haptogram_protocol.dialects.ultraino.arduino import mega64_frame
+from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
+from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
 from haptogram_protocol.dialects.ultraino.fpga import chained_fpga_frame
 from haptogram_protocol.export.vectors.samples import vector_sample
 from haptogram_protocol.framing import encode_frame

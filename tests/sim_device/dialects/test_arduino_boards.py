@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dialect_boards import DialectBoard
-from haptogram_protocol.dialects.ultraino import operations as nibbles
-from haptogram_protocol.dialects.ultraino.arduino import MEGA64_FIRMWARE, mega64_frame
-from haptogram_protocol.dialects.ultraino.slots import (
+from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
+from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
+from haptogram_protocol.dialects.ultraino.arduino.firmware import MEGA64_FIRMWARE
+from haptogram_protocol.dialects.ultraino.arduino.slots import (
     MEGA64_LAYOUT,
     NANO8_LAYOUT,
     NANO16_LAYOUT,

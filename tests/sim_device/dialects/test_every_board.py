@@ -18,7 +18,7 @@ from haptogram_protocol.dialects.autd3.frame import DeviceFrame
 from haptogram_protocol.dialects.autd3.link import Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import Hello, Open, Pose, Write
 from haptogram_protocol.dialects.autd3.operations import Gain
-from haptogram_protocol.dialects.fpga_bytes import Swap
+from haptogram_protocol.dialects.fpga_bytes.operations import Swap
 from haptogram_protocol.dialects.table import DIALECTS
 from sim_device.backdoor.recorder import InlineReconstruction
 from sim_device.blueprint import blueprint_of

@@ -30,20 +30,20 @@ from typing import Final
 
 from ...errors import LocalProtocolError
 from ..codec import Dialect, Operation
-from ..fpga_bytes import (
+from ..fpga_bytes.board_end import FpgaBoardEnd
+from ..fpga_bytes.display import FpgaDisplay
+from ..fpga_bytes.host_end import FpgaHostEnd
+from ..fpga_bytes.operations import (
     Begin,
     BeginAmplitudes,
     Clocks,
-    FpgaBoardEnd,
-    FpgaByteRules,
-    FpgaHostEnd,
     Select,
     SetAmplitudes,
     SetPhases,
     Swap,
     ToggleMultiplex,
 )
-from ..fpga_display import FpgaDisplay
+from ..fpga_bytes.rules import FpgaByteRules
 
 __all__ = [
     "CHAINED",

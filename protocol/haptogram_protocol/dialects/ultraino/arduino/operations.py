@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..codec import Operation, Reply
+from ...codec import Operation, Reply
 
 __all__ = ["CommitDurations", "Forward", "Restart", "SetDurations", "SetPattern", "Swap"]
 

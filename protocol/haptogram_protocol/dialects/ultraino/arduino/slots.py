@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from ...errors import LocalProtocolError
+from ....errors import LocalProtocolError
 
 __all__ = [
     "MEGA64_LAYOUT",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..codec import Codes, Display, Operation
+from ...codec import Codes, Display, Operation
 from .operations import CommitDurations, SetDurations, SetPattern, Swap
 from .slots import Pulse, SlotLayout
 

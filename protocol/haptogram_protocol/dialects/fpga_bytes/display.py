@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..errors import LocalProtocolError
-from .codec import Codes, Display, Operation
-from .fpga_bytes import Begin, FpgaByteRules, Select, SetPhases, Swap
+from ...errors import LocalProtocolError
+from ..codec import Codes, Display, Operation
+from .operations import Begin, Select, SetPhases, Swap
+from .rules import FpgaByteRules
 
 __all__ = ["FpgaDisplay"]
 

@@ -1,0 +1,196 @@
+"""The boards' end of a chain of Ultraino's Arduino boards, and what it counts of their frames."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from typing import Final
+
+from ....errors import LocalProtocolError
+from ...codec import Operation, Reply, no_dialect_bytes_for
+from .firmware import MAX_BOARDS, ArduinoFirmware
+from .line_bytes import (
+    BYTES_OF_DURATION,
+    COMMAND,
+    DURATION_BYTES,
+    PARTS,
+    SWAP,
+    durations_from_pairs,
+)
+from .memory import PatternMemory
+from .operations import CommitDurations, Forward, Restart, SetDurations, Swap
+
+__all__ = ["ArduinoBoardEnd"]
+
+# Group n: bytes of a pattern with n hops to go; 16 durations, 17 swap, 18 command; else strange.
+_TOKENS: Final = re.compile(
+    b"|".join(
+        b"(" + part + b")"
+        for part in (
+            *PARTS.values(),
+            rb"[" + re.escape(DURATION_BYTES) + rb"]+",
+            SWAP,
+            COMMAND,
+            rb"[\x20\x40-\x60\x80-\xa0\xc0-\xe0]",
+        )
+    ),
+    re.DOTALL,
+)
+_DURATION, _SWAPPED, _COMMANDED = 16, 17, 18
+_ACTS: Final = re.compile(rb"[" + re.escape(SWAP + COMMAND) + rb"]")
+
+
+class ArduinoBoardEnd:
+    """The end of a chain of boards: what they take, and what the last one sends.
+
+    Patterns are given when their last half is there, or when a swap cuts them short.
+
+    Parameters
+    ----------
+    firmware : ArduinoFirmware
+        What the boards run.
+    boards : int
+        Boards in the chain, 1 to 14.
+
+    Attributes
+    ----------
+    counters : Counter
+        ``bytes_strange`` (no meaning; sent on as byte - 1), ``bytes_beyond_chain`` (for a board
+        that is not there), ``halves_beyond_memory``, ``durations_beyond_memory``,
+        ``frames_short`` (swapped before the end of a pattern), ``frames_without_commit`` (whole,
+        but another one came and no swap), ``durations_short`` (not four bytes),
+        ``durations_without_commit``.
+    """
+
+    commit: Final = "00h"
+
+    def __init__(self, firmware: ArduinoFirmware, boards: int = 1) -> None:
+        if not 1 <= boards <= MAX_BOARDS:
+            raise LocalProtocolError(f"a chain of {boards} boards; it has 1 to {MAX_BOARDS}")
+        self.counters: Counter[str] = Counter()
+        self._firmware = firmware
+        self._boards = boards
+        self._memories = [PatternMemory(board, firmware) for board in range(boards)]
+        self._durations = bytearray()
+        self._uncommitted = False
+        self._frame_bytes = 0
+        self._commanded = 0  # frames since the last swap that ended with a command,
+        self._patterns_by_then = 0  # and their patterns
+
+    @property
+    def pending(self) -> int:
+        """Bytes of patterns and durations that have not ended."""
+        return sum(len(memory.halves) for memory in self._memories) + len(self._durations)
+
+    @property
+    def unfinished(self) -> int:
+        """Bytes of the frame that has begun and whose pattern or duration has not ended."""
+        is_partial = any(memory.is_partial for memory in self._memories)
+        is_cut = len(self._durations) % BYTES_OF_DURATION
+        return self._frame_bytes if is_partial or is_cut else 0
+
+    @property
+    def uncommitted(self) -> int:
+        """Whole frames since the last swap: with durations, those behind their command."""
+        if not self._firmware.durations:
+            return self._patterns
+        return self._commanded + (self._patterns > self._patterns_by_then)
+
+    @property
+    def _patterns(self) -> int:
+        """Whole patterns since the last swap, for the board that has most of them."""
+        return max([memory.whole for memory in self._memories])
+
+    def receive_data(self, data: bytes) -> list[Operation]:
+        """Return the operations that *data* completes, :class:`Forward` among them."""
+        found: list[Operation] = []
+        for match in _TOKENS.finditer(data):
+            kind, part = match.lastindex or 0, match.group()
+            self._frame_bytes += len(part)
+            if kind < _DURATION:
+                self._take_halves(kind, part, found)
+            elif kind == _SWAPPED:
+                self._swap(found)
+            elif kind == _COMMANDED:
+                self._command(found)
+            elif kind == _DURATION and self._firmware.durations:
+                self._take_durations(part, found)
+            else:
+                self._pass_on_strange(part, found)
+        return found
+
+    def next_frame_end(self, data: bytes, at: int) -> int:
+        """Return the index behind the next swap or command."""
+        match = _ACTS.search(data, at)
+        return match.end() if match else len(data)
+
+    def send(self, message: Reply) -> bytes:
+        """Return the byte that the last board sends on."""
+        if isinstance(message, Forward):
+            return bytes([message.byte & 0xFF])
+        raise no_dialect_bytes_for(message, self._firmware.wire)
+
+    def _take_halves(self, hops: int, halves: bytes, found: list[Operation]) -> None:
+        if hops > self._boards:
+            self.counters["bytes_beyond_chain"] += len(halves)
+            found += [Forward(byte - self._boards) for byte in halves]
+            return
+        if lost := self._memories[hops - 1].take(halves, found):
+            self.counters["halves_beyond_memory"] += lost
+
+    def _swap(self, found: list[Operation]) -> None:
+        self._count_frames()
+        self._frame_bytes = self._commanded = self._patterns_by_then = 0
+        for memory in self._memories:
+            memory.restart(found)
+        self._end_durations(found)
+        if self._uncommitted:
+            self.counters["durations_without_commit"] += 1
+            self._uncommitted = False
+        found += [Swap(), Forward(SWAP[0])]
+
+    def _count_frames(self) -> None:
+        """Count what the frames since the last swap lack."""
+        if any(memory.halves for memory in self._memories):
+            self.counters["frames_short"] += 1
+        if (unshown := self.uncommitted - 1) > 0:
+            self.counters["frames_without_commit"] += unshown
+            if not self.unfinished:  # what had no room were whole frames
+                beyond = sum(memory.beyond for memory in self._memories)
+                self.counters["halves_beyond_memory"] -= beyond
+
+    def _command(self, found: list[Operation]) -> None:
+        self._frame_bytes = 0
+        if self._firmware.durations:
+            self._end_durations(found)
+            patterns = self._patterns
+            self._commanded += patterns > self._patterns_by_then
+            self._patterns_by_then = patterns
+            self._uncommitted = False
+            found.append(CommitDurations())
+        else:
+            for memory in self._memories:
+                memory.restart(found)
+            found.append(Restart())
+        found.append(Forward(COMMAND[0]))
+
+    def _take_durations(self, part: bytes, found: list[Operation]) -> None:
+        room = BYTES_OF_DURATION * self._firmware.durations - len(self._durations)
+        if len(part) > room:
+            self.counters["durations_beyond_memory"] += len(part) - room
+        self._durations += part[:room]
+        found += map(Forward, part)
+
+    def _end_durations(self, found: list[Operation]) -> None:
+        if not self._durations:
+            return
+        if len(self._durations) % BYTES_OF_DURATION:
+            self.counters["durations_short"] += 1
+        found.append(SetDurations(durations_from_pairs(bytes(self._durations))))
+        self._durations.clear()
+        self._uncommitted = True
+
+    def _pass_on_strange(self, part: bytes, found: list[Operation]) -> None:
+        """Send on as byte - 1, which the boards behind do once more; 14 of them never find a 1."""
+        self.counters["bytes_strange"] += len(part)
+        found += [Forward(byte - self._boards) for byte in part]

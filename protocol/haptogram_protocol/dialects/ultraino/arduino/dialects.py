@@ -1,0 +1,74 @@
+"""The dialects of Ultraino's Arduino boards: ends, bytes of a frame, signature."""
+
+from __future__ import annotations
+
+import functools
+import re
+from typing import Final
+
+from ...codec import Dialect, Operation
+from .board_end import ArduinoBoardEnd
+from .display import ONE_PATTERN, SlotDisplay
+from .firmware import MEGA64_FIRMWARE, NANO8_FIRMWARE, NANO16_FIRMWARE, ArduinoFirmware
+from .host_end import ArduinoHostEnd
+from .line_bytes import BYTES_OF_DURATION, COMMAND, DURATION_BYTES, OTHER_HOPS, PARTS, SWAP
+from .operations import CommitDurations, SetDurations, SetPattern, Swap
+from .slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_CONNECTED, NANO16_LAYOUT, SlotLayout
+
+__all__ = ["MEGA64", "NANO8", "NANO16", "mega64_frame"]
+
+
+def mega64_frame(patterns: list[bytes], durations: bytes = ONE_PATTERN) -> list[Operation]:
+    """Return the operations of a frame of MEGA64 from the slot bytes of each board of a chain."""
+    return [
+        *(SetPattern(board, 0, slots) for board, slots in enumerate(patterns)),
+        SetDurations(durations),
+        CommitDurations(),
+        Swap(),
+    ]
+
+
+def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
+    """Return the bytes of one pattern for each board, its durations, their commit and the swap."""
+    durations = 2 * BYTES_OF_DURATION + len(COMMAND) if firmware.durations else 0
+    return firmware.half_bytes * boards + durations + len(SWAP)
+
+
+def _arduino_dialect(
+    firmware: ArduinoFirmware, title: str, layout: SlotLayout, connected: bytes = b""
+) -> Dialect:
+    def board(*, boards: int = 1) -> ArduinoBoardEnd:
+        return ArduinoBoardEnd(firmware, boards)
+
+    def host(*, boards: int = 1) -> ArduinoHostEnd:
+        return ArduinoHostEnd(firmware, boards)
+
+    def display(boards: int) -> SlotDisplay:
+        durations = ONE_PATTERN if firmware.durations else b""
+        return SlotDisplay(layout, boards, durations=durations, connected=connected)
+
+    ours = PARTS[1].removesuffix(b"+")
+    pattern = b"(?<!%b)(?:%b{%d})+" % (ours, ours, firmware.half_bytes)
+    others = b"(?:%b{%d})*" % (OTHER_HOPS, firmware.half_bytes)
+    ending = b"\x00"
+    if firmware.durations:
+        ending = b"(?:[%b]{4})+\x10\x00" % re.escape(DURATION_BYTES)
+    return Dialect(
+        name=firmware.wire,
+        title=title,
+        bauds=(115_200,),
+        steps=layout.steps,
+        channels=len(layout.pins),
+        frame_bytes=functools.partial(_arduino_frame_bytes, firmware),
+        board=board,
+        host=host,
+        signature=re.compile(pattern + others + ending, re.DOTALL),
+        display=display,
+    )
+
+
+MEGA64: Final = _arduino_dialect(MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", MEGA64_LAYOUT)
+NANO16: Final = _arduino_dialect(
+    NANO16_FIRMWARE, "Ultraino Arduino Nano16", NANO16_LAYOUT, NANO16_CONNECTED
+)
+NANO8: Final = _arduino_dialect(NANO8_FIRMWARE, "Ultraino Arduino Nano8", NANO8_LAYOUT)
