@@ -179,13 +179,14 @@ class Simulation:
     def raise_hardware_fault(self) -> None:
         """Let the hardware of a board of Haptogram's own dialect fail now."""
         if isinstance(self.dialect, VirtualHaptogramDialect):
-            self.dialect.advance_to(self._clock.device_us(self._now_ns))  # it was idle since
+            self._end_idle_time()
             self.dialect.raise_hardware_fault()
             self._record()
             self._feed_line()
 
     def power_down(self) -> None:
         """Mute the board for good; recorders are told."""
+        self._end_idle_time()
         for recorder in self._recorders:
             recorder.notice(PowerDown(self.dialect.now_us))
         self.dialect.power_down()
@@ -213,6 +214,7 @@ class Simulation:
 
     def remark(self, about: About, text: str) -> None:
         """Tell the recorders something about the client, in one line."""
+        self._end_idle_time()
         for recorder in self._recorders:
             recorder.notice(Remark(self.dialect.now_us, text, about))
 
@@ -256,6 +258,11 @@ class Simulation:
         while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
             self._step(next_ns)
         self._now_ns = t_ns
+
+    def _end_idle_time(self) -> None:
+        """Bring the board from its last event to the present."""
+        self.dialect.advance_to(self._clock.device_us(self._now_ns))
+        self._record()
 
     def _step(self, t_ns: int) -> None:
         self._now_ns = t_ns

@@ -172,6 +172,8 @@ class SuiteResult:
         Why some cases were not run; empty if all were.
     is_interrupted : bool
         Whether Ctrl-C ended the run.
+    nonces : frozenset of int
+        Nonces of the sessions that the run asked for; empty for a result that was read from JSON.
     """
 
     results: tuple[CaseResult, ...]
@@ -179,6 +181,7 @@ class SuiteResult:
     settings: dict[str, object] = field(default_factory=dict)
     cut_short: str = ""
     is_interrupted: bool = False
+    nonces: frozenset[int] = field(default=frozenset(), compare=False)
 
     @property
     def exit_status(self) -> int:

@@ -151,7 +151,7 @@ def make_folder_of(path: Path, purpose: str = "what is written") -> None:
     import logging  # not for --help
 
     if not (folder := path.parent).exists():
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)  # another process may make it meanwhile
         logging.getLogger(__name__).info("%s: a new folder, made for %s", folder, purpose)
 
 

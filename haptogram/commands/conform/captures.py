@@ -23,7 +23,7 @@ def judge_at_port(
 
     None: a capture did not come, or cannot be judged; that was said.
     """
-    from haptogram.conformance.pins.judge import judge_pins, with_pins
+    from haptogram.conformance.pins.judge import check_run_of_capture, judge_pins, with_pins
 
     if not config.capture:
         return suite
@@ -31,7 +31,10 @@ def judge_at_port(
         if suite.is_interrupted:
             raise KeyboardInterrupt
         wait_for_captures(config, since_s)
-        return with_pins(suite, judge_pins(read_pin_records(config), expected))
+        records = read_pin_records(config)
+        for record in records:
+            check_run_of_capture(record, suite.nonces, "the one at the port")
+        return with_pins(suite, judge_pins(records, expected))
     except KeyboardInterrupt:
         print("haptogram conform: interrupted; --capture was not judged", file=sys.stderr)
     except ConfigurationError as error:
@@ -48,7 +51,7 @@ def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) 
         A recording without a result, or of another run than a capture; a capture or a map that
         cannot be read.
     """
-    from haptogram.conformance.pins.judge import judge_pins, sessions_of, with_pins
+    from haptogram.conformance.pins.judge import check_run_of_capture, judge_pins, with_pins
     from haptogram.evidence.recordings.channels import SUMMARY
     from haptogram.evidence.recordings.reader import Recording
     from haptogram.evidence.recordings.sent_frames import asked_sessions
@@ -69,8 +72,5 @@ def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) 
     records = read_pin_records(config)
     asked = asked_sessions(recording)
     for record in records:
-        if not asked & sessions_of(record):
-            raise ConfigurationError(
-                f"{record.name} shows another run than {path}: no session of it is in the recording"
-            )
+        check_run_of_capture(record, asked, str(path))
     return with_pins(suite, judge_pins(records, expected))

@@ -107,6 +107,8 @@ class BoardClient:
         Lets the hardware of the board fail; None: nothing can.
     last_boot_id, last_config
         Boot id and configuration before the board was reset.
+    nonces : set of int
+        Nonces that it drew for sessions.
     """
 
     identity: HelloReply
@@ -130,6 +132,7 @@ class BoardClient:
         self.link = RequestClient(wire, random_source)
         self.clock = ClockClient(self.link, booted=booted)
         self.description_hash = description_hash
+        self.nonces: set[int] = set()
         self._last_nonce = 0
 
     # --- session -------------------------------------------------------------------------------
@@ -140,6 +143,7 @@ class BoardClient:
         while nonce in (0, self._last_nonce, self.link.session):
             nonce = self.random.randrange(1, 0x10000)
         self._last_nonce = nonce
+        self.nonces.add(nonce)
         return nonce
 
     def hello_message(self, nonce: int) -> Hello:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 from haptogram.errors import ConfigurationError
@@ -116,8 +116,23 @@ def with_pins(suite: SuiteResult, pins: Sequence[CaseResult]) -> SuiteResult:
     return dataclasses.replace(suite, results=tuple(results))
 
 
-def sessions_of(record: PinRecord) -> set[int]:
-    """Return the nonces of the sessions that a host asked for, or spoke in, in a capture."""
+def check_run_of_capture(record: PinRecord, nonces: Collection[int], run: str) -> None:
+    """Raise unless a capture shows the run whose sessions have these *nonces*.
+
+    A nonce has 16 bits, and two runs of hundreds of sessions share some by chance. So half of the
+    sessions must be those of the other: of the capture, or of the run, whichever has fewer.
+
+    Raises
+    ------
+    ConfigurationError
+        It shows another run.
+    """
     frames = PinDialogue(record).to_board
-    asked = {frame.message.nonce for frame in frames if isinstance(frame.message, Hello)}
-    return asked | {frame.header.session for frame in frames} - {0}
+    shown = {frame.message.nonce for frame in frames if isinstance(frame.message, Hello)}
+    shown = shown or {frame.header.session for frame in frames} - {0}
+    shared = len(shown & set(nonces))
+    if not shared or 2 * shared < min(len(shown), len(nonces)):
+        raise ConfigurationError(
+            f"{record.name} shows another run than {run}: {shared} of its {len(shown)} sessions "
+            f"are of that run, which has {len(nonces)}; take the capture of the same run"
+        )

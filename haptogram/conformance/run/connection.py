@@ -53,6 +53,8 @@ class SuiteConnection:
         Description of the board that answered last; empty before any did.
     baudrate : int
         Rate of the line: as stated, or as measured if that is less.
+    nonces : set of int
+        Nonces of the sessions that were opened, or asked for.
     """
 
     def __init__(
@@ -61,6 +63,7 @@ class SuiteConnection:
         self.lost = ""
         self.device: dict[str, object] = {}
         self.baudrate = access.baudrate
+        self.nonces: set[int] = set()
         self._access, self._thorough = access, thorough
         self._explore_us = round(explore_s * 1e6)
         self._limits = WaitLimits.of(timeout_s, virtual=access.virtual)
@@ -170,6 +173,7 @@ class SuiteConnection:
         wire = RawFrameWire(transport, self._limits, baudrate=self.baudrate)
         self._connected_us = wire.now_us()
         self._board = BoardClient(wire, self._random, self._hash, booted=booted)
+        self._board.nonces = self.nonces
         self._board.thorough = self._thorough
         self._board.explore_us = self._explore_us
         self._board.raise_fault = self._access.raise_fault

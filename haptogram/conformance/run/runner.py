@@ -138,7 +138,14 @@ class SuiteRunner:
         connection = self._connection
         why = cut_short or connection.lost
         ordered = tuple(results[place] for place in range(len(cases)))
-        return SuiteResult(ordered, connection.device, self._settings(), why, is_interrupted)
+        return SuiteResult(
+            ordered,
+            connection.device,
+            self._settings(),
+            why,
+            is_interrupted,
+            frozenset(connection.nonces),
+        )
 
     def _places(self, cases: Sequence[Case]) -> Iterator[int]:
         """Yield the places of the cases in the order in which they run.

@@ -103,15 +103,23 @@ def is_explained_alone(model: AcousticModel, aims: Sequence[Aim], rivals: Sequen
 def hint_at_speed(model: AcousticModel, aims: Sequence[Aim]) -> str | None:
     """Return which speed of sound would explain foci that are not on target; None: none does.
 
-    Unlike :func:`name_mistake` it takes any number of targets, and asks for no rival.
+    Unlike :func:`name_mistake` it takes any number of targets. What fits as well is named beside
+    it: a single focus is as well explained by a shift.
     """
     if not aims:
         return None
     case = _Case(model, aims)
     if case.misfit_of_targets() <= _EXPLAINS:
         return None
-    name, places = case.in_other_air()
-    return name.parts[-1][1] if case.misfit(places) <= _EXPLAINS else None
+    fitting = [name.parts[0] for name, places in case.simple() if case.misfit(places) <= _EXPLAINS]
+    speed = next((text for defect, text in fitting if defect is Defect.SPEED), None)
+    others = dict.fromkeys(text for defect, text in fitting if defect is not Defect.SPEED)
+    if speed is None or not others:
+        return speed
+    return (
+        f"{speed}; foci {', or '.join(others)}, fit as well: {LEAST_TARGETS} targets or more tell "
+        "which it is"
+    )
 
 
 def _first_mistake(item: tuple[float, _Name]) -> float:
@@ -162,16 +170,12 @@ class _Case:
         """Return how many standard deviations the foci are off their targets."""
         return self.misfit(self.targets)
 
-    def in_other_air(self) -> tuple[_Name, Places]:
-        """Return the best speed of sound that the client may have assumed."""
-        return self._in_other_air(self.targets, ())
-
     def simple(self) -> Iterator[tuple[_Name, Places]]:
         """Yield each mistake by itself."""
         for name, places in self._orders():
             yield _Name(((Defect.ORDER, name),)), places
         yield self._shifted(self.targets, ())
-        yield self.in_other_air()
+        yield self._in_other_air(self.targets, ())
 
     def double(self) -> Iterator[tuple[_Name, Places]]:
         """Yield two mistakes at once."""
@@ -210,7 +214,7 @@ class _Case:
         total = np.maximum(weights.sum(axis=0), 1e-30)
         shift = (weights * (self.found - places)).sum(axis=0) / total
         length = float(np.linalg.norm(shift))
-        text = ", ".join(f"{_MM * value + 0.0:.1f}" for value in shift)
+        text = ", ".join(f"{round(_MM * value, 1) + 0.0:.1f}" for value in shift)
         name = _Name((*before, (Defect.AXES, f"shifted by ({text}) mm")))
         return name, places + (shift if length <= _MOST_SHIFT_M else np.nan)
 

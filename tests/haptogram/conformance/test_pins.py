@@ -1,6 +1,7 @@
 """Clauses by the drive pins: boards whose words are right, and whose pins may not be."""
 
 import dataclasses
+import random
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArr
 from haptogram.conformance.case import Depth
 from haptogram.conformance.pins.cases import PIN_CASES
 from haptogram.conformance.pins.dialogue import PinDialogue
-from haptogram.conformance.pins.judge import judge_pins, with_pins
+from haptogram.conformance.pins.judge import check_run_of_capture, judge_pins, with_pins
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.verdict import Behaviour
 from haptogram.driver.driver import Driver
@@ -80,6 +81,22 @@ def test_a_healthy_board_is_seen_to_meet_the_clauses(healthy):
     joined = with_pins(suite, results)
     assert len(joined.results) == len(suite.results) + len(results)
     assert {r.case for r in joined.results if r.is_failure} == set()
+
+
+def test_the_sessions_of_a_run_tell_its_capture_from_that_of_another(healthy):
+    suite, record = healthy
+    opened = sorted(suite.nonces)
+    check_run_of_capture(record, opened, "the run")
+    check_run_of_capture(record, opened[: len(opened) // 2], "the run")  # analysed for longer
+    others = set(range(1, 0x10000)) - suite.nonces
+    another = [
+        *opened[:2],
+        *random.Random(1).sample(sorted(others), 200),
+    ]  # some are equal by chance
+    with pytest.raises(ConfigurationError, match="shows another run than the run: 2 of its"):
+        check_run_of_capture(record, another, "the run")
+    with pytest.raises(ConfigurationError, match="0 of its"):
+        check_run_of_capture(record, [], "the run")
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from haptogram.machine.files import (
     check_distinct_files,
     check_file_writable,
     kind_of_file,
+    make_folder_of,
     write_file_atomically,
     write_json_file,
 )
@@ -25,6 +26,16 @@ def test_a_file_is_written_into_a_folder_that_is_made_for_it(tmp_path: Path) -> 
     write_file_atomically(path, b"new")
     assert path.read_bytes() == b"new"
     assert os.listdir(path.parent) == ["result.json"]
+
+
+def test_a_folder_that_another_process_makes_meanwhile_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Path, "exists", lambda _: False)  # as it was a moment ago
+    make_folder_of(tmp_path / "result")
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(FileExistsError):
+        make_folder_of(tmp_path / "file" / "result")
 
 
 def test_the_file_has_the_permissions_of_any_new_file(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from haptogram_protocol.connection import HostConnection, ReplyReceived
 from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import Arm, Config, PhaseFormat, Phases, SetConfig
 from haptogram_protocol.state import OutputState
-from sim_device.board.events import StateChange
+from sim_device.board.events import PowerDown, StateChange
 from sim_device.board.settings import board_settings
 from sim_device.simulation import Simulation
 
@@ -185,6 +185,16 @@ def test_the_output_is_silent_within_hold_and_ramp_after_the_last_frame(scenario
         last_us = run.recorder.latches[-1].t_latch_us
         longest_us = max(CONFIG.hold_ms, CONFIG.host_timeout_ms) + CONFIG.ramp_ms
         assert muted_us <= last_us + longest_us * 1000 + 8_000  # a step of the clock may lie in it
+
+
+def test_a_board_that_was_idle_is_powered_down_at_the_time_it_is_and_not_at_its_last_event():
+    recorder = Takes()
+    simulation = Simulation(board_settings(array="4x4"), recorder)
+    armed(simulation)
+    idle_us = simulation.device_us(simulation.now_ns) + 5_000_000
+    simulation.advance_to(simulation.now_ns + 5_000 * MS)
+    simulation.power_down()
+    assert [n.t_us for n in recorder.notices if isinstance(n, PowerDown)] == [idle_us]
 
 
 CROWDED = {"rx_fifo": 64, "rx_poll_us": 1000}

@@ -180,6 +180,12 @@ def test_one_target_is_enough_for_a_hint_at_the_speed_of_sound():
     (hint,) = result.hints
     told = re.search(r"assumes ([0-9.]+) m/s, air of ([0-9.]+) C \(--temperature-c \2\)", hint)
     assert [float(value) for value in told.groups()] == pytest.approx([346.0, 24.8], abs=0.2)
+    # One focus is as well explained by a shift, and two are not.
+    assert "foci shifted by (0.0, 0.0, " in hint
+    assert hint.endswith("fit as well: 3 targets or more tell which it is")
+    apart = targets_of(array)[:2]
+    (clear,) = watched(array, latches(array, 128, apart, speed=346.0), apart).result().hints
+    assert "fit as well" not in clear
     aside = targets + np.array([0.003, 0.0, 0.0])
     assert watched(array, latches(array, 128, aside), targets).result().hints == ()
 
