@@ -74,6 +74,7 @@ class ArduinoBoardEnd:
         self._durations = bytearray()
         self._uncommitted = False
         self._frame_bytes = 0
+        self._patterns = 0  # whole ones since the last swap, for the board that has most of them
         self._commanded = 0  # frames since the last swap that ended with a command,
         self._patterns_by_then = 0  # and their patterns
 
@@ -85,9 +86,12 @@ class ArduinoBoardEnd:
     @property
     def unfinished(self) -> int:
         """Bytes of the frame that has begun and whose pattern or duration has not ended."""
-        is_partial = any(memory.is_partial for memory in self._memories)
-        is_cut = len(self._durations) % BYTES_OF_DURATION
-        return self._frame_bytes if is_partial or is_cut else 0
+        return self._frame_bytes if self._is_partial else 0
+
+    @property
+    def _is_partial(self) -> bool:
+        is_cut = len(self._durations) % BYTES_OF_DURATION > 0
+        return is_cut or any(memory.is_partial for memory in self._memories)
 
     @property
     def uncommitted(self) -> int:
@@ -96,27 +100,25 @@ class ArduinoBoardEnd:
             return self._patterns
         return self._commanded + (self._patterns > self._patterns_by_then)
 
-    @property
-    def _patterns(self) -> int:
-        """Whole patterns since the last swap, for the board that has most of them."""
-        return max([memory.whole for memory in self._memories])
-
     def receive_data(self, data: bytes) -> list[Operation]:
         """Return the operations that *data* completes, :class:`Forward` among them."""
         found: list[Operation] = []
+        begin = 0  # of the frame
         for match in _TOKENS.finditer(data):
             kind, part = match.lastindex or 0, match.group()
-            self._frame_bytes += len(part)
             if kind < _DURATION:
                 self._take_halves(kind, part, found)
             elif kind == _SWAPPED:
                 self._swap(found)
+                begin, self._frame_bytes = match.end(), 0
             elif kind == _COMMANDED:
                 self._command(found)
+                begin, self._frame_bytes = match.end(), 0
             elif kind == _DURATION and self._firmware.durations:
                 self._take_durations(part, found)
             else:
                 self._pass_on_strange(part, found)
+        self._frame_bytes += len(data) - begin
         return found
 
     def next_frame_end(self, data: bytes, at: int) -> int:
@@ -135,42 +137,45 @@ class ArduinoBoardEnd:
             self.counters["bytes_beyond_chain"] += len(halves)
             found += [Forward(byte - self._boards) for byte in halves]
             return
-        if lost := self._memories[hops - 1].take(halves, found):
+        memory = self._memories[hops - 1]
+        if lost := memory.take(halves, found):
             self.counters["halves_beyond_memory"] += lost
+        if (whole := memory.whole) > self._patterns:
+            self._patterns = whole
 
     def _swap(self, found: list[Operation]) -> None:
-        self._count_frames()
-        self._frame_bytes = self._commanded = self._patterns_by_then = 0
-        for memory in self._memories:
-            memory.restart(found)
+        if (replaced := self.uncommitted - 1) > 0:
+            self._count_replaced(replaced)
+        if self._restart(found):
+            self.counters["frames_short"] += 1
         self._end_durations(found)
         if self._uncommitted:
             self.counters["durations_without_commit"] += 1
             self._uncommitted = False
         found += [Swap(), Forward(SWAP[0])]
 
-    def _count_frames(self) -> None:
-        """Count what the frames since the last swap lack."""
-        if any(memory.halves for memory in self._memories):
-            self.counters["frames_short"] += 1
-        if (unshown := self.uncommitted - 1) > 0:
-            self.counters["frames_without_commit"] += unshown
-            if not self.unfinished:  # what had no room were whole frames
-                beyond = sum(memory.beyond for memory in self._memories)
-                self.counters["halves_beyond_memory"] -= beyond
+    def _count_replaced(self, frames: int) -> None:
+        """Count whole frames ahead of the one that a swap shows."""
+        self.counters["frames_without_commit"] += frames
+        if not self._is_partial:  # halves that had no room were whole frames
+            beyond = sum(memory.beyond for memory in self._memories)
+            self.counters["halves_beyond_memory"] -= beyond
+
+    def _restart(self, found: list[Operation]) -> bool:
+        """Let every board write slot 0 next; return True if a pattern had not ended."""
+        self._patterns = self._commanded = self._patterns_by_then = 0
+        are_short = [memory.restart(found) for memory in self._memories]  # every one restarts
+        return any(are_short)
 
     def _command(self, found: list[Operation]) -> None:
-        self._frame_bytes = 0
         if self._firmware.durations:
             self._end_durations(found)
-            patterns = self._patterns
-            self._commanded += patterns > self._patterns_by_then
-            self._patterns_by_then = patterns
+            self._commanded += self._patterns > self._patterns_by_then
+            self._patterns_by_then = self._patterns
             self._uncommitted = False
             found.append(CommitDurations())
         else:
-            for memory in self._memories:
-                memory.restart(found)
+            self._restart(found)
             found.append(Restart())
         found.append(Forward(COMMAND[0]))
 

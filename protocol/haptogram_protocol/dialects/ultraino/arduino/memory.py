@@ -54,12 +54,17 @@ class PatternMemory:
             del self.halves[:size]
         return max(0, lost)
 
-    def restart(self, found: list[Operation]) -> None:
-        """Begin with slot 0 again, and add the pattern that has not ended to *found*."""
-        if self.halves:
+    def restart(self, found: list[Operation]) -> bool:
+        """Begin with slot 0; add the pattern that has not ended, and return True if there is one.
+
+        Patterns that there is no room for are forgotten.
+        """
+        is_short = bool(self.halves)
+        if is_short:
             self._give(self.halves, found)
             self.halves.clear()
         self.patterns = self.beyond = 0
+        return is_short
 
     def _give(self, halves: bytearray, found: list[Operation]) -> None:
         digits = halves.translate(_HIGH_NIBBLE).decode("ascii")
