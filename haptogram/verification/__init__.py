@@ -9,6 +9,15 @@ from .consequences.effect import RunConsequences
 from .faults import name_drive_faults
 from .frame.judge import FrameJudge
 from .frame.target import check_frame_tolerance
+from .frame.verdict import (
+    Consequence,
+    Cut,
+    FrameStatus,
+    FrameVerdict,
+    Verdict,
+    consequence_text,
+    wrong_pressure_text,
+)
 from .run import check_judgement, verify_run
 from .run_verdict import RunVerdict, cut_run_text
 from .tolerance import (
@@ -19,15 +28,6 @@ from .tolerance import (
     tolerance_of,
     tolerance_text,
     uncertainty_of,
-)
-from .verdict import (
-    Consequence,
-    Cut,
-    FrameStatus,
-    FrameVerdict,
-    Verdict,
-    consequence_text,
-    wrong_pressure_text,
 )
 
 __all__ = [

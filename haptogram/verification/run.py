@@ -35,9 +35,9 @@ from .consequences.held import (
     focus_still_held,
 )
 from .frame.judge import FrameJudge, lost_frame_verdict
+from .frame.verdict import JUDGED, Cut, FrameStatus, FrameVerdict, Verdict
 from .run_verdict import RunVerdict
 from .tolerance import Tolerance, Uncertainty
-from .verdict import JUDGED, Cut, FrameStatus, FrameVerdict, Verdict
 
 _T = TypeVar("_T")
 

@@ -14,8 +14,7 @@ from haptogram.errors import VerificationError
 from haptogram.records.frame import FrameKey
 
 from .consequences.effect import RunConsequences
-from .tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
-from .verdict import (
+from .frame.verdict import (
     NOTHING_WRONG,
     FrameStatus,
     FrameVerdict,
@@ -23,6 +22,7 @@ from .verdict import (
     frame_measures,
     frame_verdict_text,
 )
+from .tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 _NAMED_FRAMES: Final = 8  # the JSON names all

@@ -37,7 +37,7 @@ from haptogram.errors import ConfigurationError, HaptogramError, LinkError
 from haptogram.evidence.boards import InProcessBoard
 from haptogram.records import frame as records
 from haptogram.verification import Cut, RunVerdict, Tolerance, verify_run
-from haptogram.verification.verdict import FrameVerdict
+from haptogram.verification.frame.verdict import FrameVerdict
 from haptogram_protocol.messages import Drives, PhaseFormat, Phases, pack_phases
 
 from . import truth, wrongs

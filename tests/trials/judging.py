@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptogram.verification.verdict import WRONG, FrameStatus, FrameVerdict
+from haptogram.verification.frame.verdict import WRONG, FrameStatus, FrameVerdict
 
 from . import truth
 from .cases import Allowance, Session, Wanted, fresnel_number

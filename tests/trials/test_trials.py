@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tqdm import tqdm
 
-from haptogram.verification.verdict import FrameStatus
+from haptogram.verification.frame.verdict import FrameStatus
 from trials import campaign, cases, chain, judging, results
 
 SEED = 10  # of the trials that run with every test

@@ -23,7 +23,11 @@ def judge_at_port(
 
     None: a capture did not come, or cannot be judged; that was said.
     """
-    from haptogram.conformance.pins.judge import check_run_of_capture, judge_pins, with_pins
+    from haptogram.conformance.pins.judge import (
+        check_run_of_capture,
+        judge_clauses_by_pins,
+        suite_with_clauses_by_pins,
+    )
 
     if not config.capture:
         return suite
@@ -34,7 +38,7 @@ def judge_at_port(
         records = read_pin_records(config)
         for record in records:
             check_run_of_capture(record, suite.nonces, "the one at the port")
-        return with_pins(suite, judge_pins(records, expected))
+        return suite_with_clauses_by_pins(suite, judge_clauses_by_pins(records, expected))
     except KeyboardInterrupt:
         print("haptogram conform: interrupted; --capture was not judged", file=sys.stderr)
     except ConfigurationError as error:
@@ -51,7 +55,11 @@ def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) 
         A recording without a result, or of another run than a capture; a capture or a map that
         cannot be read.
     """
-    from haptogram.conformance.pins.judge import check_run_of_capture, judge_pins, with_pins
+    from haptogram.conformance.pins.judge import (
+        check_run_of_capture,
+        judge_clauses_by_pins,
+        suite_with_clauses_by_pins,
+    )
     from haptogram.evidence.recordings.channels import SUMMARY
     from haptogram.evidence.recordings.reader import Recording
     from haptogram.evidence.recordings.sent_frames import asked_sessions
@@ -73,4 +81,4 @@ def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) 
     asked = asked_sessions(recording)
     for record in records:
         check_run_of_capture(record, asked, str(path))
-    return with_pins(suite, judge_pins(records, expected))
+    return suite_with_clauses_by_pins(suite, judge_clauses_by_pins(records, expected))

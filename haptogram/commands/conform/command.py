@@ -86,7 +86,14 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     if arguments.list:
         return _list_conform_cases(cases)
     outputs = Outputs(
-        arguments, "json", "junit", "html", "summary", "write_baseline", "record", pictures=False
+        arguments,
+        "json",
+        "junit",
+        "html",
+        "summary",
+        "write_baseline",
+        "record",
+        pictures=False,
     )
     provenance = provenance_of_run(arguments)
     if captures.recording is not None:
@@ -167,11 +174,11 @@ def _expected(arguments: argparse.Namespace) -> dict[str, str]:
     """Return the failures that the baseline expects, by case or clause."""
     from haptogram.conformance.cases import all_cases
     from haptogram.conformance.pins.cases import PIN_CASES
-    from haptogram.conformance.run.baseline import load_baseline
+    from haptogram.conformance.run.baseline import load_suite_baseline
 
     if not arguments.baseline:
         return {}
-    return load_baseline(arguments.baseline, (*all_cases(), *PIN_CASES.values()))
+    return load_suite_baseline(arguments.baseline, (*all_cases(), *PIN_CASES.values()))
 
 
 def _conform_depth(arguments: argparse.Namespace) -> Depth:
@@ -271,7 +278,7 @@ def _compare_conform_results(arguments: argparse.Namespace) -> int:
 def _write_conform_results(
     arguments: argparse.Namespace, suite: SuiteResult, outputs: Outputs, provenance: Provenance
 ) -> None:
-    from haptogram.conformance.run.baseline import write_baseline
+    from haptogram.conformance.run.baseline import write_suite_baseline
     from haptogram.report.conformance.junit import write_conformance_junit
     from haptogram.report.conformance.page import write_conformance_page
     from haptogram.report.conformance.result import write_suite_json
@@ -291,7 +298,7 @@ def _write_conform_results(
             lambda path: write_conformance_page(path, suite, provenance=provenance),
         ),
         (arguments.summary, lambda path: write_job_summary(path, summary, provenance)),
-        (arguments.write_baseline, lambda path: write_baseline(path, suite)),
+        (arguments.write_baseline, lambda path: write_suite_baseline(path, suite)),
     )
     for path, write in writers:
         if path is not None:

@@ -34,7 +34,7 @@ from .records import Record, Replay, WatchedRecords, is_latch, open_records
 if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
-    from haptogram.verification.verdict import FrameVerdict
+    from haptogram.verification.frame.verdict import FrameVerdict
     from haptogram.verification.watch import Watch, WatchedLatch
 
 _WriteLine: TypeAlias = Callable[[str], None]

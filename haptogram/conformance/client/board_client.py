@@ -51,7 +51,7 @@ from haptogram_protocol.state import OutputState
 from ..outcome import CaseEndedError, check, fail, inconclusive, unimplemented
 from .board_clock import ClockClient
 from .request_client import RequestClient
-from .wire import RawFrameWire
+from .wire import RawFrameClient
 
 #: Counters that grow although a host did nothing wrong.
 _HARMLESS: Final = GROWING_COUNTERS | {"late", "trace_dropped"}
@@ -80,7 +80,7 @@ class BoardClient:
 
     Parameters
     ----------
-    wire : RawFrameWire
+    wire : RawFrameClient
         Open port.
     random_source : random.Random
         Source of nonces and contents.
@@ -121,7 +121,7 @@ class BoardClient:
 
     def __init__(
         self,
-        wire: RawFrameWire,
+        wire: RawFrameClient,
         random_source: random.Random,
         description_hash: int,
         *,

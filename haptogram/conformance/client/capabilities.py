@@ -46,12 +46,12 @@ _NEEDS_ANY: Final[dict[type[Message], Feature]] = {
 }
 
 
-def requests_of_board(board: BoardClient) -> list[type[Message]]:
+def requests_that_board_takes(board: BoardClient) -> list[type[Message]]:
     """Return the requests of fixed length that the board takes."""
     features = board.identity.features
     return [kind for kind, any_of in _NEEDS_ANY.items() if not any_of or any_of & features]
 
 
-def session_for(board: BoardClient, kind: type[Message]) -> int:
+def session_for_request(board: BoardClient, kind: type[Message]) -> int:
     """Return the session that the header of a request carries: 0 for HELLO."""
     return 0 if kind is Hello else board.link.session

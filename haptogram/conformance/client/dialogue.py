@@ -26,7 +26,7 @@ from haptogram_protocol.messages import (
 from .board_client import BoardClient
 from .latching import latch_now
 from .uploads import upload_to_board
-from .wire import Received
+from .wire import ReceivedByClient
 
 _UNKNOWN_REQUEST: Final = 0x7F
 _SEQUENCE: Final = 7
@@ -40,34 +40,34 @@ _TRACES: Final = (
 )
 
 
-def full_dialogue(board: BoardClient) -> list[Received]:
+def full_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
     """Return every piece that the board sends in a dialogue of all requests that it takes."""
     board.hello()
     since = board.link.mark()
     board.hello(board.link.session)
-    _ask_in_full_dialogue(board)
+    _ask_in_client_dialogue(board)
     board.link.ask(Arm())
     for feature, mode in _TRACES:
         if board.has(feature | Feature.CONFIG):
             board.configure(trace_mode=mode, status_period_ms=board.quick_status_ms)
-            _stream_in_full_dialogue(board)
+            _stream_in_client_dialogue(board)
     if board.has(Feature.SEQUENCE_PHASES):
-        _play_in_full_dialogue(board)
-    _be_refused_in_full_dialogue(board)
-    _time_out_in_full_dialogue(board)
+        _play_in_client_dialogue(board)
+    _be_refused_in_client_dialogue(board)
+    _time_out_in_client_dialogue(board)
     board.link.ask(Disarm())
     board.link.ask(Mute())
     return board.wire.received[since:]
 
 
-def _ask_in_full_dialogue(board: BoardClient) -> None:
+def _ask_in_client_dialogue(board: BoardClient) -> None:
     board.link.ask(Ping(0x0102030405060708))
     board.link.ask(GetStatus())
     board.link.ask(GetConfig())
     board.link.ask(GetGeometry(0, 0xFFFF))
 
 
-def _stream_in_full_dialogue(board: BoardClient) -> None:
+def _stream_in_client_dialogue(board: BoardClient) -> None:
     if not board.has_phases:
         return
     # No zero in the registers, nor in the amplitudes: the longest runs that COBS has to cut.
@@ -82,7 +82,7 @@ def _stream_in_full_dialogue(board: BoardClient) -> None:
     board.wire.idle(1200 * board.quick_status_ms)  # for a STATUS
 
 
-def _play_in_full_dialogue(board: BoardClient) -> None:
+def _play_in_client_dialogue(board: BoardClient) -> None:
     data = b"".join(board.random_registers() for _ in range(_FRAMES))
     upload_to_board(board, UploadKind.PHASES, _SEQUENCE, data)
     if board.has(Feature.CONFIG | Feature.TRACE):
@@ -92,13 +92,13 @@ def _play_in_full_dialogue(board: BoardClient) -> None:
     board.link.ask(Stop())
 
 
-def _be_refused_in_full_dialogue(board: BoardClient) -> None:
+def _be_refused_in_client_dialogue(board: BoardClient) -> None:
     board.link.ask_raw(_UNKNOWN_REQUEST)
     board.link.ask_raw(GetGeometry.TYPE, b"\x00")
     board.link.ask(Ping(1), session=board.link.session ^ 0x5555)
 
 
-def _time_out_in_full_dialogue(board: BoardClient) -> None:
+def _time_out_in_client_dialogue(board: BoardClient) -> None:
     """Let the hold mute the board, so that the board sends STATE_CHANGED."""
     if not board.has(Feature.CONFIG):
         return
@@ -109,12 +109,12 @@ def _time_out_in_full_dialogue(board: BoardClient) -> None:
     board.wire.idle(40_000)
 
 
-def undamaged_pieces(pieces: list[Received]) -> list[Received]:
+def undamaged_received_pieces(pieces: list[ReceivedByClient]) -> list[ReceivedByClient]:
     """Return the pieces that are undamaged frames."""
     return [piece for piece in pieces if piece.header is not None]
 
 
-def crc_of_piece(piece: Received) -> tuple[int, bytes]:
+def crc_of_received_piece(piece: ReceivedByClient) -> tuple[int, bytes]:
     """Return the CRC-32 that a piece carries, and its body; (-1, b"") if it is too short."""
     data = piece.unstuffed
     if len(data) < HEADER_BYTES + CRC_BYTES:

@@ -20,8 +20,8 @@ from haptogram_protocol.messages import (
 
 from .board_client import BoardClient
 from .latching import latch_now
-from .playback import PERIOD_US, period_of, play_now, play_out
-from .stream_kinds import StreamKind, random_point, stream_kinds
+from .playback import PERIOD_US, period_to_play, play_now, play_out
+from .stream_kinds import StreamKind, random_point_to_send, stream_kinds
 from .uploads import upload_to_board
 
 _SEQUENCE: Final = 6
@@ -51,26 +51,26 @@ def drive_paths(board: BoardClient) -> Iterator[DrivePath]:
     """Yield every path of every kind of drive that the board takes; the last goes on playing."""
     board.link.ask(Stop())
     for kind in stream_kinds(board):
-        yield DrivePath(f"{kind.name}, at once", partial(_path_at_once, board, kind))
-        yield DrivePath(f"{kind.name}, at its time", partial(_path_in_time, board, kind))
+        yield DrivePath(f"{kind.name}, at once", partial(_drive_path_at_once, board, kind))
+        yield DrivePath(f"{kind.name}, at its time", partial(_drive_path_in_time, board, kind))
     if board.has(Feature.SEQUENCE_PHASES):
-        yield DrivePath("PHASES, played", partial(_path_of_played_phases, board))
+        yield DrivePath("PHASES, played", partial(_drive_path_of_played_phases, board))
     if board.has(Feature.SEQUENCE_POINTS):
         for number in sorted({1, board.identity.max_points}):
             name = f"POINTS ({number}), played"
-            yield DrivePath(name, partial(_path_of_played_points, board, number))
+            yield DrivePath(name, partial(_drive_path_of_played_points, board, number))
     if board.has(Feature.SEQUENCE_PHASES):
-        yield DrivePath("PHASES, while they play", partial(_path_while_phases_play, board))
+        yield DrivePath("PHASES, while they play", partial(_drive_path_while_phases_play, board))
         board.link.ask(Stop())
 
 
-def _path_at_once(board: BoardClient, kind: StreamKind) -> Message:
+def _drive_path_at_once(board: BoardClient, kind: StreamKind) -> Message:
     message = kind.make()
     latch_now(board, message)
     return message
 
 
-def _path_in_time(board: BoardClient, kind: StreamKind) -> Message:
+def _drive_path_in_time(board: BoardClient, kind: StreamKind) -> Message:
     message = kind.make()
     t_us = board.clock.soon_us(bytes(2 * len(message.serialize())))
     board.link.send(board.link.stream_wire(message, t_us))
@@ -79,14 +79,14 @@ def _path_in_time(board: BoardClient, kind: StreamKind) -> Message:
     return message
 
 
-def _path_of_played_phases(board: BoardClient) -> Message:
+def _drive_path_of_played_phases(board: BoardClient) -> Message:
     frames = [board.random.randbytes(board.identity.transducers) for _ in range(_FRAMES)]
     upload_to_board(board, UploadKind.PHASES, _SEQUENCE, b"".join(frames))
-    _play_points_on_path(board)
+    _play_points_on_drive_path(board)
     return Phases(PhaseFormat.BITS_8, 0, frames[-1])
 
 
-def _path_while_phases_play(board: BoardClient) -> Message:
+def _drive_path_while_phases_play(board: BoardClient) -> Message:
     frame = board.random.randbytes(board.identity.transducers)
     upload_to_board(board, UploadKind.PHASES, _SEQUENCE, frame)
     play_now(board, _SEQUENCE, loops=0)
@@ -94,20 +94,21 @@ def _path_while_phases_play(board: BoardClient) -> Message:
     return Phases(PhaseFormat.BITS_8, 0, frame)
 
 
-def _path_of_played_points(board: BoardClient, number: int) -> Message:
+def _drive_path_of_played_points(board: BoardClient, number: int) -> Message:
     frames = [
-        Points(tuple(random_point(board, number) for _ in range(number))) for _ in range(_FRAMES)
+        Points(tuple(random_point_to_send(board, number) for _ in range(number)))
+        for _ in range(_FRAMES)
     ]
     data = b"".join(frame.serialize() for frame in frames)
     upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, number)
-    _play_points_on_path(board, number)
+    _play_points_on_drive_path(board, number)
     return frames[-1]
 
 
-def _play_points_on_path(board: BoardClient, points: int = 0) -> None:
-    play_out(board, _SEQUENCE, _FRAMES, period_us=period_of(board, points))
+def _play_points_on_drive_path(board: BoardClient, points: int = 0) -> None:
+    play_out(board, _SEQUENCE, _FRAMES, period_us=period_to_play(board, points))
 
 
-def registers_of(board: BoardClient, message: Message) -> tuple[bytes, bytes] | None:
+def registers_asked_for(board: BoardClient, message: Message) -> tuple[bytes, bytes] | None:
     """Return the phase and amplitude codes of a message; None where the board computes them."""
     return drive_codes(message, board.identity.transducers)

@@ -25,7 +25,7 @@ _CLEAR_US: Final = 10_000  # a shorter delay may be the host's own
 _CLEARLY_LESS: Final = 0.8
 
 
-def greet_board(board: BoardClient) -> HelloReply | Error | None:
+def introduce_to_board(board: BoardClient) -> HelloReply | Error | None:
     """Say HELLO to a board of unknown state; None if nothing answers."""
     link = board.link
     hello = board.hello_message(board.new_nonce())
@@ -41,27 +41,27 @@ def greet_board(board: BoardClient) -> HelloReply | Error | None:
     return answer.message
 
 
-def is_version_error(reply: HelloReply | Error | None) -> bool:
+def is_introduced_version_error(reply: HelloReply | Error | None) -> bool:
     """Return True if a board refused HELLO because it speaks another major version."""
     return isinstance(reply, Error) and reply.code == ErrorCode.VERSION
 
 
-def measured_board_rate(board: BoardClient) -> int:
+def board_rate_at_introduction(board: BoardClient) -> int:
     """Return the rate of the line: the stated one, or the measured one if that is clearly less.
 
     A run of bytes in front of a PING delays its answer by the time of the run on the line.
     """
     stated = board.wire.baudrate
     for size in _RUNS:
-        took_us = min(_board_answered_after_us(board, size) for _ in range(_TRIPS))
-        took_us -= min(_board_answered_after_us(board, 0) for _ in range(_TRIPS))
+        took_us = min(_introduction_answered_after_us(board, size) for _ in range(_TRIPS))
+        took_us -= min(_introduction_answered_after_us(board, 0) for _ in range(_TRIPS))
         if took_us > _CLEAR_US:
             rate = size * 10_000_000 // took_us
             return rate if rate < _CLEARLY_LESS * stated else stated
     return stated
 
 
-def _board_answered_after_us(board: BoardClient, size: int) -> int:
+def _introduction_answered_after_us(board: BoardClient, size: int) -> int:
     """Return the time to the answer to a PING behind *size* bytes that are no frame."""
     ping, seq = board.link.request_wire(Ping(0))
     since, sent_us = board.link.mark(), board.wire.now_us()
@@ -70,7 +70,7 @@ def _board_answered_after_us(board: BoardClient, size: int) -> int:
     return board.wire.now_us() - sent_us
 
 
-def learn_board_clock_wraps(board: BoardClient) -> None:
+def learn_clock_wraps_at_introduction(board: BoardClient) -> None:
     """Find out how often the clock of a board that runs already has wrapped.
 
     Latches lie on multiples of the carrier period of the unwrapped clock, so that the low 32 bits
@@ -89,7 +89,7 @@ def learn_board_clock_wraps(board: BoardClient) -> None:
         clock.set_device_us(answer.last_latch_us + (next(fits, 0) << 32))
 
 
-def explain_board_silence(board: BoardClient) -> str:
+def explain_silent_board(board: BoardClient) -> str:
     """Return why HELLO was not answered, judged by the bytes that came instead."""
     wire = board.wire
     if not wire.heard:
@@ -101,7 +101,7 @@ def explain_board_silence(board: BoardClient) -> str:
     return "frames came, but no answer to HELLO"
 
 
-def describe_board(reply: HelloReply) -> dict[str, object]:
+def describe_introduced_board(reply: HelloReply) -> dict[str, object]:
     """Return firmware, version, size and capabilities of a board, for reports."""
     known = Feature(reply.features & sum(Feature))
     return {

@@ -26,13 +26,13 @@ from haptogram_protocol.messages import (
 
 from ..outcome import check, unimplemented
 from .board_client import BoardClient
-from .stream_kinds import points_of
+from .stream_kinds import points_of_stream_kind
 
 FULL: Final = 255
 
 
 @dataclass(frozen=True, slots=True)
-class ShownDrive:
+class ClientDrive:
     """A drive in a read-back: codes latched in the registers, or codes radiated.
 
     Attributes
@@ -58,18 +58,18 @@ class ShownDrive:
         return zlib.crc32(self.phases + self.amplitudes)
 
 
-def shown_drive_of_reply(reply: DriveReply) -> ShownDrive:
+def client_drive_of_reply(reply: DriveReply) -> ClientDrive:
     """Return the drive in a read-back of all transducers."""
     half = len(reply.data) // 2
-    return ShownDrive(reply.data[:half], reply.data[half:], reply)
+    return ClientDrive(reply.data[:half], reply.data[half:], reply)
 
 
-def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> ShownDrive:
+def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> ClientDrive:
     """Ask for the drive of all transducers; UNIMPLEMENTED without the capability."""
     latched = kind is DriveKind.LATCHED
     board.need(Feature.READ_LATCHED if latched else Feature.READ_RADIATED)
     count = board.identity.transducers
-    shown = shown_drive_of_reply(board.link.call(ReadDrive(kind, 0, count), DriveReply))
+    shown = client_drive_of_reply(board.link.call(ReadDrive(kind, 0, count), DriveReply))
     check(
         len(shown.phases) == count,
         f"DRIVE_REPLY shows {len(shown.phases)} transducers; asked for were {count}",
@@ -77,7 +77,7 @@ def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> ShownD
     return shown
 
 
-def read_back_radiated(board: BoardClient) -> ShownDrive:
+def read_back_radiated(board: BoardClient) -> ClientDrive:
     """Ask for the radiated drive of all transducers."""
     return read_back(board, DriveKind.RADIATED)
 
@@ -92,11 +92,11 @@ def latch_now(board: BoardClient, message: Message) -> int:
     index = board.link.stream_next
     wire = board.link.stream_wire(message)
     board.link.send(wire)
-    board.clock.wait_latched(len(wire), board.ready_after_us(points_of(message)))
+    board.clock.wait_latched(len(wire), board.ready_after_us(points_of_stream_kind(message)))
     return index
 
 
-def between_pings(board: BoardClient, message: Message, at_us: int | None = None) -> list[int]:
+def send_between_pings(board: BoardClient, message: Message, at_us: int | None = None) -> list[int]:
     """Send a stream frame between two PINGs; return the device times around its arrival."""
     wires = [board.link.request_wire(Ping(n)) for n in range(2)]
     frame = board.link.stream_wire(message, at_us)
@@ -109,13 +109,13 @@ def between_pings(board: BoardClient, message: Message, at_us: int | None = None
     return times
 
 
-def full_drive(registers: bytes) -> bytes:
+def full_client_drive(registers: bytes) -> bytes:
     """Return N phase codes and N amplitude codes of a drive at full amplitude."""
     return registers + bytes([FULL]) * len(registers)
 
 
 @dataclass(frozen=True, slots=True)
-class TracedLatch:
+class ClientLatch:
     """One latch in a trace."""
 
     index: int
@@ -126,7 +126,7 @@ class TracedLatch:
     loop: int = 0
 
 
-def watch_board_latches(board: BoardClient) -> TraceMode:
+def ask_for_board_latches(board: BoardClient) -> TraceMode:
     """Switch on a trace of every latch, and return its mode; UNIMPLEMENTED if there is none."""
     for feature, mode in (
         (Feature.TRACE, TraceMode.CRC),
@@ -139,43 +139,45 @@ def watch_board_latches(board: BoardClient) -> TraceMode:
     unimplemented("the board advertises no trace that can be switched on")
 
 
-def board_latches(board: BoardClient, since: int, mode: TraceMode) -> list[TracedLatch]:
+def latches_received_from_board(
+    board: BoardClient, since: int, mode: TraceMode
+) -> list[ClientLatch]:
     """Return the latches in the events from piece *since* on, or in the trace ring."""
     board.link.barrier()
     if mode is TraceMode.RING:
-        return _latches_shown_by_ring(board)
+        return _latches_received_from_ring(board)
     found = []
     for piece in board.wire.received[since:]:
         if piece.header is not None and piece.message is not None:
-            latched = _latch_shown_by_trace(board, piece.header, piece.message)
+            latched = _latch_received_in_trace(board, piece.header, piece.message)
             found += [latched] if latched else []
     return found
 
 
-def _latch_shown_by_trace(
+def _latch_received_in_trace(
     board: BoardClient, header: Header, message: Message
-) -> TracedLatch | None:
+) -> ClientLatch | None:
     t_us, late = board.clock.unwrap(header.time_us), bool(header.flags & Flag.LATE)
     if isinstance(message, Trace):
-        return TracedLatch(message.index, t_us, message.crc, late)
+        return ClientLatch(message.index, t_us, message.crc, late)
     if isinstance(message, TracePlayback):
         key = message.key
-        return TracedLatch(key.index, t_us, message.crc, late, key.sequence, key.loop)
+        return ClientLatch(key.index, t_us, message.crc, late, key.sequence, key.loop)
     if isinstance(message, TraceDrive):
         key, crc = message.key, zlib.crc32(message.data)
-        return TracedLatch(key.index, t_us, crc, late, key.sequence, key.loop)
+        return ClientLatch(key.index, t_us, crc, late, key.sequence, key.loop)
     return None
 
 
-def _latches_shown_by_ring(board: BoardClient) -> list[TracedLatch]:
-    found: list[TracedLatch] = []
+def _latches_received_from_ring(board: BoardClient) -> list[ClientLatch]:
+    found: list[ClientLatch] = []
     first = 0
     while True:
         reply = board.link.call(ReadTrace(first, 0xFFFF), TraceReply)
         for item in reply.records:
             t_us, late = board.clock.unwrap(item.t_latch_us), bool(item.flags & Flag.LATE)
             key = item.key
-            found.append(TracedLatch(key.index, t_us, item.crc, late, key.sequence, key.loop))
+            found.append(ClientLatch(key.index, t_us, item.crc, late, key.sequence, key.loop))
         if not reply.records or reply.records[-1].number + 1 >= reply.next:
             return found
         first = reply.records[-1].number + 1

@@ -30,7 +30,7 @@ def malformed_with_wrong_crc(body: bytes, flip: int = 1) -> bytes:
     return body + (zlib.crc32(body) ^ flip).to_bytes(4, "little")
 
 
-def noise_bytes(source: random.Random, size: int) -> bytes:
+def malformed_noise(source: random.Random, size: int) -> bytes:
     """Return random bytes without a zero, so that they end no frame."""
     return bytes(source.randrange(1, 256) for _ in range(size))
 
@@ -45,7 +45,7 @@ def _malformed_mute(link: RequestClient, payload: bytes) -> tuple[bytes, int]:
     return link.body(Mute.TYPE, payload, seq=seq), seq
 
 
-def mute_with_run(link: RequestClient, run: int) -> tuple[bytes, int]:
+def malformed_mute_with_run(link: RequestClient, run: int) -> tuple[bytes, int]:
     """Return a MUTE with its CRC that ends with exactly *run* bytes that are not zero."""
     for filler in range(1, 256):
         payload = bytes([0] + [filler] * (run - 4))
@@ -55,11 +55,11 @@ def mute_with_run(link: RequestClient, run: int) -> tuple[bytes, int]:
     raise AssertionError("one of 255 checksums has no zero byte")
 
 
-def mute_of_encoded_size(link: RequestClient, size: int) -> tuple[bytes, int]:
+def malformed_mute_of_size(link: RequestClient, size: int) -> tuple[bytes, int]:
     """Return a MUTE of *size* stuffed bytes, without delimiters, and its number."""
     for zeros in range(_ZEROS):
         # Where a piece is full one byte more takes two: a zero elsewhere shifts the pieces.
-        payload = bytearray(noise_bytes(link.random, size))
+        payload = bytearray(malformed_noise(link.random, size))
         payload[1 : 1 + zeros] = bytes(zeros)
         for length in range(size - 60, size):
             body, seq = _malformed_mute(link, bytes(payload[:length]))

@@ -26,19 +26,19 @@ _BUFFERS_BYTES: Final = 1 << 17  # of drives in traces: more than a pty and a bo
 _FLOOD_RATE_HZ: Final = 10_000
 
 
-def store_phases(board: BoardClient, sequence: int, *, frames: int) -> list[bytes]:
+def send_phases_to_store(board: BoardClient, sequence: int, *, frames: int) -> list[bytes]:
     """Upload a sequence of random drives and return the registers that each leads to."""
     registers = [board.random.randbytes(board.identity.transducers) for _ in range(frames)]
     upload_to_board(board, UploadKind.PHASES, sequence, b"".join(registers))
     return registers
 
 
-def shortest_period_us(board: BoardClient, least_us: int = 1) -> int:
+def shortest_period_to_play_us(board: BoardClient, least_us: int = 1) -> int:
     """Return the shortest period that the board takes, or *least_us* if that is longer."""
     return max(least_us, -(-1_000_000 // board.identity.max_playback_rate_hz))
 
 
-def period_of(board: BoardClient, points: int = 0) -> int:
+def period_to_play(board: BoardClient, points: int = 0) -> int:
     """Return the usual period, or a longer one in which the board computes so many points."""
     return max(PERIOD_US, points * board.identity.point_time_us)
 
@@ -82,10 +82,10 @@ def play_out(
     since, lasts_us = board.link.mark(), frames * loops * period_us
     alone_ms = max(UNATTENDED_MS, 2 * lasts_us // 1000)
     play_now(board, sequence, loops=loops, period_us=period_us, unattended_ms=alone_ms)
-    return playback_end(board, since, lasts_us)
+    return await_playback_end(board, since, lasts_us)
 
 
-def playback_end(board: BoardClient, since: int, lasts_us: int) -> PlaybackEnded:
+def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> PlaybackEnded:
     """Return PLAYBACK_ENDED, from piece *since* on, of a playback of so long; FAILED without it."""
     timeout_us = 2 * lasts_us + 300_000 + 2 * board.wire.limits.slack_us
     found = board.link.await_event(PlaybackEnded, since, timeout_us)
@@ -101,7 +101,7 @@ def flood_with_traces(board: BoardClient) -> tuple[int, int]:
     meanwhile, and the traces are more than the buffers on the way hold.
     """
     board.configure(trace_mode=TraceMode.DRIVE)
-    store_phases(board, 1, frames=2)
+    send_phases_to_store(board, 1, frames=2)
     rate = min(board.identity.max_playback_rate_hz, _FLOOD_RATE_HZ)
     period_us = board.clock.on_carrier(-(-1_000_000 // rate))
     frames = _FLOOD_FRAMES

@@ -54,25 +54,29 @@ class DialogueRecording:
         if not self._first:
             return ()
         start_us = self._first[0].t_us
-        lines = _transcript_lines(self._first, start_us)
+        lines = _client_transcript_lines(self._first, start_us)
         if self._dropped:
             lines.append(f"... {self._dropped} transfers left out ...")
-            return (*lines, *_transcript_lines(self._last, start_us))
-        return tuple(_transcript_lines([*self._first, *self._last], start_us))
+            return (*lines, *_client_transcript_lines(self._last, start_us))
+        return tuple(_client_transcript_lines([*self._first, *self._last], start_us))
 
 
-def _transcript_lines(transfers: Iterable[Transfer], start_us: int) -> list[str]:
+def _client_transcript_lines(transfers: Iterable[Transfer], start_us: int) -> list[str]:
     """Return transfers as lines; a frame is described behind its last byte."""
     partial = dict.fromkeys(TransferDirection, b"")
     lines = []
     for transfer in transfers:
         *ended, rest = (partial[transfer.direction] + transfer.data).split(DELIMITER)
         partial[transfer.direction] = rest
-        lines += _transcript_lines_of(transfer, start_us, [piece for piece in ended if piece])
+        lines += _client_transcript_lines_of(
+            transfer, start_us, [piece for piece in ended if piece]
+        )
     return lines
 
 
-def _transcript_lines_of(transfer: Transfer, start_us: int, pieces: list[bytes]) -> list[str]:
+def _client_transcript_lines_of(
+    transfer: Transfer, start_us: int, pieces: list[bytes]
+) -> list[str]:
     head = f"{(transfer.t_us - start_us) / 1e6:+11.6f} s {transfer.direction.value} "
     shown = transfer.data[:_SHOWN_BYTES]
     rows = [shown[start : start + _PER_LINE].hex(" ") for start in range(0, len(shown), _PER_LINE)]

@@ -20,7 +20,7 @@ from haptogram_protocol.messages import (
 )
 
 from ..outcome import check, fail
-from .wire import RawFrameWire, Received
+from .wire import RawFrameClient, ReceivedByClient
 
 _M = TypeVar("_M", bound=Message)
 _ECHO_BITS: Final = 64
@@ -32,7 +32,7 @@ class RequestClient:
 
     Parameters
     ----------
-    wire : RawFrameWire
+    wire : RawFrameClient
         Open port.
     random_source : random.Random
         Source of nonces and contents: the same seed gives the same bytes.
@@ -49,7 +49,7 @@ class RequestClient:
         How often the first request after a restart was repeated: the board was deaf meanwhile.
     """
 
-    def __init__(self, wire: RawFrameWire, random_source: random.Random) -> None:
+    def __init__(self, wire: RawFrameClient, random_source: random.Random) -> None:
         self.wire = wire
         self.random = random_source
         self.session = 0
@@ -126,13 +126,13 @@ class RequestClient:
 
     # --- requests and answers ------------------------------------------------------------------
 
-    def ask(self, message: Message, **header: Any) -> Received:
+    def ask(self, message: Message, **header: Any) -> ReceivedByClient:
         """Send a request and return its answer, a refusal too; FAILED if none comes."""
         return self.ask_raw(message.TYPE, message.serialize(), **header)
 
     def ask_raw(
         self, kind: int, payload: bytes = b"", *, seq: int | None = None, **header: Any
-    ) -> Received:
+    ) -> ReceivedByClient:
         """Send any request and return its answer; FAILED if none comes."""
         seq = self.next_seq() if seq is None else seq & 0xFFFF
         wire = encode_frame(self.body(kind, payload, seq=seq, **header))
@@ -151,7 +151,7 @@ class RequestClient:
             return
         wait_us = min(_KNOCK_US, self.wire.limits.answer_us) + self.wire.backlog_us
 
-        def answered(piece: Received) -> bool:
+        def answered(piece: ReceivedByClient) -> bool:
             return piece.header is not None and piece.is_response and piece.header.seq == seq
 
         while (
@@ -162,7 +162,7 @@ class RequestClient:
         if self.knocks:
             self.wire.idle(wait_us)  # a board may have kept them all, and answers each
 
-    def answer_to(self, kind: int, seq: int, since: int, extra_us: int = 0) -> Received:
+    def answer_to(self, kind: int, seq: int, since: int, extra_us: int = 0) -> ReceivedByClient:
         """Return the answer to the request *seq* from piece *since* on; FAILED if none comes."""
         found = self.try_answer(seq, since, extra_us)
         if found is None:
@@ -172,11 +172,11 @@ class RequestClient:
             )
         return found
 
-    def try_answer(self, seq: int, since: int, extra_us: int = 0) -> Received | None:
+    def try_answer(self, seq: int, since: int, extra_us: int = 0) -> ReceivedByClient | None:
         """Return the answer to the request *seq*, None if none comes in time."""
         timeout_us = self.wire.limits.answer_us + self.wire.backlog_us + extra_us
 
-        def answers(piece: Received) -> bool:
+        def answers(piece: ReceivedByClient) -> bool:
             return piece.header is not None and piece.is_response and piece.header.seq == seq
 
         return self.wire.wait_for(answers, since, timeout_us)
@@ -188,7 +188,7 @@ class RequestClient:
         """Send a request and return its reply; FAILED if it is refused or not answered."""
         return self.reply_in(self.ask(message, **header), reply, message.TYPE)
 
-    def reply_in(self, answer: Received, reply: type[_M], kind: int) -> _M:
+    def reply_in(self, answer: ReceivedByClient, reply: type[_M], kind: int) -> _M:
         """Return the reply in *answer*; FAILED if the answer is something else."""
         if isinstance(answer.message, reply):
             return answer.message
@@ -222,7 +222,7 @@ class RequestClient:
         return self.error_in(self.ask_raw(kind, payload, **header), kind, code, detail)
 
     def error_in(
-        self, answer: Received, kind: int, code: ErrorCode, detail: int | None = None
+        self, answer: ReceivedByClient, kind: int, code: ErrorCode, detail: int | None = None
     ) -> Error:
         """Return the ERROR in *answer*; FAILED unless it has this code and detail."""
         wanted = f"ERROR({code.name})" + ("" if detail is None else f", detail {detail:#x}")
@@ -241,7 +241,7 @@ class RequestClient:
         return message
 
     @staticmethod
-    def answer_text(answer: Received) -> str:
+    def answer_text(answer: ReceivedByClient) -> str:
         """Return an answer in words."""
         if answer.message is None:
             return answer.fault or "nothing"
@@ -275,7 +275,7 @@ class RequestClient:
             if piece.header is not None and isinstance(piece.message, kind)
         ]
 
-    def responses(self, since: int) -> list[Received]:
+    def responses(self, since: int) -> list[ReceivedByClient]:
         """Return the responses from piece *since* on."""
         return [piece for piece in self.wire.received[since:] if piece.is_response]
 
@@ -297,6 +297,6 @@ class RequestClient:
             return None
         return found.header, found.message
 
-    def type_of(self, answer: Received) -> int:
+    def type_of(self, answer: ReceivedByClient) -> int:
         """Return the type byte of an answer."""
         return answer.header.type if answer.header is not None else MessageType.ERROR

@@ -63,26 +63,26 @@ class StreamKind:
 
 def stream_kinds(board: BoardClient) -> list[StreamKind]:
     """Return every message and format of the stream that the board advertises."""
-    found = [_phases_kind(board, form) for form in offered_formats(board)]
+    found = [_stream_kind_of_phases(board, form) for form in stream_kinds_of_formats(board)]
     if board.has(Feature.AMPLITUDE):
-        found.append(StreamKind("DRIVES", lambda: _drives_kind(board)))
+        found.append(StreamKind("DRIVES", lambda: _stream_kind_of_drives(board)))
     if board.has(Feature.POINTS):
         numbers = sorted({1, board.identity.max_points})
-        found += [_points_kind(board, number) for number in numbers]
+        found += [_stream_kind_of_points(board, number) for number in numbers]
     return found
 
 
-def points_of(message: Message) -> int:
+def points_of_stream_kind(message: Message) -> int:
     """Return the number of focal points that the board computes for a stream frame."""
     return len(message.points) if isinstance(message, Points) else 0
 
 
-def offered_formats(board: BoardClient) -> list[PhaseFormat]:
+def stream_kinds_of_formats(board: BoardClient) -> list[PhaseFormat]:
     """Return the formats of PHASES that the board advertises."""
     return [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
 
 
-def _phases_kind(board: BoardClient, form: PhaseFormat) -> StreamKind:
+def _stream_kind_of_phases(board: BoardClient, form: PhaseFormat) -> StreamKind:
     def make() -> Message:
         codes = (board.random.randrange(1 << form) for _ in range(board.identity.transducers))
         return Phases(form, 0, pack_phases(bytes(codes), form))
@@ -90,18 +90,18 @@ def _phases_kind(board: BoardClient, form: PhaseFormat) -> StreamKind:
     return StreamKind(f"PHASES of {form:d} bits", make)
 
 
-def _drives_kind(board: BoardClient) -> Message:
+def _stream_kind_of_drives(board: BoardClient) -> Message:
     return Drives(PhaseFormat.BITS_8, 0, board.random.randbytes(2 * board.identity.transducers))
 
 
-def _points_kind(board: BoardClient, number: int) -> StreamKind:
+def _stream_kind_of_points(board: BoardClient, number: int) -> StreamKind:
     def make() -> Message:
-        return Points(tuple(random_point(board, number) for _ in range(number)))
+        return Points(tuple(random_point_to_send(board, number) for _ in range(number)))
 
     return StreamKind(f"POINTS ({number})", make)
 
 
-def random_point(board: BoardClient, number: int = 1) -> FocalPoint:
+def random_point_to_send(board: BoardClient, number: int = 1) -> FocalPoint:
     """Return a random focal point off all planes of symmetry, one of *number* in a frame."""
 
     def away() -> int:
@@ -116,12 +116,12 @@ def random_point(board: BoardClient, number: int = 1) -> FocalPoint:
 # --- Requests ----------------------------------------------------------------------------------
 
 
-def host_types() -> list[type[Message]]:
+def request_types_of_host() -> list[type[Message]]:
     """Return every message that a host sends."""
     return [kind for number, kind in MESSAGES.items() if number < STREAM_RANGE.stop * 2]
 
 
-def valid_requests(board: BoardClient, sequence: int) -> Iterator[Message]:
+def valid_requests_to_send(board: BoardClient, sequence: int) -> Iterator[Message]:
     """Yield a request of every type but HELLO and MUTE that the board carries out while ARMED.
 
     They hold in this order: PLAY plays the stored *sequence*, and STOP ends it.
@@ -150,7 +150,7 @@ def valid_requests(board: BoardClient, sequence: int) -> Iterator[Message]:
     yield Disarm()
 
 
-def refused_requests(board: BoardClient) -> Iterator[Message]:
+def refused_requests_to_send(board: BoardClient) -> Iterator[Message]:
     """Yield requests of which each check of a link holds and that an ARMED board refuses."""
     count = board.identity.transducers
     yield GetGeometry(count, 1)

@@ -32,7 +32,7 @@ def upload_to_board(
 ) -> None:
     """Upload *data* and commit it; FAILED if the board refuses a step."""
     begin_upload(board, kind, target, data, points)
-    send_chunks(board, data)
+    send_upload_chunks(board, data)
     board.link.call(UploadCommit(target), UploadCommitReply)
 
 
@@ -44,7 +44,7 @@ def begin_upload(
     return board.link.call(begin, UploadBeginReply)
 
 
-def send_chunks(board: BoardClient, data: bytes) -> None:
+def send_upload_chunks(board: BoardClient, data: bytes) -> None:
     """Send *data* in chunks, each after the reply to the one before."""
     size = max(1, min(board.identity.max_chunk, _LARGEST_CHUNK))
     for start in range(0, len(data), size):
@@ -54,7 +54,7 @@ def send_chunks(board: BoardClient, data: bytes) -> None:
         check(received == due, f"UPLOAD_CHUNK_REPLY says {received} bytes, sent were {due}")
 
 
-def gaps_in(came: bytes | bytearray) -> int:
+def gaps_in_uploaded_chunks(came: bytes | bytearray) -> int:
     """Return the gaps of HG-7.3 in a map that has a 1 for every byte that came."""
     return sum(1 for run in bytes(came).rstrip(b"\x00").split(b"\x01") if run)
 
@@ -62,7 +62,7 @@ def gaps_in(came: bytes | bytearray) -> int:
 Piece: TypeAlias = tuple[int, int]  # index of its first byte, and of the one behind it
 
 
-def send_pieces(board: BoardClient, data: bytes, pieces: Iterable[Piece]) -> list[Piece]:
+def send_upload_in_pieces(board: BoardClient, data: bytes, pieces: Iterable[Piece]) -> list[Piece]:
     """Send pieces of *data*, and return those that the board refused for the gaps they would leave.
 
     FAILED if another piece is refused, or a reply does not tell what is there.
@@ -73,7 +73,7 @@ def send_pieces(board: BoardClient, data: bytes, pieces: Iterable[Piece]) -> lis
         after = bytearray(came)
         after[start:stop] = b"\x01" * (stop - start)
         answer = board.link.ask(UploadChunk(start, data[start:stop]))
-        if isinstance(answer.message, Error) and gaps_in(after) > window:
+        if isinstance(answer.message, Error) and gaps_in_uploaded_chunks(after) > window:
             error = board.link.error_in(answer, UploadChunk.TYPE, ErrorCode.TOO_LARGE)
             check(error.detail >= window, f"{error.detail} gaps at most; the window is {window}")
             refused.append((start, stop))

@@ -28,7 +28,7 @@ _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 
 
 @runtime_checkable
-class UnreadTime(Protocol):
+class UnreadClientTime(Protocol):
     """A transport in virtual time that lets time pass while nobody reads."""
 
     def skip_ns(self, duration_ns: int) -> None:
@@ -37,7 +37,7 @@ class UnreadTime(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class WaitLimits:
+class ClientWaitLimits:
     """Limits of waits, on the clock of the transport.
 
     Attributes
@@ -58,7 +58,7 @@ class WaitLimits:
     lead_us: int
 
     @classmethod
-    def of(cls, timeout_s: float, *, virtual: bool) -> WaitLimits:
+    def of(cls, timeout_s: float, *, virtual: bool) -> ClientWaitLimits:
         """Return the limits for a transport in virtual time, or in wall time."""
         answer_us = round(timeout_s * 1e6)
         if virtual:
@@ -67,7 +67,7 @@ class WaitLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class ReceivedByClient:
     """The bytes between two delimiters: a piece, which may be a frame.
 
     Attributes
@@ -118,12 +118,12 @@ class Received:
             return b""
 
 
-class RawFrameWire:
+class RawFrameClient:
     """An open port, and every piece that came from it since the case began.
 
     Attributes
     ----------
-    limits : WaitLimits
+    limits : ClientWaitLimits
         Limits of every wait.
     baudrate : int
         Rate of the line, bits per second.
@@ -136,10 +136,10 @@ class RawFrameWire:
         did not compute either: others had the processor, which the board may have missed too.
     """
 
-    def __init__(self, transport: Transport, limits: WaitLimits, *, baudrate: int) -> None:
+    def __init__(self, transport: Transport, limits: ClientWaitLimits, *, baudrate: int) -> None:
         self.limits = limits
         self.baudrate = baudrate
-        self.received: list[Received] = []
+        self.received: list[ReceivedByClient] = []
         self.recording = DialogueRecording()
         self.heard = 0
         self._transport = transport
@@ -210,11 +210,11 @@ class RawFrameWire:
         return True
 
     def wait_for(
-        self, wanted: Callable[[Received], bool], since: int, timeout_us: int
-    ) -> Received | None:
+        self, wanted: Callable[[ReceivedByClient], bool], since: int, timeout_us: int
+    ) -> ReceivedByClient | None:
         """Return the first *wanted* piece from number *since* on, None if none comes in time."""
         looked_at = since
-        found: Received | None = None
+        found: ReceivedByClient | None = None
 
         def there() -> bool:
             nonlocal looked_at, found
@@ -236,7 +236,7 @@ class RawFrameWire:
 
         Where only reading lets virtual time pass, the virtual line is as slow as its rate.
         """
-        if isinstance(self._transport, UnreadTime):
+        if isinstance(self._transport, UnreadClientTime):
             self._transport.skip_ns(duration_us * 1000)
             return
         if not self.limits.slack_us:
@@ -299,16 +299,16 @@ class RawFrameWire:
             self._partial += rest
 
 
-def _received_by_client(t_us: int, piece: bytes, *, shared: bool) -> Received:
+def _received_by_client(t_us: int, piece: bytes, *, shared: bool) -> ReceivedByClient:
     try:
         body = decode_frame(piece)
     except RemoteProtocolError as error:
-        return Received(t_us, piece, shared, fault=str(error), reason=error.reason)
+        return ReceivedByClient(t_us, piece, shared, fault=str(error), reason=error.reason)
     header = Header.unpack(body[: Header.LAYOUT.size])
     try:
         _, message = parse_body(body)
     except RemoteProtocolError as error:
-        return Received(
+        return ReceivedByClient(
             t_us, piece, shared, header, None, body, fault=str(error), reason=error.reason
         )
-    return Received(t_us, piece, shared, header, message, body)
+    return ReceivedByClient(t_us, piece, shared, header, message, body)

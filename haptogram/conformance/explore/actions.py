@@ -10,7 +10,7 @@ from typing import Final
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import FIRST_STREAM_SEQ, Hello, HelloReply, Message, build_body
 
-from ..client.malformed_frames import noise_bytes
+from ..client.malformed_frames import malformed_noise
 
 SLOT_US: Final = 40_000
 #: Sequences that every dialogue finds stored.
@@ -109,5 +109,5 @@ class DialogueAction:
             return wire[: source.randrange(2, len(wire) - 1)] + b"\x00"
         if self.damage >= 3:
             size = source.choice((3, 40, 300, 4100)) if self.damage == 3 else _LONG_NOISE
-            return b"\x00" + noise_bytes(source, size) + b"\x00"
+            return b"\x00" + malformed_noise(source, size) + b"\x00"
         return wire

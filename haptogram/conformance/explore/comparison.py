@@ -63,7 +63,7 @@ class DialogueBase:
 
 
 @dataclass(slots=True)
-class EventNumbers:
+class DialogueEventNumbers:
     """Numbers of a board's events: each is the one before and 1, from 0 in every session."""
 
     session: int
@@ -84,7 +84,7 @@ class EventNumbers:
 
 
 @dataclass(frozen=True, slots=True)
-class SaidInDialogue:
+class DialogueAnswers:
     """Responses and events of one board in one slot, and what it said before the dialogue."""
 
     responses: list[tuple[Header, Message]]
@@ -103,7 +103,7 @@ def _is_optional_in_dialogue(message: Message) -> bool:
     return isinstance(message, StateChanged) and message.reason is MuteReason.MUTE
 
 
-def difference(ours: SaidInDialogue, theirs: SaidInDialogue, tolerance_us: int) -> str:
+def dialogue_difference(ours: DialogueAnswers, theirs: DialogueAnswers, tolerance_us: int) -> str:
     """Return the first difference between a board and the model; empty if there is none."""
     for kind in ("responses", "events"):
         one, other = getattr(ours, kind), getattr(theirs, kind)
@@ -120,8 +120,8 @@ def difference(ours: SaidInDialogue, theirs: SaidInDialogue, tolerance_us: int) 
 def _dialogue_frame_difference(
     mine: tuple[Header, Message],
     due: tuple[Header, Message],
-    ours: SaidInDialogue,
-    theirs: SaidInDialogue,
+    ours: DialogueAnswers,
+    theirs: DialogueAnswers,
     tolerance_us: int,
 ) -> str:
     header, message = mine
@@ -141,24 +141,28 @@ def _dialogue_frame_difference(
 
 
 def _dialogue_message_difference(
-    message: Message, due: Message, ours: SaidInDialogue, theirs: SaidInDialogue, tolerance_us: int
+    message: Message,
+    due: Message,
+    ours: DialogueAnswers,
+    theirs: DialogueAnswers,
+    tolerance_us: int,
 ) -> str:
     own = _OWN.get(type(message), frozenset())
     names = [*message.WIRE, *([message.TAIL.name] if message.TAIL else [])]
     if isinstance(message, Error) and isinstance(due, Error):
-        own = frozenset({"detail"}) if _is_own_detail_of_model(due) else own
+        own = frozenset({"detail"}) if _is_own_detail_in_dialogue(due) else own
     for name in names:
         if name in own:
             continue
         got, wanted = getattr(message, name), getattr(due, name)
-        if name == "detail" and _is_absent_sequence(due):
+        if name == "detail" and _is_absent_sequence_in_dialogue(due):
             wanted += ours.base.stored - theirs.base.stored
         if name == "counters":
             before = ours.base.counters, theirs.base.counters
             if text := _dialogue_counter_difference(got, wanted, *before):
                 return f"{_named_in_dialogue(message)}: {text}"
         elif isinstance(message, DriveReply) and name == "data":
-            if not _are_near_codes_of_model(got, wanted):
+            if not _are_near_codes_in_dialogue(got, wanted):
                 return f"{_named_in_dialogue(message)}: another drive"
         elif name.endswith(_TIMES):
             if not _is_near_in_dialogue(got, wanted, tolerance_us):
@@ -168,13 +172,13 @@ def _dialogue_message_difference(
     return ""
 
 
-def _is_own_detail_of_model(due: Error) -> bool:
+def _is_own_detail_in_dialogue(due: Error) -> bool:
     """Return True if the detail of a refusal depends on the board's limits."""
     uploads = due.request in (UploadChunk.TYPE, UploadCommit.TYPE)
     return (uploads and due.code == ErrorCode.BAD_STATE) or due.code == ErrorCode.TOO_LARGE
 
 
-def _is_absent_sequence(due: Message) -> bool:
+def _is_absent_sequence_in_dialogue(due: Message) -> bool:
     """Return True if the detail of a refusal is the number of stored sequences (HG-7.6/1)."""
     is_absent = isinstance(due, Error) and due.code == ErrorCode.NOT_FOUND
     return is_absent and getattr(due, "request", 0) == Play.TYPE
@@ -195,7 +199,7 @@ def _is_near_in_dialogue(got: int, due: int, tolerance_us: int) -> bool:
     return abs(signed_difference(got & 0xFFFFFFFF, due & 0xFFFFFFFF, 32)) <= tolerance_us
 
 
-def _are_near_codes_of_model(got: bytes, due: bytes) -> bool:
+def _are_near_codes_in_dialogue(got: bytes, due: bytes) -> bool:
     if len(got) != len(due):
         return False
     apart = ((a - b + 128) % 256 - 128 for a, b in zip(got, due, strict=True))

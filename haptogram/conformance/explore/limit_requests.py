@@ -39,7 +39,7 @@ _REFUSED_CONFIG: Final = (
 )
 
 
-def limit_requests(identity: HelloReply, config: Config) -> list[Message]:
+def random_limit_requests(identity: HelloReply, config: Config) -> list[Message]:
     """Return the requests at the limits of a board, each with one field of *config* or its own."""
     can, count = identity.features, identity.transducers
     found: list[Message] = [
@@ -49,49 +49,57 @@ def limit_requests(identity: HelloReply, config: Config) -> list[Message]:
     ]
     if can & Feature.CONFIG:
         for name, values in _REFUSED_CONFIG:
-            found += map(SetConfig, _changed(config, **{name: values}))
+            found += map(SetConfig, _limit_request_with(config, **{name: values}))
     for feature, kind in (
         (Feature.READ_LATCHED, DriveKind.LATCHED),
         (Feature.READ_RADIATED, DriveKind.RADIATED),
     ):
         if can & feature:
             whole = ReadDrive(kind, 0, count)
-            found += _changed(whole, kind=(0, _NO_VALUE, _MOST[1]))
-            found += _changed(whole, first=(1, count - 1, count, _MOST[2]))
-            found += _changed(whole, count=(0, 1, count + 1, _MOST[2]))
+            found += _limit_request_with(whole, kind=(0, _NO_VALUE, _MOST[1]))
+            found += _limit_request_with(whole, first=(1, count - 1, count, _MOST[2]))
+            found += _limit_request_with(whole, count=(0, 1, count + 1, _MOST[2]))
     if can & Feature.TRACE_RING:
         found += [ReadTrace(0, number) for number in (0, 1, _MOST[2])]
     if can & Feature.SEQUENCE_PHASES:
         least_us = -(-1_000_000 // max(1, identity.max_playback_rate_hz))
         play = Play(STORED_PHASES, SLOT_US, 1, SLOT_US // 100)
-        found += _changed(play, period_us=(0, least_us - 1), sequence=(0, ABSENT))
-        found += _changed(play, unattended_ms=(0, identity.max_unattended_ms + 1, _MOST[4]))
-    return found + list(_uploads_at_limits(identity))
+        found += _limit_request_with(play, period_us=(0, least_us - 1), sequence=(0, ABSENT))
+        found += _limit_request_with(
+            play, unattended_ms=(0, identity.max_unattended_ms + 1, _MOST[4])
+        )
+    return found + list(_limit_requests_to_upload(identity))
 
 
-def _uploads_at_limits(identity: HelloReply) -> Iterator[UploadBegin]:
+def _limit_requests_to_upload(identity: HelloReply) -> Iterator[UploadBegin]:
     count, can = identity.transducers, identity.features
     if can & Feature.SEQUENCE_PHASES:
         phases = UploadBegin(UploadKind.PHASES, 0, REPLACED, count, 0)
-        yield from _changed(phases, kind=(0, _NO_VALUE, _MOST[1]), points_per_frame=(1, _MOST[1]))
-        yield from _changed(phases, target=(0,), size=(0, _MOST[4] // count * count))
-        yield from _changed(phases, size=(count - 1, count + 1, 2 * count - 1) if count > 1 else ())
+        yield from _limit_request_with(
+            phases, kind=(0, _NO_VALUE, _MOST[1]), points_per_frame=(1, _MOST[1])
+        )
+        yield from _limit_request_with(phases, target=(0,), size=(0, _MOST[4] // count * count))
+        yield from _limit_request_with(
+            phases, size=(count - 1, count + 1, 2 * count - 1) if count > 1 else ()
+        )
     if can & Feature.SEQUENCE_POINTS:
         for points in sorted({1, min(2, identity.max_points), identity.max_points}):
             frame = points * _POINT_BYTES
             whole = UploadBegin(UploadKind.POINTS, points, REPLACED, frame, 0)
             sizes = {0, frame - 1, frame + 1, frame + _POINT_BYTES // 2, _MOST[4] // frame * frame}
-            yield from _changed(whole, size=sorted(sizes), target=(0,))
+            yield from _limit_request_with(whole, size=sorted(sizes), target=(0,))
             if points > 1:  # a multiple of a point, not of a frame
-                yield from _changed(whole, size=(_POINT_BYTES, frame + _POINT_BYTES))
-        yield from _changed(whole, points_per_frame=(0, min(_MOST[1], identity.max_points + 1)))
+                yield from _limit_request_with(whole, size=(_POINT_BYTES, frame + _POINT_BYTES))
+        yield from _limit_request_with(
+            whole, points_per_frame=(0, min(_MOST[1], identity.max_points + 1))
+        )
     if can & Feature.CORRECTION:
         correction = UploadBegin(UploadKind.CORRECTION, 0, 0, count, 0)
-        yield from _changed(correction, target=(1, _MOST[2]), points_per_frame=(1,))
-        yield from _changed(correction, size=(0, count - 1, count + 1, 2 * count))
+        yield from _limit_request_with(correction, target=(1, _MOST[2]), points_per_frame=(1,))
+        yield from _limit_request_with(correction, size=(0, count - 1, count + 1, 2 * count))
 
 
-def _changed(whole: Any, **values: Any) -> list[Any]:
+def _limit_request_with(whole: Any, **values: Any) -> list[Any]:
     """Return *whole* once with each value of each field."""
     return [
         dataclasses.replace(whole, **{name: value})

@@ -50,8 +50,8 @@ from .actions import (
     DialogueAction,
     DialogueHost,
 )
-from .comparison import DialogueBase, EventNumbers, SaidInDialogue, difference
-from .stepped_process import SteppedProcess
+from .comparison import DialogueAnswers, DialogueBase, DialogueEventNumbers, dialogue_difference
+from .stepped_process import LockstepProcess
 
 _LEAD_US: Final = 2_000_000  # the model runs so long before slot 0
 _LATE_US: Final = SLOT_US // 4  # a host that sends later than this has changed the dialogue
@@ -118,7 +118,7 @@ class Lockstep:
         limits = {name: int(getattr(board.identity, name)) for name in _LIMITS}
         limits["features"] &= int(sum(Feature))
         limits["max_stored_bytes"] = 2 * limits["max_upload_bytes"]
-        self._model = SteppedProcess(
+        self._model = LockstepProcess(
             [sys.executable, "-m", _MODEL, json.dumps(limits)], _lockstep_model_failure
         )
 
@@ -148,7 +148,7 @@ class Lockstep:
         """Play the slots of a dialogue up to the first difference."""
         base = self._baseline(host)
         host.last = b""  # its reply, sent again, has a time before the dialogue
-        self._events = EventNumbers(host.session)
+        self._events = DialogueEventNumbers(host.session)
         lines: list[str] = []
         slots = max((action.slot for action in actions), default=0) + _TAIL
         for slot in range(slots):
@@ -303,8 +303,8 @@ class Lockstep:
                 self._session = message.nonce
         host.session = self._session  # a HELLO that was left out has opened none
         tolerance_us = (board.wire.limits.slack_us or 2000) + board.wire.line_us(len(data) + heard)
-        said, wanted = SaidInDialogue.of(ours, base[0]), SaidInDialogue.of(due, base[1])
-        return difference(said, wanted, tolerance_us) or self._events.first_wrong(ours)
+        said, wanted = DialogueAnswers.of(ours, base[0]), DialogueAnswers.of(due, base[1])
+        return dialogue_difference(said, wanted, tolerance_us) or self._events.first_wrong(ours)
 
 
 def _is_mute_in_lockstep(wire: bytes) -> bool:
@@ -327,7 +327,7 @@ def _lockstep_model_failure(text: str) -> Exception:
     return CaseEndedError(Behaviour.INCONCLUSIVE, f"the model beside the board: {text}")
 
 
-def identity_suits_model(identity: HelloReply) -> bool:
+def identity_suits_lockstep_model(identity: HelloReply) -> bool:
     """Return True if the virtual board can be made like this one: a grid, 40 kHz, the clock."""
     grid = identity.grid_nx * identity.grid_ny == identity.transducers > 0
     return grid and identity.carrier_hz == 40_000

@@ -44,7 +44,7 @@ from .actions import (
     DialogueHost,
 )
 from .coverage import DialogueCoverage
-from .limit_requests import limit_requests
+from .limit_requests import random_limit_requests
 from .stream_actions import UNKNOWN_FLAGS, MadeAction
 
 _SLOT_MS: Final = SLOT_US // 1000
@@ -118,7 +118,7 @@ class RandomRequests:
     def at_limit(self, slot: int) -> MadeAction:
         """Return a request with one field at or beyond a limit: each once before any twice."""
         if not self._coverage.limits:
-            self._coverage.limits = limit_requests(self._identity, self.config())
+            self._coverage.limits = random_limit_requests(self._identity, self.config())
             self._random.shuffle(self._coverage.limits)
         name, text, body = self._made(slot, self._coverage.limits.pop(), is_odd=False)
         self._same_number = self._random.random() < 0.4
@@ -215,7 +215,7 @@ class RandomRequests:
         step = min(self._identity.max_chunk, 512)
         parts = [UploadChunk(at, data[at : at + step]) for at in range(0, len(data), step)]
         steps = [UploadBegin(kind, 0, target, len(data), zlib.crc32(data)), *parts]
-        return [_plain_request(message) for message in (*steps, UploadCommit(target))]
+        return [_plain_random_request(message) for message in (*steps, UploadCommit(target))]
 
     def arm(self) -> MadeAction:
         """Return ARM, without which most frames are refused."""
@@ -249,6 +249,6 @@ class RandomRequests:
         return f"HELLO {which}", f"HELLO, nonce: {which}", body
 
 
-def _plain_request(message: Message) -> MadeAction:
+def _plain_random_request(message: Message) -> MadeAction:
     name = message.TYPE.name
     return name, f"{name} of a whole upload", lambda host: host.request(message)

@@ -25,7 +25,7 @@ _PATIENCE_S: Final = 20.0
 _LONGEST_RX: Final = 16_384  # bytes in one line of input
 
 
-class SteppedProcess:
+class LockstepProcess:
     """A process that answers steps.
 
     Parameters
@@ -64,20 +64,20 @@ class SteppedProcess:
         """Let *data* arrive; return the bytes that the board sent."""
         parts = range(0, len(data), _LONGEST_RX)
         steps = (f"rx {at_us} {data[start : start + _LONGEST_RX].hex()}" for start in parts)
-        return b"".join(_bytes_of_stepped_answer(self.step(step)) for step in steps)
+        return b"".join(_bytes_of_lockstep_answer(self.step(step)) for step in steps)
 
     def advance(self, at_us: int) -> bytes:
         """Let time pass; return the bytes that the board sent."""
-        return _bytes_of_stepped_answer(self.step(f"at {at_us}"))
+        return _bytes_of_lockstep_answer(self.step(f"at {at_us}"))
 
     def advance_until_sent(self, limit_us: int) -> tuple[int, bytes]:
         """Let time pass until the board sends something; return the time and the bytes."""
         at_us, sent = self.step(f"until {limit_us}").split()
-        return int(at_us), _bytes_of_stepped_answer(sent)
+        return int(at_us), _bytes_of_lockstep_answer(sent)
 
     def fault(self, at_us: int) -> bytes:
         """Let the hardware of the board fail; return the bytes that the board sent."""
-        return _bytes_of_stepped_answer(self.step(f"fault {at_us}"))
+        return _bytes_of_lockstep_answer(self.step(f"fault {at_us}"))
 
     def reset(self) -> None:
         """Switch the board off and on; its time begins at 0 again."""
@@ -114,5 +114,5 @@ class SteppedProcess:
         self._process.communicate()
 
 
-def _bytes_of_stepped_answer(answer: str) -> bytes:
+def _bytes_of_lockstep_answer(answer: str) -> bytes:
     return b"" if answer == "-" else bytes.fromhex(answer)

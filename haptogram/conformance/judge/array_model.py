@@ -13,7 +13,7 @@ from haptogram.records.frame import FrameKey, Intended
 from ..client.board_client import BoardClient
 
 
-def model_of_board(board: BoardClient) -> AcousticModel:
+def judged_model_of_board(board: BoardClient) -> AcousticModel:
     """Return the model of the array that a board shows, at the board's speed of sound."""
     identity = board.identity
     array = array_of_geometry(board.read_geometry())
@@ -29,7 +29,7 @@ def model_of_board(board: BoardClient) -> AcousticModel:
     return model.with_sound_speed(board.config.sound_speed_mm_s / 1000)
 
 
-def intended_drive(registers: bytes, amplitudes: bytes, bits: int) -> Intended:
+def judged_drive_of_registers(registers: bytes, amplitudes: bytes, bits: int) -> Intended:
     """Return a drive that was sent, as verification takes intended frames."""
     drive = Drive(np.frombuffer(registers, np.uint8), np.frombuffer(amplitudes, np.uint8))
     key = FrameKey(session=0, sequence=0, loop=0, index=0)

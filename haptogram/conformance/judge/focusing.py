@@ -15,7 +15,7 @@ from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram.verification import FrameJudge, FrameStatus
 from haptogram_protocol.messages import FocalPoint, HelloReply
 
-from ..client.latching import ShownDrive
+from ..client.latching import ClientDrive
 from ..outcome import fail
 
 _STEPS = 256
@@ -45,7 +45,7 @@ def judge_of_model(model: AcousticModel) -> FrameJudge:
     return FrameJudge(model, carrier_us=round(1e6 / model.frequency_hz))
 
 
-def check_focus(judge: FrameJudge, frame: Frame, shown: ShownDrive) -> None:
+def judge_focus(judge: FrameJudge, frame: Frame, shown: ClientDrive) -> None:
     """FAILED, with the name of the fault, unless the focus of the shown drive is on target."""
     key = FrameKey(session=0, sequence=0, loop=0, index=0)
     latched = Drive(
@@ -72,7 +72,7 @@ def _judged_weights(model: AcousticModel, points: tuple[FocalPoint, ...]) -> NDA
 
 
 def judged_phase_errors(
-    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], ShownDrive]]
+    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], ClientDrive]]
 ) -> NDArray[np.float64]:
     """Return latched phase codes less the exact phases, in steps, of every transducer.
 
@@ -89,7 +89,7 @@ def judged_phase_errors(
 
 
 def judged_amplitude_errors(
-    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], ShownDrive]]
+    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], ClientDrive]]
 ) -> NDArray[np.float64]:
     """Return latched amplitude codes less the exact ones, of every transducer."""
     errors = []

@@ -41,7 +41,7 @@ _UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS | Feature.CO
 Held = Mapping[str, object]
 
 
-def read_held(board: BoardClient, since: int) -> Held:
+def judged_held_state(board: BoardClient, since: int) -> Held:
     """Return output, queue, margins, configuration, drives, ring and upload by their names.
 
     Events since piece *since* that tell of a change of output or playback count as well.
@@ -66,13 +66,13 @@ def read_held(board: BoardClient, since: int) -> Held:
     if board.has(Feature.TRACE_RING):
         held["the trace ring"] = board.link.call(ReadTrace(0, _RECORDS), TraceReply)
     if board.identity.features & _UPLOADS:
-        held["the upload"] = _held_upload(board)
+        held["the upload"] = _held_state_of_upload(board)
     events = [*board.link.events(StateChanged, since), *board.link.events(PlaybackEnded, since)]
     held["events"] = [event for _, event in events]
     return held
 
 
-def _held_upload(board: BoardClient) -> object:
+def _held_state_of_upload(board: BoardClient) -> object:
     """Return the progress of the upload by a chunk without bytes, or the refusal's code."""
     answer = board.link.ask(UploadChunk(0, b"")).message
     return ("refused", answer.code) if isinstance(answer, Error) else answer

@@ -9,8 +9,8 @@ from typing import Final
 from haptogram_protocol.messages import DriveKind, DriveReply, Ping, Pong, ReadDrive
 
 from ..client.board_client import BoardClient
-from ..client.latching import ShownDrive, shown_drive_of_reply
-from .timers import check_in_time
+from ..client.latching import ClientDrive, client_drive_of_reply
+from .timers import judge_in_time
 
 _MS: Final = 1000
 _TIMER_MS: Final = 1  # HG-12.1/1
@@ -35,19 +35,19 @@ class RampReading:
     amplitudes: bytes
 
 
-def read_ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampReading]:
+def judged_ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampReading]:
     """Return the amplitudes from the last latch, over the hold's ramp, to behind its end."""
     start_us = board.clock.unwrap(board.status().last_latch_us) + hold_ms * _MS
     found: list[RampReading] = []
     while not found or found[-1].from_ms < 1.1 * ramp_ms:
-        from_us, to_us, shown = _read_ramp_at(board)
+        from_us, to_us, shown = _judged_ramp_at(board)
         from_ms, to_ms = ((t_us - start_us) / _MS for t_us in (from_us, to_us))
         found.append(RampReading(from_ms, to_ms, shown.amplitudes))
         board.wire.idle(ramp_ms * _MS // _READINGS)
     return found
 
 
-def _read_ramp_at(board: BoardClient) -> tuple[int, int, ShownDrive]:
+def _judged_ramp_at(board: BoardClient) -> tuple[int, int, ClientDrive]:
     """Read back what is radiated; return the device times between which that was, and the drive."""
     ping, first = board.link.request_wire(Ping(0))
     read, seq = board.link.request_wire(
@@ -60,20 +60,20 @@ def _read_ramp_at(board: BoardClient) -> tuple[int, int, ShownDrive]:
     assert answer.header is not None  # answer_to
     reply = board.link.reply_in(answer, DriveReply, ReadDrive.TYPE)
     from_us, to_us = (board.clock.unwrap(t_us) for t_us in (pong.t_rx_us, answer.header.time_us))
-    return from_us, to_us, shown_drive_of_reply(reply)
+    return from_us, to_us, client_drive_of_reply(reply)
 
 
-def check_straight_ramp(
+def judge_straight_ramp(
     board: BoardClient, ramp: Sequence[RampReading], ramp_ms: int, begins: bytes, name: str = ""
 ) -> None:
     """FAILED unless every amplitude goes from its code in *begins* straight to 0 in *ramp_ms*."""
     for reading in ramp:
         # One step, and 1 ms each for the timer and for the beginning of a step.
-        low = _ramp_left(reading.to_ms + _TIMER_MS, ramp_ms)
-        high = _ramp_left(reading.from_ms - _TIMER_MS - _STEP_MS, ramp_ms)
+        low = _judged_ramp_left(reading.to_ms + _TIMER_MS, ramp_ms)
+        high = _judged_ramp_left(reading.from_ms - _TIMER_MS - _STEP_MS, ramp_ms)
         for begin, got in zip(begins, reading.amplitudes, strict=True):
             least, most = begin * low - 1, begin * high + 1
-            check_in_time(
+            judge_in_time(
                 board,
                 least <= got <= most,
                 f"{name}{reading.from_ms:.1f} ms after the hold ended, in a ramp of {ramp_ms} ms "
@@ -82,6 +82,6 @@ def check_straight_ramp(
             )
 
 
-def _ramp_left(t_ms: float, ramp_ms: int) -> float:
+def _judged_ramp_left(t_ms: float, ramp_ms: int) -> float:
     """Return the share of the amplitude that a straight ramp leaves."""
     return min(1.0, max(0.0, 1 - t_ms / ramp_ms))

@@ -17,7 +17,7 @@ from haptogram_protocol.messages import (
 )
 
 from ..client.board_client import BoardClient
-from ..client.introduction import greet_board
+from ..client.introduction import introduce_to_board
 from ..outcome import CaseEndedError
 from ..verdict import Recovery
 
@@ -33,13 +33,13 @@ def recover_board(board: BoardClient) -> Recovery:
     try:
         for number in range(1, MAX_FRAMES + 1):
             if _answers_after_recovery(board):
-                return Recovery(number, _recovery_stream_fault(board))
+                return Recovery(number, _stream_fault_at_recovery(board))
     except CaseEndedError as error:  # a flood
         return Recovery(None, str(error))
     return Recovery(None)
 
 
-def farewell_to_board(board: BoardClient) -> None:
+def farewell_after_recovery(board: BoardClient) -> None:
     """Mute the board at the end of a run."""
     board.wire.begin_case()
     board.link.ask(Mute())
@@ -55,12 +55,12 @@ def _answers_after_recovery(board: BoardClient) -> bool:
     if answer is not None and isinstance(answer.message, Pong):
         return True
     # A board refuses a PING without a session or of an old one: HELLO decides.
-    return answer is not None and isinstance(greet_board(board), HelloReply)
+    return answer is not None and isinstance(introduce_to_board(board), HelloReply)
 
 
-def _recovery_stream_fault(board: BoardClient) -> str:
+def _stream_fault_at_recovery(board: BoardClient) -> str:
     """Return the defect of the stream of a new session, empty if a frame is latched."""
-    if not isinstance(greet_board(board), HelloReply):
+    if not isinstance(introduce_to_board(board), HelloReply):
         return "HELLO is not answered"
     if not board.has_phases:
         return ""

@@ -35,7 +35,7 @@ from haptogram_protocol.messages import (
 )
 
 from ..client.board_client import BoardClient
-from ..client.playback import shortest_period_us
+from ..client.playback import shortest_period_to_play_us
 
 #: Sequence that is stored, and the one whose upload is under way.
 STORED: Final = 5
@@ -87,7 +87,7 @@ class Refusal:
     header: Mapping[str, Any] = field(default_factory=dict)
 
 
-def other_config(board: BoardClient) -> Config:
+def other_config_than_judged(board: BoardClient) -> Config:
     """Return a valid configuration in which every field that can be set is another one."""
     modes = (
         (Feature.TRACE, TraceMode.CRC),
@@ -110,24 +110,24 @@ def other_config(board: BoardClient) -> Config:
     )
 
 
-def _refused_commands(board: BoardClient) -> Iterator[Message]:
+def _commands_to_be_refused(board: BoardClient) -> Iterator[Message]:
     """Yield requests that would change something, of every type that does."""
     yield from (Arm(), Disarm(), GetStatus(), board.hello_message(board.new_nonce()))
     if board.has(Feature.CONFIG):
-        yield SetConfig(other_config(board))
+        yield SetConfig(other_config_than_judged(board))
     if board.has(Feature.SEQUENCE_PHASES):
         count = board.identity.transducers
         data = bytes(count)
         yield Stop()
-        yield _play_not_refused(board)
+        yield _play_not_to_be_refused(board)
         yield UploadBegin(UploadKind.PHASES, 0, STORED, count, zlib.crc32(data))
         yield UploadChunk(0, data[: board.identity.max_chunk])
         yield UploadCommit(PENDING)
 
 
-def refused_by_link(board: BoardClient) -> Iterator[Refusal]:
+def requests_refused_by_link(board: BoardClient) -> Iterator[Refusal]:
     """Yield commands with a wrong flag, length, session or number (HG-3.8, steps 6 to 11)."""
-    for message in _refused_commands(board):
+    for message in _commands_to_be_refused(board):
         name, kind, payload = message.TYPE.name, int(message.TYPE), message.serialize()
         is_hello = isinstance(message, Hello)
         session = {"session": 0} if is_hello else {}
@@ -152,31 +152,31 @@ def refused_by_link(board: BoardClient) -> Iterator[Refusal]:
             yield Refusal(f"an old {name}", kind, payload, ErrorCode.SEQUENCE_REUSED, plain)
 
 
-def refused_by_value(board: BoardClient) -> Iterator[Refusal]:
+def requests_refused_by_value(board: BoardClient) -> Iterator[Refusal]:
     """Yield commands with a value that no table, bound or limit allows."""
     bad = ErrorCode.BAD_VALUE
     hello = board.hello_message(0)
-    yield _refused_request_of("a nonce of 0", hello, bad, session=0)
+    yield _request_to_be_refused("a nonce of 0", hello, bad, session=0)
     later = dataclasses.replace(board.hello_message(board.new_nonce()), major=VERSION_MAJOR + 1)
-    yield _refused_request_of("another major version", later, ErrorCode.VERSION, session=0)
+    yield _request_to_be_refused("another major version", later, ErrorCode.VERSION, session=0)
     count = board.identity.transducers
-    yield _refused_request_of("from N on", GetGeometry(count, 1), ErrorCode.NOT_FOUND)
+    yield _request_to_be_refused("from N on", GetGeometry(count, 1), ErrorCode.NOT_FOUND)
     if board.has(Feature.READ_LATCHED):
-        yield _refused_request_of("from N on", ReadDrive(0, count, 1), ErrorCode.NOT_FOUND)  # type: ignore[arg-type]
+        yield _request_to_be_refused("from N on", ReadDrive(0, count, 1), ErrorCode.NOT_FOUND)  # type: ignore[arg-type]
     if board.has(Feature.CONFIG):
-        other = other_config(board)
+        other = other_config_than_judged(board)
         for name, value in OUT_OF_BOUNDS:
             changes: dict[str, Any] = {name: value}
             message = SetConfig(dataclasses.replace(other, **changes))
-            yield _refused_request_of(f"{name} = {value}", message, bad)
+            yield _request_to_be_refused(f"{name} = {value}", message, bad)
         payload = bytearray(SetConfig(other).serialize())
         payload[Config.WIRE["trace_mode"].offset] = 0xFF
         yield Refusal("SET_CONFIG, trace_mode = 255", SetConfig.TYPE, bytes(payload), bad)
     if board.has(Feature.SEQUENCE_PHASES):
-        yield from _refused_begins(board)
+        yield from _uploads_to_be_refused(board)
 
 
-def _refused_begins(board: BoardClient) -> Iterator[Refusal]:
+def _uploads_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
     count, identity = board.identity.transducers, board.identity
     bad, length, large = ErrorCode.BAD_VALUE, ErrorCode.BAD_LENGTH, ErrorCode.TOO_LARGE
     wrong: list[tuple[str, UploadBegin, ErrorCode]] = [
@@ -202,63 +202,65 @@ def _refused_begins(board: BoardClient) -> Iterator[Refusal]:
             parts = UploadBegin(UploadKind.POINTS, number, STORED, 16 * (number + 1), 0)
             wrong.append((f"no whole frames of {number} points", parts, length))
     for name, message, code in wrong:
-        yield _refused_request_of(name, message, code)
+        yield _request_to_be_refused(name, message, code)
     unknown = bytes([9]) + wrong[0][1].serialize()[1:]
     yield Refusal("UPLOAD_BEGIN, an unknown kind", UploadBegin.TYPE, unknown, bad)
 
 
-def refused_plays(board: BoardClient) -> Iterator[Refusal]:
+def plays_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
     """Yield every PLAY that an ARMED board without a playback has to refuse."""
     identity, bad = board.identity, ErrorCode.BAD_VALUE
     now_us = board.clock.device_us()
-    good, least_us = _play_not_refused(board), shortest_period_us(board)
+    good, least_us = _play_not_to_be_refused(board), shortest_period_to_play_us(board)
     at_once = {"flags": int(Flag.IMMEDIATE)}
     absent = dataclasses.replace(good, sequence=_ABSENT)
-    yield _refused_request_of("no such sequence", absent, ErrorCode.NOT_FOUND, **at_once)
+    yield _request_to_be_refused("no such sequence", absent, ErrorCode.NOT_FOUND, **at_once)
     if least_us > 1:
         fast = dataclasses.replace(good, period_us=least_us - 1)
-        yield _refused_request_of("a period too short", fast, bad, **at_once)
+        yield _request_to_be_refused("a period too short", fast, bad, **at_once)
     for alone_ms in (0, identity.max_unattended_ms + 1):
         if alone_ms < 1 << 32:
             alone = dataclasses.replace(good, unattended_ms=alone_ms)
-            yield _refused_request_of(f"unattended_ms = {alone_ms}", alone, bad, **at_once)
-    yield _refused_request_of("a start that has passed", good, bad, time_us=now_us - 1000)
+            yield _request_to_be_refused(f"unattended_ms = {alone_ms}", alone, bad, **at_once)
+    yield _request_to_be_refused("a start that has passed", good, bad, time_us=now_us - 1000)
     beyond_us = now_us + identity.max_horizon_us + _FAR_US
-    yield _refused_request_of("a start beyond the horizon", good, bad, time_us=beyond_us)
+    yield _request_to_be_refused("a start beyond the horizon", good, bad, time_us=beyond_us)
 
 
-def refused_now(board: BoardClient) -> Iterator[Refusal]:
+def requests_refused_now(board: BoardClient) -> Iterator[Refusal]:
     """Yield requests that this state of the output, or a playback, does not allow."""
     code, at_once = ErrorCode.BAD_STATE, {"flags": int(Flag.IMMEDIATE)}
-    yield _refused_request_of("in this state", _play_not_refused(board), code, **at_once)
+    yield _request_to_be_refused("in this state", _play_not_to_be_refused(board), code, **at_once)
 
 
-def refused_for_playing(board: BoardClient) -> Iterator[Refusal]:
+def uploads_refused_for_playing(board: BoardClient) -> Iterator[Refusal]:
     """Yield uploads of the sequence that plays."""
     count = board.identity.transducers
     begin = UploadBegin(UploadKind.PHASES, 0, STORED, count, 0)
-    yield _refused_request_of("of the sequence that plays", begin, ErrorCode.BAD_STATE)
+    yield _request_to_be_refused("of the sequence that plays", begin, ErrorCode.BAD_STATE)
 
 
-def refused_chunks(board: BoardClient, size: int) -> Iterator[Refusal]:
+def chunks_to_be_refused(board: BoardClient, size: int) -> Iterator[Refusal]:
     """Yield chunks and commits that an upload of *size* bytes with a gap has to refuse."""
     bad = ErrorCode.BAD_VALUE
     for offset, number in ((size, 1), (size - 1, 2), (0xFFFFFFFF, 2)):
         stray = UploadChunk(offset, b"\xaa" * number)
-        yield _refused_request_of(f"{number} bytes at {offset} of {size}", stray, bad)
+        yield _request_to_be_refused(f"{number} bytes at {offset} of {size}", stray, bad)
     longest = board.identity.max_chunk
     if longest < min(size, 4000):
         much = UploadChunk(0, b"\xaa" * (longest + 1))
-        yield _refused_request_of("longer than max_chunk", much, ErrorCode.BAD_LENGTH)
+        yield _request_to_be_refused("longer than max_chunk", much, ErrorCode.BAD_LENGTH)
     for target in (STORED, *(PENDING ^ 1 << bit for bit in (0, 8, 15)), 0):
-        yield _refused_request_of(f"another target, {target:#06x}", UploadCommit(target), bad)
-    yield _refused_request_of("with a gap", UploadCommit(PENDING), ErrorCode.INCOMPLETE)
+        yield _request_to_be_refused(f"another target, {target:#06x}", UploadCommit(target), bad)
+    yield _request_to_be_refused("with a gap", UploadCommit(PENDING), ErrorCode.INCOMPLETE)
 
 
-def _play_not_refused(board: BoardClient) -> Play:
-    return Play(STORED, shortest_period_us(board, _PERIOD_US), 1, _ALONE_MS)
+def _play_not_to_be_refused(board: BoardClient) -> Play:
+    return Play(STORED, shortest_period_to_play_us(board, _PERIOD_US), 1, _ALONE_MS)
 
 
-def _refused_request_of(reason: str, message: Message, code: ErrorCode, **header: Any) -> Refusal:
+def _request_to_be_refused(
+    reason: str, message: Message, code: ErrorCode, **header: Any
+) -> Refusal:
     name = f"{message.TYPE.name}, {reason}"
     return Refusal(name, int(message.TYPE), message.serialize(), code, header)

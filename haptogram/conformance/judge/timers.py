@@ -17,7 +17,7 @@ HELD_UP_US: Final = 5000  # without the processor: too long to judge such a time
 _MS: Final = 1000
 
 
-def muted_by_timer(
+def judged_mute_by_timer(
     board: BoardClient, since: int, timeout_us: int, reason: MuteReason
 ) -> tuple[Header, StateChanged]:
     """Return the STATE_CHANGED of a timer; FAILED if none comes, or one of another timer."""
@@ -25,7 +25,7 @@ def muted_by_timer(
     if found is None:
         fail(f"{reason.name}: the board is not muted within {timeout_us / _MS:.0f} ms")
     header, event = found
-    check_in_time(
+    judge_in_time(
         board,
         (event.state, event.reason) == (OutputState.MUTED, reason),
         f"due is MUTED, {reason.name}; STATE_CHANGED says {event.state.name}, {event.reason.name}",
@@ -33,29 +33,29 @@ def muted_by_timer(
     return header, event
 
 
-def check_mute_time(
+def judge_mute_time(
     board: BoardClient, start_us: int, header: Header, due_ms: int, timer: str
 ) -> None:
     """FAILED unless the mute in *header* came *due_ms* after *start_us*, within 1 ms."""
     took_us = board.clock.unwrap(header.time_us) - start_us
-    check_in_time(
+    judge_in_time(
         board,
         abs(took_us - due_ms * _MS) <= EXACT_US,
         f"{timer}: muted {took_us / _MS:.3f} ms after, due is {due_ms} ms within 1 ms",
     )
 
 
-def check_status_steps(
+def judge_status_steps(
     board: BoardClient, times_us: Sequence[int], period_ms: int, name: str = ""
 ) -> None:
     """FAILED unless the STATUS at these device times are a period apart, within 1 ms."""
     steps = [later - earlier for earlier, later in itertools.pairwise(times_us)]
     off = [step for step in steps if abs(step - period_ms * _MS) > EXACT_US]
     text = f"status_period_ms = {period_ms}{name and ', '}{name}: steps of {off} µs"
-    check_in_time(board, not off, text)
+    judge_in_time(board, not off, text)
 
 
-def check_in_time(board: BoardClient, holds: bool, text: str) -> None:
+def judge_in_time(board: BoardClient, holds: bool, text: str) -> None:
     """FAILED unless *holds*; INCONCLUSIVE if the host was held up, and perhaps an emulator too."""
     away_us = board.wire.held_up_us
     if not holds and away_us > HELD_UP_US:

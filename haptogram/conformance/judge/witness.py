@@ -9,14 +9,20 @@ from typing import Final
 from haptogram_protocol.messages import Feature, TraceMode
 
 from ..client.board_client import BoardClient
-from ..client.latching import FULL, ShownDrive, board_latches, read_back, watch_board_latches
+from ..client.latching import (
+    FULL,
+    ClientDrive,
+    ask_for_board_latches,
+    latches_received_from_board,
+    read_back,
+)
 from ..outcome import check, fail, unimplemented
 
 _SHOWN: Final = 4  # transducers named in a message
 
 
 @dataclass(frozen=True, slots=True)
-class Witness:
+class JudgeWitness:
     """The best source that shows the latched drive: read-back, else a trace.
 
     Attributes
@@ -31,13 +37,13 @@ class Witness:
     mode: TraceMode | None
 
     @classmethod
-    def of(cls, board: BoardClient) -> Witness:
+    def of(cls, board: BoardClient) -> JudgeWitness:
         """Return the best source of *board*; UNIMPLEMENTED if there is none."""
         if board.has(Feature.READ_LATCHED):
             return cls(board, None)
         if not board.has(Feature.CONFIG):
             unimplemented("the board shows no drive: neither READ_LATCHED nor a trace")
-        return cls(board, watch_board_latches(board))
+        return cls(board, ask_for_board_latches(board))
 
     def expect(
         self, registers: bytes, amplitudes: bytes | None = None, *, bits: int = 8, since: int = 0
@@ -45,9 +51,11 @@ class Witness:
         """FAILED unless the last latch put this drive into the registers."""
         amplitudes = bytes([FULL]) * len(registers) if amplitudes is None else amplitudes
         if self.mode is None:
-            expect_shown(self.board, read_back(self.board), registers, amplitudes, bits=bits)
+            expect_witnessed_drive(
+                self.board, read_back(self.board), registers, amplitudes, bits=bits
+            )
             return
-        seen = board_latches(self.board, since, self.mode)
+        seen = latches_received_from_board(self.board, since, self.mode)
         check(bool(seen), "no latch is traced")
         due = zlib.crc32(registers + amplitudes)
         check(
@@ -56,8 +64,8 @@ class Witness:
         )
 
 
-def expect_shown(
-    board: BoardClient, shown: ShownDrive, registers: bytes, amplitudes: bytes, *, bits: int = 8
+def expect_witnessed_drive(
+    board: BoardClient, shown: ClientDrive, registers: bytes, amplitudes: bytes, *, bits: int = 8
 ) -> None:
     """FAILED, with the name of the fault, unless *shown* is the drive that was sent."""
     if (shown.phases, shown.amplitudes) == (registers, amplitudes):
@@ -81,7 +89,7 @@ def expect_shown(
 
 
 def _drive_faults_of_witness(
-    board: BoardClient, shown: ShownDrive, registers: bytes, amplitudes: bytes, bits: int
+    board: BoardClient, shown: ClientDrive, registers: bytes, amplitudes: bytes, bits: int
 ) -> tuple[str, ...]:
     """Return the names of the faults of a drive, judged by the array's geometry."""
     # Imported here: only a wrong drive pays for the acoustics.
@@ -90,10 +98,10 @@ def _drive_faults_of_witness(
     from haptogram.acoustics import Drive
     from haptogram.verification import name_drive_faults
 
-    from .array_model import intended_drive, model_of_board
+    from .array_model import judged_drive_of_registers, judged_model_of_board
 
     latched = Drive(
         np.frombuffer(shown.phases, np.uint8), np.frombuffer(shown.amplitudes, np.uint8)
     )
-    model = model_of_board(board)
-    return name_drive_faults(model, intended_drive(registers, amplitudes, bits), latched)
+    model = judged_model_of_board(board)
+    return name_drive_faults(model, judged_drive_of_registers(registers, amplitudes, bits), latched)

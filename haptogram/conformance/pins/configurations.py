@@ -24,7 +24,7 @@ class _Known:
     is_plain: bool
 
 
-class KnownConfigurations:
+class ConfigurationsByPins:
     """Configurations in force, from one reply of the board to the next request that changes them.
 
     Parameters

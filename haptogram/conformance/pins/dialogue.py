@@ -134,11 +134,11 @@ class PinDialogue:
 
     def next_arm(self, t: float) -> float:
         """Return when the board may sound again from *t* on: by ARM; else the end."""
-        return _next(self._armings, t, self.record.end)
+        return _next_time_in_pin_dialogue(self._armings, t, self.record.end)
 
     def next_source(self, t: float) -> float:
         """Return the first arrival of a frame that may bring sound from *t* on, else the end."""
-        return _next(self.sources, t, self.record.end)
+        return _next_time_in_pin_dialogue(self.sources, t, self.record.end)
 
     def is_due(self, begin: float, end: float) -> bool:
         """Return True if a frame that arrived before *begin* may be due between the two."""
@@ -208,7 +208,9 @@ class PinDialogue:
                 if begin <= frame.begin < end and key in pings:
                     pairs.append((pings.pop(key), pong.t_rx_us))
             if pairs:
-                at_zero_us, period_us = _line(pairs, 1e6 / self.record.carrier_hz)
+                at_zero_us, period_us = _clock_line_of_pin_dialogue(
+                    pairs, 1e6 / self.record.carrier_hz
+                )
                 found.append(DeviceClock(begin, end, at_zero_us, period_us))
         return found
 
@@ -220,12 +222,14 @@ class PinDialogue:
         return clock.periods(frame.header.time_us if t_us is None else t_us, frame.begin)
 
 
-def _next(times: Sequence[float], t: float, otherwise: float) -> float:
+def _next_time_in_pin_dialogue(times: Sequence[float], t: float, otherwise: float) -> float:
     place = bisect.bisect_left(times, t)
     return times[place] if place < len(times) else otherwise
 
 
-def _line(pairs: Sequence[tuple[float, int]], nominal_us: float) -> tuple[float, float]:
+def _clock_line_of_pin_dialogue(
+    pairs: Sequence[tuple[float, int]], nominal_us: float
+) -> tuple[float, float]:
     """Return offset and rate of the device clock from arrival (periods) and device time (us)."""
     arrivals = np.array([arrival for arrival, _ in pairs])
     times = [pairs[0][1]]

@@ -9,7 +9,7 @@ from haptogram.records.pins import PinRecord
 
 
 @dataclass
-class PinFindings:
+class PinClauseFindings:
     """Findings by clause.
 
     Attributes
@@ -34,17 +34,17 @@ class PinFindings:
             self.held[clause] += 1
 
 
-def at_ms(record: PinRecord, periods: float) -> str:
+def time_by_pins(record: PinRecord, periods: float) -> str:
     """Return a time of the capture in words."""
     return f"at {periods * record.period_s * 1e3:.3f} ms"
 
 
-def pin_time(record: PinRecord, periods: float) -> str:
+def duration_by_pins(record: PinRecord, periods: float) -> str:
     """Return a length of time in words."""
     return f"{periods * 1e6 / record.carrier_hz:.0f} us"
 
 
-def pin_names(record: PinRecord, elements: list[int]) -> str:
+def names_of_pins(record: PinRecord, elements: list[int]) -> str:
     """Return pins in words, the first four by name."""
     names = [f"{element} ({record.pins[element].channel})" for element in elements[:4]]
     more = f" and {len(elements) - 4} more" if len(elements) > 4 else ""

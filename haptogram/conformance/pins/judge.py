@@ -14,16 +14,16 @@ from ..clauses import load_clauses
 from ..verdict import Behaviour, CaseResult, SuiteResult
 from .cases import PIN_CASES
 from .dialogue import PinDialogue
-from .findings import PinFindings
-from .latches import judge_latches
-from .ramps import judge_ramps
-from .silences import judge_silences
+from .findings import PinClauseFindings
+from .latches import judge_latch_clauses
+from .ramps import judge_ramp_clauses
+from .silences import judge_silence_clauses
 
 _NAMED: Final = 3  # occasions that are told
 _NEVER: Final = "the capture shows no occasion for it: no captured pin sounded then, or none came"
 
 
-def judge_pins(
+def judge_clauses_by_pins(
     records: Sequence[PinRecord], expected: dict[str, str] | None = None
 ) -> tuple[CaseResult, ...]:
     """Judge clauses by captures of the drive pins and of both lines of the UART.
@@ -45,20 +45,20 @@ def judge_pins(
     ConfigurationError
         A capture without a line of the UART, or an element that the board lacks.
     """
-    findings = PinFindings()
+    findings = PinClauseFindings()
     cut = ""
     for record in records:
         dialogue = PinDialogue(record)
-        _check_elements(dialogue)
-        judge_silences(dialogue, findings)
-        judge_latches(dialogue, findings)
-        judge_ramps(dialogue, findings)
+        _check_elements_of_clauses(dialogue)
+        judge_silence_clauses(dialogue, findings)
+        judge_latch_clauses(dialogue, findings)
+        judge_ramp_clauses(dialogue, findings)
         cut = cut or (record.cut and f"{record.name} was cut off: {record.cut}")
     expected = expected or {}
-    return tuple(_result(clause, findings, cut, expected) for clause in PIN_CASES)
+    return tuple(_clause_result_by_pins(clause, findings, cut, expected) for clause in PIN_CASES)
 
 
-def _check_elements(dialogue: PinDialogue) -> None:
+def _check_elements_of_clauses(dialogue: PinDialogue) -> None:
     count = next((reply.transducers for _, reply in dialogue.said(HelloReply)), None)
     for element, pin in dialogue.record.pins.items():
         if count is not None and element >= count:
@@ -68,7 +68,9 @@ def _check_elements(dialogue: PinDialogue) -> None:
             )
 
 
-def _result(clause: str, findings: PinFindings, cut: str, expected: dict[str, str]) -> CaseResult:
+def _clause_result_by_pins(
+    clause: str, findings: PinClauseFindings, cut: str, expected: dict[str, str]
+) -> CaseResult:
     case = PIN_CASES[clause]
     broken, held = findings.broken.get(clause, []), findings.held[clause]
     if broken:
@@ -95,7 +97,7 @@ def _result(clause: str, findings: PinFindings, cut: str, expected: dict[str, st
     )
 
 
-def with_pins(suite: SuiteResult, pins: Sequence[CaseResult]) -> SuiteResult:
+def suite_with_clauses_by_pins(suite: SuiteResult, pins: Sequence[CaseResult]) -> SuiteResult:
     """Return a run with the results of its pins.
 
     A clause that nothing on the line shows has a result that says so; where the pins show it,

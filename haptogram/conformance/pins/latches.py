@@ -38,9 +38,14 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
-from .configurations import KnownConfigurations
+from .configurations import ConfigurationsByPins
 from .dialogue import PinDialogue
-from .findings import PinFindings, at_ms, pin_names, pin_time
+from .findings import (
+    PinClauseFindings,
+    duration_by_pins,
+    names_of_pins,
+    time_by_pins,
+)
 
 _Vectors: TypeAlias = tuple[FloatArray, ComplexArray]
 _FULL: Final = 255
@@ -86,14 +91,14 @@ class ToldLatch:
     boot: float
 
 
-def judge_latches(dialogue: PinDialogue, findings: PinFindings) -> None:
+def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
     """Judge every latch that the board told, one event for each."""
     if not dialogue.clocks:
         for clause in ("HG-5.8/1", "HG-5.8/2", "HG-5.8/5", "HG-8.3/1", "HG-5.2/1", "HG-5.3/1"):
             findings.unclear[clause] = "no PING was answered: the device clock is not known"
         return
-    told = list(_told_latches(dialogue))
-    pins = _Pins(dialogue.record)
+    told = list(_latches_of_pin_dialogue(dialogue))
+    pins = _PinsOfLatchClauses(dialogue.record)
     for number, latch in enumerate(told):
         pins.judge_moment(latch, told[number - 1].at if number else -math.inf, findings)
     # Pins that latch at another time than the board tells show an old drive for a while.
@@ -103,7 +108,7 @@ def judge_latches(dialogue: PinDialogue, findings: PinFindings) -> None:
 
 
 @dataclass
-class _Pins:
+class _PinsOfLatchClauses:
     """The pulses of the captured pins."""
 
     record: PinRecord
@@ -124,7 +129,7 @@ class _Pins:
         """By how much two pulses of one drive may differ."""
         return _STEADY * math.pi / self.record.samples
 
-    def judge_moment(self, latch: ToldLatch, before: float, findings: PinFindings) -> None:
+    def judge_moment(self, latch: ToldLatch, before: float, findings: PinClauseFindings) -> None:
         """Judge when the pins change in a latch; *before* is the latch before it."""
         after, first = self._moments(latch, before)
         if after:
@@ -178,18 +183,19 @@ class _Pins:
         latch: ToldLatch,
         after: dict[int, float],
         first: dict[int, float],
-        findings: PinFindings,
+        findings: PinClauseFindings,
     ) -> None:
         record = self.record
         begin, end = min(first.values()), max(after.values())
-        where = at_ms(record, latch.at)
+        where = time_by_pins(record, latch.at)
         if len(after) > 1:
             torn = ""
             if end - begin > _TORN:
                 behind = [element for element in after if after[element] - begin > _TORN]
                 torn = (
-                    f"{pin_names(record, behind)} of {len(after)} pins change "
-                    f"{pin_time(record, end - begin)} or more after the first, in the latch {where}"
+                    f"{names_of_pins(record, behind)} of {len(after)} pins change "
+                    f"{duration_by_pins(record, end - begin)} or more after the first, "
+                    f"in the latch {where}"
                 )
             findings.add("HG-5.8/2", torn)
         middle = float(np.median([(after[e] + first[e]) / 2.0 for e in after]))
@@ -202,15 +208,16 @@ class _Pins:
         apart = shown - told
         if abs(apart) <= _MISSED:
             return ""
-        return f"the pins change {pin_time(self.record, abs(apart))} {_side(apart)} {than}"
+        length = duration_by_pins(self.record, abs(apart))
+        return f"the pins change {length} {_side_of_clause(apart)} {than}"
 
     # --- what ------------------------------------------------------------------------------------
 
-    def judge_drive(self, latch: ToldLatch, settled: float, findings: PinFindings) -> None:
+    def judge_drive(self, latch: ToldLatch, settled: float, findings: PinClauseFindings) -> None:
         """Compare the drives with the codes, from *settled* periods behind the latch on."""
         if latch.codes is None or latch.until - latch.at <= settled + _SHORTEST:
             return
-        record, where = self.record, at_ms(self.record, latch.at)
+        record, where = self.record, time_by_pins(self.record, latch.at)
         elements = list(record.pins)
         meant = (
             latch.codes[1, elements]
@@ -234,15 +241,15 @@ class _Pins:
                 seen[place] = vectors[begin:end].mean()
         lost = ""
         if gone:
-            length = pin_time(record, high - low)
-            lost = f"{pin_names(record, gone)} fall silent within {length} of the latch {where}"
+            length = duration_by_pins(record, high - low)
+            lost = f"{names_of_pins(record, gone)} fall silent within {length} of the latch {where}"
         if sounding:
             findings.add("HG-5.8/5", lost)
         wrong = [
             e for e, bad in zip(elements, self._wrong(seen, meant, latch.boot), strict=True) if bad
         ]
         wrong = [element for element in wrong if element not in gone]
-        text = f"{pin_names(record, wrong)} show another drive after the latch {where}"
+        text = f"{names_of_pins(record, wrong)} show another drive after the latch {where}"
         findings.add(latch.clause, text if wrong else "")
 
     def _wrong(self, seen: ComplexArray, meant: ComplexArray, boot: float) -> NDArray[np.bool_]:
@@ -265,15 +272,15 @@ class _Pins:
     def _offset(self, turn: ComplexArray, boot: float) -> float:
         """Return the phase of the pins against their codes: one from a reset to the next."""
         if boot not in self._shared and (np.abs(turn) > 0.0).any():
-            self._shared[boot] = _shared_angle(np.angle(turn[np.abs(turn) > 0.0]))
+            self._shared[boot] = _shared_angle_of_clause(np.angle(turn[np.abs(turn) > 0.0]))
         return self._shared.get(boot, 0.0)
 
 
-def _side(periods: float) -> str:
+def _side_of_clause(periods: float) -> str:
     return "later" if periods > 0.0 else "earlier"
 
 
-def _shared_angle(angles: FloatArray) -> float:
+def _shared_angle_of_clause(angles: FloatArray) -> float:
     """Return the angle that most of *angles* are next to."""
     apart = np.abs(np.angle(np.exp(1j * (angles[:, None] - angles[None, :]))))
     near = apart <= math.tau / _TURN
@@ -291,19 +298,19 @@ class _Sent:
     codes: NDArray[np.uint8]
 
 
-def _told_latches(dialogue: PinDialogue) -> Iterator[ToldLatch]:
+def _latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ToldLatch]:
     """Yield the latches of which an event of its own tells, in the order of their times."""
-    sent = _sent_drives(dialogue)
-    configs = KnownConfigurations(dialogue)
+    sent = _drives_of_pin_dialogue(dialogue)
+    configs = ConfigurationsByPins(dialogue)
     per_ms = dialogue.record.carrier_hz * 1e-3
-    ends = _possible_ends(dialogue)
+    ends = _output_ends_of_pin_dialogue(dialogue)
     events = []
     for frame in dialogue.to_host:
         is_told = isinstance(frame.message, Trace | TracePlayback | TraceDrive)
         if is_told and (at := dialogue.told(frame)) is not None:
             events.append((at, frame))
     events.sort(key=lambda event: event[0])
-    lost = _lost_events(dialogue)
+    lost = _lost_events_of_pin_dialogue(dialogue)
     for place, (at, frame) in enumerate(events):
         known = configs.at(at)
         if known is None or known.trace_mode is not TraceMode.CRC:
@@ -314,7 +321,7 @@ def _told_latches(dialogue: PinDialogue) -> Iterator[ToldLatch]:
         if any(since < moment <= until for moment in lost):
             continue  # the event of a latch next to it was damaged
         limit = min(following, ends[bisect.bisect_right(ends, at)], at + known.hold_ms * per_ms)
-        found = _frame_of(sent, frame)
+        found = _frame_of_pin_dialogue(sent, frame)
         codes = due = None
         clause = "HG-5.2/1"
         if found is not None:
@@ -323,12 +330,14 @@ def _told_latches(dialogue: PinDialogue) -> Iterator[ToldLatch]:
             if codes is not None:
                 codes[1] = np.minimum(codes[1], known.amplitude_ceiling)
             clause = "HG-5.3/1" if isinstance(found.frame.message, Drives) else clause
-            due = _due(dialogue, found, frame)
+            due = _latch_due_in_pin_dialogue(dialogue, found, frame)
         boot = next(c.begin for c in dialogue.clocks if c.begin <= frame.begin < c.end)
         yield ToldLatch(at, limit, due, codes, clause, boot)
 
 
-def _due(dialogue: PinDialogue, found: _Sent, told: LineFrame) -> float | None:
+def _latch_due_in_pin_dialogue(
+    dialogue: PinDialogue, found: _Sent, told: LineFrame
+) -> float | None:
     """Return when the frame of a latch is due; None: at once, or late."""
     header = found.frame.header
     if header.flags & Flag.IMMEDIATE or told.header.flags & Flag.LATE:
@@ -337,7 +346,7 @@ def _due(dialogue: PinDialogue, found: _Sent, told: LineFrame) -> float | None:
     return None if due is None else max(due, found.frame.arrival)
 
 
-def _sent_drives(dialogue: PinDialogue) -> dict[tuple[int, int, int], _Sent]:
+def _drives_of_pin_dialogue(dialogue: PinDialogue) -> dict[tuple[int, int, int], _Sent]:
     """Return the frames of the stream that hold a drive, by session, number and CRC-32."""
     count = next((reply.transducers for _, reply in dialogue.said(HelloReply)), 0)
     newest: dict[int, int] = {}
@@ -360,7 +369,7 @@ def _sent_drives(dialogue: PinDialogue) -> dict[tuple[int, int, int], _Sent]:
     return found
 
 
-def _lost_events(dialogue: PinDialogue) -> list[float]:
+def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
     """Return when an event came before which one is missing on the captured line."""
     events = [frame for frame in dialogue.to_host if frame.header.type in EVENT_RANGE]
     return [
@@ -371,14 +380,16 @@ def _lost_events(dialogue: PinDialogue) -> list[float]:
     ]
 
 
-def _frame_of(sent: dict[tuple[int, int, int], _Sent], told: LineFrame) -> _Sent | None:
+def _frame_of_pin_dialogue(
+    sent: dict[tuple[int, int, int], _Sent], told: LineFrame
+) -> _Sent | None:
     message = told.message
     if not isinstance(message, Trace):
         return None
     return sent.get((told.header.session, message.index, message.crc))
 
 
-def _possible_ends(dialogue: PinDialogue) -> list[float]:
+def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
     """Return when the output may change by something else than a latch, in order, and the end."""
     kinds = {
         MessageType.HELLO,

@@ -12,9 +12,9 @@ from haptogram.verification.pins.run_drives import fundamentals
 from haptogram_protocol.messages import Feature, HelloReply, StateChanged
 from haptogram_protocol.state import MuteReason
 
-from .configurations import KnownConfigurations
+from .configurations import ConfigurationsByPins
 from .dialogue import PinDialogue
-from .findings import PinFindings, at_ms, pin_names
+from .findings import PinClauseFindings, names_of_pins, time_by_pins
 
 #: Timers whose ramps are judged: during that of an unattended playback latches go on.
 _TIMERS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
@@ -25,11 +25,11 @@ _TIMER_MS: Final = 1.0  # HG-12.1/1
 _SAMPLES: Final = 2.0
 
 
-def judge_ramps(dialogue: PinDialogue, findings: PinFindings) -> None:
+def judge_ramp_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
     """Judge the ramp before every silence that a timer made."""
     if not any(reply.features & Feature.AMPLITUDE for _, reply in dialogue.said(HelloReply)):
         return
-    configs = KnownConfigurations(dialogue)
+    configs = ConfigurationsByPins(dialogue)
     per_ms = dialogue.record.carrier_hz * 1e-3
     for frame, changed in dialogue.said(StateChanged):
         end = dialogue.told(frame)
@@ -42,10 +42,12 @@ def judge_ramps(dialogue: PinDialogue, findings: PinFindings) -> None:
         # A latch meanwhile changes the amplitude that the ramp is of.
         since = begin - _BEFORE - 2.0 * _TIMER_MS * per_ms
         if since > 0.0 and dialogue.next_source(since) > end and not dialogue.is_due(since, end):
-            _judge_ramp(dialogue, begin, end, findings)
+            _judge_ramp_clause(dialogue, begin, end, findings)
 
 
-def _judge_ramp(dialogue: PinDialogue, begin: float, end: float, findings: PinFindings) -> None:
+def _judge_ramp_clause(
+    dialogue: PinDialogue, begin: float, end: float, findings: PinClauseFindings
+) -> None:
     record = dialogue.record
     per_ms = record.carrier_hz * 1e-3
     louder, off_line, seen = [], [], 0
@@ -64,30 +66,30 @@ def _judge_ramp(dialogue: PinDialogue, begin: float, end: float, findings: PinFi
         # The amplitude of a pulse is known to a sample of its width.
         error = _SAMPLES * math.pi / record.samples * np.sqrt(1.0 - np.minimum(fading, 1.0) ** 2)
         error += _SAMPLES * (math.pi / record.samples) ** 2 + _STEP
-        if _rises(fading, error):
+        if _ramp_rises_against_clause(fading, error):
             louder.append(element)
         lag, timer = (_LAG_MS + _TIMER_MS) * per_ms, _TIMER_MS * per_ms
-        upper = full * _left(times - lag, begin, end) + error
-        lower = full * _left(times + timer, begin, end) - error
+        upper = full * _ramp_left_by_clause(times - lag, begin, end) + error
+        lower = full * _ramp_left_by_clause(times + timer, begin, end) - error
         if ((fading > upper) | (fading < lower)).any():
             off_line.append(element)
     if not seen:
         return
-    where = f"in the ramp that ends {at_ms(record, end)}"
-    names = pin_names(record, louder) if louder else ""
+    where = f"in the ramp that ends {time_by_pins(record, end)}"
+    names = names_of_pins(record, louder) if louder else ""
     findings.add("HG-6.11/1", f"{names} get louder {where}" if louder else "")
-    names = pin_names(record, off_line) if off_line else ""
+    names = names_of_pins(record, off_line) if off_line else ""
     text = f"{names} leave the straight line to 0 {where}"
     findings.add("HG-6.11/2", text if off_line else "")
 
 
-def _left(times: FloatArray, begin: float, end: float) -> FloatArray:
+def _ramp_left_by_clause(times: FloatArray, begin: float, end: float) -> FloatArray:
     """Return the share of the amplitude that the straight line leaves."""
     left: FloatArray = np.clip((end - times) / (end - begin), 0.0, 1.0)
     return left
 
 
-def _rises(sizes: FloatArray, error: FloatArray) -> bool:
+def _ramp_rises_against_clause(sizes: FloatArray, error: FloatArray) -> bool:
     """Return True if an amplitude exceeds one before it by more than the samples make."""
     least = np.minimum.accumulate(sizes + error)
     return bool((sizes - error > least).any())

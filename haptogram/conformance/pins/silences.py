@@ -21,7 +21,12 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import MuteReason, OutputState
 
 from .dialogue import PinDialogue
-from .findings import PinFindings, at_ms, pin_names, pin_time
+from .findings import (
+    PinClauseFindings,
+    duration_by_pins,
+    names_of_pins,
+    time_by_pins,
+)
 
 _PERIOD: Final = 1.0  # HG-6.6/1
 _CLOCKS: Final = 0.5  # periods by which device time and capture may differ: HG-6.9/2 allows 10 us
@@ -60,18 +65,18 @@ class SilenceDue:
     cause: str
 
 
-def judge_silences(dialogue: PinDialogue, findings: PinFindings) -> None:
+def judge_silence_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
     """Judge every time at which the pins have to be silent."""
     record = dialogue.record
     if not any(len(pin.rises) for pin in record.pins.values()):
         return  # pins that never sound prove no silence: nobody knows whether they are connected
     slack = _SAMPLES / record.samples
-    for due in _silences(dialogue):
+    for due in _silence_clauses_due(dialogue):
         begin = due.begin + slack
         if begin >= due.until:
             continue
-        before = _sounding(record, due.cause_at - _BEFORE, due.cause_at)
-        wrong = _sounding(record, begin, due.until)
+        before = _pins_sounding_against_clause(record, due.cause_at - _BEFORE, due.cause_at)
+        wrong = _pins_sounding_against_clause(record, begin, due.until)
         if not wrong:
             findings.held["HG-6.6/2"] += due.clause != "HG-6.6/2"
             if before or due.clause in ("HG-6.6/2", "HG-6.12/2", "HG-6.3/1"):
@@ -85,13 +90,16 @@ def judge_silences(dialogue: PinDialogue, findings: PinFindings) -> None:
         how = "go on sounding" if goes_on else "begin to sound"
         findings.add(
             clause,
-            f"{pin_names(record, sorted(wrong))} {how} {pin_time(record, first - due.cause_at)} "
-            f"after {due.cause} {at_ms(record, due.cause_at)}, and last sound "
-            f"{pin_time(record, last - due.cause_at)} after it",
+            f"{names_of_pins(record, sorted(wrong))} {how} "
+            f"{duration_by_pins(record, first - due.cause_at)} "
+            f"after {due.cause} {time_by_pins(record, due.cause_at)}, and last sound "
+            f"{duration_by_pins(record, last - due.cause_at)} after it",
         )
 
 
-def _sounding(record: PinRecord, begin: float, until: float) -> dict[int, tuple[float, float]]:
+def _pins_sounding_against_clause(
+    record: PinRecord, begin: float, until: float
+) -> dict[int, tuple[float, float]]:
     """Return the first and the last pulse that each pin begins from *begin* to *until*."""
     found = {}
     for element, pin in record.pins.items():
@@ -101,35 +109,44 @@ def _sounding(record: PinRecord, begin: float, until: float) -> dict[int, tuple[
     return found
 
 
-def _silences(dialogue: PinDialogue) -> Iterator[SilenceDue]:
-    yield from _after_requests(dialogue)
-    yield from _by_words(dialogue)
-    yield from _after_arm(dialogue)
+def _silence_clauses_due(dialogue: PinDialogue) -> Iterator[SilenceDue]:
+    yield from _silence_clauses_after_requests(dialogue)
+    yield from _silence_clauses_by_words(dialogue)
+    yield from _silence_clauses_after_arm(dialogue)
     for moment in dialogue.resets:
         until = dialogue.next_arm(moment)
         yield SilenceDue(moment, moment + _PERIOD + _CLOCKS, until, "HG-6.12/2", "a reset")
 
 
-def _after_requests(dialogue: PinDialogue) -> Iterator[SilenceDue]:
+def _silence_clauses_after_requests(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     """Yield the silences after MUTE, DISARM and new sessions."""
     for frame in dialogue.to_board:
         if frame.header.type == MessageType.MUTE:
-            yield _after(dialogue, frame.arrival, frame.arrival, "MUTE")
+            yield _silence_clause_after(dialogue, frame.arrival, frame.arrival, "MUTE")
         elif frame.header.type == MessageType.DISARM and dialogue.answer(
             frame, MessageType.DISARM_REPLY
         ):
-            yield _after(dialogue, frame.arrival, _computed(dialogue, frame.arrival), "DISARM")
+            yield _silence_clause_after(
+                dialogue,
+                frame.arrival,
+                _frames_computed_in_pin_dialogue(dialogue, frame.arrival),
+                "DISARM",
+            )
     for hello, _, is_new in dialogue.sessions:
         if is_new:
-            computed = _computed(dialogue, hello.arrival)
-            yield _after(dialogue, hello.arrival, computed, "a HELLO with another nonce")
+            computed = _frames_computed_in_pin_dialogue(dialogue, hello.arrival)
+            yield _silence_clause_after(
+                dialogue, hello.arrival, computed, "a HELLO with another nonce"
+            )
 
 
-def _after(dialogue: PinDialogue, cause_at: float, ready: float, cause: str) -> SilenceDue:
+def _silence_clause_after(
+    dialogue: PinDialogue, cause_at: float, ready: float, cause: str
+) -> SilenceDue:
     return SilenceDue(cause_at, ready + _PERIOD, dialogue.next_arm(cause_at), "HG-6.6/1", cause)
 
 
-def _computed(dialogue: PinDialogue, until: float) -> float:
+def _frames_computed_in_pin_dialogue(dialogue: PinDialogue, until: float) -> float:
     """Return when the frames that arrived by *until* are computed (HG-5.7), at the latest."""
     point_us = 0
     ready = until
@@ -145,7 +162,7 @@ def _computed(dialogue: PinDialogue, until: float) -> float:
     return max(ready, until)
 
 
-def _by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
+def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     """Yield the silences that the board itself tells of."""
     timer = _TIMER_US * dialogue.record.carrier_hz * 1e-6
     for frame, changed in dialogue.said(StateChanged):
@@ -157,15 +174,15 @@ def _by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
             else 0.0
         )
         if changed.state is not OutputState.ARMED:
-            yield from _said(dialogue, frame, clause, cause, slack)
+            yield from _silence_clause_by_words(dialogue, frame, clause, cause, slack)
     for kind in (Status, StatusReply):
         for frame, status in dialogue.said(kind):
             if status.state is not OutputState.ARMED:
                 cause = f"STATUS says {status.state.name}"
-                yield from _said(dialogue, frame, "HG-6.6/2", cause, 0.0)
+                yield from _silence_clause_by_words(dialogue, frame, "HG-6.6/2", cause, 0.0)
 
 
-def _said(
+def _silence_clause_by_words(
     dialogue: PinDialogue, frame: LineFrame, clause: str, cause: str, slack: float
 ) -> Iterator[SilenceDue]:
     moment = dialogue.told(frame)
@@ -175,7 +192,7 @@ def _said(
     yield SilenceDue(moment, moment + _PERIOD + _CLOCKS + slack, until, clause, cause)
 
 
-def _after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
+def _silence_clauses_after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     """Yield the silences between an ARM that led out of silence and the first frame behind it."""
     off = sorted(
         frame.arrival for frame in dialogue.to_board if frame.header.type == MessageType.MUTE

@@ -177,7 +177,7 @@ class PortAccess:
         fault_command: str | None = None,
     ) -> None:
         self.url, self.baudrate = url, baudrate
-        self.raise_fault = fault_raiser(fault_command, lambda: None)
+        self.raise_fault = access_fault_raiser(fault_command, lambda: None)
         self.can_reset = reset_command is not None or pulse is not None
         self.boot_timeout_s = boot_timeout_s
         self._reset_command = reset_command
@@ -196,8 +196,8 @@ class PortAccess:
         if self._pulse is not None:
             self._set_lines({self._pulse: True}, then={self._pulse: False})
         if self._reset_command is not None:
-            _run_access_command("--reset-cmd", self._reset_command, self.boot_timeout_s)
-        return open_port_when_there(self.open, self.boot_timeout_s)
+            _run_command_for_access("--reset-cmd", self._reset_command, self.boot_timeout_s)
+        return open_access_port(self.open, self.boot_timeout_s)
 
     def _set_lines(self, states: dict[str, bool], then: dict[str, bool] | None = None) -> None:
         if not states:
@@ -217,7 +217,7 @@ class PortAccess:
         """Do nothing: the run did not start the board."""
 
 
-def fault_raiser(
+def access_fault_raiser(
     command: str | None, process_id: Callable[[], int | None]
 ) -> Callable[[], None] | None:
     """Return a function that lets a board fail by a shell command, in which BOARD_PID is set."""
@@ -227,12 +227,12 @@ def fault_raiser(
     def raise_fault() -> None:
         pid = process_id()
         environment = {} if pid is None else {"BOARD_PID": str(pid)}
-        _run_access_command("--fault-cmd", command, _FAULT_TIMEOUT_S, environment)
+        _run_command_for_access("--fault-cmd", command, _FAULT_TIMEOUT_S, environment)
 
     return raise_fault
 
 
-def _run_access_command(
+def _run_command_for_access(
     option: str, command: str, timeout_s: float, environment: Mapping[str, str] = _NO_VARIABLES
 ) -> None:
     """Run a shell command of the user; :class:`ConfigurationError` if it fails."""
@@ -254,7 +254,7 @@ def _run_access_command(
         raise ConfigurationError(f"{option} ended with status {done.returncode}: {printed}")
 
 
-def open_port_when_there(open_port: Callable[[], Transport], timeout_s: float) -> Transport:
+def open_access_port(open_port: Callable[[], Transport], timeout_s: float) -> Transport:
     """Open a port as soon as it exists; raise the last error after *timeout_s*."""
     end_s = time.monotonic() + timeout_s
     while True:

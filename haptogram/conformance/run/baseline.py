@@ -19,7 +19,7 @@ from ..case import Case
 from ..verdict import Behaviour, SuiteResult
 
 
-def load_baseline(path: Path, cases: tuple[Case, ...]) -> dict[str, str]:
+def load_suite_baseline(path: Path, cases: tuple[Case, ...]) -> dict[str, str]:
     """Return the expected verdicts by case or clause.
 
     Raises
@@ -40,7 +40,7 @@ def load_baseline(path: Path, cases: tuple[Case, ...]) -> dict[str, str]:
     return dict(found["expected"])
 
 
-def write_baseline(path: Path, suite: SuiteResult) -> None:
+def write_suite_baseline(path: Path, suite: SuiteResult) -> None:
     """Write the failures of a run as the expected ones."""
     rows = [
         f'"{result.case}" = "{result.behaviour}"  # {" ".join(result.detail.split())[:100]}'

@@ -14,15 +14,15 @@ from haptogram_protocol.messages import HelloReply
 
 from ..client.board_client import BoardClient
 from ..client.introduction import (
-    describe_board,
-    explain_board_silence,
-    greet_board,
-    is_version_error,
-    learn_board_clock_wraps,
-    measured_board_rate,
+    board_rate_at_introduction,
+    describe_introduced_board,
+    explain_silent_board,
+    introduce_to_board,
+    is_introduced_version_error,
+    learn_clock_wraps_at_introduction,
 )
-from ..client.wire import RawFrameWire, WaitLimits
-from ..judge.recovery import farewell_to_board
+from ..client.wire import ClientWaitLimits, RawFrameClient
+from ..judge.recovery import farewell_after_recovery
 from ..outcome import CaseEndedError
 from .access import Access
 
@@ -66,7 +66,7 @@ class SuiteConnection:
         self.nonces: set[int] = set()
         self._access, self._thorough = access, thorough
         self._explore_us = round(explore_s * 1e6)
-        self._limits = WaitLimits.of(timeout_s, virtual=access.virtual)
+        self._limits = ClientWaitLimits.of(timeout_s, virtual=access.virtual)
         self._random = random.Random(seed)
         self._hash = description_hash()
         self._transport: Transport | None = None
@@ -113,14 +113,16 @@ class SuiteConnection:
         if not self.lost:
             with contextlib.suppress(CaseEndedError, LinkLostError):
                 if not self._access.virtual:
-                    self.baudrate = self.board.wire.baudrate = measured_board_rate(self.board)
-                learn_board_clock_wraps(self.board)
+                    self.baudrate = self.board.wire.baudrate = board_rate_at_introduction(
+                        self.board
+                    )
+                learn_clock_wraps_at_introduction(self.board)
 
     def close(self) -> None:
         """Mute the board, and close the port."""
         if self._transport is not None and not self.lost:
             try:
-                farewell_to_board(self.board)
+                farewell_after_recovery(self.board)
             except HaptogramError:
                 pass
             except Exception as error:  # the results must not be lost
@@ -170,7 +172,7 @@ class SuiteConnection:
 
     def _connect(self, transport: Transport, *, booted: bool) -> BoardClient:
         self._transport = transport
-        wire = RawFrameWire(transport, self._limits, baudrate=self.baudrate)
+        wire = RawFrameClient(transport, self._limits, baudrate=self.baudrate)
         self._connected_us = wire.now_us()
         self._board = BoardClient(wire, self._random, self._hash, booted=booted)
         self._board.nonces = self.nonces
@@ -192,14 +194,14 @@ class SuiteConnection:
             self.board.link.expect_boot(self._access.boot_timeout_s)
         try:
             for _ in range(_GREETINGS):
-                reply = greet_board(self.board)
+                reply = introduce_to_board(self.board)
                 if isinstance(reply, HelloReply):
-                    self.device = describe_board(reply)
+                    self.device = describe_introduced_board(reply)
                     return True
-                if is_version_error(reply):
+                if is_introduced_version_error(reply):
                     self.lost = f"the board speaks another major version: {reply}"
                     return False
-            self.lost = explain_board_silence(self.board)
+            self.lost = explain_silent_board(self.board)
         except (LinkError, CaseEndedError) as error:
             self.lost = f"the board is gone: {error}" if self.device else str(error)
         return False

@@ -132,7 +132,7 @@ class SuiteRunner:
             is_interrupted = True
         for place, case in enumerate(cases):
             if place not in results:
-                results[place] = _result_of_case_not_run(
+                results[place] = _suite_result_of_case_not_run(
                     case, self._clauses[case.clause], cut_short
                 )
         connection = self._connection
@@ -223,14 +223,14 @@ class SuiteRunner:
             tried.append(self._try(case))
             if tried[-1].behaviour not in _DOUBTFUL or tried[-1].held_up_us <= HELD_UP_US:
                 break
-        return _result_of_attempts(tried)
+        return _suite_result_of_attempts(tried)
 
     def _try(self, case: Case) -> _Outcome:
         if case.body is None:
             return _Outcome(Behaviour.NOT_OBSERVED, case.summary)
         depth = case.least_depth(virtual=self._access.virtual)
         if depth > self._options.depth:
-            return _Outcome(Behaviour.NOT_OBSERVED, left_out(depth))
+            return _Outcome(Behaviour.NOT_OBSERVED, left_out_of_suite(depth))
         if case.needs_reset and not self._access.can_reset:
             return _Outcome(Behaviour.NOT_OBSERVED, NO_RESET)
         connection = self._connection
@@ -261,7 +261,7 @@ class SuiteRunner:
         except LinkLostError as error:
             return self._lost(_Outcome(Behaviour.INCONCLUSIVE, str(error)), board)
         except Exception as error:
-            return self._afterwards(case, board, _why_case_broke_off(error))
+            return self._afterwards(case, board, _why_case_of_suite_broke_off(error))
         board.wire.begin_case()
         try:
             outcome = self._judge(case, board)
@@ -291,7 +291,7 @@ class SuiteRunner:
         except LinkError:
             raise
         except Exception as error:  # a defect of the case is no verdict on the board
-            return _why_case_broke_off(error)
+            return _why_case_of_suite_broke_off(error)
         return _Outcome(Behaviour.OK)
 
     def _verdict(self, case: Case, board: BoardClient, ended: CaseEndedError) -> _Outcome:
@@ -306,7 +306,7 @@ class SuiteRunner:
         return _Outcome(ended.behaviour, str(ended))
 
     def _afterwards(self, case: Case, board: BoardClient, outcome: _Outcome) -> _Outcome:
-        if _is_behaviour_shown(outcome.behaviour):
+        if _is_behaviour_shown_in_suite(outcome.behaviour):
             transcript = board.wire.recording.transcript()
             outcome = dataclasses.replace(outcome, transcript=transcript)
         if outcome.behaviour is Behaviour.UNIMPLEMENTED:
@@ -317,10 +317,12 @@ class SuiteRunner:
             detail = outcome.detail or str(error)
             return self._lost(dataclasses.replace(outcome, detail=detail), board)
         except Exception as error:
-            if _is_behaviour_shown(outcome.behaviour):  # it has a verdict of its own, or an error
+            if _is_behaviour_shown_in_suite(
+                outcome.behaviour
+            ):  # it has a verdict of its own, or an error
                 return outcome
             transcript = board.wire.recording.transcript()
-            return dataclasses.replace(_why_case_broke_off(error), transcript=transcript)
+            return dataclasses.replace(_why_case_of_suite_broke_off(error), transcript=transcript)
         if recovery.frames is None and not self._connection.lost:
             self._connection.lost = "the board does not answer any more"
             self._connection.revive()
@@ -336,7 +338,7 @@ class SuiteRunner:
         return dataclasses.replace(outcome, recovery=Recovery(None, text), transcript=transcript)
 
 
-def _result_of_attempts(tried: Sequence[_Outcome]) -> _Outcome:
+def _suite_result_of_attempts(tried: Sequence[_Outcome]) -> _Outcome:
     """Return the last outcome; INCONCLUSIVE if it hides that an earlier attempt FAILED.
 
     Such a failure may be of the host, which was held up, or of a board that fails now and then.
@@ -358,13 +360,13 @@ def _result_of_attempts(tried: Sequence[_Outcome]) -> _Outcome:
     )
 
 
-def left_out(depth: Depth) -> str:
+def left_out_of_suite(depth: Depth) -> str:
     """Return the reason of a case that only a deeper run holds."""
     how = "--full" if depth is Depth.FULL else "a run without --quick"
     return f"takes longer than this depth allows: {how} holds it"
 
 
-def _why_case_broke_off(error: Exception) -> _Outcome:
+def _why_case_of_suite_broke_off(error: Exception) -> _Outcome:
     """Return the outcome of an error in the case itself, which is no verdict on the board."""
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{Path(place.filename).name}:{place.lineno}, in {place.name}"
@@ -374,11 +376,11 @@ def _why_case_broke_off(error: Exception) -> _Outcome:
     return _Outcome(Behaviour.INCONCLUSIVE, detail, traceback=trace)
 
 
-def _is_behaviour_shown(behaviour: Behaviour) -> bool:
+def _is_behaviour_shown_in_suite(behaviour: Behaviour) -> bool:
     return behaviour in (Behaviour.FAILED, Behaviour.NON_STRICT, Behaviour.INCONCLUSIVE)
 
 
-def _result_of_case_not_run(case: Case, clause: Clause, why: str) -> CaseResult:
+def _suite_result_of_case_not_run(case: Case, clause: Clause, why: str) -> CaseResult:
     evidence = case.evidence if case.body else Evidence.WIRE
     return CaseResult(
         case.id, case.clause, clause.text, case.summary, Behaviour.INCONCLUSIVE, evidence, why

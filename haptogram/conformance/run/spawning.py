@@ -15,7 +15,7 @@ from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, open_transpo
 from haptogram.errors import ConfigurationError
 from haptogram.settings.text_file import plain_reason
 
-from .access import fault_raiser, open_port_when_there
+from .access import access_fault_raiser, open_access_port
 
 DEFAULT_PORT_REGEX: Final = r"(?:listening on|redirected to|PTY is|pty:?) +((?:socket:/)?/\S+)"
 _POLL_S: Final = 0.02
@@ -24,7 +24,7 @@ _LAST_WORDS_S: Final = 1.0
 _KEPT_BYTES: Final = 1 << 16
 
 
-class _SpawnedOutput:
+class _SpawnAccessOutput:
     """The beginning and the end of the text that a process prints.
 
     A thread reads everything: a full pipe would stop the board.
@@ -83,7 +83,9 @@ class SpawnAccess:
         baudrate: int = DEFAULT_BAUDRATE,
         fault_command: str | None = None,
     ) -> None:
-        self.raise_fault = fault_raiser(fault_command, lambda: getattr(self._process, "pid", None))
+        self.raise_fault = access_fault_raiser(
+            fault_command, lambda: getattr(self._process, "pid", None)
+        )
         try:
             self._arguments = shlex.split(command)
             self._regex = re.compile(port_regex)
@@ -105,11 +107,11 @@ class SpawnAccess:
         """Start the process anew and open its port."""
         self.close()
         self.url = self._wait_for_port(self._start())
-        return open_port_when_there(
+        return open_access_port(
             lambda: open_transport(self.url, baudrate=self.baudrate), self.boot_timeout_s
         )
 
-    def _start(self) -> _SpawnedOutput:
+    def _start(self) -> _SpawnAccessOutput:
         try:
             self._process = subprocess.Popen(
                 self._arguments,
@@ -123,9 +125,9 @@ class SpawnAccess:
                 f"--spawn {self._arguments[0]} cannot be started: {plain_reason(error)}"
             ) from error
         assert self._process.stdout is not None  # PIPE
-        return _SpawnedOutput(self._process.stdout)
+        return _SpawnAccessOutput(self._process.stdout)
 
-    def _wait_for_port(self, output: _SpawnedOutput) -> str:
+    def _wait_for_port(self, output: _SpawnAccessOutput) -> str:
         assert self._process is not None  # _start has set it
         end_s = time.monotonic() + self.boot_timeout_s
         while True:
@@ -148,10 +150,10 @@ class SpawnAccess:
         """End the process and everything that it started."""
         process, self._process = self._process, None
         if process is not None:
-            _end_spawned_group(process)
+            _end_process_group_of_access(process)
 
 
-def _end_spawned_group(process: subprocess.Popen[bytes]) -> None:
+def _end_process_group_of_access(process: subprocess.Popen[bytes]) -> None:
     for number in (signal.SIGTERM, signal.SIGKILL):
         try:
             os.killpg(process.pid, number)

@@ -7,25 +7,25 @@ from typing import Final
 
 from haptogram.driver.line.port import Transport
 
-from ..explore.stepped_process import SteppedProcess
+from ..explore.stepped_process import LockstepProcess
 
 #: Rate that cases reckon with where bytes take no time: the longest frame takes less than 1 µs.
 NO_LINE_BAUD: Final = 50_000_000_000
 _START_NS: Final = 1_004_000  # a carrier boundary: 2^32 - 10 s is none
 
 
-class SteppedTransport:
+class SteppedAccessTransport:
     """A port to a stepped board; the host's clock is the board's virtual time.
 
     Parameters
     ----------
-    process : SteppedProcess
+    process : LockstepProcess
         Board that has just started; it stays when the port is closed.
     """
 
     url = "steps://"
 
-    def __init__(self, process: SteppedProcess) -> None:
+    def __init__(self, process: LockstepProcess) -> None:
         self._process = process
         self._now_ns = _START_NS
         self._unread = b""
@@ -79,17 +79,17 @@ class SteppedAccess:
     def __init__(self, command: Sequence[str], *, baudrate: int = NO_LINE_BAUD) -> None:
         self.url, self.baudrate = command[0], baudrate
         self._command = command
-        self._process: SteppedProcess | None = None
-        self._transport: SteppedTransport | None = None
+        self._process: LockstepProcess | None = None
+        self._transport: SteppedAccessTransport | None = None
 
     def open(self) -> Transport:
         """Power the board up."""
         if self._process is None or not self._process.runs:
             self.close()
-            self._process = SteppedProcess(self._command)
+            self._process = LockstepProcess(self._command)
         else:
             self._process.reset()
-        self._transport = SteppedTransport(self._process)
+        self._transport = SteppedAccessTransport(self._process)
         return self._transport
 
     def raise_fault(self) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 
 from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.verification import FrameStatus, FrameVerdict
-from haptogram.verification.verdict import WRONG
+from haptogram.verification.frame.verdict import WRONG
 from haptogram.verification.watch import Defect, WatchResult
 
 from ..formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit

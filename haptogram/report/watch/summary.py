@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from haptogram.verification import FrameStatus, FrameVerdict
-from haptogram.verification.verdict import WRONG
+from haptogram.verification.frame.verdict import WRONG
 from haptogram.verification.watch import WatchResult
 
 from ..formats.job_summary import Finding, JobSummary, Level

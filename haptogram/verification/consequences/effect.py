@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from ..verdict import FrameStatus, FrameVerdict
+from ..frame.verdict import FrameStatus, FrameVerdict
 
 _US_PER_MS: Final = 1e3
 _ELSEWHERE: Final = (FrameStatus.OFF_TARGET, FrameStatus.WRONG_DRIVE)

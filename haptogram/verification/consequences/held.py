@@ -16,7 +16,7 @@ from haptogram.acoustics import AcousticModel, Drive, pressure
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.records.frame import FrameKey, Intended, Observation
 
-from ..verdict import JUDGED, Consequence, FrameVerdict, Vector
+from ..frame.verdict import JUDGED, Consequence, FrameVerdict, Vector
 
 _MM: Final = 1e3
 

@@ -27,12 +27,12 @@ from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observa
 
 from ..faults import name_drive_faults
 from ..tolerance import Tolerance, Uncertainty
-from ..verdict import WRONG, FrameStatus, FrameVerdict
 from . import criteria
 from .ideal_drive import IdealFrameDrive
 from .several import judge_several_foci
 from .single import SingleFocusFrame, judge_silent_frame, verdict_not_radiated
 from .target import FrameTarget
+from .verdict import WRONG, FrameStatus, FrameVerdict
 
 # Of targets, and as many drives of solvers and verdicts: a pass that repeats costs nothing new.
 _REMEMBERED_BYTES: Final = 1 << 27

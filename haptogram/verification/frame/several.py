@@ -26,9 +26,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.reconstruct.patterns.foci_fit import FociFit, fit_foci, waves_of_foci
 from haptogram.records.frame import Intended
 
-from ..status import frame_status_of, frame_warning_of, is_right_status
 from ..tolerance import Tolerance, Uncertainty
-from ..verdict import FrameStatus, FrameVerdict, Vector
 from . import criteria
 from .ideal_drive import (
     LEAST_BALANCE,
@@ -38,7 +36,9 @@ from .ideal_drive import (
     meaningful_elements,
 )
 from .peaks import LOST, WITHIN_LOBE_RAD
+from .status import frame_status_of, frame_warning_of, is_right_status
 from .target import Bools, FrameTarget
+from .verdict import FrameStatus, FrameVerdict, Vector
 
 _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # of the bound of the first order

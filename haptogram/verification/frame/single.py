@@ -23,11 +23,11 @@ from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
 from ..faults import faulty_elements_text
-from ..status import frame_status_of, frame_warning_of, is_right_status
 from ..tolerance import Uncertainty
-from ..verdict import FrameStatus, FrameVerdict
 from . import criteria
+from .status import frame_status_of, frame_warning_of, is_right_status
 from .target import Bools, FrameTarget
+from .verdict import FrameStatus, FrameVerdict
 
 _MM: Final = 1e3
 _STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any

@@ -16,10 +16,10 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, Intended, Observation
 from haptogram.records.pins import PinRecord
 
+from ..frame.verdict import Verdict
 from ..run import verify_run
 from ..run_verdict import RunVerdict
 from ..tolerance import Tolerance, Uncertainty
-from ..verdict import Verdict
 from .judge import verify_pins
 from .pin_verdict import PinVerdict, pin_lines
 from .shared_phase import why_phases_are_apart

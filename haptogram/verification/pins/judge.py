@@ -16,7 +16,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
 
-from ..verdict import Verdict
+from ..frame.verdict import Verdict
 from .element_faults import PinFaultKind, exchanged_orders, faults_of_pins, grouped_faults
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase, wrapped_angles

@@ -12,7 +12,7 @@ import numpy as np
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.frame import Evidence
 
-from ..verdict import Verdict
+from ..frame.verdict import Verdict
 from .run_drives import Bools
 
 #: Kinds of findings, and the sentence that is true if there is none.

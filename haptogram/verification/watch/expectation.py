@@ -23,10 +23,10 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey
 
 from ..frame import criteria
+from ..frame.status import frame_status_of, frame_warning_of
 from ..frame.target import FrameTarget
-from ..status import frame_status_of, frame_warning_of
+from ..frame.verdict import FrameStatus, FrameVerdict, Vector
 from ..tolerance import Tolerance, Uncertainty
-from ..verdict import FrameStatus, FrameVerdict, Vector
 from .latch import SeenLatch
 
 _MM: Final = 1e3

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
 
-from ..verdict import WRONG, FrameStatus, FrameVerdict, Verdict
+from ..frame.verdict import WRONG, FrameStatus, FrameVerdict, Verdict
 from .defect import Defect, Diagnosis
 from .latch import SeenLatch
 

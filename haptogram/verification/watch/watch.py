@@ -17,7 +17,7 @@ from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern, Un
 from haptogram.records.remark import About
 from haptogram.settings.arguments import check_whole
 
-from ..verdict import WRONG, FrameStatus, FrameVerdict
+from ..frame.verdict import WRONG, FrameStatus, FrameVerdict
 from .conjugate import ConjugateFoci
 from .defect import Diagnosis
 from .diagnosis import DefectFinder

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.conformance.explore.actions import SLOT_US
-from haptogram.conformance.explore.comparison import EventNumbers
+from haptogram.conformance.explore.comparison import DialogueEventNumbers
 from haptogram.conformance.explore.coverage import DialogueCoverage
 from haptogram.conformance.explore.generator import DialogueGenerator
-from haptogram.conformance.explore.limit_requests import limit_requests
+from haptogram.conformance.explore.limit_requests import random_limit_requests
 from haptogram.conformance.explore.shrinking import shrink_dialogue
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
@@ -59,7 +59,7 @@ def test_the_same_seed_gives_the_same_dialogue():
 
 def test_limits_of_every_request_are_met():
     identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 1) | {"features": 2047, "firmware": "x"})
-    due, coverage = limit_requests(identity, Config()), DialogueCoverage()
+    due, coverage = random_limit_requests(identity, Config()), DialogueCoverage()
     assert 50 < len(due) < 120
     for seed in range(40):
         DialogueGenerator(identity, seed, coverage).actions(16)
@@ -75,7 +75,7 @@ def test_numbers_of_events_go_on_until_another_session():
     def event(seq):
         return Header(0xC0, 0, seq, 0, 7), Arm()
 
-    numbers = EventNumbers(7)
+    numbers = DialogueEventNumbers(7)
     assert numbers.first_wrong([event(0), event(1), reply(7), event(2)]) == ""
     assert numbers.first_wrong([reply(8), event(0), reply(7), event(0)]) == ""
     assert "number is 0, due is 1" in numbers.first_wrong([reply(7), event(0)])

@@ -14,7 +14,7 @@ import sim_device
 from haptogram.conformance.cases import all_cases, select
 from haptogram.conformance.client import malformed_frames
 from haptogram.conformance.client.request_client import RequestClient
-from haptogram.conformance.client.wire import RawFrameWire, WaitLimits
+from haptogram.conformance.client.wire import ClientWaitLimits, RawFrameClient
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.run.spawning import SpawnAccess
@@ -128,10 +128,10 @@ def is_timed(body):
 @pytest.mark.parametrize("size", [2048, 4090, 4095, 4096])
 @pytest.mark.parametrize("seed", range(12))
 def test_a_frame_of_every_size_is_found(seed, size):
-    wire = RawFrameWire(Wrapped(_Silent()), WaitLimits.of(1, virtual=True), baudrate=9600)
+    wire = RawFrameClient(Wrapped(_Silent()), ClientWaitLimits.of(1, virtual=True), baudrate=9600)
     link = RequestClient(wire, random.Random(seed if seed else 2072706088))
     link.seq = 977 * seed
-    encoded, _ = malformed_frames.mute_of_encoded_size(link, size)
+    encoded, _ = malformed_frames.malformed_mute_of_size(link, size)
     assert len(encoded) == size
     assert 0 not in encoded
 

@@ -11,7 +11,11 @@ from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArr
 from haptogram.conformance.case import Depth
 from haptogram.conformance.pins.cases import PIN_CASES
 from haptogram.conformance.pins.dialogue import PinDialogue
-from haptogram.conformance.pins.judge import check_run_of_capture, judge_pins, with_pins
+from haptogram.conformance.pins.judge import (
+    check_run_of_capture,
+    judge_clauses_by_pins,
+    suite_with_clauses_by_pins,
+)
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.verdict import Behaviour
 from haptogram.driver.driver import Driver
@@ -73,12 +77,12 @@ def healthy(tmp_path_factory):
 
 def test_a_healthy_board_is_seen_to_meet_the_clauses(healthy):
     suite, record = healthy
-    results = judge_pins([record])
+    results = judge_clauses_by_pins([record])
     assert {r.clause: r.detail for r in results if r.behaviour is Behaviour.FAILED} == {}
     assert {r.clause for r in results if r.behaviour is Behaviour.OK} == SEEN
     assert {str(r.evidence) for r in results} == {"external"}
     assert [r.case for r in results] == [f"{clause}-pins" for clause in PIN_CASES]
-    joined = with_pins(suite, results)
+    joined = suite_with_clauses_by_pins(suite, results)
     assert len(joined.results) == len(suite.results) + len(results)
     assert {r.case for r in joined.results if r.is_failure} == set()
 
@@ -110,7 +114,7 @@ def test_noise_on_the_line_and_clocks_that_differ_are_no_defects_of_pins(
     faults, analyser, tmp_path
 ):
     _, record = captured_suite(tmp_path / "pins.vcd", faults, **analyser)
-    results = judge_pins([record])
+    results = judge_clauses_by_pins([record])
     assert {r.clause: r.detail for r in results if r.behaviour is Behaviour.FAILED} == {}
     assert sum(r.behaviour is Behaviour.OK for r in results) >= 11
 
@@ -133,7 +137,7 @@ def test_pins_that_do_not_do_what_the_board_says_are_found(lie, tmp_path):
     given = {"faults": [lie]} if is_fault else {name: (value,)}
     suite, record = captured_suite(tmp_path / "pins.vcd", **given)
     assert {r.case: r.detail for r in suite.results if r.behaviour is Behaviour.FAILED} == {}
-    results = by_clause(judge_pins([record]))
+    results = by_clause(judge_clauses_by_pins([record]))
     failed = {clause for clause, r in results.items() if r.behaviour is Behaviour.FAILED}
     assert failed == LIES[lie]
 
@@ -155,7 +159,7 @@ def test_an_element_that_is_the_reference_may_be_silent(tmp_path):
     captured_suite(tmp_path / "pins.vcd")
     own = MAP | {"reference": "e0", "elements": {"e0": 0, "e5": 5, "e10": 10}}
     record = pin_record(read_capture(tmp_path / "pins.vcd"), ChannelMap.of("map.toml", own))
-    results = judge_pins([record])
+    results = judge_clauses_by_pins([record])
     assert {r.clause: r.detail for r in results if r.behaviour is Behaviour.FAILED} == {}
     assert {r.clause for r in results if r.behaviour is Behaviour.OK} == SEEN
 
@@ -178,7 +182,7 @@ def test_a_fault_of_the_hardware_ends_a_drive_by_right(tmp_path):
     port.simulation.power_down()
     port.pins.close()
     record = pin_record(read_capture(path), ChannelMap.of("map.toml", MAP))
-    results = by_clause(judge_pins([record]))
+    results = by_clause(judge_clauses_by_pins([record]))
     assert {r.detail for r in results.values() if r.behaviour is Behaviour.FAILED} == set()
     assert results["HG-5.8/5"].behaviour is Behaviour.OK
     assert results["HG-6.6/1"].behaviour is Behaviour.OK
@@ -192,7 +196,7 @@ def test_an_arm_that_the_analyser_read_wrongly_is_known_by_its_reply(healthy):
     for arm in arms[::2]:
         kept = np.arange(len(line.values)) != np.searchsorted(line.times, arm) - 3
         damaged = dataclasses.replace(line, values=line.values[kept], times=line.times[kept])
-        results = judge_pins([dataclasses.replace(record, to_board=damaged)])
+        results = judge_clauses_by_pins([dataclasses.replace(record, to_board=damaged)])
         assert {r.detail for r in results if r.behaviour is Behaviour.FAILED} == set(), arm
 
 
@@ -203,7 +207,7 @@ def test_pins_that_never_sound_prove_nothing(healthy):
         element: dataclasses.replace(pin, rises=pin.rises[:0], falls=pin.falls[:0])
         for element, pin in record.pins.items()
     }
-    results = judge_pins([dataclasses.replace(record, pins=pins)])
+    results = judge_clauses_by_pins([dataclasses.replace(record, pins=pins)])
     assert {r.clause for r in results if r.behaviour is Behaviour.OK} == set()
     assert {r.clause for r in results if r.behaviour is Behaviour.FAILED} == {
         "HG-5.2/1",
@@ -217,17 +221,17 @@ def test_pulses_in_a_silence_are_found_whatever_made_it(healthy):
     mutes = [f.arrival for f in dialogue.to_board if isinstance(f.message, Mute)]
     mute = next(t for t in mutes if dialogue.next_arm(t) - t > 20.0)
     late = shifted(record, 5, mute + 4.0, mute + 6.0, 0.3)
-    results = by_clause(judge_pins([late]))
+    results = by_clause(judge_clauses_by_pins([late]))
     assert results["HG-6.6/2"].behaviour is Behaviour.FAILED
     assert "begin to sound 1" in results["HG-6.6/2"].detail
     frame = next(f for f, changed in dialogue.said(StateChanged))
     end = dialogue.told(frame)
     late = shifted(record, 5, end + 60.0, end + 62.0, 0.3)
-    failed = {r.clause for r in judge_pins([late]) if r.behaviour is Behaviour.FAILED}
+    failed = {r.clause for r in judge_clauses_by_pins([late]) if r.behaviour is Behaviour.FAILED}
     assert failed == {"HG-6.10/1"}
     arm = next(a for a in dialogue.arms if dialogue.next_source(a) - a > 20.0 and a > mute)
     late = shifted(record, 5, arm + 5.0, arm + 8.0, 0.3)
-    results = by_clause(judge_pins([late]))
+    results = by_clause(judge_clauses_by_pins([late]))
     assert results["HG-6.3/1"].behaviour is Behaviour.FAILED
 
 
@@ -235,7 +239,7 @@ def test_a_reset_is_found_by_the_device_clock_and_its_pins_are_judged(healthy):
     _, record = healthy
     (reset,) = PinDialogue(record).resets  # power-up
     late = shifted(record, 5, reset + 4.0, reset + 6.0, 0.3)
-    failed = [r for r in judge_pins([late]) if r.behaviour is Behaviour.FAILED]
+    failed = [r for r in judge_clauses_by_pins([late]) if r.behaviour is Behaviour.FAILED]
     assert [r.clause for r in failed] == ["HG-6.12/2"]
     assert "after a reset at" in failed[0].detail
 
@@ -243,13 +247,13 @@ def test_a_reset_is_found_by_the_device_clock_and_its_pins_are_judged(healthy):
 def test_a_capture_without_the_lines_or_of_a_larger_board_is_refused(healthy):
     _, record = healthy
     with pytest.raises(ConfigurationError, match="no line to_host; clauses are judged by"):
-        judge_pins([dataclasses.replace(record, to_host=None)])
+        judge_clauses_by_pins([dataclasses.replace(record, to_host=None)])
     pins = {99: record.pins[5]}
     with pytest.raises(ConfigurationError, match="the board has the elements 0 to 15"):
-        judge_pins([dataclasses.replace(record, pins=pins)])
+        judge_clauses_by_pins([dataclasses.replace(record, pins=pins)])
 
 
 def test_a_capture_that_was_cut_off_passes_nothing(healthy):
     _, record = healthy
-    results = judge_pins([dataclasses.replace(record, cut="too short")])
+    results = judge_clauses_by_pins([dataclasses.replace(record, cut="too short")])
     assert not any(r.behaviour is Behaviour.OK for r in results)

@@ -4,7 +4,7 @@ import pytest
 from boards import BAUD, Dying, Wrapped, port, run, virtual
 
 from haptogram.conformance.case import Case
-from haptogram.conformance.judge.timers import check_in_time
+from haptogram.conformance.judge.timers import judge_in_time
 from haptogram.conformance.outcome import CaseEndedError, check
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
@@ -224,12 +224,12 @@ def plain_check(_, holds, text):
 @pytest.mark.parametrize(
     ("away_ms", "holds_at", "judge", "due", "attempts"),
     [
-        ((1, 20), 2, check_in_time, "OK", 2),  # held up once, and right the second time
+        ((1, 20), 2, judge_in_time, "OK", 2),  # held up once, and right the second time
         ((1, 20), 2, plain_check, "INCONCLUSIVE", 2),  # a failure may still be of the board
         ((9, 20), 9, plain_check, "FAILED", 3),  # wrong whenever it is tried
         ((0, 0), 2, plain_check, "FAILED", 1),  # the host had the processor: no second chance
-        ((9, 20), 9, check_in_time, "INCONCLUSIVE", 3),  # nor is a timer judged then
-        ((0, 0), 9, check_in_time, "FAILED", 1),
+        ((9, 20), 9, judge_in_time, "INCONCLUSIVE", 3),  # nor is a timer judged then
+        ((0, 0), 9, judge_in_time, "FAILED", 1),
     ],
 )
 def test_a_case_is_tried_again_if_the_host_was_held_up(away_ms, holds_at, judge, due, attempts):

@@ -12,7 +12,7 @@ from ...client.board_client import BoardClient
 from ...explore.actions import SLOT_US, DialogueAction
 from ...explore.coverage import DialogueCoverage
 from ...explore.generator import DialogueGenerator
-from ...explore.lockstep import HostLateError, Lockstep, Played, identity_suits_model
+from ...explore.lockstep import HostLateError, Lockstep, Played, identity_suits_lockstep_model
 from ...explore.shrinking import shrink_dialogue
 from ...outcome import SELF_REPORTED, fail, inconclusive, not_observed
 
@@ -32,7 +32,7 @@ _LATE: Final = 3  # replays of a dialogue in which the host was late
     depth=Depth.DEFAULT,
 )
 def random_dialogues_match_the_model(board: BoardClient) -> None:
-    if not identity_suits_model(board.identity):
+    if not identity_suits_lockstep_model(board.identity):
         not_observed("the model is a grid with a carrier of 40 kHz; this board is not")
     largest = len(board.flat_phases().serialize()) + 40
     if board.wire.line_us(largest) > SLOT_US // 8:

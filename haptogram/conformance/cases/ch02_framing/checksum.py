@@ -7,9 +7,9 @@ from haptogram_protocol.messages import Error, Feature, HelloReply, Ping, StateC
 from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.dialogue import full_dialogue
-from ...client.introduction import greet_board
-from ...client.wire import Received
+from ...client.dialogue import full_client_dialogue
+from ...client.introduction import introduce_to_board
+from ...client.wire import ReceivedByClient
 from ...outcome import SELF_REPORTED, check, inconclusive
 
 
@@ -21,7 +21,7 @@ from ...outcome import SELF_REPORTED, check, inconclusive
 def frames_have_crc32_checksum(board: BoardClient) -> None:
     board.link.session = 0
     for _ in range(3):
-        reply = greet_board(board)
+        reply = introduce_to_board(board)
         if isinstance(reply, HelloReply):
             _check_checksum(board)
             return
@@ -38,12 +38,12 @@ def frames_have_crc32_checksum(board: BoardClient) -> None:
     inconclusive("no HELLO is answered, with whatever checksum")
 
 
-def _framed_greetings(board: BoardClient, since: int) -> list[Received]:
+def _framed_greetings(board: BoardClient, since: int) -> list[ReceivedByClient]:
     """Return the pieces that begin like an answer to HELLO, with any checksum."""
     return [piece for piece in board.wire.received[since:] if _is_framed_greeting(piece)]
 
 
-def _is_framed_greeting(piece: Received) -> bool:
+def _is_framed_greeting(piece: ReceivedByClient) -> bool:
     return piece.unstuffed[:1] in (bytes([HelloReply.TYPE]), bytes([Error.TYPE]))
 
 
@@ -54,7 +54,7 @@ def _hello_with_checksum(board: BoardClient) -> bytes:
 
 def _check_checksum(board: BoardClient) -> None:
     board.prepare()
-    wrong = [piece for piece in full_dialogue(board) if piece.reason in ("crc", "short")]
+    wrong = [piece for piece in full_client_dialogue(board) if piece.reason in ("crc", "short")]
     check(not wrong, f"a frame without its CRC-32: {wrong[0].fault if wrong else ''}")
 
 

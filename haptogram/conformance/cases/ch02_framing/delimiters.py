@@ -9,13 +9,13 @@ from haptogram_protocol.messages import Ping
 from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.dialogue import full_dialogue
+from ...client.dialogue import full_client_dialogue
 from ...outcome import SELF_REPORTED, check, fail
 
 
 @case("HG-2.1/1", "in a full dialogue no two frames share a delimiter")
 def sends_both_delimiters(board: BoardClient) -> None:
-    pieces = full_dialogue(board)
+    pieces = full_client_dialogue(board)
     shared = [annotated_frame_text(piece.piece) for piece in pieces if piece.shared]
     check(not shared, f"{len(shared)} frames share a zero with the one before: {shared[:1]}")
 
@@ -34,7 +34,7 @@ def frames_may_share_a_delimiter(board: BoardClient) -> None:
 def frames_are_read_behind_junk(board: BoardClient) -> None:
     half = encode_frame(board.link.body(Ping.TYPE, bytes(8), seq=0x4444))[:-6]
     junk = [
-        malformed_frames.noise_bytes(board.random, size) for size in (1, 3, 17, 300, 4095, 5000)
+        malformed_frames.malformed_noise(board.random, size) for size in (1, 3, 17, 300, 4095, 5000)
     ]
     for before in [b"\xff", b"\x01", half, b"boot: ok\r\n", *junk]:
         ping, seq = board.link.request_wire(Ping(len(before)))

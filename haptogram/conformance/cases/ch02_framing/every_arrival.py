@@ -61,7 +61,7 @@ def longest_frame_lengths_count_once(board: BoardClient) -> None:
         if 2 * board.wire.line_us(size) > board.wire.limits.case_us // 5:
             not_observed(f"{size} bytes take too long on this line")
         with board.counting(oversize=1):
-            board.link.send(b"\x00", malformed_frames.noise_bytes(board.random, size), b"\x00")
+            board.link.send(b"\x00", malformed_frames.malformed_noise(board.random, size), b"\x00")
             board.wire.idle(board.wire.line_us(size))
             board.link.barrier()
 

@@ -23,7 +23,7 @@ from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now
-from ...client.wire import Received
+from ...client.wire import ReceivedByClient
 from ...outcome import SELF_REPORTED, check, fail, not_observed
 
 _AROUND: Final = range(-4, 5)  # bytes around a full piece
@@ -46,7 +46,7 @@ def _runs_to_stuff(most: int) -> list[int]:
 
 
 def _full_stuffing_piece(board: BoardClient, size: int) -> bytes:
-    return malformed_frames.noise_bytes(board.random, size)
+    return malformed_frames.malformed_noise(board.random, size)
 
 
 def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, Message, bytes]]:
@@ -110,7 +110,7 @@ def _ask_with_stuffing(board: BoardClient, message: ReadDrive, name: str) -> Dri
     wire, seq = board.link.request_wire(message)
     since = board.link.mark()
 
-    def is_reply_or_damaged(piece: Received) -> bool:
+    def is_reply_or_damaged(piece: ReceivedByClient) -> bool:
         return piece.header is None or (piece.is_response and piece.header.seq == seq)
 
     board.link.send(wire)
@@ -121,7 +121,7 @@ def _ask_with_stuffing(board: BoardClient, message: ReadDrive, name: str) -> Dri
     return board.link.reply_in(found, DriveReply, ReadDrive.TYPE)
 
 
-def _check_stuffing(pieces: list[Received], name: str) -> None:
+def _check_stuffing(pieces: list[ReceivedByClient], name: str) -> None:
     for piece in pieces:
         check(not piece.fault, f"{name}: {piece.fault}")
         check(piece.piece == cobs_encode(piece.unstuffed), f"{name} is stuffed in another way")

@@ -8,7 +8,7 @@ from haptogram_protocol.messages import Arm, Ping
 from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.dialogue import full_dialogue
+from ...client.dialogue import full_client_dialogue
 from ...outcome import SELF_REPORTED, check, fail
 
 
@@ -18,7 +18,7 @@ from ...outcome import SELF_REPORTED, check, fail
     evidence=SELF_REPORTED,
 )
 def drops_frames_of_short_length(board: BoardClient) -> None:
-    pieces = [malformed_frames.noise_bytes(board.random, size) for size in range(1, 14)]
+    pieces = [malformed_frames.malformed_noise(board.random, size) for size in range(1, 14)]
     pieces += [malformed_frames.malformed_with_crc(bytes([Ping.TYPE] * size)) for size in range(10)]
     with board.counting(short=len(pieces), frames=0):
         board.link.send(*(malformed_frames.malformed_frame(piece) for piece in pieces))
@@ -26,14 +26,14 @@ def drops_frames_of_short_length(board: BoardClient) -> None:
 
 @case("HG-2.6/1", "no frame of a full dialogue is longer than 4096 bytes", depth=Depth.DEFAULT)
 def frames_keep_the_longest_length(board: BoardClient) -> None:
-    longest = max((len(piece.piece) for piece in full_dialogue(board)), default=0)
+    longest = max((len(piece.piece) for piece in full_client_dialogue(board)), default=0)
     check(longest <= MAX_ENCODED_BYTES, f"{longest} bytes between two delimiters")
 
 
 @case("HG-2.6/2", "frames of 4090 to 4096 bytes between their delimiters are read")
 def reads_frames_of_longest_length(board: BoardClient) -> None:
     for size in (2048, MAX_ENCODED_BYTES - 6, MAX_ENCODED_BYTES - 1, MAX_ENCODED_BYTES):
-        encoded, seq = malformed_frames.mute_of_encoded_size(board.link, size)
+        encoded, seq = malformed_frames.malformed_mute_of_size(board.link, size)
         since = board.link.mark()
         board.link.send(b"\x00", encoded, b"\x00")
         if board.link.try_answer(seq, since, board.wire.line_us(size)) is None:
@@ -47,9 +47,11 @@ def reads_frames_of_longest_length(board: BoardClient) -> None:
 )
 def discards_frames_beyond_the_longest_length(board: BoardClient) -> None:
     inside = cobs_encode(malformed_frames.malformed_with_crc(board.link.body(Arm.TYPE, seq=0x7000)))
-    runs = [malformed_frames.noise_bytes(board.random, size) for size in (4097, 5000, 8192, 20_000)]
+    runs = [
+        malformed_frames.malformed_noise(board.random, size) for size in (4097, 5000, 8192, 20_000)
+    ]
     with board.counting(oversize=len(runs) + 1):
-        for run in [*runs, malformed_frames.noise_bytes(board.random, 4096) + inside]:
+        for run in [*runs, malformed_frames.malformed_noise(board.random, 4096) + inside]:
             ping, seq = board.link.request_wire(Ping(len(run)))
             since = board.link.mark()
             board.link.send(b"\x00", run, b"\x00", ping)

@@ -11,7 +11,7 @@ from haptogram_protocol.messages import Ping
 from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.dialogue import full_dialogue
+from ...client.dialogue import full_client_dialogue
 from ...outcome import SELF_REPORTED, check, fail
 
 _RUNS: Final = (252, 253, 254, 255, 256, 507, 508, 509, 762)
@@ -19,7 +19,7 @@ _RUNS: Final = (252, 253, 254, 255, 256, 507, 508, 509, 762)
 
 @case("HG-2.2/1", "every frame of a full dialogue is stuffed as COBS prescribes")
 def frames_are_stuffed_by_cobs(board: BoardClient) -> None:
-    pieces = full_dialogue(board)
+    pieces = full_client_dialogue(board)
     broken = [piece for piece in pieces if not piece.unstuffed]
     check(not broken, f"no COBS: {broken[0].piece[:16].hex(' ') if broken else ''} ...")
     odd = [p for p in pieces if p.piece != cobs_encode(p.unstuffed)]
@@ -33,7 +33,7 @@ def frames_are_stuffed_by_cobs(board: BoardClient) -> None:
 )
 def reads_long_runs_of_stuffed_bytes(board: BoardClient) -> None:
     for run in _RUNS:
-        data, seq = malformed_frames.mute_with_run(board.link, run)
+        data, seq = malformed_frames.malformed_mute_with_run(board.link, run)
         since = board.link.mark()
         board.link.send(malformed_frames.malformed_frame(data))
         if board.link.try_answer(seq, since) is None:
@@ -60,7 +60,7 @@ def drops_frames_with_wrong_stuffing(board: BoardClient) -> None:
 @case("HG-2.2/3", "a frame that ends with a full piece and a code byte 01 is read")
 def accepts_a_spare_stuffing_byte(board: BoardClient) -> None:
     for run in (malformed_frames.BLOCK, 2 * malformed_frames.BLOCK):
-        data, seq = malformed_frames.mute_with_run(board.link, run)
+        data, seq = malformed_frames.malformed_mute_with_run(board.link, run)
         encoded = cobs_encode(data)
         since = board.link.mark()
         board.link.send(b"\x00", encoded, b"\x01", b"\x00")

@@ -27,8 +27,8 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent
-from ...client.playback import PERIOD_US, store_phases
-from ...client.stream_kinds import points_of
+from ...client.playback import PERIOD_US, send_phases_to_store
+from ...client.stream_kinds import points_of_stream_kind
 from ...outcome import SELF_REPORTED, check, fail, not_observed
 
 _STALE: Final = 0x0F0F
@@ -103,7 +103,7 @@ def checks_for_the_queue_in_order(board: BoardClient) -> None:
     size = len(board.link.stream_wire(good))
     board.hello()
     board.arm()
-    points = points_of(good) * (depth + 4)
+    points = points_of_stream_kind(good) * (depth + 4)
     start_us = board.clock.soon_us(bytes(size * (depth + 4)), points=points)
     times = [start_us + number * _STEP_US for number in range(depth)]
     if times[-1] + _STEP_US > board.clock.device_us() + board.identity.max_horizon_us:
@@ -150,7 +150,7 @@ def _answer_to_checked_message(
 def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
     plays = board.has(Feature.SEQUENCE_PHASES)
     if plays:
-        store_phases(board, _SEQUENCE, frames=2)
+        send_phases_to_store(board, _SEQUENCE, frames=2)
     for session in (board.link.session, 0):
         for sounds in (False, True):
             board.arm()

@@ -101,7 +101,7 @@ def header_defects_count_once(board: BoardClient) -> None:
         malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(ping)),
         malformed_frames.malformed_frame(b"\x40\x01\x02"),
         b"\x00\xff\x01\x02\x00",
-        b"\x00" + malformed_frames.noise_bytes(board.random, 4200) + b"\x00",
+        b"\x00" + malformed_frames.malformed_noise(board.random, 4200) + b"\x00",
     ]
     names = (
         "dropped_state duplicate stale_session unknown_type unsupported bad_length bad_value "

@@ -26,8 +26,8 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.playback import store_phases
-from ...client.stream_kinds import refused_requests, stream_kinds, valid_requests
+from ...client.playback import send_phases_to_store
+from ...client.stream_kinds import refused_requests_to_send, stream_kinds, valid_requests_to_send
 from ...outcome import SELF_REPORTED, CaseEndedError, check
 
 _SEQUENCE: Final = 2
@@ -190,7 +190,7 @@ def _pairs_of_defects(board: BoardClient, defects: Iterable[_Defect]) -> list[tu
     evidence=SELF_REPORTED,
 )
 def requests_with_every_two_defects_are_checked_in_order(board: BoardClient) -> None:
-    for message in valid_requests(board, _SEQUENCE):
+    for message in valid_requests_to_send(board, _SEQUENCE):
         seq = board.link.seq + 1 & 0xFFFF
         right = _Frame(message.TYPE, message.serialize(), seq, board.link.session)
         for defects in _pairs_of_defects(board, _OF_REQUESTS):
@@ -219,7 +219,7 @@ def requests_with_every_two_defects_are_checked_in_order(board: BoardClient) -> 
     variant="numbers",
 )
 def every_defect_leaves_the_request_number(board: BoardClient) -> None:
-    for message in valid_requests(board, _SEQUENCE):
+    for message in valid_requests_to_send(board, _SEQUENCE):
         for defect in _OF_REQUESTS[:-1]:
             seq = board.link.seq + 1 & 0xFFFF
             right = _Frame(message.TYPE, message.serialize(), seq, board.link.session)
@@ -286,10 +286,13 @@ def _names_of_defects(defects: Iterable[_Defect]) -> str:
 )
 def every_header_type_counts_once(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
+        send_phases_to_store(board, _SEQUENCE, frames=2)
     for armed in (True, False) if board.thorough else (True,):
         board.arm()
-        messages: list[Message] = [*valid_requests(board, _SEQUENCE), *refused_requests(board)]
+        messages: list[Message] = [
+            *valid_requests_to_send(board, _SEQUENCE),
+            *refused_requests_to_send(board),
+        ]
         if not armed:
             board.disarm()
         for message in messages:

@@ -23,10 +23,15 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS, requests_of_board, session_for
-from ...client.playback import store_phases
-from ...client.stream_kinds import host_types, refused_requests, stream_kinds, valid_requests
-from ...client.wire import Received
+from ...client.capabilities import UPLOADS, requests_that_board_takes, session_for_request
+from ...client.playback import send_phases_to_store
+from ...client.stream_kinds import (
+    refused_requests_to_send,
+    request_types_of_host,
+    stream_kinds,
+    valid_requests_to_send,
+)
+from ...client.wire import ReceivedByClient
 from ...outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 3
@@ -61,7 +66,7 @@ def crc_is_checked_at_every_header_type(board: BoardClient) -> None:
 
 def _payloads_of_every_type(board: BoardClient) -> list[tuple[int, bytes]]:
     """Return every type of a host with a payload: as of zeros, valid, and long."""
-    fixed = [(int(kind.TYPE), bytes(kind.LAYOUT.size)) for kind in host_types()]
+    fixed = [(int(kind.TYPE), bytes(kind.LAYOUT.size)) for kind in request_types_of_host()]
     messages = [kind.make() for kind in stream_kinds(board)]
     messages.append(UploadChunk(0, board.random.randbytes(_LONG)))
     messages.append(board.hello_message(board.new_nonce()))
@@ -81,10 +86,10 @@ def _damaged_of_every_type(body: bytes) -> bytes:
 
 def _requests_of_every_type(board: BoardClient) -> list[Message]:
     """Return a valid request of every type; the sequence that they play is stored."""
-    if any(isinstance(message, Play) for message in valid_requests(board, _SEQUENCE)):
-        store_phases(board, _SEQUENCE, frames=2)
+    if any(isinstance(message, Play) for message in valid_requests_to_send(board, _SEQUENCE)):
+        send_phases_to_store(board, _SEQUENCE, frames=2)
     board.arm()
-    return list(valid_requests(board, _SEQUENCE))
+    return list(valid_requests_to_send(board, _SEQUENCE))
 
 
 @case(
@@ -146,7 +151,7 @@ def every_header_type_ignores_low_flags(board: BoardClient) -> None:
 )
 def every_header_type_has_its_length(board: BoardClient) -> None:
     kinds: list[tuple[type[Message], int]] = []
-    for kind in requests_of_board(board):
+    for kind in requests_that_board_takes(board):
         kinds += [(kind, size) for size in _wrong_lengths_of_type(kind.LAYOUT.size)]
     if board.identity.features & UPLOADS:
         kinds += [(UploadChunk, size) for size in range(UploadChunk.LAYOUT.size)]
@@ -158,7 +163,7 @@ def every_header_type_has_its_length(board: BoardClient) -> None:
                 bytes(size),
                 ErrorCode.BAD_LENGTH,
                 right,
-                session=session_for(board, kind),
+                session=session_for_request(board, kind),
             )
 
 
@@ -239,7 +244,7 @@ def mute_passes_with_every_header(board: BoardClient) -> None:
     variant="types",
 )
 def every_reply_has_the_header_of_its_request(board: BoardClient) -> None:
-    for message in [*_requests_of_every_type(board), *refused_requests(board)]:
+    for message in [*_requests_of_every_type(board), *refused_requests_to_send(board)]:
         board.arm()
         flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
         board.link.seq += board.random.randrange(1, 3000)
@@ -258,7 +263,7 @@ def every_reply_has_the_header_of_its_request(board: BoardClient) -> None:
     _check_header(board, board.link.ask_raw(_UNKNOWN_REQUEST), None)
 
 
-def _check_header(board: BoardClient, answer: Received, message: Message | None) -> None:
+def _check_header(board: BoardClient, answer: ReceivedByClient, message: Message | None) -> None:
     """FAILED unless an answer is of the open session, and of the type of its request or ERROR."""
     name = message.TYPE.name if message is not None else "an unknown request"
     header = answer.header

@@ -10,14 +10,18 @@ from haptogram_protocol.messages import (
 
 from ...case import about_host, case
 from ...client.board_client import BoardClient
-from ...client.dialogue import crc_of_piece, full_dialogue, undamaged_pieces
+from ...client.dialogue import (
+    crc_of_received_piece,
+    full_client_dialogue,
+    undamaged_received_pieces,
+)
 from ...outcome import SELF_REPORTED, check
 
 
 @case("HG-3.1/1", "every frame of a full dialogue begins with a header of ten bytes")
 def frames_begin_with_a_header(board: BoardClient) -> None:
-    for piece in full_dialogue(board):
-        _, body = crc_of_piece(piece)
+    for piece in full_client_dialogue(board):
+        _, body = crc_of_received_piece(piece)
         check(
             len(body) >= HEADER_BYTES,
             f"a frame without a header: {annotated_frame_text(piece.piece)}",
@@ -30,7 +34,7 @@ def frames_begin_with_a_header(board: BoardClient) -> None:
 
 @case("HG-3.7/1", "every frame of a full dialogue carries its session; ERROR may carry 0")
 def header_carries_the_session(board: BoardClient) -> None:
-    for piece in undamaged_pieces(full_dialogue(board)):
+    for piece in undamaged_received_pieces(full_client_dialogue(board)):
         header = piece.header
         assert header is not None  # frames_in
         stale = header.type == MessageType.ERROR and header.session == 0

@@ -15,8 +15,8 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.capabilities import requests_of_board, session_for
-from ...client.dialogue import full_dialogue, undamaged_pieces
+from ...client.capabilities import requests_that_board_takes, session_for_request
+from ...client.dialogue import full_client_dialogue, undamaged_received_pieces
 from ...client.latching import latch_now
 from ...outcome import SELF_REPORTED, check
 
@@ -58,7 +58,7 @@ def ignores_the_low_nibble_of_flags(board: BoardClient) -> None:
 @case("HG-3.4/3", "no frame of a full dialogue has a flag but LATE, and only traces have LATE")
 def sends_no_header_flags(board: BoardClient) -> None:
     traces = {MessageType.TRACE, MessageType.TRACE_PLAYBACK, MessageType.TRACE_DRIVE}
-    for piece in undamaged_pieces(full_dialogue(board)):
+    for piece in undamaged_received_pieces(full_client_dialogue(board)):
         if piece.header is not None:
             allowed = Flag.LATE if piece.header.type in traces else 0
             check(not piece.header.flags & ~allowed, f"flags: {annotated_frame_text(piece.piece)}")
@@ -66,7 +66,7 @@ def sends_no_header_flags(board: BoardClient) -> None:
 
 @case("HG-3.5/1", "IMMEDIATE on any request but PLAY is refused with UNSUPPORTED, detail 0x10")
 def takes_the_immediate_flag_where_it_belongs(board: BoardClient) -> None:
-    kinds = [kind for kind in requests_of_board(board) if kind is not Play]
+    kinds = [kind for kind in requests_that_board_takes(board) if kind is not Play]
     for kind in kinds:
         board.link.refused_raw(
             kind.TYPE,
@@ -74,7 +74,7 @@ def takes_the_immediate_flag_where_it_belongs(board: BoardClient) -> None:
             ErrorCode.UNSUPPORTED,
             Flag.IMMEDIATE,
             flags=Flag.IMMEDIATE,
-            session=session_for(board, kind),
+            session=session_for_request(board, kind),
         )
     board.arm()
     with board.counting(latched=1):

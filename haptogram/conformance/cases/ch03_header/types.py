@@ -20,7 +20,7 @@ from haptogram_protocol.messages import (
 
 from ...case import about_host, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import requests_of_board, session_for
+from ...client.capabilities import requests_that_board_takes, session_for_request
 from ...outcome import SELF_REPORTED, check
 
 _UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
@@ -28,12 +28,12 @@ _UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
 
 @case("HG-3.3/1", "each request is answered by its type + 0x40, or by ERROR")
 def header_has_the_right_reply_type(board: BoardClient) -> None:
-    kinds: list[type[Message]] = [*requests_of_board(board), Mute]
+    kinds: list[type[Message]] = [*requests_that_board_takes(board), Mute]
     for kind in kinds:
         payload = bytes(kind.LAYOUT.size)
         if kind is Hello:
             payload = board.hello_message(board.link.session).serialize()
-        answer = board.link.ask_raw(kind.TYPE, payload, session=session_for(board, kind))
+        answer = board.link.ask_raw(kind.TYPE, payload, session=session_for_request(board, kind))
         got = board.link.type_of(answer)
         check(
             got in (kind.TYPE + RESPONSE_OFFSET, MessageType.ERROR),

@@ -27,8 +27,8 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS, requests_of_board, session_for
-from ...client.dialogue import full_dialogue
+from ...client.capabilities import UPLOADS, requests_that_board_takes, session_for_request
+from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...outcome import SELF_REPORTED, check, not_observed
 
@@ -120,7 +120,7 @@ def text_value_is_filled(board: BoardClient) -> None:
 
 @case("HG-3.2/3", "every payload of a full dialogue has the length of its type")
 def payload_types_have_their_length(board: BoardClient) -> None:
-    wrong = [piece for piece in full_dialogue(board) if piece.reason == "bad_length"]
+    wrong = [piece for piece in full_client_dialogue(board) if piece.reason == "bad_length"]
     check(not wrong, f"{annotated_frame_text(wrong[0].piece) if wrong else ''}")
 
 
@@ -128,14 +128,14 @@ def payload_types_have_their_length(board: BoardClient) -> None:
     "HG-3.2/4", "requests a byte too long or too short are refused; the detail is the right length"
 )
 def refuses_a_wrong_length_of_type(board: BoardClient) -> None:
-    kinds = requests_of_board(board)
+    kinds = requests_that_board_takes(board)
     wrong = [
         (kind, size) for kind in kinds for size in _wrong_lengths_of_payload_type(kind.LAYOUT.size)
     ]
     with board.counting(bad_length=len(wrong)):
         for kind, size in wrong:
             right = kind.LAYOUT.size
-            session = session_for(board, kind)
+            session = session_for_request(board, kind)
             board.link.refused_raw(
                 kind.TYPE, bytes(size), ErrorCode.BAD_LENGTH, right, session=session
             )

@@ -10,7 +10,7 @@ from haptogram_protocol.messages import FIRST_STREAM_SEQ, Feature, Ping, Pong, S
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.dialogue import full_dialogue
+from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...outcome import SELF_REPORTED, check
 
@@ -70,7 +70,7 @@ def header_times_wrap(board: BoardClient) -> None:
 
 @case("HG-3.6/2", "events count up by 1; requests in between make no gap in the stream")
 def numbers_three_header_sequences(board: BoardClient) -> None:
-    pieces = [piece for piece in full_dialogue(board) if piece.is_event]
+    pieces = [piece for piece in full_client_dialogue(board) if piece.is_event]
     for before, after in itertools.pairwise(pieces):
         assert before.header is not None  # is_event
         assert after.header is not None

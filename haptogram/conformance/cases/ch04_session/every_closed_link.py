@@ -17,7 +17,7 @@ from haptogram_protocol.state import OutputState
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.stream_kinds import host_types
+from ...client.stream_kinds import request_types_of_host
 from ...outcome import SELF_REPORTED, check
 
 _UNKNOWN_REQUEST: Final = 0x7B
@@ -35,7 +35,7 @@ _OF_A_SESSION: Final = ("accepted", "latched", "dropped_state", "duplicate", "ga
 def closed_link_does_nothing_before_hello(board: BoardClient) -> None:
     sent = 0
     for session in (0, 1, 0x8000, 0xFFFF, board.new_nonce()):
-        for kind in host_types():
+        for kind in request_types_of_host():
             name = f"{kind.TYPE.name} of session {session:#06x}"
             payload = bytes(kind.LAYOUT.size)
             if kind.TYPE in STREAM_RANGE:

@@ -35,10 +35,10 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS, requests_of_board
-from ...client.playback import PERIOD_US, play_now, shortest_period_us, store_phases
-from ...client.stream_kinds import refused_requests, valid_requests
-from ...client.wire import Received
+from ...client.capabilities import UPLOADS, requests_that_board_takes
+from ...client.playback import PERIOD_US, play_now, send_phases_to_store, shortest_period_to_play_us
+from ...client.stream_kinds import refused_requests_to_send, valid_requests_to_send
+from ...client.wire import ReceivedByClient
 from ...outcome import check
 
 _SEQUENCE: Final = 4
@@ -54,8 +54,8 @@ Between = Callable[[BoardClient], object]
 def _remembered(board: BoardClient) -> Iterator[Message]:
     """Yield a request of every type that is remembered; the board is ARMED before each."""
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
-    for message in valid_requests(board, _SEQUENCE):
+        send_phases_to_store(board, _SEQUENCE, frames=2)
+    for message in valid_requests_to_send(board, _SEQUENCE):
         if not isinstance(message, _IDEMPOTENT):
             yield message
 
@@ -79,7 +79,7 @@ def _fill_ring_for_remembered_reply(board: BoardClient) -> None:
         return
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
-    period_us = shortest_period_us(board, PERIOD_US // 4)
+    period_us = shortest_period_to_play_us(board, PERIOD_US // 4)
     play_now(board, _SEQUENCE, loops=100, period_us=period_us)
     board.wire.idle(250 * period_us)
     board.link.ask(Stop())
@@ -93,7 +93,7 @@ def _flags_of_repetition(message: Message) -> int:
 
 
 def _is_remembered_reply(
-    board: BoardClient, wire: bytes, seq: int, first: Received, after: str
+    board: BoardClient, wire: bytes, seq: int, first: ReceivedByClient, after: str
 ) -> None:
     """FAILED unless the request in *wire* gets the reply *first* to the byte."""
     since = board.link.mark()
@@ -109,7 +109,7 @@ def _is_remembered_reply(
 
 def _judge_remembered_reply(board: BoardClient, betweens: dict[str, Between]) -> None:
     """FAILED unless every request gets its reply again behind each of *betweens*."""
-    for message in [*_remembered(board), *refused_requests(board), GetGeometry(0, 0xFFFF)]:
+    for message in [*_remembered(board), *refused_requests_to_send(board), GetGeometry(0, 0xFFFF)]:
         board.arm()
         wire, seq = board.link.request_wire(message, flags=_flags_of_repetition(message))
         since = board.link.mark()
@@ -255,10 +255,10 @@ def remembered_reply_outlives_refusals(board: BoardClient) -> None:
 )
 def every_reply_is_remembered(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
+        send_phases_to_store(board, _SEQUENCE, frames=2)
         _fill_ring_for_remembered_reply(board)
     board.arm()
-    for message in [*refused_requests(board), *_largest_remembered_request(board)]:
+    for message in [*refused_requests_to_send(board), *_largest_remembered_request(board)]:
         with board.counting(repeated=2):
             wire, seq = board.link.request_wire(message, flags=_flags_of_repetition(message))
             since = board.link.mark()
@@ -311,7 +311,7 @@ def every_request_number_is_remembered(board: BoardClient) -> None:
 )
 def refused_requests_leave_the_request_number(board: BoardClient) -> None:
     board.arm()
-    for kind in requests_of_board(board):
+    for kind in requests_that_board_takes(board):
         if kind is Hello:
             continue
         payload = bytes(kind.LAYOUT.size)
@@ -353,7 +353,7 @@ def _requests_with_other_bytes(board: BoardClient, body: bytes) -> Iterator[tupl
         if _is_legal_request(board, changed):
             yield f"byte {at - HEADER_BYTES} of the payload", changed
     size = len(body) - HEADER_BYTES
-    for kind in requests_of_board(board):
+    for kind in requests_that_board_takes(board):
         changed = bytes([kind.TYPE]) + body[1:]
         same = kind is Hello or body[0] == kind.TYPE or kind.LAYOUT.size != size
         if not same and _is_legal_request(board, changed):
@@ -409,7 +409,7 @@ def every_changed_byte_is_no_repetition(board: BoardClient) -> None:
         )
 
 
-def _is_repetition_refused(answer: Received, seq: int, *, may_be_value: bool) -> bool:
+def _is_repetition_refused(answer: ReceivedByClient, seq: int, *, may_be_value: bool) -> bool:
     """Return whether a request was refused for its number, or for a value, which comes first."""
     error = answer.message
     if not isinstance(error, Error):

@@ -28,7 +28,7 @@ from haptogram_protocol.state import OutputState
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, play_out, store_phases
+from ...client.playback import play_now, play_out, send_phases_to_store
 from ...client.uploads import begin_upload, upload_to_board
 from ...judge.held_state import held_state_changes
 from ...judge.refused_requests import STORED
@@ -103,7 +103,7 @@ def settings_outlive_every_session(board: BoardClient) -> None:
         upload_to_board(
             board, UploadKind.CORRECTION, 0, board.random.randbytes(board.identity.transducers)
         )
-    store_phases(board, _SEQUENCE, frames=_FRAMES)
+    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     config = _session_with_everything_set(board)
     crc = board.status().config_crc
     for name, bring in _MOMENTS.items():
@@ -192,7 +192,7 @@ def a_repeated_hello_does_nothing(board: BoardClient) -> None:
 
 
 def _check_repeated_hello_left_playback(board: BoardClient, hello: Hello) -> None:
-    frames = store_phases(board, _PLAYED, frames=2)
+    frames = send_phases_to_store(board, _PLAYED, frames=2)
     since = board.link.mark()
     play_now(board, _PLAYED, loops=0)
     data = b"".join(frames)
@@ -254,7 +254,7 @@ def the_first_hello_reply_stays(board: BoardClient) -> None:
 )
 def a_repeated_hello_leaves_all(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, STORED, frames=1)
+        send_phases_to_store(board, STORED, frames=1)
     for situation in refusal_situations(board):
         last_us, before = brought_to_refusal(board, situation)
         held = held_after_refusals(board, last_us, lambda: board.hello(board.link.session))

@@ -28,7 +28,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
+from ...client.playback import play_now, send_phases_to_store
 from ...client.uploads import begin_upload
 from ...outcome import SELF_REPORTED, check
 
@@ -108,7 +108,7 @@ def a_new_nonce_flushes(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES,
 )
 def a_new_nonce_ends_playback(board: BoardClient) -> None:
-    store_phases(board, 3, frames=4)
+    send_phases_to_store(board, 3, frames=4)
     board.arm()
     play_now(board, 3, loops=0)
     board.hello()
@@ -178,7 +178,7 @@ def a_new_nonce_keeps(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES,
 )
 def a_new_nonce_keeps_sequences(board: BoardClient) -> None:
-    store_phases(board, 3, frames=2)
+    send_phases_to_store(board, 3, frames=2)
     board.hello()
     board.arm()
     with board.counting(latched=2):

@@ -19,7 +19,7 @@ from haptogram_protocol.messages import (
 from ...case import case, unobservable
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...judge.witness import Witness
+from ...judge.witness import JudgeWitness
 from ...outcome import EXTERNAL, SELF_REPORTED, check, not_observed
 
 _UNKNOWN_BITS: Final = (0, 1, 4, 7, 9, 16, 255)
@@ -69,7 +69,7 @@ def points_have_their_origin_in_the_centre(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def stream_phases_are_unpacked(board: BoardClient) -> None:
-    witness = Witness.of(board)
+    witness = JudgeWitness.of(board)
     board.arm()
     for form in _stream_formats_of_drives(board):
         for _ in range(3):
@@ -153,7 +153,7 @@ def takes_stream_drives_of_each_format(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def stream_phases_have_full_amplitude(board: BoardClient) -> None:
-    witness = Witness.of(board)
+    witness = JudgeWitness.of(board)
     board.arm()
     registers = board.random_registers()
     if board.has(Feature.AMPLITUDE):
@@ -169,7 +169,7 @@ def stream_phases_have_full_amplitude(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def widens_codes_of_stream_drives(board: BoardClient) -> None:
-    witness = Witness.of(board)
+    witness = JudgeWitness.of(board)
     coarse = [form for form in _stream_formats_of_drives(board) if form < PhaseFormat.BITS_8]
     if not coarse:
         not_observed("the board takes 8 bits only")
@@ -191,7 +191,7 @@ def widens_codes_of_stream_drives(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def takes_stream_drives(board: BoardClient) -> None:
-    witness = Witness.of(board)
+    witness = JudgeWitness.of(board)
     count = board.identity.transducers
     board.arm()
     phases, amplitudes = board.random.randbytes(count), board.random.randbytes(count)

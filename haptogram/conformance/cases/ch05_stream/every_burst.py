@@ -10,9 +10,9 @@ from haptogram_protocol.messages import Disarm, Feature, Flag, Mute, Play, Stop
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, watch_board_latches
-from ...client.playback import PERIOD_US, play_at, store_phases
-from ...client.stream_kinds import points_of, stream_kinds
+from ...client.latching import ask_for_board_latches, latches_received_from_board
+from ...client.playback import PERIOD_US, play_at, send_phases_to_store
+from ...client.stream_kinds import points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, inconclusive, not_observed
 
 _SEQUENCE: Final = 5
@@ -49,7 +49,7 @@ def _time_behind_burst_us(board: BoardClient) -> int:
 )
 def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=1)
+        send_phases_to_store(board, _SEQUENCE, frames=1)
     board.configure(late_window_us=_WINDOW_US)
     for name, make in _enders_of_burst(board):
         for _ in range(_TRIES):
@@ -89,7 +89,7 @@ def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def lateness_is_of_one_stream_frame(board: BoardClient) -> None:
-    mode = watch_board_latches(board)
+    mode = ask_for_board_latches(board)
     board.configure(late_window_us=_WINDOW_US, trace_mode=mode)
     board.arm()
     kinds = stream_kinds(board)
@@ -97,15 +97,15 @@ def lateness_is_of_one_stream_frame(board: BoardClient) -> None:
         since, first = board.link.mark(), board.link.stream_next
         with board.counting(late=1, latched=3):
             frame = kind.make()
-            ready_us = board.ready_after_us(points_of(frame))
+            ready_us = board.ready_after_us(points_of_stream_kind(frame))
             late_us = board.clock.device_us() + ready_us - 1000
             size = 3 * len(frame.serialize()) + 60
-            soon_us = board.clock.soon_us(bytes(size), points=3 * points_of(frame))
+            soon_us = board.clock.soon_us(bytes(size), points=3 * points_of_stream_kind(frame))
             times = (late_us, soon_us, soon_us + 1000)
             board.link.send(*(board.link.stream_wire(kind.make(), t_us) for t_us in times))
             board.clock.require_in_time(soon_us)
             board.clock.wait_until(soon_us + 2000)
-        late = [x.late for x in board_latches(board, since, mode) if x.index >= first]
+        late = [x.late for x in latches_received_from_board(board, since, mode) if x.index >= first]
         check(late == [True, False, False], f"{kind.name}, late, and two for later: LATE {late}")
 
 
@@ -125,7 +125,7 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
         frames = [(first.make(), second.make()) for first, second in pairs]
         messages = [one for pair in frames for one in pair]
         size = sum(len(one.serialize()) + 20 for one in messages)
-        points = sum(map(points_of, messages))
+        points = sum(map(points_of_stream_kind, messages))
         with board.counting(latched=len(frames), flushed=len(frames), late=0):
             start_us = board.clock.soon_us(bytes(size), points=points)
             for place, pair in enumerate(frames):
@@ -154,7 +154,7 @@ def _burst_arriving_at(board: BoardClient, t_us: int, wires: bytes) -> None:
     depth=Depth.DEFAULT,
 )
 def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
-    mode = watch_board_latches(board)
+    mode = ask_for_board_latches(board)
     kinds = stream_kinds(board)
     board.arm()
     since = board.link.mark()
@@ -171,7 +171,7 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
             board.clock.wait_latched(4000)
     if board.has(Feature.SEQUENCE_PHASES):
         _play_and_stop_in_a_burst(board)
-    times = sorted(latch.t_us for latch in board_latches(board, since, mode))
+    times = sorted(latch.t_us for latch in latches_received_from_board(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     check(not near, f"of {len(times)} latches {len(near)} are in the carrier period of another")
 
@@ -187,7 +187,7 @@ def _moments_of_burst(board: BoardClient) -> range:
 
 def _play_and_stop_in_a_burst(board: BoardClient) -> None:
     """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
-    store_phases(board, _SEQUENCE, frames=2)
+    send_phases_to_store(board, _SEQUENCE, frames=2)
     play = Play(_SEQUENCE, PERIOD_US, 0, min(2000, board.identity.max_unattended_ms))
     for off_us in _moments_of_burst(board):
         boundary_us = board.clock.soon_us(bytes(2000))

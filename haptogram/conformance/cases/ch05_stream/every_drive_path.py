@@ -8,8 +8,8 @@ from haptogram_protocol.messages import DriveKind, Feature, Message, Points, Upl
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.drive_paths import drive_paths, registers_of
-from ...client.latching import ShownDrive, read_back
+from ...client.drive_paths import drive_paths, registers_asked_for
+from ...client.latching import ClientDrive, read_back
 from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check
 
@@ -29,7 +29,7 @@ _WORST_STEPS: Final = 1.5 + 1e-6  # one step beyond the rounding, which is half 
 def every_path_of_streamed_codes(board: BoardClient) -> None:
     board.arm()
     for path in drive_paths(board):
-        due = registers_of(board, path.latch())
+        due = registers_asked_for(board, path.latch())
         shown = read_back(board)
         if due is not None:
             wrong = sum(a != b for a, b in zip((shown.phases, shown.amplitudes), due, strict=True))
@@ -55,11 +55,11 @@ def every_path_of_streamed_points(board: BoardClient) -> None:
 
 
 def _check_streamed_points(board: BoardClient, name: str, message: Points) -> None:
-    from ...judge.array_model import model_of_board
+    from ...judge.array_model import judged_model_of_board
     from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
 
     found = [(tuple(message.points), read_back(board))]
-    model = model_of_board(board)
+    model = judged_model_of_board(board)
     worst = float(abs(judged_phase_errors(model, found)).max(initial=0.0))
     check(worst <= _WORST_STEPS, f"{name}: a phase is off by {worst:.1f} steps")
     if board.has(Feature.AMPLITUDE):
@@ -115,6 +115,6 @@ def every_drive_path_is_limited(board: BoardClient) -> None:
             )
 
 
-def _latch_streamed_drive(board: BoardClient, _: Message) -> tuple[ShownDrive, ShownDrive]:
+def _latch_streamed_drive(board: BoardClient, _: Message) -> tuple[ClientDrive, ClientDrive]:
     """Return the latched and the radiated drive after a latch."""
     return read_back(board), read_back(board, DriveKind.RADIATED)

@@ -10,8 +10,8 @@ from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Phases, 
 
 from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, watch_board_latches
-from ...client.stream_kinds import StreamKind, points_of, stream_kinds
+from ...client.latching import ask_for_board_latches, latches_received_from_board
+from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, CaseEndedError, check, fail, not_observed
 
 _STALE: Final = 0x0F0F
@@ -145,7 +145,7 @@ def fill_queue(board: BoardClient, number: int, ahead_us: int = 5 * _AHEAD_US) -
     """Queue so many frames, a millisecond apart, from *ahead_us* on; return the last t_apply."""
     good = board.shortest_stream()
     size = len(board.link.stream_wire(good, 0, seq=0))
-    points = points_of(good) * number
+    points = points_of_stream_kind(good) * number
     start_us = board.clock.soon_us(bytes(size * number), points=points) + ahead_us
     times = [start_us + 1000 * place - _BEFORE_US for place in range(number)]
     if times[-1] + 1000 > board.clock.device_us() + board.identity.max_horizon_us:
@@ -208,13 +208,14 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
     board.arm()
     lows = _LOW_FLAGS if board.thorough else _LOW_FLAGS[-1:]
     traced = board.has(Feature.CONFIG | Feature.TRACE)
-    mode = watch_board_latches(board) if traced else TraceMode.OFF
+    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
     since = board.link.mark()
     for kind in stream_kinds(board):
         with board.counting(latched=2 * len(lows), late=0):
             first = kind.make()
             start_us = board.clock.soon_us(
-                bytes(len(lows) * len(first.serialize())), points=len(lows) * points_of(first)
+                bytes(len(lows) * len(first.serialize())),
+                points=len(lows) * points_of_stream_kind(first),
             )
             for place, low in enumerate(lows):
                 t_us = start_us + 1000 * place
@@ -225,5 +226,5 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
                 past_us, flags = start_us - 1_000_000, Flag.IMMEDIATE | low
                 board.link.send(board.link.stream_wire(kind.make(), past_us, flags=flags))
                 board.clock.wait_latched(4000)
-    late = sum(latch.late for latch in board_latches(board, since, mode))
+    late = sum(latch.late for latch in latches_received_from_board(board, since, mode))
     check(late == 0, f"{late} traces say LATE; no frame was late, some had flags or a time past")

@@ -12,8 +12,8 @@ from haptogram_protocol.messages import Feature, Message, TraceMode
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import TracedLatch, board_latches
-from ...client.stream_kinds import points_of, stream_kinds
+from ...client.latching import ClientLatch, latches_received_from_board
+from ...client.stream_kinds import points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _WINDOWS_US: Final = (0, 1, 30, 5_000, 100_000)
@@ -83,7 +83,7 @@ def _judge_lateness(
         The margin that it had.
     """
     window_us, mode = board.config.late_window_us, board.config.trace_mode
-    points = points_of(message)
+    points = points_of_stream_kind(message)
     board.clock.wait_latched()
     before, since = board.status().counters, board.link.mark()
     delay_us = delays_us.get(kind, board.wire.limits.lead_us // 8)
@@ -105,11 +105,11 @@ def _judge_lateness(
     due = [int(not dropped), int(not dropped), int(is_late), int(dropped)]
     check(counted == due, f"{name}: {', '.join(names)} count {counted}, due is {due}")
     if mode is not TraceMode.OFF:
-        traced = [t for t in board_latches(board, since, mode) if t.index == index]
+        traced = [t for t in latches_received_from_board(board, since, mode) if t.index == index]
         _check_late_flag(traced, name, dropped=dropped, late=is_late)
     return got_us
 
 
-def _check_late_flag(traced: list[TracedLatch], name: str, *, dropped: bool, late: bool) -> None:
+def _check_late_flag(traced: list[ClientLatch], name: str, *, dropped: bool, late: bool) -> None:
     flags = [latch.late for latch in traced]
     check(flags == ([] if dropped else [late]), f"{name}: the trace has LATE {flags}")

@@ -15,9 +15,9 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.drive_paths import registers_of
-from ...client.latching import board_latches, watch_board_latches
-from ...client.stream_kinds import StreamKind, points_of, stream_kinds
+from ...client.drive_paths import registers_asked_for
+from ...client.latching import ask_for_board_latches, latches_received_from_board
+from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _WINDOW_US: Final = 100_000
@@ -82,14 +82,16 @@ def every_format_is_streamed_late(board: BoardClient) -> None:
                 for late_us in (None, _WINDOW_US // 2, None):
                     frame, at_us = kind.make(), None
                     if late_us is not None:
-                        ready_us = board.ready_after_us(points_of(frame))
+                        ready_us = board.ready_after_us(points_of_stream_kind(frame))
                         at_us = board.clock.device_us() + ready_us - late_us
                     board.link.send(board.link.stream_wire(frame, at_us))
                     board.clock.wait_latched(4000)
             if mode is TraceMode.OFF:
                 continue
             seen = [
-                latch.late for latch in board_latches(board, since, mode) if latch.index >= first
+                latch.late
+                for latch in latches_received_from_board(board, since, mode)
+                if latch.index >= first
             ]
             check(
                 seen[-3:] == [False, True, False],
@@ -156,14 +158,14 @@ def every_queue_slot_is_written_whole(board: BoardClient) -> None:
     depth = board.identity.queue_depth
     if depth > _DEEPEST:
         not_observed(f"a queue of {depth} frames is not filled")
-    mode = watch_board_latches(board)
+    mode = ask_for_board_latches(board)
     board.arm()
     for kind in _queued_codes_in_turn(stream_kinds(board)):
         sent: dict[int, int] = {}
         since = board.link.mark()
         while len(sent) < depth:
             _queue_some_stream_frames(board, kind, depth - len(sent), sent)
-        seen = {latch.index: latch.crc for latch in board_latches(board, since, mode)}
+        seen = {latch.index: latch.crc for latch in latches_received_from_board(board, since, mode)}
         lost = sent.keys() - seen.keys()
         check(not lost, f"{kind.name}: {len(lost)} of {len(sent)} queued frames are not latched")
         wrong = sum(seen[index] != crc for index, crc in sent.items())
@@ -183,7 +185,7 @@ def _queue_some_stream_frames(
     start_us = board.clock.soon_us(room)
     wires = []
     for place, message in enumerate(messages):
-        registers = registers_of(board, message)
+        registers = registers_asked_for(board, message)
         assert registers is not None  # codes
         sent[board.link.stream_next] = zlib.crc32(b"".join(registers))
         wires.append(board.link.stream_wire(message, start_us + place * _STEP_US))

@@ -12,9 +12,9 @@ from haptogram_protocol.state import OutputState
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
+from ...client.playback import play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
-from ...judge.timers import check_status_steps
+from ...judge.timers import judge_status_steps
 from ...outcome import SELF_REPORTED, CaseEndedError, check
 from .every_drop import DROPS
 
@@ -51,7 +51,7 @@ def _states_at_stream_frame(board: BoardClient) -> dict[str, Callable[[], object
         "while it sounds": lambda: latch_now(board, board.flat_phases()),
     }
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=1)
+        send_phases_to_store(board, _SEQUENCE, frames=1)
         states["while a sequence plays"] = partial(_playing_at_stream_frame, board)
         states["while a playback waits"] = partial(_waiting_at_stream_frame, board)
     return states
@@ -130,5 +130,5 @@ def every_state_of_the_stream_sends_status(board: BoardClient) -> None:
             board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)
         ]
         check(len(times) >= 3, f"{name}: {len(times)} STATUS in 3.5 periods of {period_ms} ms")
-        check_status_steps(board, times, period_ms, name)
+        judge_status_steps(board, times, period_ms, name)
         board.link.ask(Mute())

@@ -10,13 +10,13 @@ from haptogram_protocol.messages import DriveKind, DriveReply, Feature, ReadDriv
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import (
-    board_latches,
-    full_drive,
+    ask_for_board_latches,
+    client_drive_of_reply,
+    full_client_drive,
     latch_now,
-    shown_drive_of_reply,
-    watch_board_latches,
+    latches_received_from_board,
 )
-from ...judge.witness import Witness
+from ...judge.witness import JudgeWitness
 from ...outcome import SELF_REPORTED, check, fail, not_observed
 
 _OFFSETS_US: Final = (0, 1, 7, 12, 24, 25, 26, 49, 1000)
@@ -77,15 +77,19 @@ def latches_immediate_frames_on_the_carrier(board: BoardClient) -> None:
 )
 def latches_all_elements_at_once(board: BoardClient) -> None:
     count = board.identity.transducers
-    mode = watch_board_latches(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
+    mode = ask_for_board_latches(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
     drives = (bytes([0x08]) * count, bytes([0xF0]) * count)
     since = board.link.mark()
     board.arm()
     for _ in range(3):
         _check_burst(board, drives)
     if mode is not None:
-        known = {zlib.crc32(full_drive(drive)) for drive in drives}
-        mixed = [latch for latch in board_latches(board, since, mode) if latch.crc not in known]
+        known = {zlib.crc32(full_client_drive(drive)) for drive in drives}
+        mixed = [
+            latch
+            for latch in latches_received_from_board(board, since, mode)
+            if latch.crc not in known
+        ]
         check(not mixed, f"a traced drive is neither of the two: {mixed[:1]}")
 
 
@@ -109,7 +113,7 @@ def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
     board.link.send(*(wire for wire, _ in reads))
     for _, seq in reads:
         answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
-        shown = shown_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
+        shown = client_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
         if len(set(shown.phases)) > 1:
             share = shown.phases.count(drives[0][0]), shown.phases.count(drives[1][0])
             fail(f"non-atomic latch: one read-back shows two drives mixed, {share} transducers")
@@ -152,7 +156,7 @@ def counts_latches(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def holds_the_last_latched_drive(board: BoardClient) -> None:
-    witness = Witness.of(board)
+    witness = JudgeWitness.of(board)
     board.arm()
     before = board.random_registers()
     latch_now(board, board.phases(before))

@@ -12,7 +12,7 @@ from haptogram_protocol.messages import PHASE_FORMAT_BIT, Feature, FocalPoint, P
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import ShownDrive, latch_now, read_back
+from ...client.latching import ClientDrive, latch_now, read_back
 from ...outcome import SELF_REPORTED, check, not_observed
 
 if TYPE_CHECKING:
@@ -25,9 +25,9 @@ _COMPUTES: Final = Feature.POINTS | Feature.READ_LATCHED
 
 
 def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
-    from ...judge.array_model import model_of_board
+    from ...judge.array_model import judged_model_of_board
 
-    return model_of_board(board)
+    return judged_model_of_board(board)
 
 
 @case(
@@ -39,7 +39,7 @@ def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
     depth=Depth.DEFAULT,
 )
 def streamed_phases_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import check_focus, judge_of_model, judged_host_frames
+    from ...judge.focusing import judge_focus, judge_of_model, judged_host_frames
 
     model = _model_of_streamed_points(board)
     judge = judge_of_model(model)
@@ -48,7 +48,7 @@ def streamed_phases_make_a_focus(board: BoardClient) -> None:
     for form, target in zip(offered, _TARGETS_M, strict=False):
         for frame in judged_host_frames(model, board.identity, (target,), form):
             latch_now(board, frame.message)
-            check_focus(judge, frame, read_back(board))
+            judge_focus(judge, frame, read_back(board))
 
 
 @case(
@@ -60,7 +60,7 @@ def streamed_phases_make_a_focus(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def streamed_drives_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import check_focus, judge_of_model, judged_host_frames
+    from ...judge.focusing import judge_focus, judge_of_model, judged_host_frames
 
     model = _model_of_streamed_points(board)
     judge = judge_of_model(model)
@@ -69,7 +69,7 @@ def streamed_drives_make_a_focus(board: BoardClient) -> None:
         model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "drives"
     ):
         latch_now(board, frame.message)
-        check_focus(judge, frame, read_back(board))
+        judge_focus(judge, frame, read_back(board))
 
 
 @case(
@@ -79,7 +79,7 @@ def streamed_drives_make_a_focus(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def streamed_points_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import check_focus, judge_of_model, judged_host_frames
+    from ...judge.focusing import judge_focus, judge_of_model, judged_host_frames
 
     model = _model_of_streamed_points(board)
     judge = judge_of_model(model)
@@ -88,7 +88,7 @@ def streamed_points_make_a_focus(board: BoardClient) -> None:
         model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "points"
     ):
         latch_now(board, frame.message)
-        check_focus(judge, frame, read_back(board))
+        judge_focus(judge, frame, read_back(board))
 
 
 def _random_point_to_stream(board: BoardClient) -> FocalPoint:
@@ -106,7 +106,7 @@ def _random_point_to_stream(board: BoardClient) -> FocalPoint:
 
 def _latches_of_random_points(
     board: BoardClient, points: int
-) -> list[tuple[tuple[FocalPoint, ...], ShownDrive]]:
+) -> list[tuple[tuple[FocalPoint, ...], ClientDrive]]:
     number = max(_MANY, -(-400 // board.identity.transducers))
     found = []
     for _ in range(number):

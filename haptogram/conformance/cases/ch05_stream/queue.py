@@ -8,8 +8,8 @@ from haptogram_protocol.messages import Feature
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, latch_now, watch_board_latches
-from ...client.stream_kinds import points_of
+from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
+from ...client.stream_kinds import points_of_stream_kind
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _DEEPEST: Final = 512
@@ -63,7 +63,7 @@ def queue_holds_its_depth(board: BoardClient) -> None:
     board.arm()
     good = board.shortest_stream()
     size = len(board.link.stream_wire(good, 0, seq=0))
-    points = points_of(good) * (depth + 1)
+    points = points_of_stream_kind(good) * (depth + 1)
     start_us = board.clock.soon_us(bytes(size * (depth + 1)), points=points)
     if start_us + 1000 * depth > board.clock.device_us() + board.identity.max_horizon_us:
         not_observed(f"this line or board takes too long to fill a queue of {depth} frames")
@@ -138,7 +138,7 @@ def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
 )
 def latches_frames_within_the_late_window(board: BoardClient) -> None:
     traced = board.identity.features & (Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING)
-    mode = watch_board_latches(board) if traced else None
+    mode = ask_for_board_latches(board) if traced else None
     board.configure(late_window_us=_MAX_LATE_US, **({"trace_mode": mode} if mode else {}))
     board.arm()
     since = board.link.mark()
@@ -150,7 +150,7 @@ def latches_frames_within_the_late_window(board: BoardClient) -> None:
         board.clock.require_in_time(t_us)
         board.clock.wait_until(t_us + 1000)
     if mode is not None:
-        flags = [latch.late for latch in board_latches(board, since, mode)]
+        flags = [latch.late for latch in latches_received_from_board(board, since, mode)]
         check(flags == [True, False], f"a late frame, then one in time: LATE is {flags}")
 
 

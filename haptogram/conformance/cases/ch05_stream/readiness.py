@@ -17,7 +17,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import between_pings, latch_now
+from ...client.latching import latch_now, send_between_pings
 from ...outcome import SELF_REPORTED, check
 
 _MOST_US: Final = 100_000
@@ -50,7 +50,7 @@ def latches_frames_when_ready(board: BoardClient) -> None:
     board.arm()
     for message, points in _kinds_of_ready_frames(board):
         for _ in range(_TRIES):
-            around_us = between_pings(board, message)
+            around_us = send_between_pings(board, message)
             board.clock.wait_latched(len(message.serialize()))
             got_us = board.clock.unwrap(board.status().last_latch_us)
             least_us, most_us = (

@@ -11,7 +11,7 @@ from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.board_clock import BOOT_US
 from ...client.latching import latch_now
-from ...client.wire import Received
+from ...client.wire import ReceivedByClient
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _LIMIT_US: Final = 10
@@ -121,7 +121,7 @@ def clock_counts_beyond_32_bits(board: BoardClient) -> None:
         check(off_us == 0, f"the latch at {t_us} µs is {off_us} µs past a carrier period")
 
 
-def _clock_of_pong(board: BoardClient, answer: Received) -> Pong:
+def _clock_of_pong(board: BoardClient, answer: ReceivedByClient) -> Pong:
     return board.link.reply_in(answer, Pong, Ping.TYPE)
 
 
@@ -177,7 +177,7 @@ def clock_stamps_exactly(board: BoardClient) -> None:
         not_observed("when a byte is on a real line is not known to 10 µs here")
     device_us = board.clock.device_us()
     ping, first = board.link.request_wire(Ping(1))
-    encoded, _ = malformed_frames.mute_of_encoded_size(board.link, 4000)
+    encoded, _ = malformed_frames.malformed_mute_of_size(board.link, 4000)
     sent_us = board.wire.now_us()
     base_us = board.link.call(Ping(0), Pong).t_rx_us - sent_us - board.wire.line_us(len(ping))
     ping, first = board.link.request_wire(Ping(2))

@@ -9,8 +9,8 @@ from haptogram_protocol.messages import Drives, Feature, PhaseFormat
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now
-from ...client.playback import play_now, store_phases
-from ...judge.ramps import check_straight_ramp, read_ramp
+from ...client.playback import play_now, send_phases_to_store
+from ...judge.ramps import judge_straight_ramp, judged_ramp
 from ...outcome import SELF_REPORTED
 
 _HOLD_MS: Final = 60
@@ -41,7 +41,7 @@ def output_ramps_begin_below_the_ceiling(board: BoardClient) -> None:
     count = board.identity.transducers
     played = board.has(Feature.SEQUENCE_PHASES)
     if played:
-        store_phases(board, _SEQUENCE, frames=1)
+        send_phases_to_store(board, _SEQUENCE, frames=1)
     for number, ceiling in enumerate(_CEILINGS):
         amplitudes = _amplitudes_in_ramps(ceiling, count)
         drives = Drives(PhaseFormat.BITS_8, 0, bytes(count) + amplitudes)
@@ -60,5 +60,5 @@ def output_ramps_begin_below_the_ceiling(board: BoardClient) -> None:
 def _judge_output_ramp(board: BoardClient, ramp_ms: int, latched: bytes, name: str) -> None:
     ceiling = board.config.amplitude_ceiling
     begins = bytes(min(code, ceiling) for code in latched)
-    ramp = read_ramp(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
-    check_straight_ramp(board, ramp, ramp_ms, begins, f"ceiling {ceiling}, {name}: ")
+    ramp = judged_ramp(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
+    judge_straight_ramp(board, ramp, ramp_ms, begins, f"ceiling {ceiling}, {name}: ")

@@ -13,8 +13,8 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYBACK
 from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
-from ...judge.timers import muted_by_timer
+from ...client.playback import play_now, send_phases_to_store
+from ...judge.timers import judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
@@ -48,7 +48,7 @@ def _state_and_reason_after(before: Found, event: OutputInput) -> Found:
 )
 def every_input_in_every_output_state(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=1)
+        send_phases_to_store(board, _SEQUENCE, frames=1)
     for bring, due in _origins_of_output_states(board):
         for name, event, happen in _inputs_to_output_states(board):
             bring()
@@ -122,7 +122,7 @@ def _mute_by_timer_for_state(board: BoardClient, reason: MuteReason) -> None:
         play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_SHORT_MS)
     elif hold:
         latch_now(board, board.flat_phases())
-    muted_by_timer(board, since, 1000 * _MS, reason)
+    judged_mute_by_timer(board, since, 1000 * _MS, reason)
     board.configure()
 
 

@@ -22,7 +22,7 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
-from ...client.playback import play_now, store_phases
+from ...client.playback import play_now, send_phases_to_store
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _SEQUENCE: Final = 4
@@ -52,7 +52,7 @@ def _queue_output_before_fault(board: BoardClient) -> None:
 
 
 def _play_output_before_fault(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=2)
+    send_phases_to_store(board, _SEQUENCE, frames=2)
     play_now(board, _SEQUENCE, loops=0)
     board.wire.idle(5000)
 
@@ -134,7 +134,7 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
         OutputInput.DISARM: Disarm(),
     }
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
+        send_phases_to_store(board, _SEQUENCE, frames=2)
         inputs |= {OutputInput.PLAY: Play(_SEQUENCE, 1000, 1, 100)}
     if board.identity.features & _PLAYBACK:
         inputs |= {OutputInput.STOP: Stop()}

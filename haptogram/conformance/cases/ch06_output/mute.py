@@ -20,8 +20,8 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import about_host, case, unobservable
 from ...client.board_client import BoardClient
-from ...client.latching import is_board_silent, latch_now, read_back_radiated, shown_drive_of_reply
-from ...client.playback import play_now, store_phases
+from ...client.latching import client_drive_of_reply, is_board_silent, latch_now, read_back_radiated
+from ...client.playback import play_now, send_phases_to_store
 from ...outcome import EXTERNAL, SELF_REPORTED, check
 
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
@@ -87,7 +87,7 @@ def _check_mute_flushes(board: BoardClient, message: Message) -> None:
 def _check_mute_ends_playback(board: BoardClient, message: Message) -> None:
     if not board.has(Feature.SEQUENCE_PHASES):
         return
-    store_phases(board, 2, frames=3)
+    send_phases_to_store(board, 2, frames=3)
     board.arm()
     since = board.link.mark()
     play_now(board, 2, loops=0)
@@ -162,7 +162,7 @@ def output_is_off_at_once(board: BoardClient) -> None:
         board.link.send(order, look)
         answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
         board.link.session = session
-        shown = shown_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
+        shown = client_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
         check(shown.loudest == 0, f"right behind {message.TYPE.name}: amplitude {shown.loudest}")
 
 

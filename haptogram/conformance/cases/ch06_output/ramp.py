@@ -18,9 +18,9 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now, read_back_radiated
-from ...client.playback import play_now, store_phases
-from ...judge.ramps import RampReading, check_straight_ramp, read_ramp
-from ...judge.timers import check_mute_time, muted_by_timer
+from ...client.playback import play_now, send_phases_to_store
+from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp
+from ...judge.timers import judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
@@ -66,7 +66,7 @@ def mutes_the_output_after_hold(board: BoardClient) -> None:
     board.arm()
     since = board.link.mark()
     latch_now(board, board.flat_phases())
-    muted_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
+    judged_mute_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
     check(board.status().reason is MuteReason.HOLD_EXPIRED, "STATUS does not say HOLD_EXPIRED")
 
 
@@ -75,7 +75,7 @@ def _ramp_of_output(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[R
     board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
     board.arm()
     latch_now(board, board.flat_phases())
-    return read_ramp(board, hold_ms=hold_ms, ramp_ms=ramp_ms)
+    return judged_ramp(board, hold_ms=hold_ms, ramp_ms=ramp_ms)
 
 
 @case(
@@ -105,7 +105,7 @@ def output_ramps_do_not_rise(board: BoardClient) -> None:
 def output_ramps_reach_silence(board: BoardClient) -> None:
     ramp_ms = 400
     ramp = _ramp_of_output(board, hold_ms=100, ramp_ms=ramp_ms)
-    check_straight_ramp(board, ramp, ramp_ms, bytes([FULL]) * board.identity.transducers)
+    judge_straight_ramp(board, ramp, ramp_ms, bytes([FULL]) * board.identity.transducers)
 
 
 @case("HG-6.11/3", "with ramp_ms = 0 the board is muted right at the end of the hold")
@@ -115,8 +115,8 @@ def hard_mute_has_no_ramp(board: BoardClient) -> None:
     since = board.link.mark()
     latch_now(board, board.flat_phases())
     start_us = board.clock.unwrap(board.status().last_latch_us)
-    header, _ = muted_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
-    check_mute_time(board, start_us, header, 80, "hold_ms = 80, ramp_ms = 0")
+    header, _ = judged_mute_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
+    judge_mute_time(board, start_us, header, 80, "hold_ms = 80, ramp_ms = 0")
 
 
 @case(
@@ -161,9 +161,9 @@ def output_ramps_end_muted(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
         start_us = board.clock.unwrap(board.status().last_latch_us)
         board.link.send(board.link.stream_wire(board.flat_phases(), start_us + 2_000_000))
-        header, _ = muted_by_timer(board, since, 400 * _MS, MuteReason.HOLD_EXPIRED)
+        header, _ = judged_mute_by_timer(board, since, 400 * _MS, MuteReason.HOLD_EXPIRED)
     ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0
-    check_mute_time(board, start_us, header, 60 + ramp_ms, "hold_ms = 60 and the ramp")
+    judge_mute_time(board, start_us, header, 60 + ramp_ms, "hold_ms = 60 and the ramp")
 
 
 @case(
@@ -174,10 +174,10 @@ def output_ramps_end_muted(board: BoardClient) -> None:
 )
 def output_ramps_end_playback(board: BoardClient) -> None:
     board.configure(hold_ms=50)
-    store_phases(board, 1, frames=2)
+    send_phases_to_store(board, 1, frames=2)
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=0, period_us=500_000)
-    muted_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
+    judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
     found = board.link.await_event(PlaybackEnded, since, 50 * _MS + board.wire.limits.slack_us)
     check(found is not None, "a timer has muted the board, but no PLAYBACK_ENDED came")

@@ -12,7 +12,7 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back, read_back_radiated
 from ...client.uploads import upload_to_board
-from ...judge.witness import expect_shown
+from ...judge.witness import expect_witnessed_drive
 from ...outcome import SELF_REPORTED, check
 
 
@@ -30,7 +30,7 @@ def adds_the_phase_correction(board: BoardClient) -> None:
     board.arm()
     latch_now(board, board.phases(registers))
     full = b"\xff" * count
-    expect_shown(board, read_back(board), registers, full)
+    expect_witnessed_drive(board, read_back(board), registers, full)
     shown = read_back_radiated(board)
     due = bytes((a + b) % 256 for a, b in zip(registers, correction, strict=True))
     wrong = sum(a != b for a, b in zip(shown.phases, due, strict=True))

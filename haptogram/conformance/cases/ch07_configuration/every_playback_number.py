@@ -16,7 +16,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.playback import PERIOD_US, play_now, shortest_period_us, store_phases
+from ...client.playback import PERIOD_US, play_now, send_phases_to_store, shortest_period_to_play_us
 from ...outcome import SELF_REPORTED, check, fail, inconclusive
 
 _MS: Final = 1000
@@ -28,7 +28,7 @@ _SLOW_US: Final = 9_500_000
 
 
 def _playback_period_us(board: BoardClient) -> int:
-    return shortest_period_us(board, PERIOD_US)
+    return shortest_period_to_play_us(board, PERIOD_US)
 
 
 def _playback_loop_numbers(frames: int) -> list[int]:
@@ -56,7 +56,7 @@ def _playback_loop_numbers(frames: int) -> list[int]:
 def many_playback_loops_go_on(board: BoardClient) -> None:
     period_us = _playback_period_us(board)
     for frames in (1, 2, 3):
-        store_phases(board, _SEQUENCE, frames=frames)
+        send_phases_to_store(board, _SEQUENCE, frames=frames)
         for loops in _playback_loop_numbers(frames):
             board.arm()
             since, before = board.link.mark(), board.status().counters.latched
@@ -85,7 +85,7 @@ def _playback_periods_us() -> list[int]:
     evidence=SELF_REPORTED,
 )
 def long_playback_periods_are_long(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=3)
+    send_phases_to_store(board, _SEQUENCE, frames=3)
     board.configure(hold_ms=10_000)
     periods = _playback_periods_us()
     for period_us in periods if board.thorough else periods[-2:]:
@@ -114,7 +114,7 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
     frames = (1 << 32) // _SLOW_US + 4
     if board.wire.limits.slack_us:
         frames = 4  # 38 s; the rest is the business of virtual time
-    store_phases(board, _SEQUENCE, frames=2)
+    send_phases_to_store(board, _SEQUENCE, frames=2)
     board.configure(hold_ms=10_000)
     alone_ms = min(60_000, board.identity.max_unattended_ms)
     board.arm()
@@ -146,7 +146,7 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
     wall_depth=Depth.FULL,
 )
 def every_playback_start_is_kept(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=1)
+    send_phases_to_store(board, _SEQUENCE, frames=1)
     horizon_us = board.identity.max_horizon_us
     aheads = {70 * _MS, 600 * _MS, horizon_us - 200 * _MS}
     aheads |= {(1 << width) + 50 * _MS for width in (15, 16, 20, 23, 24, 31)}
@@ -176,7 +176,7 @@ def every_playback_start_is_kept(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
 )
 def passed_playback_starts_are_refused(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=1)
+    send_phases_to_store(board, _SEQUENCE, frames=1)
     for window_us in (0, 20_000, 100_000):
         board.configure(late_window_us=window_us)
         board.arm()

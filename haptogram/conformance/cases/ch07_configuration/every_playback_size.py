@@ -16,16 +16,16 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, latch_now
+from ...client.latching import latch_now, latches_received_from_board
 from ...client.playback import (
     UNATTENDED_MS,
+    await_playback_end,
     play_at,
     play_out,
-    playback_end,
-    shortest_period_us,
-    store_phases,
+    send_phases_to_store,
+    shortest_period_to_play_us,
 )
-from ...client.stream_kinds import random_point
+from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check
 
@@ -39,9 +39,9 @@ _WINDOW_US: Final = 100_000
 
 def _store_playback(board: BoardClient, kind: UploadKind, frames: int) -> None:
     if kind is UploadKind.PHASES:
-        store_phases(board, _SEQUENCE, frames=frames)
+        send_phases_to_store(board, _SEQUENCE, frames=frames)
         return
-    data = b"".join(random_point(board).pack() for _ in range(frames))
+    data = b"".join(random_point_to_send(board).pack() for _ in range(frames))
     upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, 1)
 
 
@@ -54,7 +54,7 @@ def _kinds_of_playback(board: BoardClient) -> list[UploadKind]:
 
 
 def _shortest_playback_us(board: BoardClient) -> int:
-    return shortest_period_us(board, max(200, board.identity.point_time_us))
+    return shortest_period_to_play_us(board, max(200, board.identity.point_time_us))
 
 
 @case(
@@ -87,12 +87,12 @@ def every_playback_size_is_played(board: BoardClient) -> None:
                 period_us=period,
                 unattended_ms=alone_ms,
             )
-            event = playback_end(board, since, frames * loops * period)
+            event = await_playback_end(board, since, frames * loops * period)
             due = [
                 (_SEQUENCE, n // frames, n % frames, board.clock.on_carrier(start_us + n * period))
                 for n in range(frames * loops)
             ]
-            seen = board_latches(board, since, TraceMode.RING)
+            seen = latches_received_from_board(board, since, TraceMode.RING)
             got = [(latch.sequence, latch.loop, latch.index, latch.t_us) for latch in seen]
             name = f"{kind.name}, {frames} frames, {loops} loops, {period} µs"
             wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
@@ -111,13 +111,15 @@ def every_playback_size_is_played(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def many_playback_frames_are_counted(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=1)
+    send_phases_to_store(board, _SEQUENCE, frames=1)
     rings = board.has(Feature.TRACE_RING | Feature.CONFIG)
     if rings:
         board.configure(trace_mode=TraceMode.RING, late_window_us=_WINDOW_US)
     board.arm()
     with board.counting(latched=_MANY):
-        event = play_out(board, _SEQUENCE, 1, loops=_MANY, period_us=shortest_period_us(board))
+        event = play_out(
+            board, _SEQUENCE, 1, loops=_MANY, period_us=shortest_period_to_play_us(board)
+        )
     told = (event.loops, event.frames)
     check(told == (_MANY, _MANY), f"{_MANY} passes of one frame: PLAYBACK_ENDED says {told}")
     if rings:
@@ -146,7 +148,7 @@ def _check_playback_in_the_ring(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def wide_dividers_divide_playback(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=3)
+    send_phases_to_store(board, _SEQUENCE, frames=3)
     board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
     board.arm()
     since = board.link.mark()
@@ -169,7 +171,7 @@ def wide_dividers_divide_playback(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=1)
+    send_phases_to_store(board, _SEQUENCE, frames=1)
     for divider in (2, 3, 4):
         board.configure(
             trace_mode=TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US

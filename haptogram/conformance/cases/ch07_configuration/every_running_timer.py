@@ -12,8 +12,8 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
-from ...judge.timers import EXACT_US, check_mute_time, check_status_steps, muted_by_timer
+from ...client.playback import play_now, send_phases_to_store
+from ...judge.timers import EXACT_US, judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import check, not_observed
 
 _MS: Final = 1000
@@ -83,7 +83,7 @@ def _hold_with_configuration(
     early_us = board.clock.device_us()
     late_us = _set_configuration_alone(board, **after)
     longest_ms = 2 * max(length_ms, after["hold_ms"]) + after["ramp_ms"]
-    header, _ = muted_by_timer(board, since, longest_ms * _MS, MuteReason.HOLD_EXPIRED)
+    header, _ = judged_mute_by_timer(board, since, longest_ms * _MS, MuteReason.HOLD_EXPIRED)
     muted_us = board.clock.unwrap(header.time_us)
     due_us = start_us + after["hold_ms"] * _MS
     # A hold that is over by its new length ends when SET_CONFIG comes.
@@ -110,7 +110,7 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
         ramps += [{"ramp_ms": 90}, {"ramp_ms": 90, "hold_ms": _LENGTH_MS - 50}]
     starts = [_start_hold_to_configure]
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
+        send_phases_to_store(board, _SEQUENCE, frames=2)
         starts.append(_start_played_hold_to_configure)
     lengths: list[tuple[int, dict[str, Any]]] = [
         (_LENGTH_MS, {"hold_ms": _LENGTH_MS - 50}),
@@ -135,7 +135,7 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
 )
 def configuration_changes_a_running_lease(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
+        send_phases_to_store(board, _SEQUENCE, frames=2)
     lengths: list[dict[str, Any]] = [
         {"host_timeout_ms": 60},
         {"host_timeout_ms": _LENGTH_MS + 100},
@@ -163,8 +163,8 @@ def _lease_with_configuration(
     start_us = _set_configuration_alone(board, **after)
     due_ms = (_LENGTH_MS if plays else after["host_timeout_ms"]) + after["ramp_ms"]
     reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
-    header, _ = muted_by_timer(board, since, 3 * due_ms * _MS, reason)
-    check_mute_time(board, start_us, header, due_ms, f"{reason.name}, {dict(changes)} meanwhile")
+    header, _ = judged_mute_by_timer(board, since, 3 * due_ms * _MS, reason)
+    judge_mute_time(board, start_us, header, due_ms, f"{reason.name}, {dict(changes)} meanwhile")
 
 
 @case(
@@ -192,9 +192,9 @@ def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
         board.wire.idle(max(0, middle_us - board.clock.device_estimate_us()))
         board.clock.require_in_time(start_us + (hold_ms + ramp_ms) * _MS)
         board.configure(**{"hold_ms": hold_ms, "ramp_ms": ramp_ms} | changes)
-        header, _ = muted_by_timer(board, since, 2500 * _MS, MuteReason.HOLD_EXPIRED)
+        header, _ = judged_mute_by_timer(board, since, 2500 * _MS, MuteReason.HOLD_EXPIRED)
         name = f"a ramp of {hold_ms} + {ramp_ms} ms, {changes} meanwhile"
-        check_mute_time(board, start_us, header, hold_ms + ramp_ms, name)
+        judge_mute_time(board, start_us, header, hold_ms + ramp_ms, name)
 
 
 @case(
@@ -220,4 +220,4 @@ def configuration_changes_a_running_status_period(board: BoardClient) -> None:
         name = f"status_period_ms {before_ms}, then {after_ms}"
         check(len(times) >= 3, f"{name}: {len(times)} STATUS in 3.5 periods")
         check(times[0] - start_us <= after_ms * _MS + EXACT_US, f"{name}: the first one is late")
-        check_status_steps(board, times, after_ms, f"{before_ms} before")
+        judge_status_steps(board, times, after_ms, f"{before_ms} before")

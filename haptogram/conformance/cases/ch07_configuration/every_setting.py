@@ -25,10 +25,10 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back, read_back_radiated
-from ...client.playback import period_of, play_now, play_out, store_phases
-from ...client.stream_kinds import random_point, valid_requests
+from ...client.playback import period_to_play, play_now, play_out, send_phases_to_store
+from ...client.stream_kinds import random_point_to_send, valid_requests_to_send
 from ...client.uploads import upload_to_board
-from ...judge.refused_requests import refused_by_link
+from ...judge.refused_requests import requests_refused_by_link
 from ...outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
@@ -52,7 +52,7 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
         board.configure()
         board.arm()
         if played:
-            store_phases(board, _SEQUENCE, frames=1)
+            send_phases_to_store(board, _SEQUENCE, frames=1)
             play_now(board, _SEQUENCE, loops=1)
             board.wire.idle(5 * _MS + board.wire.limits.slack_us)
         else:
@@ -71,17 +71,17 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def stored_points_take_the_configured_speed(board: BoardClient) -> None:
-    from ...judge.array_model import model_of_board
+    from ...judge.array_model import judged_model_of_board
     from ...judge.focusing import judged_phase_errors
 
-    frame = Points(tuple(random_point(board, 1) for _ in range(1)))
+    frame = Points(tuple(random_point_to_send(board, 1) for _ in range(1)))
     upload_to_board(board, UploadKind.POINTS, _SEQUENCE, frame.serialize(), 1)
     for speed in _SPEEDS_MM_S:
         board.configure(sound_speed_mm_s=speed)
         board.arm()
-        play_out(board, _SEQUENCE, 1, period_us=period_of(board, 1))
+        play_out(board, _SEQUENCE, 1, period_us=period_to_play(board, 1))
         errors = judged_phase_errors(
-            model_of_board(board), [(tuple(frame.points), read_back(board))]
+            judged_model_of_board(board), [(tuple(frame.points), read_back(board))]
         )
         worst = float(abs(errors).max(initial=0.0))
         check(worst <= _WORST_STEPS, f"{speed / 1000:g} m/s: a phase is off by {worst:.1f} steps")
@@ -103,7 +103,7 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
         TraceMode.RING: (Feature.TRACE_RING, None),
     }
     modes = [mode for mode, (feature, _) in events.items() if board.has(feature)]
-    store_phases(board, _SEQUENCE, frames=2)
+    send_phases_to_store(board, _SEQUENCE, frames=2)
     board.arm()
     play_now(board, _SEQUENCE, loops=0, period_us=10 * _MS)
     for mode in [*modes, *reversed(modes)]:
@@ -128,12 +128,12 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
 )
 def requests_leave_the_configured_division(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=1)
+        send_phases_to_store(board, _SEQUENCE, frames=1)
     board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
     board.arm()
     since, first = board.link.mark(), board.link.stream_next
     count = 0
-    messages: list[Message] = [*valid_requests(board, _SEQUENCE), Mute(), Arm()]
+    messages: list[Message] = [*valid_requests_to_send(board, _SEQUENCE), Mute(), Arm()]
     for message in messages:
         if isinstance(message, SetConfig | Play | UploadBegin):
             continue
@@ -142,7 +142,7 @@ def requests_leave_the_configured_division(board: BoardClient) -> None:
         if isinstance(message, Disarm | Stop | Mute):
             board.arm()
         count += 1
-    for refusal in refused_by_link(board):
+    for refusal in requests_refused_by_link(board):
         latch_now(board, board.flat_phases())
         board.link.ask_raw(refusal.kind, refusal.payload, **{"session": 0} | dict(refusal.header))
         count += 1

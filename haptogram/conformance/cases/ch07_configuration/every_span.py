@@ -24,10 +24,10 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, full_drive, latch_now, read_back
+from ...client.latching import full_client_drive, latch_now, latches_received_from_board, read_back
 from ...client.playback import play_out
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import begin_upload, send_pieces
+from ...client.uploads import begin_upload, send_upload_in_pieces
 from ...outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 3
@@ -133,7 +133,7 @@ def every_order_of_upload_chunks(board: BoardClient) -> None:
         size = min(-(-len(data) // _PIECES), board.identity.max_chunk)
         chunks = [(at, min(at + size, len(data))) for at in range(0, len(data), size)]
         begin_upload(board, UploadKind.PHASES, _SEQUENCE, data)
-        refused = send_pieces(board, data, order(chunks))
+        refused = send_upload_in_pieces(board, data, order(chunks))
         for start, stop in sorted(refused):  # each begins at the first byte that is missing now
             board.link.call(UploadChunk(start, data[start:stop]), UploadChunkReply)
         taken = board.link.call(UploadCommit(_SEQUENCE), UploadCommitReply).frames
@@ -146,6 +146,6 @@ def _uploaded_chunks_play(board: BoardClient, name: str, drives: list[bytes]) ->
     board.arm()
     since = board.link.mark()
     play_out(board, _SEQUENCE, len(drives))
-    got = [latch.crc for latch in board_latches(board, since, TraceMode.CRC)]
-    due = [zlib.crc32(full_drive(drive)) for drive in drives]
+    got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
+    due = [zlib.crc32(full_client_drive(drive)) for drive in drives]
     check(got == due, f"{name}: the sequence that is played is not the one uploaded")

@@ -25,7 +25,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, full_drive
+from ...client.latching import full_client_drive, latches_received_from_board
 from ...client.playback import play_now, play_out
 from ...client.uploads import SEQUENCES, upload_to_board
 from ...outcome import SELF_REPORTED, check
@@ -57,7 +57,7 @@ class Store:
         count = self.board.identity.transducers
         drives = [self.board.random.randbytes(count) for _ in range(frames)]
         upload_to_board(self.board, UploadKind.PHASES, sequence, b"".join(drives))
-        self.crcs[sequence] = [zlib.crc32(full_drive(drive)) for drive in drives]
+        self.crcs[sequence] = [zlib.crc32(full_client_drive(drive)) for drive in drives]
 
     def abandon(self, sequence: int, frames: int) -> None:
         """Begin an upload of a sequence, and do not go on."""
@@ -71,7 +71,9 @@ class Store:
             self.board.arm()
             since = self.board.link.mark()
             play_out(self.board, sequence, len(due))
-            got = [latch.crc for latch in board_latches(self.board, since, TraceMode.CRC)]
+            got = [
+                latch.crc for latch in latches_received_from_board(self.board, since, TraceMode.CRC)
+            ]
             check(got == due, f"{name}: sequence {sequence:#06x} is not played as it was uploaded")
 
 
@@ -130,7 +132,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
         upload_to_board(board, UploadKind.CORRECTION, 0, bytes(board.identity.transducers))
     board.wire.idle(10_000)
     board.link.ask(Mute())
-    got = [latch.crc for latch in board_latches(board, since, TraceMode.CRC)]
+    got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
     due = store.crcs[second] * len(got)
     check(len(got) > 4, f"{len(got)} latches while others are uploaded")
     check(got == due[: len(got)], "the sequence that plays changes while others are uploaded")

@@ -19,11 +19,17 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, latch_now, watch_board_latches
-from ...client.playback import period_of, play_at, play_now, shortest_period_us, store_phases
-from ...client.stream_kinds import random_point
+from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
+from ...client.playback import (
+    period_to_play,
+    play_at,
+    play_now,
+    send_phases_to_store,
+    shortest_period_to_play_us,
+)
+from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import upload_to_board
-from ...judge.timers import muted_by_timer
+from ...judge.timers import judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, fail, not_observed
 
 _MS: Final = 1000
@@ -45,7 +51,7 @@ def _playback_ended(board: BoardClient, since: int, timeout_us: int) -> Playback
     needs=_NEEDS,
 )
 def refuses_playback_in_wrong_state(board: BoardClient) -> None:
-    store_phases(board, 1, frames=2)
+    send_phases_to_store(board, 1, frames=2)
     board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, 0, flags=0x10)
     board.arm()
     board.link.refused(Play(0xFFF7, 1000, 1, 100), ErrorCode.NOT_FOUND, flags=0x10)
@@ -61,7 +67,7 @@ def refuses_playback_in_wrong_state(board: BoardClient) -> None:
     needs=_NEEDS,
 )
 def checks_the_times_of_playback(board: BoardClient) -> None:
-    store_phases(board, 1, frames=2)
+    send_phases_to_store(board, 1, frames=2)
     board.arm()
     identity = board.identity
     least_us = -(-1_000_000 // identity.max_playback_rate_hz)
@@ -88,11 +94,11 @@ def checks_the_times_of_playback(board: BoardClient) -> None:
 )
 def playback_leaves_time_to_compute(board: BoardClient) -> None:
     points = board.identity.max_points
-    frame = b"".join(random_point(board, points).pack() for _ in range(points))
+    frame = b"".join(random_point_to_send(board, points).pack() for _ in range(points))
     upload_to_board(board, UploadKind.POINTS, 1, 2 * frame, points)
     board.arm()
     bad, period = ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset
-    usual_us = period_of(board, points)
+    usual_us = period_to_play(board, points)
     soon_us = board.clock.device_us() + board.ready_after_us(points) - 1
     board.link.refused(Play(1, usual_us, 1, 1000), bad, 0, time_us=soon_us)
     least_us = points * board.identity.point_time_us
@@ -110,7 +116,7 @@ def playback_leaves_time_to_compute(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def playback_flushes_the_queue(board: BoardClient) -> None:
-    store_phases(board, 1, frames=2)
+    send_phases_to_store(board, 1, frames=2)
     for plays_later in (False, True):
         board.arm()
         t_us = board.clock.soon_us(bytes(2000)) + 30_000
@@ -132,16 +138,16 @@ def playback_flushes_the_queue(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def plays_the_sequence_in_time(board: BoardClient) -> None:
-    mode = watch_board_latches(board)
-    store_phases(board, 1, frames=3)
-    least_us = shortest_period_us(board)
+    mode = ask_for_board_latches(board)
+    send_phases_to_store(board, 1, frames=3)
+    least_us = shortest_period_to_play_us(board)
     period_us, loops = max(1003, least_us), 20
     board.arm()
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(100)) + 5003
     play_at(board, 1, start_us, loops=loops, period_us=period_us)
     event = _playback_ended(board, since, 3 * loops * period_us + 200 * _MS)
-    seen = board_latches(board, since, mode)
+    seen = latches_received_from_board(board, since, mode)
     due = [
         (1, number // 3, number % 3, board.clock.on_carrier(start_us + number * period_us))
         for number in range(3 * loops)
@@ -161,7 +167,7 @@ def plays_the_sequence_in_time(board: BoardClient) -> None:
 )
 def playback_may_be_left_alone(board: BoardClient) -> None:
     board.configure(host_timeout_ms=60)
-    store_phases(board, 1, frames=2)
+    send_phases_to_store(board, 1, frames=2)
     alone_ms = min(300, board.identity.max_unattended_ms)
     if alone_ms <= 100:
         not_observed("max_unattended_ms is too short to tell it from host_timeout_ms")
@@ -169,7 +175,7 @@ def playback_may_be_left_alone(board: BoardClient) -> None:
     since = board.link.mark()
     play_now(board, 1, loops=0, unattended_ms=alone_ms)
     start_us = board.clock.device_us()
-    header, _ = muted_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
+    header, _ = judged_mute_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
     took_ms = (board.clock.unwrap(header.time_us) - start_us) / _MS
     check(abs(took_ms - alone_ms) <= 1, f"unattended_ms = {alone_ms}: muted after {took_ms:.1f} ms")
 
@@ -181,7 +187,7 @@ def playback_may_be_left_alone(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def playback_loops_until_it_is_ended(board: BoardClient) -> None:
-    store_phases(board, 1, frames=2)
+    send_phases_to_store(board, 1, frames=2)
     for message in (Stop(), Disarm(), Mute(), None):
         board.arm()
         since = board.link.mark()
@@ -202,7 +208,7 @@ def playback_loops_until_it_is_ended(board: BoardClient) -> None:
 
 @case("HG-7.7/1", "STOP ends a playback; the board stays ARMED and holds the drive", needs=_NEEDS)
 def stop_ends_the_playback(board: BoardClient) -> None:
-    store_phases(board, 1, frames=2)
+    send_phases_to_store(board, 1, frames=2)
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=0)
@@ -230,7 +236,7 @@ def stop_without_playback(board: BoardClient) -> None:
     needs=_NEEDS,
 )
 def tells_the_end_of_playback(board: BoardClient) -> None:
-    store_phases(board, 4, frames=3)
+    send_phases_to_store(board, 4, frames=3)
     for message in (None, Stop(), Mute(), Disarm()):
         board.arm()
         since = board.link.mark()
@@ -251,7 +257,7 @@ def tells_the_end_of_playback(board: BoardClient) -> None:
 
 @case("HG-7.8/2", "after the last frame the board is ARMED and latches stream frames", needs=_NEEDS)
 def streams_after_playback(board: BoardClient) -> None:
-    store_phases(board, 1, frames=2)
+    send_phases_to_store(board, 1, frames=2)
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=1)

@@ -20,9 +20,14 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, watch_board_latches
-from ...client.playback import play_now, store_phases
-from ...client.uploads import begin_upload, send_chunks, send_pieces, upload_to_board
+from ...client.latching import ask_for_board_latches, latches_received_from_board
+from ...client.playback import play_now, send_phases_to_store
+from ...client.uploads import (
+    begin_upload,
+    send_upload_chunks,
+    send_upload_in_pieces,
+    upload_to_board,
+)
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _ANY: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS | Feature.CORRECTION
@@ -126,7 +131,7 @@ def upload_begins_anew(board: BoardClient) -> None:
     data = b"\x07" * frame
     points = int(kind is UploadKind.POINTS)
     begin_upload(board, kind, target, data, points)
-    send_chunks(board, data)
+    send_upload_chunks(board, data)
     begin_upload(board, kind, target, data, points)
     board.link.refused(UploadCommit(target), ErrorCode.INCOMPLETE, 0)
 
@@ -137,7 +142,7 @@ def upload_begins_anew(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES,
 )
 def upload_spares_the_playing_sequence(board: BoardClient) -> None:
-    store_phases(board, 5, frames=2)
+    send_phases_to_store(board, 5, frames=2)
     board.arm()
     play_now(board, 5, loops=0)
     size = board.identity.transducers
@@ -151,7 +156,7 @@ def takes_chunks_in_any_order(board: BoardClient) -> None:
     begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
     size = max(1, min(board.identity.max_chunk, 1 + frame // 5))
     pieces = [(start, min(start + size, frame)) for start in range(0, frame, size)]
-    refused = send_pieces(board, data, [*reversed(pieces), *pieces, pieces[0]])
+    refused = send_upload_in_pieces(board, data, [*reversed(pieces), *pieces, pieces[0]])
     check(not refused, "chunks that come backwards leave one gap, and some were refused")
     board.link.call(UploadCommit(target), UploadCommitReply)
 
@@ -162,7 +167,9 @@ def limits_the_gaps_of_an_upload(board: BoardClient) -> None:
     frames = 1 if kind is UploadKind.CORRECTION else -(-2 * _GAPS // frame)
     data = board.random.randbytes(frame * frames)
     begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
-    send_pieces(board, data, ((at, at + 1) for at in range(1, min(len(data), 2 * _GAPS), 2)))
+    send_upload_in_pieces(
+        board, data, ((at, at + 1) for at in range(1, min(len(data), 2 * _GAPS), 2))
+    )
     size = min(board.identity.max_chunk, len(data))
     board.link.refused(UploadCommit(target), ErrorCode.INCOMPLETE, 0)
     for start in range(0, len(data), size):
@@ -249,11 +256,11 @@ def takes_chunks_that_fit(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def upload_keeps_the_old_sequence(board: BoardClient) -> None:
-    mode = watch_board_latches(board)
-    old = store_phases(board, 6, frames=2)
+    mode = ask_for_board_latches(board)
+    old = send_phases_to_store(board, 6, frames=2)
     new = [board.random.randbytes(len(old[0])) for _ in range(2)]
     begin_upload(board, UploadKind.PHASES, 6, b"".join(new))
-    send_chunks(board, b"".join(new))
+    send_upload_chunks(board, b"".join(new))
     for due in (old, new):
         board.hello()  # a new session: the ring begins anew, and an upload that is not committed
         if due is new:
@@ -263,7 +270,7 @@ def upload_keeps_the_old_sequence(board: BoardClient) -> None:
         play_now(board, 6, loops=1)
         board.link.await_event(PlaybackEnded, since, 100_000)
         full = b"\xff" * len(old[0])
-        got = [latch.crc for latch in board_latches(board, since, mode)]
+        got = [latch.crc for latch in latches_received_from_board(board, since, mode)]
         wanted = [zlib.crc32(phases + full) for phases in due]
         which = "old" if due is old else "new"
         check(got == wanted, f"the {which} sequence is due; traced are {len(got)} other drives")
@@ -281,7 +288,7 @@ def refuses_upload_commits_with_a_gap(board: BoardClient) -> None:
     board.link.call(UploadChunk(half, data[half:][: board.identity.max_chunk]), UploadChunkReply)
     if half > 1:
         board.link.refused(UploadCommit(target), ErrorCode.INCOMPLETE, 1)
-    send_chunks(board, data)
+    send_upload_chunks(board, data)
     got = board.link.call(UploadCommit(target), UploadCommitReply).frames
     due = board.identity.transducers if kind is UploadKind.CORRECTION else frames
     check(got == due, f"UPLOAD_COMMIT_REPLY says {got}, due is {due}")
@@ -296,7 +303,7 @@ def refuses_upload_commits_of_other_bytes(board: BoardClient) -> None:
     data = board.random.randbytes(frame)
     begin = _begin_upload_of_size(board, frame, zlib.crc32(data) ^ 0x10)
     board.link.ask(begin)
-    send_chunks(board, data)
+    send_upload_chunks(board, data)
     board.link.refused(UploadCommit(target), ErrorCode.CRC_MISMATCH, zlib.crc32(data))
     check(kind is begin.kind, "the upload is of another kind")
 
@@ -311,5 +318,5 @@ def refuses_a_stray_upload_commit(board: BoardClient) -> None:
     board.link.refused(UploadCommit(target), ErrorCode.BAD_STATE)
     data = bytes(frame)
     begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
-    send_chunks(board, data)
+    send_upload_chunks(board, data)
     board.link.refused(UploadCommit(target + 1), ErrorCode.BAD_VALUE, 0)

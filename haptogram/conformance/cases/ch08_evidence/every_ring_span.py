@@ -17,8 +17,8 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, latch_now
-from ...client.playback import play_out, shortest_period_us, store_phases
+from ...client.latching import latch_now, latches_received_from_board
+from ...client.playback import play_out, send_phases_to_store, shortest_period_to_play_us
 from ...outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 7
@@ -50,12 +50,14 @@ def _spans_of_ring(oldest: int, following: int) -> Iterator[tuple[int, int]]:
 def every_span_of_the_ring(board: BoardClient) -> None:
     ring = board.identity.trace_ring
     board.configure(trace_mode=TraceMode.RING)
-    store_phases(board, _SEQUENCE, frames=_FRAMES)
+    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     board.arm()
     index = latch_now(board, board.flat_phases())
     turns_over = board.thorough and ring < 6000
     loops = -(-(max(_LATCHES, ring + 7) if turns_over else _LATCHES) // _FRAMES)
-    play_out(board, _SEQUENCE, _FRAMES, loops=loops, period_us=shortest_period_us(board, 200))
+    play_out(
+        board, _SEQUENCE, _FRAMES, loops=loops, period_us=shortest_period_to_play_us(board, 200)
+    )
     total = loops * _FRAMES + 1
     oldest = max(0, total - ring)
     for first, count in _spans_of_ring(oldest, total):
@@ -91,9 +93,9 @@ def _trace_key(number: int, index: int) -> LatchKey:
 )
 def loops_are_counted_on_in_trace_keys(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.RING)
-    store_phases(board, _SEQUENCE, frames=1)
+    send_phases_to_store(board, _SEQUENCE, frames=1)
     board.arm()
-    play_out(board, _SEQUENCE, 1, loops=_LOOPS, period_us=shortest_period_us(board))
+    play_out(board, _SEQUENCE, 1, loops=_LOOPS, period_us=shortest_period_to_play_us(board))
     reply = board.link.call(ReadTrace(_LOOPS - 3, 3), TraceReply)
     got = [(record.number, record.key.loop, record.key.index) for record in reply.records]
     due = [(number, number, 0) for number in range(_LOOPS - 3, _LOOPS)]
@@ -109,7 +111,7 @@ def loops_are_counted_on_in_trace_keys(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def a_divider_is_of_drive_traces_alone(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=_FRAMES)
+    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     for feature, mode in ((Feature.TRACE, TraceMode.CRC), (Feature.TRACE_RING, TraceMode.RING)):
         if not board.has(feature):
             continue
@@ -120,5 +122,8 @@ def a_divider_is_of_drive_traces_alone(board: BoardClient) -> None:
         due = [(0, latch_now(board, board.flat_phases())) for _ in range(4)]
         play_out(board, _SEQUENCE, _FRAMES)
         due += [(_SEQUENCE, number) for number in range(_FRAMES)]
-        got = [(latch.sequence, latch.index) for latch in board_latches(board, since, mode)]
+        got = [
+            (latch.sequence, latch.index)
+            for latch in latches_received_from_board(board, since, mode)
+        ]
         check(got == due, f"mode {mode.name}, trace_divider 3: told are {got}, due {due}")

@@ -19,9 +19,15 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.drive_paths import drive_paths, registers_of
-from ...client.latching import ShownDrive, board_latches, full_drive, latch_now, read_back
-from ...client.playback import play_out, store_phases
+from ...client.drive_paths import drive_paths, registers_asked_for
+from ...client.latching import (
+    ClientDrive,
+    full_client_drive,
+    latch_now,
+    latches_received_from_board,
+    read_back,
+)
+from ...client.playback import play_out, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check
@@ -67,13 +73,13 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
             board.arm()
             for path in drive_paths(board):
                 since = board.link.mark()
-                due = registers_of(board, path.latch())
+                due = registers_asked_for(board, path.latch())
                 shown = read_back(board)
                 name = f"{path.name}, trace {mode.name}"
                 if due is not None:
                     same = (shown.phases, shown.amplitudes) == due
                     check(same, f"{name}: the latched drive read back is not the one sent")
-                seen = board_latches(board, since, mode)
+                seen = latches_received_from_board(board, since, mode)
                 check(bool(seen), f"{name}: no latch is traced")
                 check(seen[-1].crc == shown.crc, f"{name}: traced is not the latched drive")
 
@@ -94,7 +100,7 @@ def every_span_of_a_read_back_under_a_ceiling(board: BoardClient) -> None:
         for stream in stream_kinds(board):
             message = stream.make()
             latch_now(board, message)
-            due = registers_of(board, message)
+            due = registers_asked_for(board, message)
             for kind in kinds:
                 whole = read_back(board, kind)
                 name = f"{stream.name}, {kind.name}"
@@ -105,7 +111,7 @@ def every_span_of_a_read_back_under_a_ceiling(board: BoardClient) -> None:
 
 
 def _check_span_of_read_back(
-    board: BoardClient, name: str, whole: ShownDrive, kind: DriveKind, first: int
+    board: BoardClient, name: str, whole: ClientDrive, kind: DriveKind, first: int
 ) -> None:
     for number in (1, 3, 0xFFFF):
         reply = board.link.call(ReadDrive(kind, first, number), DriveReply)
@@ -123,7 +129,7 @@ def _check_span_of_read_back(
 )
 def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=4)
+        send_phases_to_store(board, _SEQUENCE, frames=4)
     for feature, mode in _MODES:
         if not board.has(feature):
             continue
@@ -146,8 +152,12 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
             )
             board.clock.require_in_time(times[0])
             board.wire.idle(max(0, times[-1] + 5 * _MS - board.clock.device_estimate_us()))
-            seen = [latch for latch in board_latches(board, since, mode) if latch.index >= first]
-            due = [zlib.crc32(full_drive(codes)) for codes in registers]
+            seen = [
+                latch
+                for latch in latches_received_from_board(board, since, mode)
+                if latch.index >= first
+            ]
+            due = [zlib.crc32(full_client_drive(codes)) for codes in registers]
             got = [latch.crc for latch in seen]
             check(got == due, f"trace {mode.name}, ceiling {ceiling}, during a ramp: other drives")
 
@@ -160,7 +170,7 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def trace_divisions_start_anew(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=2)
+    send_phases_to_store(board, _SEQUENCE, frames=2)
     for before in range(4):
         for name in ("SET_CONFIG", "HELLO"):
             board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)

@@ -18,7 +18,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, latch_now, read_back
+from ...client.latching import latch_now, latches_received_from_board, read_back
 from ...outcome import SELF_REPORTED, check
 
 _OFFSETS_US: Final = (0, 3, 24)
@@ -55,7 +55,7 @@ def evidence_names_one_latch_time(board: BoardClient) -> None:
                 shown = read_back(board).reply
                 check(shown.key.index == index, f"read back is {shown.key.index}, not {index}")
                 times["DRIVE_REPLY"] = board.clock.unwrap(shown.t_latch_us)
-            (latch,) = board_latches(board, since, mode)
+            (latch,) = latches_received_from_board(board, since, mode)
             times[mode.name] = latch.t_us
             check(len(set(times.values())) == 1, f"one latch at different times: {times}")
 
@@ -118,7 +118,7 @@ def drives_are_there_at_their_latch_time(board: BoardClient) -> None:
         answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
         shown = board.link.reply_in(answer, DriveReply, ReadDrive.TYPE)
         board.clock.wait_until(t_us + 500)
-        latches = board_latches(board, since, TraceMode.CRC)
+        latches = latches_received_from_board(board, since, TraceMode.CRC)
         (latch,) = (latch for latch in latches if latch.index == index)
         asked_us = board.clock.unwrap(pong.t_rx_us)
         check(

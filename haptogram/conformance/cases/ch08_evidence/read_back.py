@@ -16,13 +16,13 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import (
-    board_latches,
+    ask_for_board_latches,
+    client_drive_of_reply,
     latch_now,
+    latches_received_from_board,
     read_back,
-    shown_drive_of_reply,
-    watch_board_latches,
 )
-from ...judge.witness import expect_shown
+from ...judge.witness import expect_witnessed_drive
 from ...outcome import SELF_REPORTED, check
 
 _ANY_READ: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
@@ -43,7 +43,7 @@ def reads_back_a_span(board: BoardClient) -> None:
     for first in {0, 1, count // 2, count - 1} & set(range(count)):
         for asked in (0, 1, 7, 0xFFFF):
             reply = board.link.call(ReadDrive(kind, first, asked), DriveReply)
-            shown = shown_drive_of_reply(reply)
+            shown = client_drive_of_reply(reply)
             due = registers[first : first + asked]
             check(reply.first == first, f"asked from {first}, shown from {reply.first}")
             check(shown.phases == due, f"{asked} from {first}: other codes than were sent")
@@ -70,20 +70,20 @@ def reads_back_no_more_transducers(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def reads_back_one_latch(board: BoardClient) -> None:
-    mode = watch_board_latches(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
+    mode = ask_for_board_latches(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
     board.arm()
     for _ in range(8):
         registers, index = board.random_registers(), board.link.stream_next
         since = board.link.mark()
         latch_now(board, board.phases(registers))
         shown = read_back(board)
-        expect_shown(board, shown, registers, b"\xff" * len(registers), bits=board.finest)
+        expect_witnessed_drive(board, shown, registers, b"\xff" * len(registers), bits=board.finest)
         check(shown.reply.key == LatchKey(0, 0, index), f"key {shown.reply.key}, due is {index}")
         status = board.status()
         got, due = shown.reply.t_latch_us, status.last_latch_us
         check(got == due, f"the read-back was latched at {got} µs, says STATUS {due} µs")
         if mode is not None:
-            seen = board_latches(board, since, mode)
+            seen = latches_received_from_board(board, since, mode)
             check(bool(seen) and seen[-1].crc == shown.crc, "trace and read-back disagree")
 
 

@@ -16,8 +16,8 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import full_drive, latch_now
-from ...client.playback import play_now, shortest_period_us, store_phases
+from ...client.latching import full_client_drive, latch_now
+from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
 from ...outcome import SELF_REPORTED, check
 
 _RING_TRIED: Final = 6000  # latches: a longer ring is not filled
@@ -49,8 +49,8 @@ def _fill_trace_ring(board: BoardClient, size: int) -> int:
             latch_now(board, board.flat_phases())
         return 20
     loops = size // 2 + 3
-    store_phases(board, 2, frames=2)
-    period_us = shortest_period_us(board, 100)
+    send_phases_to_store(board, 2, frames=2)
+    period_us = shortest_period_to_play_us(board, 100)
     since = board.link.mark()
     play_now(board, 2, loops=loops, period_us=period_us, unattended_ms=10_000)
     lasts_us = 2 * loops * period_us
@@ -80,5 +80,5 @@ def trace_ring_is_read(board: BoardClient) -> None:
         for item in reply.records:
             key = LatchKey(0, 0, first + item.number)
             check(item.key == key, f"latch {item.number} has the key {item.key}, due is {key}")
-            crc = zlib.crc32(full_drive(drives[item.number]))
+            crc = zlib.crc32(full_client_drive(drives[item.number]))
             check(item.crc == crc, f"latch {item.number} has the CRC of another drive")

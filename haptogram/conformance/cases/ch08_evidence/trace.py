@@ -16,8 +16,13 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, full_drive, latch_now, watch_board_latches
-from ...client.playback import flood_with_traces, play_now, store_phases
+from ...client.latching import (
+    ask_for_board_latches,
+    full_client_drive,
+    latch_now,
+    latches_received_from_board,
+)
+from ...client.playback import flood_with_traces, play_now, send_phases_to_store
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _KINDS: Final = (Trace, TracePlayback, TraceDrive)
@@ -60,18 +65,21 @@ def traces_by_its_mode(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def trace_keys_are_unique(board: BoardClient) -> None:
-    mode = watch_board_latches(board)
+    mode = ask_for_board_latches(board)
     board.arm()
     since, first = board.link.mark(), board.link.stream_next
     for _ in range(40):
         latch_now(board, board.flat_phases())
     due = [(0, 0, first + number) for number in range(40)]
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, 4, frames=3)
+        send_phases_to_store(board, 4, frames=3)
         play_now(board, 4, loops=2)
         board.link.await_event(PlaybackEnded, since, 100_000)
         due += [(4, loop, index) for loop in range(2) for index in range(3)]
-    got = [(latch.sequence, latch.loop, latch.index) for latch in board_latches(board, since, mode)]
+    got = [
+        (latch.sequence, latch.loop, latch.index)
+        for latch in latches_received_from_board(board, since, mode)
+    ]
     check(len(set(got)) == len(got), f"{len(got)} latches have {len(set(got))} keys")
     wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
     check(got == due, f"keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}")
@@ -93,7 +101,7 @@ def traces_tell_the_time(board: BoardClient) -> None:
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
         board.clock.require_in_time(t_us)
         board.clock.wait_until(t_us + 100)
-        seen = board_latches(board, since, TraceMode.CRC)
+        seen = latches_received_from_board(board, since, TraceMode.CRC)
         check(len(seen) == 1, f"one latch gives {len(seen)} TRACE")
         latch = seen[0]
         due_us = board.clock.on_carrier(t_us)
@@ -116,11 +124,11 @@ def traces_hash_the_drive(board: BoardClient) -> None:
     for registers in drives:
         latch_now(board, board.phases(registers))
     if board.has(Feature.SEQUENCE_PHASES):
-        drives += store_phases(board, 3, frames=3)
+        drives += send_phases_to_store(board, 3, frames=3)
         play_now(board, 3, loops=1)
         board.link.await_event(PlaybackEnded, since, 100_000)
-    got = [latch.crc for latch in board_latches(board, since, TraceMode.CRC)]
-    due = [zlib.crc32(full_drive(registers)) for registers in drives]
+    got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
+    due = [zlib.crc32(full_client_drive(registers)) for registers in drives]
     wrong = sum(a != b for a, b in zip(got, due, strict=False))
     check(len(got) == len(due), f"{len(got)} of {len(due)} latches are traced")
     check(wrong == 0, f"{wrong} of {len(due)} traced CRCs are not those of the drives sent")
@@ -148,7 +156,7 @@ def traces_every_third(board: BoardClient) -> None:
         check(got == [0, 3, 6, 9], f"of latches 0 to 9 these are traced: {got}")
         check(_trace_events(board, since) == 4, "a trace of another kind reports latches as well")
         for number, (_, event) in zip(got, found, strict=True):
-            same = event.data == full_drive(drives[number])
+            same = event.data == full_client_drive(drives[number])
             check(same, f"TRACE_DRIVE of latch {number} shows another drive than was sent")
 
 

@@ -29,9 +29,9 @@ from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import flood_with_traces, store_phases
-from ...client.stream_kinds import stream_kinds, valid_requests
-from ...judge.refused_requests import refused_by_link
+from ...client.playback import flood_with_traces, send_phases_to_store
+from ...client.stream_kinds import stream_kinds, valid_requests_to_send
+from ...judge.refused_requests import requests_refused_by_link
 from ...outcome import SELF_REPORTED, CaseEndedError, check
 from ..ch05_stream.every_drop import DROPS, frames_to_drop
 from ..ch10_errors.every_refusal import refuse
@@ -54,7 +54,7 @@ _FLOODS: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
 )
 def requests_leave_the_event_counters(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=1)
+        send_phases_to_store(board, _SEQUENCE, frames=1)
     board.configure(trace_mode=TraceMode.CRC)
     board.arm()
     names = ["ARM"]
@@ -79,13 +79,13 @@ def requests_leave_the_event_counters(board: BoardClient) -> None:
 
 def _requests_at_counters(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
     """Yield what sends each request that is carried out or refused, and HELLO again, by name."""
-    messages: list[Message] = [*valid_requests(board, _SEQUENCE), Mute()]
+    messages: list[Message] = [*valid_requests_to_send(board, _SEQUENCE), Mute()]
     for message in messages:
         if not isinstance(message, Play):
             yield message.TYPE.name, partial(board.link.ask, message)
         again = partial(board.hello, board.link.session)
         yield f"HELLO again, behind {message.TYPE.name}", again
-    for refusal in refused_by_link(board):
+    for refusal in requests_refused_by_link(board):
         yield refusal.name, partial(refuse, board, refusal)
 
 
@@ -99,7 +99,7 @@ def _requests_at_counters(board: BoardClient) -> Iterator[tuple[str, Callable[[]
 )
 def the_ring_outlives_requests_as_counters_do(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=1)
+        send_phases_to_store(board, _SEQUENCE, frames=1)
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
     for _ in range(3):
@@ -127,7 +127,7 @@ def the_ring_outlives_requests_as_counters_do(board: BoardClient) -> None:
 def nothing_clears_any_counter(board: BoardClient) -> None:
     _move_all_counters(board)
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=1)
+        send_phases_to_store(board, _SEQUENCE, frames=1)
     before = board.status().counters
     for name, happen in itertools.chain(
         _happenings_at_counters(board), _happenings_at_counters(board)
@@ -151,7 +151,7 @@ def _happenings_at_counters(board: BoardClient) -> Iterator[tuple[str, Callable[
     yield "a new session", board.hello
     yield "HELLO again", lambda: board.hello(board.link.session)
     yield "ARM", board.arm
-    for message in valid_requests(board, _SEQUENCE):
+    for message in valid_requests_to_send(board, _SEQUENCE):
         flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
         yield message.TYPE.name, partial(board.link.ask, message, flags=flags)
     yield "MUTE", partial(board.link.ask, Mute())
@@ -180,7 +180,7 @@ def _move_all_counters(board: BoardClient) -> None:
         malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body)),
         malformed_frames.malformed_frame(b"\x40\x01\x02"),
         b"\x00\xff\x01\x02\x00",
-        b"\x00" + malformed_frames.noise_bytes(board.random, 4200) + b"\x00",
+        b"\x00" + malformed_frames.malformed_noise(board.random, 4200) + b"\x00",
         encode_frame(board.link.body(0xEE, seq=0)),
     )
     board.link.stream_next += _GAP

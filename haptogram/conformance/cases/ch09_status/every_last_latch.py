@@ -23,10 +23,10 @@ from haptogram_protocol.state import MuteReason
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back
-from ...client.playback import play_now, store_phases
-from ...client.stream_kinds import valid_requests
+from ...client.playback import play_now, send_phases_to_store
+from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import upload_to_board
-from ...judge.timers import muted_by_timer
+from ...judge.timers import judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
@@ -46,7 +46,7 @@ def _last_latch_in_status(board: BoardClient) -> LastLatch:
 
 def _status_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
     """Yield what a host or a timer does that latches nothing; the board is ARMED and sounding."""
-    for message in valid_requests(board, _SEQUENCE):
+    for message in valid_requests_to_send(board, _SEQUENCE):
         if not isinstance(message, Play | Disarm):
             yield message.TYPE.name, partial(board.link.ask, message)
     yield (
@@ -82,7 +82,7 @@ def _play_later_than_last_latch(board: BoardClient) -> None:
 def _time_out_after_last_latch(board: BoardClient) -> None:
     since = board.link.mark()
     board.configure(hold_ms=1)
-    muted_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
+    judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
     board.configure()
 
 
@@ -105,7 +105,7 @@ def _last_latch_stays_in_status(board: BoardClient, name: str) -> None:
 )
 def the_last_latch_stays_in_status(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=1)
+        send_phases_to_store(board, _SEQUENCE, frames=1)
     board.arm()
     index = latch_now(board, board.phases(board.random_registers()))
     _last_latch_stays_in_status(board, "a stream frame")

@@ -20,14 +20,14 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import (
-    TracedLatch,
-    board_latches,
-    full_drive,
+    ClientLatch,
+    full_client_drive,
     latch_now,
+    latches_received_from_board,
     read_back,
 )
-from ...client.playback import PERIOD_US, play_at, play_now, store_phases
-from ...judge.timers import check_mute_time, muted_by_timer
+from ...client.playback import PERIOD_US, play_at, play_now, send_phases_to_store
+from ...judge.timers import judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, inconclusive
 
 _MS: Final = 1000
@@ -178,7 +178,7 @@ def _stored_for_status(board: BoardClient) -> bytes:
     """Store a sequence where the board takes any; return its last frame."""
     if not board.has(Feature.SEQUENCE_PHASES):
         return b""
-    return store_phases(board, _SEQUENCE, frames=_FRAMES)[-1]
+    return send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)[-1]
 
 
 # --- Cases -------------------------------------------------------------------------------------
@@ -210,7 +210,7 @@ def a_latch_changes_all_of_the_status(board: BoardClient) -> None:
                 _check_latch_in_status(before, after, effect, text)
                 _check_status_against_drives(board, after, effect, text)
                 if mode is not TraceMode.OFF:
-                    latches = board_latches(board, since, mode)
+                    latches = latches_received_from_board(board, since, mode)
                     _check_status_against_traces(board, latches, after, effect, text)
 
 
@@ -238,13 +238,13 @@ def _check_status_against_drives(
         shown = read_back(board, kind)
         told, due = (shown.reply.key, shown.reply.t_latch_us), (effect.key, after.last_latch_us)
         check(told == due, f"{text}: READ_DRIVE({kind.name}) names {told}, due is {due}")
-        same = shown.phases + shown.amplitudes == full_drive(effect.registers)
+        same = shown.phases + shown.amplitudes == full_client_drive(effect.registers)
         check(same, f"{text}: READ_DRIVE({kind.name}) shows other codes than were latched")
 
 
 def _check_status_against_traces(
     board: BoardClient,
-    latches: list[TracedLatch],
+    latches: list[ClientLatch],
     after: StatusReply,
     effect: _LatchEffectInStatus,
     text: str,
@@ -280,5 +280,5 @@ def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
         start_us = board.clock.unwrap(board.status().last_latch_us)
         if start_us > begun_us + (_HOLD_MS - 50) * _MS:
             inconclusive("the line or the host is too slow to latch within the hold")
-        header, _ = muted_by_timer(board, since, 3 * _HOLD_MS * _MS, MuteReason.HOLD_EXPIRED)
-        check_mute_time(board, start_us, header, _HOLD_MS, f"hold_ms = {_HOLD_MS}, behind {name}")
+        header, _ = judged_mute_by_timer(board, since, 3 * _HOLD_MS * _MS, MuteReason.HOLD_EXPIRED)
+        judge_mute_time(board, start_us, header, _HOLD_MS, f"hold_ms = {_HOLD_MS}, behind {name}")

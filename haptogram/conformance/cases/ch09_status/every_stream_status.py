@@ -24,8 +24,8 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_out, store_phases
-from ...client.stream_kinds import stream_kinds, valid_requests
+from ...client.playback import play_out, send_phases_to_store
+from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...outcome import SELF_REPORTED, check, fail
 from ..ch05_stream.every_drop import DROPS, frames_to_drop
 
@@ -43,8 +43,8 @@ _WITH_MARGIN: Final = ("dropped_order", "dropped_full", "dropped_future", "dropp
 )
 def status_margins_outlive_requests(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
-    messages = [m for m in valid_requests(board, _SEQUENCE) if not isinstance(m, GetStatus)]
+        send_phases_to_store(board, _SEQUENCE, frames=2)
+    messages = [m for m in valid_requests_to_send(board, _SEQUENCE) if not isinstance(m, GetStatus)]
     every: list[Message] = [Mute(), Arm(), *messages, board.hello_message(board.new_nonce())]
     if _status_margins_behind(board, every):
         return
@@ -61,7 +61,7 @@ def status_margins_outlive_requests(board: BoardClient) -> None:
 )
 def status_is_never_late(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
+        send_phases_to_store(board, _SEQUENCE, frames=2)
     trace = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
     period_ms = board.quick_status_ms
     board.configure(late_window_us=100_000, status_period_ms=period_ms, trace_mode=trace)
@@ -71,7 +71,7 @@ def status_is_never_late(board: BoardClient) -> None:
     board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
     board.clock.wait_latched(4000)
     board.wire.idle(1200 * period_ms + board.wire.limits.slack_us)
-    for message in [*valid_requests(board, _SEQUENCE), Mute()]:
+    for message in [*valid_requests_to_send(board, _SEQUENCE), Mute()]:
         board.link.ask(message, flags=Flag.IMMEDIATE if isinstance(message, Play) else 0)
     for piece in board.wire.received[since:]:
         allowed = Flag.LATE if isinstance(piece.message, Trace | TracePlayback) else 0
@@ -87,7 +87,7 @@ def status_is_never_late(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def last_seq_in_status_is_of_the_stream(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=3)
+    send_phases_to_store(board, _SEQUENCE, frames=3)
     board.arm()
     index = latch_now(board, board.flat_phases())
     first = board.status()

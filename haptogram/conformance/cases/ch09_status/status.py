@@ -17,8 +17,8 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import PARTS_OF_FRAMES, BoardClient
-from ...client.latching import between_pings, latch_now
-from ...judge.timers import check_status_steps
+from ...client.latching import latch_now, send_between_pings
+from ...judge.timers import judge_status_steps
 from ...outcome import SELF_REPORTED, check
 
 _MS: Final = 1000
@@ -40,7 +40,7 @@ def sends_status(board: BoardClient) -> None:
     board.link.barrier()
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) >= 8, f"{len(times)} STATUS in 8.4 periods, due are 8")
-    check_status_steps(board, times, period_ms)
+    judge_status_steps(board, times, period_ms)
     board.configure(status_period_ms=0)
     since = board.link.mark()
     board.wire.idle(200 * _MS)
@@ -155,7 +155,7 @@ def status_margins_count_from_ready(board: BoardClient) -> None:
         board.clock.wait_latched()
         t_us = board.clock.soon_us(bytes(2000)) + 500 * _MS
         board.status()
-        from_us, to_us = between_pings(board, message, t_us)
+        from_us, to_us = send_between_pings(board, message, t_us)
         found = board.status()
         ready_us = board.ready_after_us(points)
         _check_margins(

@@ -18,7 +18,12 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.playback import flood_with_traces, play_now, shortest_period_us, store_phases
+from ...client.playback import (
+    flood_with_traces,
+    play_now,
+    send_phases_to_store,
+    shortest_period_to_play_us,
+)
 from ...outcome import SELF_REPORTED, check
 
 _ASKED: Final = 40
@@ -75,10 +80,10 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     period_ms = board.quick_status_ms
     board.configure(trace_mode=mode, status_period_ms=period_ms)
     board.hello()
-    store_phases(board, _SEQUENCE, frames=2)
+    send_phases_to_store(board, _SEQUENCE, frames=2)
     board.arm()
     before = board.status().counters
-    period_us = board.clock.on_carrier(shortest_period_us(board))
+    period_us = board.clock.on_carrier(shortest_period_to_play_us(board))
     alone_ms = min(_STATUS_TOLD * period_ms + period_ms // 2, board.identity.max_unattended_ms)
     since = board.link.mark()
     play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)

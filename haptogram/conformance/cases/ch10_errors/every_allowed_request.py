@@ -25,10 +25,10 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.playback import play_out, shortest_period_us, store_phases
-from ...client.stream_kinds import valid_requests
+from ...client.playback import play_out, send_phases_to_store, shortest_period_to_play_us
+from ...client.stream_kinds import valid_requests_to_send
 from ...judge.held_state import held_state_changes
-from ...judge.refused_requests import STORED, other_config
+from ...judge.refused_requests import STORED, other_config_than_judged
 from ...outcome import SELF_REPORTED, check, fail
 from .every_refusal import brought_to_refusal, held_after_refusals, refusal_situations
 
@@ -41,7 +41,7 @@ _BY_CONFIG: Final = ("config_crc", "the configuration", "the radiated drive")
 
 def _allowed_readings(board: BoardClient) -> list[Message]:
     """Return every request that only asks."""
-    return [m for m in valid_requests(board, _ABSENT) if not isinstance(m, _CHANGING)]
+    return [m for m in valid_requests_to_send(board, _ABSENT) if not isinstance(m, _CHANGING)]
 
 
 @case(
@@ -53,7 +53,7 @@ def _allowed_readings(board: BoardClient) -> list[Message]:
 )
 def allowed_readings_are_always_answered(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, STORED, frames=1)
+        send_phases_to_store(board, STORED, frames=1)
     for situation in refusal_situations(board):
         last_us, before = brought_to_refusal(board, situation)
         for message in _allowed_readings(board):
@@ -75,10 +75,10 @@ def allowed_readings_are_always_answered(board: BoardClient) -> None:
 )
 def an_allowed_setting_changes_only_itself(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, STORED, frames=1)
+        send_phases_to_store(board, STORED, frames=1)
     for situation in refusal_situations(board):
         last_us, before = brought_to_refusal(board, situation)
-        other = other_config(board)
+        other = other_config_than_judged(board)
         changed: dict[str, Any] = {
             "ramp_ms": other.ramp_ms if board.has(Feature.AMPLITUDE) else 0,
             "late_window_us": other.late_window_us,
@@ -120,11 +120,11 @@ def an_allowed_speed_is_told_by_hello(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def events_of_many_allowed_requests_are_numbered(board: BoardClient) -> None:
-    store_phases(board, STORED, frames=2)
+    send_phases_to_store(board, STORED, frames=2)
     board.configure(trace_mode=TraceMode.CRC)
     board.hello()
     board.link.call(Arm(), ArmReply)
-    since, period_us = board.link.mark(), shortest_period_us(board, 500)
+    since, period_us = board.link.mark(), shortest_period_to_play_us(board, 500)
     play_out(board, STORED, 2, loops=_EVENTS // 2, period_us=period_us)
     numbers = [p.header.seq for p in board.wire.received[since:] if p.is_event and p.header]
     gaps = [(b - a) & 0xFFFF for a, b in itertools.pairwise(numbers) if (b - a) & 0xFFFF != 1]

@@ -28,21 +28,21 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
+from ...client.playback import play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import send_chunks
-from ...judge.held_state import Held, held_state_changes, read_held
+from ...client.uploads import send_upload_chunks
+from ...judge.held_state import Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import (
     FOREIGN,
     PENDING,
     STORED,
     Refusal,
-    refused_by_link,
-    refused_by_value,
-    refused_chunks,
-    refused_for_playing,
-    refused_now,
-    refused_plays,
+    chunks_to_be_refused,
+    plays_to_be_refused,
+    requests_refused_by_link,
+    requests_refused_by_value,
+    requests_refused_now,
+    uploads_refused_for_playing,
 )
 from ...outcome import SELF_REPORTED, check, fail
 from ..ch05_stream.every_drop import fill_queue
@@ -148,27 +148,27 @@ def _muted_before_refusal(board: BoardClient) -> int:
 
 
 def _refusals_always(board: BoardClient) -> Iterator[Refusal]:
-    yield from refused_by_link(board)
-    yield from refused_by_value(board)
+    yield from requests_refused_by_link(board)
+    yield from requests_refused_by_value(board)
     if board.has(Feature.SEQUENCE_PHASES):
-        yield from refused_chunks(board, len(_pending_before_refusal(board)))
+        yield from chunks_to_be_refused(board, len(_pending_before_refusal(board)))
 
 
 def _refusals_while_streaming(board: BoardClient) -> Iterator[Refusal]:
     yield from _refusals_always(board)
     if board.has(Feature.SEQUENCE_PHASES):
-        yield from refused_plays(board)
+        yield from plays_to_be_refused(board)
 
 
 def _refusals_while_playing(board: BoardClient) -> Iterator[Refusal]:
-    yield from refused_now(board)
-    yield from refused_for_playing(board)
+    yield from requests_refused_now(board)
+    yield from uploads_refused_for_playing(board)
     yield from _refusals_always(board)
 
 
 def _refusals_while_off(board: BoardClient) -> Iterator[Refusal]:
     if board.has(Feature.SEQUENCE_PHASES):
-        yield from refused_now(board)
+        yield from requests_refused_now(board)
     yield from _refusals_always(board)
 
 
@@ -197,7 +197,7 @@ def refusal_situations(board: BoardClient) -> Iterator[Situation]:
 )
 def every_refusal_changes_nothing(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, STORED, frames=1)
+        send_phases_to_store(board, STORED, frames=1)
     for situation in refusal_situations(board):
         _judge_refusals_in_situation(board, situation)
         if board.has(Feature.SEQUENCE_PHASES):
@@ -234,7 +234,7 @@ def held_after_refusals(
     if last_us:
         board.link.send(board.link.stream_wire(board.shortest_stream(), last_us))
     happen()
-    return read_held(board, since)
+    return judged_held_state(board, since)
 
 
 def refuse(board: BoardClient, refusal: Refusal) -> Error:
@@ -254,7 +254,7 @@ def refuse(board: BoardClient, refusal: Refusal) -> Error:
 def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
     """FAILED unless the upload under way can be completed, and both sequences are played."""
     data = _pending_before_refusal(board)
-    send_chunks(board, data)
+    send_upload_chunks(board, data)
     taken = board.link.ask(UploadCommit(PENDING)).message
     check(isinstance(taken, UploadCommitReply), f"{name}: the upload cannot be committed any more")
     board.hello()
@@ -275,12 +275,12 @@ def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
     data = _pending_before_refusal(board)
     _begin_upload_before_refusal(board, data, zlib.crc32(data))
     damaged = bytes([data[0] ^ 0x40]) + data[1:]
-    send_chunks(board, damaged)
+    send_upload_chunks(board, damaged)
     since = board.link.mark()
-    before = read_held(board, since)
+    before = judged_held_state(board, since)
     for _ in range(2):
         board.link.refused(UploadCommit(PENDING), ErrorCode.CRC_MISMATCH, zlib.crc32(damaged))
-        text = held_state_changes(before, read_held(board, since))
+        text = held_state_changes(before, judged_held_state(board, since))
         check(not text, f"a commit refused with CRC_MISMATCH: {text}")
     board.link.call(UploadChunk(0, data[:1]), UploadChunkReply)
     answer = board.link.ask(UploadCommit(PENDING))
@@ -294,7 +294,7 @@ def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
 )
 def every_refusal_has_its_error_code(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, STORED, frames=1)
+        send_phases_to_store(board, STORED, frames=1)
     _streaming_before_refusal(board)
     for refusal in list(_refusals_while_streaming(board)):
         code = refuse(board, refusal).code

@@ -19,7 +19,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, about_host, about_text, case
 from ...client.board_client import BoardClient
-from ...client.dialogue import full_dialogue, undamaged_pieces
+from ...client.dialogue import full_client_dialogue, undamaged_received_pieces
 from ...outcome import SELF_REPORTED, check
 
 minor_rules = about_text("HG-11.2/1")
@@ -60,7 +60,11 @@ def uses_the_smaller_minor_version(board: BoardClient) -> None:
     board.adopt(reply)
     check(reply.minor >= VERSION_MINOR, f"HELLO_REPLY says minor {reply.minor}")
     board.hello()
-    unknown = [p for p in undamaged_pieces(full_dialogue(board)) if p.reason == "unknown_type"]
+    unknown = [
+        p
+        for p in undamaged_received_pieces(full_client_dialogue(board))
+        if p.reason == "unknown_type"
+    ]
     check(
         not unknown,
         f"to a host of {VERSION_MAJOR}.{VERSION_MINOR}: "
@@ -85,7 +89,7 @@ def sends_no_reserved_bits(board: BoardClient) -> None:
     known = sum(int(feature) for feature in Feature)
     spare = board.identity.features & ~known
     check(not spare, f"capability bits {spare:#x} are in no table")
-    for piece in undamaged_pieces(full_dialogue(board)):
+    for piece in undamaged_received_pieces(full_client_dialogue(board)):
         header = piece.header
         assert header is not None  # frames_in
         check(header.type in MESSAGES, f"{annotated_type_name(header.type)} is in no table")

@@ -25,10 +25,10 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now, read_back_radiated
-from ...client.playback import play_now, store_phases
-from ...client.stream_kinds import stream_kinds, valid_requests
-from ...judge.refused_requests import refused_by_link
-from ...judge.timers import check_mute_time, muted_by_timer
+from ...client.playback import play_now, send_phases_to_store
+from ...client.stream_kinds import stream_kinds, valid_requests_to_send
+from ...judge.refused_requests import requests_refused_by_link
+from ...judge.timers import judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, fail, inconclusive
 from ..ch05_stream.every_drop import DROPS, Drop, fill_queue
 from .every_restart import SLOW_US, STORED, TIMER_MS, play_later_than_timer, wait_for_timer
@@ -84,7 +84,7 @@ def _hold_after(board: BoardClient, groups: list[Drop | None], hold_ms: int) -> 
             _send_all_during_hold(board, group, (hold_ms + 1000) * _MS)
     if board.clock.device_us() - start_us > (hold_ms - 20) * _MS:
         inconclusive("the line or the host is too slow to send everything within the hold")
-    header, _ = muted_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
+    header, _ = judged_mute_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
     return board.clock.unwrap(header.time_us) - start_us
 
 
@@ -96,10 +96,10 @@ def _send_all_during_hold(board: BoardClient, drop: Drop, ahead_us: int) -> None
 
 def _ask_all_during_hold(board: BoardClient) -> None:
     """Send every request that leaves the hold as it runs: carried out, refused, and HELLO again."""
-    for message in valid_requests(board, STORED):
+    for message in valid_requests_to_send(board, STORED):
         if message.TYPE.name not in ("DISARM", "PLAY"):
             board.link.ask(message)
-    for refusal in refused_by_link(board):
+    for refusal in requests_refused_by_link(board):
         board.link.ask_raw(refusal.kind, refusal.payload, **{"session": 0} | dict(refusal.header))
     board.hello(board.link.session)
 
@@ -123,8 +123,8 @@ def nothing_else_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     board.configure(hold_ms=10_000, ramp_ms=1)
     if board.clock.device_us() > start_us + (hold_ms + ramp_ms - 20) * _MS:
         inconclusive("the line or the host is too slow to send everything within the ramp")
-    header, _ = muted_by_timer(board, since, 3 * ramp_ms * _MS, MuteReason.HOLD_EXPIRED)
-    check_mute_time(board, start_us, header, hold_ms + ramp_ms, "hold and ramp")
+    header, _ = judged_mute_by_timer(board, since, 3 * ramp_ms * _MS, MuteReason.HOLD_EXPIRED)
+    judge_mute_time(board, start_us, header, hold_ms + ramp_ms, "hold and ramp")
 
 
 @case(
@@ -136,7 +136,7 @@ def nothing_else_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
 )
 def playback_restarts_the_hold(board: BoardClient) -> None:
     board.configure(hold_ms=100)
-    store_phases(board, STORED, frames=2)
+    send_phases_to_store(board, STORED, frames=2)
     board.arm()
     since = board.link.mark()
     play_now(board, STORED, loops=50, period_us=4 * _MS)
@@ -144,8 +144,8 @@ def playback_restarts_the_hold(board: BoardClient) -> None:
     ended = board.link.await_event(PlaybackEnded, since, timeout_us)
     check(ended is not None, "a playback of 400 ms with a hold of 100 ms did not end")
     start_us = board.clock.unwrap(board.status().last_latch_us)
-    header, _ = muted_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
-    check_mute_time(board, start_us, header, 100, "after the last frame of a playback")
+    header, _ = judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
+    judge_mute_time(board, start_us, header, 100, "after the last frame of a playback")
 
 
 @case(
@@ -156,7 +156,7 @@ def playback_restarts_the_hold(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def stop_leaves_the_hold(board: BoardClient) -> None:
-    store_phases(board, STORED, frames=2)
+    send_phases_to_store(board, STORED, frames=2)
     for name in ("a playback that waits, muted", "a playback that waits", "a slow playback"):
         board.hello()
         board.configure(hold_ms=TIMER_MS)
@@ -175,8 +175,8 @@ def stop_leaves_the_hold(board: BoardClient) -> None:
         if not name.endswith("muted"):
             board.link.call(Stop(), StopReply)
         board.link.ask(Arm())
-        header, _ = muted_by_timer(board, since, 3 * TIMER_MS * _MS, MuteReason.HOLD_EXPIRED)
-        check_mute_time(board, start_us, header, TIMER_MS, f"hold_ms behind {name}")
+        header, _ = judged_mute_by_timer(board, since, 3 * TIMER_MS * _MS, MuteReason.HOLD_EXPIRED)
+        judge_mute_time(board, start_us, header, TIMER_MS, f"hold_ms behind {name}")
 
 
 @case(
@@ -205,8 +205,8 @@ def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
             latch_now(board, message)
             start_us = board.clock.unwrap(board.status().last_latch_us)
             timeout_us = (_SILENT_MS + 300) * _MS
-            header, _ = muted_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
-        check_mute_time(board, start_us, header, _SILENT_MS, name)
+            header, _ = judged_mute_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
+        judge_mute_time(board, start_us, header, _SILENT_MS, name)
         traced = len(board.link.events(Trace, since))
         check(traced == (mode is TraceMode.CRC), f"{name}: {traced} traces of one latch")
 
@@ -225,7 +225,7 @@ def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
 def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     ways = ["at once", "queued", "queued, with others behind it", "late"]
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, STORED, frames=2)
+        send_phases_to_store(board, STORED, frames=2)
         ways += ["played", "played later"]
     for way in ways:
         board.hello()

@@ -13,9 +13,9 @@ from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
-from ...client.stream_kinds import stream_kinds, valid_requests
-from ...judge.timers import EXACT_US, muted_by_timer
+from ...client.playback import play_now, send_phases_to_store
+from ...client.stream_kinds import stream_kinds, valid_requests_to_send
+from ...judge.timers import EXACT_US, judged_mute_by_timer
 from ...outcome import check, fail
 
 _MS: Final = 1000
@@ -39,7 +39,7 @@ def _bodies_that_renew_no_lease(board: BoardClient) -> Iterator[tuple[Message, b
                 message.TYPE, message.serialize(), seq=board.link.stream_next, flags=0x10
             ),
         )
-    for message in valid_requests(board, _SEQUENCE):
+    for message in valid_requests_to_send(board, _SEQUENCE):
         yield (
             message,
             board.link.body(message.TYPE, message.serialize(), seq=board.link.seq + 1),
@@ -58,7 +58,7 @@ def _wrong_crc_renews_no_lease(board: BoardClient) -> Frames:
 
 def _defect_renews_no_lease(board: BoardClient) -> Frames:
     ping = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
-    long = malformed_frames.noise_bytes(board.random, MAX_ENCODED_BYTES + 100)
+    long = malformed_frames.malformed_noise(board.random, MAX_ENCODED_BYTES + 100)
     frames = {
         "bytes that are no COBS": [b"\x00\xff\x01\x02\x00"],
         "a short frame": [
@@ -106,7 +106,7 @@ def _lease_ran_out_ms(board: BoardClient, reason: MuteReason, frames: Frames) ->
         due_us = start_us + round(moment * length_ms * _MS)
         board.wire.idle(max(0, due_us - board.clock.device_estimate_us()))
         board.link.send(wire)
-    header, _ = muted_by_timer(board, since, 5 * length_ms * _MS, reason)
+    header, _ = judged_mute_by_timer(board, since, 5 * length_ms * _MS, reason)
     took_us = board.clock.unwrap(header.time_us) - start_us
     return took_us / _MS - length_ms - board.config.ramp_ms
 
@@ -115,7 +115,7 @@ def _judge_lease(board: BoardClient, make: Callable[[BoardClient], Frames]) -> N
     """FAILED if hold, lease or unattended time end late because of these frames."""
     reasons = [MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT]
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, _SEQUENCE, frames=2)
+        send_phases_to_store(board, _SEQUENCE, frames=2)
         reasons.append(MuteReason.UNATTENDED)
     for reason in reasons:
         late_ms = _lease_ran_out_ms(board, reason, make(board))

@@ -17,8 +17,8 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
-from ...judge.timers import EXACT_US, check_mute_time, muted_by_timer
+from ...client.playback import play_now, send_phases_to_store
+from ...judge.timers import EXACT_US, judge_mute_time, judged_mute_by_timer
 from ...outcome import check, fail
 
 _MS: Final = 1000
@@ -99,7 +99,7 @@ def holds_of_every_length_do_not_wrap(board: BoardClient) -> None:
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
 )
 def unattended_times_of_every_length_do_not_wrap(board: BoardClient) -> None:
-    store_phases(board, _SEQUENCE, frames=2)
+    send_phases_to_store(board, _SEQUENCE, frames=2)
     for length_ms in wrapping_timer_lengths(
         1, board.identity.max_unattended_ms, thorough=board.thorough
     ):
@@ -158,7 +158,7 @@ def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
         if plays and not board.has(Feature.SEQUENCE_PHASES):
             continue
         if plays:
-            store_phases(board, _SEQUENCE, frames=2)
+            send_phases_to_store(board, _SEQUENCE, frames=2)
         for ramp_ms in (40, 270):
             board.configure(ramp_ms=ramp_ms, **changes)
             board.arm()
@@ -171,8 +171,8 @@ def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
                 start_us = board.clock.device_us()
                 if reason is MuteReason.HOLD_EXPIRED:
                     start_us = board.clock.unwrap(board.status().last_latch_us)
-                header, _ = muted_by_timer(board, since, (400 + ramp_ms) * _MS, reason)
-                check_mute_time(board, start_us, header, 90 + ramp_ms, f"{reason.name}, ramp")
+                header, _ = judged_mute_by_timer(board, since, (400 + ramp_ms) * _MS, reason)
+                judge_mute_time(board, start_us, header, 90 + ramp_ms, f"{reason.name}, ramp")
 
 
 # --- Whole lengths -----------------------------------------------------------------------------
@@ -221,7 +221,7 @@ def _start_hold(board: BoardClient, length_ms: int) -> int:
 
 def _start_unattended(board: BoardClient, length_ms: int) -> int:
     board.configure(host_timeout_ms=50, hold_ms=10_000)
-    store_phases(board, _SEQUENCE, frames=2)
+    send_phases_to_store(board, _SEQUENCE, frames=2)
     board.arm()
     play_now(board, _SEQUENCE, loops=0, unattended_ms=length_ms, period_us=_PERIOD_US)
     return board.clock.device_us()
@@ -280,8 +280,8 @@ def timers_pass_their_whole_lengths(board: BoardClient) -> None:
         for length_ms in lengths:
             since = board.link.mark()
             start_us = timer.start(board, length_ms)
-            header, _ = muted_by_timer(board, since, (length_ms + 1000) * _MS, timer.reason)
-            check_mute_time(board, start_us, header, length_ms, f"{timer.name} = {length_ms}")
+            header, _ = judged_mute_by_timer(board, since, (length_ms + 1000) * _MS, timer.reason)
+            judge_mute_time(board, start_us, header, length_ms, f"{timer.name} = {length_ms}")
 
 
 @case(

@@ -27,10 +27,10 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
-from ...client.stream_kinds import StreamKind, stream_kinds, valid_requests
-from ...judge.refused_requests import Refusal, refused_by_value
-from ...judge.timers import check_in_time, check_mute_time, check_status_steps, muted_by_timer
+from ...client.playback import play_now, send_phases_to_store
+from ...client.stream_kinds import StreamKind, stream_kinds, valid_requests_to_send
+from ...judge.refused_requests import Refusal, requests_refused_by_value
+from ...judge.timers import judge_in_time, judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import check
 from ..ch05_stream.every_drop import DROPS, Drop
 
@@ -75,7 +75,7 @@ def hello_again_during_timers(board: BoardClient) -> bytes:
 def latches_renew_no_lease(board: BoardClient) -> None:
     ramp_ms = TIMER_MS if board.has(Feature.AMPLITUDE) else 0
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, STORED, frames=2)
+        send_phases_to_store(board, STORED, frames=2)
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
         reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
         board.hello()
@@ -90,8 +90,8 @@ def latches_renew_no_lease(board: BoardClient) -> None:
         for part in (1, 2, 3, 4, 5):  # the later ones during the ramp
             wait_for_timer(board, start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
             board.wire.send(hello_again_during_timers(board))
-        header, _ = muted_by_timer(board, since, 3 * (TIMER_MS + ramp_ms) * _MS, reason)
-        check_mute_time(board, start_us, header, TIMER_MS + ramp_ms, f"{reason.name}, latches")
+        header, _ = judged_mute_by_timer(board, since, 3 * (TIMER_MS + ramp_ms) * _MS, reason)
+        judge_mute_time(board, start_us, header, TIMER_MS + ramp_ms, f"{reason.name}, latches")
 
 
 def _queue_over_lease(board: BoardClient, length_ms: int) -> None:
@@ -126,7 +126,7 @@ def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> N
     depth=Depth.DEFAULT,
 )
 def waits_unattended(board: BoardClient) -> None:
-    store_phases(board, STORED, frames=2)
+    send_phases_to_store(board, STORED, frames=2)
     board.configure(host_timeout_ms=80, hold_ms=10_000)
     for name, ahead_ms, alone_ms in (
         ("its start comes", 250, 400),
@@ -136,8 +136,8 @@ def waits_unattended(board: BoardClient) -> None:
         since = board.link.mark()
         play_later_than_timer(board, ahead_ms, alone_ms)
         start_us = board.clock.device_us()
-        header, _ = muted_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
-        check_mute_time(board, start_us, header, alone_ms, f"unattended_ms, {name}")
+        header, _ = judged_mute_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
+        judge_mute_time(board, start_us, header, alone_ms, f"unattended_ms, {name}")
     for ahead_ms in (0, 5000):
         board.arm()
         since = board.link.mark()
@@ -147,8 +147,8 @@ def waits_unattended(board: BoardClient) -> None:
         board.link.reply_in(answer, StopReply, Stop.TYPE)
         assert answer.header is not None  # reply_in
         start_us = board.clock.unwrap(answer.header.time_us)
-        header, _ = muted_by_timer(board, since, 300 * _MS, MuteReason.HOST_SILENT)
-        check_mute_time(board, start_us, header, 80, "host_timeout_ms behind STOP")
+        header, _ = judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOST_SILENT)
+        judge_mute_time(board, start_us, header, 80, "host_timeout_ms behind STOP")
 
 
 @case(
@@ -193,7 +193,7 @@ def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = Fal
     """
     timer = "unattended time" if plays else "lease"
     if board.has(Feature.SEQUENCE_PHASES):
-        store_phases(board, STORED, frames=2)
+        send_phases_to_store(board, STORED, frames=2)
     line_ms = 2 * board.wire.line_us(2 * 2 * board.identity.transducers) // _MS
     for name, make in _renewals(board, plays=plays):
         for least_ms, wait_ms in _LEASES_IN_RAMPS_MS if ramps else _LEASES_MS:
@@ -211,7 +211,7 @@ def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = Fal
             text = (
                 f"{timer} of {lasts_ms} ms, after {wait_ms} ms {name}: ends {off_ms:+.1f} ms late"
             )
-            check_in_time(board, False, text)
+            judge_in_time(board, False, text)
 
 
 def _muted_by_lease_after_ms(
@@ -229,7 +229,7 @@ def _muted_by_lease_after_ms(
     board.wire.idle(wait_ms * _MS)
     board.link.send(make())
     reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
-    header, _ = muted_by_timer(board, since, (lasts_ms + 1000) * _MS, reason)
+    header, _ = judged_mute_by_timer(board, since, (lasts_ms + 1000) * _MS, reason)
     return (board.clock.unwrap(header.time_us) - start_us) / _MS
 
 
@@ -246,12 +246,12 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
             )
     for name, kind in _STRANGE_TYPES.items():
         yield name, partial(_strange_frame_that_renews, board, kind)
-    for message in valid_requests(board, STORED + plays):
+    for message in valid_requests_to_send(board, STORED + plays):
         if message.TYPE.name not in ("DISARM", "PLAY", *(["STOP"] if plays else [])):
             yield message.TYPE.name, partial(_request_that_renews, board, message)
             name = f"{message.TYPE.name} with an unknown flag"
             yield name, partial(_request_that_renews, board, message, flags=_UNKNOWN_FLAG)
-    for refusal in refused_by_value(board) if not board.wire.limits.slack_us else ():
+    for refusal in requests_refused_by_value(board) if not board.wire.limits.slack_us else ():
         if refusal.kind != Hello.TYPE:  # which is of no session
             yield refusal.name, partial(_refused_request_that_renews, board, refusal)
 
@@ -296,7 +296,7 @@ def nothing_else_restarts_the_status_timer(board: BoardClient) -> None:
     while board.wire.now_us() < end_us:
         board.arm()
         latch_now(board, board.flat_phases())
-        for message in valid_requests(board, STORED):
+        for message in valid_requests_to_send(board, STORED):
             if not isinstance(message, SetConfig):
                 board.link.ask(message)
             board.wire.idle(period_ms * _MS // 40)
@@ -304,4 +304,4 @@ def nothing_else_restarts_the_status_timer(board: BoardClient) -> None:
     board.link.barrier()
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) > 4, f"{len(times)} STATUS in 6 periods")
-    check_status_steps(board, times, period_ms)
+    judge_status_steps(board, times, period_ms)

@@ -18,10 +18,10 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import board_latches, latch_now, read_back
-from ...client.playback import play_now, store_phases
+from ...client.latching import latch_now, latches_received_from_board, read_back
+from ...client.playback import play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
-from ...judge.timers import check_mute_time, check_status_steps, muted_by_timer
+from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, CaseEndedError, check, fail
 from ..ch05_stream.every_drop import DROPS, judge_drop
 
@@ -73,7 +73,7 @@ def _play_across_timer_wrap(board: BoardClient) -> None:
     """Play frames whose start lies behind the wrap, then one from before it to behind it."""
     lead_us = 100 * _MS + 2 * board.wire.limits.lead_us
     for offset_us in (30 * _MS, -30 * _MS):
-        store_phases(board, _SEQUENCE, frames=_FRAMES)
+        send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
         board.configure(trace_mode=TraceMode.CRC)
         wrap_us = _wait_before_timer_wrap(board, lead_us)
         board.arm()
@@ -83,7 +83,7 @@ def _play_across_timer_wrap(board: BoardClient) -> None:
         ended = board.link.await_event(PlaybackEnded, since, 2 * lead_us + 200 * _MS)
         name = f"a playback from {offset_us:+d} µs of the wrap on"
         check(ended is not None, f"{name} did not end")
-        got = [latch.t_us for latch in board_latches(board, since, TraceMode.CRC)]
+        got = [latch.t_us for latch in latches_received_from_board(board, since, TraceMode.CRC)]
         due = [board.clock.on_carrier(start_us + 10 * _MS * k) for k in range(_FRAMES)]
         check(got == due, f"{name}: latched at {got}, due {due}")
         if board.wire.limits.slack_us:
@@ -120,7 +120,7 @@ def _ramp_of_timer_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
 
 
 def _unattended_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
-    store_phases(board, _SEQUENCE, frames=2)
+    send_phases_to_store(board, _SEQUENCE, frames=2)
     board.configure(host_timeout_ms=20)
     board.arm()
     play_now(board, _SEQUENCE, loops=0, unattended_ms=200)
@@ -154,8 +154,8 @@ def timers_cross_the_wrap(board: BoardClient) -> None:
         wrap_us = _wait_before_timer_wrap(board, 100 * _MS)
         since = board.link.mark()
         reason, start_us = start(board)
-        header, _ = muted_by_timer(board, since, 500 * _MS, reason)
-        check_mute_time(board, start_us, header, 200, f"{reason.name} across {wrap_us} µs")
+        header, _ = judged_mute_by_timer(board, since, 500 * _MS, reason)
+        judge_mute_time(board, start_us, header, 200, f"{reason.name} across {wrap_us} µs")
         if board.wire.limits.slack_us:
             return
     period_ms = board.quick_status_ms
@@ -166,4 +166,4 @@ def timers_cross_the_wrap(board: BoardClient) -> None:
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     if len(times) < 5:
         fail(f"{len(times)} STATUS in 6 periods across {wrap_us} µs")
-    check_status_steps(board, times, period_ms, f"across {wrap_us} µs")
+    judge_status_steps(board, times, period_ms, f"across {wrap_us} µs")

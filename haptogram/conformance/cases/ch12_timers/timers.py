@@ -14,8 +14,8 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, about_host, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, store_phases
-from ...judge.timers import check_mute_time, check_status_steps, muted_by_timer
+from ...client.playback import play_now, send_phases_to_store
+from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import check, fail
 
 _MS: Final = 1000
@@ -40,15 +40,15 @@ def timers_are_exact(board: BoardClient) -> None:
         since = board.link.mark()
         latch_now(board, board.flat_phases())
         start_us = board.clock.unwrap(board.status().last_latch_us)
-        header, _ = muted_by_timer(board, since, hold_ms * 2 * _MS, MuteReason.HOLD_EXPIRED)
-        check_mute_time(board, start_us, header, hold_ms, f"hold_ms = {hold_ms}")
+        header, _ = judged_mute_by_timer(board, since, hold_ms * 2 * _MS, MuteReason.HOLD_EXPIRED)
+        judge_mute_time(board, start_us, header, hold_ms, f"hold_ms = {hold_ms}")
     period_ms = board.quick_status_ms + 10
     board.configure(status_period_ms=period_ms)
     since = board.link.mark()
     board.wire.idle(6 * period_ms * _MS + board.wire.limits.slack_us)
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) >= 5, f"status_period_ms = {period_ms}: {len(times)} STATUS in 6 periods")
-    check_status_steps(board, times, period_ms)
+    judge_status_steps(board, times, period_ms)
 
 
 @case("HG-12.2/1", "without a frame the board is muted host_timeout_ms later", needs=Feature.CONFIG)
@@ -58,8 +58,8 @@ def lease_runs_out(board: BoardClient) -> None:
         board.arm()
         latch_now(board, board.flat_phases())
         start_us, since = board.clock.device_us(), board.link.mark()
-        header, _ = muted_by_timer(board, since, 3 * timeout_ms * _MS, MuteReason.HOST_SILENT)
-        check_mute_time(board, start_us, header, timeout_ms, f"host_timeout_ms = {timeout_ms}")
+        header, _ = judged_mute_by_timer(board, since, 3 * timeout_ms * _MS, MuteReason.HOST_SILENT)
+        judge_mute_time(board, start_us, header, timeout_ms, f"host_timeout_ms = {timeout_ms}")
 
 
 @case(
@@ -71,8 +71,8 @@ def hold_timer_waits_for_a_latch(board: BoardClient) -> None:
     board.configure(hold_ms=30, host_timeout_ms=250)
     board.arm()
     start_us, since = board.clock.device_us(), board.link.mark()
-    header, _ = muted_by_timer(board, since, 600 * _MS, MuteReason.HOST_SILENT)
-    check_mute_time(board, start_us, header, 250, "host_timeout_ms = 250")
+    header, _ = judged_mute_by_timer(board, since, 600 * _MS, MuteReason.HOST_SILENT)
+    judge_mute_time(board, start_us, header, 250, "host_timeout_ms = 250")
 
 
 @case("HG-12.3/1", "the hold runs from the last of several latches", needs=Feature.CONFIG)
@@ -84,8 +84,8 @@ def hold_timer_runs_from_the_last_latch(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
         board.wire.idle(60 * _MS)
     start_us = board.clock.unwrap(board.status().last_latch_us)
-    header, _ = muted_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
-    check_mute_time(board, start_us, header, 150, "hold_ms = 150 after the last latch")
+    header, _ = judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
+    judge_mute_time(board, start_us, header, 150, "hold_ms = 150 after the last latch")
 
 
 @case(
@@ -96,15 +96,15 @@ def hold_timer_runs_from_the_last_latch(board: BoardClient) -> None:
 )
 def lease_is_back_after_playback(board: BoardClient) -> None:
     board.configure(host_timeout_ms=150, hold_ms=5000)
-    store_phases(board, 1, frames=2)
+    send_phases_to_store(board, 1, frames=2)
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=150, period_us=1000, unattended_ms=5000)
     ended = board.link.await_event(PlaybackEnded, since, 600 * _MS + board.wire.limits.slack_us)
     if ended is None:
         fail("a playback of 300 ms did not end: host_timeout_ms counted while it played?")
-    header, _ = muted_by_timer(board, since, 500 * _MS, MuteReason.HOST_SILENT)
-    check_mute_time(board, board.clock.unwrap(ended[0].time_us), header, 150, "after the playback")
+    header, _ = judged_mute_by_timer(board, since, 500 * _MS, MuteReason.HOST_SILENT)
+    judge_mute_time(board, board.clock.unwrap(ended[0].time_us), header, 150, "after the playback")
 
 
 @case(
@@ -124,7 +124,7 @@ def the_first_timer_wins(board: BoardClient) -> None:
         with board.counting(timeouts=1):
             latch_now(board, board.flat_phases())
             start_us = board.clock.device_us()
-            header, _ = muted_by_timer(board, since, 600 * _MS, reason)
+            header, _ = judged_mute_by_timer(board, since, 600 * _MS, reason)
         took_ms = (board.clock.unwrap(header.time_us) - start_us) / _MS
         ramp = ramp_ms if board.has(Feature.AMPLITUDE) else 0
         most = min(hold_ms, lease_ms) + ramp + 1

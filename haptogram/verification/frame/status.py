@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from .faults import UNNAMED
-from .tolerance import Tolerance
+from ..faults import UNNAMED
+from ..tolerance import Tolerance
 from .verdict import FrameStatus
 
 

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 from haptogram.records.frame import Evidence, FrameKey
 
-from .tolerance import VerdictUncertainty
+from ..tolerance import VerdictUncertainty
 
 Vector: TypeAlias = tuple[float, float, float]
 Observed: TypeAlias = tuple[float | None, float | None, float | None]
