@@ -6,6 +6,7 @@ from typing import Final
 
 from haptogram_protocol.messages import (
     Error,
+    Feature,
     Flag,
     Play,
     PlaybackEnded,
@@ -31,6 +32,12 @@ def send_phases_to_store(board: BoardClient, sequence: int, *, frames: int) -> l
     registers = [board.random.randbytes(board.identity.transducers) for _ in range(frames)]
     upload_to_board(board, UploadKind.PHASES, sequence, b"".join(registers))
     return registers
+
+
+def send_phases_to_store_if_supported(board: BoardClient, sequence: int, *, frames: int) -> None:
+    """Upload a sequence of random drives, for requests to name, unless the board takes none."""
+    if board.has(Feature.SEQUENCE_PHASES):
+        send_phases_to_store(board, sequence, frames=frames)
 
 
 def shortest_period_to_play_us(board: BoardClient, least_us: int = 1) -> int:

@@ -14,7 +14,6 @@ from haptogram_protocol.messages import (
     REQUEST_RANGE,
     STREAM_RANGE,
     ErrorCode,
-    Feature,
     Flag,
     Message,
     Ping,
@@ -26,7 +25,7 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.playback import send_phases_to_store
+from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import refused_requests_to_send, stream_kinds, valid_requests_to_send
 from ...outcome import SELF_REPORTED, CaseEndedError, check
 
@@ -285,8 +284,7 @@ def _names_of_defects(defects: Iterable[_Defect]) -> str:
     evidence=SELF_REPORTED,
 )
 def every_header_type_counts_once(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for armed in (True, False) if board.thorough else (True,):
         board.arm()
         messages: list[Message] = [

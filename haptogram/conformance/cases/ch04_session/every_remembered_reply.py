@@ -36,7 +36,13 @@ from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.capabilities import UPLOADS, requests_that_board_takes
-from ...client.playback import PERIOD_US, play_now, send_phases_to_store, shortest_period_to_play_us
+from ...client.playback import (
+    PERIOD_US,
+    play_now,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+    shortest_period_to_play_us,
+)
 from ...client.stream_kinds import refused_requests_to_send, valid_requests_to_send
 from ...client.wire import ReceivedByClient
 from ...outcome import check
@@ -53,8 +59,7 @@ Between = Callable[[BoardClient], object]
 
 def _remembered(board: BoardClient) -> Iterator[Message]:
     """Yield a request of every type that is remembered; the board is ARMED before each."""
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for message in valid_requests_to_send(board, _SEQUENCE):
         if not isinstance(message, _IDEMPOTENT):
             yield message

@@ -28,7 +28,12 @@ from haptogram_protocol.state import OutputState
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, play_out, send_phases_to_store
+from ...client.playback import (
+    play_now,
+    play_out,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+)
 from ...client.uploads import begin_upload, upload_to_board
 from ...judge.held_state import held_state_changes
 from ...judge.refused_requests import STORED
@@ -253,8 +258,7 @@ def the_first_hello_reply_stays(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def a_repeated_hello_leaves_all(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, STORED, frames=1)
+    send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         last_us, before = brought_to_refusal(board, situation)
         held = held_after_refusals(board, last_us, lambda: board.hello(board.link.session))

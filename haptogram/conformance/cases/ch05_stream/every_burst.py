@@ -11,7 +11,12 @@ from haptogram_protocol.messages import Disarm, Feature, Flag, Mute, Play, Stop
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches, latches_received_from_board
-from ...client.playback import PERIOD_US, play_at, send_phases_to_store
+from ...client.playback import (
+    PERIOD_US,
+    play_at,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+)
 from ...client.stream_kinds import points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, inconclusive, not_observed
 
@@ -48,8 +53,7 @@ def _time_behind_burst_us(board: BoardClient) -> int:
     evidence=SELF_REPORTED,
 )
 def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=1)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.configure(late_window_us=_WINDOW_US)
     for name, make in _enders_of_burst(board):
         for _ in range(_TRIES):

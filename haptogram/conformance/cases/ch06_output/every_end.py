@@ -22,7 +22,7 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, OutputInput, OutputStat
 from ...case import Case, Depth
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_to_store_if_supported
 from ...outcome import SELF_REPORTED, CaseEndedError, check
 from ...verdict import Behaviour
 from ..ch05_stream.every_drop import fill_queue
@@ -256,8 +256,7 @@ def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> No
 
 def _case_of_output_end(end: End) -> Case:
     def body(board: BoardClient) -> None:
-        if board.has(Feature.SEQUENCE_PHASES):
-            send_phases_to_store(board, _SEQUENCE, frames=2)
+        send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
         for moment in _MOMENTS:
             if not board.has(moment.needs):
                 continue

@@ -13,7 +13,7 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYBACK
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_to_store_if_supported
 from ...judge.timers import judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check
 
@@ -47,8 +47,7 @@ def _state_and_reason_after(before: Found, event: OutputInput) -> Found:
     depth=Depth.DEFAULT,
 )
 def every_input_in_every_output_state(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=1)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     for bring, due in _origins_of_output_states(board):
         for name, event, happen in _inputs_to_output_states(board):
             bring()

@@ -12,7 +12,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_to_store, send_phases_to_store_if_supported
 from ...judge.timers import EXACT_US, judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import check, not_observed
 
@@ -134,8 +134,7 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def configuration_changes_a_running_lease(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     lengths: list[dict[str, Any]] = [
         {"host_timeout_ms": 60},
         {"host_timeout_ms": _LENGTH_MS + 100},

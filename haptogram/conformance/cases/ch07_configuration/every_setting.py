@@ -25,7 +25,13 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back, read_back_radiated
-from ...client.playback import period_to_play, play_now, play_out, send_phases_to_store
+from ...client.playback import (
+    period_to_play,
+    play_now,
+    play_out,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+)
 from ...client.stream_kinds import random_point_to_send, valid_requests_to_send
 from ...client.uploads import upload_to_board
 from ...judge.refused_requests import requests_refused_by_link
@@ -127,8 +133,7 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def requests_leave_the_configured_division(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=1)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
     board.arm()
     since, first = board.link.mark(), board.link.stream_next

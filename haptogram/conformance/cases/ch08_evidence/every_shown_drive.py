@@ -27,7 +27,7 @@ from ...client.latching import (
     latches_received_from_board,
     read_back,
 )
-from ...client.playback import play_out, send_phases_to_store
+from ...client.playback import play_out, send_phases_to_store, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check
@@ -128,8 +128,7 @@ def _check_span_of_read_back(
     depth=Depth.DEFAULT,
 )
 def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=4)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=4)
     for feature, mode in _MODES:
         if not board.has(feature):
             continue

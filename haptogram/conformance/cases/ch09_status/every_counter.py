@@ -29,7 +29,7 @@ from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import flood_with_traces, send_phases_to_store
+from ...client.playback import flood_with_traces, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...judge.refused_requests import requests_refused_by_link
 from ...outcome import SELF_REPORTED, CaseEndedError, check
@@ -53,8 +53,7 @@ _FLOODS: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
     depth=Depth.DEFAULT,
 )
 def requests_leave_the_event_counters(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=1)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.configure(trace_mode=TraceMode.CRC)
     board.arm()
     names = ["ARM"]
@@ -98,8 +97,7 @@ def _requests_at_counters(board: BoardClient) -> Iterator[tuple[str, Callable[[]
     depth=Depth.DEFAULT,
 )
 def the_ring_outlives_requests_as_counters_do(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=1)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
     for _ in range(3):
@@ -126,8 +124,7 @@ def the_ring_outlives_requests_as_counters_do(board: BoardClient) -> None:
 )
 def nothing_clears_any_counter(board: BoardClient) -> None:
     _move_all_counters(board)
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=1)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     before = board.status().counters
     for name, happen in itertools.chain(
         _happenings_at_counters(board), _happenings_at_counters(board)

@@ -23,7 +23,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_to_store_if_supported
 from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import upload_to_board
 from ...judge.timers import judged_mute_by_timer
@@ -104,8 +104,7 @@ def _last_latch_stays_in_status(board: BoardClient, name: str) -> None:
     evidence=SELF_REPORTED,
 )
 def the_last_latch_stays_in_status(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=1)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.arm()
     index = latch_now(board, board.phases(board.random_registers()))
     _last_latch_stays_in_status(board, "a stream frame")

@@ -24,7 +24,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_out, send_phases_to_store
+from ...client.playback import play_out, send_phases_to_store, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...outcome import SELF_REPORTED, check, fail
 from ..ch05_stream.every_drop import DROPS, frames_to_drop
@@ -42,8 +42,7 @@ _WITH_MARGIN: Final = ("dropped_order", "dropped_full", "dropped_future", "dropp
     evidence=SELF_REPORTED,
 )
 def status_margins_outlive_requests(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     messages = [m for m in valid_requests_to_send(board, _SEQUENCE) if not isinstance(m, GetStatus)]
     every: list[Message] = [Mute(), Arm(), *messages, board.hello_message(board.new_nonce())]
     if _status_margins_behind(board, every):
@@ -60,8 +59,7 @@ def status_margins_outlive_requests(board: BoardClient) -> None:
     needs=Feature.CONFIG,
 )
 def status_is_never_late(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     trace = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
     period_ms = board.quick_status_ms
     board.configure(late_window_us=100_000, status_period_ms=period_ms, trace_mode=trace)

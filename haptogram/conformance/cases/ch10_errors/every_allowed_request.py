@@ -25,7 +25,12 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.playback import play_out, send_phases_to_store, shortest_period_to_play_us
+from ...client.playback import (
+    play_out,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+    shortest_period_to_play_us,
+)
 from ...client.stream_kinds import valid_requests_to_send
 from ...judge.held_state import held_state_changes
 from ...judge.refused_requests import STORED, other_config_than_judged
@@ -52,8 +57,7 @@ def _allowed_readings(board: BoardClient) -> list[Message]:
     depth=Depth.DEFAULT,
 )
 def allowed_readings_are_always_answered(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, STORED, frames=1)
+    send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         last_us, before = brought_to_refusal(board, situation)
         for message in _allowed_readings(board):
@@ -74,8 +78,7 @@ def allowed_readings_are_always_answered(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def an_allowed_setting_changes_only_itself(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, STORED, frames=1)
+    send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         last_us, before = brought_to_refusal(board, situation)
         other = other_config_than_judged(board)

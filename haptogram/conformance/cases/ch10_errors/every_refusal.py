@@ -28,7 +28,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import send_upload_chunks
 from ...judge.held_state import Held, held_state_changes, judged_held_state
@@ -196,8 +196,7 @@ def refusal_situations(board: BoardClient) -> Iterator[Situation]:
     evidence=SELF_REPORTED,
 )
 def every_refusal_changes_nothing(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, STORED, frames=1)
+    send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         _judge_refusals_in_situation(board, situation)
         if board.has(Feature.SEQUENCE_PHASES):
@@ -293,8 +292,7 @@ def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
     variant="types",
 )
 def every_refusal_has_its_error_code(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, STORED, frames=1)
+    send_phases_to_store_if_supported(board, STORED, frames=1)
     _streaming_before_refusal(board)
     for refusal in list(_refusals_while_streaming(board)):
         code = refuse(board, refusal).code

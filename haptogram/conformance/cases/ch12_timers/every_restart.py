@@ -27,7 +27,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_to_store, send_phases_to_store_if_supported
 from ...client.stream_kinds import StreamKind, stream_kinds, valid_requests_to_send
 from ...judge.refused_requests import Refusal, requests_refused_by_value
 from ...judge.timers import judge_in_time, judge_mute_time, judge_status_steps, judged_mute_by_timer
@@ -74,8 +74,7 @@ def hello_again_during_timers(board: BoardClient) -> bytes:
 )
 def latches_renew_no_lease(board: BoardClient) -> None:
     ramp_ms = TIMER_MS if board.has(Feature.AMPLITUDE) else 0
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, STORED, frames=2)
+    send_phases_to_store_if_supported(board, STORED, frames=2)
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
         reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
         board.hello()
@@ -192,8 +191,7 @@ def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = Fal
     late.
     """
     timer = "unattended time" if plays else "lease"
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, STORED, frames=2)
+    send_phases_to_store_if_supported(board, STORED, frames=2)
     line_ms = 2 * board.wire.line_us(2 * 2 * board.identity.transducers) // _MS
     for name, make in _renewals(board, plays=plays):
         for least_ms, wait_ms in _LEASES_IN_RAMPS_MS if ramps else _LEASES_MS:
