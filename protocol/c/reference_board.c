@@ -2,7 +2,8 @@
 
    reference_board [--link PATH] [--grid NXxNY] [--pitch-um N] [--boot-id N]
 
-   The first line of its output is `listening on /dev/pts/N`.  SIGUSR1 is a hardware fault. */
+   The first line of its output is `listening on PATH`, without --link `listening on /dev/pts/N`.
+   SIGUSR1 is a hardware fault. */
 
 #define _XOPEN_SOURCE 700 /* pseudo-terminals, CLOCK_MONOTONIC, sigaction */
 
@@ -281,7 +282,7 @@ int main(int count, char **values)
     if (options.link != NULL)
         make_link(options.link, line.name);
     board_start(board, &options.array, &machine);
-    printf("listening on %s\n", line.name);
+    printf("listening on %s\n", options.link != NULL ? options.link : line.name);
     fflush(stdout);
     serve(board, line.master);
     if (options.link != NULL)

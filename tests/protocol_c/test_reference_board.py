@@ -276,7 +276,8 @@ def test_it_makes_its_link_and_takes_it_away(programs, tmp_path):
     link = tmp_path / "board"
     for _ in range(2):
         process = Process(programs, "--link", str(link), "--grid", "4x3", "--boot-id", "99")
-        assert os.readlink(link) == process.path
+        assert process.path == str(link)
+        assert os.readlink(link).startswith("/dev/pts/")
         with contextlib.closing(Host(str(link))) as host:
             identity = host.identity
         assert (identity.grid_nx, identity.grid_ny, identity.transducers) == (4, 3, 12)
@@ -289,7 +290,7 @@ def test_a_link_left_behind_is_replaced_and_a_file_is_not(programs, tmp_path):
     link = tmp_path / "board"
     link.symlink_to("nowhere")
     process = Process(programs, "--link", str(link))
-    assert os.readlink(link) == process.path
+    assert os.readlink(link) != "nowhere"
     assert process.end() == (0, "")
     link.write_text("mine")
     command = [programs / "reference_board", "--link", str(link)]
