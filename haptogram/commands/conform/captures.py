@@ -24,7 +24,7 @@ def judge_at_port(
     None: a capture did not come, or cannot be judged; that was said.
     """
     from haptogram.conformance.pins.judge import (
-        check_run_of_capture,
+        captured_share_of_run,
         judge_clauses_by_pins,
         suite_with_clauses_by_pins,
     )
@@ -36,9 +36,10 @@ def judge_at_port(
             raise KeyboardInterrupt
         wait_for_captures(config, since_s)
         records = read_pin_records(config)
-        for record in records:
-            check_run_of_capture(record, suite.nonces, "the one at the port")
-        return suite_with_clauses_by_pins(suite, judge_clauses_by_pins(records, expected))
+        shares = [
+            captured_share_of_run(record, suite.nonces, "the one at the port") for record in records
+        ]
+        return suite_with_clauses_by_pins(suite, judge_clauses_by_pins(records, expected), shares)
     except KeyboardInterrupt:
         print("haptogram conform: interrupted; --capture was not judged", file=sys.stderr)
     except ConfigurationError as error:
@@ -56,7 +57,7 @@ def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) 
         cannot be read.
     """
     from haptogram.conformance.pins.judge import (
-        check_run_of_capture,
+        captured_share_of_run,
         judge_clauses_by_pins,
         suite_with_clauses_by_pins,
     )
@@ -79,6 +80,5 @@ def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) 
         raise ConfigurationError(f"{path}: its result is none of haptogram conform") from error
     records = read_pin_records(config)
     asked = asked_sessions(recording)
-    for record in records:
-        check_run_of_capture(record, asked, str(path))
-    return suite_with_clauses_by_pins(suite, judge_clauses_by_pins(records, expected))
+    shares = [captured_share_of_run(record, asked, str(path)) for record in records]
+    return suite_with_clauses_by_pins(suite, judge_clauses_by_pins(records, expected), shares)

@@ -97,8 +97,10 @@ def _clause_result_by_pins(
     )
 
 
-def suite_with_clauses_by_pins(suite: SuiteResult, pins: Sequence[CaseResult]) -> SuiteResult:
-    """Return a run with the results of its pins.
+def suite_with_clauses_by_pins(
+    suite: SuiteResult, pins: Sequence[CaseResult], shares: Sequence[str] = ()
+) -> SuiteResult:
+    """Return a run with the results of its pins, and the *shares* of it that captures show.
 
     A clause that nothing on the line shows has a result that says so; where the pins show it,
     theirs takes its place.
@@ -115,11 +117,12 @@ def suite_with_clauses_by_pins(suite: SuiteResult, pins: Sequence[CaseResult]) -
     ]
     order = {number: place for place, number in enumerate(load_clauses())}
     results = sorted([*kept, *pins], key=lambda result: order[result.clause])
-    return dataclasses.replace(suite, results=tuple(results))
+    captured = {"captured": "; ".join(shares)} if shares else {}
+    return dataclasses.replace(suite, results=tuple(results), settings=suite.settings | captured)
 
 
-def check_run_of_capture(record: PinRecord, nonces: Collection[int], run: str) -> None:
-    """Raise unless a capture shows the run whose sessions have these *nonces*.
+def captured_share_of_run(record: PinRecord, nonces: Collection[int], run: str) -> str:
+    """Return how many sessions of the run, which have these *nonces*, a capture shows.
 
     A nonce has 16 bits, and two runs of hundreds of sessions share some by chance. So half of the
     sessions must be those of the other: of the capture, or of the run, whichever has fewer.
@@ -138,3 +141,5 @@ def check_run_of_capture(record: PinRecord, nonces: Collection[int], run: str) -
             f"{record.name} shows another run than {run}: {shared} of its {len(shown)} sessions "
             f"are of that run, which has {len(nonces)}; take the capture of the same run"
         )
+    share = f"{shared} of {len(nonces)} sessions of the run"
+    return f"{record.name} shows {share}, in {record.duration_s:.3g} s"

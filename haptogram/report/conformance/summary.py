@@ -21,6 +21,7 @@ def suite_summary(suite: SuiteResult) -> JobSummary:
         findings=list(_case_findings(suite)),
         facts=[
             f"board {suite_board(suite)}",
+            *([f"drive pins: {captured}"] if (captured := suite.settings.get("captured")) else []),
             *([f"cut short: {suite.cut_short}"] if suite.cut_short else []),
         ],
         tables=[_chapter_table(suite)],

@@ -102,6 +102,8 @@ def _suite_summary_line(suite: SuiteResult) -> Iterator[str]:
     measured, stated = (suite.settings.get(n) for n in ("measured_baudrate", "baudrate"))
     if measured != stated:
         yield f"line         {measured} Bd as measured, {stated} Bd as stated"
+    if captured := suite.settings.get("captured"):
+        yield f"captured     {captured}"
     yield f"cases        {suite_counts(suite)}"
     # With the reasons: a number alone would look like a gap.
     for which, reason in _cases_by_reason(suite, Behaviour.NOT_OBSERVED):

@@ -12,7 +12,7 @@ from haptogram.conformance.case import Depth
 from haptogram.conformance.pins.cases import PIN_CASES
 from haptogram.conformance.pins.dialogue import PinDialogue
 from haptogram.conformance.pins.judge import (
-    check_run_of_capture,
+    captured_share_of_run,
     judge_clauses_by_pins,
     suite_with_clauses_by_pins,
 )
@@ -23,6 +23,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record
+from haptogram.report.conformance.text import suite_text
 from haptogram.settings.board import PinCaptureConfig
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol.messages import Mute, StateChanged, TraceMode
@@ -90,17 +91,33 @@ def test_a_healthy_board_is_seen_to_meet_the_clauses(healthy):
 def test_the_sessions_of_a_run_tell_its_capture_from_that_of_another(healthy):
     suite, record = healthy
     opened = sorted(suite.nonces)
-    check_run_of_capture(record, opened, "the run")
-    check_run_of_capture(record, opened[: len(opened) // 2], "the run")  # analysed for longer
+    count = len(opened)
+    whole = captured_share_of_run(record, opened, "the run")
+    assert f"pins.vcd shows {count} of {count} sessions of the run, in " in whole
+    captured_share_of_run(record, opened[: count // 2], "the run")  # analysed for longer
     others = set(range(1, 0x10000)) - suite.nonces
     another = [
         *opened[:2],
         *random.Random(1).sample(sorted(others), 200),
     ]  # some are equal by chance
     with pytest.raises(ConfigurationError, match="shows another run than the run: 2 of its"):
-        check_run_of_capture(record, another, "the run")
+        captured_share_of_run(record, another, "the run")
     with pytest.raises(ConfigurationError, match="0 of its"):
-        check_run_of_capture(record, [], "the run")
+        captured_share_of_run(record, [], "the run")
+
+
+def test_a_capture_of_a_part_of_the_run_says_of_how_much(healthy):
+    suite, record = healthy
+    line = record.to_board
+    half = len(line.values) // 2
+    begun = dataclasses.replace(line, values=line.values[:half], times=line.times[:half])
+    share = captured_share_of_run(
+        dataclasses.replace(record, to_board=begun), suite.nonces, "the run"
+    )
+    shown = int(share.partition(" shows ")[2].partition(" ")[0])
+    assert 0 < shown < len(suite.nonces)
+    assert suite_with_clauses_by_pins(suite, [], [share]).settings["captured"] == share
+    assert f"captured     {share}" in suite_text(suite_with_clauses_by_pins(suite, [], [share]))
 
 
 @pytest.mark.parametrize(
