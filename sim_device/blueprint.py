@@ -24,6 +24,8 @@ from .assembly import Assembly, ForeignAssembly
 from .board.settings import BoardSettings
 from .dialects.emulation import Emulation
 from .dialects.table import emulation_of, read_emulation_options
+from .faults.clock import faulty_clock
+from .faults.injector import FaultInjector
 from .mutants import mutant_parts
 
 # Another board has no frames with a CRC, no reports, and no clock that it shows.
@@ -55,16 +57,25 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
     Raises
     ------
     ConfigurationError
-        For an array or a calibration that cannot be read, an unknown mutant or dialect, and an
-        option or a fault that makes no sense in this dialect.
+        For an array or a calibration that cannot be read, an unknown mutant or dialect, an option
+        or a fault that makes no sense in this dialect, and a fault that this board cannot have.
     """
     if config.dialect is None:
         if config.dialect_option:
             raise ConfigurationError(
                 f"dialect_option {config.dialect_option[0]} needs a dialect; give dialect too"
             )
-        return Blueprint(BoardSettings.of(config), mutant_parts(config.mutant), config.plan)
-    return _blueprint_of_another_dialect(config, config.dialect)
+        own = Blueprint(BoardSettings.of(config), mutant_parts(config.mutant), config.plan)
+        return _with_checked_faults(own)
+    return _with_checked_faults(_blueprint_of_another_dialect(config, config.dialect))
+
+
+def _with_checked_faults(blueprint: Blueprint) -> Blueprint:
+    """Return *blueprint*, or refuse a fault that its array or its clock cannot have."""
+    if blueprint.faults.faults:
+        healthy = blueprint.parts.clock(blueprint.settings.boot_us)
+        FaultInjector(blueprint.faults, blueprint.settings, faulty_clock(blueprint.faults, healthy))
+    return blueprint
 
 
 def _blueprint_of_another_dialect(config: BoardConfig, name: str) -> Blueprint:
@@ -92,7 +103,8 @@ def _blueprint_of_another_dialect(config: BoardConfig, name: str) -> Blueprint:
 def _check_blueprint(config: BoardConfig, name: str) -> None:
     if config.mutant is not None:
         raise ConfigurationError(
-            f"mutant {config.mutant} is of Haptogram's firmware; leave it out with dialect {name}"
+            f"mutant {config.mutant} acts only on Haptogram's own firmware, not on a board of the "
+            f"dialect {name}; leave it out"
         )
     for fault in config.faults:
         if fault.name.startswith("frame.") or fault.name in _OF_HAPTOGRAM:

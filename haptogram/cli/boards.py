@@ -51,7 +51,12 @@ def prepare_simulator(config: VerifyConfig) -> BoardConfig:
                 f"{board.dialect} as well"
             )
         return board
-    return config.virtual_board()
+    board = config.virtual_board()
+    if board.faults:
+        from sim_device.blueprint import blueprint_of
+
+        blueprint_of(board)  # refuses a fault that this board cannot have, before one is started
+    return board
 
 
 @contextlib.contextmanager

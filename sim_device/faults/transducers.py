@@ -142,9 +142,13 @@ def fault_place(fault: Fault, settings: BoardSettings) -> slice:
     columns, rows = settings.model.array.grid_shape or (0, 0)
     ways = {"transducer": (1, count), "column": (rows, columns * rows), "bank": (BANK, count)}
     name = next(name for name in ways if fault.values[name] != NOWHERE)
-    width, limit = ways[name]
-    first = round(fault.values[name]) * width
-    if first >= limit:
-        has = f"{count} transducers in {columns} columns, and banks of {BANK}"
-        raise ConfigurationError(f"{fault.name}: no such place; the array has {has}")
+    (width, limit), number = ways[name], round(fault.values[name])
+    places = -(-limit // width) if width else 0  # of a column in an array that is no grid
+    if number >= places:
+        must = f"must be 0 to {places - 1}" if places else f"the array has no {name}: it is no grid"
+        raise ConfigurationError(
+            f"fault {fault.name} {name}={number}, {must} ({count} transducers, {columns} columns, "
+            f"banks of {BANK})"
+        )
+    first = number * width
     return slice(first, min(first + width, limit))
