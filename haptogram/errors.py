@@ -17,7 +17,24 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
+
+#: Causes of the system's errors, where its own words are jargon or say too little.
+_REASONS: Final = {
+    errno.ENOENT: "there is no such file",
+    errno.EISDIR: "it is a folder; name a file",
+    errno.ENOTDIR: "a folder of its path is a file",
+    errno.EACCES: "there is no permission",
+    errno.EPERM: "there is no permission",
+    errno.EROFS: "the file system is read-only",
+    errno.ENOSPC: "the disk is full",
+    errno.ENOTTY: "it is no serial port",
+    errno.ENAMETOOLONG: "the name is too long",
+}
 
 
 class HaptogramError(Exception):
@@ -139,3 +156,64 @@ def missing_extra(subject: str, extra: str) -> ConfigurationError:
     is_checkout = (checkout / "pyproject.toml").is_file()
     what = f"-e '{checkout}[{extra}]'" if is_checkout else f"'haptogram[{extra}]'"
     return ConfigurationError(f"{subject}: pip install {what}")
+
+
+def unreadable_file(path: str | Path, error: BaseException, option: str = "") -> ConfigurationError:
+    """Return the error for a file that cannot be read; *option* is the one that names it.
+
+    Examples
+    --------
+    >>> print(unreadable_file("no.csv", FileNotFoundError(errno.ENOENT, ""), "--drive"))
+    --drive 'no.csv' cannot be read: there is no such file
+    """
+    return ConfigurationError(f"{option} '{path}' cannot be read: {plain_reason(error)}".lstrip())
+
+
+def unwritable_file(path: str | Path, error: BaseException, option: str = "") -> ConfigurationError:
+    """Return the error for a file that cannot be written; *option* is the one that names it.
+
+    Examples
+    --------
+    >>> print(unwritable_file("a.json", OSError(errno.ENOSPC, ""), "--json"))
+    --json 'a.json' cannot be written: the disk is full
+    """
+    is_absent = isinstance(error, FileNotFoundError)  # a file that is absent would be made
+    reason = "there is no such folder" if is_absent else plain_reason(error)
+    return ConfigurationError(f"{option} '{path}' cannot be written: {reason}".lstrip())
+
+
+def plain_reason(error: BaseException) -> str:
+    """Return the cause of an error of the system, or of a text, without codes and jargon.
+
+    Examples
+    --------
+    >>> print(plain_reason(PermissionError(errno.EACCES, "Permission denied")))
+    there is no permission
+    """
+    if isinstance(error, UnicodeDecodeError):
+        return f"it is no text in UTF-8, from byte {error.start} on"
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    codes = map(_system_error_code, _causes_of(error))
+    code = next((code for code in codes if code is not None), None)
+    if code is None:
+        return " ".join(str(error).split())
+    # A code below zero is of a name that no server knows; its text is in the error alone.
+    text = _REASONS.get(code) or (os.strerror(code) if code > 0 else _system_error_text(error))
+    return text[:1].lower() + text[1:]
+
+
+def _causes_of(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _system_error_code(error: BaseException) -> int | None:
+    """Return the code of an OSError, or of what is like one (termios.error)."""
+    code = error.errno if isinstance(error, OSError) else next(iter(error.args), None)
+    return code if isinstance(code, int) else None
+
+
+def _system_error_text(error: BaseException) -> str:
+    return str(getattr(error, "strerror", None) or error)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import functools
 import gc
 import logging
@@ -14,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.errors import ConfigurationError, HaptogramError, unwritable_file
 from haptogram.machine.files import (
     STANDARD_OUTPUT,
     check_distinct_files,
@@ -34,7 +35,6 @@ from haptogram.settings.faults.kinds import described_faults
 from haptogram.settings.line import LineSettings
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import Parser, name_option
-from haptogram.settings.text_file import plain_reason
 
 if TYPE_CHECKING:
     from haptogram.machine.device_client import DeviceClient
@@ -391,7 +391,7 @@ def _check_board_output(option: str, path: Path) -> None:
     """Raise if *path* cannot be written; a file that is there is not replaced."""
     if path.is_file():
         if not os.access(path, os.W_OK):
-            raise ConfigurationError(f"{option} {path}: cannot be written: no permission")
+            raise unwritable_file(path, PermissionError(errno.EACCES, ""), option)
         return
     try:
         check_file_writable(path)
@@ -409,9 +409,7 @@ def _make_board_folders(options: argparse.Namespace) -> None:
         try:
             make_folder_of(path)
         except OSError as error:
-            raise ConfigurationError(
-                f"{option} {path}: cannot be written: {plain_reason(error)}"
-            ) from error
+            raise unwritable_file(path, error, option) from error
 
 
 def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPort:

@@ -7,7 +7,7 @@ import os
 import socket
 from typing import Any, Final
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, plain_reason, unreadable_file
 from haptogram.machine.closing import ClosedByWith
 
 UNIX_PREFIX: Final = "unix:"
@@ -38,7 +38,7 @@ class BackdoorStream(ClosedByWith):
     >>> BackdoorStream("unix:/nowhere")
     Traceback (most recent call last):
         ...
-    haptogram.errors.ConfigurationError: no board listens at unix:/nowhere (No such file or \
+    haptogram.errors.ConfigurationError: no board listens at unix:/nowhere (there is no such \
 directory): start one with haptogram board --backdoor unix:/nowhere
     """
 
@@ -94,7 +94,7 @@ class _BackdoorSocket:
         except OSError as error:
             self.close()
             raise ConfigurationError(
-                f"no board listens at {source} ({error.strerror}): start one with "
+                f"no board listens at {source} ({plain_reason(error)}): start one with "
                 f"haptogram board --backdoor {source}"
             ) from error
         self._socket.setblocking(False)
@@ -122,7 +122,7 @@ class _BackdoorFileStream:
         try:
             self._file = open(path, "rb", buffering=0, opener=_open_backdoor_stream)  # noqa: SIM115  closed by close()
         except OSError as error:
-            raise ConfigurationError(f"cannot read {path}: {error.strerror}") from error
+            raise unreadable_file(path, error) from error
 
     def receive(self) -> bytes | None:
         """Return the bytes that were appended."""

@@ -17,7 +17,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from haptogram.acoustics.model.drive import Drive
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, unreadable_file, unwritable_file
 from haptogram.machine.closing import ClosedByWith
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
 from haptogram.settings.arguments import check_argument_kind
@@ -59,7 +59,7 @@ class RecordFile(ClosedByWith):
         try:
             self._file = Path(path).open("w", encoding="utf-8")  # noqa: SIM115  closed by close()
         except OSError as error:
-            raise ConfigurationError(f"{path}: {error.strerror}") from error
+            raise unwritable_file(path, error) from error
         self._slots: dict[_Content, int] = {}
         self._frames = self._entries = 0
 
@@ -170,7 +170,7 @@ def read_records(path: str | Path) -> Records:
             for line in file:
                 reader.take(line)
     except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror}") from error
+        raise unreadable_file(path, error) from error
     except (ValueError, KeyError, TypeError) as error:
         where = f"{path}:{reader.lines}"
         raise ConfigurationError(f"{where}: not a line of a record: {error!r}") from error

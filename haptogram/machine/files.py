@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import errno
 import os
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final, TextIO
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, plain_reason, unwritable_file
 
 #: The path that is standard output.
 STANDARD_OUTPUT: Final = Path("-")
@@ -92,7 +93,7 @@ def write_file_atomically(path: Path, content: bytes) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             _replace_file(target, content)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        raise _refusal_of_file(path, error) from error
+        raise unwritable_file(path, error) from error
 
 
 def write_json_file(path: Path, document: Mapping[str, Any]) -> None:
@@ -123,21 +124,35 @@ def check_file_writable(path: Path) -> None:
             if sys.stdout is None or sys.stdout.closed:
                 raise ConfigurationError(f"{path}: standard output is closed; name a file")
         elif kind is Kind.FOLDER:
-            raise ConfigurationError(f"{path}: is a folder; name a file")
+            raise unwritable_file(path, IsADirectoryError(errno.EISDIR, ""))
         elif kind is Kind.PIPE:  # opened and closed, it would send its reader away
             if not os.access(target, os.W_OK):
-                raise ConfigurationError(f"{path}: cannot be written: no permission")
+                raise unwritable_file(path, PermissionError(errno.EACCES, ""))
         elif kind is Kind.DEVICE:
             os.close(os.open(target, os.O_WRONLY | os.O_NONBLOCK))
         elif kind is Kind.FILE:
-            folder = next(parent for parent in target.parents if parent.exists())
-            temporary = _temporary_file(folder)
-            temporary.touch(exist_ok=False)
-            temporary.unlink()
+            _check_folder_takes_files(path, target)
     except ConfigurationError:
         raise
     except (OSError, ValueError) as error:
-        raise _refusal_of_file(path, error) from error
+        raise unwritable_file(path, error) from error
+
+
+def _check_folder_takes_files(path: Path, target: Path) -> None:
+    """Raise unless a file can be made beside *target*, which *path* leads to, and take its name."""
+    folder = next(parent for parent in target.parents if parent.exists())
+    if not folder.is_dir():
+        raise unwritable_file(path, NotADirectoryError(errno.ENOTDIR, ""))
+    temporary = _temporary_file(folder)
+    try:
+        temporary.touch(exist_ok=False)
+        temporary.unlink()
+    except OSError as error:
+        # The folder is there: a file system such as /proc says so of any new name.
+        why = "" if error.errno == errno.ENOENT else f": {plain_reason(error)}"
+        raise ConfigurationError(
+            f"'{path}' cannot be written: no file can be made in '{folder}'{why}"
+        ) from error
 
 
 def make_folder_of(path: Path, purpose: str = "what is written") -> None:
@@ -177,8 +192,7 @@ def check_distinct_files(
         try:
             kind = kind_of_file(path)
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise ConfigurationError(f"{option} {str(path)!r} cannot be: {reason}") from error
+            raise unwritable_file(path, error, option) from error
         is_stream = kind is Kind.STANDARD_OUTPUT
         place = str(kind.value) if is_stream else os.path.realpath(path)
         is_shared = is_stream or kind is Kind.FILE
@@ -197,11 +211,6 @@ def check_distinct_files(
 
 def _is_same_file(path: Path, other: Path) -> bool:
     return path.is_file() and other.is_file() and path.samefile(other)
-
-
-def _refusal_of_file(path: Path, error: OSError | ValueError) -> ConfigurationError:
-    reason = getattr(error, "strerror", None) or str(error)
-    return ConfigurationError(f"{path}: cannot be written: {reason}")
 
 
 def _write_stream(stream: TextIO, content: bytes) -> None:

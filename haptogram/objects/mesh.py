@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.errors import ConfigurationError, missing_extra
-from haptogram.settings.text_file import plain_reason
+from haptogram.errors import ConfigurationError, missing_extra, unreadable_file
 
 if TYPE_CHECKING:
     import trimesh
@@ -65,9 +64,7 @@ def _check_mesh_file(path: Path) -> None:
         with path.open("rb") as file:
             is_empty = not file.read(1)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        raise ConfigurationError(
-            f"object '{path}' cannot be read: {plain_reason(error)}"
-        ) from error
+        raise unreadable_file(path, error, "object") from error
     if is_empty:
         raise ConfigurationError(f"{path}: the file is empty")
 

@@ -131,6 +131,10 @@ class Parser(argparse.ArgumentParser):
         """Raise *message* as :class:`UsageError`."""
         for pattern, plain in _PLAINER:
             message = re.sub(pattern, plain, message)
+        for action in self._actions:
+            missing = f"{action.metavar} is missing"
+            if isinstance(action.choices, tuple) and message.startswith(missing):
+                message = f"{missing}; known are {', '.join(action.choices)}"
         raise UsageError(self.prog, message)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, TextIO, TypeAlias
@@ -11,7 +10,7 @@ from typing import Final, TextIO, TypeAlias
 import numpy as np
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
-from haptogram.errors import ConfigurationError
+from haptogram.errors import unwritable_file
 from haptogram.settings.board import PinCaptureConfig
 from haptogram_protocol.state import OutputState
 
@@ -154,9 +153,7 @@ class PinCapture:
             with self._path.open("w", encoding="ascii") as file:
                 edges = self._write(file)
         except OSError as error:
-            raise ConfigurationError(
-                f"--capture {self._path}: {os.strerror(error.errno or 0)}"
-            ) from error
+            raise unwritable_file(self._path, error, "--capture") from error
         return f"{self._path}: {edges} edges of {self._count} pins, {len(self._acts)} changes"
 
     # --- waveforms -----------------------------------------------------------------------------

@@ -9,9 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Protocol
 
-from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.errors import ConfigurationError, unwritable_file
 from haptogram.machine.files import make_folder_of
-from haptogram.settings.text_file import plain_reason
 
 from ..line.socket_server import UnixListener
 
@@ -82,21 +81,21 @@ class FileSink:
             make_folder_of(Path(path))
             self._file = os.fdopen(_opened_backdoor(path, wait), "ab", buffering=0)
         except OSError as error:
-            raise ConfigurationError(f"cannot write to {path}: {plain_reason(error)}") from error
+            raise unwritable_file(path, error, "backdoor") from error
 
     def write(self, line: bytes) -> None:
         """Append one line.
 
         Raises
         ------
-        HaptogramError
+        ConfigurationError
             If the file takes no more: the disc is full.
         """
         try:
             while line:
                 line = line[self._file.write(line) :]
         except OSError as error:
-            raise HaptogramError(f"cannot write to {self._path}: {error.strerror}") from error
+            raise unwritable_file(self._path, error, "backdoor") from error
 
     def serve(self) -> None:
         """Do nothing: a file waits for nobody."""

@@ -10,7 +10,7 @@ import contextlib
 import errno
 import os
 
-from haptogram.errors import HaptogramError
+from haptogram.errors import HaptogramError, plain_reason
 
 
 class PortLostError(HaptogramError):
@@ -98,4 +98,4 @@ class BoardPort:
 
     def _lost(self, error: OSError) -> bytes:
         """Decide what *error* means; here: the port is gone."""
-        raise PortLostError(f"{self.description}: {error.strerror}") from error
+        raise PortLostError(f"{self.description}: {plain_reason(error)}") from error

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import Final
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, plain_reason
 from haptogram.machine.files import make_folder_of
 from haptogram.machine.posix import posix_module
 
@@ -96,7 +96,8 @@ class PtyLink:
             raise self._impossible(error) from error
 
     def _impossible(self, error: OSError) -> ConfigurationError:
-        return ConfigurationError(f"cannot make the link {self._path}: {error.strerror}")
+        reason = plain_reason(error)
+        return ConfigurationError(f"link '{self._path}' cannot be made: {reason}")
 
     def _is_current(self, lock: int) -> bool:
         try:

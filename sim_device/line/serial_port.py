@@ -6,9 +6,8 @@ import os
 
 import serial
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, plain_reason
 from haptogram.machine.posix import posix_module
-from haptogram.settings.text_file import plain_reason
 
 from .port import BoardPort
 from .pty_link import INSTEAD_OF_PTY

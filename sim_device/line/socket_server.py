@@ -11,9 +11,8 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, plain_reason
 from haptogram.machine.files import make_folder_of
-from haptogram.settings.text_file import plain_reason
 
 from .port import PortLostError
 
@@ -80,12 +79,12 @@ class SocketDoorman:
         if error.errno in _NO_CLIENT:
             return
         if error.errno not in _SHORTAGE:
-            why = f"no client can be taken in: {error.strerror}"
+            why = f"no client can be taken in: {plain_reason(error)}"
             raise PortLostError(f"{self._name}: {why}") from error
         self.refused += 1
         self.due_ns = time.monotonic_ns() + _PATIENCE_NS
         if not self._is_short:  # told once, until somebody gets in
-            _LOG.warning("%s: no client can be taken in: %s", self._name, error.strerror)
+            _LOG.warning("%s: no client can be taken in: %s", self._name, plain_reason(error))
         self._is_short = True
 
 

@@ -7,8 +7,7 @@ import logging
 import socket
 from typing import Final
 
-from haptogram.errors import ConfigurationError
-from haptogram.settings.text_file import plain_reason
+from haptogram.errors import ConfigurationError, plain_reason
 
 from .port import BoardPort
 from .socket_server import SocketDoorman

@@ -64,8 +64,8 @@ def mutant_parts(name: str | None) -> BoardAssembly:
         return HEALTHY
     if name not in MUTANTS:
         raise ConfigurationError(
-            f"mutant is {name!r}{did_you_mean(name, MUTANTS)}; "
-            "docs/kill-matrix.md lists those known"
+            f"mutant is {name!r}; docs/kill-matrix.md lists those known"
+            f"{did_you_mean(name, MUTANTS)}"
         )
     return MUTANTS[name].parts
 

@@ -63,11 +63,14 @@ def test_standard_output_is_no_place_for_a_board(option, tmp_path, monkeypatch, 
 @pytest.mark.parametrize("option", OUTPUTS)
 def test_a_folder_and_a_place_below_a_file_are_refused(option, tmp_path, capsys):
     (tmp_path / "file").write_text("mine")
-    for place, why in (("", "is a folder; name a file"), ("file/x", "cannot be written: Not a")):
+    for place, why in (
+        ("", "it is a folder; name a file"),
+        ("file/x", "a folder of its path is a file"),
+    ):
         assert board("--tcp", "0", option, str(tmp_path / place)) == 2
         said = capsys.readouterr().err.splitlines()
         assert len(said) == 1
-        assert f"{option} {tmp_path / place}: {why}" in said[0]
+        assert f"{option} '{tmp_path / place}' cannot be written: {why}" in said[0]
 
 
 @pytest.mark.parametrize("option", [*OUTPUTS, "unix"])
@@ -104,5 +107,5 @@ def test_a_link_on_a_full_disk_is_refused_and_leaves_nothing(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", code, path], capture_output=True, text=True, check=True
     )
-    assert done.stdout == f"cannot make the link {path}: File too large\n"
+    assert done.stdout == f"link '{path}' cannot be made: file too large\n"
     assert list(tmp_path.iterdir()) == []

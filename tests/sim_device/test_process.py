@@ -128,7 +128,10 @@ def test_what_is_no_link_of_a_board_is_left_alone(start, tmp_path):
     ("arguments", "text"),
     [
         ([], "one of --link --tcp --serial --as-device is missing"),
-        (["--link", "/proc/none/board"], "cannot make the link /proc/none/board"),
+        (
+            ["--link", "/proc/none/board"],
+            "--link '/proc/none/board' cannot be made: there",
+        ),
         (["--tcp", "127.0.0.1:x"], "--tcp 127.0.0.1:x: must be HOST:PORT"),
         (
             ["--serial", "/dev/no-such-port"],
@@ -138,8 +141,14 @@ def test_what_is_no_link_of_a_board_is_left_alone(start, tmp_path):
             ["--tcp", "0", "--array", "99x99"],
             "--array is '99x99', must be a grid of 1 to 1024 elements",
         ),
-        (["--tcp", "0", "--backdoor", "/dev/null/x"], "--backdoor /dev/null/x: cannot be"),
-        (["--tcp", "0", "--backdoor", "/dev/full"], "cannot write to /dev/full: No space left"),
+        (
+            ["--tcp", "0", "--backdoor", "/dev/null/x"],
+            "--backdoor '/dev/null/x' cannot be written: a folder",
+        ),
+        (
+            ["--tcp", "0", "--backdoor", "/dev/full"],
+            "'/dev/full' cannot be written: the disk",
+        ),
         (["--tcp", "0", "--baud", "0"], "baud is 0, must be 300 to"),
         (["--serial", "/dev/x", "--latency-ms", "1"], "--latency-ms: the line of --serial is a"),
     ],

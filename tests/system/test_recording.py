@@ -234,13 +234,16 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(words, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ((*STILL, "--record", "."), "--record .: is a folder"),
+        ((*STILL, "--record", "."), "--record '.' cannot be written: it is"),
         ((*STILL, "--record", "a", "--json", "a"), "are both the same file"),
         (("bench", "--record", "a", "--json", "a"), "are both the same file"),
-        (("soak", "--hours", "1", "--record", "."), "--record .: is a folder"),
+        (
+            ("soak", "--hours", "1", "--record", "."),
+            "--record '.' cannot be written: it is",
+        ),
         (("conform", "--list", "--record", "a"), "--record acts only where cases are run"),
         (("board", "--tcp", "0", "--record", "-"), "name a file"),
-        (("board", "--tcp", "0", "--record", "."), ".: is a folder"),
+        (("board", "--tcp", "0", "--record", "."), "'.' cannot be written: it is a folder"),
     ],
 )
 def test_a_recording_that_cannot_be_written_is_refused_before_the_run(words, message, capsys):

@@ -243,7 +243,7 @@ def test_a_recording_without_a_run_is_inconclusive(tmp_path, capsys):
         (("--port", "/dev/no-such"), "there is no such port"),
         (("--port", "a", "--healthy"), "--healthy acts only without --port"),
         (("--baud", "9600"), "--baud acts only with --port"),
-        (("--json", "."), "is a folder"),
+        (("--json", "."), "it is a folder"),
     ],
 )
 def test_what_does_not_go_together_is_one_line(words, message, tmp_path, capsys):

@@ -165,7 +165,12 @@ class TransducerArray:
         match = _GRID.fullmatch(text.strip())
         if match:
             return cls.grid(int(match[1]), int(match[2]), pitch_m=pitch_m)
-        return cls.from_file(text)
+        try:
+            return cls.from_file(text)
+        except ConfigurationError as error:
+            if Path(text).suffix or Path(text).exists():
+                raise
+            raise ConfigurationError(f"{error}; a grid is written NXxNY, such as 16x16") from error
 
     def moved(self, rotation: ArrayLike, shift_m: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
         """Return this array turned around the origin, then shifted; its own axes turn with it.

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
-from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.errors import ConfigurationError, HaptogramError, unreadable_file
 from haptogram.machine.files import write_json_file
 
 from .account.tally import MEMORY_GREW, SoakTally
@@ -73,8 +73,7 @@ class SoakCampaign:
         except FileNotFoundError:
             return cls(setup)
         except OSError as error:
-            reason = error.strerror
-            raise ConfigurationError(f"cannot read the checkpoint {path}: {reason}") from error
+            raise unreadable_file(path, error, "resume") from error
         except (ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(f"{path} is no checkpoint of a soak") from error
         if known != ("haptogram soak", VERSION):

@@ -77,7 +77,9 @@ def set_up(parser: Parser) -> None:
     parser.add_argument(
         "kind",
         choices=KINDS,
-        help="amplitude, lateral, spatio-temporal along the object, or each of its points held",
+        metavar="KIND",
+        help=f"{', '.join(KINDS)}: amplitude, lateral, spatio-temporal along the object, or each "
+        "of its points held",
     )
     modulation = [row for name, row in options_of(ModulationConfig).items() if name != "modulation"]
     add_setting_options(parser.add_argument_group("modulation"), modulation)

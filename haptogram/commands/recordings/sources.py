@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, unreadable_file
 from haptogram.evidence.recordings.channels import MAGIC
 
 if TYPE_CHECKING:
@@ -110,14 +110,14 @@ def _opened_source(path: Path) -> contextlib.AbstractContextManager[IO[bytes]]:
     try:
         return path.open("rb")
     except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror}") from error
+        raise unreadable_file(path, error) from error
 
 
 def _read_source(file: IO[bytes], path: Path, size: int) -> bytes:
     try:
         return file.read(size)
     except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror}") from error
+        raise unreadable_file(path, error) from error
 
 
 def _source_blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:

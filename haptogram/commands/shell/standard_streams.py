@@ -14,6 +14,8 @@ import sys
 from collections.abc import Iterator
 from typing import Any, Final
 
+from haptogram.errors import plain_reason
+
 from .exit_status import USAGE
 
 #: Signs that not every terminal has (LANG=C without UTF-8), and what stands for them there.
@@ -128,7 +130,7 @@ def patient_standard_streams() -> Iterator[None]:
         finally:
             output.flush()
             if output.error is not None and not isinstance(output.error, BrokenPipeError):
-                reason = output.error.strerror
-                print(f"haptogram: cannot write to standard output: {reason}", file=sys.stderr)
+                reason = plain_reason(output.error)
+                print(f"haptogram: standard output cannot be written: {reason}", file=sys.stderr)
                 raise SystemExit(USAGE)
             complaints.flush()

@@ -13,13 +13,12 @@ from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TextIO, TypeAlias
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, unwritable_file
 from haptogram.machine.files import STANDARD_OUTPUT, write_json_file
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import name_option
-from haptogram.settings.text_file import plain_reason
 from haptogram.settings.tolerance import ToleranceConfig
 
 from ..acting_options import refuse_idle_options
@@ -290,6 +289,4 @@ def _refusing_of_frames(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ConfigurationError(
-            f"--frames {path}: cannot be written: {plain_reason(error)}"
-        ) from error
+        raise unwritable_file(path, error, "--frames") from error

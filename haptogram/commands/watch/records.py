@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, unreadable_file
 from haptogram.machine.interrupts import DelayedInterrupts
 from haptogram.settings.board import BoardConfig
 
@@ -163,7 +163,7 @@ def _read_bytes(source: str) -> bytes:
     try:
         return Path(source).read_bytes()
     except OSError as error:
-        raise ConfigurationError(f"cannot read {source}: {error.strerror}") from error
+        raise unreadable_file(source, error) from error
 
 
 def _refuse_bytes_of_client(source: str) -> None:

@@ -22,6 +22,7 @@ from haptogram.errors import (
     LinkLostError,
     PortBusyError,
     PortNotFoundError,
+    plain_reason,
 )
 from haptogram.machine.waiter import DescriptorWaiter
 from haptogram.settings.arguments import check_number, check_whole, shown_argument
@@ -281,8 +282,7 @@ def _port_opening_error(url: str, error: OSError) -> LinkError:
     # termios.error is no OSError, and has its code as an argument.
     if any(found.args[:1] == (errno.ENOTTY,) for found in _port_error_chain(error)):
         return LinkError(f"{url}: it is no serial port; name one, such as /dev/ttyUSB0")
-    named = next((os.strerror(code) for code in codes if code), _port_error_line(error))
-    return LinkError(f"{url}: the port cannot be opened: {named}")
+    return LinkError(f"{url}: the port cannot be opened: {plain_reason(error)}")
 
 
 def _port_error_chain(error: BaseException | None) -> Iterator[BaseException]:

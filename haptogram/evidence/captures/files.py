@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from haptogram.errors import ConfigurationError
-from haptogram.settings.text_file import plain_reason
+from haptogram.errors import ConfigurationError, unreadable_file
 
 from .capture import Capture
 from .sigrok import read_sigrok
@@ -27,7 +26,7 @@ def read_capture(path: Path) -> Capture:
         with path.open("rb") as file:
             begin = file.read(len(_ZIP))
     except OSError as error:
-        raise ConfigurationError(f"cannot read {path}: {plain_reason(error)}") from error
+        raise unreadable_file(path, error, "capture") from error
     capture = read_sigrok(path) if begin == _ZIP else read_vcd(path)
     if not capture.edges:
         after = f" (cut off: {capture.cut})" if capture.cut else ""

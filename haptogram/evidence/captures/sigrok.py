@@ -15,8 +15,7 @@ from typing import BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.errors import ConfigurationError
-from haptogram.settings.text_file import plain_reason
+from haptogram.errors import ConfigurationError, unreadable_file
 
 from .capture import MOST_EDGES, Capture, ChannelEdges
 
@@ -55,7 +54,7 @@ def read_sigrok(path: Path) -> Capture:
             with path.open("rb") as file:
                 return _read_cut_sigrok(path, file, str(error))
     except OSError as error:
-        raise ConfigurationError(f"cannot read {path}: {plain_reason(error)}") from error
+        raise unreadable_file(path, error, "capture") from error
     except (zlib.error, NotImplementedError, RuntimeError) as error:
         raise ConfigurationError(f"{path}: the samples are damaged; capture again") from error
 

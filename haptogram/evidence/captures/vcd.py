@@ -13,8 +13,7 @@ from typing import BinaryIO, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.errors import ConfigurationError
-from haptogram.settings.text_file import plain_reason
+from haptogram.errors import ConfigurationError, unreadable_file
 
 from .capture import MOST_EDGES, Capture, ChannelEdges
 from .vcd_header import LONGEST_ID, VcdHeader, read_vcd_header
@@ -49,7 +48,7 @@ def read_vcd(path: Path) -> Capture:
                 body.take(chunk)
                 cut = "" if is_whole else "the file ends in the middle of a line"
     except OSError as error:
-        raise ConfigurationError(f"cannot read {path}: {plain_reason(error)}") from error
+        raise unreadable_file(path, error, "capture") from error
     return body.capture(header, cut)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, unreadable_file
 from haptogram.records.latch import LATCH_VERSION, LatchRecord
 
 from .channels import (
@@ -247,7 +247,7 @@ class Recording:
                         yield record
                 self.is_whole = True
             except OSError as error:
-                raise ConfigurationError(f"{self.path}: {error.strerror}") from error
+                raise unreadable_file(self.path, error, "recording") from error
             except Exception as error:  # the library raises what its parsers happen to raise
                 if not begun.left:
                     return  # cut off: everything before was given
@@ -287,7 +287,7 @@ def _opened_recording(path: Path) -> BinaryIO:
         begin = file.read(len(MAGIC))
         file.seek(0)
     except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror}") from error
+        raise unreadable_file(path, error, "recording") from error
     if begin == MAGIC:
         return file
     file.close()

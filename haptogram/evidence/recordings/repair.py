@@ -6,7 +6,7 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, unwritable_file
 from haptogram.machine.files import check_distinct_files
 
 from .channels import METADATA, PROFILE
@@ -60,5 +60,5 @@ def repair_recording(source: Path, target: Path) -> int:
                         count += 1
             writer.finish()
     except OSError as error:
-        raise ConfigurationError(f"{target}: cannot be written: {error.strerror}") from error
+        raise unwritable_file(target, error) from error
     return count

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import haptogram
-from haptogram.errors import ConfigurationError, missing_extra
+from haptogram.errors import missing_extra, plain_reason, unwritable_file
 from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.machine.interrupts import DelayedInterrupts
@@ -226,8 +226,7 @@ class RecordingWriter(ClosedByWith):
 
     def _fail(self, error: OSError) -> None:
         if not self.failure:
-            why = error.strerror or "it cannot be written"
-            self.failure = f"{self.path}: the recording ended early: {why}"
+            self.failure = f"{self.path}: the recording ended early: {plain_reason(error)}"
             self._file.give_up()
 
 
@@ -267,7 +266,7 @@ def _opened_recording_file(path: Path) -> BinaryIO:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path.open("wb")
     except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be written: {error.strerror}") from error
+        raise unwritable_file(path, error) from error
 
 
 def _encoded_recording_fields(fields: Mapping[str, Any]) -> bytes:

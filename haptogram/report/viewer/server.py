@@ -19,7 +19,7 @@ from http import HTTPStatus
 from typing import Any, Final
 from urllib.parse import parse_qs
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, plain_reason
 
 from .live import LiveScene
 
@@ -66,7 +66,7 @@ class ViewServer:
             self._server = _ViewHttpServer((host, port), _ViewHandler)
         except OSError as error:
             raise ConfigurationError(
-                f"cannot listen on {host}:{port} ({error.strerror}): choose another --http"
+                f"--http {host}:{port}: cannot listen there: {plain_reason(error)}; name another"
             ) from error
         self._server.view = self
         self.is_local = ipaddress.ip_address(str(self._server.server_address[0])).is_loopback

@@ -284,7 +284,7 @@ def test_a_checkpoint_of_another_soak_is_refused(tmp_path: Path) -> None:
     path.write_text("[]")
     with pytest.raises(ConfigurationError, match="no checkpoint of a soak"):
         other(SHORT)
-    with pytest.raises(ConfigurationError, match=f"^cannot read the checkpoint {tmp_path}: Is a"):
+    with pytest.raises(ConfigurationError, match=f"^resume '{tmp_path}' cannot be read: it is a"):
         SoakCampaign.load(tmp_path, SHORT)
 
 

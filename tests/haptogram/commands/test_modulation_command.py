@@ -94,8 +94,8 @@ def test_picture_frames_and_json_say_the_same(tmp_path, capsys, monkeypatch):
         (("am", "--preset", "none"), "known are paper"),
         (("am", "--preset", "autd3", "--pitch-mm", "8"), "--pitch-mm is 8; --preset autd3 brings"),
         (("am", "--picture", "am.gif"), "possible are .png, .svg, .pdf"),
-        (("am", "--csv", "/dev/full"), "/dev/full: cannot be written: No space left on device"),
-        (("am", "--json", "/dev/full"), "/dev/full: cannot be written: No space left on device"),
+        (("am", "--csv", "/dev/full"), "'/dev/full' cannot be written: the disk is full"),
+        (("am", "--json", "/dev/full"), "'/dev/full' cannot be written: the disk is full"),
     ],
 )
 def test_what_cannot_be_is_one_line_with_value_and_limit(words, told, capsys):

@@ -62,7 +62,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(
     assert main([command, *words, option, str(path)]) == 2
     said = capsys.readouterr()
     assert said.out == ""
-    assert said.err.startswith(f"haptogram {command}: {option} {path}")
+    assert said.err.startswith(f"haptogram {command}: {option} '{path}' cannot be written: ")
     assert said.err.count("\n") == 1
     assert everything_in(tmp_path) == before
 

@@ -39,8 +39,8 @@ def test_the_same_figures_go_to_json(tmp_path, capsys):
     [
         (("nothing",), "known are paper, tactile-display"),
         (("autd",), "did you mean autd3?"),
-        (("autd3", "--json", "."), "is a folder"),
-        (("autd3", "--json", "/dev/full"), "No space left"),
+        (("autd3", "--json", "."), "it is a folder"),
+        (("autd3", "--json", "/dev/full"), "the disk is full"),
     ],
 )
 def test_what_cannot_be_shown_is_refused(words, message):

@@ -26,7 +26,7 @@ def test_a_full_disk_behind_standard_output_is_status_2_and_one_line(
         main(words)
     assert end.value.code == 2
     said = capsys.readouterr().err
-    assert said == "haptogram: cannot write to standard output: No space left on device\n"
+    assert said == "haptogram: standard output cannot be written: the disk is full\n"
 
 
 @needs_full

@@ -133,7 +133,7 @@ def test_frames_on_a_full_disk_are_told_in_one_line(capsys):
     board = (capture("sonicsurface/two_foci_then_4_commits"), "--dialect", "sonicsurface")
     status, _, err = watch(capsys, *board, "--quiet", "--frames", "/dev/full")
     assert status == 2
-    assert "--frames /dev/full: cannot be written: the disk is full\n" in err
+    assert "--frames '/dev/full' cannot be written: the disk is full\n" in err
 
 
 def test_results_are_written_in_every_form(tmp_path, capsys):
@@ -215,8 +215,11 @@ def test_nothing_latched_is_status_3(tmp_path, capsys):
     ("words", "told"),
     [
         ((), "nothing to watch; give a back door (unix:PATH), a file of bytes"),
-        (("absent.bin", "--dialect", "sonicsurface"), "cannot read absent.bin: No such file"),
-        (("absent.jsonl",), "cannot read absent.jsonl: No such file"),
+        (
+            ("absent.bin", "--dialect", "sonicsurface"),
+            "'absent.bin' cannot be read: there",
+        ),
+        (("absent.jsonl",), "'absent.jsonl' cannot be read: there is no such file"),
         (("unix:absent",), "no board listens at unix:absent"),
         (("x.bin", "--dialect", "sonicsurface", "--link", "y"), "--link starts a board"),
         ((capture("sonicsurface/on"), "--dialect", "sonic"), "--dialect is 'sonic'; known are"),

@@ -70,6 +70,13 @@ def test_an_unknown_option_is_told_before_a_value_that_is_missing() -> None:
         with_required.parse_args([])
 
 
+def test_a_word_that_is_missing_is_told_with_those_that_are_known() -> None:
+    made = Parser("prog")
+    made.add_argument("kind", choices=("am", "lm"), metavar="KIND")
+    with pytest.raises(UsageError, match=r"^KIND is missing; known are am, lm$"):
+        made.parse_args([])
+
+
 def test_options_of_a_command_have_their_defaults_and_a_required_one_has_none() -> None:
     made = Parser("prog")
     add_command_options(made, options_of(Rows).values(), baud="that of the board")

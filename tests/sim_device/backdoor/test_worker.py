@@ -116,7 +116,7 @@ def test_out_of_time_every_latch_is_written_down_without_its_field(tmp_path, mon
 
 def test_a_place_that_cannot_be_written_is_an_error_at_once(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigurationError, match="cannot write to"):
+    with pytest.raises(ConfigurationError, match="cannot be written"):
         ReconstructionWorker(SETTINGS, str(tmp_path / "file" / "door"))
 
 
@@ -126,7 +126,7 @@ def test_a_file_that_takes_no_more_is_told_at_the_end(tmp_path):
     worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"), reconstruct=False)
     os.close(reader)
     worker.latch(a_latch(0))
-    assert worker.close() == f"cannot write to {tmp_path / 'door'}: Broken pipe"
+    assert worker.close() == f"backdoor '{tmp_path / 'door'}' cannot be written: broken pipe"
 
 
 @pytest.mark.parametrize("bits", [8, 6, 5])

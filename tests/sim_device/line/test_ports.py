@@ -11,7 +11,7 @@ import serial
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, plain_reason
 from haptogram_protocol.framing import end_of_frame
 from sim_device.backdoor import sinks as sinks
 from sim_device.backdoor.sinks import SocketSink, open_backdoor_sink
@@ -308,7 +308,7 @@ def test_a_server_that_is_gone_is_told_and_not_taken_for_an_idle_one():
     port = TcpPort("127.0.0.1", 0)
     assert port.read(1) == b""
     port.close()
-    with pytest.raises(PortLostError, match=r"no client can be taken in: Bad file descriptor"):
+    with pytest.raises(PortLostError, match=r"no client can be taken in: bad file descriptor"):
         port.read(1)
 
 
@@ -319,13 +319,16 @@ def test_a_server_that_is_gone_is_told_and_not_taken_for_an_idle_one():
     + [(code, True, False) for code in (errno.EBADF, errno.EINVAL, errno.ENOTSOCK, errno.EPERM)],
 )
 def test_what_becomes_of_an_error_of_accept(code, is_fatal, is_short):
+    error = OSError(code, os.strerror(code))
+    why = plain_reason(error)
+
     class Server:
         def accept(self):
-            raise OSError(code, os.strerror(code))
+            raise error
 
     doorman = SocketDoorman(Server(), "port")
     if is_fatal:
-        with pytest.raises(PortLostError, match=f"port: .*: {os.strerror(code)}"):
+        with pytest.raises(PortLostError, match=f"port: .*: {why}"):
             doorman.admit()
     else:
         assert doorman.admit() is None
@@ -340,5 +343,5 @@ def test_the_folder_of_a_link_is_made_as_that_of_any_output(tmp_path, caplog):
     port.close()
     assert f"{tmp_path / 'new' / 'one'}: a new folder, made for the link" in caplog.text
     (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigurationError, match="cannot make the link"):
+    with pytest.raises(ConfigurationError, match="cannot be made"):
         PtyPort(tmp_path / "file" / "board")

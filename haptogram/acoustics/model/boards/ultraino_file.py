@@ -23,7 +23,7 @@ import numpy as np
 from haptogram.acoustics.arrays import MAX_TRANSDUCERS, FloatArray
 from haptogram.acoustics.model.boards.layout import Y_UP
 from haptogram.acoustics.model.geometry import TransducerArray
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, unreadable_file
 
 MAX_BYTES: Final = 16 << 20  # uncompressed; 256 transducers take less than one
 MAX_DEPTH: Final = 64
@@ -70,8 +70,9 @@ def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArra
         when it is unpacked, a document type or entities, no transducers, two of one number, or a
         number that is not whole.
     """
+    data = _ultraino_bytes_of(path)
     try:
-        root = _UltrainoReader().read(_ultraino_bytes_of(path))
+        root = _UltrainoReader().read(data)
         found = _ultraino_transducers(root)
         numbers = [_ultraino_number(transducer, number) for transducer in found]
         order = sorted(range(len(found)), key=numbers.__getitem__)
@@ -213,11 +214,9 @@ def _ultraino_bytes_of(path: Path) -> bytes:
             source = gzip.GzipFile(fileobj=file) if is_packed else file
             data = source.read(MAX_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
-        raise ConfigurationError(
-            f"cannot be read: {getattr(error, 'strerror', None) or error}"
-        ) from error
+        raise unreadable_file(path, error, "array") from error
     if len(data) > MAX_BYTES:
-        raise ConfigurationError(f"more than {MAX_BYTES} bytes")
+        raise ConfigurationError(f"{path}: more than {MAX_BYTES} bytes")
     return data
 
 

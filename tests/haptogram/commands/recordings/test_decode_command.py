@@ -130,8 +130,8 @@ def test_nothing_is_nothing(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["missing"], "missing: No such file"),
-        (["."], "Is a directory"),
+        (["missing"], "'missing' cannot be read: there is no such file"),
+        (["."], "it is a folder"),
         ([""], "must be the name of a file"),
         (["FILE", "--input", "recording"], "is no recording"),
         (["FILE", "--dialect", "sonicsurfac"], "did you mean sonicsurface?"),

@@ -333,8 +333,8 @@ def endless_version(path):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda _: None, "No such file"),
-        (Path.mkdir, "Is a directory"),
+        (lambda _: None, "there is no such file"),
+        (Path.mkdir, "it is a folder"),
         (lambda path: path.write_bytes(b""), "is empty"),
         (lambda path: path.write_bytes(b"\x89MC"), "is no recording"),
         (lambda path: path.write_text("hello"), "is no recording"),
@@ -349,7 +349,7 @@ def test_what_is_no_recording_of_ours_is_one_line(make, message, tmp_path):
     with pytest.raises(ConfigurationError, match=message) as caught:
         Recording(path)
     assert "\n" not in str(caught.value)
-    assert str(caught.value).startswith(str(path))
+    assert str(path) in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -432,7 +432,7 @@ def test_a_repair_never_replaces_what_it_reads(tmp_path):
 
 def test_a_full_disk_ends_the_recording_and_nothing_else():
     with RecordingWriter(Path("/dev/full")) as writer:
-        assert "/dev/full: the recording ended early: No space left" in writer.failure
+        assert "/dev/full: the recording ended early: the disk is full" in writer.failure
         writer.to_board(0, b"frame")
         writer.latch(latch(0))
         writer.flush()

@@ -255,7 +255,7 @@ def test_readers_that_are_slow_or_gone_hold_nobody_up(
 
 
 def test_port_that_is_taken_is_named(server: ViewServer) -> None:
-    with pytest.raises(ConfigurationError, match=f"127.0.0.1:{server.port} .*choose another"):
+    with pytest.raises(ConfigurationError, match=f"127.0.0.1:{server.port}: cannot .*name another"):
         ViewServer("<p>page</p>", port=server.port)
 
 
@@ -353,7 +353,7 @@ def test_command_writes_a_page(file: Path, tmp_path: Path) -> None:
     ("arguments", "told"),
     [
         (["unix:/nowhere/socket"], "no board listens at unix:/nowhere/socket"),
-        (["/nowhere/file"], "cannot read /nowhere/file"),
+        (["/nowhere/file"], "'/nowhere/file' cannot be read: there is no such file"),
         (["FILE", "--http", "localhost:1"], "--http is 'localhost:1', must be an IPv4 address"),
         (["FILE", "--http", "127.0.0.1:70000"], "the port must be 0 to 65535"),
         (["FILE", "--html", "FILE"], "--html"),
