@@ -12,8 +12,7 @@ import time
 from typing import IO, Final
 
 from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, open_transport
-from haptogram.errors import ConfigurationError
-from haptogram.settings.text_file import plain_reason
+from haptogram.errors import ConfigurationError, plain_reason
 
 from .access import access_fault_raiser, open_access_port
 
