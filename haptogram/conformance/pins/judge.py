@@ -122,7 +122,7 @@ def suite_with_clauses_by_pins(
 
 
 def captured_share_of_run(record: PinRecord, nonces: Collection[int], run: str) -> str:
-    """Return how many sessions of the run, which have these *nonces*, a capture shows.
+    """Return the share of a run, whose sessions have these *nonces*, that a capture shows.
 
     A nonce has 16 bits, and two runs of hundreds of sessions share some by chance. So half of the
     sessions must be those of the other: of the capture, or of the run, whichever has fewer.
