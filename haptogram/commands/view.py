@@ -42,7 +42,8 @@ examples:
       what a board has written to a file, as a page that needs no server
 
 exit status:
-  0    the page was written, or served until Ctrl-C
+  0    the page was written, or served until Ctrl-C, SIGTERM or SIGHUP; a script that starts it
+       with & ends it with kill: the shell lets such a job ignore the signal of Ctrl-C
   2    usage or environment error
   130  interrupted (Ctrl-C, SIGTERM, SIGHUP) before the page was served
 """

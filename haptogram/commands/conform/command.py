@@ -60,7 +60,7 @@ def set_up(parser: Parser, virtual: Virtual) -> None:
         "  1    a case says so\n"
         "  2    usage or environment error\n"
         "  3    no case says 1, one says 3\n"
-        "  130  interrupted (Ctrl-C)\n"
+        "  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)\n"
     )
     parser.rename(link_baud="baud")
     parser.set_defaults(run=functools.partial(run, virtual=virtual))

@@ -36,7 +36,7 @@ a line too.  With another board's dialect there is a line for each operation.
 exit status:
   0    the input was read to its end, whatever was in it
   2    usage or environment error
-  130  interrupted (Ctrl-C)
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
 
 

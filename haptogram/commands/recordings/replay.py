@@ -46,7 +46,7 @@ exit status:
   1    something differs
   2    usage or environment error
   3    there was nothing to compare
-  130  interrupted (Ctrl-C)
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
 
 
