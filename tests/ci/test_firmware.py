@@ -324,6 +324,29 @@ def test_a_drive_that_waits_is_in_the_second_registers_before_it_is_due(firmware
         board.transport.close()
 
 
+def test_the_timer_takes_the_next_drive_on_time_though_the_main_loop_hangs(firmware):
+    """It is loaded in the turn that hangs, for a time further ahead than SysTick reaches."""
+    elf = firmware("netduinoplus2", HANGS)
+    with running("netduinoplus2", elf) as emulator:
+        board = TimedBoard(emulator.url)
+        t_us = board.ask(Ping(1), Pong).t_rx_us + 1_000_000
+        for number, code in enumerate((1, 2)):
+            frame = Phases(PhaseFormat.BITS_8, 0, bytes([code]) * 256)
+            board.send(frame, FIRST_STREAM_SEQ + number, time_us=t_us + 400_000 * number)
+        end_s = time.monotonic() + PATIENCE_S
+        while (driven := driving(elf, emulator)) != 2 and time.monotonic() < end_s:
+            time.sleep(0.05)
+        board.transport.close()
+    assert driven == 2
+
+
+def driving(elf, emulator):
+    """The phase code of the set of registers that drives."""
+    (address, size), (active, _) = (memory.symbol(elf, name) for name in ("registers", "active"))
+    registers = emulator.memory(address, size)
+    return registers[emulator.memory(active, 1)[0] * (size // 2)]
+
+
 def test_a_board_that_is_deaf_while_it_starts_passes_what_is_asked_after_a_reset(
     firmware, tmp_path
 ):

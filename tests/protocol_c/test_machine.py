@@ -224,6 +224,17 @@ def test_nothing_is_loaded_ahead_for_a_time_in_the_ramp_of_the_lease(host):
     assert "ahead" not in host.board.radiated[0]
 
 
+def test_nothing_is_loaded_ahead_for_a_time_after_the_end_of_the_hold(host):
+    """The timer would take it though a main loop that is late has yet to end the output."""
+    config = Config(hold_ms=20, ramp_ms=5, host_timeout_ms=10_000, status_period_ms=0)
+    host.ask(T_US, SetConfig(config))
+    host.ask(T_US, Arm())
+    host.stream(T_US, phases(1))
+    host.stream(T_US, phases(2), due(60_004))
+    host.until(70_000)
+    assert host.board.radiated[-1] == f"{T_US + LATE_US + 25_000}:off"
+
+
 # --- Uploads ------------------------------------------------------------------------------------
 
 

@@ -28,6 +28,12 @@ def test_the_timer_takes_what_is_loaded_a_period_ahead_and_the_latch_leaves_it(d
     assert drives("at 1000", *steps) == ["-", "1", "1", "1", "2", "2", "-"]
 
 
+def test_the_timer_comes_again_for_a_drive_that_is_further_than_it_reaches(drives):
+    """The alarm is set where the drive is loaded: the main loop may compute from then on."""
+    steps = ("radiate 1000 1", "load 300000 2", "at 299975", "at 299976")
+    assert drives("at 1000", *steps) == ["-", "1", "1", "1", "2"]
+
+
 def test_a_latch_that_does_not_come_is_taken_back(drives):
     """STOP, between the timer and the time that the next frame of a playback is due."""
     steps = ("radiate 1000 1", "load 2000 2", "at 1980", "unload", "at 2100")

@@ -45,11 +45,13 @@ static void load(struct board *board, int64_t due_us, const struct hg_latch_key 
     board->ahead.settings = board->settings;
 }
 
-/* Return 1 if the lease will have ended then: the amplitude follows its ramp.  A latch ends that of
-   the hold. */
-static int fades(const struct board *board, int64_t due_us)
+/* Return 1 if nothing but the host can change that latch: the output has not ended by then, and its
+   amplitude follows no ramp.  A latch ends the ramp of the hold, none that of the lease. */
+static int is_sure(const struct board *board, int64_t due_us)
 {
-    return board->lease.running && board->lease.deadline_us <= due_us;
+    int fades = board->lease.running && board->lease.deadline_us <= due_us;
+
+    return !fades && output_end_us(board) >= due_us;
 }
 
 void ahead_load(struct board *board)
@@ -60,7 +62,7 @@ void ahead_load(struct board *board)
     if (board->machine.load == NULL)
         return;
     due_us = next_latch(board, &key);
-    if (due_us == BOARD_NEVER || fades(board, due_us)) {
+    if (due_us == BOARD_NEVER || !is_sure(board, due_us)) {
         if (board->ahead.loaded)
             board->machine.load(board->machine.context, NULL, due_us);
         board->ahead.loaded = 0;

@@ -52,6 +52,7 @@
 #define BOARD_CARRIER_HZ 40000
 #define BOARD_CARRIER_US 25
 #define BOARD_HORIZON_US 10000000
+#define BOARD_AHEAD_US 12000000 /* the longest hold with its ramp (HG-7.1), longer than the horizon */
 #define BOARD_PLAYBACK_HZ 10000
 #define BOARD_UNATTENDED_MS 600000
 #define BOARD_RAMP_STEP_US 1000 /* HG-6.11/2 */

@@ -29,7 +29,8 @@ struct machine {
        `due_us` if the hardware switches on time, else what was measured. */
     int64_t (*radiate)(void *context, const struct drive *radiated, int64_t due_us);
     /* Load into second registers what is radiated from `due_us` on; the hardware takes it then by
-       itself.  NULL: what was loaded is not to be taken.  At `due_us` radiate gets the same drive. */
+       itself.  NULL: what was loaded is not to be taken.  At `due_us` radiate gets the same drive.
+       `due_us` is at most BOARD_AHEAD_US ahead. */
     void (*load)(void *context, const struct drive *radiated, int64_t due_us);
     /* Return the time at which the next byte of the output leaves (HG-4.11/2). */
     int64_t (*departure_us)(void *context, size_t waiting_bytes);

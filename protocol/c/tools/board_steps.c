@@ -40,6 +40,7 @@ static void advance_until_sent(struct board *board, int64_t t_us)
 
 static struct drive loaded;
 static int64_t loaded_us;
+static int64_t hardware_us; /* how far the time of the hardware is ahead of a board that is late */
 
 static void load(void *context, const struct drive *drive, int64_t due_us)
 {
@@ -76,6 +77,10 @@ static int64_t radiate(void *late_us, const struct drive *drive, int64_t due_us)
     else
         length = snprintf(to, room, " %" PRId64 ":%d:%d%s", due_us - BOARD_BOOT_US,
                           drive->phase[0], drive->amplitude[0], taken(drive, due_us));
+    if (drive == NULL && loaded_us != 0 && loaded_us <= hardware_us) {
+        fprintf(stderr, "a drive was taken at %" PRId64 ", after the end\n", loaded_us - BOARD_BOOT_US);
+        exit(1);
+    }
     if (drive == NULL)
         loaded_us = 0;
     if (length > 0 && (size_t)length < room)
@@ -88,6 +93,7 @@ static void step(struct board *board, const char *word, int64_t t_us, const char
     const uint8_t *output;
     size_t length;
 
+    hardware_us = strcmp(word, "until") == 0 ? 0 : BOARD_BOOT_US + t_us;
     if (strcmp(word, "reset") == 0) {
         struct array array = board->array;
         struct machine machine = board->machine;

@@ -1,6 +1,6 @@
 /* The drives of a port on this computer: one step for each line of standard input.
 
-   at TIME           the chip's time, in microseconds since it started; an alarm that is due comes
+   at TIME           the chip's time, in microseconds since it started; alarms come on the way
    load TIME CODE    the board loads the phase CODE for TIME
    unload            what was loaded is not to be taken
    radiate TIME CODE the board latches it
@@ -8,22 +8,42 @@
 
    After each step the phase that the transducers get, or "-" while their gate is shut. */
 
+#include <stdint.h>
 #include <stdio.h>
 #include <string.h>
 
 #define PORT_CORTEX_M_H /* this computer has no interrupts to mask */
 static void interrupts_off(void) {}
 static void interrupts_on(void) {}
+static void set_alarm(uint32_t after_us);
 
 #include "../ports/common/clock.c"
 #include "../ports/common/transducers.c"
 
-static uint32_t now_us;
-static int is_open;
+enum { LONGEST_ALARM_US = 99864 }; /* 24 bits at 168 MHz */
+
+static uint32_t now_us, alarm_us;
+static int is_open, has_alarm;
 
 uint32_t chip_ticks(void) { return now_us * CHIP_TICKS_PER_US; }
 void chip_enable_output(int enabled) { is_open = enabled; }
 int line_is_muted(void) { return 0; }
+
+static void set_alarm(uint32_t after_us)
+{
+    alarm_us = now_us + (after_us < LONGEST_ALARM_US ? after_us : LONGEST_ALARM_US);
+    has_alarm = 1;
+}
+
+static void wait_until(uint32_t us)
+{
+    while (has_alarm && alarm_us <= us) {
+        now_us = alarm_us;
+        has_alarm = 0;
+        transducers_tick();
+    }
+    now_us = us;
+}
 
 int main(void)
 {
@@ -37,8 +57,7 @@ int main(void)
             return 2;
         memset(drive.phase, (int)code, sizeof drive.phase);
         if (strcmp(word, "at") == 0) {
-            now_us = us;
-            transducers_tick();
+            wait_until(us);
         } else if (strcmp(word, "load") == 0) {
             transducers_load(NULL, &drive, BOARD_BOOT_US + us);
         } else if (strcmp(word, "unload") == 0) {

@@ -5,6 +5,8 @@
 
 #include <stdint.h>
 
+#include "chip_config.h"
+
 #define REGISTER(address) (*(volatile uint32_t *)(uintptr_t)(address))
 
 #define SYST_CSR REGISTER(0xE000E010u)
@@ -21,6 +23,17 @@ static inline void interrupts_on(void) { __asm volatile("cpsie i" ::: "memory");
 /* Wakes up for an interrupt even while interrupts are off. */
 static inline void wait_for_interrupt(void) { __asm volatile("dsb\n\twfi" ::: "memory"); }
 static inline void enable_interrupt(unsigned irq) { NVIC_ISER(irq) = 1u << irq % 32u; }
+
+/* Let SysTick fire once, so much later or as late as its 24 bits allow. */
+static inline void set_alarm(uint32_t after_us)
+{
+    const uint32_t most_us = 0xFFFFFFu / CHIP_CORE_MHZ;
+
+    SYST_CSR = 0;
+    SYST_RVR = (after_us < most_us ? after_us : most_us) * CHIP_CORE_MHZ - 1;
+    SYST_CVR = 0;
+    SYST_CSR = 7; /* clock of the core, interrupt, on */
+}
 
 static inline void reset_chip(void)
 {

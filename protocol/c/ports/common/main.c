@@ -84,34 +84,11 @@ static void start_board(void)
 static uint32_t wait_us(int64_t until_us)
 {
     const uint32_t longest_us = CHIP_WATCHDOG_MS * 1000u / 4;
-    const uint32_t most_us = 0xFFFFFFu / CHIP_CORE_MHZ; /* SysTick has 24 bits */
     int64_t wait_us = until_us - clock_now_us();
 
     if (wait_us > longest_us)
         wait_us = longest_us;
-    return wait_us > most_us ? most_us : wait_us < 0 ? 0 : (uint32_t)wait_us;
-}
-
-/* Let SysTick fire so much later. */
-static void set_alarm(uint32_t after_us)
-{
-    SYST_CSR = 0;
-    SYST_RVR = after_us * CHIP_CORE_MHZ - 1;
-    SYST_CVR = 0;
-    SYST_CSR = 7; /* clock of the core, interrupt, on */
-}
-
-/* See to it that the drive that is loaded is taken on time while the main loop computes. */
-static void guard_latch(void)
-{
-    int64_t strobe_us = transducers_strobe_us();
-
-    if (strobe_us == BOARD_NEVER)
-        return;
-    interrupts_off();
-    transducers_tick();
-    interrupts_on();
-    set_alarm(wait_us(strobe_us) + 1);
+    return wait_us < 0 ? 0 : (uint32_t)wait_us;
 }
 
 /* Take a frame, at the time of its arrival, or let time pass if none waits: the board lives in the
@@ -149,7 +126,8 @@ static int is_idle(void)
     return !line_has_received() && (waiting == 0 || !line_has_room());
 }
 
-/* Sleep until something arrives, is sent or is due. */
+/* Sleep until something arrives, is sent or is due.  The alarm comes no later than that of the drive
+   that is loaded, and sets it anew: the next turn may compute for as long as it likes. */
 static void sleep(void)
 {
     int64_t event_us = board_next_event(&board), strobe_us = transducers_strobe_us();
@@ -162,7 +140,6 @@ static void sleep(void)
     if (is_idle())
         wait_for_interrupt();
     interrupts_on();
-    SYST_CSR = 0;
 }
 
 static void stay_deaf(void)
@@ -187,7 +164,6 @@ int main(void)
     chip_watchdog_start();
     for (;;) {
         chip_watchdog_feed();
-        guard_latch();
         turn();
         send();
         sleep();

@@ -50,7 +50,7 @@ void fault_handler(void)
     reset_chip();
 }
 
-/* SysTick has fired once; the main loop sets it for the next latch or event. */
+/* SysTick has fired: for a drive that is loaded, or to wake the main loop. */
 void wake_handler(void)
 {
     SYST_CSR = 0;

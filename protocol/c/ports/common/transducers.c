@@ -8,6 +8,8 @@
 #include "cortex_m.h"
 #include "line.h"
 
+HG_STATIC_ASSERT((int64_t)BOARD_AHEAD_US * CHIP_TICKS_PER_US <= INT32_MAX, ticks_order_strobes);
+
 /* Registers of drivers that have a second set of them.  A board with driver chips or an FPGA loads
    those instead, and pulses their latch line where `active` changes. */
 static volatile struct drive registers[2];
@@ -69,13 +71,18 @@ void transducers_load(void *context, const struct drive *radiated, int64_t due_u
     next.strobe_ticks = clock_ticks_of(due_us - BOARD_CARRIER_US + 1);
     interrupts_off();
     next.loaded = next.waits = 1;
+    transducers_tick();
     interrupts_on();
 }
 
 void transducers_tick(void)
 {
-    if (next.waits && (int32_t)(chip_ticks() - next.strobe_ticks) >= 0)
+    int32_t left = (int32_t)(next.strobe_ticks - chip_ticks());
+
+    if (next.waits && left <= 0)
         take();
+    else if (next.waits)
+        set_alarm(((uint32_t)left + CHIP_TICKS_PER_US - 1) / CHIP_TICKS_PER_US);
 }
 
 int64_t transducers_strobe_us(void)

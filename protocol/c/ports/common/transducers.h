@@ -15,7 +15,8 @@
 void transducers_load(void *context, const struct drive *radiated, int64_t due_us);
 int64_t transducers_radiate(void *context, const struct drive *radiated, int64_t due_us);
 int64_t transducers_strobe_us(void); /* when transducers_tick is due; BOARD_NEVER: not at all */
-void transducers_tick(void);         /* in the timer interrupt, or with interrupts off */
+/* Take the drive that is due, or set the alarm for it; in its interrupt, or with interrupts off. */
+void transducers_tick(void);
 void transducers_unmute(void);       /* interrupts are off */
 
 #endif
