@@ -12,6 +12,7 @@ from haptogram_protocol.messages import (
     HelloReply,
     MessageType,
     SetConfigReply,
+    UploadCommitReply,
 )
 
 from .dialogue import PinDialogue
@@ -36,6 +37,7 @@ class ConfigurationsByPins:
     def __init__(self, dialogue: PinDialogue) -> None:
         count = next((reply.transducers for _, reply in dialogue.said(HelloReply)), 0)
         changes = MessageType.SET_CONFIG, MessageType.UPLOAD_COMMIT
+        read = {(f.header.session, f.header.seq) for f in dialogue.to_board}
         found = [_Known(moment, None, False) for moment in dialogue.resets]
         found += [
             _Known(frame.arrival, None, False)
@@ -43,7 +45,9 @@ class ConfigurationsByPins:
             if frame.header.type in changes
         ]
         for frame in dialogue.to_host:
-            message = frame.message
+            message, asked = frame.message, (frame.header.session, frame.header.seq)
+            if isinstance(message, UploadCommitReply) and asked not in read:
+                found.append(_Known(frame.begin, None, False))  # the analyser read it wrongly
             if isinstance(message, ConfigReply | SetConfigReply):
                 crc = zlib.crc32(message.config.pack() + bytes(count))
                 found.append(_Known(frame.begin, message.config, crc == message.config_crc))

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Final, TypeVar
 
-import numpy as np
-
 from haptogram.errors import ConfigurationError
 from haptogram.records.pins import PinRecord
-from haptogram.verification.pins.line_frames import LineFrame, line_frames
+from haptogram.verification.pins.line_frames import LineFrame, read_line
 from haptogram_protocol.messages import (
     STREAM_RANGE,
     HelloReply,
@@ -23,36 +20,13 @@ from haptogram_protocol.messages import (
     Play,
     Pong,
     signed_difference,
-    unwrap,
 )
+
+from .device_clock import DeviceClock
 
 _AT_RESET_US: Final = 4_284_967_296  # HG-6.9/4
 _BITS: Final = 32
-_NEAR_US: Final = 20.0  # of the line through the pings: HG-6.9/2 allows 10
 _M = TypeVar("_M", bound=Message)
-
-
-@dataclass(frozen=True, slots=True)
-class DeviceClock:
-    """The device clock from one reset of the board to the next.
-
-    Attributes
-    ----------
-    begin, end : float
-        Periods of the capture between which it holds.
-    at_zero_us, period_us : float
-        Device time at period 0 of the capture, and in a period.
-    """
-
-    begin: float
-    end: float
-    at_zero_us: float
-    period_us: float
-
-    def periods(self, t_us: int, near: float) -> float:
-        """Return when the device clock showed *t_us*, modulo 2^32, near a period of the capture."""
-        expected = round(self.at_zero_us + self.period_us * near)
-        return (unwrap(t_us, expected, _BITS) - self.at_zero_us) / self.period_us
 
 
 class PinDialogue:
@@ -72,16 +46,18 @@ class PinDialogue:
                 "and says: name both lines of its UART in the map (docs/captures.md)"
             )
         self.record = record
-        self.to_board = line_frames(record.to_board)
-        self.to_host = line_frames(record.to_host)
+        down, up = read_line(record.to_board), read_line(record.to_host)
+        self.to_board, self.unread_to_board = down.frames, down.unread
+        self.to_host, self.unread_to_host = up.frames, up.unread
         for name, frames, line in (
             ("to_board", self.to_board, record.to_board),
             ("to_host", self.to_host, record.to_host),
         ):
             if not frames:
                 raise ConfigurationError(
-                    f"{record.name}: {name} carries {len(line.values)} bytes and no frame; check "
-                    "channel and baud of the map"
+                    f"{record.name}: {name} carries {len(line.values)} bytes, "
+                    f"{line.damaged} characters without a stop bit and no frame; check channel "
+                    "and baud of the map"
                 )
 
     def sent(self, kind: type[_M]) -> Iterator[tuple[LineFrame, _M]]:
@@ -140,11 +116,19 @@ class PinDialogue:
         """Return the first arrival of a frame that may bring sound from *t* on, else the end."""
         return _next_time_in_pin_dialogue(self.sources, t, self.record.end)
 
+    def next_unread(self, t: float) -> float:
+        """Return when the first piece from *t* on begins that the host sent and that is no frame.
+
+        The board may have read it: then it may be anything.
+        """
+        return _next_time_in_pin_dialogue(self.unread_to_board, t, self.record.end)
+
     def is_due(self, begin: float, end: float) -> bool:
         """Return True if a frame that arrived before *begin* may be due between the two."""
-        clock = next((c for c in self.clocks if c.begin <= begin < c.end), None)
+        clock = self.clock_at(begin)
         if clock is None:
             return True
+        begin, end = begin - clock.within(begin), end + clock.within(end)
         low = bisect.bisect_left(self.stream, begin - self._horizon, key=lambda f: f.arrival)
         high = bisect.bisect_left(self.stream, begin, key=lambda f: f.arrival)
         due = (clock.periods(f.header.time_us, f.arrival) for f in self.stream[low:high])
@@ -208,15 +192,29 @@ class PinDialogue:
                 if begin <= frame.begin < end and key in pings:
                     pairs.append((pings.pop(key), pong.t_rx_us))
             if pairs:
-                at_zero_us, period_us = _clock_line_of_pin_dialogue(
-                    pairs, 1e6 / self.record.carrier_hz
-                )
-                found.append(DeviceClock(begin, end, at_zero_us, period_us))
+                found.append(DeviceClock.of(begin, end, pairs, self.record.carrier_hz))
         return found
+
+    @property
+    def dated_resets(self) -> Iterator[tuple[float, float]]:
+        """Yield when each reset was, and within how many periods that is known."""
+        for rough in self.resets:
+            clock = self.clock_at(rough)
+            moment = rough if clock is None else clock.periods(_AT_RESET_US % 2**_BITS, rough)
+            yield moment, 0.0 if clock is None else clock.within(moment)
+
+    def clock_at(self, period: float) -> DeviceClock | None:
+        """Return the device clock at a period of the capture; None: it is not known."""
+        return next((c for c in self.clocks if c.begin <= period < c.end), None)
+
+    def within(self, period: float) -> float:
+        """Return by how many periods a time of the device near this one may be wrong."""
+        clock = self.clock_at(period)
+        return 0.0 if clock is None else clock.within(period)
 
     def told(self, frame: LineFrame, t_us: int | None = None) -> float | None:
         """Return when the device clock showed the time in a header, or *t_us*; None: not known."""
-        clock = next((c for c in self.clocks if c.begin <= frame.begin < c.end), None)
+        clock = self.clock_at(frame.begin)
         if clock is None:
             return None
         return clock.periods(frame.header.time_us if t_us is None else t_us, frame.begin)
@@ -225,27 +223,3 @@ class PinDialogue:
 def _next_time_in_pin_dialogue(times: Sequence[float], t: float, otherwise: float) -> float:
     place = bisect.bisect_left(times, t)
     return times[place] if place < len(times) else otherwise
-
-
-def _clock_line_of_pin_dialogue(
-    pairs: Sequence[tuple[float, int]], nominal_us: float
-) -> tuple[float, float]:
-    """Return offset and rate of the device clock from arrival (periods) and device time (us)."""
-    arrivals = np.array([arrival for arrival, _ in pairs])
-    times = [pairs[0][1]]
-    for (before, _), (arrival, t_us) in pairwise(pairs):
-        times.append(unwrap(t_us, times[-1] + round((arrival - before) * nominal_us), _BITS))
-    base = times[0]
-    late = np.array([t - base for t in times]) - nominal_us * arrivals
-    half = len(pairs) // 2
-    spans = arrivals[half:] - arrivals[: len(arrivals) - half]
-    far = spans > 1.0
-    rate = 0.0
-    if half and far.any():
-        rises = late[half:] - late[: len(late) - half]
-        rate = float(np.median(rises[far] / spans[far]))
-    offset = float(np.median(late - rate * arrivals))
-    near = np.abs(late - rate * arrivals - offset) <= _NEAR_US
-    if near.sum() > 2 and np.ptp(arrivals[near]) > 1.0:
-        rate, offset = (float(v) for v in np.polyfit(arrivals[near], late[near], 1))
-    return base + offset, nominal_us + rate

@@ -18,13 +18,16 @@ class PinClauseFindings:
         Number of occasions at which the pins met a clause.
     broken : dict of str to list of str
         Occasions at which they did not, in words.
-    unclear : dict of str to str
+    unclear : dict of str to list of str
+        Occasions that look as if the pins did not, and that the capture itself may explain.
+    missing : dict of str to str
         Why a clause could not be judged, where the capture itself is the reason.
     """
 
     held: Counter[str] = field(default_factory=Counter)
     broken: dict[str, list[str]] = field(default_factory=dict)
-    unclear: dict[str, str] = field(default_factory=dict)
+    unclear: dict[str, list[str]] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
 
     def add(self, clause: str, broken: str) -> None:
         """Count an occasion; *broken* says what the pins did wrong, empty: nothing."""
@@ -32,6 +35,10 @@ class PinClauseFindings:
             self.broken.setdefault(clause, []).append(broken)
         else:
             self.held[clause] += 1
+
+    def doubt(self, clause: str, text: str) -> None:
+        """Note an occasion that looks wrong, and that the capture may explain."""
+        self.unclear.setdefault(clause, []).append(text)
 
 
 def time_by_pins(record: PinRecord, periods: float) -> str:

@@ -73,16 +73,16 @@ def _clause_result_by_pins(
 ) -> CaseResult:
     case = PIN_CASES[clause]
     broken, held = findings.broken.get(clause, []), findings.held[clause]
+    unclear = findings.unclear.get(clause, [])
+    every = held + len(broken) + len(unclear)
     if broken:
-        behaviour = Behaviour.FAILED
-        more = f"; and {len(broken) - _NAMED} times more" if len(broken) > _NAMED else ""
-        detail = (
-            f"{len(broken)} of {held + len(broken)} times: " + "; ".join(broken[:_NAMED]) + more
-        )
+        behaviour, detail = Behaviour.FAILED, _occasions(broken, every)
+    elif unclear:
+        behaviour, detail = Behaviour.INCONCLUSIVE, _occasions(unclear, every)
     elif held:
         behaviour, detail = Behaviour.OK, f"seen {held} times"
     else:
-        behaviour, detail = Behaviour.NOT_OBSERVED, findings.unclear.get(clause, _NEVER)
+        behaviour, detail = Behaviour.NOT_OBSERVED, findings.missing.get(clause, _NEVER)
     if cut and behaviour is not Behaviour.FAILED:
         behaviour, detail = Behaviour.INCONCLUSIVE, f"{cut}; {detail}"
     return CaseResult(
@@ -95,6 +95,11 @@ def _clause_result_by_pins(
         detail=detail,
         expected=expected.get(case.id, expected.get(clause)),
     )
+
+
+def _occasions(texts: Sequence[str], every: int) -> str:
+    more = f"; and {len(texts) - _NAMED} times more" if len(texts) > _NAMED else ""
+    return f"{len(texts)} of {every} times: " + "; ".join(texts[:_NAMED]) + more
 
 
 def suite_with_clauses_by_pins(

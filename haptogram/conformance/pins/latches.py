@@ -57,6 +57,7 @@ _SHORTEST: Final = 3.0
 _SEARCHED: Final = 8.0  # periods on both sides of a latch in which it is sought
 _TORN: Final = 1.25  # a period, and what a pulse that a latch cut may seem to be off
 _MISSED: Final = 2.0  # a period, and where its pulse lies in it
+_KNOWN: Final = 1.0  # period within which a time must be known to show that a latch is in time
 _SILENT: Final = 2.5  # periods without a pulse
 _BEFORE_WORD_MS: Final = 1.0  # a board may be silent before it says so: HG-12.1/1
 _STEADY: Final = 3.0  # samples by which the pulses of one drive may differ
@@ -81,6 +82,8 @@ class ToldLatch:
         Clause that says so.
     boot : float
         Begin of the device clock that told it.
+    within : float
+        By how many periods these times may be wrong.
     """
 
     at: float
@@ -89,13 +92,14 @@ class ToldLatch:
     codes: NDArray[np.uint8] | None
     clause: str
     boot: float
+    within: float = 0.0
 
 
 def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
     """Judge every latch that the board told, one event for each."""
     if not dialogue.clocks:
         for clause in ("HG-5.8/1", "HG-5.8/2", "HG-5.8/5", "HG-8.3/1", "HG-5.2/1", "HG-5.3/1"):
-            findings.unclear[clause] = "no PING was answered: the device clock is not known"
+            findings.missing[clause] = "no PING was answered: the device clock is not known"
         return
     told = list(_latches_of_pin_dialogue(dialogue))
     pins = _PinsOfLatchClauses(dialogue.record)
@@ -141,18 +145,19 @@ class _PinsOfLatchClauses:
         self, latch: ToldLatch, before: float
     ) -> tuple[dict[int, float], dict[int, float]]:
         """Return the last old and the first new pulse of each pin that shows the latch."""
-        low = max(before + _SETTLED, latch.at - _LONGEST)
-        high = min(latch.until - _SETTLED, latch.at + _LONGEST)
+        settled = _SETTLED + latch.within
+        low = max(before + settled, latch.at - _LONGEST)
+        high = min(latch.until - settled, latch.at + _LONGEST)
         after: dict[int, float] = {}
         first: dict[int, float] = {}
-        if latch.at - low < _SETTLED + _SHORTEST or high - latch.at < _SETTLED + _SHORTEST:
+        if latch.at - low < settled + _SHORTEST or high - latch.at < settled + _SHORTEST:
             return after, first
         for element, (centres, vectors) in self.vectors.items():
-            old = self._steady(centres, vectors, low, latch.at - _SETTLED)
-            new = self._steady(centres, vectors, latch.at + _SETTLED, high)
+            old = self._steady(centres, vectors, low, latch.at - settled)
+            new = self._steady(centres, vectors, latch.at + settled, high)
             if old is None or new is None or abs(new - old) < max(_LEAST_STEP, 3 * self.tolerance):
                 continue
-            reach = min(_SEARCHED, latch.at - low, high - latch.at)
+            reach = min(_SEARCHED + latch.within, latch.at - low, high - latch.at)
             begin, end = np.searchsorted(centres, [latch.at - reach, latch.at + reach])
             near = vectors[begin:end]
             is_old = np.abs(near - old) < np.abs(near - new)
@@ -199,23 +204,40 @@ class _PinsOfLatchClauses:
                 )
             findings.add("HG-5.8/2", torn)
         middle = float(np.median([(after[e] + first[e]) / 2.0 for e in after]))
-        findings.add("HG-8.3/1", self._missed(middle, latch.at, f"than the trace tells, {where}"))
+        told = f"than the trace tells, {where}"
+        self._judge_time(findings, "HG-8.3/1", middle - latch.at, latch.within, told)
         if latch.due is not None:
-            late = self._missed(middle, latch.due, f"than the frame of the latch {where} is due")
-            findings.add("HG-5.8/1", late)
+            told = f"than the frame of the latch {where} is due"
+            self._judge_time(findings, "HG-5.8/1", middle - latch.due, latch.within, told)
 
-    def _missed(self, shown: float, told: float, than: str) -> str:
-        apart = shown - told
-        if abs(apart) <= _MISSED:
-            return ""
-        length = duration_by_pins(self.record, abs(apart))
-        return f"the pins change {length} {_side_of_clause(apart)} {than}"
+    def _judge_time(
+        self, findings: PinClauseFindings, clause: str, late: float, within: float, than: str
+    ) -> None:
+        """Judge how *late* pins change, by a device clock that is known *within* so many periods.
+
+        A clock that is known worse than a period shows no board to be in time.
+        """
+        length = duration_by_pins(self.record, abs(late))
+        text = f"the pins change {length} {_side_of_clause(late)} {than}"
+        known = duration_by_pins(self.record, within)
+        if abs(late) > _MISSED + within:
+            findings.add(clause, text)
+        elif abs(late) > _MISSED:
+            findings.doubt(clause, f"{text}; the device clock is known within {known} there")
+        elif within <= _KNOWN:
+            findings.add(clause, "")
+        else:
+            findings.missing[clause] = (
+                f"the device clock is known within {known} only: more PINGs are needed, or a "
+                "capture of the carrier's clock"
+            )
 
     # --- what ------------------------------------------------------------------------------------
 
     def judge_drive(self, latch: ToldLatch, settled: float, findings: PinClauseFindings) -> None:
         """Compare the drives with the codes, from *settled* periods behind the latch on."""
-        if latch.codes is None or latch.until - latch.at <= settled + _SHORTEST:
+        settled += latch.within
+        if latch.codes is None or latch.until - latch.at <= settled + latch.within + _SHORTEST:
             return
         record, where = self.record, time_by_pins(self.record, latch.at)
         elements = list(record.pins)
@@ -224,21 +246,23 @@ class _PinsOfLatchClauses:
             / _FULL
             * np.exp(2j * math.pi / _TURN * latch.codes[0, elements])
         )
-        low, high = latch.at + settled, latch.until - 1.0
+        low, high = latch.at + settled, latch.until - 1.0 - latch.within
         seen = np.full(len(elements), np.nan, np.complex128)
         gone, sounding = [], False
+        drift = self._drift(low, high)
         for place, element in enumerate(elements):
             centres, vectors = self.vectors[element]
             begin, end = np.searchsorted(centres, [low, high])
             times = centres[begin:end]
-            seen[place] = vectors[begin:end].sum() / max(1, round(high - low)) if len(times) else 0
+            pulses = vectors[begin:end] * np.exp(-1j * np.polyval(drift, times - low))
+            seen[place] = pulses.sum() / max(1, round(high - low)) if len(times) else 0
             edges = np.concatenate([[low], times, [high]])
             has_gap = len(times) > 0 and np.diff(edges).max() > _SILENT
             sounding |= abs(meant[place]) > self.limits.amplitude and len(times) > 0
             if abs(meant[place]) > self.limits.amplitude and has_gap:
                 gone.append(element)
             elif len(times):
-                seen[place] = vectors[begin:end].mean()
+                seen[place] = pulses.mean()
         lost = ""
         if gone:
             length = duration_by_pins(record, high - low)
@@ -251,6 +275,21 @@ class _PinsOfLatchClauses:
         wrong = [element for element in wrong if element not in gone]
         text = f"{names_of_pins(record, wrong)} show another drive after the latch {where}"
         findings.add(latch.clause, text if wrong else "")
+
+    def _drift(self, low: float, high: float) -> FloatArray:
+        """Return the polynomial by which the phase of the reference wanders behind *low*.
+
+        An element counts no periods, so there the analyser's clock turns all phases slowly.
+        """
+        if self.record.reference_element is None:
+            return np.zeros(1)
+        centres, vectors = self.vectors[self.record.reference_element]
+        begin, end = np.searchsorted(centres, [low, high])
+        if end - begin < _LONGEST:
+            return np.zeros(1)
+        phases = np.unwrap(np.angle(vectors[begin:end]))
+        found: FloatArray = np.polyfit(centres[begin:end] - low, phases - phases[0], 2)
+        return found
 
     def _wrong(self, seen: ComplexArray, meant: ComplexArray, boot: float) -> NDArray[np.bool_]:
         """Return the pins that differ, on the phase that the pins share with their drives."""
@@ -332,7 +371,7 @@ def _latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ToldLatch]:
             clause = "HG-5.3/1" if isinstance(found.frame.message, Drives) else clause
             due = _latch_due_in_pin_dialogue(dialogue, found, frame)
         boot = next(c.begin for c in dialogue.clocks if c.begin <= frame.begin < c.end)
-        yield ToldLatch(at, limit, due, codes, clause, boot)
+        yield ToldLatch(at, limit, due, codes, clause, boot, dialogue.within(at))
 
 
 def _latch_due_in_pin_dialogue(
@@ -370,14 +409,15 @@ def _drives_of_pin_dialogue(dialogue: PinDialogue) -> dict[tuple[int, int, int],
 
 
 def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
-    """Return when an event came before which one is missing on the captured line."""
+    """Return when an event came before which one is missing on the captured line, or damaged."""
     events = [frame for frame in dialogue.to_host if frame.header.type in EVENT_RANGE]
-    return [
+    missing = [
         after.begin
         for before, after in pairwise(events)
         if before.header.session == after.header.session
         and (after.header.seq - before.header.seq) % 2**16 != 1
     ]
+    return [*missing, *dialogue.unread_to_host]
 
 
 def _frame_of_pin_dialogue(
@@ -402,6 +442,7 @@ def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
         MessageType.STOP,
     }
     found = [f.arrival for f in dialogue.to_board if f.header.type in kinds]
+    found += dialogue.unread_to_board  # it may have been one of them
     for frame, changed in dialogue.said(StateChanged):  # by a fault, which no request brings
         moment = dialogue.told(frame)
         if changed.state is not OutputState.ARMED and moment is not None:

@@ -41,7 +41,8 @@ def judge_ramp_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> No
         begin = end - config.ramp_ms * per_ms
         # A latch meanwhile changes the amplitude that the ramp is of.
         since = begin - _BEFORE - 2.0 * _TIMER_MS * per_ms
-        if since > 0.0 and dialogue.next_source(since) > end and not dialogue.is_due(since, end):
+        source = min(dialogue.next_source(since), dialogue.next_unread(since))
+        if since > 0.0 and source > end and not dialogue.is_due(since, end):
             _judge_ramp_clause(dialogue, begin, end, findings)
 
 
@@ -68,7 +69,8 @@ def _judge_ramp_clause(
         error += _SAMPLES * (math.pi / record.samples) ** 2 + _STEP
         if _ramp_rises_against_clause(fading, error):
             louder.append(element)
-        lag, timer = (_LAG_MS + _TIMER_MS) * per_ms, _TIMER_MS * per_ms
+        within = dialogue.within(end)
+        lag, timer = (_LAG_MS + _TIMER_MS) * per_ms + within, _TIMER_MS * per_ms + within
         upper = full * _ramp_left_by_clause(times - lag, begin, end) + error
         lower = full * _ramp_left_by_clause(times + timer, begin, end) - error
         if ((fading > upper) | (fading < lower)).any():

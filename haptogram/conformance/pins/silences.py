@@ -56,6 +56,8 @@ class SilenceDue:
         Clause that a pin breaks which goes on from before the cause.
     cause : str
         The cause in words.
+    doubt : float
+        From when on a piece of the host's line that is no frame may have ended the silence.
     """
 
     cause_at: float
@@ -63,6 +65,7 @@ class SilenceDue:
     until: float
     clause: str
     cause: str
+    doubt: float
 
 
 def judge_silence_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
@@ -76,7 +79,16 @@ def judge_silence_clauses(dialogue: PinDialogue, findings: PinClauseFindings) ->
         if begin >= due.until:
             continue
         before = _pins_sounding_against_clause(record, due.cause_at - _BEFORE, due.cause_at)
-        wrong = _pins_sounding_against_clause(record, begin, due.until)
+        wrong = _pins_sounding_against_clause(record, begin, min(due.until, due.doubt))
+        if not wrong and _pins_sounding_against_clause(record, max(begin, due.doubt), due.until):
+            cause = f"{due.cause} {time_by_pins(record, due.cause_at)}"
+            bytes_at = time_by_pins(record, due.doubt)
+            findings.doubt(
+                due.clause,
+                f"pins sound behind {cause}, but after bytes {bytes_at} on to_board that are no "
+                "frame: it may be one that lets them, which the analyser read wrongly",
+            )
+            continue
         if not wrong:
             findings.held["HG-6.6/2"] += due.clause != "HG-6.6/2"
             if before or due.clause in ("HG-6.6/2", "HG-6.12/2", "HG-6.3/1"):
@@ -113,9 +125,10 @@ def _silence_clauses_due(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     yield from _silence_clauses_after_requests(dialogue)
     yield from _silence_clauses_by_words(dialogue)
     yield from _silence_clauses_after_arm(dialogue)
-    for moment in dialogue.resets:
-        until = dialogue.next_arm(moment)
-        yield SilenceDue(moment, moment + _PERIOD + _CLOCKS, until, "HG-6.12/2", "a reset")
+    for moment, within in dialogue.dated_resets:
+        begin = moment + _PERIOD + _CLOCKS + within
+        until, doubt = dialogue.next_arm(moment), dialogue.next_unread(moment)
+        yield SilenceDue(moment, begin, until, "HG-6.12/2", "a reset", doubt)
 
 
 def _silence_clauses_after_requests(dialogue: PinDialogue) -> Iterator[SilenceDue]:
@@ -143,7 +156,8 @@ def _silence_clauses_after_requests(dialogue: PinDialogue) -> Iterator[SilenceDu
 def _silence_clause_after(
     dialogue: PinDialogue, cause_at: float, ready: float, cause: str
 ) -> SilenceDue:
-    return SilenceDue(cause_at, ready + _PERIOD, dialogue.next_arm(cause_at), "HG-6.6/1", cause)
+    until, doubt = dialogue.next_arm(cause_at), dialogue.next_unread(cause_at)
+    return SilenceDue(cause_at, ready + _PERIOD, until, "HG-6.6/1", cause, doubt)
 
 
 def _frames_computed_in_pin_dialogue(dialogue: PinDialogue, until: float) -> float:
@@ -188,8 +202,10 @@ def _silence_clause_by_words(
     moment = dialogue.told(frame)
     if moment is None:
         return
+    begin = moment + _PERIOD + _CLOCKS + slack + dialogue.within(moment)
     until = dialogue.next_arm(moment - _ARM_BEFORE)
-    yield SilenceDue(moment, moment + _PERIOD + _CLOCKS + slack, until, clause, cause)
+    doubt = dialogue.next_unread(moment - _ARM_BEFORE)
+    yield SilenceDue(moment, begin, until, clause, cause, doubt)
 
 
 def _silence_clauses_after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
@@ -200,5 +216,6 @@ def _silence_clauses_after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     before = 0.0
     for arm in dialogue.arms:
         if any(before <= moment < arm for moment in off):
-            yield SilenceDue(arm, arm, dialogue.next_source(arm), "HG-6.3/1", "ARM")
+            until, doubt = dialogue.next_source(arm), dialogue.next_unread(arm)
+            yield SilenceDue(arm, arm, until, "HG-6.3/1", "ARM", doubt)
         before = arm

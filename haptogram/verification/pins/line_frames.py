@@ -34,8 +34,29 @@ class LineFrame:
     message: Message | None
 
 
+@dataclass(frozen=True, slots=True)
+class LineReading:
+    """One direction of a captured line.
+
+    Attributes
+    ----------
+    frames : list of LineFrame
+        Its frames, in order.
+    unread : list of float
+        When pieces begin that are no frame, in order: damaged, by the analyser or before it.
+    """
+
+    frames: list[LineFrame]
+    unread: list[float]
+
+
 def line_frames(line: LineBytes) -> list[LineFrame]:
-    """Return the frames of one direction, in order; what is no frame is left out.
+    """Return the frames of one direction, in order; what is no frame is left out."""
+    return read_line(line).frames
+
+
+def read_line(line: LineBytes) -> LineReading:
+    """Return the frames of one direction, and the pieces that are none.
 
     Examples
     --------
@@ -44,14 +65,16 @@ def line_frames(line: LineBytes) -> list[LineFrame]:
     >>> from haptogram_protocol.framing import encode_frame
     >>> from haptogram_protocol.messages import Mute, build_body
     >>> data = encode_frame(build_body(Mute(), flags=0, seq=1, time_us=0, session=0))
-    >>> times = np.arange(len(data)) * 0.13
-    >>> [frame] = line_frames(LineBytes(np.frombuffer(data, np.uint8), times))
-    >>> frame.message, round(frame.arrival, 2)
-    (Mute(), 2.08)
+    >>> line = np.frombuffer(data + b"?" + data, np.uint8)
+    >>> read = read_line(LineBytes(line, np.arange(len(line)) * 0.13))
+    >>> [(frame.message, round(frame.arrival, 2)) for frame in read.frames]
+    [(Mute(), 2.08), (Mute(), 4.42)]
+    >>> [round(begin, 2) for begin in read.unread]
+    [2.21]
     """
     data, cobs = line.values.tobytes(), fastest_cobs()
     delimiters = np.flatnonzero(line.values == 0).tolist()
-    found = []
+    found, unread = [], []
     before = -1
     for place in delimiters:
         first, before = before + 1, place
@@ -60,11 +83,14 @@ def line_frames(line: LineBytes) -> list[LineFrame]:
         try:
             body = decode_frame(data[first:place], cobs.decode)
         except (RemoteProtocolError, cobs.refusal):
+            unread.append(float(line.times[first]))
             continue
         header = Header.unpack(body[: Header.LAYOUT.size])
         begin, arrival = float(line.times[first]), float(line.times[place])
         found.append(LineFrame(begin, arrival, header, _message(body)))
-    return found
+    if before + 1 < len(data):
+        unread.append(float(line.times[before + 1]))
+    return LineReading(found, unread)
 
 
 def _message(body: bytes) -> Message | None:
