@@ -24,8 +24,8 @@ def main(
         signal.signal(number, _leave)  # until the board runs: what is open is closed
     # A real-time process that computes on two threads waits for the second one.
     os.environ.update(dict.fromkeys(_THREADS, "1"))
-    from .command import PROGRAM
-    from .command import main as run
+    from .command.command import PROGRAM
+    from .command.command import main as run
 
     return run(sys.argv[1:] if words is None else words, program or PROGRAM, open_recording)
 

@@ -27,7 +27,10 @@ _BOARD: Final = "board"
 COMMANDS: Final = {
     "verify": (".verify.command", "display a tactile object and verify where every focus is"),
     "conform": (".conform.command", "judge a board by every clause of the protocol"),
-    _BOARD: ("sim_device.command", "start the virtual board on a pty, TCP or a serial port"),
+    _BOARD: (
+        "sim_device.command.options",
+        "start the virtual board on a pty, TCP or a serial port",
+    ),
     "view": (".view", "show a running board in a browser: phases, field, focus, time line"),
     "watch": (".watch.command", "tell what a board radiates while any program drives it"),
     "soak": (".soak", "stream for hours over a bad line and account for every fault"),

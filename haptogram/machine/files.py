@@ -138,6 +138,32 @@ def check_file_writable(path: Path) -> None:
         raise unwritable_file(path, error) from error
 
 
+def check_files_writable(outputs: Mapping[str, Path], *, in_place: bool = False) -> None:
+    """Raise, without a trace on the disk, if one of the files cannot be written.
+
+    Parameters
+    ----------
+    outputs : mapping of str to Path
+        The files by option.
+    in_place : bool
+        True if a file that exists is opened and overwritten; otherwise another one replaces it.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the option, the path and the reason.
+    """
+    for option, path in outputs.items():
+        if in_place and path.is_file():
+            if not os.access(path, os.W_OK):
+                raise unwritable_file(path, PermissionError(errno.EACCES, ""), option)
+            continue
+        try:
+            check_file_writable(path)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{option} {error}") from error
+
+
 def _check_folder_takes_files(path: Path, target: Path) -> None:
     """Raise unless a file can be made beside *target*, which *path* leads to, and take its name."""
     folder = next(parent for parent in target.parents if parent.exists())

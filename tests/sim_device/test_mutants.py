@@ -15,7 +15,7 @@ from haptogram.conformance.verdict import Behaviour
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence
 from sim_device.board.clock import ClockChange, DeviceClock
-from sim_device.command import main
+from sim_device.command.command import main
 from sim_device.mutants import MUTANTS, mutant_parts
 
 ROOT = Path(__file__).parents[2]

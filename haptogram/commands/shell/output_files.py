@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TextIO
 
-from haptogram.errors import ConfigurationError
 from haptogram.machine.files import (
     STANDARD_OUTPUT,
     check_distinct_files,
-    check_file_writable,
+    check_files_writable,
     is_standard_output,
 )
 from haptogram.machine.terminal import paint_verdicts_on_terminal
@@ -67,11 +66,8 @@ class Outputs:
             option: Path(path) for option, path in given.items() if path is not None
         }
         check_distinct_files(self.paths, _input_files_of(settings))
+        check_files_writable(self.paths)
         for option, path in self.paths.items():
-            try:
-                check_file_writable(path)
-            except ConfigurationError as error:
-                raise ConfigurationError(f"{option} {error}") from error
             if is_standard_output(path):
                 self.paths[option] = STANDARD_OUTPUT
         self._check_formats(pictures=pictures)

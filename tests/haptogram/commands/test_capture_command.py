@@ -8,7 +8,7 @@ import pytest
 
 from haptogram.cli import main
 from pin_captures import captured_run
-from sim_device.command import main as board
+from sim_device.command.command import main as board
 
 MAP = 'reference = "carrier"\nlatch = "latch"\nelements = "e{}"\n'
 

@@ -11,7 +11,7 @@ import pytest
 from haptogram.cli import COMMANDS, command_parser, main
 from haptogram.commands.shell.output_files import INPUTS
 from haptogram.settings.parser import file_name_option
-from sim_device import command as board_command
+from sim_device.command import command as board_command
 
 OUTPUTS = {
     *("csv", "frames", "html", "json", "junit", "picture", "record", "summary", "write_baseline")

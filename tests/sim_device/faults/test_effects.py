@@ -14,7 +14,7 @@ from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import GetStatus, Ping, build_body, parse_body
 from haptogram_protocol.state import OutputState
 from sim_device.board.clock import DeviceClock
-from sim_device.command import main
+from sim_device.command.command import main
 from sim_device.faults.clock import faulty_clock
 from sim_device.faults.injector import inject_on_line
 from sim_device.faults.line import FaultChunk

@@ -11,7 +11,7 @@ from haptogram.settings.faults.plan import Fault, FaultPlan
 from haptogram_protocol.messages import GetStatus, Ping
 from haptogram_protocol.state import OutputState
 from sim_device.board.clock import ClockChange, DeviceClock
-from sim_device.command import main
+from sim_device.command.command import main
 from sim_device.faults.clock import faulty_clock
 from sim_device.faults.injector import inject_on_line
 

@@ -1,0 +1,170 @@
+"""The options of the board's command, and the configuration that they give."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import secrets
+from typing import TYPE_CHECKING, Final
+
+from haptogram.errors import ConfigurationError
+from haptogram.settings.board import BOARD_OPTIONS, BoardConfig, PinCaptureConfig
+from haptogram.settings.command_line import add_setting_options, given_options
+from haptogram.settings.dialects import DIALECT_TITLES
+from haptogram.settings.faults.kinds import described_faults
+from haptogram.settings.line import LineSettings
+from haptogram.settings.option import options_of
+from haptogram.settings.parser import Parser, name_option
+
+if TYPE_CHECKING:
+    from ..backdoor.line_tap import OpenRecording
+
+SERIAL_BAUD: Final = 3_000_000
+_CAPTURE: Final = options_of(PinCaptureConfig)
+_EPILOG: Final = """\
+examples:
+  PROGRAM --link /tmp/board            open /tmp/board as a serial port
+  PROGRAM --tcp 7000                   open socket://127.0.0.1:7000
+  PROGRAM --link /tmp/board --backdoor /tmp/board.jsonl
+  PROGRAM --link /tmp/board --baud 3000000 --latency-ms 16
+                     as behind a USB adapter whose latency timer was left alone
+  PROGRAM --link /tmp/board --baud 3000000 --rx-fifo 16 --rx-poll-us 50
+                     a UART of 16 bytes, emptied every 50 µs: one that does not overrun
+  PROGRAM --link /tmp/board --seed 1 --fault "line.flip ber=1e-5" \\
+      --fault "device.stuck column=3 from=2s"
+  PROGRAM --link /tmp/board --dialect sonicsurface
+                     a board that other programs drive: start yours on /tmp/board
+  PROGRAM --link /tmp/board --dialect ultraino-mega64 --dialect-option boards=2 --array tinylev
+  PROGRAM --dialect ultraino-mega64 --as-device -- java -jar AcousticFieldSim.jar
+                     a program that lists serial ports and takes no path
+
+Without --baud the line takes no time, as a pseudo-terminal does, and holds as much as one; that of
+another dialect has the rate of its boards.
+With --baud a byte takes 10 bits, in both directions; the other options give the line the
+imperfections of a real one.  The bytes that it loses by them are counted in the log at the end
+and in the last record of the back door.
+
+The board ends on SIGINT or SIGTERM: muted, every record written, the link removed.
+
+exit status:
+  0  ended by SIGINT, SIGTERM, by the program of --as-device or, with --until-eof, by the end of
+     standard input
+  1  the port was lost, or the program of --as-device failed
+  2  usage or environment error
+"""
+
+
+def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
+    """Describe the command and add its options."""
+    parser.description = "A virtual ultrasonic phased array at the far end of a serial line."
+    parser.epilog = _board_epilog(parser.prog)
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument(
+        "--link", metavar="PATH", type=name_option, help="pseudo-terminal with this stable name"
+    )
+    where.add_argument(
+        "--tcp",
+        metavar="[HOST:]PORT",
+        type=functools.partial(name_option, what="[HOST:]PORT"),
+        help="TCP server [host 127.0.0.1]",
+    )
+    where.add_argument(
+        "--serial",
+        metavar="PORT",
+        type=functools.partial(name_option, what="the name of a port"),
+        help="real serial port, at its far end; --baud is 3000000 there, or that of the dialect",
+    )
+    where.add_argument(
+        "--as-device",
+        action="store_true",
+        help="start COMMAND, behind --, which finds the board as a serial device (Linux)",
+    )
+    parser.add_argument(
+        "client", nargs="*", metavar="COMMAND", help="program of --as-device, with its arguments"
+    )
+    line = options_of(LineSettings)
+    board = [row for name, row in BOARD_OPTIONS.items() if name not in line]
+    add_setting_options(parser.add_argument_group("board"), board, seed="another one each time")
+    add_setting_options(parser.add_argument_group("line"), line.values())
+    parser.add_argument(
+        "--backdoor",
+        metavar="PATH|unix:PATH",
+        type=name_option,
+        help="radiated drives, as JSON lines",
+    )
+    parser.add_argument(
+        "--no-reconstruct", action="store_true", help="leave the field out of the back door"
+    )
+    if open_recording is not None:
+        parser.add_argument(
+            "--record",
+            metavar="FILE",
+            type=name_option,
+            help="write the bytes in both directions and the latches, as MCAP",
+        )
+    add_setting_options(parser.add_argument_group("drive pins"), _CAPTURE.values())
+    parser.add_argument(
+        "--view",
+        action="store_true",
+        help="show what is radiated, live, in a browser (see haptogram view)",
+    )
+    parser.add_argument(
+        "--until-eof", action="store_true", help="end with standard input: with who started it"
+    )
+    log = parser.add_mutually_exclusive_group()
+    log.add_argument("--quiet", action="store_true", help="log warnings only")
+    log.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
+
+
+def _board_epilog(program: str) -> str:
+    """Return examples, the faults with their parameters, and the dialects."""
+    dialects = "\n".join(f"  {name:<23}{title}" for name, title in DIALECT_TITLES.items())
+    faults = "\n".join(f"  {text}" for text in described_faults())
+    return (
+        f"{_EPILOG.replace('PROGRAM', program)}\n"
+        "faults, their parameters and defaults (all but those of the clock also take\n"
+        "from=500ms until=2s, those of the line direction=down or up; see docs/faults.md):\n"
+        f"{faults}\n"
+        "\ndialects; their options are in docs/dialects.md, and packages may bring more:\n"
+        f"{dialects}\n"
+    )
+
+
+def board_config_of(options: argparse.Namespace) -> BoardConfig:
+    """Return the configuration of the board.
+
+    Raises
+    ------
+    ConfigurationError
+        If an option needs another one, or acts on nothing.
+    """
+    if options.no_reconstruct and options.backdoor is None:
+        raise ConfigurationError("--no-reconstruct acts only with --backdoor; leave it out")
+    if options.as_device != bool(options.client):
+        raise ConfigurationError("--as-device and a program behind -- need each other")
+    values = given_options(options, BOARD_OPTIONS)
+    line = [BOARD_OPTIONS[name].word for name in options_of(LineSettings) if name in values]
+    if options.serial is not None:
+        if imperfect := [word for word in line if word != "--baud"]:
+            raise ConfigurationError(f"{', '.join(imperfect)}: the line of --serial is a real one")
+        if options.dialect is None:
+            values.setdefault("baud", SERIAL_BAUD)
+    values.setdefault("seed", secrets.randbits(32))
+    return BoardConfig.of(**values)
+
+
+def pin_capture_config_of(options: argparse.Namespace) -> PinCaptureConfig | None:
+    """Return the configuration of the capture of the drive pins, if one is wanted.
+
+    Raises
+    ------
+    ConfigurationError
+        If an option acts only with ``--capture``.
+    """
+    values = given_options(options, _CAPTURE)
+    if options.capture is not None:
+        return PinCaptureConfig.of(**values)
+    if values:
+        word = _CAPTURE[next(iter(values))].word
+        raise ConfigurationError(f"{word} acts only with --capture; leave it out")
+    return None
