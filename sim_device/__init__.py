@@ -10,7 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from .backdoor.recorder import InlineReconstruction
+    from .backdoor.recorder import InlineReconstructionWorker
     from .backdoor.worker import ReconstructionWorker
     from .board.board import Board
     from .board.events import Latch
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _HOME: Final = {
     "Board": "board.board",
     "BoardSettings": "board.settings",
-    "InlineReconstruction": "backdoor.recorder",
+    "InlineReconstructionWorker": "backdoor.recorder",
     "Latch": "board.events",
     "ReconstructionWorker": "backdoor.worker",
     "Simulation": "simulation",
@@ -41,7 +41,7 @@ def __getattr__(name: str) -> Any:
 __all__ = [
     "Board",
     "BoardSettings",
-    "InlineReconstruction",
+    "InlineReconstructionWorker",
     "Latch",
     "ReconstructionWorker",
     "Simulation",

@@ -12,12 +12,12 @@ from haptogram_protocol.framing import FrameDecoder, fastest_cobs
 
 from .board.board import Board, BoardParts
 from .board.clock import DeviceClock
-from .board.output import OutputStage
-from .board.registers import PointFocuser
+from .board.output import BoardOutput
+from .board.registers import BoardFocuser
 from .board.settings import BoardSettings
-from .board.stream_queue import StreamQueue
-from .board.timers import OutputTimers
-from .board.uploads import Uploads
+from .board.stream_queue import BoardQueue
+from .board.timers import BoardTimers
+from .board.uploads import BoardUploads
 from .dialects.emulation import Emulation
 from .dialects.haptogram import OUTPUT_LIMIT, VirtualHaptogramDialect
 from .dialects.virtual_dialect import VirtualDialect
@@ -28,11 +28,11 @@ class BoardAssembly:
     """The parts of a board with its end of the link; each is healthy unless another is given."""
 
     board: type[Board] = Board
-    output: type[OutputStage] = OutputStage
-    timers: type[OutputTimers] = OutputTimers
-    queue: type[StreamQueue] = StreamQueue
-    uploads: type[Uploads] = Uploads
-    focuser: type[PointFocuser] = PointFocuser
+    output: type[BoardOutput] = BoardOutput
+    timers: type[BoardTimers] = BoardTimers
+    queue: type[BoardQueue] = BoardQueue
+    uploads: type[BoardUploads] = BoardUploads
+    focuser: type[BoardFocuser] = BoardFocuser
     dialect: type[VirtualHaptogramDialect] = VirtualHaptogramDialect
     connection: type[BoardConnection] = BoardConnection
     decoder: type[FrameDecoder] = FrameDecoder

@@ -72,9 +72,9 @@ def describe_board_notice(notice: Notice) -> str:
     if isinstance(notice, SessionOpened):
         return f"session {notice.session:#06x} opened"
     if isinstance(notice, StateChange):
-        return _logged_state(notice.state, notice.reason)
+        return _logged_board_state(notice.state, notice.reason)
     if isinstance(notice, RampBegan):
-        return f"ramp to silence began: {_logged_reason(notice.reason)}"
+        return f"ramp to silence began: {_logged_board_reason(notice.reason)}"
     if isinstance(notice, RampEnded):
         return "ramp undone: full output" if notice.restored else "ramp ended: silence"
     if isinstance(notice, PowerDown):
@@ -86,24 +86,26 @@ def describe_board_notice(notice: Notice) -> str:
     if isinstance(notice, WireCompared):
         return "the client speaks " + ("the board's wire" if notice.is_own else "an unknown wire")
     if isinstance(notice, FaultsCounted):
-        return f"faults: {_logged_counts(notice)}"
+        return f"faults: {_logged_board_counts(notice)}"
     if isinstance(notice, LineCounted):
-        return f"line: {_logged_counts(notice)}"
-    return _logged_playback(notice)
+        return f"line: {_logged_board_counts(notice)}"
+    return _logged_board_playback(notice)
 
 
-def _logged_counts(notice: FaultsCounted | LineCounted) -> str:
+def _logged_board_counts(notice: FaultsCounted | LineCounted) -> str:
     return ", ".join(f"{name} {n}" for name, n in notice.counts.items())
 
 
-def _logged_state(state: OutputState, reason: MuteReason) -> str:
-    return state.name.lower() + ("" if reason is MuteReason.NONE else f": {_logged_reason(reason)}")
+def _logged_board_state(state: OutputState, reason: MuteReason) -> str:
+    return state.name.lower() + (
+        "" if reason is MuteReason.NONE else f": {_logged_board_reason(reason)}"
+    )
 
 
-def _logged_playback(ended: PlaybackEnd) -> str:
+def _logged_board_playback(ended: PlaybackEnd) -> str:
     played = f"{ended.frames} frames, {ended.loops} whole loops"
     return f"playback of sequence {ended.sequence} ended: {played}"
 
 
-def _logged_reason(reason: MuteReason) -> str:
+def _logged_board_reason(reason: MuteReason) -> str:
     return reason.name.lower().replace("_", " ")

@@ -21,7 +21,7 @@ import serial
 
 from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url
 
-from .backdoor.recorder import InlineReconstruction
+from .backdoor.recorder import InlineReconstructionWorker
 from .backdoor.records import Record, backdoor_record_line
 from .backdoor.sinks import RecordSink, open_backdoor_sink
 from .backdoor.worker import ReconstructionWorker
@@ -97,7 +97,7 @@ class Serial(serial.SerialBase):
         self.records = []
         self._sink: RecordSink | None = None
         self._worker: ReconstructionWorker | None = None
-        self._inline: InlineReconstruction | None = None
+        self._inline: InlineReconstructionWorker | None = None
         try:
             recorders = self._recorders(settings, config.backdoor, config.reconstruct)
             self.simulation = Simulation(
@@ -123,7 +123,7 @@ class Serial(serial.SerialBase):
         if backdoor is not None:
             self._sink = sink = open_backdoor_sink(backdoor)
             write = lambda record: sink.write(backdoor_record_line(record))  # noqa: E731  one line, used once
-        self._inline = InlineReconstruction(settings, write, reconstruct=wanted)
+        self._inline = InlineReconstructionWorker(settings, write, reconstruct=wanted)
         return [self._inline]
 
     def close(self) -> None:

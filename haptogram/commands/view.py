@@ -21,7 +21,7 @@ from .shell.exit_status import PASS
 from .shell.output_files import Outputs
 
 if TYPE_CHECKING:
-    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.evidence.backdoor_stream import BackdoorReader
     from haptogram.report.viewer.live import LiveScene
     from haptogram.report.viewer.server import ViewServer
     from haptogram.settings.parser import Parser
@@ -129,13 +129,13 @@ def _view_recording(arguments: argparse.Namespace, outputs: Outputs) -> int:
 
 
 def _view_board(arguments: argparse.Namespace, outputs: Outputs) -> int:
-    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.evidence.backdoor_stream import BackdoorReader
     from haptogram.machine.provenance import Provenance
     from haptogram.report.viewer.live import LiveScene
     from haptogram.report.viewer.page import view_page, write_view
 
     provenance = Provenance.of_run(arguments.command_line, None)
-    with BackdoorStream(arguments.source) as stream:
+    with BackdoorReader(arguments.source) as stream:
         first, *others = _first_records(arguments.source, stream)
         scene = LiveScene(first)
         scene.take(others)
@@ -156,7 +156,7 @@ def _view_board(arguments: argparse.Namespace, outputs: Outputs) -> int:
     return PASS
 
 
-def _first_records(source: str, stream: BackdoorStream) -> list[dict[str, Any]]:
+def _first_records(source: str, stream: BackdoorReader) -> list[dict[str, Any]]:
     """Return the first records, as soon as there is one."""
     end_s = time.monotonic() + _PATIENCE_S
     while not (records := stream.read()):
@@ -167,7 +167,7 @@ def _first_records(source: str, stream: BackdoorStream) -> list[dict[str, Any]]:
 
 
 def _serve_view(
-    arguments: argparse.Namespace, page: str, live: tuple[LiveScene, BackdoorStream] | None = None
+    arguments: argparse.Namespace, page: str, live: tuple[LiveScene, BackdoorReader] | None = None
 ) -> int:
     from haptogram.report.viewer.server import ViewServer
 
@@ -191,7 +191,7 @@ def _serve_view(
 
 
 def _follow_view(
-    server: ViewServer, scene: LiveScene, stream: BackdoorStream, starter: _ViewStarter | None
+    server: ViewServer, scene: LiveScene, stream: BackdoorReader, starter: _ViewStarter | None
 ) -> None:
     """Hand on what has come; a board that has ended can still be looked at."""
     if scene.ended:

@@ -49,7 +49,7 @@ LATCHES: Final = ("latch", "pulses")
 _ARMED: Final = "ARMED"
 
 
-class BackdoorFile:
+class BackdoorFileReader:
     """A file that a board appends records to while it runs.
 
     Parameters
@@ -82,7 +82,7 @@ class BackdoorFile:
         return len(found)
 
 
-def backdoor_board_model(board: Mapping[str, Any]) -> AcousticModel:
+def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
     """Return the array, the air and the transducers of a ``board`` record.
 
     Raises
@@ -98,7 +98,7 @@ def backdoor_board_model(board: Mapping[str, Any]) -> AcousticModel:
             TransducerArray(positions, normals, shape and tuple(shape), board["pitch_m"]),
             Medium(**board["medium"]),
             Transducer(
-                _backdoor_directivity(source["directivity"]),
+                _directivity_of_evidence(source["directivity"]),
                 source["source_strength_pa_m"],
                 source["frequency_hz"],
             ),
@@ -112,7 +112,7 @@ def backdoor_board_model(board: Mapping[str, Any]) -> AcousticModel:
     return model.calibrated(Calibration(gain, phase_rad, places))
 
 
-def _backdoor_directivity(written: str) -> CircularPiston | PointSource:
+def _directivity_of_evidence(written: str) -> CircularPiston | PointSource:
     """Return the directivity that a record names by its repr."""
     if written == repr(PointSource()):
         return PointSource()
@@ -121,7 +121,7 @@ def _backdoor_directivity(written: str) -> CircularPiston | PointSource:
     return CircularPiston(float(piston[1]))
 
 
-def backdoor_observation_of(record: Mapping[str, Any]) -> Observation:
+def observation_of_record(record: Mapping[str, Any]) -> Observation:
     """Return the observation in a ``latch`` record.
 
     Raises
@@ -131,32 +131,32 @@ def backdoor_observation_of(record: Mapping[str, Any]) -> Observation:
     """
     try:
         return Observation(
-            key=_backdoor_frame_key(record),
+            key=_observed_frame_key(record),
             t_latch_us=record["t_latch_us"],
             late=record["late"],
             evidence=Evidence.EXTERNAL,
-            drive=_backdoor_drive(record),
+            drive=_observed_drive(record),
             drive_crc=record["drive_crc"],
-            reconstruction=backdoor_reconstruction_of(record["reconstruction"]),
-            radiated=None if record["radiated"] is None else _backdoor_drive(record["radiated"]),
+            reconstruction=observed_reconstruction_of(record["reconstruction"]),
+            radiated=None if record["radiated"] is None else _observed_drive(record["radiated"]),
             t_received_us=record["t_received_us"],
         )
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigurationError(f"not a latch record of a back door: {error!r}") from error
 
 
-def backdoor_observations(
+def observations_of_backdoor(
     records: Iterable[Mapping[str, Any]], session: int | None = None
 ) -> list[Observation]:
     """Return the latches among *records*, of one session or of all, in order."""
     return [
-        backdoor_observation_of(record)
+        observation_of_record(record)
         for record in records
         if record["kind"] == "latch" and session in (None, record["session"])
     ]
 
 
-def backdoor_fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int] | None:
+def observed_fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int] | None:
     """Return the counts of faults that fired; None: the board has not ended, or had none."""
     if not records or records[-1]["kind"] != _END:
         return None
@@ -164,7 +164,7 @@ def backdoor_fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int
     return counts
 
 
-def _backdoor_silences_of(records: Iterable[Mapping[str, Any]]) -> list[int]:
+def _observed_silences_of(records: Iterable[Mapping[str, Any]]) -> list[int]:
     """Return the device times at which the output fell silent, as the board counts them."""
     return [
         record["t_us"]
@@ -177,7 +177,7 @@ def _backdoor_silences_of(records: Iterable[Mapping[str, Any]]) -> list[int]:
     ]
 
 
-def why_backdoor_incomplete(
+def why_observations_incomplete(
     records: Sequence[Mapping[str, Any]], session: int | None = None, last: FrameKey | None = None
 ) -> str | None:
     """Return why latches of *session* may be missing among *records*; None: none is.
@@ -199,14 +199,14 @@ def why_backdoor_incomplete(
         return f"the back door lacks {missing} latches that found its queue full"
     if end is not None:
         return None if end["clean"] else "the board was killed before its last latches were told"
-    if last is not None and any(is_backdoor_latch_of(record, last) for record in records):
+    if last is not None and any(is_observed_latch_of(record, last) for record in records):
         return None
     return "the back door fell silent before the last frame"
 
 
-def is_backdoor_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:
+def is_observed_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:
     """Return True if *record* is of the latch with this *key*."""
-    return record["kind"] == "latch" and key == _backdoor_frame_key(record)
+    return record["kind"] == "latch" and key == _observed_frame_key(record)
 
 
 def observations_on_clock_of(
@@ -217,22 +217,22 @@ def observations_on_clock_of(
     The board counts the wraps of its 32-bit clock from its start, the host from when it came: the
     two are whole wraps apart, the same number for as long as the session lasts.
     """
-    shift_us = _backdoor_shift_us(intended, ((o.key, o.t_latch_us) for o in observations))
+    shift_us = _shift_of_observations_us(intended, ((o.key, o.t_latch_us) for o in observations))
     return [dataclasses.replace(o, t_latch_us=o.t_latch_us + shift_us) for o in observations]
 
 
-def silences_on_the_clock_of(
+def observed_silences_on_clock_of(
     intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]
 ) -> list[int]:
-    """Return :func:`_backdoor_silences_of` *records*, counted as the times of *intended* are."""
+    """Return :func:`_observed_silences_of` *records*, counted as the times of *intended* are."""
     latches = (record for record in records if record["kind"] == "latch")
-    shift_us = _backdoor_shift_us(
-        intended, ((_backdoor_frame_key(latch), latch["t_latch_us"]) for latch in latches)
+    shift_us = _shift_of_observations_us(
+        intended, ((_observed_frame_key(latch), latch["t_latch_us"]) for latch in latches)
     )
-    return [t_us + shift_us for t_us in _backdoor_silences_of(records)]
+    return [t_us + shift_us for t_us in _observed_silences_of(records)]
 
 
-def _backdoor_shift_us(
+def _shift_of_observations_us(
     intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]
 ) -> int:
     """Return the whole wraps between two counts, from the first frame that was due and latched."""
@@ -243,11 +243,11 @@ def _backdoor_shift_us(
     return 0
 
 
-def _backdoor_frame_key(record: Mapping[str, Any]) -> FrameKey:
+def _observed_frame_key(record: Mapping[str, Any]) -> FrameKey:
     return FrameKey(record["session"], record["sequence"], record["loop"], record["index"])
 
 
-def _backdoor_drive(record: Mapping[str, Any]) -> Drive:
+def _observed_drive(record: Mapping[str, Any]) -> Drive:
     phases, amplitudes = (
         np.frombuffer(base64.b64decode(record[name]), dtype=np.uint8)
         for name in ("phase_codes", "amplitude_codes")
@@ -255,16 +255,16 @@ def _backdoor_drive(record: Mapping[str, Any]) -> Drive:
     return Drive(phases, amplitudes, record["phase_bits"])
 
 
-def backdoor_reconstruction_of(fields: Mapping[str, Any] | None) -> Reconstruction | None:
+def observed_reconstruction_of(fields: Mapping[str, Any] | None) -> Reconstruction | None:
     """Return the reconstruction in a record; None: the field was not rebuilt."""
     if fields is None:
         return None
-    values = {name: _backdoor_value(value) for name, value in fields.items() if name != "kind"}
+    values = {name: _observed_value(value) for name, value in fields.items() if name != "kind"}
     return _KINDS[fields["kind"]](**values)
 
 
-def _backdoor_value(value: Any) -> Any:
+def _observed_value(value: Any) -> Any:
     """Return a JSON value as the reconstruction holds it: tuples, and infinity for null."""
     if isinstance(value, list):
-        return tuple(_backdoor_value(item) for item in value)
+        return tuple(_observed_value(item) for item in value)
     return math.inf if value is None else value

@@ -15,7 +15,7 @@ _AT_A_TIME: Final = 1 << 20  # bytes: about a thousand latches
 _LONGEST_LINE: Final = 1 << 22
 
 
-class BackdoorStream(ClosedByWith):
+class BackdoorReader(ClosedByWith):
     """Reads the records of one board, and never waits for them.
 
     Parameters
@@ -35,7 +35,7 @@ class BackdoorStream(ClosedByWith):
 
     Examples
     --------
-    >>> BackdoorStream("unix:/nowhere")
+    >>> BackdoorReader("unix:/nowhere")
     Traceback (most recent call last):
         ...
     haptogram.errors.ConfigurationError: no board listens at unix:/nowhere (there is no such \
@@ -48,8 +48,8 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         self._unread = b""
         self._lines = 0
         is_socket = source.startswith(UNIX_PREFIX)
-        self._input: _BackdoorSocket | _BackdoorFileStream = (
-            _BackdoorSocket(source) if is_socket else _BackdoorFileStream(source)
+        self._input: _BackdoorSocketReader | _BackdoorFileStream = (
+            _BackdoorSocketReader(source) if is_socket else _BackdoorFileStream(source)
         )
 
     def read(self) -> list[dict[str, Any]]:
@@ -86,7 +86,7 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         return record
 
 
-class _BackdoorSocket:
+class _BackdoorSocketReader:
     def __init__(self, source: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -112,7 +112,7 @@ class _BackdoorSocket:
         self._socket.close()
 
 
-def _open_backdoor_stream(path: str, flags: int) -> int:
+def _open_backdoor_reader(path: str, flags: int) -> int:
     """Open a file, or a pipe whether or not a board has begun to write to it."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
@@ -120,7 +120,7 @@ def _open_backdoor_stream(path: str, flags: int) -> int:
 class _BackdoorFileStream:
     def __init__(self, path: str) -> None:
         try:
-            self._file = open(path, "rb", buffering=0, opener=_open_backdoor_stream)  # noqa: SIM115  closed by close()
+            self._file = open(path, "rb", buffering=0, opener=_open_backdoor_reader)  # noqa: SIM115  closed by close()
         except OSError as error:
             raise unreadable_file(path, error) from error
 

@@ -9,11 +9,11 @@ from typing import Any, Final
 
 from haptogram.evidence.backdoor import (
     LATCHES,
-    BackdoorFile,
-    is_backdoor_latch_of,
-    why_backdoor_incomplete,
+    BackdoorFileReader,
+    is_observed_latch_of,
+    why_observations_incomplete,
 )
-from haptogram.evidence.dialects.latches import has_latched_all
+from haptogram.evidence.dialects.latches import has_dialect_latched_all
 from haptogram.records.frame import FrameKey, Intended
 
 _POLL_S: Final = 0.01
@@ -33,7 +33,7 @@ class BoardRecords:
     """
 
     def __init__(self, path: Path, *, is_running: Callable[[], bool]) -> None:
-        self._file = BackdoorFile(path)
+        self._file = BackdoorFileReader(path)
         self._is_running = is_running
 
     def read(self) -> list[dict[str, Any]]:
@@ -64,10 +64,10 @@ class BoardRecords:
             nonlocal looked_at
             new = self._file.records[looked_at:]
             looked_at += len(new)
-            return any(is_backdoor_latch_of(record, key) for record in new)
+            return any(is_observed_latch_of(record, key) for record in new)
 
         self._read_until(is_there)
-        return why_backdoor_incomplete(self._file.records, key.session, key)
+        return why_observations_incomplete(self._file.records, key.session, key)
 
     def wait_for_all(self, intended: Sequence[Intended]) -> str | None:
         """Wait for a latch of each frame of *intended* on a board that numbers none.
@@ -77,10 +77,10 @@ class BoardRecords:
         str or None
             As :meth:`wait_for_latch`.
         """
-        self._read_until(lambda: has_latched_all(intended, self._file.records))
-        if has_latched_all(intended, self._file.records):
+        self._read_until(lambda: has_dialect_latched_all(intended, self._file.records))
+        if has_dialect_latched_all(intended, self._file.records):
             return None
-        return why_backdoor_incomplete(self._file.records)
+        return why_observations_incomplete(self._file.records)
 
     def read_to_the_end(self, progress: Callable[[int], None] | None = None) -> None:
         """Read until the end record, or until the board falls silent.

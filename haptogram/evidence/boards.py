@@ -13,11 +13,11 @@ from haptogram.driver.line.budget import BITS_PER_BYTE, frame_bytes_on_line
 from haptogram.driver.line.port import Transport
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
-    backdoor_fault_counts,
-    silences_on_the_clock_of,
-    why_backdoor_incomplete,
+    observed_fault_counts,
+    observed_silences_on_clock_of,
+    why_observations_incomplete,
 )
-from haptogram.evidence.dialects.latches import run_observations
+from haptogram.evidence.dialects.latches import dialect_run_observations
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import KeptRecords
@@ -164,14 +164,14 @@ class ProcessBoard:
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
         fate = self._board.how_it_ended()
         self._board.finish(show, skip_fields=skip_fields)
-        self.unseen = why_backdoor_incomplete(self._board.records(), driver.session)
+        self.unseen = why_observations_incomplete(self._board.records(), driver.session)
         if self.unseen is not None and fate is not None:
             self.unseen += f" ({fate})"
-        return run_observations(driver.intended, self._board.records(), driver.session)
+        return dialect_run_observations(driver.intended, self._board.records(), driver.session)
 
     def silences(self, driver: Driver) -> list[int]:
         """Return the records of the back door."""
-        return silences_on_the_clock_of(driver.intended, self._board.records())
+        return observed_silences_on_clock_of(driver.intended, self._board.records())
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of the back door."""
@@ -239,11 +239,11 @@ class InProcessBoard:
         skip_fields: bool = False,  # noqa: ARG002  nor to leave out
     ) -> list[Observation]:
         """Return the records of the back door."""
-        return run_observations(driver.intended, self._records(), driver.session)
+        return dialect_run_observations(driver.intended, self._records(), driver.session)
 
     def silences(self, driver: Driver) -> list[int]:
         """Return the records of the back door."""
-        return silences_on_the_clock_of(driver.intended, self._records())
+        return observed_silences_on_clock_of(driver.intended, self._records())
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of the back door."""
@@ -252,7 +252,7 @@ class InProcessBoard:
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """Counts of the planned faults, from the record at the closing of the port."""
-        return backdoor_fault_counts(self._records())
+        return observed_fault_counts(self._records())
 
 
 def _last_latch_of_run_ns(driver: Driver, now_ns: int) -> int:

@@ -14,9 +14,9 @@ from haptogram.evidence.boards import BoardUnderTest
 from haptogram.evidence.run_record import (
     RunRecord,
     calibration_of_run,
-    close_driver,
+    close_driver_of_run,
     note_calibration_of_run,
-    recorded_port,
+    recorded_port_of_run,
 )
 from haptogram.objects.run_frames import (
     MOST_FRAMES,
@@ -85,7 +85,7 @@ def measure_dialect_run(
     if boards.mounting is not None:
         model = model.calibrated(boards.mounting)
     elements = calibration_of_run(config)
-    tap = None if writer is None else recorded_port(board, config.link.baud, writer)
+    tap = None if writer is None else recorded_port_of_run(board, config.link.baud, writer)
     driver = DialectDriver(
         tap or board.port,
         dialect=boards.dialect,
@@ -117,7 +117,7 @@ def measure_dialect_run(
                 frames, config.pace.rate_hz, loops=config.pace.repeat, progress=progress
             )
     finally:
-        close_driver(driver, found)
+        close_driver_of_run(driver, found)
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if tap is not None:
         tap.tell(board.records())

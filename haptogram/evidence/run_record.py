@@ -150,7 +150,7 @@ def measure_run(
     model = host_model_of_run(config.array)
     own_array = config.link.port is not None and config.array.array is None
     elements = calibration_of_run(config)
-    tap = None if writer is None else recorded_port(board, config.link.baud, writer)
+    tap = None if writer is None else recorded_port_of_run(board, config.link.baud, writer)
     driver = Driver(
         tap or board.port,
         baudrate=config.link.baud,
@@ -184,7 +184,7 @@ def measure_run(
                 driver, before, _OWN_MUTE if found.interrupted else ()
             )
     finally:
-        close_driver(driver, found)
+        close_driver_of_run(driver, found)
     found.warnings += _state_changes_of_run(driver, found.report)
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if found.cut is not None:
@@ -205,7 +205,7 @@ def _identity_of_run(identity: HelloReply) -> dict[str, object]:
     }
 
 
-def recorded_port(
+def recorded_port_of_run(
     board: BoardUnderTest, baudrate: int, writer: RecordingWriter
 ) -> RecordingTransport:
     """Return the open port of *board*, written down."""
@@ -344,7 +344,7 @@ def _state_changes_of_run(driver: Driver, report: StreamReport | PlayReport | No
     ]
 
 
-def close_driver(driver: Driver | DialectDriver, found: RunRecord) -> None:
+def close_driver_of_run(driver: Driver | DialectDriver, found: RunRecord) -> None:
     """Mute the board; if it does not answer, that is a warning and not the end of the results."""
     try:
         driver.close()

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError, VerificationError
-from haptogram.evidence.backdoor import why_backdoor_incomplete
+from haptogram.evidence.backdoor import why_observations_incomplete
 from haptogram.evidence.dialects.watched_board import WatchedBoard
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.machine.closing import ClosedByWith
@@ -179,7 +179,7 @@ class VerifiedBoard(ClosedByWith):
             latch = board.latch(record)
             if latch is not None:
                 frames += watch.take(latch).verdict is not None
-        return watch.result(why_backdoor_incomplete(records)), frames
+        return watch.result(why_observations_incomplete(records)), frames
 
 
 def _verified_focus_problems(

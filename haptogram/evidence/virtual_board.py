@@ -19,14 +19,17 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
-    backdoor_board_model,
-    backdoor_fault_counts,
-    backdoor_observations,
-    silences_on_the_clock_of,
+    board_model_of_evidence,
+    observations_of_backdoor,
+    observed_fault_counts,
+    observed_silences_on_clock_of,
 )
 from haptogram.evidence.board_process import BoardProcess
 from haptogram.evidence.board_records import BoardRecords
-from haptogram.evidence.dialects.latches import is_of_another_dialect, run_observations
+from haptogram.evidence.dialects.latches import (
+    are_records_of_another_dialect,
+    dialect_run_observations,
+)
 from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.working_folder import WorkingFolder
 from haptogram.records.frame import Intended, Observation, check_intended
@@ -171,7 +174,7 @@ class VirtualBoard(ClosedByWith):
         try:
             self._process.wait_until_ready()
             if config.dialect is not None:
-                self.model = backdoor_board_model(self._records.read()[0])
+                self.model = board_model_of_evidence(self._records.read()[0])
         except BaseException:
             self.close()
             raise
@@ -192,12 +195,12 @@ class VirtualBoard(ClosedByWith):
         """Return the latches of one session or of all of them."""
         if session is not None:
             check_whole("session", session, 0, 0xFFFF)
-        return backdoor_observations(self.records(), session)
+        return observations_of_backdoor(self.records(), session)
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """Counts of the faults that fired; None before the board has ended, or without faults."""
-        return backdoor_fault_counts(self._records.read())
+        return observed_fault_counts(self._records.read())
 
     def wait_idle(self, intended: Sequence[Intended]) -> str | None:
         """Wait until the back door shows the last of *intended*, is closed, or falls silent.
@@ -210,10 +213,10 @@ class VirtualBoard(ClosedByWith):
         str or None
             Why a frame may have been latched that it does not show; None: it shows all.
         """
-        _check_session(intended)
+        _check_session_of_virtual_board(intended)
         if not intended:
             return None
-        if is_of_another_dialect(self._records.read()):
+        if are_records_of_another_dialect(self._records.read()):
             return self._records.wait_for_all(intended)
         return self._records.wait_for_latch(intended[-1].key)
 
@@ -273,23 +276,23 @@ class VirtualBoard(ClosedByWith):
         ConfigurationError
             An argument that cannot be.
         """
-        _check_session(intended)
+        _check_session_of_virtual_board(intended)
         # Late, because it is much: whoever only wants a board does not pay for it.
-        from haptogram.verification import check_judgement, verify_run
+        from haptogram.verification import check_run_judgement, verify_run
 
         assumed = self.model if model is None else model
-        check_judgement(assumed, min_verified, tolerance, uncertainty)
+        check_run_judgement(assumed, min_verified, tolerance, uncertainty)
         unseen = self.wait_idle(intended)
         session = intended[0].key.session if intended else None
         return verify_run(
             intended,
-            run_observations(intended, self.records(), session),
+            dialect_run_observations(intended, self.records(), session),
             model=assumed,
             min_verified=min_verified,
             tolerance=tolerance,
             uncertainty=uncertainty,
             unseen=unseen,
-            silences=silences_on_the_clock_of(intended, self.records()),
+            silences=observed_silences_on_clock_of(intended, self.records()),
         )
 
     # --- process -------------------------------------------------------------------------------
@@ -342,7 +345,7 @@ class VirtualBoard(ClosedByWith):
         super().__exit__(kind, error, traceback)
 
 
-def _check_session(intended: Sequence[Intended]) -> None:
+def _check_session_of_virtual_board(intended: Sequence[Intended]) -> None:
     """Refuse frames that are none, or of several sessions: a board shows one session at a time."""
     check_intended(intended)
     sessions = sorted({entry.key.session for entry in intended})

@@ -15,11 +15,11 @@ from .frame.verdict import (
     FrameStatus,
     FrameVerdict,
     Verdict,
-    consequence_text,
-    wrong_pressure_text,
+    verdict_consequence_text,
+    verdict_pressure_text,
 )
-from .run import check_judgement, verify_run
-from .run_verdict import RunVerdict, cut_run_text
+from .run import check_run_judgement, verify_run
+from .run_verdict import RunVerdict, cut_run_verdict_text
 from .tolerance import (
     REAL_BOARD,
     Tolerance,
@@ -44,13 +44,13 @@ __all__ = [
     "Verdict",
     "VerdictUncertainty",
     "check_frame_tolerance",
-    "check_judgement",
-    "consequence_text",
-    "cut_run_text",
+    "check_run_judgement",
+    "cut_run_verdict_text",
     "name_drive_faults",
     "tolerance_of",
     "tolerance_text",
     "uncertainty_of",
+    "verdict_consequence_text",
+    "verdict_pressure_text",
     "verify_run",
-    "wrong_pressure_text",
 ]

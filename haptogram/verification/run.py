@@ -31,7 +31,7 @@ from .consequences.effect import RunConsequences
 from .consequences.held import (
     HeldFocus,
     consequence_of_held_focus,
-    due_frames_of_run,
+    due_frames_of_consequences,
     focus_still_held,
 )
 from .frame.judge import FrameJudge, lost_frame_verdict
@@ -100,19 +100,19 @@ def verify_run(
     True
     """
     check_intended(intended)
-    check_judgement(model, min_verified, tolerance, uncertainty)
+    check_run_judgement(model, min_verified, tolerance, uncertainty)
     check_argument_kind("observations", observations, Iterable, "an iterable of Observation")
     check_argument_kind("cut", cut, (Cut, NoneType), "a Cut, or None")
     check_argument_kind("unseen", unseen, (str, NoneType), "a text, or None")
     check_argument_kind("silences", silences, Iterable, "an iterable of times in µs")
     check_callable("progress", progress)
     _check_intended_keys(intended)
-    if unseen is None and (kept := _kept_for_verdict(observations)).dropped:
+    if unseen is None and (kept := _kept_for_run_verdict(observations)).dropped:
         unseen = f"the driver keeps the last {len(kept)} latches it is told"
-    not_kept = _kept_for_verdict(intended).dropped
+    not_kept = _kept_for_run_verdict(intended).dropped
     seen: dict[FrameKey, list[Observation]] = defaultdict(list)
     latched = _observations_to_verify(observations)
-    for observation in _verdict_of_kept(intended, latched) if not_kept else latched:
+    for observation in _run_verdict_of_kept(intended, latched) if not_kept else latched:
         seen[observation.key].append(observation)
     for latches in seen.values():
         latches.sort(key=lambda latch: latch.t_latch_us)
@@ -126,7 +126,7 @@ def verify_run(
     held: HeldFocus | None = None
     quiet_us = sorted(check_whole("silences", t, -(2**63), 2**63, "µs") for t in silences)
     for number, (wanted, due) in enumerate(
-        zip(intended, due_frames_of_run(intended, seen), strict=True)
+        zip(intended, due_frames_of_consequences(intended, seen), strict=True)
     ):
         latches = seen.pop(wanted.key, [])
         verdict = (
@@ -151,7 +151,7 @@ def verify_run(
     return dataclasses.replace(run, tolerance=judge.tolerance, uncertainty=judge.uncertainty)
 
 
-def check_judgement(
+def check_run_judgement(
     model: AcousticModel,
     min_verified: float,
     tolerance: Tolerance | None,
@@ -181,12 +181,12 @@ def _observations_to_verify(entries: Iterable[Observation]) -> Iterator[Observat
         yield entry
 
 
-def _kept_for_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
+def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
     """Return *entries* if they are a record in bounded memory, else an empty one."""
     return entries if isinstance(entries, KeptRecords) else KeptRecords()
 
 
-def _verdict_of_kept(
+def _run_verdict_of_kept(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
     """Yield *observations* without those that may be of frames before the first of *intended*."""

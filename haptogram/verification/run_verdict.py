@@ -19,7 +19,7 @@ from .frame.verdict import (
     FrameStatus,
     FrameVerdict,
     Verdict,
-    frame_measures,
+    frame_verdict_measures,
     frame_verdict_text,
 )
 from .tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
@@ -94,7 +94,9 @@ class RunVerdict:
     @property
     def odd_frames(self) -> list[FrameVerdict]:
         """Frames that are not on target, or not in time."""
-        return [f for f in self.frames if f.status not in NOTHING_WRONG or _untimely_frame_text(f)]
+        return [
+            f for f in self.frames if f.status not in NOTHING_WRONG or _untimely_in_run_verdict(f)
+        ]
 
     def findings(self) -> Iterator[tuple[str, list[FrameVerdict]]]:
         """Yield a line for each odd frame; of many, one for all with the same thing wrong."""
@@ -104,7 +106,7 @@ class RunVerdict:
             return
         groups: dict[tuple[str, ...], list[FrameVerdict]] = defaultdict(list)
         for frame in odd:
-            groups[_wrong_frame_text(frame)].append(frame)
+            groups[_wrong_in_run_verdict(frame)].append(frame)
         for what, frames in sorted(groups.items(), key=lambda group: -len(group[1])):
             is_group = len(frames) > 1
             line = (
@@ -192,11 +194,11 @@ class RunVerdict:
                 self.values("lateness_us"), "p50 p99 p99.9 max"
             ),
             "not_on_target": [
-                _frame_verdict_dict(f) for f in self.frames if f.status not in NOTHING_WRONG
+                _frame_in_run_verdict(f) for f in self.frames if f.status not in NOTHING_WRONG
             ],
             "cancelled": [f.number for f in self.frames if f.status is FrameStatus.CANCELLED],
-            "late": [_frame_verdict_dict(f) for f in self.frames if f.late],
-            "duplicated": [_frame_verdict_dict(f) for f in self.frames if f.latches > 1],
+            "late": [_frame_in_run_verdict(f) for f in self.frames if f.late],
+            "duplicated": [_frame_in_run_verdict(f) for f in self.frames if f.latches > 1],
             "unexpected": [dataclasses.asdict(key) for key in self.unexpected],
         }
 
@@ -212,7 +214,7 @@ def _run_verdict_summary(run: RunVerdict) -> Iterator[str]:
     yield (
         f"  frames    {counts['sent']} sent, {counts['latched']} latched, "
         f"{counts['verified']} verified, {counts['lost']} lost, {counts['late']} late"
-        f"{cut_run_text(counts)}"
+        f"{cut_run_verdict_text(counts)}"
     )
     if result["lateral_error_mm"]["max"] is not None:
         yield _run_verdict_error_line(result)
@@ -230,14 +232,14 @@ def _run_verdict_summary(run: RunVerdict) -> Iterator[str]:
         yield f"  ... and {left} frames more, in the JSON file"
 
 
-def cut_run_text(counts: Mapping[str, int]) -> str:
+def cut_run_verdict_text(counts: Mapping[str, int]) -> str:
     """Return the fate of the frames that a run did not reach; an empty text if there are none."""
     parts = {"cancelled": "cancelled by its MUTE", "not_sent": "not sent"}
     said = (f", {counts[name]} {text}" for name, text in parts.items() if counts[name])
     return "".join(said)
 
 
-def _untimely_frame_text(frame: FrameVerdict) -> bool:
+def _untimely_in_run_verdict(frame: FrameVerdict) -> bool:
     return frame.late or frame.early or frame.latches > 1
 
 
@@ -291,7 +293,7 @@ def _run_verdict_foci_line(result: dict[str, Any]) -> str:
     )
 
 
-def _wrong_frame_text(frame: FrameVerdict) -> tuple[str, ...]:
+def _wrong_in_run_verdict(frame: FrameVerdict) -> tuple[str, ...]:
     times = {"late": frame.late, "early": frame.early, "latched more than once": frame.latches > 1}
     note = frame.note if frame.status is FrameStatus.NOT_VERIFIED else ""
     words = [str(frame.status), *(word for word, is_so in times.items() if is_so)]
@@ -302,12 +304,12 @@ def _run_verdict_group_line(what: tuple[str, ...], frames: list[FrameVerdict]) -
     """Return the common fault of frames, and its worst consequence."""
     numbers = ", ".join(str(frame.number) for frame in frames[:_NAMED_FRAMES])
     more = ", ..." if len(frames) > _NAMED_FRAMES else ""
-    worst = "; ".join(frame_measures(max(frames, key=_damaged_frame_text)))
+    worst = "; ".join(frame_verdict_measures(max(frames, key=_damaged_in_run_verdict)))
     at_worst = [f"at the worst {worst}"] if worst else []
     return f"{len(frames)} frames ({numbers}{more}): {'; '.join([*what, *at_worst])}"
 
 
-def _damaged_frame_text(frame: FrameVerdict) -> tuple[float, float]:
+def _damaged_in_run_verdict(frame: FrameVerdict) -> tuple[float, float]:
     """Return by what the worst frame of a group is found: distance, then what is missing."""
     effect = frame.consequence
     away_mm = (effect.focus_error_mm if effect else None) or frame.error_mm or 0.0
@@ -338,7 +340,7 @@ def _least_of_run_verdict(values: np.ndarray) -> float | None:
     return float(values.min()) if len(values) else None
 
 
-def _frame_verdict_dict(frame: FrameVerdict) -> dict[str, Any]:
+def _frame_in_run_verdict(frame: FrameVerdict) -> dict[str, Any]:
     """Return the known fields of one frame."""
     fields = dataclasses.asdict(frame) | {"status": str(frame.status)}
     fields["evidence"] = None if frame.evidence is None else str(frame.evidence)

@@ -50,19 +50,19 @@ def observations_of_unnumbered(
     A latch that nobody intended has a key of its own.
     """
     return [
-        _observation(latch, frame)
-        for frame, latch in _joined(intended, latches)
+        _unnumbered_observation(latch, frame)
+        for frame, latch in _joined_unnumbered(intended, latches)
         if latch is not None
     ]
 
 
-def _joined(
+def _joined_unnumbered(
     intended: Sequence[Intended], latches: Sequence[UnnumberedLatch]
 ) -> Iterator[tuple[Intended | None, UnnumberedLatch | None]]:
     """Yield frames with their latches, in order; None: lost, or not intended."""
     frame, latch = 0, 0
     while frame < len(intended) and latch < len(latches):
-        lost, extra = _next_pair(
+        lost, extra = _next_unnumbered_pair(
             intended[frame : frame + _WINDOW],
             latches[latch : latch + _WINDOW],
             (len(intended) - frame) - (len(latches) - latch),
@@ -80,7 +80,7 @@ def _joined(
     yield from ((None, seen) for seen in latches[latch:])
 
 
-def _next_pair(
+def _next_unnumbered_pair(
     frames: Sequence[Intended], latches: Sequence[UnnumberedLatch], missing: int
 ) -> tuple[int, int]:
     """Return how many frames and latches come before the first pair that is the same drive.
@@ -96,10 +96,12 @@ def _next_pair(
         if frame < len(frames) and total - frame < len(latches)
     ]
     places.sort(key=lambda place: (place[0] != place[1], (place[0] - place[1]) * missing <= 0))
-    return next((at for at in places if _is_drive_of(latches[at[1]], frames[at[0]])), (0, 0))
+    return next(
+        (at for at in places if _is_drive_of_unnumbered(latches[at[1]], frames[at[0]])), (0, 0)
+    )
 
 
-def _is_drive_of(latch: UnnumberedLatch, frame: Intended) -> bool:
+def _is_drive_of_unnumbered(latch: UnnumberedLatch, frame: Intended) -> bool:
     """Return True if the latched drive is that of *frame*."""
     found, wanted = latch.drive, frame.drive
     sounding = wanted.amplitude_codes > 0
@@ -107,16 +109,19 @@ def _is_drive_of(latch: UnnumberedLatch, frame: Intended) -> bool:
         return False
     if not sounding.any():
         return True
-    error = _lags(found, wanted)[sounding]
-    return bool(np.abs(_signed(error - error[0])).max() <= 1)
+    error = _lags_of_unnumbered(found, wanted)[sounding]
+    return bool(np.abs(_signed_lags_of_unnumbered(error - error[0])).max() <= 1)
 
 
-def _observation(latch: UnnumberedLatch, frame: Intended | None) -> Observation:
+def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> Observation:
     if frame is None:
         key, lag = FrameKey(0, STREAM, _NOBODY_INTENDED, latch.number), 0
     else:
-        key, lag = frame.key, _common_lag(latch.drive, frame.drive)
-    drive, radiated = _without_lag(latch.drive, lag), _without_lag(latch.radiated, lag)
+        key, lag = frame.key, _common_lag_of_unnumbered(latch.drive, frame.drive)
+    drive, radiated = (
+        _unnumbered_without_lag(latch.drive, lag),
+        _unnumbered_without_lag(latch.radiated, lag),
+    )
     return Observation(
         key=key,
         t_latch_us=latch.t_latch_us,
@@ -127,23 +132,23 @@ def _observation(latch: UnnumberedLatch, frame: Intended | None) -> Observation:
     )
 
 
-def _common_lag(found: Drive, wanted: Drive) -> int:
+def _common_lag_of_unnumbered(found: Drive, wanted: Drive) -> int:
     """Return the lag that most channels share, which the shape of the pulses makes."""
     sounding = (found.amplitude_codes > 0) & (wanted.amplitude_codes > 0)
     if not sounding.any():
         return 0
-    return int(np.bincount(_lags(found, wanted)[sounding] % _TURN).argmax())
+    return int(np.bincount(_lags_of_unnumbered(found, wanted)[sounding] % _TURN).argmax())
 
 
-def _lags(found: Drive, wanted: Drive) -> NDArray[np.int64]:
+def _lags_of_unnumbered(found: Drive, wanted: Drive) -> NDArray[np.int64]:
     return found.phase_codes.astype(np.int64) - wanted.phase_codes.astype(np.int64)
 
 
-def _signed(lags: NDArray[np.int64]) -> NDArray[np.int64]:
+def _signed_lags_of_unnumbered(lags: NDArray[np.int64]) -> NDArray[np.int64]:
     return (lags + _TURN // 2) % _TURN - _TURN // 2
 
 
-def _without_lag(drive: Drive, lag: int) -> Drive:
+def _unnumbered_without_lag(drive: Drive, lag: int) -> Drive:
     """Return *drive* with *lag* taken off each phase code; silent elements have code 0."""
     codes = (drive.phase_codes.astype(np.int64) - lag) % _TURN
     return Drive(np.where(drive.amplitude_codes > 0, codes, 0), drive.amplitude_codes)

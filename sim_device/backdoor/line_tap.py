@@ -14,11 +14,11 @@ from haptogram.settings.board import BoardConfig
 
 from ..board.events import AnyLatch, Latch, Notice
 from ..board.settings import BoardSettings
-from .recorder import InlineReconstruction
+from .recorder import InlineReconstructionWorker
 from .records import Record
 
 
-class LineRecording(Protocol):
+class LineTapRecording(Protocol):
     """A recording that is being written; times are nanoseconds."""
 
     failure: str
@@ -55,7 +55,7 @@ class LineRecording(Protocol):
 
 
 #: Given a file and the options of the command, opens a recording.
-OpenRecording: TypeAlias = Callable[[Path, Mapping[str, Any]], LineRecording]
+OpenRecording: TypeAlias = Callable[[Path, Mapping[str, Any]], LineTapRecording]
 
 
 class LineTap:
@@ -66,7 +66,7 @@ class LineTap:
 
     Parameters
     ----------
-    recording : LineRecording
+    recording : LineTapRecording
         Is closed with this.
     config : BoardConfig
         The board, as it can be built again.
@@ -78,7 +78,7 @@ class LineTap:
 
     def __init__(
         self,
-        recording: LineRecording,
+        recording: LineTapRecording,
         config: BoardConfig,
         settings: BoardSettings,
         *,
@@ -89,7 +89,7 @@ class LineTap:
         self._boot_ns = settings.boot_us * 1000
         options = {"seed": config.seed} | config.non_default()
         recording.opened(self._boot_ns, options, self._boot_ns, paced=paced)
-        self._records = InlineReconstruction(settings, self._write, reconstruct=False)
+        self._records = InlineReconstructionWorker(settings, self._write, reconstruct=False)
 
     def to_board(self, t_ns: int, data: bytes, waited_ns: int) -> None:
         """Take down bytes that the board took at *t_ns* since power-up."""

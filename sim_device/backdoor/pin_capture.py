@@ -16,7 +16,7 @@ from haptogram_protocol.state import OutputState
 
 from ..board.events import AnyLatch, Latch, Notice, PulseLatch, RampBegan, RampEnded, StateChange
 from ..board.settings import BoardSettings
-from .pin_waveforms import Edges, PinPulses, PinSampler
+from .pin_waveforms import Edges, PinWaveformPulses, PinWaveformSampler
 from .uart_waveforms import UartWaveform
 
 CARRIER: Final = "carrier"
@@ -185,17 +185,17 @@ class PinCapture:
         first_us = int((self._begin_us or 0.0) // self._period_us) * self._period_us
         samples = self._period_us * 1e-6 * self._config.capture_rate_hz
         samples *= 1.0 + self._config.capture_ppm * 1e-6
-        pins = PinSampler(self._count, samples)
-        signals = PinSampler(_SIGNALS, samples)
-        silent = PinPulses.of_weights(np.zeros(self._count, np.complex128))
+        pins = PinWaveformSampler(self._count, samples)
+        signals = PinWaveformSampler(_SIGNALS, samples)
+        silent = PinWaveformPulses.of_weights(np.zeros(self._count, np.complex128))
         lines = self._line_edges(first_us - _QUIET_PERIODS * self._period_us, samples)
         for begin, end, pulses, is_latch in self._pieces(first_us, silent):
             latched = 0.5 if is_latch else 0.0
-            once = PinPulses(np.array([0.0, begin % 1.0]), np.array([0.5, latched]))
+            once = PinWaveformPulses(np.array([0.0, begin % 1.0]), np.array([0.5, latched]))
             pieces = [pins.edges(pulses, begin, end)]
             split = min(end, begin + 1.0)
             pieces.append(signals.edges(once, begin, split))
-            idle = PinPulses(np.array([0.0, 0.0]), np.array([0.5, 0.0]))
+            idle = PinWaveformPulses(np.array([0.0, 0.0]), np.array([0.5, 0.0]))
             pieces.append(signals.edges(idle, split, end))
             low, high = np.searchsorted(lines[0], np.ceil(np.array([begin, end]) * samples))
             pieces.append((lines[0][low:high], lines[1][low:high], lines[2][low:high]))
@@ -221,8 +221,8 @@ class PinCapture:
         return times[order], channels[order], levels[order]
 
     def _pieces(
-        self, first_us: int, silent: PinPulses
-    ) -> Iterator[tuple[float, float, PinPulses, bool]]:
+        self, first_us: int, silent: PinWaveformPulses
+    ) -> Iterator[tuple[float, float, PinWaveformPulses, bool]]:
         """Yield begin, end and pulses of every piece in which no pin changes its drive."""
         lead = _QUIET_PERIODS
         end = self._config.capture_ms * 1000.0 / self._period_us + lead
@@ -239,7 +239,7 @@ class PinCapture:
             until = end
             if place + 1 < len(self._acts):
                 until = (self._acts[place + 1][0] - first_us) / self._period_us + lead
-            after = silent if weights is None else PinPulses.of_weights(weights)
+            after = silent if weights is None else PinWaveformPulses.of_weights(weights)
             behind = self._lingering if weights is None else self._late
             for late, old in self._late_pins(pulses, after, behind):
                 moment = min(begin + late, until)
@@ -249,8 +249,8 @@ class PinCapture:
             pulses = after
 
     def _late_pins(
-        self, before: PinPulses, after: PinPulses, behind: FloatArray
-    ) -> Iterator[tuple[float, PinPulses]]:
+        self, before: PinWaveformPulses, after: PinWaveformPulses, behind: FloatArray
+    ) -> Iterator[tuple[float, PinWaveformPulses]]:
         """Yield how long the pins are mixed of old and new drive, and that mixture.
 
         Each pin is so many microseconds *behind* the board.
@@ -258,7 +258,7 @@ class PinCapture:
         passed = 0.0
         for late in np.unique(behind[behind > 0.0]).tolist():
             old = behind >= late
-            mixed = PinPulses(
+            mixed = PinWaveformPulses(
                 np.where(old, before.rises, after.rises), np.where(old, before.duties, after.duties)
             )
             yield late / self._period_us - passed, mixed

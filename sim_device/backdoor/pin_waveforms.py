@@ -21,7 +21,7 @@ Edges: TypeAlias = tuple[Samples, Samples, NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PinPulses:
+class PinWaveformPulses:
     """The pulses of C pins; times in periods of the carrier.
 
     Attributes
@@ -34,8 +34,8 @@ class PinPulses:
     Examples
     --------
     >>> import numpy as np
-    >>> from sim_device.backdoor.pin_waveforms import PinPulses
-    >>> made = PinPulses.of_weights(np.array([1.0, 1j, 0.5]))
+    >>> from sim_device.backdoor.pin_waveforms import PinWaveformPulses
+    >>> made = PinWaveformPulses.of_weights(np.array([1.0, 1j, 0.5]))
     >>> made.rises.round(4).tolist(), made.duties.round(4).tolist()
     ([0.0, 0.25, 0.1667], [0.5, 0.5, 0.1667])
     """
@@ -44,7 +44,7 @@ class PinPulses:
     duties: FloatArray
 
     @classmethod
-    def of_weights(cls, weights: ComplexArray) -> PinPulses:
+    def of_weights(cls, weights: ComplexArray) -> PinWaveformPulses:
         """Return the pulses whose fundamentals are *weights* (C,)."""
         duties = np.arcsin(np.minimum(np.abs(weights), 1.0)) / math.pi
         centres = np.angle(weights) / math.tau + 0.25
@@ -57,7 +57,7 @@ class PinPulses:
         return high
 
 
-class PinSampler:
+class PinWaveformSampler:
     """Samples pins from one drive to the next.
 
     Parameters
@@ -72,7 +72,7 @@ class PinSampler:
         self._levels = np.zeros(count, np.bool_)
         self._samples = samples
 
-    def edges(self, pulses: PinPulses, begin: float, end: float) -> Edges:
+    def edges(self, pulses: PinWaveformPulses, begin: float, end: float) -> Edges:
         """Return sample, pin and level of each edge from *begin* until *end*, in periods, in order.
 
         An edge shows in the first sample at or after it.
@@ -89,7 +89,7 @@ class PinSampler:
         return samples[order], pins[order], levels[order]
 
     def _periodic(
-        self, pulses: PinPulses, begin: float, end: float
+        self, pulses: PinWaveformPulses, begin: float, end: float
     ) -> Iterator[tuple[FloatArray, Samples, NDArray[np.bool_]]]:
         sounding = np.flatnonzero(pulses.duties > 0.0)
         rises, duties = pulses.rises[sounding], pulses.duties[sounding]

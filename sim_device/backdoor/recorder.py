@@ -34,7 +34,7 @@ from .records import (
 MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
 
 
-class DriveEstimator:
+class BackdoorEstimator:
     """Rebuilds the field of latch after latch; a drive that was seen lately costs nothing.
 
     Each drive is judged by the rounding of the phases that it was commanded with: a board may
@@ -51,7 +51,7 @@ class DriveEstimator:
 
     def estimate(self, latch: AnyLatch) -> Reconstruction:
         """Return the reconstruction of the radiated drive, which knows no target."""
-        key = _radiated_by_latch(latch)
+        key = _radiated_by_latch_record(latch)
         if key in self._seen:
             self._seen.move_to_end(key)
         else:
@@ -66,7 +66,7 @@ class DriveEstimator:
 
     def pattern(self, latch: PulseLatch) -> Pattern:
         """Return the pattern of the radiated drive: nobody says what was meant."""
-        key = _radiated_by_latch(latch)
+        key = _radiated_by_latch_record(latch)
         if key in self._patterns:
             self._patterns.move_to_end(key)
         else:
@@ -79,7 +79,7 @@ class DriveEstimator:
         steps = self._coarsest(latch)
         if steps not in self._classifiers:
             self._classifiers[steps] = PatternClassifier(self._model, steps)
-        return self._classifiers[steps].classify(_weights_of_latch(latch))
+        return self._classifiers[steps].classify(_weights_of_latch_record(latch))
 
     def _coarsest(self, latch: PulseLatch) -> int:
         steps = latch.pulses.steps
@@ -91,24 +91,24 @@ class DriveEstimator:
                 latch.radiated, ramping=latch.ramping, phase_bits=latch.commanded_bits
             )
         return self._reconstructor.reconstruct_weights(
-            _weights_of_latch(latch), step_rad=math.tau / self._coarsest(latch)
+            _weights_of_latch_record(latch), step_rad=math.tau / self._coarsest(latch)
         )
 
 
-def _weights_of_latch(latch: PulseLatch) -> ComplexArray:
+def _weights_of_latch_record(latch: PulseLatch) -> ComplexArray:
     if latch.radiated is None:
         raise TypeError("a unit's own latch; only a dialect knows which emitters its pulses drive")
     return latch.radiated
 
 
-def _radiated_by_latch(latch: AnyLatch) -> Hashable:
+def _radiated_by_latch_record(latch: AnyLatch) -> Hashable:
     """Return the key that latches with the same radiated drive share."""
     if isinstance(latch, Latch):
         return latch.radiated, latch.commanded_bits, latch.ramping
-    return _weights_of_latch(latch).tobytes(), latch.pulses.steps
+    return _weights_of_latch_record(latch).tobytes(), latch.pulses.steps
 
 
-class InlineReconstruction:
+class InlineReconstructionWorker:
     """A recorder that makes every record at once.
 
     Parameters
@@ -131,7 +131,7 @@ class InlineReconstruction:
         self._write = write
         wiring = settings.wiring
         steps = None if wiring is None else wiring.steps
-        self._estimator = DriveEstimator(settings.truth, steps) if reconstruct else None
+        self._estimator = BackdoorEstimator(settings.truth, steps) if reconstruct else None
         self._latched = self._reconstructed = 0
         self._faults: FaultsCounted | None = None
         self._line: LineCounted | None = None

@@ -1,8 +1,8 @@
 """Numerics and records in a process of their own, away from the path of the bytes.
 
 The board must never wait for numerics, a disc or a reader of the back door, so on the wall clock
-all three belong to a worker. In virtual time :class:`InlineReconstruction` does the same on the
-spot.
+all three belong to a worker. In virtual time :class:`InlineReconstructionWorker` does the same
+on the spot.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from haptogram.errors import ConfigurationError, HaptogramError
 
 from ..board.events import AnyLatch, Notice
 from ..board.settings import BoardSettings
-from .worker_batches import READY, SKIP_FIELDS, RecordsEnd, WorkerJob, packed_batch
+from .worker_batches import READY, SKIP_FIELDS, RecordsEnd, WorkerJob, packed_worker_batch
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -77,7 +77,7 @@ class ReconstructionWorker:
         self._alive = True
         self._failure = ""
         self._process = _start_worker_process()
-        self._input.write(packed_batch([WorkerJob(settings, target, reconstruct)]))
+        self._input.write(packed_worker_batch([WorkerJob(settings, target, reconstruct)]))
         self._input.flush()
         self._await_ready()
         if reconstruct and find_spec("numba") is None:
@@ -141,7 +141,7 @@ class ReconstructionWorker:
 
     def _pack_batch(self) -> None:
         self._batch = min(BATCH, len(self._waiting))
-        self._unsent = packed_batch([self._waiting.popleft() for _ in range(self._batch)])
+        self._unsent = packed_worker_batch([self._waiting.popleft() for _ in range(self._batch)])
 
     def skip_fields(self) -> None:
         """From now on write every latch down without its field, those on their way included."""

@@ -44,7 +44,7 @@ class RecordsEnd:
     notices_dropped: int
 
 
-def packed_batch(items: list[object]) -> bytes:
+def packed_worker_batch(items: list[object]) -> bytes:
     """Return *items* as bytes for the pipe."""
     stream = io.BytesIO(bytes(_LENGTH.size))
     stream.seek(_LENGTH.size)
@@ -56,7 +56,7 @@ def packed_batch(items: list[object]) -> bytes:
     return bytes(data)
 
 
-def _reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...]]:
+def _worker_reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...]]:
     """Return a recipe to pickle a dataclass by its values: a third of the time of the usual one."""
     values = operator.attrgetter(*(field.name for field in dataclasses.fields(kind)))
     return lambda item: (kind, values(item))
@@ -74,14 +74,14 @@ def _drive_at_worker(phase_codes: bytes, amplitude_codes: bytes, phase_bits: int
 
 _REDUCERS: Final[dict[type[Any], Callable[[Any], tuple[Any, ...]]]] = {
     Drive: _drive_for_worker,
-    Latch: _reducer_by_fields(Latch),
-    PulseLatch: _reducer_by_fields(PulseLatch),
-    PulseDrive: _reducer_by_fields(PulseDrive),
-    LatchKey: _reducer_by_fields(LatchKey),
+    Latch: _worker_reducer_by_fields(Latch),
+    PulseLatch: _worker_reducer_by_fields(PulseLatch),
+    PulseDrive: _worker_reducer_by_fields(PulseDrive),
+    LatchKey: _worker_reducer_by_fields(LatchKey),
 }
 
 
-def unpacked_batches(buffer: bytearray) -> Iterator[Any]:
+def unpacked_worker_batches(buffer: bytearray) -> Iterator[Any]:
     """Yield the whole items at the front of *buffer*, and take them off it."""
     size = _LENGTH.size
     while len(buffer) >= size:

@@ -14,10 +14,10 @@ from typing import Any, Final
 from haptogram.errors import ConfigurationError, HaptogramError
 
 from ..board.events import Latch, PulseLatch
-from .recorder import InlineReconstruction
+from .recorder import InlineReconstructionWorker
 from .records import backdoor_record_line
 from .sinks import RecordSink, open_backdoor_sink
-from .worker_batches import READY, SKIP_FIELDS, RecordsEnd, unpacked_batches
+from .worker_batches import READY, SKIP_FIELDS, RecordsEnd, unpacked_worker_batches
 
 LINGER_S: Final = 5.0  # for readers of the back door to take the last records
 _READ_BYTES: Final = 65_536
@@ -44,7 +44,7 @@ def run_reconstruction_worker() -> None:
         return
     is_ready = False
     try:
-        recorder = InlineReconstruction(
+        recorder = InlineReconstructionWorker(
             job.settings,
             lambda record: sink.write(backdoor_record_line(record)),
             reconstruct=job.reconstruct,
@@ -78,7 +78,7 @@ def _answer_of_worker(to: int, text: bytes) -> None:
 
 
 def _record_all_at_worker(
-    items: Iterator[Any], recorder: InlineReconstruction, sink: RecordSink
+    items: Iterator[Any], recorder: InlineReconstructionWorker, sink: RecordSink
 ) -> None:
     for item in items:
         if isinstance(item, Latch | PulseLatch):
@@ -113,4 +113,4 @@ def _items_at_worker(chunk: int) -> Iterator[Any]:
             if not data:
                 return
             buffer += data
-            yield from unpacked_batches(buffer)
+            yield from unpacked_worker_batches(buffer)

@@ -27,25 +27,25 @@ from haptogram_protocol.state import MuteReason, OutputState
 from .configuration import board_config_crc, check_board_config
 from .counters import BoardArrivalMargins, BoardCounters, Drop
 from .events import Latch, Notice, PlaybackEnd, SessionOpened
-from .output import Due, OutputStage
-from .playback import Playback
+from .output import BoardOutput, Due
+from .playback import BoardPlayback
 from .refusal import RefusalError
-from .registers import Content, PointFocuser
+from .registers import BoardFocuser, Content
 from .settings import BoardSettings
-from .stream_queue import QueueEntry, StreamFrame, StreamQueue
-from .timers import OutputTimers
-from .uploads import Upload, Uploads
+from .stream_queue import BoardQueue, QueueEntry, StreamFrame
+from .timers import BoardTimers
+from .uploads import BoardUploads, Upload
 
 
 @dataclass(frozen=True, slots=True)
 class BoardParts:
     """The parts of a board; each is the healthy one unless another is given."""
 
-    output: type[OutputStage] = OutputStage
-    timers: type[OutputTimers] = OutputTimers
-    queue: type[StreamQueue] = StreamQueue
-    uploads: type[Uploads] = Uploads
-    focuser: type[PointFocuser] = PointFocuser
+    output: type[BoardOutput] = BoardOutput
+    timers: type[BoardTimers] = BoardTimers
+    queue: type[BoardQueue] = BoardQueue
+    uploads: type[BoardUploads] = BoardUploads
+    focuser: type[BoardFocuser] = BoardFocuser
 
 
 _HEALTHY: Final = BoardParts()
@@ -63,7 +63,7 @@ class Board:
 
     Attributes
     ----------
-    output : OutputStage
+    output : BoardOutput
         Output state, registers and timers.
     margins : Margins
         Arrival margin of stream frames.
@@ -81,7 +81,7 @@ class Board:
         self._focuser = self._focuser_of(settings, self.output.config.sound_speed_mm_s)
         self._uploads = parts.uploads(settings)
         self._sequences: dict[int, Upload] = {}
-        self._playback: Playback | None = None
+        self._playback: BoardPlayback | None = None
         self._computed_us = settings.boot_us
 
     # --- output --------------------------------------------------------------------------------
@@ -122,11 +122,11 @@ class Board:
         return self.output.counters
 
     def arm(self) -> None:
-        """Allow output; see :meth:`OutputStage.arm`."""
+        """Allow output; see :meth:`BoardOutput.arm`."""
         self.output.arm()
 
     def mute(self, *, requested: bool = True) -> None:
-        """Switch the output off; see :meth:`OutputStage.mute`."""
+        """Switch the output off; see :meth:`BoardOutput.mute`."""
         self.output.mute(requested=requested)
 
     def disarm(self) -> None:
@@ -300,7 +300,7 @@ class Board:
         self.advance_to(self.output.now_us)  # a shorter hold may have run out already
 
     def begin_upload(self, begin: UploadBegin) -> None:
-        """Make room for an upload; see :meth:`Uploads.begin` for what is refused."""
+        """Make room for an upload; see :meth:`BoardUploads.begin` for what is refused."""
         self._refuse_while_playing(begin.target)
         kept = sum(len(s.data) for n, s in self._sequences.items() if n != begin.target)
         self._uploads.begin(begin, self.settings.max_stored_bytes - kept)
@@ -361,7 +361,7 @@ class Board:
         self._check_play(start_us, ready_us, unattended_ms)
         start_us = ready_us if start_us is None else start_us
         self.output.counters.flushed += self._queue.flush()
-        self._playback = Playback(sequence, frames, start_us, period_us, loops, unattended_ms)
+        self._playback = BoardPlayback(sequence, frames, start_us, period_us, loops, unattended_ms)
         self.output.unattended_ms = unattended_ms
         self.output.renew_lease()
         self.advance_to(self.output.now_us)

@@ -18,14 +18,14 @@ from .configuration import initial_board_config
 from .counters import BoardCounters
 from .events import Latch, Notice, RampBegan, RampEnded, StateChange
 from .refusal import RefusalError
-from .registers import radiated_drive
+from .registers import radiated_drive_of_registers
 from .settings import BoardSettings
-from .timers import NEVER_US, OutputTimers
+from .timers import NEVER_US, BoardTimers
 
 Due: TypeAlias = tuple[int, Callable[[], None]]  # when, and the action
 
 
-class OutputStage:
+class BoardOutput:
     """Output state, registers, trace ring and timers of one board.
 
     Parameters
@@ -62,7 +62,7 @@ class OutputStage:
         settings: BoardSettings,
         stop_sources: Callable[[], None],
         *,
-        timers: type[OutputTimers] = OutputTimers,
+        timers: type[BoardTimers] = BoardTimers,
     ) -> None:
         self.settings = settings
         self.now_us = settings.boot_us
@@ -242,7 +242,9 @@ class OutputStage:
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
         gain = self._timers.gain(t_us)
-        return radiated_drive(drive, self.correction, self.config.amplitude_ceiling, gain)
+        return radiated_drive_of_registers(
+            drive, self.correction, self.config.amplitude_ceiling, gain
+        )
 
     def _sound(self, radiated: Drive) -> Drive:
         """Return the drive that the transducers sound, which the board itself cannot know."""

@@ -11,7 +11,7 @@ from .uploads import Upload
 
 
 @dataclass(slots=True)
-class Playback:
+class BoardPlayback:
     """One run of a sequence; ``played`` counts the frames that were latched.
 
     Attributes

@@ -145,10 +145,10 @@ def board_trace(board: Board, request: ReadTrace) -> TraceReply:
     """Return latches of the trace ring, from the number asked for on, as many as fit one frame."""
     ring = board.output.ring
     oldest = ring[0].number if ring else board.output.latches
-    room = _room_of_reply(TraceReply) // TraceRecord.LAYOUT.size
+    room = _room_of_readout(TraceReply) // TraceRecord.LAYOUT.size
     start = max(request.first, oldest)
     stop = min(request.first + request.count, start + room)
-    records = [_trace_record(latch) for latch in ring if start <= latch.number < stop]
+    records = [_trace_readout_of(latch) for latch in ring if start <= latch.number < stop]
     return TraceReply(
         oldest=oldest & _U32, next=board.output.latches & _U32, records=tuple(records)
     )
@@ -160,7 +160,7 @@ def register_codes(shown: Drive, first: int = 0, stop: int | None = None) -> byt
     return phases.tobytes() + amplitudes.tobytes()
 
 
-def _trace_record(latch: Latch) -> TraceRecord:
+def _trace_readout_of(latch: Latch) -> TraceRecord:
     return TraceRecord(
         number=latch.number & _U32,
         key=latch.key,
@@ -170,7 +170,7 @@ def _trace_record(latch: Latch) -> TraceRecord:
     )
 
 
-def _room_of_reply(reply: type[Message]) -> int:
+def _room_of_readout(reply: type[Message]) -> int:
     """Return the bytes that one frame leaves for the tail of *reply*."""
     return MAX_BODY_BYTES - HEADER_BYTES - reply.LAYOUT.size
 
@@ -181,7 +181,7 @@ def _readout_span(
     """Return first and last-but-one of the transducers that a reply shows."""
     if request.first >= total:
         raise RefusalError(ErrorCode.NOT_FOUND, total, f"no transducer {request.first}")
-    fits = _room_of_reply(reply) // unit
+    fits = _room_of_readout(reply) // unit
     return request.first, min(total, request.first + min(request.count, fits))
 
 

@@ -50,7 +50,7 @@ def to_registers(drive: Drive) -> Drive:
     return Drive(shifted, drive.amplitude_codes)
 
 
-class PointFocuser:
+class BoardFocuser:
     """Computes the drive of focal points: the naive superposition of HG-5.4."""
 
     def __init__(self, settings: BoardSettings, sound_speed_mm_s: int) -> None:
@@ -79,7 +79,9 @@ class PointFocuser:
         return self.drive(content), REGISTER_BITS
 
 
-def radiated_drive(latched: Drive, correction: bytes, ceiling: int, gain: float) -> Drive:
+def radiated_drive_of_registers(
+    latched: Drive, correction: bytes, ceiling: int, gain: float
+) -> Drive:
     """Return the radiated drive: correction added, ceiling and ramp applied.
 
     Parameters

@@ -58,7 +58,7 @@ class QueueEntry:
     commanded_bits: int
 
 
-class StreamQueue:
+class BoardQueue:
     """A first-in-first-out queue of bounded depth, never sorted."""
 
     def __init__(self, depth: int) -> None:

@@ -17,7 +17,7 @@ NEVER_US: Final = 1 << 62  # deadline of a timer that does not run
 
 
 @dataclass(slots=True)
-class OutputTimer:
+class BoardTimer:
     """Full output until ``deadline_us``, silence from ``end_us`` on."""
 
     reason: MuteReason
@@ -41,7 +41,7 @@ class OutputTimer:
         return left_us / (self.end_us - self.deadline_us) if left_us > 0 else 0.0
 
 
-class OutputTimers:
+class BoardTimers:
     """Lease and hold of an armed board.
 
     Parameters
@@ -52,8 +52,8 @@ class OutputTimers:
 
     def __init__(self, *, graded: bool) -> None:
         self._graded = graded
-        self._lease = OutputTimer(MuteReason.HOST_SILENT)
-        self._hold = OutputTimer(MuteReason.HOLD_EXPIRED)
+        self._lease = BoardTimer(MuteReason.HOST_SILENT)
+        self._hold = BoardTimer(MuteReason.HOLD_EXPIRED)
 
     def disarm(self) -> None:
         """Stop both timers: the output is off anyway."""
@@ -77,12 +77,12 @@ class OutputTimers:
             renewed_us = max(now_us, last_latch_us + config.hold_ms * 1000)
             self._hold.restart(renewed_us, self._ramp_us(config))
 
-    def first_deadline(self) -> OutputTimer:
+    def first_deadline(self) -> BoardTimer:
         """Return the timer that runs out first."""
         lease, hold = self._lease, self._hold
         return lease if lease.deadline_us <= hold.deadline_us else hold
 
-    def first_end(self) -> OutputTimer:
+    def first_end(self) -> BoardTimer:
         """Return the timer that silences the output first."""
         lease, hold = self._lease, self._hold
         return lease if lease.end_us <= hold.end_us else hold

@@ -26,7 +26,7 @@ _FEATURE = {
 }
 
 
-class _Pending:
+class _BoardUpload:
     """An upload that has begun: its bytes, and which of them have come."""
 
     def __init__(self, begin: UploadBegin) -> None:
@@ -72,15 +72,15 @@ class Upload:
         piece = self.data[index * self.frame_size : (index + 1) * self.frame_size]
         if self.begin.kind is UploadKind.PHASES:
             return full_amplitude_registers(piece, 8)
-        return _uploaded_points(piece)
+        return _points_uploaded_to_board(piece)
 
 
-class Uploads:
+class BoardUploads:
     """At most one upload at a time; a new one abandons the old."""
 
     def __init__(self, settings: BoardSettings) -> None:
         self._settings = settings
-        self._pending: _Pending | None = None
+        self._pending: _BoardUpload | None = None
 
     @property
     def has_begun(self) -> bool:
@@ -110,7 +110,7 @@ class Uploads:
             raise RefusalError(ErrorCode.UNSUPPORTED, begin.TYPE, f"no {begin.kind.name} uploads")
         self._check_target(begin)
         self._check_size(begin, room)
-        self._pending = _Pending(begin)
+        self._pending = _BoardUpload(begin)
 
     def chunk(self, chunk: UploadChunk) -> int:
         """Store a piece; return how many bytes from the start are there without a gap.
@@ -153,7 +153,7 @@ class Uploads:
             raise RefusalError(ErrorCode.CRC_MISMATCH, crc, text)
         return Upload(pending.begin, bytes(pending.data), self._frame_size(pending.begin))
 
-    def _expect(self) -> _Pending:
+    def _expect(self) -> _BoardUpload:
         assert self._pending is not None  # the board refuses it unless `has_begun`
         return self._pending
 
@@ -187,6 +187,6 @@ class Uploads:
         return self._settings.count
 
 
-def _uploaded_points(piece: bytes) -> tuple[FocalPoint, ...]:
+def _points_uploaded_to_board(piece: bytes) -> tuple[FocalPoint, ...]:
     size = FocalPoint.LAYOUT.size
     return tuple(FocalPoint.unpack(piece[i : i + size]) for i in range(0, len(piece), size))

@@ -52,7 +52,7 @@ _NO_FRAMES: Final = frozenset({_OF_WHOLE_FRAMES, "bytes_strange", "bytes_beyond_
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Unshown:
+class UnshownToClient:
     """Frames and bytes of a client since the last latch, which show nothing yet.
 
     Attributes
@@ -151,7 +151,7 @@ class ClientRemarks:
         for kind in _CLUES.keys() & told:  # a start that no board heard came all the same
             self._strange.setdefault(kind, size)
 
-    def take(self, data: bytes, unshown: Unshown, t_us: int) -> None:
+    def take(self, data: bytes, unshown: UnshownToClient, t_us: int) -> None:
         """Look at bytes whose frames have been taken down."""
         if not data:
             return
@@ -164,7 +164,7 @@ class ClientRemarks:
             self._say_commits(unshown, t_us)
             self._say_clues(t_us)
 
-    def silent(self, unshown: Unshown, t_us: int) -> None:
+    def silent(self, unshown: UnshownToClient, t_us: int) -> None:
         """Look at what came before a silence."""
         self._compare(unshown, t_us)
         if unshown.unfinished:
@@ -178,7 +178,7 @@ class ClientRemarks:
                 self._strange.setdefault(kind, 0)
         self._say_clues(t_us)
 
-    def left(self, unshown: Unshown, t_us: int) -> None:
+    def left(self, unshown: UnshownToClient, t_us: int) -> None:
         """Look at all that came before the client left; the next one is judged anew."""
         if self._came:
             waits = unshown.whole and not unshown.unfinished
@@ -204,7 +204,7 @@ class ClientRemarks:
     def _sizes_text(self) -> str:
         return " or ".join(map(str, self._sizes))
 
-    def _say_commits(self, unshown: Unshown, t_us: int) -> None:
+    def _say_commits(self, unshown: UnshownToClient, t_us: int) -> None:
         """Say that frames follow each other without the command that shows them."""
         if unshown.is_without_commit:
             text = f"frames follow each other without a commit ({unshown.commit}), which shows one"
@@ -221,7 +221,7 @@ class ClientRemarks:
             self._told_own = self._is_own
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
-    def _compare(self, unshown: Unshown, t_us: int) -> None:
+    def _compare(self, unshown: UnshownToClient, t_us: int) -> None:
         """Say once of each client that its bytes look like another wire."""
         if self._is_own or self._is_other or not self._first_bytes:
             return

@@ -162,13 +162,13 @@ class DoubleBuffer(LatchingUnit):
             return PulseDrive.off(len(codes), registers.steps)
         off = registers.rules.off
         return PulseDrive(
-            _values_where_on(codes, codes * registers.steps // off, off),
-            _values_where_on(codes, widths.astype(np.uint16), off),
+            _buffered_values_where_on(codes, codes * registers.steps // off, off),
+            _buffered_values_where_on(codes, widths.astype(np.uint16), off),
             registers.steps,
         )
 
 
-def _values_where_on(
+def _buffered_values_where_on(
     codes: NDArray[np.uint16], values: NDArray[np.uint16], off: int
 ) -> NDArray[np.uint16]:
     """Return *values*, and 0 for channels whose code is *off*."""

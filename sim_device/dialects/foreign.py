@@ -14,7 +14,7 @@ from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 
 from ..board.clock import earliest_board_time
 from ..board.events import Notice, PulseLatch
-from .client_remarks import ClientRemarks, Unshown
+from .client_remarks import ClientRemarks, UnshownToClient
 from .unit import HoldsBackUnit, Unit
 
 PAUSE_US: Final = 30_000  # between bytes: what comes then may be another frame
@@ -192,12 +192,12 @@ class VirtualForeignDialect:
                 self._own["reply_bytes_dropped"] += len(data) - room
             self._output += data[:room]
 
-    def _unshown(self) -> Unshown:
+    def _unshown(self) -> UnshownToClient:
         """Return what came since the last latch and has shown nothing."""
         kinds, end = self._counted_since_latch().keys(), self._commits
         if end is None:
-            return Unshown(self._end.pending, kinds=kinds)
-        return Unshown(end.unfinished, end.uncommitted, end.commit, kinds)
+            return UnshownToClient(self._end.pending, kinds=kinds)
+        return UnshownToClient(end.unfinished, end.uncommitted, end.commit, kinds)
 
     def _counted_since_latch(self) -> dict[str, int]:
         counters = self._end.counters + self._unit.counters

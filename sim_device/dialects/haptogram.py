@@ -257,18 +257,22 @@ class VirtualHaptogramDialect:
     def _content(self, message: Phases | Drives | Points) -> Content:
         count = self.board.settings.count
         if isinstance(message, Points):
-            _refuse_unless(len(message.points) <= self.board.settings.max_points, "too many points")
+            _refuse_by_dialect_unless(
+                len(message.points) <= self.board.settings.max_points, "too many points"
+            )
             return message.points
         if isinstance(message, Drives):
-            _refuse_unless(len(message.data) == 2 * count, "not 2 N codes", "bad_length")
-            _refuse_unless(message.bits is PhaseFormat.BITS_8, f"drives of {message.bits} bits")
-            _refuse_unless(message.bank == 0, f"bank {message.bank}, there is 0")
+            _refuse_by_dialect_unless(len(message.data) == 2 * count, "not 2 N codes", "bad_length")
+            _refuse_by_dialect_unless(
+                message.bits is PhaseFormat.BITS_8, f"drives of {message.bits} bits"
+            )
+            _refuse_by_dialect_unless(message.bank == 0, f"bank {message.bank}, there is 0")
             return split_register_codes(message.data)
         known = message.bits in self.board.settings.phase_formats
         # without bits there is no right length
-        _refuse_unless(known, f"phases of {message.bits} bits")
+        _refuse_by_dialect_unless(known, f"phases of {message.bits} bits")
         codes = unpack_phases(message.data, message.bits, count)
-        _refuse_unless(message.bank == 0, f"bank {message.bank}, there is 0")
+        _refuse_by_dialect_unless(message.bank == 0, f"bank {message.bank}, there is 0")
         return full_amplitude_registers(codes, message.bits)
 
     def _greet(self, hello: Hello, request: RequestReceived) -> None:
@@ -407,7 +411,7 @@ def _unsupported_by_board(features: Feature) -> frozenset[type[Message]]:
     return frozenset(lacking + useless)
 
 
-def _refuse_unless(holds: bool, text: str, reason: str = "bad_value") -> None:
+def _refuse_by_dialect_unless(holds: bool, text: str, reason: str = "bad_value") -> None:
     if not holds:
         raise RemoteProtocolError(text, reason=reason)
 

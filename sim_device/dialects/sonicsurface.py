@@ -32,7 +32,7 @@ _TICKS_HZ: Final = 640_000  # of the tactile firmware: one emitter is switched e
 _PRIMARY: Final = Registers(wire.RULES, steps=32, width=16)
 
 
-def sonicsurface_triangle(step: int) -> Modulation:
+def sonicsurface_dialect_triangle(step: int) -> Modulation:
     """Return the modulation of the tactile firmware: emitters go one by one, and come back."""
     on = np.minimum(np.arange(2 * _EMITTERS), np.arange(2 * _EMITTERS, 0, -1))
     samples = (on * 255 // _EMITTERS).astype(np.uint8).tobytes()
@@ -45,7 +45,7 @@ _TACTILE: Final = Registers(
     width=wire.TACTILE_WIDTH,
     at_power_up=wire.OFF,
     correction=wire.TACTILE_CORRECTION,
-    modulation=sonicsurface_triangle,
+    modulation=sonicsurface_dialect_triangle,
 )
 
 
@@ -56,7 +56,7 @@ class Stack(Settings):
     boards: int = option(1, unit="N", low=1, high=2, help="1: a primary; 2: also a secondary")
 
 
-def sonicsurface_mounting(array: TransducerArray) -> Calibration:
+def sonicsurface_dialect_mounting(array: TransducerArray) -> Calibration:
     """Return the mounting phases of the tactile board's emitters, which its correction undoes."""
     added = np.frombuffer(wire.TACTILE_CORRECTION, np.uint8).astype(np.float64)
     phases_rad: FloatArray = -math.tau / 32 * added
@@ -76,5 +76,5 @@ TACTILE: Final = Emulation(
     end=lambda _: wire.TACTILE.board(),
     unit=lambda _, now_us: DoubleBuffer(_TACTILE, 1, now_us, MODULATION_AT_POWER_UP),
     layout=lambda _: ONE_SONICSURFACE,
-    mounting=sonicsurface_mounting,
+    mounting=sonicsurface_dialect_mounting,
 )

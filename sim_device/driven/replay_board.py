@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 from haptogram.records.latch import LatchRecord
 from haptogram.settings.board import BoardConfig
 
-from ..backdoor.recorder import InlineReconstruction
+from ..backdoor.recorder import InlineReconstructionWorker
 from ..backdoor.records import Record
 from ..blueprint import blueprint_of
 from ..board.events import AnyLatch, Latch, Notice
@@ -31,7 +31,9 @@ class VirtualReplayBoard:
     def __init__(self, config: BoardConfig, *, paced: bool) -> None:
         blueprint = blueprint_of(config)
         self._seen: list[Seen] = []
-        self._records = InlineReconstruction(blueprint.settings, self._keep, reconstruct=False)
+        self._records = InlineReconstructionWorker(
+            blueprint.settings, self._keep, reconstruct=False
+        )
         self._seen.clear()  # of the record of the board itself
         self._simulation = Simulation(
             blueprint.settings, self, paced=paced, parts=blueprint.parts, faults=blueprint.faults

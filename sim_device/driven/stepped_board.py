@@ -22,7 +22,7 @@ from ..assembly import HEALTHY
 from ..board.settings import BoardSettings
 
 
-class SteppedBoard:
+class VirtualSteppedBoard:
     """A healthy board whose time is an argument.
 
     Parameters
@@ -79,7 +79,7 @@ def _settings_of_stepped_board(limits: dict[str, Any]) -> BoardSettings:
 
 def run_stepped_board(words: list[str], lines: Iterable[str], answers: TextIO) -> None:
     """Answer every line of *lines* by one line."""
-    board = SteppedBoard(_settings_of_stepped_board(json.loads(words[0])))
+    board = VirtualSteppedBoard(_settings_of_stepped_board(json.loads(words[0])))
     for line in lines:
         answers.write(board.step(line) + "\n")
         answers.flush()

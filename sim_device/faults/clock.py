@@ -42,7 +42,7 @@ def faulty_clock(plan: FaultPlan, healthy: DeviceClock) -> DeviceClock:
     return dataclasses.replace(healthy, boot_us=boot_us, changes=tuple(changes))
 
 
-def clock_changes(plan: FaultPlan, clock: DeviceClock) -> Iterator[tuple[str, int]]:
+def clock_fault_changes(plan: FaultPlan, clock: DeviceClock) -> Iterator[tuple[str, int]]:
     """Yield each fault that changes *clock*, which has the faults, and when its change begins."""
     for fault in plan.faults:
         if fault.name == "clock.wrap":

@@ -91,7 +91,7 @@ def _header_fault(change: _Change) -> Rewrite:
     return rewrite
 
 
-def _shifted_header(by_us: float, header: Header) -> dict[str, int]:
+def _shifted_header_by_fault(by_us: float, header: Header) -> dict[str, int]:
     timed = header.type in STREAM_RANGE and not header.flags & Flag.IMMEDIATE
     return {"time_us": (header.time_us + round(by_us)) & 0xFFFFFFFF} if timed else {}
 
@@ -117,10 +117,10 @@ FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
             _header_fault(lambda _, values: {"type": round(values["type"])})
         ),
         "frame.past": fault_on_frames(
-            _header_fault(lambda header, values: _shifted_header(-values["us"], header))
+            _header_fault(lambda header, values: _shifted_header_by_fault(-values["us"], header))
         ),
         "frame.future": fault_on_frames(
-            _header_fault(lambda header, values: _shifted_header(values["us"], header))
+            _header_fault(lambda header, values: _shifted_header_by_fault(values["us"], header))
         ),
     }
 )

@@ -20,10 +20,10 @@ from haptogram.settings.faults.plan import Fault, FaultPlan
 from ..board.clock import DeviceClock, earliest_board_time
 from ..board.events import AnyLatch, FaultsCounted
 from ..board.settings import BoardSettings
-from .clock import clock_changes
+from .clock import clock_fault_changes
 from .frames import FRAME_FAULTS
 from .line import LINE_FAULTS, FaultChunk
-from .phasors import Phasors
+from .phasors import FaultyPhasors
 from .reports import REPORT_FAULTS
 from .transducers import FaultContext, fault_place, faulty_drive
 
@@ -89,7 +89,7 @@ class FaultInjector:
     def __init__(self, plan: FaultPlan, settings: BoardSettings, clock: DeviceClock) -> None:
         self.plan = plan
         self._counts = {fault.name: 0 for fault in plan.faults}
-        self._on_clock = list(clock_changes(plan, clock))
+        self._on_clock = list(clock_fault_changes(plan, clock))
         self._places = [
             fault_place(fault, settings) if is_transducer_fault(fault.name) else slice(0, 0)
             for fault in plan.faults
@@ -97,7 +97,7 @@ class FaultInjector:
         self._disconnects = list(plan.named("line.disconnect"))
         self._away: Fault | None = None
         self._acts_on_transducers = any(is_transducer_fault(fault.name) for fault in plan.faults)
-        self._before: Phasors | None = None
+        self._before: FaultyPhasors | None = None
         self._before_us = 0
         self._reached: dict[int, NDArray[np.complex128]] = {}
 
@@ -135,7 +135,7 @@ class FaultInjector:
         """Return *latch* with the drive that its faulty transducers radiate."""
         if not self._acts_on_transducers:
             return latch
-        healthy = radiated = Phasors.of_latch(latch)
+        healthy = radiated = FaultyPhasors.of_latch(latch)
         for number, fault, source in _faults_on_transducers(self.plan, t_ns):
             now = FaultContext(
                 healthy=healthy,
@@ -149,7 +149,7 @@ class FaultInjector:
             if now.reached is not None:
                 self._reached[number] = now.reached
             # In the latch's own codes; the phase of what is silent is no difference.
-            changed = Phasors.of_latch(changed.on(latch))
+            changed = FaultyPhasors.of_latch(changed.on(latch))
             if not np.array_equal(changed.weights(), radiated.weights()):
                 self._counts[fault.name] += 1
                 radiated = changed

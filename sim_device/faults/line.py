@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
-from ..line.sampling import sample_characters
+from ..line.sampling import sample_uart_characters
 
 _NS_PER_US: Final = 1_000
 _NS_PER_MS: Final = 1_000_000
@@ -114,7 +114,9 @@ def _baud_fault(
     chunks: list[FaultChunk], values: Values, _: random.Random
 ) -> tuple[list[FaultChunk], int]:
     ratio = 1 + values["ppm"] / 1e6
-    received = [FaultChunk(chunk.t_ns, sample_characters(chunk.data, ratio)[0]) for chunk in chunks]
+    received = [
+        FaultChunk(chunk.t_ns, sample_uart_characters(chunk.data, ratio)[0]) for chunk in chunks
+    ]
     changed = sum(new != old for new, old in zip(received, chunks, strict=True))
     return received, changed
 

@@ -19,7 +19,7 @@ _CODES: Final = 256  # phase codes of a register
 
 
 @dataclass(frozen=True, slots=True)
-class Phasors:
+class FaultyPhasors:
     """Phases and amplitudes of all transducers.
 
     Attributes
@@ -34,12 +34,12 @@ class Phasors:
     amplitudes: FloatArray
 
     @classmethod
-    def of_weights(cls, weights: ComplexArray) -> Phasors:
+    def of_weights(cls, weights: ComplexArray) -> FaultyPhasors:
         """Return the phasors of complex weights."""
         return cls(np.angle(weights) / math.tau % 1.0, np.abs(weights))
 
     @classmethod
-    def of_latch(cls, latch: AnyLatch) -> Phasors:
+    def of_latch(cls, latch: AnyLatch) -> FaultyPhasors:
         """Return the phasors that *latch* radiates."""
         if isinstance(latch, Latch):
             drive = latch.radiated

@@ -19,7 +19,7 @@ from haptogram.settings.faults.plan import Fault
 
 from ..board.settings import BoardSettings
 from .line import Values
-from .phasors import Phasors
+from .phasors import FaultyPhasors
 
 BANK: Final = 64  # transducers that one driver chip feeds, one after the other
 _CODES: Final = 256  # of a phase, as faults are written
@@ -31,11 +31,11 @@ class FaultContext:
 
     Attributes
     ----------
-    healthy : Phasors
+    healthy : FaultyPhasors
         Drive without any fault.
-    drive : Phasors
+    drive : FaultyPhasors
         Drive after the faults before this one.
-    before : Phasors or None
+    before : FaultyPhasors or None
         The previous drive without any fault.
     since_us : int
         Device time between the two.
@@ -45,9 +45,9 @@ class FaultContext:
         Weights that slow transducers have reached: before the latch, and afterwards at its end.
     """
 
-    healthy: Phasors
-    drive: Phasors
-    before: Phasors | None
+    healthy: FaultyPhasors
+    drive: FaultyPhasors
+    before: FaultyPhasors | None
     since_us: int
     place: slice
     reached: NDArray[np.complex128] | None = None
@@ -103,7 +103,7 @@ def _slow_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
         rest = math.exp(-now.since_us / values["us"])
         target = target + (now.reached - target) * rest
     now.reached = target
-    shown = Phasors.of_weights(target)
+    shown = FaultyPhasors.of_weights(target)
     return shown.turns, shown.amplitudes
 
 
@@ -122,12 +122,12 @@ _DEVICE_FAULTS: Final[Mapping[str, _Act]] = MappingProxyType(
 )
 
 
-def faulty_drive(fault: Fault, now: FaultContext, source: random.Random) -> Phasors:
+def faulty_drive(fault: Fault, now: FaultContext, source: random.Random) -> FaultyPhasors:
     """Return the drive that is radiated instead of ``now.drive``."""
     turns, amplitudes = now.drive.turns.copy(), now.drive.amplitudes.copy()
     act = _DEVICE_FAULTS[fault.name]
     turns[now.place], amplitudes[now.place] = act(now, fault.values, source)
-    return Phasors(turns, amplitudes)
+    return FaultyPhasors(turns, amplitudes)
 
 
 def fault_place(fault: Fault, settings: BoardSettings) -> slice:

@@ -12,7 +12,7 @@ from haptogram.machine.posix import posix_module
 
 from .port import BoardPort
 from .pty_link import INSTEAD_OF_PTY, PtyLink
-from .terminal_rate import UNTOUCHED_BAUD, terminal_baud
+from .terminal_rate import UNTOUCHED_BAUD, baud_of_pty
 
 _CLOSED: Final = -1
 
@@ -55,7 +55,7 @@ class PtyPort(BoardPort):
     @property
     def client_baud(self) -> int | None:
         """Rate that the client has set; None: none, or the system does not tell."""
-        baud = None if self._slave == _CLOSED else terminal_baud(self._slave)
+        baud = None if self._slave == _CLOSED else baud_of_pty(self._slave)
         return None if baud == UNTOUCHED_BAUD else baud
 
     def reading(self) -> list[int]:

@@ -17,11 +17,11 @@ _STOP_MIDDLE: Final = BITS_PER_BYTE - 0.5
 
 
 def is_baud_understood(ratio: float) -> bool:
-    """Return True if every character arrives whole; see :func:`sample_characters`."""
+    """Return True if every character arrives whole; see :func:`sample_uart_characters`."""
     return abs(_STOP_MIDDLE * (ratio - 1)) < 0.5
 
 
-def sample_characters(data: bytes, ratio: float) -> tuple[bytes, int]:
+def sample_uart_characters(data: bytes, ratio: float) -> tuple[bytes, int]:
     """Return the received characters of *data*, sent back to back on an idle line.
 
     Parameters
@@ -40,7 +40,7 @@ def sample_characters(data: bytes, ratio: float) -> tuple[bytes, int]:
     """
     if is_baud_understood(ratio):
         return data, 0
-    levels = _line_levels(data)
+    levels = _uart_line_levels(data)
     received, errors, at = bytearray(), 0, 1
     while (edge := levels.find(b"\x01\x00", at - 1)) >= 0:
         edge += 1  # the bit that is low
@@ -55,7 +55,7 @@ def sample_characters(data: bytes, ratio: float) -> tuple[bytes, int]:
     return bytes(received), errors
 
 
-def _line_levels(data: bytes) -> bytes:
+def _uart_line_levels(data: bytes) -> bytes:
     """Return the line, one level for each bit of the sender, idle before and after."""
     levels = bytearray(b"\x01")
     for byte in data:

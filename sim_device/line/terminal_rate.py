@@ -20,7 +20,7 @@ _TCGETS2: Final = 0x802C542A  # asm-generic/ioctls.h: as the names of termios ha
 _TERMIOS2: Final = struct.Struct("4IB19x2I")  # flags, line, characters, rates in and out
 
 
-def terminal_baud(descriptor: int) -> int | None:
+def baud_of_pty(descriptor: int) -> int | None:
     """Return the rate at which *descriptor* sends, or None where the system does not tell."""
     if not sys.platform.startswith("linux"):
         return None

@@ -17,7 +17,7 @@ from typing import Final, TypeAlias
 
 from haptogram.settings.line import LineSettings
 
-from .sampling import BITS_PER_BYTE, sample_characters
+from .sampling import BITS_PER_BYTE, sample_uart_characters
 
 USB_PACKET_BYTES: Final = 62  # of 64; two tell the state of the modem lines
 _NS_PER_S: Final = 1_000_000_000
@@ -84,7 +84,7 @@ class Uart:
         """Put *data* on the line at *t_ns*, behind what is there already."""
         if not data:
             return
-        received, errors = sample_characters(data, self._ratio)
+        received, errors = sample_uart_characters(data, self._ratio)
         self.framing += errors
         burst = _Burst(max(t_ns, self._free_ns), bytes(received), len(data))
         self._free_ns = self._end_ns(burst, len(received))

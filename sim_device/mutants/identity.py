@@ -9,7 +9,7 @@ from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import Element, GeometryReply, HelloReply
 
 from ..board.clock import DeviceClock
-from ..board.output import OutputStage
+from ..board.output import BoardOutput
 from .mutant import Mutant
 from .replies import LyingMutant
 
@@ -116,7 +116,7 @@ class ClockFromTheWrap(DeviceClock):
         return super().reached_ns(device_us + self.boot_us - _WRAP)
 
 
-class CarrierOf32Bits(OutputStage):
+class CarrierOf32Bits(BoardOutput):
     """Counts its carrier periods in 32 bits: behind the wrap they begin anew."""
 
     def boundary_us(self, t_us: int) -> int:

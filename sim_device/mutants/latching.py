@@ -14,10 +14,10 @@ from haptogram_protocol.messages import DriveKind, ErrorCode, ReadDrive, Trace, 
 
 from ..board.board import Board
 from ..board.counters import Drop
-from ..board.output import OutputStage
+from ..board.output import BoardOutput
 from ..board.registers import Content, to_registers
-from ..board.stream_queue import QueueEntry, StreamFrame, StreamQueue
-from ..board.uploads import Uploads
+from ..board.stream_queue import BoardQueue, QueueEntry, StreamFrame
+from ..board.uploads import BoardUploads
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
@@ -75,7 +75,7 @@ class LateUnmarked(Board):
         return dataclasses.replace(super()._entry(frame), late=False)
 
 
-class NonAtomic(OutputStage):
+class NonAtomic(BoardOutput):
     """Swaps the second half of the transducers one latch after the first half."""
 
     def latch(self, key: Any, drive: Drive, bits: int, **how: Any) -> None:
@@ -85,7 +85,7 @@ class NonAtomic(OutputStage):
         super().latch(key, _mutant_halves(drive, before), bits, **how)
 
 
-class OffByOneBank(OutputStage):
+class OffByOneBank(BoardOutput):
     """Latches the drive of the frame before: it swaps the wrong buffer."""
 
     _filled: Drive | None = None
@@ -97,7 +97,7 @@ class OffByOneBank(OutputStage):
         super().latch(key, shown, bits, **how)
 
 
-class TwoInOnePeriod(StreamQueue):
+class TwoInOnePeriod(BoardQueue):
     """Latches both of two frames that fall on one carrier period."""
 
     def push(self, entry: QueueEntry) -> int:
@@ -106,7 +106,7 @@ class TwoInOnePeriod(StreamQueue):
         return 0
 
 
-class QueueHalfAsDeep(StreamQueue):
+class QueueHalfAsDeep(BoardQueue):
     """Has room for half as many frames as it says."""
 
     def __init__(self, depth: int) -> None:
@@ -189,7 +189,7 @@ class PlaybackRoundsUp(Board):
         super().play(sequence, **how)
 
 
-class UploadUnchecked(Uploads):
+class UploadUnchecked(BoardUploads):
     """Takes an upload whatever its CRC is."""
 
     def commit(self, commit: UploadCommit) -> Any:

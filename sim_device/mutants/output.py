@@ -19,9 +19,9 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ..board.board import Board
 from ..board.clock import DeviceClock
 from ..board.events import StateChange
-from ..board.output import OutputStage
-from ..board.registers import radiated_drive
-from ..board.timers import OutputTimers
+from ..board.output import BoardOutput
+from ..board.registers import radiated_drive_of_registers
+from ..board.timers import BoardTimers
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
@@ -75,7 +75,7 @@ class MuteKeepsQueue(Board):
         return super()._next_due() if self.state is OutputState.ARMED else None
 
 
-class MuteReasonKept(OutputStage):
+class MuteReasonKept(BoardOutput):
     """Keeps the reason of the timer that had muted it when MUTE comes."""
 
     def mute(self, *, requested: bool = True) -> None:
@@ -86,7 +86,7 @@ class MuteReasonKept(OutputStage):
             self.reason = reason
 
 
-class MuteTakesTheFault(OutputStage):
+class MuteTakesTheFault(BoardOutput):
     """Says in FAULT that MUTE switched it off."""
 
     def mute(self, *, requested: bool = True) -> None:
@@ -95,7 +95,7 @@ class MuteTakesTheFault(OutputStage):
         self.reason = MuteReason.MUTE
 
 
-class DisarmTakesTheReason(OutputStage):
+class DisarmTakesTheReason(BoardOutput):
     """Says that DISARM switched it off when it was muted before."""
 
     def disarm(self) -> None:
@@ -111,7 +111,7 @@ class DisarmIgnored(Board):
         """Do nothing."""
 
 
-class ArmLeavesFullOutput(OutputStage):
+class ArmLeavesFullOutput(BoardOutput):
     """Sounds at once when it is armed again: with the last drive."""
 
     def arm(self) -> None:
@@ -120,7 +120,7 @@ class ArmLeavesFullOutput(OutputStage):
         self._sounding = self.latched is not None
 
 
-class SoundsInMuted(OutputStage):
+class SoundsInMuted(BoardOutput):
     """Goes on sounding when MUTE is carried out."""
 
     def radiated(self, t_us: int) -> Drive:
@@ -128,14 +128,14 @@ class SoundsInMuted(OutputStage):
         return self._radiate(self.latched.drive, t_us) if self.latched else self._silence
 
 
-class WatchdogMissing(OutputStage):
+class WatchdogMissing(BoardOutput):
     """Never misses the host: the lease does not run."""
 
     def renew_lease(self) -> None:
         """Do nothing."""
 
 
-class WatchdogTooSlow(OutputTimers):
+class WatchdogTooSlow(BoardTimers):
     """Misses the host after three times the time that was set."""
 
     def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:
@@ -144,7 +144,7 @@ class WatchdogTooSlow(OutputTimers):
         super().renew_lease(now_us, slow, unattended_ms)
 
 
-class HoldMissing(OutputTimers):
+class HoldMissing(BoardTimers):
     """Holds the last drive for ever when the stream stops."""
 
     def latched(self, _: int, config: Config) -> None:
@@ -152,14 +152,14 @@ class HoldMissing(OutputTimers):
         super().latched(_NEVER_US, config)
 
 
-class RampSkipped(OutputTimers):
+class RampSkipped(BoardTimers):
     """Goes off at once where it should fade."""
 
     def _ramp_us(self, _: Config) -> int:
         return 0
 
 
-class RampInEightSteps(OutputTimers):
+class RampInEightSteps(BoardTimers):
     """Fades in eight steps, however long the ramp is."""
 
     def gain(self, t_us: int) -> float:
@@ -167,7 +167,7 @@ class RampInEightSteps(OutputTimers):
         return math.ceil(8 * super().gain(t_us)) / 8
 
 
-class TimeoutsUncounted(OutputStage):
+class TimeoutsUncounted(BoardOutput):
     """Does not count mutes by a timer."""
 
     def _time_out(self) -> None:
@@ -187,29 +187,29 @@ class StateChangeUnsaid(VirtualHaptogramDialect):
         super().collect()
 
 
-class CeilingIgnored(OutputStage):
+class CeilingIgnored(BoardOutput):
     """Radiates amplitudes above the ceiling."""
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        return radiated_drive(drive, self.correction, 255, self._timers.gain(t_us))
+        return radiated_drive_of_registers(drive, self.correction, 255, self._timers.gain(t_us))
 
 
-class CeilingBehindTheRamp(OutputStage):
+class CeilingBehindTheRamp(BoardOutput):
     """Fades from the latched amplitude, and cuts at the ceiling what the ramp leaves."""
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
         gain = self._timers.gain(t_us)
-        faded = radiated_drive(drive, self.correction, 255, gain)
+        faded = radiated_drive_of_registers(drive, self.correction, 255, gain)
         none = bytes(self.settings.count)
-        return radiated_drive(faded, none, self.config.amplitude_ceiling, 1.0)
+        return radiated_drive_of_registers(faded, none, self.config.amplitude_ceiling, 1.0)
 
 
-class CorrectionIgnored(OutputStage):
+class CorrectionIgnored(BoardOutput):
     """Radiates without the phase correction."""
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
         gain = self._timers.gain(t_us)
-        return radiated_drive(
+        return radiated_drive_of_registers(
             drive, bytes(self.settings.count), self.config.amplitude_ceiling, gain
         )
 
@@ -246,7 +246,7 @@ class ClockSteps(DeviceClock):
         return steady_us + jumps * _JUMP_US
 
 
-class DeadElement(OutputStage):
+class DeadElement(BoardOutput):
     """Transducer 0 is silent, and the board does not know."""
 
     def _sound(self, radiated: Drive) -> Drive:
@@ -255,7 +255,7 @@ class DeadElement(OutputStage):
         return Drive(radiated.phase_codes, amplitudes)
 
 
-class StuckColumn(OutputStage):
+class StuckColumn(BoardOutput):
     """The first column is driven by phase 0 whatever was latched."""
 
     def _sound(self, radiated: Drive) -> Drive:
@@ -265,14 +265,14 @@ class StuckColumn(OutputStage):
         return Drive(phases, radiated.amplitude_codes)
 
 
-class PhaseInverted(OutputStage):
+class PhaseInverted(BoardOutput):
     """A phase code advances its transducer: the wires of the outputs are crossed."""
 
     def _sound(self, radiated: Drive) -> Drive:
         return Drive(np.uint8(0) - radiated.phase_codes, radiated.amplitude_codes)
 
 
-class OutputsReversed(OutputStage):
+class OutputsReversed(BoardOutput):
     """Transducer n is driven by the codes of transducer N - 1 - n."""
 
     def _sound(self, radiated: Drive) -> Drive:

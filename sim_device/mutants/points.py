@@ -13,7 +13,7 @@ from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import FocalPoint
 
-from ..board.registers import Content, PointFocuser
+from ..board.registers import BoardFocuser, Content
 from ..board.stream_queue import StreamFrame
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
@@ -47,7 +47,7 @@ class PointsInTenths(VirtualHaptogramDialect):
         ]
 
 
-class PointsTwoStepsOff(PointFocuser):
+class PointsTwoStepsOff(BoardFocuser):
     """Computes every fourth phase of focal points two steps too high."""
 
     def drive(self, points: Sequence[FocalPoint]) -> Drive:

@@ -24,7 +24,7 @@ from haptogram_protocol.messages import (
 
 from ..board.board import Board
 from ..board.refusal import RefusalError
-from ..board.uploads import Uploads
+from ..board.uploads import BoardUploads
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
@@ -193,7 +193,7 @@ class StopWantsPlayback(Board):
         super().stop()
 
 
-class GapsLimited(Uploads):
+class GapsLimited(BoardUploads):
     """Holds as many gaps in an upload as its window has chunks, as it may."""
 
     most_gaps: int | None = None

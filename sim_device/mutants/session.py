@@ -10,7 +10,7 @@ from haptogram_protocol.connection import NEED_DATA, BoardConnection
 from haptogram_protocol.messages import STREAM_RANGE, Feature, Hello, HelloReply, signed_difference
 
 from ..board.counters import BoardCounters
-from ..board.output import OutputStage
+from ..board.output import BoardOutput
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
@@ -249,7 +249,7 @@ class SixBitsClaimed(VirtualHaptogramDialect):
         return super()._content(message)
 
 
-class RingClaimed(OutputStage):
+class RingClaimed(BoardOutput):
     """Advertises a trace ring and keeps one latch in it."""
 
     @property

@@ -17,8 +17,8 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from ..board.board import Board
 from ..board.counters import Drop
-from ..board.output import OutputStage
-from ..board.stream_queue import QueueEntry, StreamFrame, StreamQueue
+from ..board.output import BoardOutput
+from ..board.stream_queue import BoardQueue, QueueEntry, StreamFrame
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
@@ -27,7 +27,7 @@ _MS: Final = 1000
 _PAUSE_US: Final = 50_000
 
 
-class SlotKeepsAmplitudes(StreamQueue):
+class SlotKeepsAmplitudes(BoardQueue):
     """Sets the amplitudes of PHASES only in a slot of its queue that PHASES never took before."""
 
     def __init__(self, depth: int) -> None:
@@ -49,7 +49,7 @@ class SlotKeepsAmplitudes(StreamQueue):
         return super().push(entry)
 
 
-class TwoOnOneBoundary(OutputStage):
+class TwoOnOneBoundary(BoardOutput):
     """Latches a frame that comes at the moment of a latch on the same carrier boundary."""
 
     def boundary_us(self, t_us: int) -> int:
@@ -204,7 +204,7 @@ class SessionClearsGaps(BoardConnection):
         self.counters["gap"] = 0
 
 
-class NewTimeoutNextFrame(OutputStage):
+class NewTimeoutNextFrame(BoardOutput):
     """Takes a new host_timeout_ms with the frame behind SET_CONFIG."""
 
     def configure(self, config: Config) -> None:
@@ -221,7 +221,7 @@ class PlayInLateWindow(Board):
         super()._check_play(start_us, ready_us - self.config.late_window_us, unattended_ms)
 
 
-class SilenceNotHeld(OutputStage):
+class SilenceNotHeld(BoardOutput):
     """Lets no hold run for a drive without amplitude."""
 
     def latch(self, key: Any, drive: Drive, bits: int, **how: Any) -> None:
@@ -242,7 +242,7 @@ class DividerOfCrcs(VirtualHaptogramDialect):
         return message if (self._traced - 1) % self.board.config.trace_divider == 0 else None
 
 
-class MuteEmptiesRing(OutputStage):
+class MuteEmptiesRing(BoardOutput):
     """Empties the trace ring with MUTE."""
 
     def mute(self, *, requested: bool = True) -> None:
@@ -251,7 +251,7 @@ class MuteEmptiesRing(OutputStage):
         self._ring.clear()
 
 
-class DisarmAgainTells(OutputStage):
+class DisarmAgainTells(BoardOutput):
     """Takes DISARM for the reason of a state that is DISARMED already."""
 
     def disarm(self) -> None:

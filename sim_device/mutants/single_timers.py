@@ -22,13 +22,13 @@ from haptogram_protocol.messages import (
 
 from ..board.board import Board
 from ..board.counters import Drop
-from ..board.output import OutputStage
-from ..board.playback import Playback
+from ..board.output import BoardOutput
+from ..board.playback import BoardPlayback
 from ..board.refusal import RefusalError
-from ..board.registers import radiated_drive
+from ..board.registers import radiated_drive_of_registers
 from ..board.stream_queue import StreamFrame
-from ..board.timers import NEVER_US, OutputTimers
-from ..board.uploads import Upload, Uploads
+from ..board.timers import NEVER_US, BoardTimers
+from ..board.uploads import BoardUploads, Upload
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
@@ -42,10 +42,10 @@ def _mutant_timer_ms(length_ms: int, unit_us: int, bits: int) -> int:
     return ((length_ms * 1000 // unit_us) & ((1 << bits) - 1)) * unit_us // 1000
 
 
-def _mutant_timer_of_width(field: str, unit_us: int, bits: int) -> type[OutputTimers]:
+def _mutant_timer_of_width(field: str, unit_us: int, bits: int) -> type[BoardTimers]:
     """Return timers that keep one length in so many bits of a unit."""
 
-    class OfWidth(OutputTimers):
+    class OfWidth(BoardTimers):
         def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:
             if unattended_ms is not None and field == "unattended_ms":
                 unattended_ms = _mutant_timer_ms(unattended_ms, unit_us, bits)
@@ -79,7 +79,7 @@ _WIDTHS: Final = {
 # --- Timers ------------------------------------------------------------------------------------
 
 
-class ArmRenewsHold(OutputStage):
+class ArmRenewsHold(BoardOutput):
     """Starts the hold anew with ARM while it is ARMED."""
 
     def arm(self) -> None:
@@ -100,7 +100,7 @@ class StopRenewsHold(Board):
             self.output._timers.latched(self.now_us, self.config)
 
 
-class LatchRenewsLease(OutputStage):
+class LatchRenewsLease(BoardOutput):
     """Starts the lease anew with every latch of the stream."""
 
     def latch(self, key: LatchKey, drive: Drive, bits: int, **more: Any) -> None:
@@ -110,7 +110,7 @@ class LatchRenewsLease(OutputStage):
             self.renew_lease()
 
 
-class PlaybackRenewsUnattended(OutputStage):
+class PlaybackRenewsUnattended(BoardOutput):
     """Starts the unattended time anew with every latch of a playback."""
 
     def latch(self, key: LatchKey, drive: Drive, bits: int, **more: Any) -> None:
@@ -120,7 +120,7 @@ class PlaybackRenewsUnattended(OutputStage):
             self.renew_lease()
 
 
-class HoldOutlivesMute(OutputTimers):
+class HoldOutlivesMute(BoardTimers):
     """Lets the hold run on when the output is switched off."""
 
     def disarm(self) -> None:
@@ -128,14 +128,14 @@ class HoldOutlivesMute(OutputTimers):
         self._lease.stop()
 
 
-class ConfigSparesHold(OutputTimers):
+class ConfigSparesHold(BoardTimers):
     """Gives a hold that runs no new length."""
 
     def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
         """Do nothing."""
 
 
-class ConfigRestartsHold(OutputTimers):
+class ConfigRestartsHold(BoardTimers):
     """Starts a hold that runs anew with SET_CONFIG."""
 
     def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
@@ -143,7 +143,7 @@ class ConfigRestartsHold(OutputTimers):
         super().reconfigure(now_us, max(now_us, last_latch_us), config)
 
 
-class RampFollowsConfig(OutputTimers):
+class RampFollowsConfig(BoardTimers):
     """Gives a ramp that has begun its new length."""
 
     def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
@@ -162,7 +162,7 @@ class RequestsRestartStatus(VirtualHaptogramDialect):
         return reply
 
 
-class CeilingFromNextLatch(OutputStage):
+class CeilingFromNextLatch(BoardOutput):
     """Puts a new ceiling in force with the next latch."""
 
     _ceiling = 255
@@ -173,7 +173,9 @@ class CeilingFromNextLatch(OutputStage):
         super().latch(key, drive, bits, **more)
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        return radiated_drive(drive, self.correction, self._ceiling, self._timers.gain(t_us))
+        return radiated_drive_of_registers(
+            drive, self.correction, self._ceiling, self._timers.gain(t_us)
+        )
 
 
 # --- Refusals ----------------------------------------------------------------------------------
@@ -199,7 +201,7 @@ class RefusedConfigSetsTrace(VirtualHaptogramDialect):
         return super()._set_config(message, request)
 
 
-class RefusedBeginAbandons(Uploads):
+class RefusedBeginAbandons(BoardUploads):
     """Abandons the upload under way for an UPLOAD_BEGIN that it refuses."""
 
     def begin(self, begin: UploadBegin, room: int) -> None:
@@ -208,7 +210,7 @@ class RefusedBeginAbandons(Uploads):
         super().begin(begin, room)
 
 
-class MismatchAbandons(Uploads):
+class MismatchAbandons(BoardUploads):
     """Abandons an upload whose commit it refuses with CRC_MISMATCH."""
 
     def commit(self, commit: UploadCommit) -> Upload:
@@ -232,25 +234,25 @@ class NoUploadWhilePlaying(Board):
 # --- Playback ----------------------------------------------------------------------------------
 
 
-class _Due32(Playback):
+class _Due32(BoardPlayback):
     @property
     def due_us(self) -> int:
         return self.start_us + (self.played * self.period_us & _MASK_32)
 
 
-class _Loops32(Playback):
+class _Loops32(BoardPlayback):
     @property
     def is_over(self) -> bool:
         return self.loops > 0 and self.played >= self.loops * len(self.frames) & _MASK_32
 
 
 class _PlaybackOf(Board):
-    _kind: type[Playback]
+    _kind: type[BoardPlayback]
 
     def play(self, sequence: int, **more: Any) -> None:
         super().play(sequence, **more)
         if (healthy := self._playback) is not None:
-            values = {f.name: getattr(healthy, f.name) for f in dataclasses.fields(Playback)}
+            values = {f.name: getattr(healthy, f.name) for f in dataclasses.fields(BoardPlayback)}
             self._playback = self._kind(**values)
 
 

@@ -10,7 +10,7 @@ import pytest
 import sim_device
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import BackdoorFile, backdoor_observations
+from haptogram.evidence.backdoor import BackdoorFileReader, observations_of_backdoor
 from haptogram.verification import verify_run
 from haptogram_protocol.messages import TraceMode
 
@@ -28,9 +28,9 @@ def run(backdoor, seed, points=CIRCLE, rate_hz=1000):
     with Driver(url, seed=seed, trace=TraceMode.CRC) as driver:
         driver.arm()
         report = driver.stream(points, rate_hz)
-    file = BackdoorFile(backdoor)
+    file = BackdoorFileReader(backdoor)
     file.read()
-    return driver, report, backdoor_observations(file.records, driver.session)
+    return driver, report, observations_of_backdoor(file.records, driver.session)
 
 
 def test_a_run_in_virtual_time_is_exact_and_passes(tmp_path):

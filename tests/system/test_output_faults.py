@@ -10,7 +10,7 @@ import serial
 import sim_device
 from haptogram import Driver, Focus, verify_run
 from haptogram.driver.line.port import PyserialTransport
-from haptogram.evidence.backdoor import backdoor_observations, observations_on_clock_of
+from haptogram.evidence.backdoor import observations_of_backdoor, observations_on_clock_of
 from haptogram.verification import RunVerdict, Verdict
 
 ONE = [Focus((0.01, 0.02, 0.1))]
@@ -25,7 +25,7 @@ def _run(fault: str, reconstruct: int, targets: list) -> RunVerdict:
         driver = Driver(PyserialTransport(port, url), seed=1)
         driver.arm()
         driver.stream(targets * 4, 100, mode="drives")
-        observations = backdoor_observations(port.records, driver.session)
+        observations = observations_of_backdoor(port.records, driver.session)
         driver.close()
     seen = observations_on_clock_of(driver.intended, observations)
     return verify_run(driver.intended, seen, model=driver.model)

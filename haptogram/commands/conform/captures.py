@@ -63,7 +63,7 @@ def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) 
     )
     from haptogram.evidence.recordings.channels import SUMMARY
     from haptogram.evidence.recordings.reader import Recording
-    from haptogram.evidence.recordings.sent_frames import asked_sessions
+    from haptogram.evidence.recordings.sent_frames import recorded_sessions
     from haptogram.report.conformance.result import suite_of
 
     recording = Recording(path)
@@ -79,6 +79,6 @@ def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) 
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigurationError(f"{path}: its result is none of haptogram conform") from error
     records = read_pin_records(config)
-    asked = asked_sessions(recording)
+    asked = recorded_sessions(recording)
     shares = [captured_share_of_run(record, asked, str(path)) for record in records]
     return suite_with_clauses_by_pins(suite, judge_clauses_by_pins(records, expected), shares)

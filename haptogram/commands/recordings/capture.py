@@ -65,11 +65,11 @@ def run(arguments: argparse.Namespace) -> int:
     outputs = Outputs(arguments, "json")
     mapped = ChannelMap.from_file(Path(arguments.map))
     found = measure_capture(read_capture(Path(arguments.file)), mapped)
-    wrong = told.findings_of(found, active_low=mapped.settings.active_low)
-    lines = told.summary_of(found)
+    wrong = told.findings_of_capture(found, active_low=mapped.settings.active_low)
+    lines = told.summary_of_capture(found)
     if not arguments.quiet:
         lines += [*_elements(found), *_latches(found)]
-    lines += [f"note: {note}" for note in told.notes_of(found)]
+    lines += [f"note: {note}" for note in told.notes_of_capture(found)]
     lines += [f"wrong: {text}" for text in wrong] or ["nothing wrong was found"]
     print("\n".join(lines), file=outputs.text)
     for path in outputs.paths.values():
@@ -102,12 +102,12 @@ def _element(row: ElementDrives) -> str:
 
 
 def _latches(found: CaptureDrives) -> Iterator[str]:
-    from haptogram.evidence.captures.findings import is_silent_after
+    from haptogram.evidence.captures.findings import is_capture_silent_after
 
     yield f"{'latch':<7}{'at ms':>12}{'channels':>10}{'within µs':>11}"
     for number, latch in enumerate(found.latches):
         torn = "  torn" if found.is_torn(latch) else ""
-        silent = "  silent from here" if is_silent_after(found, number) else ""
+        silent = "  silent from here" if is_capture_silent_after(found, number) else ""
         skew_us = found.seconds(latch.skew + found.period) * 1e6
         yield (
             f"{number:<7}{found.seconds(latch.begin) * 1e3:>12.4f}{len(latch.changes):>10}"

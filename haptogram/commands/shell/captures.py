@@ -28,12 +28,12 @@ def read_pin_records(config: CaptureConfig) -> list[PinRecord]:
     """
     from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.evidence.captures.files import read_capture
-    from haptogram.evidence.captures.pin_record import pin_record
+    from haptogram.evidence.captures.pin_record import pin_record_of_capture
 
     maps = [ChannelMap.from_file(path) for path in config.channels]
     every = maps * len(config.capture) if len(maps) == 1 else maps
     return [
-        pin_record(read_capture(path), mapped)
+        pin_record_of_capture(read_capture(path), mapped)
         for path, mapped in zip(config.capture, every, strict=True)
     ]
 

@@ -19,7 +19,7 @@ from haptogram.settings.board import BoardConfig
 from .options import WATCHED_BOARD_OPTIONS, watched_board_config
 
 if TYPE_CHECKING:
-    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.evidence.backdoor_stream import BackdoorReader
 
 Record: TypeAlias = dict[str, Any]
 #: From a virtual board and the bytes of a client to the records of its back door.
@@ -121,7 +121,7 @@ class WatchedRecords:
 @contextlib.contextmanager
 def open_records(arguments: argparse.Namespace, replay: Replay) -> Iterator[WatchedRecords]:
     """Open what the command watches; see :class:`WatchedRecords`."""
-    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.evidence.backdoor_stream import BackdoorReader
 
     with contextlib.ExitStack() as parts:
         if arguments.source is None:
@@ -130,14 +130,14 @@ def open_records(arguments: argparse.Namespace, replay: Replay) -> Iterator[Watc
             found = _replayed(replay(_board_config(arguments), _read_bytes(arguments.source)))
         else:
             _refuse_bytes_of_client(arguments.source)
-            stream = parts.enter_context(BackdoorStream(arguments.source))
+            stream = parts.enter_context(BackdoorReader(arguments.source))
             found = WatchedRecords(arguments.source, reader_of(stream))
         parts.callback(found.close)
         yield found
 
 
 def reader_of(
-    stream: BackdoorStream, is_running: Callable[[], bool] = lambda: True
+    stream: BackdoorReader, is_running: Callable[[], bool] = lambda: True
 ) -> Callable[[], list[Record] | None]:
     """Return a function that reads the records of a back door as they come, until it is closed."""
 
@@ -184,7 +184,7 @@ def _refuse_bytes_of_client(source: str) -> None:
 @contextlib.contextmanager
 def _started_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
     """Start a board at --link, and end it with the watch."""
-    from haptogram.evidence.backdoor_stream import BackdoorStream
+    from haptogram.evidence.backdoor_stream import BackdoorReader
     from haptogram.evidence.board_process import BoardProcess
     from haptogram.machine.working_folder import WorkingFolder
     from haptogram.settings.board import BOARD_OPTIONS
@@ -204,7 +204,7 @@ def _started_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
             parts.callback(process.close_pipe)
             parts.callback(process.stop)
             # Opened before the board writes, closed before it ends: neither waits for the other.
-            stream = parts.enter_context(BackdoorStream(str(backdoor)))
+            stream = parts.enter_context(BackdoorReader(str(backdoor)))
             process.wait_until_ready()
             print(f"{arguments.dialect} board at {arguments.link}", file=sys.stderr, flush=True)
             read = reader_of(stream, process.is_running)

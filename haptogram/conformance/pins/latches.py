@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.pins import PinRecord
 from haptogram.verification.pins.line_frames import LineFrame
-from haptogram.verification.pins.run_drives import fundamentals
+from haptogram.verification.pins.run_drives import fundamentals_of_run_drives
 from haptogram.verification.pins.shown_frames import CaptureLimits
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.messages import (
@@ -121,7 +121,9 @@ class _PinsOfLatchClauses:
     @cached_property
     def vectors(self) -> dict[int, _Vectors]:
         """Centre and fundamental of each pulse, by element."""
-        return {element: fundamentals(pin) for element, pin in self.record.pins.items()}
+        return {
+            element: fundamentals_of_run_drives(pin) for element, pin in self.record.pins.items()
+        }
 
     @cached_property
     def limits(self) -> CaptureLimits:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.verification.pins.run_drives import fundamentals
+from haptogram.verification.pins.run_drives import fundamentals_of_run_drives
 from haptogram_protocol.messages import Feature, HelloReply, StateChanged
 from haptogram_protocol.state import MuteReason
 
@@ -53,7 +53,7 @@ def _judge_ramp_clause(
     per_ms = record.carrier_hz * 1e-3
     louder, off_line, seen = [], [], 0
     for element, pin in record.pins.items():
-        centres, vectors = fundamentals(pin)
+        centres, vectors = fundamentals_of_run_drives(pin)
         lead = 2.0 * _TIMER_MS * per_ms
         low, first, high = np.searchsorted(centres, [begin - lead - _BEFORE, begin - lead, end])
         sizes = np.abs(vectors)

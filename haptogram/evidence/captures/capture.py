@@ -106,7 +106,7 @@ class Capture:
         """Sampling rate in hertz: as the file states it, else estimated from the grid of edges."""
         if self.stated_rate_hz is not None:
             return self.stated_rate_hz
-        return 1.0 / (estimated_step(self._times()) * self.tick_s)
+        return 1.0 / (estimated_capture_step(self._times()) * self.tick_s)
 
     def _times(self) -> NDArray[np.int64]:
         some = [channel.times[:100_000] for channel in self.channels.values()]
@@ -130,7 +130,7 @@ class Capture:
             ) from None
 
 
-def estimated_step(times: NDArray[np.int64]) -> float:
+def estimated_capture_step(times: NDArray[np.int64]) -> float:
     """Return the step of the grid that *times* lie on, in their unit; 1 if they lie on none.
 
     An analyser whose step is no whole number of ticks rounds each time to the next tick.
@@ -139,14 +139,14 @@ def estimated_step(times: NDArray[np.int64]) -> float:
     --------
     >>> import numpy as np
     >>> samples = np.array([3, 10, 11, 14, 600, 602, 1203])
-    >>> round(1e3 / estimated_step(np.round(samples * 1e3 / 24).astype(np.int64)), 1)
+    >>> round(1e3 / estimated_capture_step(np.round(samples * 1e3 / 24).astype(np.int64)), 1)
     24.0
     """
     distances = np.unique(np.diff(times)).astype(np.float64)
     if not len(distances):
         return 1.0
     for share in range(1, _MOST_SHARES + 1):
-        step = _refined_step(distances, float(distances[0]) / share)
+        step = _refined_capture_step(distances, float(distances[0]) / share)
         every = np.diff(times)
         every = every[every < _MOST_STEPS * step]
         step = float(every.sum() / np.rint(every / step).sum())
@@ -159,7 +159,7 @@ def estimated_step(times: NDArray[np.int64]) -> float:
     return float(np.gcd.reduce(distances.astype(np.int64)))
 
 
-def _refined_step(distances: NDArray[np.float64], step: float) -> float:
+def _refined_capture_step(distances: NDArray[np.float64], step: float) -> float:
     """Return the step near *step* that *distances* are multiples of, if there is one."""
     # The least distance, and with it the step, is known to a tick: so many steps can be counted.
     least = float(distances[0])

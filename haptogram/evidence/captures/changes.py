@@ -59,7 +59,7 @@ class LatchFound:
         return max(0.0, self.end - self.begin)
 
 
-def carrier_period(rises: _Floats, sample: float) -> float:
+def captured_carrier_period(rises: _Floats, sample: float) -> float:
     """Return the period of a carrier in ticks, from the (P,) *rises* of its pulses.
 
     Distances that differ from the median by more than *sample* ticks have a latch between them.
@@ -67,7 +67,7 @@ def carrier_period(rises: _Floats, sample: float) -> float:
     Examples
     --------
     >>> import numpy as np
-    >>> carrier_period(np.array([0.0, 600, 1200, 1801, 2400, 3000, 3700, 4300]), 1.0)
+    >>> captured_carrier_period(np.array([0.0, 600, 1200, 1801, 2400, 3000, 3700, 4300]), 1.0)
     600.0
     """
     distances = np.diff(rises)
@@ -77,7 +77,7 @@ def carrier_period(rises: _Floats, sample: float) -> float:
     return float(distances[near].mean())
 
 
-def changes_of_channel(
+def captured_changes_of_channel(
     channel: str, rises: _Floats, falls: _Floats, *, period: float, sample: float, end: float
 ) -> list[Change]:
     """Return every change of the pulses of a channel, from 0 to the tick *end*."""
@@ -108,7 +108,7 @@ def changes_of_channel(
     return [Change(channel, min(low, high), high) for low, high in pairs]
 
 
-def found_latches(changes: Mapping[str, Sequence[Change]], *, window: float) -> list[LatchFound]:
+def captured_latches(changes: Mapping[str, Sequence[Change]], *, window: float) -> list[LatchFound]:
     """Return the latches that *changes* by channel make, in order.
 
     Parameters
@@ -123,10 +123,10 @@ def found_latches(changes: Mapping[str, Sequence[Change]], *, window: float) -> 
             groups[-1].append(change)
         else:
             groups.append([change])
-    return [_latch_of_changes(group) for group in groups]
+    return [_captured_latch_of_changes(group) for group in groups]
 
 
-def _latch_of_changes(group: list[Change]) -> LatchFound:
+def _captured_latch_of_changes(group: list[Change]) -> LatchFound:
     firsts: dict[str, Change] = {}
     for change in group:
         firsts.setdefault(change.channel, change)

@@ -128,7 +128,7 @@ class ChannelMap:
                     f'{path}: elements is {elements!r}, must have one {{}}: "e{{}}", or a table'
                 )
             return cls(Path(path), reference, settings, {}, elements)
-        return cls(Path(path), reference, settings, _checked_elements(path, elements))
+        return cls(Path(path), reference, settings, _checked_channel_elements(path, elements))
 
     def joined(self, capture: Capture) -> dict[str, int]:
         """Return the element of each channel that *capture* has, in the order of elements.
@@ -169,7 +169,7 @@ class ChannelMap:
                 )
 
 
-def _checked_elements(path: Path | str, elements: object) -> dict[str, int]:
+def _checked_channel_elements(path: Path | str, elements: object) -> dict[str, int]:
     if not isinstance(elements, dict) or not elements:
         raise ConfigurationError(f"{path}: no [elements]; map channels to elements: D1 = 0")
     owners: dict[int, str] = {}

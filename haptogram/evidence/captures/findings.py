@@ -8,13 +8,13 @@ from typing import Any, Final
 import numpy as np
 
 from .changes import LatchFound
-from .measure import CaptureDrives, ElementDrives, least_sample_rate_hz
+from .measure import CaptureDrives, ElementDrives, least_capture_rate_hz
 
 _FULL_DUTY: Final = 0.5
 _PHASE_BITS: Final = 8
 
 
-def pin_findings(found: ElementDrives, *, active_low: bool, others_pulse: bool) -> list[str]:
+def capture_findings(found: ElementDrives, *, active_low: bool, others_pulse: bool) -> list[str]:
     """Return the defects of the pin of one element, in words; none: it may be right."""
     wrong = []
     if found.edges == 0 and others_pulse:
@@ -29,12 +29,12 @@ def pin_findings(found: ElementDrives, *, active_low: bool, others_pulse: bool) 
     return wrong
 
 
-def findings_of(found: CaptureDrives, *, active_low: bool = False) -> list[str]:
+def findings_of_capture(found: CaptureDrives, *, active_low: bool = False) -> list[str]:
     """Return the defects in a capture, one line each."""
     others = any(row.edges for row in found.elements)
     lines = []
     for row in found.elements:
-        words = pin_findings(row, active_low=active_low, others_pulse=others)
+        words = capture_findings(row, active_low=active_low, others_pulse=others)
         if row.channel in found.restless:
             words.append("pulses that differ all the time, which show no latch")
         if row.edges and (undefined := found.capture.channel(row.channel).undefined):
@@ -42,11 +42,11 @@ def findings_of(found: CaptureDrives, *, active_low: bool = False) -> list[str]:
         lines += [f"element {row.element} ({row.channel}): {text}" for text in words]
     for number, latch in enumerate(found.latches):
         if found.is_torn(latch):
-            lines.append(f"latch {number} is torn: {_torn_text(found, latch)}")
+            lines.append(f"latch {number} is torn: {_torn_capture_text(found, latch)}")
     return lines
 
 
-def _torn_text(found: CaptureDrives, latch: LatchFound) -> str:
+def _torn_capture_text(found: CaptureDrives, latch: LatchFound) -> str:
     late = [c.channel for c in latch.changes if c.after > latch.begin + found.period]
     shown = ", ".join(late[:4]) + (", ..." if len(late) > 4 else "")
     return (
@@ -56,13 +56,13 @@ def _torn_text(found: CaptureDrives, latch: LatchFound) -> str:
     )
 
 
-def notes_of(found: CaptureDrives) -> list[str]:
+def notes_of_capture(found: CaptureDrives) -> list[str]:
     """Return the limits of the capture, one line each."""
     notes = []
     if found.capture.cut:
         at = f"read up to {found.capture.duration_s:g} s"
         notes.append(f"cut off: {found.capture.cut}; {at}")
-    needed_hz = least_sample_rate_hz(found.carrier_hz, _PHASE_BITS)
+    needed_hz = least_capture_rate_hz(found.carrier_hz, _PHASE_BITS)
     if found.sample_rate_hz < needed_hz * 0.999:
         notes.append(
             f"{found.sample_rate_hz / 1e6:g} Msamples/s cannot show an error of one step of "
@@ -71,7 +71,7 @@ def notes_of(found: CaptureDrives) -> list[str]:
     return notes
 
 
-def summary_of(found: CaptureDrives) -> list[str]:
+def summary_of_capture(found: CaptureDrives) -> list[str]:
     """Return the capture, its resolution and its carrier in lines of text."""
     capture = found.capture
     rate = f"{found.sample_rate_hz / 1e6:.6g} Msamples/s"
@@ -98,11 +98,13 @@ def capture_document(found: CaptureDrives, findings: list[str]) -> dict[str, Any
             "channel": row.channel,
             "element": row.element,
             "edges": row.edges,
-            "phase_deg": _listed_findings(np.degrees(np.angle(row.weights)), row.weights != 0),
-            "amplitude": _listed_findings(np.abs(row.weights)),
-            "duty": _listed_findings(row.duties),
-            "period_us": _listed_findings(row.periods_s * 1e6),
-            "jitter_ns": _listed_findings(row.jitters_s * 1e9),
+            "phase_deg": _listed_capture_findings(
+                np.degrees(np.angle(row.weights)), row.weights != 0
+            ),
+            "amplitude": _listed_capture_findings(np.abs(row.weights)),
+            "duty": _listed_capture_findings(row.duties),
+            "period_us": _listed_capture_findings(row.periods_s * 1e6),
+            "jitter_ns": _listed_capture_findings(row.jitters_s * 1e9),
         }
         for row in found.elements
     ]
@@ -112,7 +114,7 @@ def capture_document(found: CaptureDrives, findings: list[str]) -> dict[str, Any
             "channels": len(latch.changes),
             "skew_us": found.seconds(latch.skew) * 1e6,
             "torn": found.is_torn(latch),
-            "silent": is_silent_after(found, number),
+            "silent": is_capture_silent_after(found, number),
         }
         for number, latch in enumerate(found.latches)
     ]
@@ -128,16 +130,16 @@ def capture_document(found: CaptureDrives, findings: list[str]) -> dict[str, Any
         "latches": latches,
         "elements": rows,
         "findings": findings,
-        "notes": notes_of(found),
+        "notes": notes_of_capture(found),
     }
 
 
-def is_silent_after(found: CaptureDrives, latch: int) -> bool:
+def is_capture_silent_after(found: CaptureDrives, latch: int) -> bool:
     """Return True if no element has a pulse after the latch with this number."""
     return all(row.weights[latch + 1] == 0 for row in found.elements)
 
 
-def _listed_findings(values: Any, is_known: Any = True) -> list[float | None]:
+def _listed_capture_findings(values: Any, is_known: Any = True) -> list[float | None]:
     known = np.isfinite(values) & is_known
     pairs = zip(values.tolist(), known.tolist(), strict=True)
     return [round(value, 6) if ok else None for value, ok in pairs]

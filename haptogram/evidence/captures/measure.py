@@ -22,9 +22,9 @@ from .changes import (
     SAMPLES_OF_CHANGE,
     Change,
     LatchFound,
-    carrier_period,
-    changes_of_channel,
-    found_latches,
+    captured_carrier_period,
+    captured_changes_of_channel,
+    captured_latches,
 )
 from .channel_map import ChannelMap
 
@@ -137,12 +137,12 @@ class CaptureDrives:
         return ticks * self.capture.tick_s
 
 
-def least_sample_rate_hz(carrier_hz: float, phase_bits: int) -> float:
+def least_capture_rate_hz(carrier_hz: float, phase_bits: int) -> float:
     """Return the sampling rate at which a sample is half a step of *phase_bits*.
 
     Examples
     --------
-    >>> least_sample_rate_hz(40e3, 8) / 1e6
+    >>> least_capture_rate_hz(40e3, 8) / 1e6
     20.48
     """
     return carrier_hz * 2.0 ** (phase_bits + 1)
@@ -167,17 +167,17 @@ def measure_capture(capture: Capture, mapped: ChannelMap) -> CaptureDrives:
         name: capture.channel(name).pulses(active_low=settings.active_low) for name in elements
     }
     clock = reference.pulses(active_low=active_low)
-    period = checked_period(capture, mapped, clock[0], sample, rate_hz)
-    scan = _Scan(period, sample, float(capture.end))
+    period = checked_capture_period(capture, mapped, clock[0], sample, rate_hz)
+    scan = _CaptureScan(period, sample, float(capture.end))
     changes, restless = scan.changes(pulses)
     if settings.latch is not None:
         rises, _ = capture.channel(settings.latch).pulses()
         changes[_LATCH] = [Change(_LATCH, t, t) for t in rises.tolist()]
     window = settings.latch_window_us * 1e-6 / capture.tick_s
-    latches = found_latches(changes, window=window)
+    latches = captured_latches(changes, window=window)
     bounds = np.array([0.0, *(latch.begin for latch in latches), float(capture.end)])
     settled = np.array([0.0, *(max(latch.end, latch.begin) for latch in latches)]) + period
-    intervals = _Intervals(bounds, settled, period, capture.tick_s, sample)
+    intervals = _CaptureIntervals(bounds, settled, period, capture.tick_s, sample)
     turn = intervals.reference(clock)
     rows = [
         intervals.element(capture, name, number, pulses[name], turn)
@@ -196,7 +196,7 @@ def measure_capture(capture: Capture, mapped: ChannelMap) -> CaptureDrives:
     )
 
 
-def checked_period(
+def checked_capture_period(
     capture: Capture, mapped: ChannelMap, rises: _Floats, sample: float, rate_hz: float
 ) -> float:
     """Return the period of the reference in ticks.
@@ -207,7 +207,7 @@ def checked_period(
         A reference without a carrier, or too low a sampling rate.
     """
     settings = mapped.settings
-    period = carrier_period(rises, sample)
+    period = captured_carrier_period(rises, sample)
     name = f"{capture.path}: reference {mapped.reference}"
     if len(rises) < _LEAST_PULSES:
         raise ConfigurationError(
@@ -219,7 +219,7 @@ def checked_period(
             f"{capture.path}: {rate_hz:.6g} samples/s are {period / sample:.3g} in a period of the "
             f"carrier, must be {LEAST_SAMPLES} at least; sample at "
             f"{LEAST_SAMPLES * settings.carrier_hz:g} Hz or more, for 8-bit phases at "
-            f"{least_sample_rate_hz(settings.carrier_hz, 8):g} Hz"
+            f"{least_capture_rate_hz(settings.carrier_hz, 8):g} Hz"
         )
     found_hz = 1.0 / (period * capture.tick_s)
     if not 0.9 < found_hz / settings.carrier_hz < 1.1:
@@ -231,7 +231,7 @@ def checked_period(
 
 
 @dataclass(frozen=True, slots=True)
-class _Scan:
+class _CaptureScan:
     """The search for changes."""
 
     period: float
@@ -245,7 +245,7 @@ class _Scan:
         found: dict[str, list[Change]] = {}
         restless = []
         for name, (rises, falls) in pulses.items():
-            changes = changes_of_channel(
+            changes = captured_changes_of_channel(
                 name, rises, falls, period=self.period, sample=self.sample, end=self.end
             )
             if len(changes) > _MOST_RESTLESS * max(len(rises), 10):
@@ -256,7 +256,7 @@ class _Scan:
 
 
 @dataclass(frozen=True, slots=True)
-class _Intervals:
+class _CaptureIntervals:
     """The L intervals between latches, and what is left of each once all channels are settled."""
 
     bounds: _Floats

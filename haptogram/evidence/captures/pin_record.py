@@ -13,8 +13,8 @@ from haptogram.records.pins import LineBytes, PinPulses, PinRecord
 
 from .capture import Capture, ChannelEdges
 from .channel_map import ChannelMap
-from .measure import checked_period
-from .uart import LEAST_SAMPLES_A_BIT, decoded_bytes
+from .measure import checked_capture_period
+from .uart import LEAST_SAMPLES_A_BIT, decoded_uart_bytes
 
 _Floats: TypeAlias = NDArray[np.float64]
 #: Pulses of the reference that make one point of its clock: the mean of so many has no samples.
@@ -26,7 +26,7 @@ _FULL_DUTY: Final = 0.5
 _WIDER: Final = 0.1  # by which a duty may exceed half a period before a pin counts as inverted
 
 
-def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
+def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
     """Return the pulses of the mapped channels of *capture*, in periods of its reference.
 
     Raises
@@ -48,17 +48,19 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
         )
     active_low = settings.active_low and reference is not None
     pulses = capture.channel(mapped.reference).pulses(active_low=active_low)
-    rises, _ = _without_spikes(*pulses, sample, nominal)
-    period = checked_period(capture, mapped, rises, sample, rate_hz)
+    rises, _ = _captured_edges_without_spikes(*pulses, sample, nominal)
+    period = checked_capture_period(capture, mapped, rises, sample, rate_hz)
     clock = _CarrierClock(rises, period, sample, is_steady=reference is None)
     pins = {}
     silent = all(len(capture.channel(name).times) == 0 for name in elements)
     for name, element in elements.items():
         edges = capture.channel(name)
         edge_pairs = edges.pulses(active_low=settings.active_low)
-        begins, ends = _without_spikes(*edge_pairs, sample, nominal)
+        begins, ends = _captured_edges_without_spikes(*edge_pairs, sample, nominal)
         pulses = clock.periods(begins), clock.periods(ends)
-        defects = () if silent else tuple(_defects(edges, *pulses, settings.active_low))
+        defects = (
+            () if silent else tuple(_defects_of_captured_edges(edges, *pulses, settings.active_low))
+        )
         begin = 0.0
         if edges.defined_from:
             begin = float(clock.periods(np.array([float(edges.defined_from)]))[0])
@@ -79,12 +81,12 @@ def pin_record(capture: Capture, mapped: ChannelMap) -> PinRecord:
         latches=latches,
         skew_rad=math.tau * settings.skew_ns * 1e-9 * settings.carrier_hz,
         cut=capture.cut,
-        to_board=_line_bytes(capture, mapped, settings.to_board, rate_hz, clock),
-        to_host=_line_bytes(capture, mapped, settings.to_host, rate_hz, clock),
+        to_board=_uart_bytes_of_capture(capture, mapped, settings.to_board, rate_hz, clock),
+        to_host=_uart_bytes_of_capture(capture, mapped, settings.to_host, rate_hz, clock),
     )
 
 
-def _line_bytes(
+def _uart_bytes_of_capture(
     capture: Capture, mapped: ChannelMap, name: str | None, rate_hz: float, clock: _CarrierClock
 ) -> LineBytes | None:
     """Return the bytes on a line of the UART, if it was captured.
@@ -104,11 +106,11 @@ def _line_bytes(
             f"{LEAST_SAMPLES_A_BIT * baud:g} Hz or more, or leave the line out of {mapped.path}"
         )
     bit = 1.0 / (baud * capture.tick_s)
-    values, ends, damaged = decoded_bytes(capture.channel(name), bit)
+    values, ends, damaged = decoded_uart_bytes(capture.channel(name), bit)
     return LineBytes(values, clock.periods(ends), damaged)
 
 
-def _without_spikes(
+def _captured_edges_without_spikes(
     rises: _Floats, falls: _Floats, sample: float, period: float
 ) -> tuple[_Floats, _Floats]:
     """Return pulses without dips and spikes of one sample; times in ticks.
@@ -131,7 +133,9 @@ def _without_spikes(
     return rises[kept], falls[kept]
 
 
-def _defects(edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool) -> list[str]:
+def _defects_of_captured_edges(
+    edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool
+) -> list[str]:
     """Return the defects of a pin while others pulse."""
     found = []
     if not len(edges.times):
@@ -167,7 +171,7 @@ class _CarrierClock:
         self.period = period
         self._ticks, self._counts = np.array([rises[0]]), np.zeros(1)
         if is_steady:
-            self._ticks, self._counts = _blocks(rises, period, sample)
+            self._ticks, self._counts = _blocks_of_captured_edges(rises, period, sample)
             if len(self._ticks) > 1:
                 self.period = float(np.ptp(self._ticks) / np.ptp(self._counts))
 
@@ -181,7 +185,9 @@ class _CarrierClock:
         return counted
 
 
-def _blocks(rises: _Floats, period: float, sample: float) -> tuple[_Floats, _Floats]:
+def _blocks_of_captured_edges(
+    rises: _Floats, period: float, sample: float
+) -> tuple[_Floats, _Floats]:
     """Return tick and number of period of the reference, each the mean of a block of pulses."""
     steps = np.rint(np.diff(rises) / period)
     whole = np.abs(np.diff(rises) - steps * period) < 0.1 * period

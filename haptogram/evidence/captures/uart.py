@@ -15,7 +15,7 @@ _BITS: Final = 10  # start, data, stop
 _STOP: Final = 9.5  # bits from the start edge to the middle of the stop bit
 
 
-def decoded_bytes(
+def decoded_uart_bytes(
     edges: ChannelEdges, bit: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64], int]:
     """Return the bytes of a line, when each has ended, and the characters without a stop bit.
@@ -41,19 +41,19 @@ def decoded_bytes(
     >>> import numpy as np
     >>> from haptogram.evidence.captures.capture import ChannelEdges
     >>> line = ChannelEdges(np.array([100, 110, 120, 170, 180, 190]), True)  # 0x41
-    >>> values, ends, damaged = decoded_bytes(line, 10.0)
+    >>> values, ends, damaged = decoded_uart_bytes(line, 10.0)
     >>> values.tolist(), ends.tolist(), damaged
     ([65], [200.0], 0)
     """
-    starts = _start_edges(edges, bit)
+    starts = _uart_start_edges(edges, bit)
     samples = starts[:, None] + bit * (np.arange(_BITS - 1) + 1.5)
-    levels = _levels(edges, samples)
+    levels = _uart_levels_at(edges, samples)
     whole = levels[:, -1]
     values = np.packbits(levels[whole, :-1], axis=1, bitorder="little").ravel()
     return values, starts[whole] + _BITS * bit, int((~whole).sum())
 
 
-def _start_edges(edges: ChannelEdges, bit: float) -> NDArray[np.float64]:
+def _uart_start_edges(edges: ChannelEdges, bit: float) -> NDArray[np.float64]:
     """Return the falling edges that begin a character, the first of them after a pause."""
     falling = edges.times[int(not edges.first_level) :: 2].astype(np.float64)
     if not len(falling):
@@ -70,7 +70,7 @@ def _start_edges(edges: ChannelEdges, bit: float) -> NDArray[np.float64]:
     return falling[found]
 
 
-def _levels(edges: ChannelEdges, ticks: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _uart_levels_at(edges: ChannelEdges, ticks: NDArray[np.float64]) -> NDArray[np.bool_]:
     passed = np.searchsorted(edges.times, ticks, side="right")
     levels: NDArray[np.bool_] = (passed % 2 == 1) ^ edges.first_level
     return levels

@@ -100,7 +100,7 @@ class _VcdBody:
         if not len(starts):
             return
         kinds = data[starts]
-        words = _words_before_identifiers(kinds)
+        words = _vcd_words_before_identifiers(kinds)
         is_identifier = np.zeros(len(kinds) + 1, np.bool_)
         is_identifier[words + 1] = True
         is_identifier = is_identifier[:-1]
@@ -110,8 +110,8 @@ class _VcdBody:
         places = np.concatenate([scalars, vectors])
         codes = np.concatenate(
             [
-                _packed_tokens(data, starts[scalars] + 1, ends[scalars]),
-                _packed_tokens(data, starts[vectors + 1], ends[vectors + 1]),
+                _packed_vcd_tokens(data, starts[scalars] + 1, ends[scalars]),
+                _packed_vcd_tokens(data, starts[vectors + 1], ends[vectors + 1]),
             ]
         )
         values = np.concatenate([kinds[scalars], data[ends[vectors] - 1]])
@@ -223,14 +223,14 @@ class _VcdBody:
             joined = np.concatenate(times) if times else nothing
             times.clear()
             by_code[code] = ChannelEdges(
-                _without_glitches(joined), first == 1, undefined, defined_from
+                _vcd_times_without_glitches(joined), first == 1, undefined, defined_from
             )
         channels = {name: by_code[code] for name, code in header.names.items()}
         end = 0 if self.now is None else self.now - self.first
         return Capture(self.path, channels, header.tick_s, end, None, cut)
 
 
-def _words_before_identifiers(kinds: _Bytes) -> _Numbers:
+def _vcd_words_before_identifiers(kinds: _Bytes) -> _Numbers:
     """Return the places of vectors, reals and texts: each is followed by its identifier.
 
     An identifier may begin as they do, so of several in a row every second one is one.
@@ -242,7 +242,7 @@ def _words_before_identifiers(kinds: _Bytes) -> _Numbers:
     return words
 
 
-def _packed_tokens(data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
+def _packed_vcd_tokens(data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
     """Return the tokens as numbers of base 256; -1 for one that is too long to be known."""
     lengths = ends - starts
     packed: _Numbers = np.zeros(len(starts), np.int64)
@@ -253,7 +253,7 @@ def _packed_tokens(data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
     return packed
 
 
-def _without_glitches(times: _Numbers) -> _Numbers:
+def _vcd_times_without_glitches(times: _Numbers) -> _Numbers:
     """Leave out pairs of edges at one time: a pulse of no width."""
     if not len(times) or (np.diff(times) > 0).all():
         return times

@@ -56,32 +56,32 @@ def read_vcd_header(path: Path, file: BinaryIO) -> tuple[VcdHeader, bytes]:
             )
         data += more
     words = data[: end.start()].decode("ascii", "replace").split()
-    return _declarations(path, words), data[end.end() :]
+    return _vcd_declarations(path, words), data[end.end() :]
 
 
-def _declarations(path: Path, words: list[str]) -> VcdHeader:
+def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
     scopes: list[str] = []
     found: list[_Variable] = []
     tick_s = None
-    for keyword, body in _sections(words):
+    for keyword, body in _vcd_sections(words):
         if keyword == "$timescale":
-            tick_s = _timescale(path, " ".join(body))
+            tick_s = _vcd_timescale(path, " ".join(body))
         elif keyword == "$scope":
             scopes.append(body[-1] if body else "")
         elif keyword == "$upscope" and scopes:
             scopes.pop()
         elif keyword == "$var" and len(body) >= 4 and body[1] == "1":
-            found.append((scopes.copy(), body[3:], _packed(path, body[2])))
+            found.append((scopes.copy(), body[3:], _packed_vcd_code(path, body[2])))
     if tick_s is None:
         raise ConfigurationError(f"{path}: no $timescale; the times of its edges are unknown")
     if not 1 <= len(found) <= MOST_CHANNELS:
         raise ConfigurationError(
             f"{path}: {len(found)} channels of one bit, must be 1 to {MOST_CHANNELS}"
         )
-    return VcdHeader(tick_s, _named(path, found))
+    return VcdHeader(tick_s, _named_vcd_variables(path, found))
 
 
-def _sections(words: list[str]) -> Iterator[tuple[str, list[str]]]:
+def _vcd_sections(words: list[str]) -> Iterator[tuple[str, list[str]]]:
     """Yield each keyword with the words up to its $end."""
     begin = 0
     for place, word in enumerate(words):
@@ -91,7 +91,7 @@ def _sections(words: list[str]) -> Iterator[tuple[str, list[str]]]:
             begin = place + 1
 
 
-def _timescale(path: Path, text: str) -> float:
+def _vcd_timescale(path: Path, text: str) -> float:
     if (found := _TIMESCALE.fullmatch(text)) is None:
         raise ConfigurationError(
             f"{path}: $timescale is {text!r}, must be 1, 10 or 100 and s, ms, us, ns, ps or fs"
@@ -99,7 +99,7 @@ def _timescale(path: Path, text: str) -> float:
     return int(found[1]) * _UNITS_S[found[2]]
 
 
-def _packed(path: Path, code: str) -> int:
+def _packed_vcd_code(path: Path, code: str) -> int:
     if len(code) > LONGEST_ID:
         raise ConfigurationError(
             f"{path}: identifier {code!r} has {len(code)} characters, can have {LONGEST_ID}"
@@ -107,18 +107,18 @@ def _packed(path: Path, code: str) -> int:
     return int.from_bytes(code.encode("latin-1", "replace"), "big")
 
 
-def _named(path: Path, found: list[_Variable]) -> dict[str, int]:
+def _named_vcd_variables(path: Path, found: list[_Variable]) -> dict[str, int]:
     """Return the channels by their own name where only one has it, else with their scopes.
 
     Programs of analysers put spaces into a name; simulators name the bit of a vector behind it,
     which tells the channels of one vector apart.
     """
-    bits = Counter((*scopes, *_plain(words)) for scopes, words, _ in found)
+    bits = Counter((*scopes, *_plain_vcd_words(words)) for scopes, words, _ in found)
     owners: dict[str, set[str]] = {}
     codes: dict[str, set[int]] = {}
     named = []
     for scopes, words, code in found:
-        plain = _plain(words)
+        plain = _plain_vcd_words(words)
         short = " ".join(plain)
         if bits[(*scopes, *plain)] > 1 and len(plain) < len(words):
             short += words[-1]
@@ -133,6 +133,6 @@ def _named(path: Path, found: list[_Variable]) -> dict[str, int]:
     return {short if len(owners[short]) == 1 else full: code for full, short, code in named}
 
 
-def _plain(words: list[str]) -> list[str]:
+def _plain_vcd_words(words: list[str]) -> list[str]:
     """Return the words of a name without the bit of a vector behind it."""
     return words[:-1] if len(words) > 1 and words[-1].startswith("[") else words

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from haptogram.acoustics import Drive
 from haptogram.acoustics.model.drive import saturated_weights
-from haptogram.evidence.backdoor import backdoor_observations, observations_on_clock_of
+from haptogram.evidence.backdoor import observations_of_backdoor, observations_on_clock_of
 from haptogram.evidence.dialects.pulse_records import pulse_observation_of
 from haptogram.records.frame import Intended, Observation
 from haptogram.settings.dialects import OWN_DIALECT
@@ -22,26 +22,28 @@ from haptogram.verification.watch.latch import OWN_CAUSES
 _PULSES: Final = "pulses"
 
 
-def run_observations(
+def dialect_run_observations(
     intended: Sequence[Intended], records: Sequence[Mapping[str, Any]], session: int | None
 ) -> list[Observation]:
     """Return the latches in the records of a back door, of any board, with the keys of frames."""
-    if not is_of_another_dialect(records):
-        return observations_on_clock_of(intended, backdoor_observations(records, session))
-    return observations_of_unnumbered(intended, _latches_of_the_run(records))
+    if not are_records_of_another_dialect(records):
+        return observations_on_clock_of(intended, observations_of_backdoor(records, session))
+    return observations_of_unnumbered(intended, _dialect_latches_of_run(records))
 
 
-def is_of_another_dialect(records: Sequence[Mapping[str, Any]]) -> bool:
+def are_records_of_another_dialect(records: Sequence[Mapping[str, Any]]) -> bool:
     """Return True if the records of a back door are those of another board than Haptogram's."""
     return bool(records) and records[0].get("dialect", OWN_DIALECT) != OWN_DIALECT
 
 
-def has_latched_all(intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]) -> bool:
+def has_dialect_latched_all(
+    intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]
+) -> bool:
     """Return True if the records of another board hold a latch for each frame."""
-    return len(_latches_of_the_run(records)) >= len(intended)
+    return len(_dialect_latches_of_run(records)) >= len(intended)
 
 
-def _latches_of_the_run(records: Sequence[Mapping[str, Any]]) -> list[UnnumberedLatch]:
+def _dialect_latches_of_run(records: Sequence[Mapping[str, Any]]) -> list[UnnumberedLatch]:
     channels = [int(channel) for channel in records[0]["channels"]] if records else []
     found: list[UnnumberedLatch] = []
     sounding: list[int] = []

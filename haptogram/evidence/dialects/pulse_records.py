@@ -13,7 +13,7 @@ from haptogram.acoustics import Reconstruction
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import backdoor_reconstruction_of
+from haptogram.evidence.backdoor import observed_reconstruction_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,8 +63,8 @@ def pulse_observation_of(record: Mapping[str, Any], channels: Sequence[int]) -> 
     try:
         levels = {int(channel): bytes.fromhex(text) for channel, text in record["levels"].items()}
         pulses = PulseDrive(
-            _numbers(record["rises"], "<u2"),
-            _numbers(record["widths"], "<u2"),
+            _pulse_numbers(record["rises"], "<u2"),
+            _pulse_numbers(record["widths"], "<u2"),
             record["steps"],
             levels,
         )
@@ -76,13 +76,13 @@ def pulse_observation_of(record: Mapping[str, Any], channels: Sequence[int]) -> 
             pulses=pulses,
             weights=pulses.weights()[list(channels)]
             if radiated is None
-            else _numbers(radiated, "<c8").astype(np.complex128),
+            else _pulse_numbers(radiated, "<c8").astype(np.complex128),
             counted=record["counted"],
-            reconstruction=backdoor_reconstruction_of(record["reconstruction"]),
+            reconstruction=observed_reconstruction_of(record["reconstruction"]),
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ConfigurationError(f"not a pulses record of a back door: {error!r}") from error
 
 
-def _numbers(text: str, kind: str) -> np.ndarray[Any, Any]:
+def _pulse_numbers(text: str, kind: str) -> np.ndarray[Any, Any]:
     return np.frombuffer(base64.b64decode(text), dtype=kind)

@@ -10,7 +10,7 @@ import numpy as np
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.boards.layout import Z_UP
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import backdoor_board_model, backdoor_observation_of
+from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.dialects.pulse_records import pulse_observation_of
 from haptogram.records.frame import Evidence
 from haptogram.verification.watch import SeenLatch
@@ -57,7 +57,7 @@ class WatchedBoard:
     ) -> None:
         if record.get("kind") != "board":
             raise ConfigurationError("the first record of a back door must be of the kind board")
-        self.model = backdoor_board_model(record)
+        self.model = board_model_of_evidence(record)
         self.dialect = str(record.get("dialect", _OWN_DIALECT))
         self._channels = [int(channel) for channel in record.get("channels", ())]
         self.channels = self._channels_of_a_board(record)
@@ -123,7 +123,7 @@ class WatchedBoard:
         )
 
     def _of_codes(self, record: Mapping[str, Any]) -> SeenLatch:
-        seen = backdoor_observation_of(record)
+        seen = observation_of_record(record)
         drive = seen.output
         if drive is None:
             raise ConfigurationError("not a latch record of a back door: it has no drive")

@@ -108,8 +108,8 @@ class ReplayComparison:
             key = (header.session, header.seq, header.type in EVENT_RANGE)
             self._add(side, "frames", key, entry)
         elif header.type != MessageType.STATUS:
-            entry.fields = _lasting_compared_fields(fields, piece.name)
-            self._add(side, "frames", _compared_key_in_time(piece), entry)
+            entry.fields = _lasting_replayed_fields(fields, piece.name)
+            self._add(side, "frames", _compared_replay_key(piece), entry)
 
     def add_latch(self, side: str, latch: LatchRecord, *, timed: bool = True) -> None:
         """Take a latch; one that was not *timed* latched as soon as its frame was complete."""
@@ -148,13 +148,13 @@ class ReplayComparison:
     def forget_replayed_frames(self) -> None:
         """Leave out the frames that the recorded host did not come to read."""
         waiting = self._waiting[REPLAYED]
-        for key in [key for key in waiting if _compared_kind(key) == "frames"]:
+        for key in [key for key in waiting if _compared_replay_kind(key) == "frames"]:
             del waiting[key]
 
     def _forget_replayed_records(self) -> None:
         """Leave out what no back door told of the recorded board."""
         waiting = self._waiting[REPLAYED]
-        for key in [key for key in waiting if _compared_kind(key) != "frames"]:
+        for key in [key for key in waiting if _compared_replay_kind(key) != "frames"]:
             del waiting[key]
 
     def close(self, end_us: int) -> None:
@@ -167,7 +167,7 @@ class ReplayComparison:
             self._forget_replayed_records()
         for side, why in ((RECORDED, "missing in the replay"), (REPLAYED, "not in the recording")):
             for key, entries in self._waiting[side].items():
-                kind = _compared_kind(key)
+                kind = _compared_replay_kind(key)
                 is_ours = side == RECORDED and kind != "output"
                 for entry in entries:
                     if is_ours or entry.t_us < end_us:
@@ -188,7 +188,7 @@ class ReplayComparison:
         if not others[place]:
             del others[place]
         recorded, replayed = (entry, other) if side == RECORDED else (other, entry)
-        details = "; ".join(_compared_details(recorded.fields, replayed.fields))
+        details = "; ".join(_compared_replay_details(recorded.fields, replayed.fields))
         if details:
             self._differ(kind, recorded, details, recorded=True)
         else:
@@ -201,12 +201,12 @@ class ReplayComparison:
             self.differences.append(Difference(entry.what, t_us, detail))
 
 
-def _compared_kind(key: Hashable) -> str:
+def _compared_replay_kind(key: Hashable) -> str:
     assert isinstance(key, tuple)  # as _add made it
     return str(key[0])
 
 
-def _compared_key_in_time(piece: Annotated) -> tuple[Hashable, ...]:
+def _compared_replay_key(piece: Annotated) -> tuple[Hashable, ...]:
     """Return the key of a frame whose number depends on how many STATUS came before."""
     header, fields = piece.header, piece.fields
     assert header is not None  # of an undamaged frame
@@ -216,38 +216,38 @@ def _compared_key_in_time(piece: Annotated) -> tuple[Hashable, ...]:
     return (header.session, piece.name, of_latch)
 
 
-def _lasting_compared_fields(fields: Fields, name: str) -> Fields:
+def _lasting_replayed_fields(fields: Fields, name: str) -> Fields:
     """Return the fields that do not depend on the moment, nor on which board answers."""
     if name == MessageType.HELLO_REPLY.name:
         return {key: value for key, value in fields.items() if key in _IDENTITY}
     return {
-        key: _lasting_compared_items(value)
+        key: _lasting_replayed_items(value)
         for key, value in fields.items()
         if not (key.startswith("t_") or key.endswith("_us") or key in _OF_THE_MOMENT)
     }
 
 
-def _lasting_compared_items(value: Any) -> Any:
+def _lasting_replayed_items(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return _lasting_compared_fields(value, "")
+        return _lasting_replayed_fields(value, "")
     if isinstance(value, list):
-        return [_lasting_compared_items(item) for item in value]
+        return [_lasting_replayed_items(item) for item in value]
     return value
 
 
-def _compared_details(recorded: Fields, replayed: Fields) -> Iterator[str]:
+def _compared_replay_details(recorded: Fields, replayed: Fields) -> Iterator[str]:
     """Yield the differences of two sets of fields, in words."""
     for name in {**recorded, **replayed}:
         before, after = recorded.get(name), replayed.get(name)
         if before == after:
             continue
         if isinstance(before, Codes) and isinstance(after, Codes):
-            yield f"{name} drive differs in {_compared_codes_text(before, after)}"
+            yield f"{name} drive differs in {_compared_replay_codes(before, after)}"
         else:
-            yield f"{name} {_compared_text(before)} recorded, {_compared_text(after)} replayed"
+            yield f"{name} {_replayed_text(before)} recorded, {_replayed_text(after)} replayed"
 
 
-def _compared_codes_text(before: Codes, after: Codes) -> str:
+def _compared_replay_codes(before: Codes, after: Codes) -> str:
     count = len(before.phases)
     if count != len(after.phases):
         return f"size: {count} elements recorded, {len(after.phases)} replayed"
@@ -257,6 +257,6 @@ def _compared_codes_text(before: Codes, after: Codes) -> str:
     return f"{' and '.join(parts) or 'the bits of its phases'} of {count} elements"
 
 
-def _compared_text(value: Any) -> str:
+def _replayed_text(value: Any) -> str:
     text = "nothing" if value is None else str(value)
     return text if len(text) <= 60 else f"{text[:60]}..."

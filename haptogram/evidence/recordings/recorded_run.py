@@ -11,7 +11,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import backdoor_board_model
+from haptogram.evidence.backdoor import board_model_of_evidence
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.records.model import model_record_fields
 
@@ -75,7 +75,7 @@ def recorded_run(recording: Recording) -> RecordedRun:
     for entry in recording.entries((MODEL, INTENDED)):
         fields = entry.fields
         if entry.topic == MODEL:
-            model, count = backdoor_board_model(fields), fields.get(_COUNT)
+            model, count = board_model_of_evidence(fields), fields.get(_COUNT)
             continue
         try:
             frame = _recorded_frame(fields, drives)

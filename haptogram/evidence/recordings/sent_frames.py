@@ -52,7 +52,7 @@ class SentFrame:
     focus_m: tuple[float, float, float] | None = None
 
 
-def model_of_answers(recording: Recording) -> AcousticModel | None:
+def model_of_recorded_answers(recording: Recording) -> AcousticModel | None:
     """Return array and air of the board that answered; None if no answer tells its array.
 
     The temperature of the air is that of the recorded command, else 20 C.
@@ -66,7 +66,7 @@ def model_of_answers(recording: Recording) -> AcousticModel | None:
             elif isinstance(piece.message, GeometryReply):
                 reply = piece.message
                 elements.update(enumerate(reply.elements, reply.first))
-    array = None if identity is None else _array_of_sent_frames(identity, elements)
+    array = None if identity is None else _array_of_recorded_frames(identity, elements)
     if identity is None or array is None:
         return None
     options = recording.run.get("configuration") or {}
@@ -74,7 +74,7 @@ def model_of_answers(recording: Recording) -> AcousticModel | None:
     return model_of_identity(array, identity, air)
 
 
-def _array_of_sent_frames(
+def _array_of_recorded_frames(
     identity: HelloReply, elements: dict[int, Element]
 ) -> TransducerArray | None:
     """Return the array whose hash the board named: its grid, or what it told of its elements."""
@@ -87,7 +87,7 @@ def _array_of_sent_frames(
     return next((array for array in found if array.digest() == identity.geometry_hash), None)
 
 
-def asked_sessions(recording: Recording) -> set[int]:
+def recorded_sessions(recording: Recording) -> set[int]:
     """Return the nonces of the sessions that the host asked for."""
     annotator = FrameAnnotator()
     return {
@@ -98,7 +98,7 @@ def asked_sessions(recording: Recording) -> set[int]:
     }
 
 
-def sent_frames(recording: Recording, count: int) -> Iterator[SentFrame]:
+def recorded_sent_frames(recording: Recording, count: int) -> Iterator[SentFrame]:
     """Yield the undamaged frames of the stream to an array of *count* elements, in order."""
     annotator = FrameAnnotator()
     newest: dict[int, int] = {}  # unwrapped number by session
@@ -117,12 +117,12 @@ def sent_frames(recording: Recording, count: int) -> Iterator[SentFrame]:
             yield SentFrame(
                 key=FrameKey.of_stream(header.session, index),
                 due_us=due_us,
-                drive=_drive_of_sent_frame(message, count),
-                focus_m=_focus_of_sent_frame_m(message),
+                drive=_drive_of_recorded_frame(message, count),
+                focus_m=_focus_of_recorded_frame_m(message),
             )
 
 
-def _drive_of_sent_frame(message: Message, count: int) -> Drive | None:
+def _drive_of_recorded_frame(message: Message, count: int) -> Drive | None:
     try:
         codes = drive_codes(message, count)
     except RemoteProtocolError:  # the board refuses it
@@ -133,7 +133,7 @@ def _drive_of_sent_frame(message: Message, count: int) -> Drive | None:
     return Drive(phases, amplitudes)
 
 
-def _focus_of_sent_frame_m(message: Message) -> tuple[float, float, float] | None:
+def _focus_of_recorded_frame_m(message: Message) -> tuple[float, float, float] | None:
     if not isinstance(message, Points):
         return None
     first = message.points[0]

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
 from haptogram.records.frame import FrameKey
-from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, Verdict, cut_run_text
+from haptogram.verification import (
+    FrameStatus,
+    FrameVerdict,
+    RunVerdict,
+    Verdict,
+    cut_run_verdict_text,
+)
 
 from .check import CheckOutcome, RunCheck
 from .pins import capture_checks
@@ -156,7 +162,7 @@ def _check_of_complete_run(run: RunVerdict, cut_short: str | None) -> RunCheck:
     statement = "the run comes to its end"
     if cut_short is None:
         return RunCheck(COMPLETE, statement, CheckOutcome.PASSED, "it came to its end")
-    message = f"{cut_short}{cut_run_text(run.counts)}"
+    message = f"{cut_short}{cut_run_verdict_text(run.counts)}"
     return RunCheck(COMPLETE, statement, CheckOutcome.INCONCLUSIVE, message)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Final
 
-from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, consequence_text
+from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, verdict_consequence_text
 
 from .series import plotted_relative_error, worst_frames_of_run
 from .wording import figure_text, timeliness_text
@@ -121,5 +121,5 @@ def _frame_row(frame: FrameVerdict) -> FrameRow:
             _figure(plotted_relative_error(frame)),
         ),
         "; ".join(faults),
-        "" if frame.consequence is None else consequence_text(frame.consequence),
+        "" if frame.consequence is None else verdict_consequence_text(frame.consequence),
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from haptogram.records.frame import Evidence
-from haptogram.verification import Tolerance, cut_run_text, tolerance_text
+from haptogram.verification import Tolerance, cut_run_verdict_text, tolerance_text
 
 from .pins import capture_sentences
 from .wording import count_text, run_host_delay_text
@@ -59,7 +59,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     yield (
         f"{count_text(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
         f"{frames['verified']} verified, {frames['on_target']} of them on target"
-        f"{cut_run_text(frames)}."
+        f"{cut_run_verdict_text(frames)}."
     )
     lateral, axial = result["lateral_error_mm"]["max"], result["axial_error_mm"]["max"]
     if lateral is not None:

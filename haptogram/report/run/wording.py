@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from haptogram.verification import FrameStatus, FrameVerdict, consequence_text, wrong_pressure_text
+from haptogram.verification import (
+    FrameStatus,
+    FrameVerdict,
+    verdict_consequence_text,
+    verdict_pressure_text,
+)
 
 NOTHING = "–"
 
@@ -49,10 +54,10 @@ def _frame_findings_text(frame: FrameVerdict) -> Iterator[str]:
         yield f"{', '.join(failed)} failed"
     if frame.status is not FrameStatus.ON_TARGET and frame.lateral_error_mm is not None:
         yield f"focus {focus_place_text(frame)}"
-    if (pressure := wrong_pressure_text(frame)) is not None:
+    if (pressure := verdict_pressure_text(frame)) is not None:
         yield pressure
     if frame.consequence is not None:
-        yield consequence_text(frame.consequence)
+        yield verdict_consequence_text(frame.consequence)
     if frame.note:
         yield frame.note
 

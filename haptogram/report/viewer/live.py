@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from haptogram.acoustics import Drive, NotSingle, Reconstruction, saturated_weights
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import backdoor_board_model, backdoor_observation_of
+from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
 from haptogram.machine.terminal import printable_text
 from haptogram.records.frame import FrameKey, Intended, Observation
@@ -57,7 +57,7 @@ class LiveScene:
     def __init__(self, board: Mapping[str, Any], kept: int = KEPT) -> None:
         if board["kind"] != "board" or "firmware" not in board:
             raise ConfigurationError("the first record of a back door must be of the board")
-        self.model = backdoor_board_model(board)
+        self.model = board_model_of_evidence(board)
         name = printable_text(str(board.get("dialect") or board["firmware"]))
         self.firmware = name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…"
         self._channels = board.get("channels", ())
@@ -94,7 +94,7 @@ class LiveScene:
 
     def _take(self, record: Mapping[str, Any]) -> None:
         if record["kind"] == "latch":
-            self._latch(backdoor_observation_of(record))
+            self._latch(observation_of_record(record))
         elif record["kind"] == "pulses":
             self._pulses(pulse_observation_of(record, self._channels))
         elif record["kind"] == "output":

@@ -11,10 +11,14 @@ from typing import Final
 
 from haptogram.acoustics import AcousticModel, Reconstructor, SingleFocus
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import backdoor_board_model, backdoor_observation_of
+from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.recordings.channels import SUMMARY, VERDICT
 from haptogram.evidence.recordings.reader import Recording
-from haptogram.evidence.recordings.sent_frames import SentFrame, model_of_answers, sent_frames
+from haptogram.evidence.recordings.sent_frames import (
+    SentFrame,
+    model_of_recorded_answers,
+    recorded_sent_frames,
+)
 from haptogram.records.frame import FrameKey
 
 from .frames import SENT, ShownFrame, found_fields, judged_frame
@@ -58,7 +62,7 @@ def recorded_scene(path: Path) -> RecordedScene:
         scene, lead = _scene_of_the_line(recording, judged)
     elif judged:
         scene, lead = _recorded_scene_of(
-            backdoor_board_model(board), list(judged.values()), path, "judged frames"
+            board_model_of_evidence(board), list(judged.values()), path, "judged frames"
         )
     else:
         live = LiveScene(board, _MOST_FRAMES)
@@ -97,13 +101,13 @@ def _scene_of_the_line(
 ) -> tuple[Scene, list[str]]:
     """Return the scene of a board whose output nobody recorded, with the drives that were sent."""
     path = recording.path
-    model = model_of_answers(recording)
+    model = model_of_recorded_answers(recording)
     if model is None:
         raise ConfigurationError(
             f"{path}: the recording has neither a record of its board nor an answer that tells its "
             "array, and so no array"
         )
-    sent = sent_frames(recording, model.array.count)
+    sent = recorded_sent_frames(recording, model.array.count)
     if judged:
         for frame in sent:
             known = judged.get(frame.key)
@@ -146,7 +150,7 @@ def _shown_judged_frames(recording: Recording) -> dict[FrameKey, ShownFrame]:
     for record in recording.records() if judged else ():
         if record["kind"] != "latch":
             continue
-        seen = backdoor_observation_of(record)
+        seen = observation_of_record(record)
         if seen.key in judged:
             judged[seen.key] = judged[seen.key].observed(seen)
     return judged

@@ -123,11 +123,11 @@ def _held_stretches(
         # One that is not late latches within a carrier period of its time: no time of its own.
         latched_us = max(begin_us, frame.t_latch_us or 0) if frame.late else begin_us
         if frame.status is FrameStatus.LOST:
-            yield _held_before_the_latch(frame, begin_us, end_us)
+            yield _held_stretch_before_the_latch(frame, begin_us, end_us)
         elif frame.late:
-            yield _held_before_the_latch(frame, begin_us, min(latched_us, end_us))
+            yield _held_stretch_before_the_latch(frame, begin_us, min(latched_us, end_us))
         if frame.status in _ELSEWHERE or _is_another_focus_held(frame):
-            yield _held_after_the_latch(frame, latched_us, end_us)
+            yield _held_stretch_after_the_latch(frame, latched_us, end_us)
 
 
 def _ends_of_held_stretches(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
@@ -149,7 +149,7 @@ def _is_another_focus_held(frame: FrameVerdict) -> bool:
     return frame.status is FrameStatus.CORRUPT and not frame.criteria
 
 
-def _held_before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
+def _held_stretch_before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
     """Return the time in which something older was held."""
     held = frame.consequence
     if held is None:
@@ -166,7 +166,7 @@ def _held_before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _
     )
 
 
-def _held_after_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
+def _held_stretch_after_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
     """Return the time in which a wrong drive was radiated; of an unseen one nothing is known."""
     return _HeldStretch(
         begin_us,

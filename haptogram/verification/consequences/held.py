@@ -66,7 +66,7 @@ class DueFrame(NamedTuple):
     latest_us: float
 
 
-def due_frames_of_run(
+def due_frames_of_consequences(
     intended: Sequence[Intended], seen: Mapping[FrameKey, Sequence[Observation]]
 ) -> Iterator[DueFrame]:
     """Yield when each frame was due: without a time, between those known of its neighbours."""
@@ -107,18 +107,18 @@ def consequence_of_held_focus(
     None as *held*: nothing had been latched yet.  None in return: nobody knows the drive.
     """
     position = np.array(intended.foci[0].position_m)
-    wanted = _held_pressure_rms_pa(model, intended.drive, position)
+    wanted = _held_focus_pressure_rms_pa(model, intended.drive, position)
     if held is None:
         return Consequence(None, 0.0, wanted)
     if held.drive is None:
         return None
-    pressure_rms_pa = _held_pressure_rms_pa(model, held.drive, position)
+    pressure_rms_pa = _held_focus_pressure_rms_pa(model, held.drive, position)
     if held.drive.is_muted:
         return Consequence(None, pressure_rms_pa, wanted)
     away_m = float(np.linalg.norm(position - np.array(held.focus_m)))
     return Consequence(_MM * away_m, pressure_rms_pa, wanted)
 
 
-def _held_pressure_rms_pa(model: AcousticModel, drive: Drive, position: FloatArray) -> float:
+def _held_focus_pressure_rms_pa(model: AcousticModel, drive: Drive, position: FloatArray) -> float:
     found = pressure(model, drive.weights(), position[None, :])
     return abs(complex(found[0])) / math.sqrt(2.0)

@@ -37,25 +37,25 @@ _LEAST_COHERENCE: Final = 0.5  # whatever is tolerated: half of the pressure is 
 _MM: Final = 1e3
 
 
-def allowed_phase_codes(intended: Intended) -> int:
+def allowed_frame_codes(intended: Intended) -> int:
     """Return by how many register codes the board may differ from the host, for its arithmetic."""
     return 1 if intended.board_computed else 0
 
 
-def phase_limit_rad(intended: Intended, grain_rad: float = 0.0) -> float:
+def frame_phase_limit_rad(intended: Intended, grain_rad: float = 0.0) -> float:
     """Return S1's limit: half a step, and one more step of 8 bits where the board computes.
 
     Parameters
     ----------
     grain_rad : float
         What the positions of the elements, whole micrometres on the wire, add: see
-        :func:`position_grain_rad`.
+        :func:`frame_position_grain_rad`.
     """
-    allowance_rad = allowed_phase_codes(intended) * phase_step_rad(8)
-    return judged_step_rad(intended) / 2.0 + allowance_rad + grain_rad + _ROUNDING_RAD
+    allowance_rad = allowed_frame_codes(intended) * phase_step_rad(8)
+    return judged_frame_step_rad(intended) / 2.0 + allowance_rad + grain_rad + _ROUNDING_RAD
 
 
-def judged_step_rad(intended: Intended) -> float:
+def judged_frame_step_rad(intended: Intended) -> float:
     """Return the step of the phases; one of 8 bits more, in which they are judged, if it differs.
 
     Boards of 10 or 24 steps have phases between those of 8 bits.
@@ -64,51 +64,53 @@ def judged_step_rad(intended: Intended) -> float:
     return math.tau / intended.steps + between
 
 
-def position_grain_rad(model: AcousticModel) -> float:
+def frame_position_grain_rad(model: AcousticModel) -> float:
     """Return the largest phase error from positions that a host knows in whole micrometres."""
     off_m = model.array.positions_m - model.array.on_wire().positions_m
     return model.wavenumber * float(np.linalg.norm(off_m, axis=1).max())
 
 
-def common_phase_error_rad(error: FloatArray) -> float:
+def common_frame_error_rad(error: FloatArray) -> float:
     """Return half the range of phase errors, the phase that all share taken out."""
     common = np.angle(np.exp(1j * error).sum())
     return float(np.ptp(wrapped_phases(error - common))) / 2.0
 
 
-def phase_error_rad(target: FrameTarget, latched: Drive, active: Bools) -> float:
+def frame_phase_error_rad(target: FrameTarget, latched: Drive, active: Bools) -> float:
     """S1: half the range of phi_n + k r_n(target) over the active elements, common phase out."""
-    return common_phase_error_rad(np.angle(latched.weights()[active]) - target.phases_rad[active])
+    return common_frame_error_rad(np.angle(latched.weights()[active]) - target.phases_rad[active])
 
 
-def suits_target(target: FrameTarget, error_rad: float) -> bool:
+def suits_frame_target(target: FrameTarget, error_rad: float) -> bool:
     """Return True if phase errors of *error_rad* (S1) suit the target, tolerance included."""
     return error_rad <= target.phase_limit_rad + target.tolerated_peak_rad
 
 
-def focus_offset_m(target: FrameTarget, focus: SingleFocus | NotSingle) -> FloatArray:
+def focus_offset_from_target_m(target: FrameTarget, focus: SingleFocus | NotSingle) -> FloatArray:
     """S2: return where the reconstructed focus is, seen from the target, (3,) in metres."""
     return np.array(focus.position_m) - target.position_m
 
 
-def is_on_target(target: FrameTarget, offset_m: FloatArray) -> bool:
+def is_frame_on_target(target: FrameTarget, offset_m: FloatArray) -> bool:
     """S2: return True if every coordinate that can be observed is within its bound."""
-    return within_limit(offset_m, target.bound_m + target.tolerated_m, target.tolerance.miss_mm)
+    return within_frame_limit(
+        offset_m, target.bound_m + target.tolerated_m, target.tolerance.miss_mm
+    )
 
 
-def within_limit(offset_m: FloatArray, limit_m: FloatArray, tolerance_mm: float) -> bool:
+def within_frame_limit(offset_m: FloatArray, limit_m: FloatArray, tolerance_mm: float) -> bool:
     """Return True if what is left of an offset beyond its limits is no longer than a tolerance."""
     beyond = np.maximum(np.abs(offset_m) - limit_m, 0.0)
     return float(np.linalg.norm(beyond)) <= tolerance_mm / _MM
 
 
-def coherence_at_target(target: FrameTarget, latched: ComplexArray) -> float:
+def frame_coherence_at_target(target: FrameTarget, latched: ComplexArray) -> float:
     """S3: |sum w_n g_n| / sum |A_n g_n| at the target."""
     largest = float(target.amplitudes @ np.abs(target.arrivals))
     return abs(complex((latched * target.arrivals).sum())) / largest if largest > 0.0 else 0.0
 
 
-def least_coherence(target: FrameTarget, allowed_codes: int = 0) -> float:
+def least_frame_coherence(target: FrameTarget, allowed_codes: int = 0) -> float:
     """Return S3's limit, cos of the phase limit, less the amplitude codes that may be missing.
 
     Phases that are off by d_n leave 1 - var(d) / 2 or more: so much of a tolerated miss.
@@ -152,16 +154,16 @@ class PeakCriterion:
             return cls(False, None, None)
         limit_m = expected.rounding_m + np.abs(expected.response @ target.air_phases_rad)
         offset_m = local @ expected.direction.axes
-        ok = within_limit(local, limit_m, target.tolerance.miss_mm)
+        ok = within_frame_limit(local, limit_m, target.tolerance.miss_mm)
         return cls(ok, offset_m, expected.direction.length_rad(offset_m))
 
 
-def peak_errors(target: FrameTarget, latched: ComplexArray) -> list[PeakCriterion]:
+def frame_peak_errors(target: FrameTarget, latched: ComplexArray) -> list[PeakCriterion]:
     """S4: return the errors of the peak across and along the beam; none where nothing can tell."""
     return [PeakCriterion.of(target, expected, latched) for expected in target.peaks]
 
 
-def latched_amplitudes_ok(intended: Intended, latched: Drive) -> bool:
+def frame_amplitudes_ok(intended: Intended, latched: Drive) -> bool:
     """S5: return True if no amplitude is off by more than half a step."""
     difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
-    return int(np.abs(difference).max()) <= allowed_phase_codes(intended)
+    return int(np.abs(difference).max()) <= allowed_frame_codes(intended)

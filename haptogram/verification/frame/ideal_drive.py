@@ -18,7 +18,7 @@ from haptogram.records.frame import Intended
 from ..tolerance import Uncertainty, VerdictUncertainty
 from . import criteria
 from .peaks import WITHIN_LOBE_RAD, ExpectedPeak, expected_frame_peak
-from .target import Bools, FrameTarget, target_place_uncertainty
+from .target import Bools, FrameTarget, frame_target_uncertainty
 
 #: Codes of an amplitude below which a board that computes may round a phase as it likes: the waves
 #: of the foci all but cancel there, and the phase of next to nothing means nothing.
@@ -72,7 +72,7 @@ class IdealFrameDrive:
         tolerated: Sequence[ComplexArray],
     ) -> IdealFrameDrive:
         """Return the ideal drive of a frame whose foci ask for the weights *asked*."""
-        codes, allowed = intended.drive.amplitude_codes, criteria.allowed_phase_codes(intended)
+        codes, allowed = intended.drive.amplitude_codes, criteria.allowed_frame_codes(intended)
         pairs = zip(targets, intended.foci, strict=True)
         placed = [target for target, focus in pairs if focus.amplitude > 0.0]
         if (codes == FULL_AMPLITUDE).all():
@@ -146,7 +146,7 @@ class IdealFrameDrive:
         if not active.any():
             return math.pi
         error = np.angle(latched.weights()[active]) - np.angle(self.weights[active])
-        return criteria.common_phase_error_rad(error)
+        return criteria.common_frame_error_rad(error)
 
     def distance(self, latched: Drive, active: Bools) -> tuple[bool, float]:
         """Return a key by which the ideal drive that suits a latched one best comes first."""
@@ -196,7 +196,7 @@ class IdealFrameDrive:
     def place_uncertainty(self, known: Uncertainty) -> VerdictUncertainty | None:
         """Return the uncertainty of the place of the least known focus; None: it is unknown."""
         found = [
-            target_place_uncertainty(target.model, target.position_m, peak.response, known)
+            frame_target_uncertainty(target.model, target.position_m, peak.response, known)
             for target, peak in zip(self.placed, self.peaks, strict=True)
             if peak is not None
         ]
@@ -204,7 +204,7 @@ class IdealFrameDrive:
         return max(found, key=lambda one: one.total, default=None) if whole else None
 
 
-def meaningful_elements(intended: Intended, latched: Drive) -> Bools:
+def meaningful_frame_elements(intended: Intended, latched: Drive) -> Bools:
     """Return (N,) the elements that sound and whose phase means something."""
     least = _LEAST_AMPLITUDE_CODE if intended.board_computed and len(intended.foci) > 1 else 1
     sounding: Bools = (intended.drive.amplitude_codes >= least) & (latched.amplitude_codes > 0)

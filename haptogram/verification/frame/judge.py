@@ -74,7 +74,7 @@ class FrameJudge:
         self._carrier_us = carrier_us
         self.tolerance = Tolerance() if tolerance is None else tolerance
         self.uncertainty = Uncertainty() if uncertainty is None else uncertainty
-        self._grain_rad = criteria.position_grain_rad(model)
+        self._grain_rad = criteria.frame_position_grain_rad(model)
         self._reconstructors: dict[int, Reconstructor] = {}
         entry = _BYTES + _BYTES_PER_ELEMENT * model.array.count
         remembered = _REMEMBERED_BYTES // (_CACHES * entry)
@@ -94,7 +94,7 @@ class FrameJudge:
 
     def _targets(self, intended: Intended) -> list[FrameTarget]:
         codes = intended.drive.amplitude_codes.tobytes()
-        limit_rad = criteria.phase_limit_rad(intended, self._grain_rad)
+        limit_rad = criteria.frame_phase_limit_rad(intended, self._grain_rad)
         return [self._target(focus.position_m, codes, limit_rad) for focus in intended.foci]
 
     def _make_ideals(self, intended: Intended) -> list[IdealFrameDrive]:
@@ -119,7 +119,7 @@ class FrameJudge:
         miss_m = self.tolerance.miss_mm / 1e3
         for way in (*np.eye(3), *-np.eye(3)) if miss_m else ():
             yield frame_weights(
-                model, _displaced_frame_foci(intended.foci, miss_m * way), intended.solver
+                model, _displaced_foci_of_judged_frame(intended.foci, miss_m * way), intended.solver
             )
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
@@ -239,7 +239,7 @@ class FrameJudge:
             self._reconstructors[steps] = Reconstructor(self._model)
         return self._reconstructors[steps].reconstruct_weights(
             latched.weights(),
-            step_rad=criteria.judged_step_rad(intended),
+            step_rad=criteria.judged_frame_step_rad(intended),
             slack_rad=target.tolerated_rad,
         )
 
@@ -257,7 +257,9 @@ def _frame_without_identity(intended: Intended) -> Intended:
     return dataclasses.replace(intended, number=0, key=_ANY, t_apply_us=None)
 
 
-def _displaced_frame_foci(foci: tuple[Focus, ...], way_m: FloatArray) -> tuple[Focus, ...]:
+def _displaced_foci_of_judged_frame(
+    foci: tuple[Focus, ...], way_m: FloatArray
+) -> tuple[Focus, ...]:
     """Return foci that are all displaced by *way_m* (3,)."""
     return tuple(
         Focus.at(np.add(focus.position_m, way_m), focus.amplitude, focus.phase_rad)

@@ -33,10 +33,10 @@ from .ideal_drive import (
     LEAST_EFFICIENCY,
     IdealFociLevels,
     IdealFrameDrive,
-    meaningful_elements,
+    meaningful_frame_elements,
 )
 from .peaks import LOST, WITHIN_LOBE_RAD
-from .status import frame_status_of, frame_warning_of, is_right_status
+from .status import frame_status_of, frame_warning_of, is_right_frame_status
 from .target import Bools, FrameTarget
 from .verdict import FrameStatus, FrameVerdict, Vector
 
@@ -100,7 +100,7 @@ def judge_several_foci(
         How well array and air are known.
     """
     targets = ideals[0].targets
-    active = meaningful_elements(intended, latched) & targets[0].active
+    active = meaningful_frame_elements(intended, latched) & targets[0].active
     levels = IdealFociLevels.of(intended, latched.weights(), targets)
     ideal = min(ideals, key=lambda one: one.distance(latched, active))
     error_rad = ideal.phase_error_rad(latched, active)
@@ -108,11 +108,11 @@ def judge_several_foci(
     if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
         found = _judge_foci_tolerantly(ideal, intended, latched, active, tolerance)
     status = frame_status_of(found.verdicts, faults, focused=False, tolerance=tolerance)
-    unseen = [*found.unseen, *_levels_not_made(levels, intended)]
+    unseen = [*found.unseen, *_frame_levels_not_made(levels, intended)]
     notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
     if status is FrameStatus.ON_TARGET and unseen:
         status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
-    if is_right_status(status):
+    if is_right_frame_status(status):
         notes += frame_warning_of(found.verdicts, error_rad, targets[0].phase_limit_rad)
     worst_m = max(
         found.limits_m or [], key=lambda limit: float(np.linalg.norm(limit)), default=None
@@ -127,13 +127,13 @@ def judge_several_foci(
         faults=faults,
         note="; ".join(notes),
         phase_error_rad=error_rad,
-        bound_mm=None if worst_m is None else _judged_mm(worst_m),
+        bound_mm=None if worst_m is None else _judged_foci_mm(worst_m),
         smallest_miss_mm=smallest_mm,
         uncertainty_mm=ideal.place_uncertainty(known),
         balance=levels.balance,
         efficiency=levels.efficiency,
         pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
-        **_farthest_from_target_mm(ideal.placed, found),
+        **_farthest_from_frame_target_mm(ideal.placed, found),
     )
 
 
@@ -142,7 +142,7 @@ def _judge_foci_strictly(
 ) -> _Findings:
     """Return the findings about a drive that may differ from the ideal one by rounding only."""
     offsets_m, limits_m = ideal.offsets_m(latched.weights()), ideal.limits_m()
-    s5 = criteria.latched_amplitudes_ok(intended, latched)
+    s5 = criteria.frame_amplitudes_ok(intended, latched)
     verdicts = {
         "S1": error_rad <= ideal.targets[0].phase_limit_rad,
         "S2": ideal.in_place(offsets_m),
@@ -160,7 +160,7 @@ def _judge_foci_strictly(
     fit = _fit_judged_foci(ideal, intended, latched, active)
     if fit is None or fit.residual_rad > ideal.targets[0].phase_limit_rad:
         return _Findings(verdicts, unseen, offsets_m, None)
-    limits_m = _judged_limits_m(ideal, fit)
+    limits_m = _judged_foci_limits_m(ideal, fit)
     if limits_m is None or not _are_judged_foci_within(fit, limits_m, 0.0):
         return _Findings(verdicts, unseen, list(fit.offsets_m), None)
     return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
@@ -176,7 +176,7 @@ def _judge_foci_tolerantly(
     """
     limit_rad = ideal.targets[0].phase_limit_rad
     excess = ideal.excess_level(latched.weights(), tolerant=True)
-    s5 = criteria.latched_amplitudes_ok(intended, latched)
+    s5 = criteria.frame_amplitudes_ok(intended, latched)
     verdicts = {
         "S1": False,
         "S3": excess <= _MOST_EXCESS,
@@ -190,7 +190,7 @@ def _judge_foci_tolerantly(
     if fit.residual_rad > limit_rad:  # what is left unexplained may have moved the foci as well
         blurred = fit._replace(bound_m=3.0 * fit.residual_rad / limit_rad * fit.bound_m)
         unseen.append(_NOT_THESE)
-    limits_m = _judged_limits_m(ideal, blurred)
+    limits_m = _judged_foci_limits_m(ideal, blurred)
     if limits_m is None:
         return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
     within = _are_judged_foci_within(fit, limits_m, tolerance.miss_mm)
@@ -219,12 +219,12 @@ def _fit_judged_foci(
     )
 
 
-def _judged_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
+def _judged_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
     """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
     limits = []
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
         limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)
-        if not _judged_length(limits[-1]) < LOST * target.distance_m:
+        if not _judged_foci_length(limits[-1]) < LOST * target.distance_m:
             return None
     return limits
 
@@ -236,7 +236,7 @@ def _frame_peaks_follow(
     offsets_m = ideal.offsets_m(latched.weights())
     return all(
         offset_m is not None
-        and _judged_length(offset_m) <= _judged_length(limit_m) + tolerance.miss_mm / _MM
+        and _judged_foci_length(offset_m) <= _judged_foci_length(limit_m) + tolerance.miss_mm / _MM
         for offset_m, limit_m in zip(offsets_m, limits_m, strict=True)
     )
 
@@ -251,16 +251,20 @@ def _are_frame_peaks_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray
 
 def _are_judged_foci_within(fit: FociFit, limits_m: Sequence[FloatArray], miss_mm: float) -> bool:
     pairs = zip(fit.offsets_m, limits_m, strict=True)
-    return all(criteria.within_limit(offset_m, limit_m, miss_mm) for offset_m, limit_m in pairs)
+    return all(
+        criteria.within_frame_limit(offset_m, limit_m, miss_mm) for offset_m, limit_m in pairs
+    )
 
 
-def _farthest_from_target_mm(targets: Sequence[FrameTarget], found: _Findings) -> dict[str, Any]:
+def _farthest_from_frame_target_mm(
+    targets: Sequence[FrameTarget], found: _Findings
+) -> dict[str, Any]:
     """Return the error of the focus farthest from its place; nothing if one has no place."""
     offsets = [offset for offset in found.offsets_m if offset is not None]
     if len(offsets) < len(targets) or not targets or found.limits_m is None:
         return {}
     target, offset_m = max(
-        zip(targets, offsets, strict=True), key=lambda pair: _judged_length(pair[1])
+        zip(targets, offsets, strict=True), key=lambda pair: _judged_foci_length(pair[1])
     )
     across_m, along_m = target.split(offset_m)
     return {
@@ -279,7 +283,7 @@ def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
         )
 
 
-def _levels_not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
+def _frame_levels_not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
     """Yield reasons for foci that are missing although the drive is as it should be."""
     if intended.solver != "naive" and not levels.made:
         yield (
@@ -289,10 +293,10 @@ def _levels_not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[st
         )
 
 
-def _judged_length(vector: FloatArray) -> float:
+def _judged_foci_length(vector: FloatArray) -> float:
     return float(np.linalg.norm(vector))
 
 
-def _judged_mm(values: FloatArray) -> Vector:
+def _judged_foci_mm(values: FloatArray) -> Vector:
     x, y, z = (float(_MM * value) for value in values)
     return x, y, z

@@ -25,7 +25,7 @@ from haptogram.records.frame import Intended
 from ..faults import faulty_elements_text
 from ..tolerance import Uncertainty
 from . import criteria
-from .status import frame_status_of, frame_warning_of, is_right_status
+from .status import frame_status_of, frame_warning_of, is_right_frame_status
 from .target import Bools, FrameTarget
 from .verdict import FrameStatus, FrameVerdict
 
@@ -63,8 +63,8 @@ def judge_silent_frame(
     heard : bool
         Whether somebody found a field all the same.
     """
-    verdicts = {"S5": criteria.latched_amplitudes_ok(intended, latched) and not heard}
-    if criteria.latched_amplitudes_ok(intended, latched):
+    verdicts = {"S5": criteria.frame_amplitudes_ok(intended, latched) and not heard}
+    if criteria.frame_amplitudes_ok(intended, latched):
         faults = ("sound was radiated where silence was intended",) if heard else ()
     return dataclasses.replace(
         seen,
@@ -116,12 +116,12 @@ class SingleFocusFrame:
         target = self.target
         measures, verdicts, peaks = self._drive_criteria()
         notes = [seen.note] if seen.note else []
-        unseen = [] if target.observable.all() else [_unobservable_target(target)]
+        unseen = [] if target.observable.all() else [_unobservable_frame_target(target)]
         if self._is_ambiguous(measures, found):
             notes.append(_AMBIGUOUS)
             offset_m = target.nearest_focus_m(np.angle(self.latched.weights()), self._active)
-            measures |= _place_against_target(target, offset_m)
-            if not criteria.is_on_target(target, offset_m):
+            measures |= _place_against_frame_target(target, offset_m)
+            if not criteria.is_frame_on_target(target, offset_m):
                 if verdicts["S1"]:
                     unseen.append(_ELSEWHERE)
                 else:
@@ -130,11 +130,11 @@ class SingleFocusFrame:
             if target.observable.any():
                 verdicts["S2"] = self._is_in_place(found)
             if isinstance(found, SingleFocus):
-                measures |= _where_against_target(target, found)
+                measures |= _where_against_frame_target(target, found)
             elif isinstance(found, NotSingle):
                 faults += self._outliers(found, faults)
                 if not faults:  # the right drive in other air: a focus, but not a sharp one
-                    measures |= _where_against_target(target, found)
+                    measures |= _where_against_frame_target(target, found)
                 elif measures["coherence"] >= _STILL_A_FOCUS:
                     measures |= _where_the_frame_peak_is(target, peaks)
                     measures["pressure_rms_pa"] = found.pressure_rms_pa
@@ -149,7 +149,7 @@ class SingleFocusFrame:
         )
         if status is FrameStatus.ON_TARGET and unseen:
             status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
-        if is_right_status(status):
+        if is_right_frame_status(status):
             notes += frame_warning_of(
                 verdicts, measures.get("phase_error_rad"), target.phase_limit_rad
             )
@@ -159,7 +159,7 @@ class SingleFocusFrame:
             status=status,
             criteria=dict(sorted(verdicts.items())),
             faults=faults,
-            bound_mm=_finite_target_mm(target.bound_m),
+            bound_mm=_finite_frame_target_mm(target.bound_m),
             smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
             uncertainty_mm=target.place_uncertainty(known),
             note="; ".join(notes),
@@ -177,22 +177,22 @@ class SingleFocusFrame:
     ) -> tuple[dict[str, Any], dict[str, bool], list[criteria.PeakCriterion]]:
         """Return measures and verdicts that need the drive alone, S1, S3, S4, S5, and the peaks."""
         intended, latched, target, active = self.intended, self.latched, self.target, self._active
-        s5 = criteria.latched_amplitudes_ok(intended, latched)
+        s5 = criteria.frame_amplitudes_ok(intended, latched)
         intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
         measures: dict[str, Any] = {"coherence": 0.0, "intended_pressure_rms_pa": intended_pa}
         if not active.any():
             return measures, {"S1": False, "S3": False, "S5": s5}, []
         sounding = latched.weights()
-        error_rad = criteria.phase_error_rad(target, latched, active)
-        coherence = criteria.coherence_at_target(target, sounding)
-        allowed = criteria.allowed_phase_codes(intended)
+        error_rad = criteria.frame_phase_error_rad(target, latched, active)
+        coherence = criteria.frame_coherence_at_target(target, sounding)
+        allowed = criteria.allowed_frame_codes(intended)
         verdicts = {
             "S1": error_rad <= target.phase_limit_rad,
-            "S3": coherence >= criteria.least_coherence(target, allowed),
+            "S3": coherence >= criteria.least_frame_coherence(target, allowed),
             "S5": s5,
         }
         measures |= {"phase_error_rad": error_rad, "coherence": coherence}
-        peaks = criteria.peak_errors(target, sounding)
+        peaks = criteria.frame_peak_errors(target, sounding)
         if peaks:
             lengths = [peak.error_rad for peak in peaks if peak.error_rad is not None]
             measures["peak_error"] = max(lengths, default=None)
@@ -203,7 +203,9 @@ class SingleFocusFrame:
         """S2."""
         if not isinstance(found, SingleFocus):
             return False
-        return criteria.is_on_target(self.target, criteria.focus_offset_m(self.target, found))
+        return criteria.is_frame_on_target(
+            self.target, criteria.focus_offset_from_target_m(self.target, found)
+        )
 
     def _is_ambiguous(self, measures: dict[str, Any], found: Reconstruction) -> bool:
         """Return True if phases that suit the target were found to suit another point or none.
@@ -212,7 +214,7 @@ class SingleFocusFrame:
         S2 then says nothing about the drive.
         """
         error_rad = measures.get("phase_error_rad", math.inf)
-        if not criteria.suits_target(self.target, error_rad) or self._is_in_place(found):
+        if not criteria.suits_frame_target(self.target, error_rad) or self._is_in_place(found):
             return False
         return isinstance(found, SingleFocus | NotSingle) and self._is_of_this_drive(found)
 
@@ -255,7 +257,7 @@ def _frame_without_focus(found: NotSingle) -> str:
     )
 
 
-def _unobservable_target(target: FrameTarget) -> str:
+def _unobservable_frame_target(target: FrameTarget) -> str:
     """Return a finding that names the coordinates of the focus that no phase tells."""
     names = [name for name, seen in zip("xyz", target.observable, strict=True) if not seen]
     along = " and ".join(names)
@@ -266,17 +268,21 @@ def _unobservable_target(target: FrameTarget) -> str:
     )
 
 
-def _where_against_target(target: FrameTarget, found: SingleFocus | NotSingle) -> dict[str, Any]:
+def _where_against_frame_target(
+    target: FrameTarget, found: SingleFocus | NotSingle
+) -> dict[str, Any]:
     force_n = found.force_n if isinstance(found, SingleFocus) else None
     if force_n is not None and not math.isfinite(force_n):
         force_n = None
-    return _place_against_target(target, criteria.focus_offset_m(target, found)) | {
+    return _place_against_frame_target(
+        target, criteria.focus_offset_from_target_m(target, found)
+    ) | {
         "pressure_rms_pa": found.pressure_rms_pa,
         "force_n": force_n,
     }
 
 
-def _place_against_target(target: FrameTarget, offset_m: FloatArray) -> dict[str, Any]:
+def _place_against_frame_target(target: FrameTarget, offset_m: FloatArray) -> dict[str, Any]:
     """Return place and error of a focus; None for a part that cannot be observed."""
     across_m, along_m = target.split(offset_m)
     place_m = (target.position_m + offset_m).tolist()
@@ -303,6 +309,6 @@ def _where_the_frame_peak_is(
     }
 
 
-def _finite_target_mm(bound_m: FloatArray) -> tuple[float | None, float | None, float | None]:
+def _finite_frame_target_mm(bound_m: FloatArray) -> tuple[float | None, float | None, float | None]:
     x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
     return x, y, z

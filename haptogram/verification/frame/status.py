@@ -37,7 +37,7 @@ def frame_status_of(
     return FrameStatus.WRONG_DRIVE
 
 
-def is_right_status(status: FrameStatus) -> bool:
+def is_right_frame_status(status: FrameStatus) -> bool:
     """Return True if no fault was found."""
     return status in (FrameStatus.ON_TARGET, FrameStatus.NOT_VERIFIED)
 

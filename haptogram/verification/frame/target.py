@@ -254,7 +254,7 @@ class FrameTarget:
         """Return the uncertainty of the place of the focus; None where it cannot be observed."""
         if not self.observable.all():
             return None
-        return target_place_uncertainty(self.model, self.position_m, self.response, known)
+        return frame_target_uncertainty(self.model, self.position_m, self.response, known)
 
 
 def check_frame_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: Tolerance) -> None:
@@ -272,7 +272,7 @@ def check_frame_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: 
         FrameTarget(model, point, everything, 0.0, tolerance).check_tolerance()
 
 
-def target_place_uncertainty(
+def frame_target_uncertainty(
     model: AcousticModel, position_m: FloatArray, response: FloatArray, known: Uncertainty
 ) -> VerdictUncertainty:
     """Return the uncertainty of a place that moves by *response* (D, N) per radian of phase.

@@ -229,7 +229,7 @@ class FrameVerdict:
 # --- Texts ------------------------------------------------------------------------------------
 
 
-def consequence_text(effect: Consequence) -> str:
+def verdict_consequence_text(effect: Consequence) -> str:
     """Return the effect in space of a frame that was not latched in time, in words."""
     wanted = f"instead of {effect.intended_pressure_rms_pa:.0f} Pa"
     if effect.focus_error_mm is None:
@@ -238,7 +238,7 @@ def consequence_text(effect: Consequence) -> str:
     return f"{away}: {effect.pressure_rms_pa:.0f} Pa {wanted}"
 
 
-def wrong_pressure_text(frame: FrameVerdict) -> str | None:
+def verdict_pressure_text(frame: FrameVerdict) -> str | None:
     """Return the change of the pressure at the target by a wrong drive; None: unknown."""
     if frame.status not in WRONG or frame.target_pressure_rms_pa is None:
         return None
@@ -253,7 +253,7 @@ def frame_verdict_text(frame: FrameVerdict) -> str:
         parts.append(f"{abs(frame.lateness_us)} µs {'late' if frame.late else 'early'}")
     if frame.latches > 1:
         parts.append(f"latched {frame.latches} times")
-    parts += [*frame.faults, *frame_measures(frame)]
+    parts += [*frame.faults, *frame_verdict_measures(frame)]
     if frame.note and (frame.status is FrameStatus.NOT_VERIFIED or not frame.faults):
         parts += [frame.note] if frame.status in (FrameStatus.NOT_VERIFIED, *WRONG) else []
     return "; ".join(parts)
@@ -287,11 +287,11 @@ def _frame_verdict_place(frame: FrameVerdict) -> str | None:
     return ", ".join(filter(None, parts)) or None
 
 
-def frame_measures(frame: FrameVerdict) -> Iterator[str]:
+def frame_verdict_measures(frame: FrameVerdict) -> Iterator[str]:
     """Yield the millimetres and pascals of the faults."""
     if frame.status in WRONG and (place := _frame_verdict_place(frame)) is not None:
         yield place
-    if (pressure := wrong_pressure_text(frame)) is not None:
+    if (pressure := verdict_pressure_text(frame)) is not None:
         yield pressure
     if frame.consequence is not None:
-        yield consequence_text(frame.consequence)
+        yield verdict_consequence_text(frame.consequence)

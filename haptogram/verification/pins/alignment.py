@@ -17,8 +17,8 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.records.pins import PinRecord
 
 from .latch_steps import pin_steps
-from .pin_weights import turns_of_reference
-from .run_drives import Bools, RunDrives, fundamentals
+from .pin_weights import pin_turns_of_reference
+from .run_drives import Bools, RunDrives, fundamentals_of_run_drives
 
 _Cells: TypeAlias = NDArray[np.complex64]
 
@@ -65,7 +65,7 @@ class Alignment:
         return times
 
 
-def rates_of(record: PinRecord, run: RunDrives) -> list[float]:
+def rates_of_pin_alignment(record: PinRecord, run: RunDrives) -> list[float]:
     """Return the rates that the clock of the frames may have against the carrier.
 
     One crystal makes both; or two do, and then the analyser's own clock is the better guess.
@@ -75,12 +75,12 @@ def rates_of(record: PinRecord, run: RunDrives) -> list[float]:
     return [1.0, other] if apart > _SHARE_OF_FRAME * run.gap else [1.0]
 
 
-def align_run(record: PinRecord, run: RunDrives, rate: float) -> Iterator[Alignment]:
+def align_pins_to_run(record: PinRecord, run: RunDrives, rate: float) -> Iterator[Alignment]:
     """Yield the places at which the run fits best, the best first, if its clock has this *rate*."""
     cell = float(np.clip(_SHARE_OF_FRAME * run.gap, *_CELLS))
     cell = max(cell, (record.end + run.ends[-1]) / _MOST_CELLS)
     seen = _cells_of_pins(record, cell, run)
-    meant = _cells_of_run(record, run, rate, cell)
+    meant = _cells_of_run_for_pins(record, run, rate, cell)
     size = 1 << int(len(seen) + len(meant)).bit_length()
     total = np.zeros(size, np.complex64)
     for place in range(seen.shape[1]):
@@ -96,7 +96,7 @@ def align_run(record: PinRecord, run: RunDrives, rate: float) -> Iterator[Alignm
         heights[np.arange(best - near, best + near + 1) % size] = 0.0
 
 
-def align_by_onset(record: PinRecord, run: RunDrives) -> Alignment | None:
+def align_pins_by_onset(record: PinRecord, run: RunDrives) -> Alignment | None:
     """Return the alignment by the first sound of the capture; None: it begins with sound."""
     firsts = sorted(float(p.rises[0]) for p in record.pins.values() if len(p.rises))
     if not firsts or firsts[len(firsts) // 2] < run.gap / 2.0 + 2.0:
@@ -112,7 +112,7 @@ def _cells_of_pins(record: PinRecord, cell: float, run: RunDrives) -> _Cells:
     count = int(record.end / cell) + 1
     rows = []
     for element in run.elements:
-        centres, vectors = fundamentals(record.pins[element])
+        centres, vectors = fundamentals_of_run_drives(record.pins[element])
         places = np.clip((centres / cell).astype(np.int64), 0, count - 1)
         sums = np.bincount(places, vectors.real, count) + 1j * np.bincount(
             places, vectors.imag, count
@@ -121,7 +121,7 @@ def _cells_of_pins(record: PinRecord, cell: float, run: RunDrives) -> _Cells:
     return _relative_cells_of_pins(np.array(rows).T, record, run)
 
 
-def _cells_of_run(record: PinRecord, run: RunDrives, rate: float, cell: float) -> _Cells:
+def _cells_of_run_for_pins(record: PinRecord, run: RunDrives, rate: float, cell: float) -> _Cells:
     """Return (C, E) the same of the run, as it was meant."""
     ends = rate * run.ends
     times = (np.arange(int(ends[-1] / cell) + 1) + 0.5) * cell
@@ -153,7 +153,7 @@ def _refined_alignment(record: PinRecord, run: RunDrives, found: Alignment) -> A
         starts, ends = found.starts(run), found.ends(run)
         turns: float | FloatArray = found.turn_rad
         if record.reference_element is not None:
-            turns = turns_of_reference(record, run, starts, ends)
+            turns = pin_turns_of_reference(record, run, starts, ends)
         steps = pin_steps(record, run, starts, ends, before, turns, early=0.5)
         late = np.where(steps.is_inside, steps.middle, np.nan)
         known = np.isfinite(late).any(axis=1)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import TransducerArray
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 
-from .pin_weights import wrapped_angles
+from .pin_weights import wrapped_pin_angles
 from .run_drives import Bools, RunDrives
 
 _MOST: Final = 0.9  # share of frames that a name must explain
@@ -132,27 +132,27 @@ def faults_of_pins(drives: PinDrives, places: Sequence[int], judged: Bools) -> d
     At least one of these frames is not right at each of the pins.
     """
     frames = np.flatnonzero(judged)
-    found = {place: _plain_fault(drives, place, frames) for place in places}
+    found = {place: _plain_pin_fault(drives, place, frames) for place in places}
     rest = [place for place, fault in found.items() if fault is None]
-    others = _other_elements(drives, rest, frames)
+    others = _pins_of_other_elements(drives, rest, frames)
     named = {place: fault for place, fault in found.items() if fault is not None}
     for place in rest:
         other = others.get(place)
         if other is None:
-            named[place] = _rest_of_faults(drives, place, frames)
+            named[place] = _rest_of_pin_faults(drives, place, frames)
         else:
             text = f"does what element {other} should"
             named[place] = PinFault(PinFaultKind.OTHER_ELEMENT, text, other)
     return named
 
 
-def _plain_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault | None:
+def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault | None:
     """Return a fault that the drives of this element alone explain; None: none does."""
     run = drives.run
     meant = run.weights[:, place]
     seen = drives.weights[frames, place]
     wrong = ~drives.right(meant, place)[frames]
-    count = _count(wrong)
+    count = _count_of_wrong_pins(wrong)
     silent = (np.abs(seen) == 0.0) & (np.abs(meant[frames]) > 0.0)
     sounding = np.abs(meant[frames]) > drives.limit_amplitude
     if silent[sounding].all():
@@ -161,7 +161,7 @@ def _plain_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> Pin
         return PinFault(PinFaultKind.SILENT, f"silent {count}")
     old = run.weights[np.maximum(drives.before, 0), place]
     follows = drives.right(old, place) & (drives.before >= 0)
-    if wrong.sum() > 1 and _share(follows[frames][wrong]) >= _MOST:
+    if wrong.sum() > 1 and _share_of_pins(follows[frames][wrong]) >= _MOST:
         return PinFault(PinFaultKind.BEHIND, f"shows the drive of the frame before {count}")
     errors = drives.errors_rad(meant, place)[frames]
     known = np.isfinite(errors)
@@ -173,16 +173,16 @@ def _plain_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> Pin
     )
 
 
-def _count(wrong: Bools) -> str:
+def _count_of_wrong_pins(wrong: Bools) -> str:
     return f"in {int(wrong.sum())} of {len(wrong)} frames"
 
 
-def _rest_of_faults(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault:
+def _rest_of_pin_faults(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault:
     """Return what remains: the sign of the phase, an amplitude, a phase."""
     meant = drives.run.weights[:, place]
-    if _share(drives.right(np.conj(meant), place)[frames]) >= _MOST:
+    if _share_of_pins(drives.right(np.conj(meant), place)[frames]) >= _MOST:
         return PinFault(PinFaultKind.SIGN, "opposite sign of the phase")
-    count = _count(~drives.right(meant, place)[frames])
+    count = _count_of_wrong_pins(~drives.right(meant, place)[frames])
     errors = drives.errors_rad(meant, place)[frames]
     known = np.isfinite(errors)
     sizes = np.abs(drives.weights[frames, place]) - np.abs(meant[frames])
@@ -198,7 +198,7 @@ def _constant_pin_fault(
 ) -> PinFault | None:
     """Return an error, or a phase, that is the same in every frame."""
     shift = float(np.angle(np.exp(1j * errors).sum()))
-    if np.abs(wrapped_angles(errors - shift)).max() <= 2.0 * limit and abs(shift) > limit / 2.0:
+    if np.abs(wrapped_pin_angles(errors - shift)).max() <= 2.0 * limit and abs(shift) > limit / 2.0:
         degrees = math.degrees(shift)
         if abs(abs(degrees) - 180.0) <= math.degrees(2.0 * limit):
             text = "inverted: half a period off in every frame"
@@ -207,14 +207,14 @@ def _constant_pin_fault(
     phases = np.angle(seen)
     middle = float(np.angle(np.exp(1j * phases).sum()))
     wanted = np.angle(meant[np.abs(meant) > 0.0])
-    moves = np.abs(wrapped_angles(wanted - wanted[0])).max(initial=0.0) > 4.0 * limit
-    if moves and np.abs(wrapped_angles(phases - middle)).max() <= 2.0 * limit:
+    moves = np.abs(wrapped_pin_angles(wanted - wanted[0])).max(initial=0.0) > 4.0 * limit
+    if moves and np.abs(wrapped_pin_angles(phases - middle)).max() <= 2.0 * limit:
         degrees = math.degrees(middle) % 360.0
         return PinFault(PinFaultKind.STUCK, f"stuck at a phase of {degrees:.1f} degrees")
     return None
 
 
-def _other_elements(
+def _pins_of_other_elements(
     drives: PinDrives, places: Sequence[int], frames: NDArray[np.intp]
 ) -> dict[int, int]:
     """Return the element whose drives each pin shows, if it is one, and one alone.
@@ -229,15 +229,17 @@ def _other_elements(
     every = run.weights_of(range(run.phases.shape[1]), few)
     found = {}
     for place in places:
-        likely = np.flatnonzero(_near(drives, place, few, every).mean(axis=0) >= _LIKELY)
-        near = _near(drives, place, some, run.weights_of(likely.tolist(), some))
+        likely = np.flatnonzero(_near_pin(drives, place, few, every).mean(axis=0) >= _LIKELY)
+        near = _near_pin(drives, place, some, run.weights_of(likely.tolist(), some))
         fitting = likely[near.mean(axis=0) >= _MOST]
         if len(fitting) == 1 and fitting[0] != run.elements[place]:
             found[place] = int(fitting[0])
     return found
 
 
-def _near(drives: PinDrives, place: int, frames: NDArray[np.intp], meant: ComplexArray) -> Bools:
+def _near_pin(
+    drives: PinDrives, place: int, frames: NDArray[np.intp], meant: ComplexArray
+) -> Bools:
     """Return (F, N) whether one pin shows each of the (F, N) drives *meant*."""
     seen = drives.weights[frames, place][:, None]
     product = seen * np.conj(meant)
@@ -248,14 +250,14 @@ def _near(drives: PinDrives, place: int, frames: NDArray[np.intp], meant: Comple
     return near
 
 
-def _share(found: Bools) -> float:
+def _share_of_pins(found: Bools) -> float:
     return float(found.mean()) if len(found) else 0.0
 
 
 # --- several pins --------------------------------------------------------------------------------
 
 
-def exchanged_orders(
+def exchanged_pin_orders(
     array: TransducerArray, others: Sequence[tuple[int, int]], captured: int
 ) -> str | None:
     """Return the order of elements that explains *others*, pairs of element and element shown."""
@@ -275,7 +277,7 @@ def exchanged_orders(
     return None
 
 
-def grouped_faults(faults: Sequence[tuple[int, str, str]]) -> Iterator[str]:
+def grouped_pin_faults(faults: Sequence[tuple[int, str, str]]) -> Iterator[str]:
     """Yield a line for all pins with the same fault; *faults* are element, channel and words."""
     groups: dict[str, list[tuple[int, str]]] = defaultdict(list)
     for element, channel, text in faults:

@@ -20,9 +20,9 @@ from ..frame.verdict import Verdict
 from ..run import verify_run
 from ..run_verdict import RunVerdict
 from ..tolerance import Tolerance, Uncertainty
-from .judge import verify_pins
-from .pin_verdict import PinVerdict, pin_lines
-from .shared_phase import why_phases_are_apart
+from .judge import verify_captured_pins
+from .pin_verdict import PinVerdict, pin_verdict_lines
+from .shared_phase import why_pin_phases_are_apart
 
 _TURN: Final = 256
 _NAMED: Final = 8
@@ -109,7 +109,7 @@ class CaptureVerdict:
 
     def __str__(self) -> str:
         """Return a summary that fits a screen."""
-        return "\n".join(_capture_verdict_summary(self))
+        return "\n".join(_joined_capture_verdict_summary(self))
 
 
 def verify_captures(
@@ -150,13 +150,13 @@ def verify_captures(
     if not records:
         raise ConfigurationError("no capture to judge by")
     frames = sorted(intended, key=lambda frame: frame.t_apply_us or 0)
-    pins = tuple(verify_pins(record, frames, model=model) for record in records)
-    passes = list(_passes(frames).values())
-    apart = why_phases_are_apart(pins, frames, passes) if len(pins) > 1 else ""
-    no_field = incomplete or _why_no_field(pins, frames, model) or apart
+    pins = tuple(verify_captured_pins(record, frames, model=model) for record in records)
+    passes = list(_passes_over_pins(frames).values())
+    apart = why_pin_phases_are_apart(pins, frames, passes) if len(pins) > 1 else ""
+    no_field = incomplete or _why_pins_make_no_field(pins, frames, model) or apart
     run, observations = None, tuple[Observation, ...]()
     if not no_field:
-        observations = tuple(joined_observations(pins, frames, model.array.count))
+        observations = tuple(joined_observations_of_pins(pins, frames, model.array.count))
         run = verify_run(
             frames,
             observations,
@@ -174,7 +174,7 @@ def verify_captures(
             f"{int(judged.sum())} of {len(frames)} frames were judged; {100.0 * min_verified:g} % "
             "must be (--min-verified)"
         )
-    elif not missing and (text := _too_rarely_seen(pins, passes, min_verified)):
+    elif not missing and (text := _pins_too_rarely_seen(pins, passes, min_verified)):
         missing.append(text)
     if apart:
         missing.append(apart)
@@ -196,7 +196,7 @@ def verify_captures(
     )
 
 
-def _too_rarely_seen(
+def _pins_too_rarely_seen(
     pins: Sequence[PinVerdict], passes: Sequence[Sequence[int]], min_verified: float
 ) -> str:
     """Return the elements of which too few frames were judged; empty: there are none.
@@ -224,7 +224,7 @@ def _too_rarely_seen(
     )
 
 
-def _why_no_field(
+def _why_pins_make_no_field(
     pins: Sequence[PinVerdict], frames: Sequence[Intended], model: AcousticModel
 ) -> str:
     """Return why field and focus cannot be judged; empty: they can."""
@@ -248,7 +248,7 @@ def _why_no_field(
     return ""
 
 
-def _passes(frames: Sequence[Intended]) -> dict[tuple[Drive, Any], list[int]]:
+def _passes_over_pins(frames: Sequence[Intended]) -> dict[tuple[Drive, Any], list[int]]:
     """Return the places of the frames of each drive: an object that repeats has several."""
     passes: dict[tuple[Drive, Any], list[int]] = defaultdict(list)
     for place, frame in enumerate(frames):
@@ -256,7 +256,7 @@ def _passes(frames: Sequence[Intended]) -> dict[tuple[Drive, Any], list[int]]:
     return passes
 
 
-def joined_observations(
+def joined_observations_of_pins(
     pins: Sequence[PinVerdict], frames: Sequence[Intended], count: int
 ) -> list[Observation]:
     """Return an observation of each captured frame, elements of frames with one drive joined.
@@ -265,22 +265,22 @@ def joined_observations(
     has the nearest codes.
     """
     found = []
-    for same in _passes(frames).values():
-        filled = _every_element(pins, same, frames[same[0]], count)
+    for same in _passes_over_pins(frames).values():
+        filled = _every_element_of_pins(pins, same, frames[same[0]], count)
         if filled is None:
             continue
         for place in same:
             codes, latches = filled.copy(), []
             for one in pins:
                 if one.judged[place]:
-                    _fill_joined_codes(codes, one, place, frames[place].drive)
+                    _fill_codes_of_joined_pins(codes, one, place, frames[place].drive)
                     latches.append(one.late_us.get(place, 0.0))
             if latches:
-                found.append(_joined_observation(frames[place], codes, max(latches)))
+                found.append(_joined_observation_of_pins(frames[place], codes, max(latches)))
     return found
 
 
-def _every_element(
+def _every_element_of_pins(
     pins: Sequence[PinVerdict], same: Sequence[int], frame: Intended, count: int
 ) -> np.ndarray | None:
     """Return (2, N) phase and amplitude codes from any pass; None: an element was never seen."""
@@ -289,26 +289,28 @@ def _every_element(
         seen = [place for place in same if one.judged[place]]
         # The worst pass counts: what is wrong once is wrong.
         for place in sorted(seen, key=lambda p: -int(one.right[p].sum())):
-            _fill_joined_codes(codes, one, place, frame.drive)
+            _fill_codes_of_joined_pins(codes, one, place, frame.drive)
     return None if (codes < 0).any() else codes
 
 
-def _fill_joined_codes(codes: np.ndarray, one: PinVerdict, place: int, meant: Drive) -> None:
+def _fill_codes_of_joined_pins(
+    codes: np.ndarray, one: PinVerdict, place: int, meant: Drive
+) -> None:
     elements = np.array(one.elements)
     right = one.right[place]
-    phases, amplitudes = _nearest_codes(one.weights[place])
+    phases, amplitudes = _nearest_codes_of_pins(one.weights[place])
     wanted = meant.phase_codes.astype(np.int64) << (8 - meant.phase_bits)
     codes[0, elements] = np.where(right, wanted[elements], phases)
     codes[1, elements] = np.where(right, meant.amplitude_codes[elements], amplitudes)
 
 
-def _nearest_codes(weights: ComplexArray) -> tuple[np.ndarray, np.ndarray]:
+def _nearest_codes_of_pins(weights: ComplexArray) -> tuple[np.ndarray, np.ndarray]:
     phases = np.rint(np.angle(weights) / (2.0 * np.pi) * _TURN).astype(np.int64) % _TURN
     sizes = np.rint(np.abs(weights) * FULL_AMPLITUDE).astype(np.int64)
     return phases, np.clip(sizes, 0, FULL_AMPLITUDE)
 
 
-def _joined_observation(frame: Intended, codes: np.ndarray, late_us: float) -> Observation:
+def _joined_observation_of_pins(frame: Intended, codes: np.ndarray, late_us: float) -> Observation:
     drive = Drive(codes[0].astype(np.uint8), codes[1].astype(np.uint8))
     due_us = frame.t_apply_us or 0
     return Observation(
@@ -320,7 +322,7 @@ def _joined_observation(frame: Intended, codes: np.ndarray, late_us: float) -> O
     )
 
 
-def _capture_verdict_summary(verdict: CaptureVerdict) -> Iterator[str]:
+def _joined_capture_verdict_summary(verdict: CaptureVerdict) -> Iterator[str]:
     what = "; ".join(verdict.reasons[:2]) or "every captured pin does what was intended"
     more = len(verdict.reasons) - 2
     if more > 0:
@@ -329,7 +331,7 @@ def _capture_verdict_summary(verdict: CaptureVerdict) -> Iterator[str]:
     for one in verdict.pins:
         if len(verdict.pins) > 1:
             yield f"  {one.name}: {one.verdict}, {one.scope}"
-        yield from pin_lines(one)
+        yield from pin_verdict_lines(one)
     if verdict.run is None:
         yield f"  field     not judged: {verdict.no_field}"
     else:

@@ -17,13 +17,13 @@ from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
 
 from ..frame.verdict import Verdict
-from .element_faults import PinFaultKind, exchanged_orders, faults_of_pins, grouped_faults
+from .element_faults import PinFaultKind, exchanged_pin_orders, faults_of_pins, grouped_pin_faults
 from .pin_verdict import PinLimits, PinVerdict
-from .pin_weights import pins_phase, wrapped_angles
+from .pin_weights import pins_phase, wrapped_pin_angles
 from .run_drives import Bools, RunDrives
-from .shared_phase import clock_turns
-from .shown_frames import FIT_SHARE, CaptureLimits, ShownFrames, shown_frames
-from .silence import EndOfSound, end_of_sound
+from .shared_phase import clock_turns_of_pins
+from .shown_frames import FIT_SHARE, CaptureLimits, ShownFrames, frames_shown_by_pins
+from .silence import EndOfSound, end_of_sound_on_pins
 
 _HALF: Final = 0.5
 _LATE_PERIODS: Final = 2.0  # one for the boundary that is awaited, one for where its pulse lies
@@ -32,7 +32,7 @@ _MOST_DRIFT_PPM: Final = 1000.0
 _SAMPLES_OF_8_BITS: Final = 512.0  # of a period: one is half a step
 
 
-def verify_pins(
+def verify_captured_pins(
     record: PinRecord,
     intended: Sequence[Intended],
     *,
@@ -62,7 +62,7 @@ def verify_pins(
                 f"{model.array.count - 1}"
             )
     run = RunDrives.of(intended, sorted(record.pins), record.carrier_hz)
-    return _PinJudge(record, run, model, shown_frames(record, run)).judge()
+    return _PinJudge(record, run, model, frames_shown_by_pins(record, run)).judge()
 
 
 @dataclass
@@ -150,7 +150,7 @@ class _PinJudge:
 
     def _end(self) -> EndOfSound:
         """Judge how the output falls silent at the end."""
-        found = end_of_sound(self.record, self.run, self.shown)
+        found = end_of_sound_on_pins(self.record, self.run, self.shown)
         for text in found.findings:
             self._find("mute", text)
         if found.not_judged:
@@ -209,7 +209,7 @@ class _PinJudge:
                 others.append((element, fault.other))
             named = element, self.record.pins[element].channel, fault.text
             faults.setdefault(fault.kind.check, []).append(named)
-        order = exchanged_orders(self.model.array, others, count)
+        order = exchanged_pin_orders(self.model.array, others, count)
         if order is not None:
             exchanged = {element for element, _ in others}
             faults["phases"] = [f for f in faults["phases"] if f[0] not in exchanged]
@@ -219,13 +219,13 @@ class _PinJudge:
                 "map, the wiring or the board",
             )
         for kind, found in faults.items():
-            for line in grouped_faults(found):
+            for line in grouped_pin_faults(found):
                 self._find(kind, line)
         return alone
 
     @cached_property
     def _turns_rad(self) -> FloatArray | None:
-        return clock_turns(self.record, self.run, self.shown)
+        return clock_turns_of_pins(self.record, self.run, self.shown)
 
     def _check_turns(self, judged: Bools) -> None:
         """Find frames in which all pins are turned together against the clock of the carrier.
@@ -236,7 +236,7 @@ class _PinJudge:
         if turns is None:
             return
         frames = np.flatnonzero(judged & np.isfinite(turns))
-        away = wrapped_angles(turns[frames] - pins_phase(turns[frames], self._limits.phase_rad))
+        away = wrapped_pin_angles(turns[frames] - pins_phase(turns[frames], self._limits.phase_rad))
         limit = 2.0 * self._limits.phase_rad + self.run.allowed_rad[frames]
         for place in np.flatnonzero(np.abs(away) > limit):
             self._find(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.pins import PinRecord
 
-from .run_drives import Bools, RunDrives, fundamentals
+from .run_drives import Bools, RunDrives, fundamentals_of_run_drives
 
 #: Drives nearer than that are not told apart pulse by pulse: samples, and a share of full drive.
 _SAMPLES: Final = 8.0
@@ -88,8 +88,8 @@ def pin_steps(
         old = np.where(before >= 0, run.weights[before, place], 0.0) * turns
         far = np.abs(wanted - old) > max(_LEAST_DISTANCE, _SAMPLES * np.pi / record.samples)
         told = is_seen & far
-        centres, vectors = fundamentals(record.pins[element])
-        _of_pin(
+        centres, vectors = fundamentals_of_run_drives(record.pins[element])
+        _step_of_pin(
             centres,
             vectors,
             lows,
@@ -104,7 +104,7 @@ def pin_steps(
     return PinSteps(after, first, share, inside)
 
 
-def _of_pin(
+def _step_of_pin(
     centres: FloatArray,
     vectors: ComplexArray,
     lows: FloatArray,

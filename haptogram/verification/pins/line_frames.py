@@ -50,7 +50,7 @@ class LineReading:
     unread: list[float]
 
 
-def line_frames(line: LineBytes) -> list[LineFrame]:
+def frames_on_captured_line(line: LineBytes) -> list[LineFrame]:
     """Return the frames of one direction, in order; what is no frame is left out."""
     return read_line(line).frames
 
@@ -87,20 +87,22 @@ def read_line(line: LineBytes) -> LineReading:
             continue
         header = Header.unpack(body[: Header.LAYOUT.size])
         begin, arrival = float(line.times[first]), float(line.times[place])
-        found.append(LineFrame(begin, arrival, header, _message(body)))
+        found.append(LineFrame(begin, arrival, header, _message_on_captured_line(body)))
     if before + 1 < len(data):
         unread.append(float(line.times[before + 1]))
     return LineReading(found, unread)
 
 
-def _message(body: bytes) -> Message | None:
+def _message_on_captured_line(body: bytes) -> Message | None:
     try:
         return parse_body(body)[1]
     except RemoteProtocolError:
         return None
 
 
-def first_mute(line: LineBytes, begin: float) -> float | None:
+def first_mute_on_captured_line(line: LineBytes, begin: float) -> float | None:
     """Return when the first MUTE from *begin* on arrived, in periods; None: none did."""
-    arrivals = (f.arrival for f in line_frames(line) if f.header.type == MessageType.MUTE)
+    arrivals = (
+        f.arrival for f in frames_on_captured_line(line) if f.header.type == MessageType.MUTE
+    )
     return next((arrival for arrival in arrivals if arrival >= begin), None)

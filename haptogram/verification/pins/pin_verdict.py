@@ -148,13 +148,13 @@ class PinVerdict:
             "elements": list(self.elements),
             "elements_of_array": self.array_count,
             "frames": dict(self.counts),
-            "frames_seen": _ranges(np.flatnonzero(seen)),
+            "frames_seen": _ranges_in_pin_verdict(np.flatnonzero(seen)),
             "findings": {name: list(lines) for name, lines in self.findings.items()},
             "not_judged": dict(self.not_judged),
             "sample_rate_hz": self.limits.sample_rate_hz,
             "smallest_phase_error_deg": math.degrees(self.limits.resolution_rad),
             "phase_limit_deg": math.degrees(self.limits.phase_rad),
-            "phase_error_deg": _degrees(self.phase_error_rad),
+            "phase_error_deg": _degrees_in_pin_verdict(self.phase_error_rad),
             "amplitude_limit": self.limits.amplitude,
             "amplitude_error": self.amplitude_error,
             "mute_periods": self.mute_periods,
@@ -167,11 +167,11 @@ class PinVerdict:
         }
 
 
-def _degrees(angle_rad: float | None) -> float | None:
+def _degrees_in_pin_verdict(angle_rad: float | None) -> float | None:
     return None if angle_rad is None else math.degrees(angle_rad)
 
 
-def _ranges(numbers: np.ndarray) -> list[list[int]]:
+def _ranges_in_pin_verdict(numbers: np.ndarray) -> list[list[int]]:
     """Return whole numbers as ranges, first and last of each."""
     if not len(numbers):
         return []
@@ -179,7 +179,7 @@ def _ranges(numbers: np.ndarray) -> list[list[int]]:
     return [[int(part[0]), int(part[-1])] for part in parts]
 
 
-def pin_lines(pins: PinVerdict) -> Iterator[str]:
+def pin_verdict_lines(pins: PinVerdict) -> Iterator[str]:
     """Yield the verdict of a capture in lines."""
     counts, limits = pins.counts, pins.limits
     unseen = pins.array_count - len(pins.elements)
@@ -216,15 +216,15 @@ def pin_lines(pins: PinVerdict) -> Iterator[str]:
         f"  carrier   {pins.carrier_hz:.2f} Hz, {pins.drift_ppm:+.1f} ppm on the analyser's clock"
     )
     lines = [line for lines in pins.findings.values() for line in lines]
-    yield from _shown([f"  wrong     {line}" for line in lines])
-    yield from _shown([f"  frame     {line}" for line in pins.events])
+    yield from _shown_pin_verdict_lines([f"  wrong     {line}" for line in lines])
+    yield from _shown_pin_verdict_lines([f"  frame     {line}" for line in pins.events])
     for check, why in pins.not_judged.items():
         yield f"  not seen  {check}: {why}"
     for note in pins.notes:
         yield f"  note      {note}"
 
 
-def _shown(lines: list[str]) -> Iterator[str]:
+def _shown_pin_verdict_lines(lines: list[str]) -> Iterator[str]:
     yield from lines[:_NAMED]
     if len(lines) > _NAMED:
         yield f"  ... and {len(lines) - _NAMED} more, in the JSON file"

@@ -10,7 +10,7 @@ import numpy as np
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.pins import PinRecord
 
-from .run_drives import Bools, RunDrives, fundamentals
+from .run_drives import Bools, RunDrives, fundamentals_of_run_drives
 
 #: Periods after a latch until no pulse of the old drive is left, and before the next one.
 SETTLED: Final = 2.0
@@ -50,7 +50,7 @@ def pin_weights(
         lows, highs = begin[:, place], end[:, place]
         is_seen = (lows >= 0.0) & (highs <= record.end) & (highs - lows >= _LEAST_WINDOW)
         least = np.maximum(np.floor(np.where(is_seen, highs - lows, 1.0) - _SAMPLED), 1.0)
-        centres, vectors = fundamentals(record.pins[element])
+        centres, vectors = fundamentals_of_run_drives(record.pins[element])
         sums = np.concatenate([[0.0], np.cumsum(vectors.astype(np.complex128))])
         sizes = np.concatenate([[0.0], np.cumsum(np.abs(vectors).astype(np.float64))])
         begins, ends = np.searchsorted(centres, lows), np.searchsorted(centres, highs)
@@ -67,7 +67,7 @@ def pin_weights(
     return PinWeights(weights, jitter)
 
 
-def frame_weights(
+def pin_weights_of_frame(
     record: PinRecord, run: RunDrives, starts: FloatArray, ends: FloatArray
 ) -> PinWeights:
     """Return the drives between *starts* and *ends* (F,), without the latches at both."""
@@ -76,18 +76,18 @@ def frame_weights(
     return pin_weights(record, run, lows, np.broadcast_to((ends - _BEFORE_NEXT)[:, None], shape))
 
 
-def turns_of_reference(
+def pin_turns_of_reference(
     record: PinRecord, run: RunDrives, starts: FloatArray, ends: FloatArray
 ) -> FloatArray:
     """Return the (F,) phase by which the element that is the reference differs from its drive."""
     if record.reference_element is None:
         return np.zeros(run.count)
-    found = frame_weights(record, run, starts, ends).weights
+    found = pin_weights_of_frame(record, run, starts, ends).weights
     place = run.elements.index(record.reference_element)
-    return _filled(np.angle(found[:, place] * np.conj(run.weights[:, place])))
+    return _filled_pin_weights(np.angle(found[:, place] * np.conj(run.weights[:, place])))
 
 
-def common_turns(
+def common_turns_of_pins(
     record: PinRecord,
     run: RunDrives,
     weights: ComplexArray,
@@ -108,18 +108,18 @@ def common_turns(
         turn = pins_phase(errors[sounding], limit_rad)
         common = np.full(run.count, turn)
     else:
-        common = _filled(errors[:, run.elements.index(record.reference_element)])
+        common = _filled_pin_weights(errors[:, run.elements.index(record.reference_element)])
     if len(run.elements) < _FEWEST or not each:
         return common
-    agreeing = _agreeing(errors, common, limit_rad)
+    agreeing = _agreeing_pins(errors, common, limit_rad)
     doubtful = (2 * agreeing.sum(axis=1) < sounding.sum(axis=1)) & (sounding.sum(axis=1) >= _FEWEST)
     for frame in np.flatnonzero(doubtful):
         shared = pins_phase(errors[frame][sounding[frame]], limit_rad)
-        near = np.abs(wrapped_angles(errors[frame] - shared)) <= 2.0 * limit_rad
+        near = np.abs(wrapped_pin_angles(errors[frame] - shared)) <= 2.0 * limit_rad
         if near.sum() > max(agreeing[frame].sum(), 1):
             common[frame] = shared
     # The mean of those that agree: the phase of the reference alone is known to a sample only.
-    agreeing = _agreeing(errors, common, limit_rad)
+    agreeing = _agreeing_pins(errors, common, limit_rad)
     rest = np.where(agreeing, np.exp(1j * (errors - common[:, None])), 0.0)
     if record.reference_element is None:
         shift = np.full(run.count, np.angle(rest.sum()))
@@ -131,9 +131,9 @@ def common_turns(
     return moved
 
 
-def _agreeing(errors: FloatArray, common: FloatArray, limit_rad: float) -> Bools:
+def _agreeing_pins(errors: FloatArray, common: FloatArray, limit_rad: float) -> Bools:
     with np.errstate(invalid="ignore"):
-        near: Bools = np.abs(wrapped_angles(errors - common[:, None])) <= 2.0 * limit_rad
+        near: Bools = np.abs(wrapped_pin_angles(errors - common[:, None])) <= 2.0 * limit_rad
     return near
 
 
@@ -146,12 +146,12 @@ def pins_phase(errors: FloatArray, limit_rad: float) -> float:
     width = max(1, int(np.ceil(limit_rad / (2.0 * np.pi) * _DEGREES_OF_MODE)))
     near = sum(np.roll(counts, shift) for shift in range(-width, width + 1))
     centre = 2.0 * np.pi * float(np.argmax(near)) / _DEGREES_OF_MODE
-    rest = wrapped_angles(errors - centre)
+    rest = wrapped_pin_angles(errors - centre)
     close = np.abs(rest) <= 2.0 * limit_rad + 2.0 * np.pi / _DEGREES_OF_MODE
     return centre + float(rest[close].mean()) if close.any() else centre
 
 
-def _filled(values: FloatArray) -> FloatArray:
+def _filled_pin_weights(values: FloatArray) -> FloatArray:
     """Return *values* (F,) with those that are NaN taken from the nearest that is not."""
     known = np.flatnonzero(np.isfinite(values))
     if not len(known):
@@ -166,7 +166,7 @@ def _filled(values: FloatArray) -> FloatArray:
     return filled
 
 
-def wrapped_angles(angles: FloatArray) -> FloatArray:
+def wrapped_pin_angles(angles: FloatArray) -> FloatArray:
     """Return *angles* in -pi to pi."""
     wrapped: FloatArray = (angles + np.pi) % (2.0 * np.pi) - np.pi
     return wrapped

@@ -114,7 +114,7 @@ class RunDrives:
         return found
 
 
-def fundamentals(pulses: PinPulses) -> tuple[FloatArray, ComplexArray]:
+def fundamentals_of_run_drives(pulses: PinPulses) -> tuple[FloatArray, ComplexArray]:
     """Return centre (P,) in periods and fundamental (P,) of each pulse.
 
     A pulse from a to b has (e^{jb} - e^{ja}) / 2j: A e^{+j phi} as in a drive.

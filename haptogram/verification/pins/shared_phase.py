@@ -12,7 +12,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
 
-from .pin_weights import SETTLED, pin_weights, wrapped_angles
+from .pin_weights import SETTLED, pin_weights, wrapped_pin_angles
 from .run_drives import RunDrives
 from .shown_frames import ShownFrames
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .pin_verdict import PinVerdict
 
 
-def why_phases_are_apart(
+def why_pin_phases_are_apart(
     pins: Sequence[PinVerdict],
     frames: Sequence[Intended],
     passes: Sequence[Sequence[int]],
@@ -63,24 +63,24 @@ def why_phases_are_apart(
                     b
                     for b in waiting
                     for a in joined
-                    if _share_element(pins[a], pins[b], seen[a], seen[b], amplitudes)
-                    or _difference_rad(turns[a], turns[b], seen[a], seen[b])
+                    if _share_pin_element(pins[a], pins[b], seen[a], seen[b], amplitudes)
+                    or _pin_phase_difference_rad(turns[a], turns[b], seen[a], seen[b])
                     <= pins[a].limits.phase_rad + pins[b].limits.phase_rad
                 ),
                 None,
             )
             if found is None:
                 pair = a, b = joined[0], waiting[0]
-                difference = _difference_rad(turns[a], turns[b], seen[a], seen[b])
+                difference = _pin_phase_difference_rad(turns[a], turns[b], seen[a], seen[b])
                 apart[pair] = apart.get(pair, 0) + len(same)
                 worst_rad[pair] = max(worst_rad.get(pair, 0.0), difference)
                 found = waiting[0]
             joined.append(found)
             waiting.remove(found)
-    return "; ".join(_lines(pins, len(frames), apart, worst_rad))
+    return "; ".join(_pin_phase_lines(pins, len(frames), apart, worst_rad))
 
 
-def clock_turns(record: PinRecord, run: RunDrives, shown: ShownFrames) -> FloatArray | None:
+def clock_turns_of_pins(record: PinRecord, run: RunDrives, shown: ShownFrames) -> FloatArray | None:
     """Return the (F,) common phase of the pins against the clock of the carrier, in radians.
 
     NaN: the frame is not seen. None: the reference of the capture is an element.
@@ -99,7 +99,7 @@ def clock_turns(record: PinRecord, run: RunDrives, shown: ShownFrames) -> FloatA
     return np.where(np.abs(total) > 0.0, np.angle(total), np.nan)
 
 
-def _share_element(
+def _share_pin_element(
     a: PinVerdict,
     b: PinVerdict,
     seen_a: Sequence[int],
@@ -115,18 +115,18 @@ def _share_element(
     )
 
 
-def _difference_rad(
+def _pin_phase_difference_rad(
     a: FloatArray | None, b: FloatArray | None, seen_a: Sequence[int], seen_b: Sequence[int]
 ) -> float:
     """Return the largest difference of the common phases; infinite: there is none to tell."""
     if a is None or b is None:
         return math.inf
     turns = np.concatenate([a[seen_a], b[seen_b]])
-    away = wrapped_angles(turns - turns[0])
+    away = wrapped_pin_angles(turns - turns[0])
     return float(np.ptp(away)) if np.isfinite(away).all() else math.inf
 
 
-def _lines(
+def _pin_phase_lines(
     pins: Sequence[PinVerdict],
     count: int,
     apart: dict[tuple[int, int], int],

@@ -14,10 +14,10 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.records.pins import PinRecord
 
-from .alignment import Alignment, align_by_onset, align_run, rates_of
+from .alignment import Alignment, align_pins_by_onset, align_pins_to_run, rates_of_pin_alignment
 from .element_faults import PinDrives
 from .latch_steps import PinSteps, pin_steps
-from .pin_weights import SETTLED, common_turns, frame_weights, pin_weights
+from .pin_weights import SETTLED, common_turns_of_pins, pin_weights, pin_weights_of_frame
 from .run_drives import Bools, RunDrives
 
 #: Share of the captured drives that are right in a capture of this run.
@@ -98,29 +98,29 @@ class ShownFrames:
         return self.drives.all_right()
 
 
-def shown_frames(record: PinRecord, run: RunDrives) -> ShownFrames:
+def frames_shown_by_pins(record: PinRecord, run: RunDrives) -> ShownFrames:
     """Return the frames of a run that a capture shows."""
     limits = CaptureLimits.of(record)
-    found = _best_alignment(record, run, limits)
+    found = _best_pin_alignment(record, run, limits)
     starts, ends = found.starts(run), found.ends(run)
-    lost, before = _lost_frames(record, _pin_drives(record, run, found, limits, each=False))
-    weights = frame_weights(record, run, starts, ends).weights
-    turns = common_turns(record, run, weights, limits.phase_rad)
+    lost, before = _frames_lost_on_pins(record, _pin_drives(record, run, found, limits, each=False))
+    weights = pin_weights_of_frame(record, run, starts, ends).weights
+    turns = common_turns_of_pins(record, run, weights, limits.phase_rad)
     steps = pin_steps(record, run, starts, ends, before, turns)
     drives = _pin_drives(record, run, found, limits, steps, before)
-    lost |= _without_latch(record, starts, ends) & ~steps.is_inside.any(axis=1)
+    lost |= _pins_without_latch(record, starts, ends) & ~steps.is_inside.any(axis=1)
     return ShownFrames(starts, ends, drives, steps, lost, _pin_lateness(steps, lost))
 
 
-def _best_alignment(record: PinRecord, run: RunDrives, limits: CaptureLimits) -> Alignment:
+def _best_pin_alignment(record: PinRecord, run: RunDrives, limits: CaptureLimits) -> Alignment:
     """Return the alignment in which most drives are right."""
 
     def share(place: Alignment) -> float:
         return _share_of_right_pins(_pin_drives(record, run, place, limits))
 
     most, best = -1.0, Alignment(0.0, 1.0, 0.0)
-    for rate in rates_of(record, run):
-        for place in align_run(record, run, rate):
+    for rate in rates_of_pin_alignment(record, run):
+        for place in align_pins_to_run(record, run, rate):
             if (found := share(place)) > most:
                 most, best = found, place
             if most > _GOOD_SHARE:
@@ -128,7 +128,7 @@ def _best_alignment(record: PinRecord, run: RunDrives, limits: CaptureLimits) ->
     for place in [best.shifted(shift * run.gap) for shift in _SHIFTS]:
         if (found := share(place)) > most:
             most, best = found, place
-    onset = align_by_onset(record, run) if most < FIT_SHARE else None
+    onset = align_pins_by_onset(record, run) if most < FIT_SHARE else None
     return best if onset is None else onset
 
 
@@ -162,7 +162,7 @@ def _pin_drives(
     begins = np.array([record.pins[element].begin for element in run.elements])
     lows = np.where(lows < begins, np.nan, lows)  # a level that is not known shows nothing
     means = pin_weights(record, run, lows, highs)
-    turns = common_turns(record, run, means.weights, limits.phase_rad, each=each)
+    turns = common_turns_of_pins(record, run, means.weights, limits.phase_rad, each=each)
     jitter = np.minimum(means.jitter_rad, limits.phase_rad)
     return PinDrives(
         run,
@@ -173,7 +173,7 @@ def _pin_drives(
     )
 
 
-def _lost_frames(record: PinRecord, drives: PinDrives) -> tuple[Bools, NDArray[np.int64]]:
+def _frames_lost_on_pins(record: PinRecord, drives: PinDrives) -> tuple[Bools, NDArray[np.int64]]:
     """Return the (F,) frames that the pins do not show, and the one shown before each.
 
     A frame is lost if every pin shows the drive of the one before, and not every pin its own. A
@@ -189,7 +189,7 @@ def _lost_frames(record: PinRecord, drives: PinDrives) -> tuple[Bools, NDArray[n
         if shown >= 0 and np.isfinite(weights[frame]).all() and sound.any():
             seen, old, new = weights[frame], run.weights[shown], run.weights[frame]
             if not _pin_shows_frame(drives, frame, seen, new)[sound].all():
-                seen = _on_phase_of_reference(record, run, seen, old)
+                seen = _pins_on_phase_of_reference(record, run, seen, old)
                 lost[frame] = _pin_keeps_frame(drives, frame, seen, old)[sound].all()
         if not lost[frame]:
             shown = frame
@@ -227,7 +227,7 @@ def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: Com
     return few
 
 
-def _on_phase_of_reference(
+def _pins_on_phase_of_reference(
     record: PinRecord, run: RunDrives, seen: ComplexArray, old: ComplexArray
 ) -> ComplexArray:
     """Return *seen* (E,) turned so that the element that is the reference has its *old* phase."""
@@ -238,7 +238,7 @@ def _on_phase_of_reference(
     return turned
 
 
-def _without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray) -> Bools:
+def _pins_without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray) -> Bools:
     """Return the (F,) frames during which the latch pin did not rise, if it rose at all."""
     if record.latches is None or not len(record.latches):
         return np.zeros(len(starts), np.bool_)

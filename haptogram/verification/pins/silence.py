@@ -10,8 +10,8 @@ import numpy as np
 
 from haptogram.records.pins import PinRecord
 
-from .line_frames import first_mute
-from .run_drives import RunDrives, fundamentals
+from .line_frames import first_mute_on_captured_line
+from .run_drives import RunDrives, fundamentals_of_run_drives
 from .shown_frames import ShownFrames
 
 _SILENT_PERIODS: Final = 2.5  # without a pulse
@@ -87,14 +87,14 @@ def pin_stops(record: PinRecord, run: RunDrives, shown: ShownFrames) -> PinStops
         stops[element], rises[element] = float(pin.falls[end]), float(pin.rises[end])
         if not len(silences) and stops[element] > record.end - _SILENT_PERIODS:
             sounding.append(element)
-        _, vectors = fundamentals(pin)
+        _, vectors = fundamentals_of_run_drives(pin)
         before = np.abs(vectors[max(first, end - _LAST_PULSES) : end])
         if len(before) and before.mean() < _FADED * sizes[place] - shown.drives.limit_amplitude:
             faded += 1
     return PinStops(stops, rises, tuple(sounding), faded)
 
 
-def end_of_sound(record: PinRecord, run: RunDrives, shown: ShownFrames) -> EndOfSound:
+def end_of_sound_on_pins(record: PinRecord, run: RunDrives, shown: ShownFrames) -> EndOfSound:
     """Judge how the pins fall silent after the last frame of the run.
 
     With the host's line of the UART, MUTE is known on the clock of the pins, and no pulse may begin
@@ -107,26 +107,24 @@ def end_of_sound(record: PinRecord, run: RunDrives, shown: ShownFrames) -> EndOf
         return EndOfSound(not_judged="not verified: no captured pin sounds in the last frame")
     mute = None
     if record.to_board is not None:
-        mute = first_mute(record.to_board, float(shown.starts[-1]))
+        mute = first_mute_on_captured_line(record.to_board, float(shown.starts[-1]))
     after = None if mute is None else max(found.rises.values()) - mute
-    if mute is not None and (late := _sounding_after_mute(record, found, mute)):
+    if mute is not None and (late := _pins_sounding_after_mute(record, found, mute)):
         return EndOfSound((late,), after_mute_periods=after)
     if mute is not None and record.end < mute + _SILENT_PERIODS:
         return EndOfSound(not_judged="not verified: the capture ends with MUTE")
     if mute is None and len(found.sounding) == len(found.stops):
-        return EndOfSound(not_judged=_why_not_muted(record, shown))
+        return EndOfSound(not_judged=_why_pins_not_muted(record, shown))
     if found.is_ramp:
         return EndOfSound(
             not_judged="the output fades to silence (a ramp)", after_mute_periods=after
         )
     if found.sounding and mute is None:
-        return EndOfSound(
-            (f"{listed_elements(found.sounding)} go on after the others fell silent",)
-        )
-    return _together(record, found, after)
+        return EndOfSound((f"{listed_pins(found.sounding)} go on after the others fell silent",))
+    return _pins_stop_together(record, found, after)
 
 
-def _sounding_after_mute(record: PinRecord, found: PinStops, mute: float) -> str:
+def _pins_sounding_after_mute(record: PinRecord, found: PinStops, mute: float) -> str:
     """Return which pins sound later than a period after MUTE arrived; empty: none does."""
     limit = mute + 1.0 + _MUTE_SAMPLES / record.samples
     late = [element for element, rise in found.rises.items() if rise > limit]
@@ -136,12 +134,12 @@ def _sounding_after_mute(record: PinRecord, found: PinStops, mute: float) -> str
     last = max(found.rises[element] for element in late)
     until = "" if set(late) - set(found.sounding) else ", up to the end of the capture"
     return (
-        f"{listed_elements(late)} still on {(last - mute) * us:.0f} µs after MUTE arrived, may be "
+        f"{listed_pins(late)} still on {(last - mute) * us:.0f} µs after MUTE arrived, may be "
         f"for {us:.0f} µs{until}"
     )
 
 
-def _together(record: PinRecord, found: PinStops, after: float | None) -> EndOfSound:
+def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None) -> EndOfSound:
     us = 1e6 / record.carrier_hz
     first, last = min(found.stops.values()), max(found.stops.values())
     allowed = 1.0 + _MUTE_SAMPLES / record.samples
@@ -149,14 +147,14 @@ def _together(record: PinRecord, found: PinStops, after: float | None) -> EndOfS
     if last - first > allowed:
         behind = [e for e, stop in found.stops.items() if stop - first > allowed]
         findings.append(
-            f"{listed_elements(behind)} fall silent {(last - first) * us:.0f} µs after the first"
+            f"{listed_pins(behind)} fall silent {(last - first) * us:.0f} µs after the first"
         )
     return EndOfSound(
         tuple(findings), spread_periods=max(0.0, last - first - 1.0), after_mute_periods=after
     )
 
 
-def _why_not_muted(record: PinRecord, shown: ShownFrames) -> str:
+def _why_pins_not_muted(record: PinRecord, shown: ShownFrames) -> str:
     behind_ms = max(0.0, record.end - float(shown.ends[-1])) * 1e3 / record.carrier_hz
     what = "no MUTE is on the captured line"
     if record.to_board is None:
@@ -167,7 +165,7 @@ def _why_not_muted(record: PinRecord, shown: ShownFrames) -> str:
     )
 
 
-def listed_elements(elements: Sequence[int]) -> str:
+def listed_pins(elements: Sequence[int]) -> str:
     """Return elements in words, the first eight by number."""
     shown = ", ".join(map(str, elements[:8])) + (", ..." if len(elements) > 8 else "")
     return f"element{'s' if len(elements) > 1 else ''} {shown}"

@@ -19,7 +19,7 @@ from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern
 
 from .defect import Defect, Diagnosis
 from .latch import SeenLatch
-from .mistakes import Aim, is_explained_alone, name_mistake
+from .mistakes import Aim, is_mistake_explained_alone, name_client_mistake
 
 _MOST_TARGETS: Final = 64
 _GIVES_UP: Final = 8  # targets without a focus: the sign is not what is wrong
@@ -63,9 +63,11 @@ class ConjugateFoci:
         if not aims or len(aims) < _SHARE * len(self._tried):
             return None
         own = list(self._own.values())
-        if 2 * len(own) > len(self._tried) and not is_explained_alone(self._model, aims, own):
+        if 2 * len(own) > len(self._tried) and not is_mistake_explained_alone(
+            self._model, aims, own
+        ):
             return None  # where few drives are a focus themselves, the others prove it
-        other = name_mistake(self._model, aims)
+        other = name_client_mistake(self._model, aims)
         if other is None and not all(map(self._is_near, aims)):
             return None
         count = len(self._tried)

@@ -49,11 +49,11 @@ class Diagnosis:
 
     def __str__(self) -> str:
         """Return name, figures and latches in a line."""
-        shown = f" ({latches_text(self.latches)})" if self.latches else ""
+        shown = f" ({watched_latches_text(self.latches)})" if self.latches else ""
         return f"{self.defect}: {self.detail}{shown}"
 
 
-def latches_text(numbers: Sequence[int], most: int = 6) -> str:
+def watched_latches_text(numbers: Sequence[int], most: int = 6) -> str:
     """Return "latch 3", or "latches 3, 4, ... (12)"."""
     if len(numbers) == 1:
         return f"latch {numbers[0]}"

@@ -54,7 +54,7 @@ class DefectFinder:
     """
 
     def __init__(self, positions_m: FloatArray, channels: int, most: int = 10_000) -> None:
-        self._neighbours = _neighbours(positions_m)
+        self._neighbours = _neighbours_of_watched_elements(positions_m)
         self._centre_m: FloatArray = positions_m.mean(axis=0)
         self._distance_m = np.linalg.norm(positions_m - positions_m.mean(axis=0), axis=1)
         self._channels = channels
@@ -62,7 +62,7 @@ class DefectFinder:
         self._latches: dict[Defect, list[int]] = defaultdict(list)
         self._stray: set[int] = set()
         self._silent: Counter[frozenset[int]] = Counter()
-        self._reversed: dict[int, _Polarity] = defaultdict(_Polarity)
+        self._reversed: dict[int, _WatchedPolarity] = defaultdict(_WatchedPolarity)
         self.frames = FrameDefects(most)
 
     def take(self, latch: SeenLatch, pattern: Pattern) -> tuple[Defect, ...]:
@@ -147,7 +147,7 @@ class DefectFinder:
         """Take down which elements are half a turn off the pattern of the others."""
         drive = hash(latch.weights.tobytes())
         limit_rad = math.pi / latch.steps
-        off = _half_turns(pattern, limit_rad)
+        off = _half_turns_of_watched_pattern(pattern, limit_rad)
         for element, is_half in zip(pattern.outliers, off, strict=True):
             self._reversed[element].add(drive, limit_rad, is_half=is_half)
         for element, seen in self._reversed.items():
@@ -160,7 +160,7 @@ class DefectFinder:
             return []
         names = ", ".join(map(str, proven[:12])) + (", ..." if len(proven) > 12 else "")
         latches = max((self._reversed[n].drives for n in proven), key=len)
-        detail = f"{_elements(len(proven))} {names} in {len(latches)} different drives"
+        detail = f"{_watched_elements_text(len(proven))} {names} in {len(latches)} different drives"
         return [Diagnosis(Defect.REVERSED, detail, ())]
 
     # --- texts -----------------------------------------------------------------------------------
@@ -172,13 +172,13 @@ class DefectFinder:
     def _silent_text(self) -> str:
         (silent, _), *_ = self._silent.most_common(1)
         names = ", ".join(map(str, sorted(silent)[:8])) + (", ..." if len(silent) > 8 else "")
-        return f"{_elements(len(silent))} {names} beside a pattern of all the others"
+        return f"{_watched_elements_text(len(silent))} {names} beside a pattern of all the others"
 
     def _amplitude_text(self) -> str:
         return f"FB and {self._channels} amplitudes came after the phases and replaced them"
 
 
-class _Polarity:
+class _WatchedPolarity:
     """What is seen of one element that is not in step."""
 
     def __init__(self) -> None:
@@ -201,17 +201,17 @@ class _Polarity:
         return enough and not self.contradicted
 
 
-def _half_turns(pattern: Placed, limit_rad: float) -> list[bool]:
+def _half_turns_of_watched_pattern(pattern: Placed, limit_rad: float) -> list[bool]:
     """Return which outliers are half a turn off, within twice the limit."""
     off: FloatArray = np.abs(np.abs(wrapped_phases(np.array(pattern.outlier_rad))) - np.pi)
     return [bool(value <= 2.0 * limit_rad) for value in off]
 
 
-def _elements(count: int) -> str:
+def _watched_elements_text(count: int) -> str:
     return "element" if count == 1 else f"{count} elements,"
 
 
-def _neighbours(positions_m: FloatArray) -> NDArray[np.intp]:
+def _neighbours_of_watched_elements(positions_m: FloatArray) -> NDArray[np.intp]:
     """Return (N, 4) the nearest elements of each."""
     found = [
         np.argsort(np.linalg.norm(positions_m - place, axis=1), kind="stable")

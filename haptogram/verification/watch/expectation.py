@@ -107,20 +107,24 @@ class Expectation:
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         amplitudes = np.abs(weights)
         if amplitudes.max(initial=0.0) < _SOUNDING:
-            return _as(seen, FrameStatus.WRONG_DRIVE, faults=("nothing was radiated",))
+            return _as_expected_focus(
+                seen, FrameStatus.WRONG_DRIVE, faults=("nothing was radiated",)
+            )
         target = self._target(seen.target_m, amplitudes.tobytes(), latch.steps)
         measures, verdicts = self._measured(target, weights)
         faults: tuple[str, ...] = ()
         if isinstance(pattern, OneFocus):
             offset_m = np.array(pattern.position_m) - target.position_m
-            verdicts["S2"] = criteria.is_on_target(target, offset_m)
-            measures |= _placed_expectation(target, pattern, offset_m)
+            verdicts["S2"] = criteria.is_frame_on_target(target, offset_m)
+            measures |= _placed_expected_focus(target, pattern, offset_m)
         elif all(verdicts.values()) and not self._shows_focus(target, latch.steps):
             count = int(target.active.sum())
             note = (
                 f"{count} elements with {latch.steps} steps do not prove a focus: S2 is not judged"
             )
-            return _as(seen, FrameStatus.NOT_VERIFIED, criteria=verdicts, note=note, **measures)
+            return _as_expected_focus(
+                seen, FrameStatus.NOT_VERIFIED, criteria=verdicts, note=note, **measures
+            )
         else:
             verdicts["S2"] = False
             faults = (f"{pattern.kind} where one focus was expected",)
@@ -134,7 +138,7 @@ class Expectation:
             status = FrameStatus.NOT_VERIFIED
             notes = ["the elements that sound cannot tell where the focus is"]
         smallest_m = target.smallest_miss_m
-        return _as(
+        return _as_expected_focus(
             seen,
             status,
             criteria=dict(sorted(verdicts.items())),
@@ -168,21 +172,21 @@ class Expectation:
     ) -> tuple[dict[str, Any], dict[str, bool]]:
         """Return what the drive alone shows, and S1, S3 and S4."""
         active = target.active
-        error_rad = criteria.common_phase_error_rad(
+        error_rad = criteria.common_frame_error_rad(
             np.angle(weights[active]) - target.phases_rad[active]
         )
-        coherence = criteria.coherence_at_target(target, weights)
+        coherence = criteria.frame_coherence_at_target(target, weights)
         intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
         verdicts = {
             "S1": error_rad <= target.phase_limit_rad,
-            "S3": coherence >= criteria.least_coherence(target),
+            "S3": coherence >= criteria.least_frame_coherence(target),
         }
         measures: dict[str, Any] = {
             "phase_error_rad": error_rad,
             "coherence": coherence,
             "intended_pressure_rms_pa": intended_pa,
         }
-        if peaks := criteria.peak_errors(target, weights):
+        if peaks := criteria.frame_peak_errors(target, weights):
             lengths = [peak.error_rad for peak in peaks if peak.error_rad is not None]
             measures["peak_error"] = max(lengths, default=None)
             verdicts["S4"] = all(peak.ok for peak in peaks)
@@ -194,18 +198,20 @@ class Expectation:
         """Judge several foci by their places: S2 of each."""
         if not isinstance(pattern, SeveralFoci) or len(pattern.positions_m) != len(foci):
             fault = f"{pattern.kind} where {len(foci)} foci were expected"
-            return _as(seen, FrameStatus.WRONG_DRIVE, criteria={"S2": False}, faults=(fault,))
+            return _as_expected_focus(
+                seen, FrameStatus.WRONG_DRIVE, criteria={"S2": False}, faults=(fault,)
+            )
         places, bounds = np.array(pattern.positions_m), np.array(pattern.bounds_m)
         nearest = np.linalg.norm(places[:, None] - foci, axis=2).argmin(axis=1)
         if len(set(nearest.tolist())) != len(foci):
-            return _as(seen, FrameStatus.OFF_TARGET, criteria={"S2": False})
+            return _as_expected_focus(seen, FrameStatus.OFF_TARGET, criteria={"S2": False})
         off_m = places - foci[nearest]
         ok = all(
-            criteria.within_limit(off, bound, self.tolerance.miss_mm)
+            criteria.within_frame_limit(off, bound, self.tolerance.miss_mm)
             for off, bound in zip(off_m, bounds, strict=True)
         )
         worst = int(np.linalg.norm(off_m, axis=1).argmax())
-        return _as(
+        return _as_expected_focus(
             seen,
             FrameStatus.ON_TARGET if ok else FrameStatus.OFF_TARGET,
             criteria={"S2": ok},
@@ -214,7 +220,7 @@ class Expectation:
         )
 
 
-def _placed_expectation(
+def _placed_expected_focus(
     target: FrameTarget, pattern: OneFocus, offset_m: FloatArray
 ) -> dict[str, Any]:
     across_m, along_m = target.split(offset_m)
@@ -226,7 +232,7 @@ def _placed_expectation(
     }
 
 
-def _as(seen: FrameVerdict, status: FrameStatus, **values: Any) -> FrameVerdict:
+def _as_expected_focus(seen: FrameVerdict, status: FrameStatus, **values: Any) -> FrameVerdict:
     return dataclasses.replace(seen, status=status, **values)
 
 

@@ -23,7 +23,7 @@ _DETAILS: Final = {
 }
 
 
-class _Found:
+class _FoundDefects:
     """Numbers of latches, and what was counted of those that may be torn."""
 
     def __init__(self, most: int) -> None:
@@ -38,7 +38,7 @@ class _Found:
         latches = [] if number is None else [number]
         self.latches[defect] = (self.latches[defect] + latches)[: self._most]
 
-    def extend(self, other: _Found, *, without: Collection[Defect] = ()) -> None:
+    def extend(self, other: _FoundDefects, *, without: Collection[Defect] = ()) -> None:
         """Take over what *other* has found."""
         for defect in other.latches.keys() - set(without):
             self.counts[defect] += other.counts[defect]
@@ -67,7 +67,7 @@ class FrameDefects:
 
     def __init__(self, most: int) -> None:
         self._most = most
-        self._judged, self._of_client = _Found(most), _Found(most)
+        self._judged, self._of_client = _FoundDefects(most), _FoundDefects(most)
         self._about: dict[About, str] = {}
         self._undecided: str | None = None
         self._has_whole = self._is_stopped = False
@@ -101,7 +101,7 @@ class FrameDefects:
         """Judge what came of the client, and begin anew with the next one."""
         self._judged = self._so_far()
         self._undecided = self.undecided
-        self._of_client, self._about = _Found(self._most), {}
+        self._of_client, self._about = _FoundDefects(self._most), {}
         self._has_whole, self._is_own = False, None
 
     def wire_compared(self, *, is_own: bool) -> None:
@@ -153,9 +153,9 @@ class FrameDefects:
         sizes = About.OTHER_SIZE in self._about and not self._has_whole
         return is_torn and sizes and About.OTHER_ARRAY not in self._about
 
-    def _so_far(self) -> _Found:
+    def _so_far(self) -> _FoundDefects:
         """Return what is named of all clients, the one that is there included."""
-        found, of_client = _Found(self._most), self._of_client
+        found, of_client = _FoundDefects(self._most), self._of_client
         found.extend(self._judged)
         if About.OTHER_WIRE in self._about or self._is_own is False:
             return found

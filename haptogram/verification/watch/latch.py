@@ -83,10 +83,12 @@ class SeenLatch:
     @property
     def torn_text(self) -> str:
         """Counts of a frame that is not whole, in words: "1 frame short"."""
-        return ", ".join(_count_text(kind, count) for kind, count in sorted(self.torn.items()))
+        return ", ".join(
+            _watched_count_text(kind, count) for kind, count in sorted(self.torn.items())
+        )
 
 
-def _count_text(kind: str, count: int) -> str:
+def _watched_count_text(kind: str, count: int) -> str:
     words = kind.replace("_", " ")
     if count == 1:
         words = _PLURAL.sub(r"\1", words, count=1)

@@ -71,16 +71,16 @@ _ORDERS: Final = (
 )
 
 
-def name_mistake(model: AcousticModel, aims: Sequence[Aim]) -> Diagnosis | None:
+def name_client_mistake(model: AcousticModel, aims: Sequence[Aim]) -> Diagnosis | None:
     """Return the mistake that explains where the foci are; None: none does, or several do."""
-    if len(_distinct_aims(aims)) < LEAST_TARGETS:
+    if len(_distinct_aims_of_mistakes(aims)) < LEAST_TARGETS:
         return None
-    case = _Case(model, aims)
+    case = _MistakeCase(model, aims)
     if case.misfit(case.targets) <= _EXPLAINS:
         return None
     for hypotheses in (case.simple(), case.double()):
         scored = sorted(
-            ((case.misfit(places), name) for name, places in hypotheses), key=_first_mistake
+            ((case.misfit(places), name) for name, places in hypotheses), key=_first_client_mistake
         )
         best, name = scored[0]
         if best > _EXPLAINS:
@@ -92,23 +92,28 @@ def name_mistake(model: AcousticModel, aims: Sequence[Aim]) -> Diagnosis | None:
     return None
 
 
-def is_explained_alone(model: AcousticModel, aims: Sequence[Aim], rivals: Sequence[Aim]) -> bool:
+def is_mistake_explained_alone(
+    model: AcousticModel, aims: Sequence[Aim], rivals: Sequence[Aim]
+) -> bool:
     """Return True if *aims* are on target, and *rivals* neither are nor show another mistake."""
-    if len(_distinct_aims(rivals)) < LEAST_TARGETS or name_mistake(model, rivals) is not None:
+    if (
+        len(_distinct_aims_of_mistakes(rivals)) < LEAST_TARGETS
+        or name_client_mistake(model, rivals) is not None
+    ):
         return False
-    misfit, rival = (_Case(model, each).misfit_of_targets() for each in (aims, rivals))
+    misfit, rival = (_MistakeCase(model, each).misfit_of_targets() for each in (aims, rivals))
     return misfit <= _EXPLAINS and rival >= max(_MARGIN * misfit, _LEAST_RIVAL)
 
 
-def hint_at_speed(model: AcousticModel, aims: Sequence[Aim]) -> str | None:
+def hint_at_mistaken_speed(model: AcousticModel, aims: Sequence[Aim]) -> str | None:
     """Return which speed of sound would explain foci that are not on target; None: none does.
 
-    Unlike :func:`name_mistake` it takes any number of targets. What fits as well is named beside
-    it: a single focus is as well explained by a shift.
+    Unlike :func:`name_client_mistake` it takes any number of targets. What fits as well is named
+    beside it: a single focus is as well explained by a shift.
     """
     if not aims:
         return None
-    case = _Case(model, aims)
+    case = _MistakeCase(model, aims)
     if case.misfit_of_targets() <= _EXPLAINS:
         return None
     fitting = [name.parts[0] for name, places in case.simple() if case.misfit(places) <= _EXPLAINS]
@@ -122,16 +127,16 @@ def hint_at_speed(model: AcousticModel, aims: Sequence[Aim]) -> str | None:
     )
 
 
-def _first_mistake(item: tuple[float, _Name]) -> float:
+def _first_client_mistake(item: tuple[float, _MistakeName]) -> float:
     return item[0]
 
 
-def _distinct_aims(aims: Sequence[Aim]) -> set[tuple[float, ...]]:
+def _distinct_aims_of_mistakes(aims: Sequence[Aim]) -> set[tuple[float, ...]]:
     return {tuple(np.round(aim.target_m, 6).tolist()) for aim in aims}
 
 
 @dataclass(frozen=True, slots=True)
-class _Name:
+class _MistakeName:
     """What a hypothesis says; those with the same key say the same."""
 
     parts: tuple[tuple[Defect, str], ...]
@@ -147,7 +152,7 @@ class _Name:
         return Diagnosis(defect, detail + more, ())
 
 
-class _Case:
+class _MistakeCase:
     """Targets and foci of one run, and what hypotheses make of them."""
 
     def __init__(self, model: AcousticModel, aims: Sequence[Aim]) -> None:
@@ -170,14 +175,14 @@ class _Case:
         """Return how many standard deviations the foci are off their targets."""
         return self.misfit(self.targets)
 
-    def simple(self) -> Iterator[tuple[_Name, Places]]:
+    def simple(self) -> Iterator[tuple[_MistakeName, Places]]:
         """Yield each mistake by itself."""
         for name, places in self._orders():
-            yield _Name(((Defect.ORDER, name),)), places
+            yield _MistakeName(((Defect.ORDER, name),)), places
         yield self._shifted(self.targets, ())
         yield self._in_other_air(self.targets, ())
 
-    def double(self) -> Iterator[tuple[_Name, Places]]:
+    def double(self) -> Iterator[tuple[_MistakeName, Places]]:
         """Yield two mistakes at once."""
         for name, places in self._orders():
             if not self._is_near(places):
@@ -208,19 +213,19 @@ class _Case:
 
     def _shifted(
         self, places: Places, before: tuple[tuple[Defect, str], ...]
-    ) -> tuple[_Name, Places]:
+    ) -> tuple[_MistakeName, Places]:
         """Return the best common shift of all foci."""
         weights = np.where(self._seen, self._std**-2.0, 0.0)
         total = np.maximum(weights.sum(axis=0), 1e-30)
         shift = (weights * (self.found - places)).sum(axis=0) / total
         length = float(np.linalg.norm(shift))
         text = ", ".join(f"{round(_MM * value, 1) + 0.0:.1f}" for value in shift)
-        name = _Name((*before, (Defect.AXES, f"shifted by ({text}) mm")))
+        name = _MistakeName((*before, (Defect.AXES, f"shifted by ({text}) mm")))
         return name, places + (shift if length <= _MOST_SHIFT_M else np.nan)
 
     def _in_other_air(
         self, places: Places, before: tuple[tuple[Defect, str], ...]
-    ) -> tuple[_Name, Places]:
+    ) -> tuple[_MistakeName, Places]:
         """Return the best speed of sound that the client may have assumed."""
         share, moved = 0.0, places
         for _ in range(3):
@@ -235,14 +240,14 @@ class _Case:
         its_air_c = air_temperature_c(speed)
         option = f"--temperature-c {its_air_c:.1f}"
         text = f"the client assumes {speed:.1f} m/s, air of {its_air_c:.1f} C ({option}); {here}"
-        return _Name((*before, (Defect.SPEED, text))), moved
+        return _MistakeName((*before, (Defect.SPEED, text))), moved
 
-    def _both(self) -> tuple[_Name, Places]:
+    def _both(self) -> tuple[_MistakeName, Places]:
         """Return the best speed of sound and shift together."""
         name, moved = self._in_other_air(self.targets, ())
         for _ in range(4):
             shift = (self.found - moved).mean(axis=0)
-            back = _Case(self._model, self._aims(shift))
+            back = _MistakeCase(self._model, self._aims(shift))
             name, moved = back._in_other_air(self.targets, ())
         return self._shifted(moved, name.parts)
 

@@ -23,7 +23,7 @@ from .defect import Diagnosis
 from .diagnosis import DefectFinder
 from .expectation import Expectation
 from .latch import SeenLatch
-from .mistakes import Aim, hint_at_speed, name_mistake
+from .mistakes import Aim, hint_at_mistaken_speed, name_client_mistake
 from .result import WatchedLatch, WatchResult
 
 _REMEMBERED: Final = 1024  # drives; clients show the same ones again and again
@@ -183,7 +183,7 @@ class Watch:
         """Return the one mistake that explains where the foci are, if they are not on target."""
         found = None
         if self._are_off_target:
-            found = name_mistake(self._model, list(self._aims.values()))
+            found = name_client_mistake(self._model, list(self._aims.values()))
         if found is None and self._missed >= max(1, _FOCUSED * self._frames):
             found = self._conjugates.diagnosis()
         return [] if found is None else [found]
@@ -194,7 +194,9 @@ class Watch:
         count = self._model.array.count
         if count < _LEAST_ELEMENTS and self._expectation is None and Unnamed.kind in self._kinds:
             yield f"{count} elements prove no pattern: with --expect their phases are judged"
-        if self._are_off_target and (text := hint_at_speed(self._model, [*self._aims.values()])):
+        if self._are_off_target and (
+            text := hint_at_mistaken_speed(self._model, [*self._aims.values()])
+        ):
             yield f"the foci are where they would be if {text}"
         elif self._only_phases and self._only_phases == sum(self._statuses[s] for s in WRONG):
             yield (

@@ -35,7 +35,7 @@ from haptogram_protocol.dialects.autd3.operations import CHANNELS
 from haptogram_protocol.dialects.codec import Operation, Reply
 
 from ...board.events import PulseLatch
-from .device import Device, Output
+from .device import Autd3Device, Output
 from .drive import STEPS, autd3_pulses_of
 from .segments import PERIOD_NS
 
@@ -65,7 +65,7 @@ class Autd3Unit:
     ----------
     counters : Counter
         ``devices_differ``, ``operations_unknown``, and those of
-        :class:`~sim_device.dialects.autd3.device.Device`.
+        :class:`~sim_device.dialects.autd3.device.Autd3Device`.
     poses : tuple of Pose
         Of the devices, as the client says.
     """
@@ -80,7 +80,7 @@ class Autd3Unit:
     ) -> None:
         self.counters: Counter[str] = Counter()
         self.poses: tuple[Pose, ...] = ()
-        self._devices = [Device(self.counters) for _ in range(devices)]
+        self._devices = [Autd3Device(self.counters) for _ in range(devices)]
         self._boot_us, self._boot_period = now_us, system_ns // PERIOD_NS
         self._gap = periods_between_latches
         self._outputs: list[Output] = []

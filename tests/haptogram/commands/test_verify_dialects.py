@@ -9,7 +9,7 @@ import pytest
 from haptogram import Driver
 from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
 from haptogram.cli import main
-from haptogram.evidence.dialects.latches import run_observations
+from haptogram.evidence.dialects.latches import dialect_run_observations
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.verification import verify_run
 from haptogram_protocol.dialects.table import DIALECTS
@@ -243,10 +243,10 @@ def test_a_board_that_goes_dark_between_frames_does_what_nobody_intended():
         records = []
         while sum(record["kind"] == "pulses" for record in records) < 6:  # dark, four, dark
             records = board.records()
-    judged = verify_run(intended, run_observations(intended, records, None), model=model)
+    judged = verify_run(intended, dialect_run_observations(intended, records, None), model=model)
     assert judged.sentence == "PASS: every focus is on target"
     *_, third, _, dark = (record for record in records if record["kind"] == "pulses")
     between = records.index(third) + 1
     records.insert(between, {**dark, "t_latch_us": third["t_latch_us"] + 100})
-    judged = verify_run(intended, run_observations(intended, records, None), model=model)
+    judged = verify_run(intended, dialect_run_observations(intended, records, None), model=model)
     assert judged.sentence == "FAIL: 1 latched that nobody intended"

@@ -24,7 +24,7 @@ from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
-from haptogram.evidence.captures.pin_record import pin_record
+from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.report.conformance.text import suite_text
 from haptogram.settings.board import PinCaptureConfig
 from haptogram.settings.faults.plan import FaultPlan
@@ -66,7 +66,7 @@ def captured_suite(path, faults=(), **pins):
     suite = run(access, *CASES, depth=Depth.DEFAULT)
     port.simulation.power_down()
     port.pins.close()
-    return suite, pin_record(read_capture(path), ChannelMap.of("map.toml", MAP))
+    return suite, pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", MAP))
 
 
 def by_clause(results):
@@ -222,7 +222,9 @@ def shifted(record, element, begin, end, periods):
 
 def of_own_reference(healthy):
     own = MAP | {"reference": "e0", "elements": {"e0": 0, "e5": 5, "e10": 10}}
-    return pin_record(read_capture(Path(healthy[1].name)), ChannelMap.of("map.toml", own))
+    return pin_record_of_capture(
+        read_capture(Path(healthy[1].name)), ChannelMap.of("map.toml", own)
+    )
 
 
 def test_an_element_that_is_the_reference_may_be_silent(healthy):
@@ -248,7 +250,7 @@ def test_a_fault_of_the_hardware_ends_a_drive_by_right(tmp_path):
         assert driver.status().state is OutputState.FAULT
     port.simulation.power_down()
     port.pins.close()
-    record = pin_record(read_capture(path), ChannelMap.of("map.toml", MAP))
+    record = pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", MAP))
     results = by_clause(judge_clauses_by_pins([record]))
     assert {r.detail for r in results.values() if r.behaviour is Behaviour.FAILED} == set()
     assert results["HG-5.8/5"].behaviour is Behaviour.OK

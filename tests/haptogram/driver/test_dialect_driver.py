@@ -17,9 +17,9 @@ from haptogram.driver.dialect_driver import DialectDriver, NotOnThisWireError
 from haptogram.driver.line.budget import highest_line_rate_hz
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import DeviceError, NoAnswerError
-from haptogram.evidence.backdoor import backdoor_board_model
+from haptogram.evidence.backdoor import board_model_of_evidence
 from haptogram.evidence.board_process import BoardProcess
-from haptogram.evidence.dialects.latches import run_observations
+from haptogram.evidence.dialects.latches import dialect_run_observations
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
 from haptogram_protocol.dialects.table import DIALECTS
@@ -53,8 +53,8 @@ def in_virtual_time(name, **options):
 
 
 def judged(driver, records):
-    seen = run_observations(driver.intended, records, None)
-    return verify_run(driver.intended, seen, model=backdoor_board_model(records[0]))
+    seen = dialect_run_observations(driver.intended, records, None)
+    return verify_run(driver.intended, seen, model=board_model_of_evidence(records[0]))
 
 
 @pytest.mark.pty
@@ -121,8 +121,8 @@ def test_a_step_more_on_one_channel_shows(name):
             codes = list(frame.codes)
             codes[1] = (codes[1] + 1) % frame.steps
             driver.stream([dataclasses.replace(frame, codes=tuple(codes))], rate_hz=20)
-        for seen in (run_observations(driver.intended, records, None), driver.observations):
-            verdict = verify_run(driver.intended, seen, model=backdoor_board_model(records[0]))
+        for seen in (dialect_run_observations(driver.intended, records, None), driver.observations):
+            verdict = verify_run(driver.intended, seen, model=board_model_of_evidence(records[0]))
             assert verdict.exit_status == 1
             (fault,) = verdict.frames[0].faults
             assert fault.replace("(0, 1) ", "") == "element 1 off by +1 LSB"

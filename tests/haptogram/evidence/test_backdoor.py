@@ -8,15 +8,15 @@ from haptogram.acoustics import AcousticModel, NoFocus, NotSingle, SingleFocus
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
-    BackdoorFile,
-    backdoor_observations,
-    is_backdoor_latch_of,
+    BackdoorFileReader,
+    is_observed_latch_of,
+    observations_of_backdoor,
     observations_on_clock_of,
-    silences_on_the_clock_of,
+    observed_silences_on_clock_of,
 )
 from haptogram.records.frame import Evidence, FrameKey
 from latched_drives import intend, seen
-from sim_device.backdoor.recorder import InlineReconstruction
+from sim_device.backdoor.recorder import InlineReconstructionWorker
 from sim_device.backdoor.records import backdoor_record_line
 from virtual_ports import BoardPort
 
@@ -25,7 +25,7 @@ def run(path, array=(8, 8), **settings):
     """Run a board with a back door into *path*; return driver and board."""
     port = BoardPort(model=AcousticModel.default(*array), **settings)
     with path.open("ab", buffering=0) as file:
-        recorder = InlineReconstruction(
+        recorder = InlineReconstructionWorker(
             port.board.settings, lambda r: file.write(backdoor_record_line(r))
         )
         port.latch, port.notice = recorder.latch, recorder.notice
@@ -38,9 +38,9 @@ def run(path, array=(8, 8), **settings):
 
 def test_what_was_latched_comes_back_as_it_was(tmp_path):
     driver = run(tmp_path / "file")
-    backdoor = BackdoorFile(tmp_path / "file")
+    backdoor = BackdoorFileReader(tmp_path / "file")
     assert backdoor.read() == len(backdoor.records)
-    observations = backdoor_observations(backdoor.records, driver.session)
+    observations = observations_of_backdoor(backdoor.records, driver.session)
     assert [o.key for o in observations] == [i.key for i in driver.intended]
     assert [o.drive for o in observations] == [i.drive for i in driver.intended]
     assert [o.drive_crc for o in observations] == [i.drive.digest() for i in driver.intended]
@@ -54,16 +54,16 @@ def test_what_was_latched_comes_back_as_it_was(tmp_path):
 
 def test_what_cannot_be_observed_is_infinitely_uncertain_again(tmp_path):
     run(tmp_path / "file", array=(64, 1))
-    backdoor = BackdoorFile(tmp_path / "file")
+    backdoor = BackdoorFileReader(tmp_path / "file")
     backdoor.read()
-    found = backdoor_observations(backdoor.records)[0].reconstruction
+    found = observations_of_backdoor(backdoor.records)[0].reconstruction
     assert math.isinf(max(found.bound_m))
     assert found.observable == tuple(math.isfinite(bound) for bound in found.bound_m)
 
 
 def test_every_kind_of_reconstruction_survives_the_file(tmp_path):
     run(tmp_path / "file")
-    backdoor = BackdoorFile(tmp_path / "file")
+    backdoor = BackdoorFileReader(tmp_path / "file")
     backdoor.read()
     latch = next(record for record in backdoor.records if record["kind"] == "latch")
     kinds = [
@@ -77,13 +77,13 @@ def test_every_kind_of_reconstruction_survives_the_file(tmp_path):
     ]  # fmt: skip
     for kind in kinds:
         fields = None if kind is None else json.loads(json.dumps(kind.as_dict()))
-        (observation,) = backdoor_observations([latch | {"reconstruction": fields}])
+        (observation,) = observations_of_backdoor([latch | {"reconstruction": fields}])
         assert observation.reconstruction == kind
 
 
 def test_a_line_that_is_not_whole_yet_waits(tmp_path):
     path = tmp_path / "file"
-    backdoor = BackdoorFile(path)
+    backdoor = BackdoorFileReader(path)
     assert backdoor.read() == 0
     path.write_bytes(b'{"kind":"board"}\n{"kind":"la')
     assert backdoor.read() == 1
@@ -95,27 +95,27 @@ def test_a_line_that_is_not_whole_yet_waits(tmp_path):
 
 def test_records_are_found_by_their_key():
     record = {"kind": "latch", "session": 1, "sequence": 2, "loop": 3, "index": 4}
-    assert is_backdoor_latch_of(record, FrameKey(1, 2, 3, 4))
-    assert not is_backdoor_latch_of(record, FrameKey(1, 2, 3, 5))
-    assert not is_backdoor_latch_of({"kind": "output"}, FrameKey(1, 2, 3, 4))
+    assert is_observed_latch_of(record, FrameKey(1, 2, 3, 4))
+    assert not is_observed_latch_of(record, FrameKey(1, 2, 3, 5))
+    assert not is_observed_latch_of({"kind": "output"}, FrameKey(1, 2, 3, 4))
 
 
 @pytest.mark.parametrize("change", [{"t_latch_us": None, "drive_crc": None}, {"phase_codes": "!"}])
 def test_what_is_no_latch_record_is_refused(tmp_path, change):
     run(tmp_path / "file")
-    backdoor = BackdoorFile(tmp_path / "file")
+    backdoor = BackdoorFileReader(tmp_path / "file")
     backdoor.read()
     record = next(record for record in backdoor.records if record["kind"] == "latch") | change
     del record["drive_crc"]
     with pytest.raises(ConfigurationError, match="latch record"):
-        backdoor_observations([record])
+        observations_of_backdoor([record])
 
 
 def test_a_host_that_came_after_the_wrap_counts_from_its_own_start(tmp_path):
     driver = run(tmp_path / "file")
-    backdoor = BackdoorFile(tmp_path / "file")
+    backdoor = BackdoorFileReader(tmp_path / "file")
     backdoor.read()
-    observations = backdoor_observations(backdoor.records)
+    observations = observations_of_backdoor(backdoor.records)
     late = [dataclasses.replace(i, t_apply_us=i.t_apply_us - 2**32) for i in driver.intended]
     shifted = observations_on_clock_of(late, observations)
     assert [o.t_latch_us for o in shifted] == [i.t_apply_us for i in late]
@@ -142,4 +142,6 @@ def test_a_run_may_take_longer_than_the_clock_takes_to_wrap(wraps):
         {"kind": "output", "event": "ramp_ended", "restored": False, "t_us": o.t_latch_us + 5}
         for o in early[1:]
     ]
-    assert silences_on_the_clock_of(intended, records) == [i.t_apply_us + 5 for i in intended[1:]]
+    assert observed_silences_on_clock_of(intended, records) == [
+        i.t_apply_us + 5 for i in intended[1:]
+    ]

@@ -16,9 +16,9 @@ from haptogram.acoustics import AcousticModel, Drive, superpose_foci
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.messages import LatchKey
 from sim_device.backdoor import worker as reconstruction
-from sim_device.backdoor.recorder import DriveEstimator, InlineReconstruction
+from sim_device.backdoor.recorder import BackdoorEstimator, InlineReconstructionWorker
 from sim_device.backdoor.worker import ReconstructionWorker
-from sim_device.backdoor.worker_batches import packed_batch, unpacked_batches
+from sim_device.backdoor.worker_batches import packed_worker_batch, unpacked_worker_batches
 from sim_device.board.events import Latch, SessionOpened
 from sim_device.board.settings import BoardSettings
 
@@ -41,7 +41,7 @@ def records(path):
 def test_worker_and_inline_write_the_same(tmp_path):
     worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"))
     kept = []
-    inline = InlineReconstruction(SETTINGS, kept.append)
+    inline = InlineReconstructionWorker(SETTINGS, kept.append)
     for recorder in (worker, inline):
         recorder.notice(SessionOpened(5, 1))
         for index in range(12):
@@ -131,7 +131,7 @@ def test_a_file_that_takes_no_more_is_told_at_the_end(tmp_path):
 
 @pytest.mark.parametrize("bits", [8, 6, 5])
 def test_coarser_phases_are_judged_by_their_own_rounding(bits):
-    found = DriveEstimator(MODEL).estimate(a_latch(3, bits))
+    found = BackdoorEstimator(MODEL).estimate(a_latch(3, bits))
     assert found.as_dict()["kind"] == "single_focus"
     offset = np.abs(np.array(found.position_m) - (0.003, 0.002, 0.05))
     assert (offset <= found.bound_m).all()
@@ -139,7 +139,7 @@ def test_coarser_phases_are_judged_by_their_own_rounding(bits):
 
 def test_what_was_seen_lately_is_remembered_within_bounds(monkeypatch):
     monkeypatch.setattr("sim_device.backdoor.recorder.MEMORY_DRIVES", 3)
-    estimator = DriveEstimator(MODEL)
+    estimator = BackdoorEstimator(MODEL)
     first = estimator.estimate(a_latch(0))
     assert estimator.estimate(a_latch(7)) is first  # the same drive
     for index in range(1, 5):
@@ -149,8 +149,8 @@ def test_what_was_seen_lately_is_remembered_within_bounds(monkeypatch):
 
 def test_settings_and_latches_survive_the_way_to_the_worker():
     latches = [a_latch(index) for index in range(3)]
-    packed = bytearray(b"".join(map(packed_batch, (latches[:2], latches[2:]))))
-    assert list(unpacked_batches(packed)) == latches
+    packed = bytearray(b"".join(map(packed_worker_batch, (latches[:2], latches[2:]))))
+    assert list(unpacked_worker_batches(packed)) == latches
     assert not packed
     settings = pickle.loads(pickle.dumps(SETTINGS))
     assert settings.model.array.digest() == MODEL.array.digest()

@@ -20,7 +20,7 @@ from haptogram_protocol.dialects.autd3.messages import Hello, Open, Pose, Write
 from haptogram_protocol.dialects.autd3.operations import Gain
 from haptogram_protocol.dialects.fpga_bytes.operations import Swap
 from haptogram_protocol.dialects.table import DIALECTS
-from sim_device.backdoor.recorder import InlineReconstruction
+from sim_device.backdoor.recorder import InlineReconstructionWorker
 from sim_device.blueprint import blueprint_of
 from sim_device.dialects.double_buffer import DoubleBuffer, Registers
 from sim_device.dialects.foreign import OUTPUT_LIMIT
@@ -148,7 +148,7 @@ def test_latches_travel_to_the_worker_and_become_records(wire):
     source = random.Random(3)
     board.send(source.randbytes(3000))
     records = []
-    recorder = InlineReconstruction(board.settings, records.append, reconstruct=False)
+    recorder = InlineReconstructionWorker(board.settings, records.append, reconstruct=False)
     for latch in board.latches[:200]:
         again = pickle.loads(pickle.dumps(latch))
         assert (again.pulses, again.counted) == (latch.pulses, latch.counted)

@@ -9,7 +9,7 @@ from haptogram.settings.line import LineSettings
 from haptogram_protocol.framing import encode_frame, end_of_frame
 from haptogram_protocol.messages import Ping
 from sim_device.board.settings import board_settings
-from sim_device.line.sampling import FRAMING_ERROR, is_baud_understood, sample_characters
+from sim_device.line.sampling import FRAMING_ERROR, is_baud_understood, sample_uart_characters
 from sim_device.line.uart import PolledUart, Uart, UsbUart, uart_to_board, uart_to_host
 
 MS = 1_000_000
@@ -38,13 +38,13 @@ def deliveries(line, bursts):
 @given(st.binary(max_size=60), st.floats(0.948, 1.052))
 def test_every_character_survives_rates_within_half_a_bit_in_nine_and_a_half(data, ratio):
     assert is_baud_understood(ratio)
-    assert sample_characters(data, ratio) == (data, 0)
+    assert sample_uart_characters(data, ratio) == (data, 0)
 
 
 @pytest.mark.parametrize("ratio", [0.90, 0.94, 1.06, 1.10])
 def test_beyond_that_characters_are_damaged(ratio):
     data = bytes(range(1, 256))
-    received, errors = sample_characters(data, ratio)
+    received, errors = sample_uart_characters(data, ratio)
     assert not is_baud_understood(ratio)
     assert received != data
     assert 0 < errors <= received.count(FRAMING_ERROR)
@@ -53,13 +53,16 @@ def test_beyond_that_characters_are_damaged(ratio):
 def test_the_receiver_looks_in_the_middle_of_its_own_bits():
     """By hand: where the looks at bit 7 and at the stop bit fall, in bits of the sender."""
     # 6 % fast: 8.5 x 1.06 = 9.01 is the stop bit in place of bit 7, 9.5 x 1.06 what follows it.
-    assert sample_characters(b"\x55", 1.06) == (b"\xd5", 0)  # the idle line, as high as a stop bit
-    assert sample_characters(b"\x55\x55", 1.06)[0][:1] == bytes(
+    assert sample_uart_characters(b"\x55", 1.06) == (
+        b"\xd5",
+        0,
+    )  # the idle line, as high as a stop bit
+    assert sample_uart_characters(b"\x55\x55", 1.06)[0][:1] == bytes(
         [FRAMING_ERROR]
     )  # the next start bit
     # 12 % slow: 9.5 x 0.88 = 8.36 is bit 7 in place of the stop bit.
-    assert sample_characters(b"\x40", 0.88) == (bytes([FRAMING_ERROR]), 1)
-    assert sample_characters(b"\x80", 0.88) == (b"\x00", 0)
+    assert sample_uart_characters(b"\x40", 0.88) == (bytes([FRAMING_ERROR]), 1)
+    assert sample_uart_characters(b"\x80", 0.88) == (b"\x00", 0)
 
 
 @pytest.mark.parametrize("way", [uart_to_board, uart_to_host])
@@ -85,7 +88,7 @@ def test_the_rate_of_the_sender_paces_the_line():
 def test_what_is_misread_comes_while_it_is_sent_however_much_it_is(data, ppm):
     line = uart_to_host(LineSettings(baud=1_000_000, baud_error_ppm=ppm))
     line.send(data, 0)
-    received = sample_characters(data, 1 + ppm / 1e6)[0]
+    received = sample_uart_characters(data, 1 + ppm / 1e6)[0]
     found = deliveries(line, [])
     assert line.free_ns == -(-len(data) * BYTE_NS * 1_000_000 // (1_000_000 + ppm))
     assert 0 < found[0][0] <= found[-1][0] == line.free_ns

@@ -8,7 +8,7 @@ import pytest
 
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
-from haptogram.evidence.captures.findings import findings_of, is_silent_after
+from haptogram.evidence.captures.findings import findings_of_capture, is_capture_silent_after
 from haptogram.evidence.captures.measure import measure_capture
 from pin_captures import MAP, captured_run
 
@@ -36,8 +36,8 @@ def test_the_phases_are_those_of_the_back_door(array, rate_hz, tmp_path):
     assert found.sample_rate_hz == pytest.approx(rate_hz, rel=1e-5)
     assert worst_phase(found, run.radiated()) <= found.resolution_rad + ROUNDING_RAD
     assert np.abs(np.abs(found.weights()[1:-1]) - 1.0).max() < 2.0 * math.pi / found.samples
-    assert is_silent_after(found, len(run.latches))
-    assert findings_of(found) == []
+    assert is_capture_silent_after(found, len(run.latches))
+    assert findings_of_capture(found) == []
 
 
 def test_latches_show_without_a_latch_pin_and_relative_to_an_element(tmp_path):
@@ -84,7 +84,7 @@ def test_a_fault_of_the_virtual_board_is_at_its_pins(fault, finding, tmp_path):
     run = captured_run(tmp_path / "pins.vcd", faults=[fault])
     found = run.measured()
     assert worst_phase(found, run.radiated()) <= found.resolution_rad + ROUNDING_RAD
-    assert findings_of(found) == ([] if finding is None else [finding])
+    assert findings_of_capture(found) == ([] if finding is None else [finding])
     healthy = np.array([frame.drive.weights() for frame in run.intended])
     assert worst_phase(found, healthy) > math.radians(1.0) or finding is not None
 
@@ -97,7 +97,7 @@ def test_a_latch_of_which_a_bank_comes_late_is_torn(late_us, tmp_path):
         torn = [latch for latch in found.latches if found.is_torn(latch)]
         assert len(torn) == len(found.latches) > len(run.latches) - 1
         assert all(found.seconds(latch.skew) * 1e6 <= late_us + 0.1 for latch in torn)
-        assert "8 of " in findings_of(found)[0]
+        assert "8 of " in findings_of_capture(found)[0]
         assert worst_phase(found, run.radiated()) <= found.resolution_rad + ROUNDING_RAD
 
 
@@ -105,7 +105,7 @@ def test_pins_that_fall_silent_together_do_so_within_a_period(tmp_path):
     run = captured_run(tmp_path / "pins.vcd")
     found = run.measured()
     mute = found.latches[-1]
-    assert is_silent_after(found, len(found.latches) - 1)
+    assert is_capture_silent_after(found, len(found.latches) - 1)
     assert len(mute.changes) == 16
     assert mute.skew <= found.period
     assert not found.is_torn(mute)
@@ -124,7 +124,7 @@ def test_stuck_and_inverted_pins_are_found(tmp_path):
     inverted = flipped(found, "e4", first_level=True)
     high = flipped(found, "e4", first_level=True, times=np.zeros(0, np.int64))
     for capture, word in ((inverted, "inverted polarity"), (high, "stuck high")):
-        (finding,) = findings_of(measure_capture(capture, mapped))
+        (finding,) = findings_of_capture(measure_capture(capture, mapped))
         assert finding.startswith("element 4 (e4)")
         assert word in finding
 
@@ -139,4 +139,4 @@ def test_pins_that_are_active_low_are_read_as_such(tmp_path):
     mapped = ChannelMap.of("map.toml", {**MAP, "active_low": True})
     again = measure_capture(dataclasses.replace(found.capture, channels=levels), mapped)
     assert worst_phase(again, run.radiated()) <= found.resolution_rad + ROUNDING_RAD
-    assert findings_of(again, active_low=True) == []
+    assert findings_of_capture(again, active_low=True) == []

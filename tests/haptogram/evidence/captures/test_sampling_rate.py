@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptogram.evidence.captures.capture import estimated_step
+from haptogram.evidence.captures.capture import estimated_capture_step
 
 
 @pytest.mark.parametrize("rate_hz", [4e6, 7.3e6, 12.5e6, 24e6, 48e6, 100e6])
@@ -16,7 +16,7 @@ def test_a_silence_in_a_capture_leaves_the_rate_alone(rate_hz, silence_s, ppm):
     samples = np.unique(np.ceil(pulses).astype(np.int64))
     half = len(samples) // 2
     samples[half:] += round(silence_s * rate_hz)
-    found = 1e9 / estimated_step(np.rint(samples * 1e9 / rate_hz).astype(np.int64))
+    found = 1e9 / estimated_capture_step(np.rint(samples * 1e9 / rate_hz).astype(np.int64))
     assert found == pytest.approx(rate_hz, rel=1e-5)
 
 
@@ -27,5 +27,5 @@ def test_a_tick_of_a_quarter_of_a_sample_tells_the_rate(rate_hz, seed):
     drives = random.uniform(0.0, rate_hz / 40e3, (40, 6)).repeat(10, axis=0)
     pulses = np.arange(400)[:, None] * rate_hz / 40e3 + drives
     samples = np.unique(np.ceil(pulses).astype(np.int64))
-    found = 1e8 / estimated_step(np.rint(samples * 1e8 / rate_hz).astype(np.int64))
+    found = 1e8 / estimated_capture_step(np.rint(samples * 1e8 / rate_hz).astype(np.int64))
     assert found == pytest.approx(rate_hz, rel=1e-4)

@@ -6,8 +6,8 @@ import pytest
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures.capture import Capture, ChannelEdges
 from haptogram.evidence.captures.channel_map import ChannelMap
-from haptogram.evidence.captures.pin_record import pin_record
-from haptogram.evidence.captures.uart import decoded_bytes
+from haptogram.evidence.captures.pin_record import pin_record_of_capture
+from haptogram.evidence.captures.uart import decoded_uart_bytes
 
 
 def drawn(data, gaps, samples_a_bit):
@@ -37,7 +37,7 @@ def test_every_byte_comes_back_with_its_time(samples_a_bit, clocks_apart):
     data[:40] = np.tile([0x00, 0xFF, 0x55, 0xAA], 10)
     gaps = np.where(random.random(300) < 0.5, 0.0, random.uniform(0, 40, 300)) * samples_a_bit
     levels, ends = drawn(data.tolist(), gaps, samples_a_bit * (1.0 + clocks_apart))
-    values, found, damaged = decoded_bytes(edges_of(levels), samples_a_bit)
+    values, found, damaged = decoded_uart_bytes(edges_of(levels), samples_a_bit)
     assert values.tolist() == data.tolist()
     assert damaged == 0
     assert np.abs(found - ends).max() <= 2.0 + 10.0 * abs(clocks_apart) * samples_a_bit
@@ -46,7 +46,7 @@ def test_every_byte_comes_back_with_its_time(samples_a_bit, clocks_apart):
 def test_a_capture_that_begins_within_a_byte_is_read_from_the_next_pause_on():
     levels, _ = drawn([0x5A, 0xC3, 0x12, 0x34], [0, 200, 0, 0], 8.0)
     for begin in range(98, 250, 7):
-        values, _, damaged = decoded_bytes(edges_of(levels, begin), 8.0)
+        values, _, damaged = decoded_uart_bytes(edges_of(levels, begin), 8.0)
         assert values.tolist() == [0x12, 0x34]
         assert damaged == 0
 
@@ -54,7 +54,7 @@ def test_a_capture_that_begins_within_a_byte_is_read_from_the_next_pause_on():
 def test_a_break_is_no_byte():
     levels, _ = drawn([0x31, 0x32], [400, 0], 8.0)
     levels[250:450] = 0
-    values, _, damaged = decoded_bytes(edges_of(levels), 8.0)
+    values, _, damaged = decoded_uart_bytes(edges_of(levels), 8.0)
     assert values.tolist() == [0x31, 0x32]
     assert damaged == 1
 
@@ -67,4 +67,4 @@ def test_a_line_that_is_sampled_too_slowly_is_refused():
     capture = Capture("x.sr", channels, 1 / 8e6, 5000, 8e6)
     document = {"reference": "c", "to_board": "rx", "elements": {"p": 0, "q": 1}}
     with pytest.raises(ConfigurationError, match=r"2\.67 in a bit of rx .* 12000000|1\.2e\+07 Hz"):
-        pin_record(capture, ChannelMap.of("map", document))
+        pin_record_of_capture(capture, ChannelMap.of("map", document))

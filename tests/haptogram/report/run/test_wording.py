@@ -10,7 +10,7 @@ from haptogram.report.run.wording import (
     frame_text,
     timeliness_text,
 )
-from haptogram.verification import Consequence, FrameStatus, FrameVerdict, consequence_text
+from haptogram.verification import Consequence, FrameStatus, FrameVerdict, verdict_consequence_text
 
 LOST = FrameVerdict(3, FrameKey(1, 0, 0, 65539), FrameStatus.LOST, None, (0.0, 0.0, 0.1))
 
@@ -53,7 +53,7 @@ def test_an_axis_that_cannot_be_observed_is_left_out() -> None:
 
 
 def test_silence_has_no_place() -> None:
-    assert consequence_text(Consequence(None, 0.0, 2000.0)) == "silence instead of 2000 Pa"
+    assert verdict_consequence_text(Consequence(None, 0.0, 2000.0)) == "silence instead of 2000 Pa"
 
 
 def test_one_is_not_many() -> None:

@@ -25,8 +25,8 @@ from haptogram.acoustics import Drive
 from haptogram.cli import main
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import backdoor_board_model
-from haptogram.evidence.backdoor_stream import BackdoorStream
+from haptogram.evidence.backdoor import board_model_of_evidence
+from haptogram.evidence.backdoor_stream import BackdoorReader
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.report.viewer.live import KEPT, LiveScene, target_line
 from haptogram.report.viewer.page import view_page
@@ -117,7 +117,7 @@ def test_memory_is_bounded(records: list[dict[str, Any]]) -> None:
 
 def test_model_is_that_of_the_board(records: list[dict[str, Any]]) -> None:
     expected = haptogram.acoustics.AcousticModel.default(8, 8)
-    model = backdoor_board_model(records[0])
+    model = board_model_of_evidence(records[0])
     np.testing.assert_array_equal(model.array.positions_m, expected.array.positions_m)
     assert model.medium == expected.medium
     assert model.transducer == expected.transducer
@@ -134,7 +134,7 @@ def test_model_is_that_of_the_board(records: list[dict[str, Any]]) -> None:
 def test_other_files_are_refused_in_one_line(lines: bytes, tmp_path: Path) -> None:
     path = tmp_path / "records"
     path.write_bytes(lines)
-    with BackdoorStream(str(path)) as stream, pytest.raises(ConfigurationError) as refused:
+    with BackdoorReader(str(path)) as stream, pytest.raises(ConfigurationError) as refused:
         LiveScene(stream.read()[0])
     assert "\n" not in str(refused.value)
 
@@ -160,7 +160,7 @@ def test_file_is_followed_line_by_line(records: list[dict[str, Any]], tmp_path: 
     path.touch()
     read = []
     data = b"".join(json.dumps(record).encode() + b"\n" for record in records)
-    with BackdoorStream(str(path)) as stream, path.open("ab", buffering=0) as file:
+    with BackdoorReader(str(path)) as stream, path.open("ab", buffering=0) as file:
         for start in range(0, len(data), 700):  # lines are cut anywhere
             file.write(data[start : start + 700])
             read += stream.read()

@@ -23,10 +23,10 @@ def test_a_dead_element_is_missing_from_the_coherence(target, element, bits):
     dead = ideal * (np.arange(256) != element)
     loudness = np.abs(field.arrivals)
     share = loudness[element] / loudness.sum()
-    assert criteria.coherence_at_target(field, ideal) == pytest.approx(1.0, abs=1e-12)
-    assert criteria.coherence_at_target(field, dead) == pytest.approx(1.0 - share, abs=1e-12)
+    assert criteria.frame_coherence_at_target(field, ideal) == pytest.approx(1.0, abs=1e-12)
+    assert criteria.frame_coherence_at_target(field, dead) == pytest.approx(1.0 - share, abs=1e-12)
     intended = intend(MODEL, target, bits)
-    limit = criteria.least_coherence(field, criteria.allowed_phase_codes(intended))
+    limit = criteria.least_frame_coherence(field, criteria.allowed_frame_codes(intended))
     assert limit == pytest.approx(math.cos(math.pi / 2**bits), abs=2e-9)
     rounded = registers(focus_phases(MODEL, target), bits).weights()
-    assert criteria.coherence_at_target(field, rounded) >= limit
+    assert criteria.frame_coherence_at_target(field, rounded) >= limit

@@ -81,7 +81,7 @@ def test_the_peak_of_a_right_drive_is_where_rounding_lets_it_be(fresnel_number, 
         target = distance_m * np.array([*sideways, 1.0]) / math.hypot(*sideways, 1.0)
         field = field_of(model, target, bits)
         weights = registers(focus_phases(model, target), bits).weights()
-        errors = criteria.peak_errors(field, weights)
+        errors = criteria.frame_peak_errors(field, weights)
         assert len(errors) == 2 or fresnel_number < 3.0
         assert all(error.ok for error in errors), errors
 
@@ -147,7 +147,7 @@ def test_a_miss_of_twice_the_limit_is_seen_by_the_pressure_alone(target, which, 
     peak = field.peaks[which]
     missed = field.position_m + sign * 2.2 * peak.rounding_m[0] * peak.direction.axes[0]
     ideal = np.exp(1j * focus_phases(model, missed))
-    assert not criteria.peak_errors(field, ideal)[which].ok
+    assert not criteria.frame_peak_errors(field, ideal)[which].ok
 
 
 def test_there_is_no_peak_behind_the_array_at_an_element_or_in_silence():
@@ -180,8 +180,8 @@ def test_the_scale_of_the_amplitudes_does_not_move_the_peak():
     third = field_of(model, (0.02, -0.01, 0.12), amplitudes=1.0 / 3.0)
     weights = registers(focus_phases(model, full.position_m)).weights()
     pairs = zip(
-        criteria.peak_errors(full, weights),
-        criteria.peak_errors(third, weights / 3.0),
+        criteria.frame_peak_errors(full, weights),
+        criteria.frame_peak_errors(third, weights / 3.0),
         strict=True,
     )
     for one, other in pairs:

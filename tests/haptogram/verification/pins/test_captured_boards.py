@@ -9,7 +9,7 @@ from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArr
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
-from haptogram.evidence.captures.pin_record import pin_record
+from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.records.pins import LineBytes
 from haptogram.settings.faults.kinds import FAULT_KINDS, is_transducer_fault
 from haptogram.verification import Verdict
@@ -30,7 +30,7 @@ def some_pins(*elements):
 
 def judged(run, array="4x4", **keys):
     mapped = ChannelMap.of("map.toml", {**MAP, **keys})
-    record = pin_record(read_capture(run.path), mapped)
+    record = pin_record_of_capture(read_capture(run.path), mapped)
     return verify_captures([record], run.intended, model=model_of(array))
 
 
@@ -116,7 +116,9 @@ def test_a_mirrored_map_is_named(tmp_path):
 @pytest.mark.parametrize("pins", [(0, 1, 5, 10), tuple(range(16))])
 def test_a_frame_in_which_all_pins_are_turned_together_fails_against_a_clock(pins, tmp_path):
     run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP | some_pins(*pins)))
+    record = pin_record_of_capture(
+        read_capture(run.path), ChannelMap.of("map.toml", MAP | some_pins(*pins))
+    )
     begin, end = record.latches[4:6]
     turned = record
     for element, pin in record.pins.items():
@@ -148,7 +150,7 @@ def changed(record, element, **change):
 
 def test_inverted_pins_and_carriers_that_are_off_are_named(tmp_path):
     run = captured_run(tmp_path / "pins.vcd", mode="drives")
-    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     pin = record.pins[4]
     inverted = changed(record, 4, rises=pin.falls[:-1], falls=pin.rises[1:])
     (pins,) = judged_record(run, inverted).pins
@@ -160,7 +162,7 @@ def test_inverted_pins_and_carriers_that_are_off_are_named(tmp_path):
 
 def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
     run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     pin = record.pins[4]
     more = np.arange(1.0, 4.0)
     longer = changed(
@@ -188,7 +190,7 @@ def test_with_the_line_of_the_host_the_pins_are_silent_a_period_after_mute(
     before, finding, tmp_path
 ):
     run = captured_run(tmp_path / "pins.vcd", capture_lingers=("all=2000",))
-    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     last = max(pin.rises[-1] for pin in record.pins.values())
     muted = with_mute(record, last - before)
     (pins,) = judged_record(run, muted).pins
@@ -206,7 +208,7 @@ def test_with_the_line_of_the_host_the_pins_are_silent_a_period_after_mute(
 
 def test_a_ramp_to_silence_is_no_torn_mute(tmp_path):
     run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     fading = record
     for element, pin in record.pins.items():
         more = np.arange(1.0, 30.0 - element)  # where the amplitude is rounded to 0 first
@@ -236,7 +238,7 @@ def test_frames_that_never_latched_are_those_of_the_back_door(fault, tmp_path):
 def test_captures_of_parts_of_a_repeating_object_are_joined(tmp_path):
     runs = [captured_run(tmp_path / f"{n}.vcd", seed=5, capture_ppm=20.0 * n) for n in range(4)]
     records = [
-        pin_record(
+        pin_record_of_capture(
             read_capture(run.path),
             ChannelMap.of("map.toml", {**MAP, **some_pins(*range(4 * n, 4 * n + 4))}),
         )
@@ -279,7 +281,7 @@ def test_a_capture_that_was_cut_off_passes_nothing(tmp_path):
 
 def test_a_latch_pin_tells_frames_of_one_drive_apart(tmp_path):
     run = captured_run(tmp_path / "pins.vcd", mode="drives")
-    record = pin_record(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     same = [dataclasses.replace(frame, drive=run.intended[3].drive) for frame in run.intended]
     begin = record.latches[3]
     pins = {

@@ -8,7 +8,7 @@ import pytest
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
-from haptogram.evidence.captures.pin_record import pin_record
+from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.verification import Verdict
 from haptogram.verification.pins.joined import verify_captures
 from pin_captures import MAP, captured_run
@@ -18,7 +18,7 @@ MODEL = AcousticModel(TransducerArray.parse("4x4", pitch_m=0.01), Medium.air(20.
 
 def part(run, elements, reference="carrier"):
     keys = {**MAP, "reference": reference, "elements": {f"e{n}": n for n in elements}}
-    return pin_record(read_capture(run.path), ChannelMap.of("map.toml", keys))
+    return pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", keys))
 
 
 def turned(record, periods, begin=0.0, end=float("inf")):

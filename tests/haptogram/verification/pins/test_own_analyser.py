@@ -6,7 +6,7 @@ import pytest
 from haptogram.acoustics import AcousticModel, Drive, Medium, Transducer, TransducerArray
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
-from haptogram.evidence.captures.pin_record import pin_record
+from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.verification import Verdict
 from haptogram.verification.pins.joined import verify_captures
@@ -30,7 +30,7 @@ def judged_file(board, path, pins=range(16), reference="clk"):
     phases = np.rint(board.turns * 256).astype(np.uint8)
     amplitudes = np.rint(board.amplitudes * 255).astype(np.uint8)
     keys = {"reference": reference, "elements": {f"p{pin}": pin for pin in pins}}
-    record = pin_record(read_capture(path), ChannelMap.of("map.toml", keys))
+    record = pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", keys))
     intended = [
         Intended(
             number,
