@@ -103,6 +103,8 @@ class BoardClient:
         Whether cases cover the whole of a product, or for a quick run the least of it.
     explore_us : int
         How long random dialogues go on; 0: a fixed number of them.
+    correction : bytes or None
+        Phase correction in force, as far as the host knows; None: it does not.
     raise_fault : callable or None
         Lets the hardware of the board fail; None: nothing can.
     last_boot_id, last_config
@@ -115,6 +117,7 @@ class BoardClient:
     config: Config
     thorough: bool = True
     explore_us: int = 0
+    correction: bytes | None = None
     raise_fault: Callable[[], None] | None = None
     last_boot_id: int | None = None
     last_config: Config | None = None
@@ -200,6 +203,7 @@ class BoardClient:
             begin = UploadBegin(UploadKind.CORRECTION, 0, 0, len(none), zlib.crc32(none))
             for step in (begin, UploadChunk(0, none), UploadCommit(0)):
                 self.link.ask(step)
+        self.correction = none
 
     # --- phases --------------------------------------------------------------------------------
 

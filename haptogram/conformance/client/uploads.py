@@ -34,6 +34,8 @@ def upload_to_board(
     begin_upload(board, kind, target, data, points)
     send_upload_chunks(board, data)
     board.link.call(UploadCommit(target), UploadCommitReply)
+    if kind is UploadKind.CORRECTION:
+        board.correction = data
 
 
 def begin_upload(

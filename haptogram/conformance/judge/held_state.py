@@ -1,74 +1,95 @@
-"""State of a board as far as a host can read it, before and after a refusal."""
+"""State of a board as far as a host can read it: before and after a refusal, or an event."""
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
 from typing import Final
 
 from haptogram_protocol.messages import (
     ConfigReply,
+    Counters,
     DriveKind,
     DriveReply,
     Error,
     Feature,
+    GeometryReply,
     GetConfig,
+    GetGeometry,
     PlaybackEnded,
     ReadDrive,
     ReadTrace,
     StateChanged,
+    StatusReply,
+    TraceMode,
     TraceReply,
     UploadChunk,
 )
+from haptogram_protocol.state import OutputState
 
-from ..client.board_client import BoardClient
+from ..client.board_client import PARTS_OF_FRAMES, BoardClient
+from ..client.latching import client_drive_of_reply
+from ..outcome import check
 
 _RECORDS: Final = 8
-#: Counters that no refused request moves.
-_COUNTERS: Final = (
-    "latched",
-    "late",
-    "dropped_late",
-    "dropped_future",
-    "dropped_full",
-    "flushed",
-    "duplicate",
-    "gap",
-    "repeated",
-    "timeouts",
+#: Counters that reading, refusals and frames that are dropped on purpose move: they only grow.
+_GROWING: Final = (
+    "frames",
+    "requests",
+    "stale_session",
+    "bad_length",
+    "bad_value",
+    "unsupported",
+    "dropped_order",
+    "dropped_state",
 )
 _UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS | Feature.CORRECTION
+_WRAP: Final = 1 << 32
 
+#: What a board holds, by names.
 Held = Mapping[str, object]
+#: In place of a value that is due: whatever the board holds.
+ANYTHING: Final = object()
 
 
 def judged_held_state(board: BoardClient, since: int) -> Held:
     """Return output, queue, margins, configuration, drives, ring and upload by their names.
 
-    Events since piece *since* that tell of a change of output or playback count as well.
+    Events since piece *since* that tell of a change of output or playback count as well.  FAILED if
+    two of the readings contradict each other.
     """
     status = board.status()
+    config = board.link.call(GetConfig(), ConfigReply)
     held: dict[str, object] = {
-        "the output state": (status.state.name, status.reason.name),
+        "the output state": (status.state, status.reason),
         "the queue": status.queued,
         "the arrival margins": status.margins,
         "the last latch": (status.last_seq, status.last_latch_us),
         "config_crc": status.config_crc,
-        "the configuration": board.link.call(GetConfig(), ConfigReply),
+        "the configuration": config,
     }
-    held |= {f"the counter {name}": getattr(status.counters, name) for name in _COUNTERS}
+    held |= {f"the counter {name}": getattr(status.counters, name) for name in Counters.WIRE}
+    drives: dict[DriveKind, DriveReply] = {}
     for feature, kind in (
         (Feature.READ_LATCHED, DriveKind.LATCHED),
         (Feature.READ_RADIATED, DriveKind.RADIATED),
     ):
         if board.has(feature):
             read = ReadDrive(kind, 0, board.identity.transducers)
-            held[f"the {kind.name.lower()} drive"] = board.link.call(read, DriveReply)
+            drives[kind] = board.link.call(read, DriveReply)
+            held[f"the {kind.name.lower()} drive"] = drives[kind]
     if board.has(Feature.TRACE_RING):
-        held["the trace ring"] = board.link.call(ReadTrace(0, _RECORDS), TraceReply)
+        ring = board.link.call(ReadTrace(0, _RECORDS), TraceReply)
+        held["the trace ring"] = ring
+        _check_held_ring(status, config, drives, ring)
     if board.identity.features & _UPLOADS:
         held["the upload"] = _held_state_of_upload(board)
+    last = board.identity.transducers - 1
+    held["the geometry"] = board.link.call(GetGeometry(last, 2), GeometryReply)
     events = [*board.link.events(StateChanged, since), *board.link.events(PlaybackEnded, since)]
     held["events"] = [event for _, event in events]
+    _check_held_status(board, status, config)
+    _check_held_drives(board, status, config, drives)
     return held
 
 
@@ -78,13 +99,105 @@ def _held_state_of_upload(board: BoardClient) -> object:
     return ("refused", answer.code) if isinstance(answer, Error) else answer
 
 
-def held_state_changes(before: Held, after: Held) -> str:
-    """Return the differences in words; empty if there is none."""
+# --- Contradictions ----------------------------------------------------------------------------
+
+
+def _check_held_status(board: BoardClient, status: StatusReply, config: ConfigReply) -> None:
+    counters = status.counters
+    total = sum(getattr(counters, name) for name in PARTS_OF_FRAMES) % _WRAP
+    check(counters.frames == total, f"frames is {counters.frames}, its parts make {total}")
+    crc, told = status.config_crc, config.config_crc
+    check(crc == told, f"config_crc is {crc:#010x} in STATUS_REPLY, {told:#010x} in CONFIG_REPLY")
+    if board.correction is not None:
+        due = zlib.crc32(config.config.pack() + board.correction)
+        check(crc == due, f"config_crc is {crc:#010x}; configuration and correction: {due:#010x}")
+
+
+def _check_held_drives(
+    board: BoardClient,
+    status: StatusReply,
+    config: ConfigReply,
+    drives: Mapping[DriveKind, DriveReply],
+) -> None:
+    for kind, reply in drives.items():
+        name = f"READ_DRIVE({kind.name})"
+        told, due = reply.t_latch_us, status.last_latch_us
+        check(told == due, f"{name} names a latch at {told} µs, STATUS_REPLY one at {due} µs")
+        if reply.key.sequence == 0:
+            seq = status.last_seq
+            check(
+                reply.key.index == seq, f"{name} names frame {reply.key.index}, last_seq is {seq}"
+            )
+    if len(drives) < len(DriveKind):
+        return
+    latched, radiated = drives[DriveKind.LATCHED], drives[DriveKind.RADIATED]
+    check(latched.key == radiated.key, f"READ_DRIVE names {latched.key} and {radiated.key}")
+    loud = any(client_drive_of_reply(radiated).amplitudes)
+    if status.state is not OutputState.ARMED:
+        check(not loud, f"{status.state.name}, and transducers are driven")
+    elif loud and board.correction is not None and board.has(Feature.AMPLITUDE):
+        _check_held_radiated(latched, radiated, board.correction, config.config.amplitude_ceiling)
+
+
+def _check_held_radiated(
+    latched: DriveReply, radiated: DriveReply, correction: bytes, ceiling: int
+) -> None:
+    """FAILED unless a drive is radiated as it is latched, but for correction, ceiling and ramp."""
+    before, after = client_drive_of_reply(latched), client_drive_of_reply(radiated)
+    phases = bytes((a + b) % 256 for a, b in zip(before.phases, correction, strict=True))
+    check(after.phases == phases, "radiated phases are not the latched ones and the correction")
+    louder = [
+        n
+        for n, (a, b) in enumerate(zip(before.amplitudes, after.amplitudes, strict=True))
+        if b > min(a, ceiling)
+    ]
+    check(not louder, f"transducers {louder[:4]} are louder than latched under a ceiling {ceiling}")
+
+
+def _check_held_ring(
+    status: StatusReply,
+    config: ConfigReply,
+    drives: Mapping[DriveKind, DriveReply],
+    ring: TraceReply,
+) -> None:
+    """FAILED unless the last record of a ring that is written now is of the last latch."""
+    last = ring.records[-1] if ring.records else None
+    if last is None or last.number + 1 != ring.next or config.config.trace_mode != TraceMode.RING:
+        return
+    told, due = last.t_latch_us, status.last_latch_us
+    check(told == due, f"the ring ends with a latch at {told} µs, the last one was at {due} µs")
+    if DriveKind.LATCHED in drives:
+        latched = drives[DriveKind.LATCHED]
+        same = (last.key, last.crc) == (latched.key, zlib.crc32(latched.data))
+        check(
+            same, f"the ring ends with {last.key}, READ_DRIVE names {latched.key}, or other codes"
+        )
+
+
+# --- Changes -----------------------------------------------------------------------------------
+
+
+def held_state_changes(before: Held, after: Held, due: Held | None = None) -> str:
+    """Return the differences in words; empty if there is none but those of *due*.
+
+    *due* holds the values that have to be there afterwards where these are not those from before.
+    """
+    wanted = {**before, **(due or {})}
     return "; ".join(
         f"{name} was {_held_state_text(before[name])}, is {_held_state_text(value)}"
         for name, value in after.items()
-        if value != before[name]
+        if _is_held_state_change(name, wanted[name], value)
     )
+
+
+def _is_held_state_change(name: str, due: object, value: object) -> bool:
+    if due is ANYTHING:
+        return False
+    if name.removeprefix("the counter ") in _GROWING:
+        assert isinstance(due, int)  # a counter
+        assert isinstance(value, int)
+        return (value - due) % _WRAP >= _WRAP // 2
+    return value != due
 
 
 def _held_state_text(value: object) -> str:

@@ -32,13 +32,9 @@ from ...client.playback import (
     play_now,
     play_out,
     send_phases_to_store,
-    send_phases_to_store_if_supported,
 )
 from ...client.uploads import begin_upload, upload_to_board
-from ...judge.held_state import held_state_changes
-from ...judge.refused_requests import STORED
 from ...outcome import SELF_REPORTED, CaseEndedError, check
-from ..ch10_errors.every_refusal import brought_to_refusal, held_after_refusals, refusal_situations
 
 _SEQUENCE: Final = 5
 _FRAMES: Final = 4
@@ -249,19 +245,3 @@ def the_first_hello_reply_stays(board: BoardClient) -> None:
     check(same[0] == same[1], f"the identity was {first}, and is after other settings {last}")
     if board.has(Feature.CORRECTION):
         upload(bytes(count))
-
-
-@case(
-    "HG-4.6/1",
-    "a repeated HELLO, streaming, playing, waiting, off, leaves all that a board holds as it is",
-    variant="moments",
-    evidence=SELF_REPORTED,
-)
-def a_repeated_hello_leaves_all(board: BoardClient) -> None:
-    send_phases_to_store_if_supported(board, STORED, frames=1)
-    for situation in refusal_situations(board):
-        last_us, before = brought_to_refusal(board, situation)
-        held = held_after_refusals(board, last_us, lambda: board.hello(board.link.session))
-        held = {key: value for key, value in held.items() if key != "the counter repeated"}
-        text = held_state_changes(before, held)
-        check(not text, f"{situation.name}, HELLO with the open nonce: {text}")

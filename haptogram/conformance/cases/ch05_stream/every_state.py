@@ -23,7 +23,7 @@ _SEQUENCE: Final = 6
 _GAP: Final = 7
 _AHEAD_US: Final = 8_000_000
 #: Counters of steps 6 to 10 of HG-3.8, which come before the output state.
-_BEFORE_STATE: Final = ("stale_session", "duplicate", "unsupported", "bad_length", "bad_value")
+BEFORE_STATE: Final = ("stale_session", "duplicate", "unsupported", "bad_length", "bad_value")
 
 
 def _playing_at_stream_frame(board: BoardClient) -> None:
@@ -71,7 +71,7 @@ def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())  # a number is used
         for kind in stream_kinds(board):
             for drop in DROPS:
-                if drop.counter not in _BEFORE_STATE:
+                if drop.counter not in BEFORE_STATE:
                     continue
                 board.link.ask(Mute())
                 board.arm()

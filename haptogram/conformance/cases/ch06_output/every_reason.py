@@ -31,7 +31,7 @@ _REASONS: Final = {
 }
 
 
-def _state_and_reason_after(before: Found, event: OutputInput) -> Found:
+def state_and_reason_after(before: Found, event: OutputInput) -> Found:
     """Return state and reason after an input; one that is not allowed changes neither."""
     due = OUTPUT_TRANSITIONS.get((before[0], event))
     state = before[0] if due is None else due
@@ -58,7 +58,7 @@ def every_input_in_every_output_state(board: BoardClient) -> None:
             )
             happen()
             after = _found_state_and_reason(board)
-            wanted = before if event is None else _state_and_reason_after(before, event)
+            wanted = before if event is None else state_and_reason_after(before, event)
             check(
                 after == wanted,
                 f"{name} in {_state_text(before)}: {_state_text(after)}, due {_state_text(wanted)}",

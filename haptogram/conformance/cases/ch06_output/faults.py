@@ -71,7 +71,7 @@ def _moments_of_hardware_fault(board: BoardClient) -> dict[str, Callable[[BoardC
     )
 
 
-def _fail_hardware(board: BoardClient) -> None:
+def fail_hardware(board: BoardClient) -> None:
     """Let the hardware fail; NOT-OBSERVED if nothing can."""
     if board.raise_fault is None:
         not_observed("nothing can let the hardware of this board fail (--fault-cmd)")
@@ -80,7 +80,7 @@ def _fail_hardware(board: BoardClient) -> None:
     board.wire.idle(board.wire.limits.slack_us + 1000)
 
 
-def _recover_from_hardware_fault(board: BoardClient) -> None:
+def recover_from_hardware_fault(board: BoardClient) -> None:
     """Lead the board out of FAULT; NOT-OBSERVED if the fault lasts."""
     board.link.ask(Disarm())
     if board.status().state is OutputState.FAULT:
@@ -93,11 +93,11 @@ def tells_of_a_hardware_fault(board: BoardClient) -> None:
         board.arm()
         bring(board)
         since = board.link.mark()
-        _fail_hardware(board)
+        fail_hardware(board)
         board.link.barrier()
         told = [(event.state, event.reason) for _, event in board.link.events(StateChanged, since)]
         check(told == [_FAULT], f"a fault while {name}: STATE_CHANGED says {told}")
-        _recover_from_hardware_fault(board)
+        recover_from_hardware_fault(board)
 
 
 @case(
@@ -112,7 +112,7 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
         since = board.link.mark()
         with board.counting(flushed=_QUEUED if bring is _queue_output_before_fault else 0):
             bring(board)
-            _fail_hardware(board)
+            fail_hardware(board)
         found = board.status()
         check((found.state, found.reason) == _FAULT, f"a fault while {name}: {found.state.name}")
         check(found.queued == 0, f"a fault while {name}: {found.queued} frames are queued")
@@ -123,7 +123,7 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
             ended == (bring is _play_output_before_fault),
             f"a fault while {name}: {ended} PLAYBACK_ENDED",
         )
-        _recover_from_hardware_fault(board)
+        recover_from_hardware_fault(board)
 
 
 @case("HG-6.2/1", "in FAULT every input leads to the state in the table", variant="fault")
@@ -139,7 +139,7 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
     if board.identity.features & _PLAYBACK:
         inputs |= {OutputInput.STOP: Stop()}
     for event in (*inputs, OutputInput.LATCH, OutputInput.NEW_SESSION):
-        _fail_hardware(board)
+        fail_hardware(board)
         due = OUTPUT_TRANSITIONS.get((OutputState.FAULT, event))
         if event is OutputInput.NEW_SESSION:
             board.hello()
@@ -157,7 +157,7 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
             not_observed("the fault lasts, so that DISARM does not lead out of FAULT")
         due = OutputState.FAULT if due is None else due
         check(found is due, f"{event.name} in FAULT: {found.name}, due is {due.name}")
-        _recover_from_hardware_fault(board)
+        recover_from_hardware_fault(board)
 
 
 @case(
@@ -172,11 +172,11 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
         "MUTE without a session": lambda: board.link.ask(Mute(), session=0),
         "ARM": lambda: board.link.ask(Arm()),
         "a new session": board.hello,
-        "a second fault": lambda: _fail_hardware(board),
+        "a second fault": lambda: fail_hardware(board),
     }
-    _fail_hardware(board)
+    fail_hardware(board)
     for name, happen in others.items():
         happen()
         found = board.status()
         check((found.state, found.reason) == _FAULT, f"{name} in FAULT: {found.reason.name}")
-    _recover_from_hardware_fault(board)
+    recover_from_hardware_fault(board)

@@ -30,7 +30,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_now, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import send_upload_chunks
+from ...client.uploads import send_upload_chunks, upload_to_board
 from ...judge.held_state import Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import (
     FOREIGN,
@@ -52,6 +52,12 @@ _AHEAD_US: Final = 8_000_000  # queued frames and a waiting playback are due the
 _FRESH_US: Final = 4_000_000  # a situation is brought about again after this time
 _PERIOD_US: Final = 9_000_000
 _QUEUED: Final = 3
+#: Names of the situations.
+QUEUED: Final = "with frames queued"
+PLAYING: Final = "while a sequence plays"
+WAITING: Final = "while a playback waits for its start"
+OFF: Final = "while DISARMED"
+MUTED: Final = "while MUTED"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +83,11 @@ class Situation:
 
 
 def _set_before_refusal(board: BoardClient) -> None:
-    """Open a session, with a configuration away from the default, and an upload with a gap."""
+    """Open a session, with settings away from the default, and an upload with a gap."""
     board.hello()
+    if board.has(Feature.CORRECTION) and not any(board.correction or b""):
+        codes = board.random.randbytes(board.identity.transducers)
+        upload_to_board(board, UploadKind.CORRECTION, 0, codes)
     if board.has(Feature.CONFIG):
         ring = board.has(Feature.TRACE_RING)
         board.configure(
@@ -93,11 +102,12 @@ def _set_before_refusal(board: BoardClient) -> None:
         )
     if board.has(Feature.SEQUENCE_PHASES):
         _begin_upload_before_refusal(
-            board, _pending_before_refusal(board), zlib.crc32(_pending_before_refusal(board))
+            board, pending_before_refusal(board), zlib.crc32(pending_before_refusal(board))
         )
 
 
-def _pending_before_refusal(board: BoardClient) -> bytes:
+def pending_before_refusal(board: BoardClient) -> bytes:
+    """Return the bytes of the upload that is under way in every situation."""
     return bytes(number % 251 for number in range(_FRAMES * board.identity.transducers))
 
 
@@ -151,7 +161,7 @@ def _refusals_always(board: BoardClient) -> Iterator[Refusal]:
     yield from requests_refused_by_link(board)
     yield from requests_refused_by_value(board)
     if board.has(Feature.SEQUENCE_PHASES):
-        yield from chunks_to_be_refused(board, len(_pending_before_refusal(board)))
+        yield from chunks_to_be_refused(board, len(pending_before_refusal(board)))
 
 
 def _refusals_while_streaming(board: BoardClient) -> Iterator[Refusal]:
@@ -174,16 +184,14 @@ def _refusals_while_off(board: BoardClient) -> Iterator[Refusal]:
 
 def refusal_situations(board: BoardClient) -> Iterator[Situation]:
     """Yield the situations that a board can be brought into; in a quick run one."""
-    yield Situation("with frames queued", _streaming_before_refusal, _refusals_while_streaming)
+    yield Situation(QUEUED, _streaming_before_refusal, _refusals_while_streaming)
     if not board.thorough:
         return
     if board.has(Feature.SEQUENCE_PHASES):
-        yield Situation("while a sequence plays", _playing_before_refusal, _refusals_while_playing)
-        yield Situation(
-            "while a playback waits for its start", _waiting_before_refusal, _refusals_while_playing
-        )
-    yield Situation("while DISARMED", _disarmed_before_refusal, _refusals_while_off)
-    yield Situation("while MUTED", _muted_before_refusal, _refusals_while_off)
+        yield Situation(PLAYING, _playing_before_refusal, _refusals_while_playing)
+        yield Situation(WAITING, _waiting_before_refusal, _refusals_while_playing)
+    yield Situation(OFF, _disarmed_before_refusal, _refusals_while_off)
+    yield Situation(MUTED, _muted_before_refusal, _refusals_while_off)
 
 
 # --- Cases -------------------------------------------------------------------------------------
@@ -252,7 +260,7 @@ def refuse(board: BoardClient, refusal: Refusal) -> Error:
 
 def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
     """FAILED unless the upload under way can be completed, and both sequences are played."""
-    data = _pending_before_refusal(board)
+    data = pending_before_refusal(board)
     send_upload_chunks(board, data)
     taken = board.link.ask(UploadCommit(PENDING)).message
     check(isinstance(taken, UploadCommitReply), f"{name}: the upload cannot be committed any more")
@@ -271,7 +279,7 @@ def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
     needs=Feature.SEQUENCE_PHASES,
 )
 def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
-    data = _pending_before_refusal(board)
+    data = pending_before_refusal(board)
     _begin_upload_before_refusal(board, data, zlib.crc32(data))
     damaged = bytes([data[0] ^ 0x40]) + data[1:]
     send_upload_chunks(board, damaged)

@@ -1,0 +1,434 @@
+"""HG-3.9, HG-4.6, HG-6.3, HG-6.4, HG-6.5, HG-6.6, HG-6.11, HG-7.1, HG-7.4, HG-7.6, HG-7.7: events.
+
+Each event changes what SPEC.md says of it, and leaves all else that a host can read.  A table of
+events, and for each of them the values that are due; whatever a board holds beside these has to be
+there as before: in every state, with frames queued, a playback and an upload under way.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    Arm,
+    Config,
+    Disarm,
+    ErrorCode,
+    Feature,
+    Mute,
+    Ping,
+    Play,
+    PlayReply,
+    SetConfig,
+    Stop,
+    TraceReply,
+    UploadBegin,
+    UploadChunk,
+    UploadChunkReply,
+    UploadCommit,
+    UploadKind,
+)
+from haptogram_protocol.state import MuteReason, OutputInput, OutputState
+
+from ...case import NOTHING, Case, Depth
+from ...client import malformed_frames
+from ...client.board_client import BoardClient
+from ...client.playback import send_phases_to_store_if_supported
+from ...client.stream_kinds import stream_kinds
+from ...client.uploads import send_upload_chunks, upload_to_board
+from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
+from ...judge.refused_requests import PENDING, STORED
+from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ..ch05_stream.every_drop import DROPS
+from ..ch05_stream.every_state import BEFORE_STATE
+from ..ch10_errors.every_refusal import (
+    OFF,
+    PLAYING,
+    QUEUED,
+    WAITING,
+    Situation,
+    brought_to_refusal,
+    pending_before_refusal,
+    refusal_situations,
+)
+from .every_reason import state_and_reason_after
+from .faults import fail_hardware, recover_from_hardware_fault
+
+_MS: Final = 1000
+_OTHER: Final = 7  # sequence of an upload that is begun and not committed
+_FOREIGN: Final = 0x0550
+_SHORT_MS: Final = 20
+_AHEAD_US: Final = 8_000_000
+_UPLOADS: Final = Feature.SEQUENCE_PHASES
+_TOO_LONG: Final = 4200
+_FRESH_US: Final = 4_000_000  # a situation is brought about again after this time
+_REUSED: Final = ErrorCode.SEQUENCE_REUSED
+_UNKNOWN_FLAG: Final = 0x40
+
+#: What is due after an event, where it is not what was there before.
+Due: TypeAlias = Callable[[BoardClient, Held], dict[str, object]]
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """An event, and what it changes.
+
+    Attributes
+    ----------
+    clause, variant : str
+        Of the case that judges it.
+    name : str
+        For reports.
+    happen : callable
+        Brings it about, and waits for what it leads to.
+    due : callable
+        Returns the values that are due after it, where they are not those before.
+    needs : Feature
+        Capabilities that it needs.
+    where : tuple of str
+        Names of the situations in which it can come about; empty: in all.
+    """
+
+    clause: str
+    variant: str
+    name: str
+    happen: Callable[[BoardClient], object]
+    due: Due
+    needs: Feature = NOTHING
+    where: tuple[str, ...] = ()
+
+
+# --- What is due -------------------------------------------------------------------------------
+
+
+def _nothing(_: BoardClient, __: Held) -> dict[str, object]:
+    return {}
+
+
+def _counted(before: Held, name: str, number: int) -> dict[str, object]:
+    key = f"the counter {name}"
+    count = before[key]
+    assert isinstance(count, int)  # a counter
+    return {key: (count + number) & 0xFFFFFFFF}
+
+
+def _queued(before: Held) -> int:
+    queued = before["the queue"]
+    assert isinstance(queued, int)  # StatusReply.queued
+    return queued
+
+
+def _found(before: Held) -> tuple[OutputState, MuteReason]:
+    found = before["the output state"]
+    assert isinstance(found, tuple)  # judged_held_state
+    return found
+
+
+def _flushed(before: Held) -> dict[str, object]:
+    return {"the queue": 0, "events": ANYTHING} | _counted(before, "flushed", _queued(before))
+
+
+def _by_input(event: OutputInput) -> Due:
+    """Return what is due after an input of the table of HG-6.2."""
+
+    def due(_: BoardClient, before: Held) -> dict[str, object]:
+        found = state_and_reason_after(_found(before), event)
+        changed: dict[str, object] = {"the output state": found}
+        if event is not OutputInput.ARM:
+            changed |= {"the radiated drive": ANYTHING} | _flushed(before)
+        return changed
+
+    return due
+
+
+def _by_new_session(board: BoardClient, before: Held) -> dict[str, object]:
+    ring = TraceReply(0, 0, ())
+    refused = ("refused", ErrorCode.BAD_STATE)
+    return _by_input(OutputInput.NEW_SESSION)(board, before) | {
+        "the last latch": (0, 0),
+        "the latched drive": ANYTHING,  # HG-8.6/4
+        "the trace ring": ring,
+        "the upload": refused,
+    }
+
+
+def _by_timer(reason: MuteReason) -> Due:
+    def due(_: BoardClient, before: Held) -> dict[str, object]:
+        free = ("the radiated drive", "config_crc", "the configuration")
+        changed: dict[str, object] = dict.fromkeys(free, ANYTHING)
+        changed["the output state"] = OutputState.MUTED, reason
+        return changed | _flushed(before) | _counted(before, "timeouts", 1)
+
+    return due
+
+
+def _by_fault(_: BoardClient, before: Held) -> dict[str, object]:
+    changed: dict[str, object] = {"the output state": (OutputState.FAULT, MuteReason.FAULT)}
+    return changed | {"the radiated drive": ANYTHING} | _flushed(before)
+
+
+def _counted_once(name: str) -> Due:
+    return lambda _, before: _counted(before, name, 1)
+
+
+def _received(number: int) -> Due:
+    return lambda _, __: {"the upload": UploadChunkReply(number)}
+
+
+def _copies(_: BoardClient, __: Held) -> dict[str, object]:
+    return {"the counter duplicate": ANYTHING}
+
+
+def _ended(_: BoardClient, __: Held) -> dict[str, object]:
+    return {"events": ANYTHING}
+
+
+def _by_play(_: BoardClient, before: Held) -> dict[str, object]:
+    return _flushed(before)
+
+
+def _by_commit(_: BoardClient, __: Held) -> dict[str, object]:
+    return {"the upload": ("refused", ErrorCode.BAD_STATE)}
+
+
+def _by_correction(_: BoardClient, __: Held) -> dict[str, object]:
+    refused = ("refused", ErrorCode.BAD_STATE)
+    free = ("config_crc", "the configuration", "the radiated drive")
+    return {"the upload": refused} | dict.fromkeys(free, ANYTHING)
+
+
+# --- What happens ------------------------------------------------------------------------------
+
+
+def _arm(board: BoardClient) -> None:
+    board.link.ask(Arm())
+
+
+def _mute(board: BoardClient) -> None:
+    board.link.ask(Mute())
+
+
+def _mute_as_another(board: BoardClient) -> None:
+    board.link.ask(Mute(), session=board.link.session ^ _FOREIGN)
+
+
+def _mute_without_session(board: BoardClient) -> None:
+    board.link.ask(Mute(), session=0)
+
+
+def _disarm(board: BoardClient) -> None:
+    board.link.ask(Disarm())
+
+
+def _stop(board: BoardClient) -> None:
+    board.link.ask(Stop())
+
+
+def _greet_again(board: BoardClient) -> None:
+    board.hello(board.link.session)
+
+
+def _set_again(board: BoardClient) -> None:
+    board.link.ask(SetConfig(board.config))
+
+
+def _begin(board: BoardClient) -> None:
+    board.link.ask(UploadBegin(UploadKind.PHASES, 0, _OTHER, board.identity.transducers, 0))
+
+
+def _add_chunk(board: BoardClient) -> None:
+    board.link.ask(UploadChunk(1, pending_before_refusal(board)[1:3]))
+
+
+def _complete(board: BoardClient) -> None:
+    send_upload_chunks(board, pending_before_refusal(board))
+    board.link.ask(UploadCommit(PENDING))
+
+
+def _correct(board: BoardClient) -> None:
+    codes = board.random.randbytes(board.identity.transducers)
+    upload_to_board(board, UploadKind.CORRECTION, 0, codes)
+
+
+def _play_later(board: BoardClient, alone_ms: int = 9_999) -> None:
+    play = Play(STORED, 1000, 1, min(alone_ms, board.identity.max_unattended_ms))
+    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+
+
+def _run_out(board: BoardClient, config: Config) -> None:
+    """Set shorter timers, and wait for their end."""
+    board.config = dataclasses.replace(config, ramp_ms=0)
+    board.link.ask(SetConfig(board.config))
+    board.wire.idle((_SHORT_MS + 5) * _MS + board.wire.limits.slack_us)
+
+
+def _run_out_hold(board: BoardClient) -> None:
+    _run_out(board, dataclasses.replace(board.config, hold_ms=_SHORT_MS))
+
+
+def _run_out_lease(board: BoardClient) -> None:
+    _run_out(board, dataclasses.replace(board.config, host_timeout_ms=_SHORT_MS))
+
+
+def _run_out_unattended(board: BoardClient) -> None:
+    board.config = dataclasses.replace(board.config, ramp_ms=0)
+    board.link.ask(SetConfig(board.config))
+    board.link.ask(Stop())
+    _play_later(board, _SHORT_MS)
+    board.wire.idle((_SHORT_MS + 5) * _MS + board.wire.limits.slack_us)
+
+
+def _damage(counter: str) -> Callable[[BoardClient], object]:
+    """Return what sends a frame that only *counter* counts."""
+
+    def send(board: BoardClient) -> None:
+        body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
+        wrong = malformed_frames.malformed_with_wrong_crc(body, 1 << board.random.randrange(32))
+        short = malformed_frames.malformed_with_crc(body[:9])
+        wires = {
+            "crc": malformed_frames.malformed_frame(wrong),
+            "cobs": b"\x00\xff\x01\x02\x00",
+            "short": malformed_frames.malformed_frame(short),
+            "oversize": b"\x00"
+            + malformed_frames.malformed_noise(board.random, _TOO_LONG)
+            + b"\x00",
+            "unknown_type": encode_frame(board.link.body(0xEE, seq=0)),
+        }
+        board.link.send(wires[counter])
+
+    return send
+
+
+def _drop(counter: str) -> Callable[[BoardClient], object]:
+    """Return what sends frames of every format that *counter*, of steps 6 to 10, counts."""
+
+    def send(board: BoardClient) -> None:
+        for drop in DROPS:
+            for kind in stream_kinds(board) if drop.counter == counter else ():
+                board.link.send(*drop.frames(board, kind, 0))
+
+    return send
+
+
+# --- Table -------------------------------------------------------------------------------------
+
+_ON: Final = (QUEUED, PLAYING, WAITING)
+_SHORTENS: Final = Feature.CONFIG
+_PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
+
+
+def _effects() -> Iterator[Effect]:
+    """Yield every event."""
+    for name in ("crc", "cobs", "short", "oversize", "unknown_type"):
+        yield Effect("HG-3.9/1", "alone", f"a frame for {name}", _damage(name), _counted_once(name))
+    for name in BEFORE_STATE:
+        due: Due = _copies if name == "duplicate" else _nothing
+        yield Effect("HG-3.9/1", "alone", f"stream frames for {name}", _drop(name), due)
+    repeated = _counted_once("repeated")
+    yield Effect("HG-4.6/1", "moments", "HELLO with the open nonce", _greet_again, repeated)
+    yield Effect("HG-7.1/3", "same", "SET_CONFIG as it is", _set_again, _nothing, Feature.CONFIG)
+    yield Effect("HG-6.3/2", "alone", "ARM", _arm, _by_input(OutputInput.ARM))
+    for name, mute in (
+        ("MUTE", _mute),
+        ("MUTE of another session", _mute_as_another),
+        ("MUTE without a session", _mute_without_session),
+    ):
+        yield Effect("HG-6.4/2", "alone", name, mute, _by_input(OutputInput.MUTE))
+    yield Effect("HG-6.5/1", "alone", "DISARM", _disarm, _by_input(OutputInput.DISARM))
+    yield Effect("HG-7.7/2", "alone", "STOP", _stop, _ended, _UPLOADS)
+    yield Effect("HG-4.6/5", "alone", "a new session", BoardClient.hello, _by_new_session)
+    yield Effect("HG-7.4/1", "alone", "UPLOAD_CHUNK", _add_chunk, _received(3), _UPLOADS)
+    yield Effect("HG-7.4/1", "alone", "UPLOAD_BEGIN", _begin, _received(0), _UPLOADS)
+    yield Effect("HG-7.4/1", "alone", "UPLOAD_COMMIT", _complete, _by_commit, _UPLOADS)
+    correction = Feature.CORRECTION
+    yield Effect("HG-7.4/1", "alone", "a new correction", _correct, _by_correction, correction)
+    queue = (QUEUED,)
+    yield Effect("HG-7.6/3", "alone", "PLAY", _play_later, _by_play, _UPLOADS, queue)
+    for reason, happen, needs, where in (
+        (MuteReason.HOLD_EXPIRED, _run_out_hold, _SHORTENS, _ON),
+        (MuteReason.HOST_SILENT, _run_out_lease, _SHORTENS, queue),
+        (MuteReason.UNATTENDED, _run_out_unattended, _PLAYS, (QUEUED, WAITING)),
+    ):
+        due = _by_timer(reason)
+        yield Effect("HG-6.11/5", "alone", f"a mute, {reason.name}", happen, due, needs, where)
+    yield Effect("HG-6.6/1", "alone", "a fault", fail_hardware, _by_fault)
+
+
+# --- Cases -------------------------------------------------------------------------------------
+
+
+def _silent_situation(board: BoardClient) -> int:
+    for situation in refusal_situations(board):
+        if situation.name == OFF:
+            situation.bring(board)
+    board.arm()
+    return 0
+
+
+def _situations(board: BoardClient) -> Iterator[Situation]:
+    yield from refusal_situations(board)
+    yield Situation("while ARMED and silent", _silent_situation, lambda _: iter(()))
+
+
+def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held:
+    """Return what a board holds after an event; FAILED if an old number is taken again."""
+    since = board.link.mark()
+    if last_us:  # dropped for its order: the margins tell of it
+        board.link.send(board.link.stream_wire(board.shortest_stream(), last_us))
+    effect.happen(board)
+    old = (board.link.seq - 1) & 0xFFFF
+    board.link.refused(Ping(board.random.getrandbits(64)), _REUSED, old, seq=old)
+    # A frame that uses its number and nothing else: gap and duplicate tell which one was due.
+    board.link.send(board.link.stream_wire(board.shortest_stream(), flags=_UNKNOWN_FLAG))
+    return judged_held_state(board, since)
+
+
+def _judge_effects(board: BoardClient, effects: tuple[Effect, ...], situation: Situation) -> None:
+    """FAILED with the name of the first event that changes what it must leave."""
+    before: Held | None = None
+    last_us = brought_us = 0
+    for effect in effects:
+        if effect.where and situation.name not in effect.where:
+            continue
+        if before is None or board.wire.now_us() - brought_us > _FRESH_US:
+            last_us, before = brought_to_refusal(board, situation)
+            brought_us = board.wire.now_us()
+        held = _held_after_effect(board, last_us, effect)
+        due = effect.due(board, before)
+        text = held_state_changes(before, held, due)
+        check(not text, f"{effect.name}: {text}")
+        leaves = all(name.startswith("the counter") for name in due)
+        before = held if leaves else None
+        if _found(held)[0] is OutputState.FAULT:
+            recover_from_hardware_fault(board)
+
+
+def _effect_case(clause: str, variant: str, effects: tuple[Effect, ...]) -> Case:
+    def body(board: BoardClient) -> None:
+        some = tuple(effect for effect in effects if board.has(effect.needs))
+        if not some:
+            board.need(effects[0].needs)
+        send_phases_to_store_if_supported(board, STORED, frames=1)
+        for situation in _situations(board):
+            try:
+                _judge_effects(board, some, situation)
+            except CaseEndedError as error:
+                raise CaseEndedError(error.behaviour, f"{situation.name}, {error}") from None
+
+    first = effects[0].name + (" and others" if len(effects) > 1 else "")
+    summary = f"{first}, in every state of output and playback: all else is as before"
+    return Case(clause, summary, body, variant, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+
+
+def _cases() -> Iterator[Case]:
+    effects = list(_effects())
+    for clause, variant in dict.fromkeys((effect.clause, effect.variant) for effect in effects):
+        same = (e for e in effects if (e.clause, e.variant) == (clause, variant))
+        yield _effect_case(clause, variant, tuple(same))
+
+
+PRODUCT: Final = tuple(_cases())
