@@ -155,7 +155,7 @@ def _pin_drives(
     shape = run.count, len(run.elements)
     lows = np.broadcast_to(starts[:, None], shape) + SETTLED
     highs = np.broadcast_to(ends[:, None], shape) - 1.0
-    highs[-1] = (starts[-1] + ends[-1]) / 2.0  # the host may have muted the board by then
+    highs[-1] = _end_of_last_pin_frame(record, run, starts, ends)
     if steps is not None:
         lows += np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
         highs[:-1] += np.where(steps.is_inside, np.minimum(steps.before, 1.0), 1.0)[1:] - 1.0
@@ -171,6 +171,17 @@ def _pin_drives(
         limits.phase_rad + jitter + run.allowed_rad[:, None],
         limits.amplitude,
     )
+
+
+def _end_of_last_pin_frame(
+    record: PinRecord, run: RunDrives, starts: FloatArray, ends: FloatArray
+) -> float:
+    """Return half of the last frame, in which the host may mute, or when all pins are silent."""
+    middle = float(starts[-1] + ends[-1]) / 2.0
+    pins = [record.pins[element] for element in run.elements]
+    silent = max((float(pin.falls[-1]) for pin in pins if len(pin.falls)), default=middle)
+    is_short = float(starts[-1]) + SETTLED + 1.0 < silent < middle
+    return silent - 1.0 if is_short else middle
 
 
 def _frames_lost_on_pins(record: PinRecord, drives: PinDrives) -> tuple[Bools, NDArray[np.int64]]:

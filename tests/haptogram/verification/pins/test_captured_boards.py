@@ -175,6 +175,24 @@ def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
     assert line.startswith("element 4 fall")
 
 
+@pytest.mark.parametrize("periods", [5.5, 9, 18])
+def test_a_last_frame_that_a_mute_cuts_short_is_judged_while_it_sounds(periods, tmp_path):
+    """It lasts 40 periods, of which 20 are judged."""
+    run = captured_run(tmp_path / "pins.vcd")
+    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    muted = record.latches[-1] + periods
+    for element, pin in record.pins.items():
+        sounding = pin.falls < muted
+        keys = {"rises": pin.rises[sounding], "falls": pin.falls[sounding]}
+        record = changed(record, element, **keys)
+    (pins,) = judged_record(run, record).pins
+    assert not pins.findings
+    assert pins.counts["judged"] == pins.counts["right"] == 12
+    wrong = changed(record, 4, rises=record.pins[4].rises + 0.1, falls=record.pins[4].falls + 0.1)
+    (pins,) = judged_record(run, wrong).pins
+    assert pins.right[-1].tolist() == [element != 4 for element in range(16)]
+
+
 def with_mute(record, arrival):
     """Return *record* with a line on which a MUTE arrives at this period."""
     data = encode_frame(build_body(Mute(), flags=0, seq=1, time_us=0, session=0))
