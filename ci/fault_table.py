@@ -20,7 +20,7 @@ from haptogram.cli.boards import board_in_virtual_time
 from haptogram.errors import HaptogramError
 from haptogram.evidence.run_record import RunRecord, measure_run
 from haptogram.settings.faults.kinds import FAULT_KINDS
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.run.verify import VerifyConfig
 from haptogram.verification import FrameVerdict, RunVerdict
 
 WORKERS: Final = 2

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..evidence.recordings.writer import RecordingWriter
     from ..settings.board import BoardConfig
     from ..settings.board_url import PortConfig
-    from ..settings.verify_config import VerifyConfig
+    from ..settings.run.verify import VerifyConfig
 
 # Boards that take time to start, such as InteractLab's, have done so before a client comes.
 _STARTED_NS: Final = 1_500_000_000

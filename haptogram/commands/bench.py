@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from haptogram.campaigns.bench.config import BenchConfig
 from haptogram.settings.command_line import add_command_options, config_from_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.verify_config import OutputConfig
+from haptogram.settings.run.outputs import OutputConfig
 
 from .acting_options import refuse_idle_options
 from .shell.exit_status import USAGE

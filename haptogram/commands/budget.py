@@ -11,7 +11,8 @@ from haptogram.settings.arguments import check_choice
 from haptogram.settings.board import MOST_TRANSDUCERS
 from haptogram.settings.command_line import add_setting_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.verify_config import DriveConfig, LinkConfig, PaceConfig
+from haptogram.settings.run.frames import DriveConfig, PaceConfig
+from haptogram.settings.run.link import LinkConfig
 
 from .acting_options import refuse_idle_options
 

@@ -17,7 +17,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.settings.command_line import add_command_options, config_from_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.verify_config import OutputConfig
+from haptogram.settings.run.outputs import OutputConfig
 
 from .acting_options import refuse_idle_options
 from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE

@@ -25,7 +25,7 @@ from haptogram.objects.run_frames import (
     targets_of_run,
 )
 from haptogram.settings.arguments import Progress
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.run.verify import VerifyConfig
 from haptogram.verification import Cut, check_frame_tolerance, tolerance_of
 from haptogram_protocol.dialects.codec import Dialect
 

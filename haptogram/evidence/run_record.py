@@ -29,7 +29,7 @@ from haptogram.objects.run_frames import (
 from haptogram.records.frame import STREAM, Intended, Observation
 from haptogram.records.kept import only_kept_records
 from haptogram.settings.arguments import Progress
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.run.verify import VerifyConfig
 from haptogram.verification import (
     Cut,
     RunVerdict,

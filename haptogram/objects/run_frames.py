@@ -12,8 +12,9 @@ from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArr
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
 from haptogram.settings.array import ArrayConfig
+from haptogram.settings.run.frames import PaceConfig
+from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import UNITS_M, ModulationConfig, ShapeConfig
-from haptogram.settings.verify_config import PaceConfig, VerifyConfig
 
 from . import shapes as tactile
 from .modulation import FocusFrames, Modulation

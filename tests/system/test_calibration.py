@@ -25,7 +25,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.run_record import measure_run
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.run.verify import VerifyConfig
 from virtual_ports import BAUD, BoardPort
 
 CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "4", "--quiet"]

@@ -18,7 +18,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.boards import PortBoard, ProcessBoard
 from haptogram.evidence.run_record import measure_run
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.run.verify import VerifyConfig
 from haptogram.verification import FrameStatus, Verdict
 from haptogram_protocol.messages import Feature
 from sim_device.board.settings import ALL_FEATURES

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from haptogram.settings.option import SettingError, Settings, option, option_of
-from haptogram.settings.verify_config import DriveConfig, LinkConfig, PaceConfig
+from haptogram.settings.run.frames import DriveConfig, PaceConfig
+from haptogram.settings.run.link import LinkConfig
 
 MAX_FRAMES: Final = 300_000
 

@@ -13,7 +13,7 @@ from ..shell.captures import read_pin_records, wait_for_captures
 
 if TYPE_CHECKING:
     from haptogram.conformance.verdict import SuiteResult
-    from haptogram.settings.verify_config import CaptureConfig
+    from haptogram.settings.run.captures import CaptureConfig
 
 
 def judge_at_port(

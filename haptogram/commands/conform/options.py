@@ -12,13 +12,11 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.parser import file_name_option
-from haptogram.settings.verify_config import (
-    CaptureConfig,
-    LimitConfig,
-    LinkConfig,
-    OutputConfig,
-    PaceConfig,
-)
+from haptogram.settings.run.captures import CaptureConfig
+from haptogram.settings.run.frames import PaceConfig
+from haptogram.settings.run.limits import LimitConfig
+from haptogram.settings.run.link import LinkConfig
+from haptogram.settings.run.outputs import OutputConfig
 
 from ..shell.output_files import FILE_HELP
 

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Final
 
 from haptogram.settings.command_line import add_command_options, add_setting_options
 from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.run.frames import DriveConfig
+from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig
-from haptogram.settings.verify_config import DriveConfig, VerifyConfig
 
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Final
 from haptogram.machine.files import write_json_file
 from haptogram.settings.command_line import add_command_options, add_setting_options
 from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.run.outputs import OutputConfig
+from haptogram.settings.run.verify import VerifyConfig
+from haptogram.settings.run.verify_file import load_verify_config
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
-from haptogram.settings.verify_config import OutputConfig, VerifyConfig, load_verify_config
 
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options, array_model

@@ -11,7 +11,7 @@ from haptogram.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from haptogram.records.pins import PinRecord
-    from haptogram.settings.verify_config import CaptureConfig
+    from haptogram.settings.run.captures import CaptureConfig
 
 _PATIENCE_S: Final = 120.0  # of a run that is over, for an analyser that still writes
 _QUIET_S: Final = 1.0  # in which a file that is complete does not change

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from haptogram.errors import LinkError
 from haptogram.settings.board_url import SCHEME
 from haptogram.settings.option import options_of
-from haptogram.settings.verify_config import VerifyConfig, load_verify_config, read_settings_table
+from haptogram.settings.run.verify import VerifyConfig
+from haptogram.settings.run.verify_file import load_verify_config, read_settings_table
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from haptogram.evidence.run_record import RunRecord
     from haptogram.machine.provenance import Provenance
     from haptogram.records.frame import Intended
-    from haptogram.settings.verify_config import VerifyConfig
+    from haptogram.settings.run.verify import VerifyConfig
     from haptogram.verification import RunVerdict
     from haptogram.verification.pins.joined import CaptureVerdict
 

@@ -19,12 +19,9 @@ from haptogram.errors import (
 )
 from haptogram.machine.terminal import terminal_error_line
 from haptogram.settings.option import options_of
-from haptogram.settings.verify_config import (
-    OutputConfig,
-    VerifyConfig,
-    load_verify_config,
-    read_settings_table,
-)
+from haptogram.settings.run.outputs import OutputConfig
+from haptogram.settings.run.verify import VerifyConfig
+from haptogram.settings.run.verify_file import load_verify_config, read_settings_table
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
     from haptogram.machine.provenance import Provenance
     from haptogram.records.frame import Intended, Observation
-    from haptogram.settings.verify_config import VerifyConfig
+    from haptogram.settings.run.verify import VerifyConfig
     from haptogram.verification import RunVerdict
 
     from ..shell.output_files import Outputs

@@ -10,14 +10,12 @@ from haptogram.settings.array import ArrayConfig, ElementConfig
 from haptogram.settings.board import FaultWords
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import file_name_option
+from haptogram.settings.run.captures import CaptureConfig
+from haptogram.settings.run.link import LinkConfig
+from haptogram.settings.run.outputs import OutputConfig
+from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
 from haptogram.settings.tolerance import ToleranceConfig, UncertaintyConfig
-from haptogram.settings.verify_config import (
-    CaptureConfig,
-    LinkConfig,
-    OutputConfig,
-    VerifyConfig,
-)
 
 from ..shell.output_files import FILE_HELP
 

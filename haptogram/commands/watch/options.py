@@ -8,7 +8,7 @@ from typing import Final
 
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.option import Settings, option, option_of
-from haptogram.settings.verify_config import OutputConfig
+from haptogram.settings.run.outputs import OutputConfig
 
 #: Options of a virtual board that can be watched from its power-up on.
 WATCHED_BOARD_OPTIONS: Final = (

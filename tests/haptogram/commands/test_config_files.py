@@ -10,7 +10,8 @@ from haptogram.cli import main
 from haptogram.errors import HaptogramError
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.option import Option, options_of
-from haptogram.settings.verify_config import OutputConfig, VerifyConfig
+from haptogram.settings.run.outputs import OutputConfig
+from haptogram.settings.run.verify import VerifyConfig
 from sim_device.protocol_haptogram import Serial
 
 #: Wrong values of options whose type does not tell one.

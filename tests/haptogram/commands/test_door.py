@@ -14,7 +14,7 @@ import pytest
 from haptogram.cli import COMMANDS, command_parser, main
 from haptogram.commands.verify.options import GROUPS
 from haptogram.settings.option import options_of
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.run.verify import VerifyConfig
 
 #: What a command needs besides the option in question, to be a command line.
 NEEDED = {

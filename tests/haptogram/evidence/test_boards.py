@@ -8,7 +8,7 @@ from haptogram.cli.boards import board_in_virtual_time
 from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.run_record import RunRecord, measure_run
 from haptogram.records.frame import Evidence
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.run.verify import VerifyConfig
 from haptogram.verification import RunVerdict
 from haptogram_protocol.messages import Feature
 from sim_device.board.settings import ALL_FEATURES

@@ -13,7 +13,7 @@ from haptogram.acoustics.model.medium import speed_uncertainty
 from haptogram.acoustics.solvers.several import weights_for_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
-from haptogram.settings.verify_config import VerifyConfig
+from haptogram.settings.run.verify import VerifyConfig
 from haptogram.verification import (
     REAL_BOARD,
     FrameJudge,
