@@ -15,7 +15,11 @@ from haptogram.campaigns.bench.config import BenchConfig
 from haptogram.campaigns.bench.measure import BenchRun, run_bench
 from haptogram.campaigns.bench.percentiles import percentiles_with_missed_ticks
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.machine.fingerprint import cpu_share, cpu_times, machine_fingerprint
+from haptogram.machine.fingerprint import (
+    fingerprint_cpu_share,
+    fingerprint_cpu_times,
+    machine_fingerprint,
+)
 
 from .c_programs import CPrograms, c_programs
 from .exchange import Exchange, exchanger, fastest_pipeline, highest_verified_rate_hz
@@ -42,10 +46,12 @@ def measure_goals(*, seconds: float = 30.0, trips: int = 5000, step_s: float = 0
     step_s : float
         Length of each step of the search for the highest rate, in seconds.
     """
-    before = cpu_times()
+    before = fingerprint_cpu_times()
     with c_programs() as programs:
         lines = _loop_goals(programs, seconds) + _line_goals(programs, trips, step_s)
-    return Goals(lines, machine_fingerprint(), cpu_share(before, cpu_times()))
+    return Goals(
+        lines, machine_fingerprint(), fingerprint_cpu_share(before, fingerprint_cpu_times())
+    )
 
 
 def _loop_goals(programs: CPrograms | None, seconds: float) -> list[Goal]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.board import is_grid_of_elements
+from haptogram.settings.board import is_grid_setting
 
 _URL: Final = "haptogram://"
 
@@ -63,35 +63,39 @@ def refuse_idle_options(
             raise ConfigurationError(f"{told} acts only {row.where}; leave it out")
 
 
-def _always(names: str) -> dict[str, Acting | None]:
+def _option_acts_always(names: str) -> dict[str, Acting | None]:
     return dict.fromkeys(names.split())
 
 
-def _is_shape(settings: Any) -> bool:
+def _acts_on_a_shape(settings: Any) -> bool:
     from haptogram.settings.shape import SHAPES
 
     return settings.object is None or settings.object in SHAPES
 
 
-def _has_size(settings: Any) -> bool:
-    return settings.object != "point" and _is_shape(settings)
+def _acts_on_a_size(settings: Any) -> bool:
+    return settings.object != "point" and _acts_on_a_shape(settings)
 
 
-def _has_grid(settings: Any) -> bool:
-    return settings.array is None or is_grid_of_elements(settings.array)
+def _acts_on_a_grid(settings: Any) -> bool:
+    return settings.array is None or is_grid_setting(settings.array)
 
 
-_PITCH: Final = Acting("on an --array that is a grid (a file has its own positions)", _has_grid)
-_RADIUS: Final = Acting("on a shape that has a radius (a point and a mesh have none)", _has_size)
+_PITCH: Final = Acting(
+    "on an --array that is a grid (a file has its own positions)", _acts_on_a_grid
+)
+_RADIUS: Final = Acting(
+    "on a shape that has a radius (a point and a mesh have none)", _acts_on_a_size
+)
 _RESOLUTION: Final = Acting(
     "on an object of several points (not on a point)", lambda s: s.object != "point"
 )
-_MESH: Final = Acting("on a mesh file", lambda s: not _is_shape(s))
-_AM: Final = Acting("with the modulation am", lambda s: _modulation(s) == "am")
-_LM: Final = Acting("with the modulation lm", lambda s: _modulation(s) == "lm")
+_MESH: Final = Acting("on a mesh file", lambda s: not _acts_on_a_shape(s))
+_AM: Final = Acting("with the modulation am", lambda s: _acts_on_modulation(s) == "am")
+_LM: Final = Acting("with the modulation lm", lambda s: _acts_on_modulation(s) == "lm")
 
 
-def _modulation(settings: Any) -> str | None:
+def _acts_on_modulation(settings: Any) -> str | None:
     kind: str | None = settings.kind if hasattr(settings, "kind") else settings.modulation
     return kind
 
@@ -105,7 +109,7 @@ _STAMPED: Final = Acting(
 # --- The commands ------------------------------------------------------------------------------
 
 _VERIFY_RUN: Final[Rows] = {
-    **_always(
+    **_option_acts_always(
         "object center_mm rate_hz repeat modulation foci array temperature_c board_temperature_c "
         "calibration compensate port dialect baud virtual_time fault fault_plan record"
     ),
@@ -119,7 +123,7 @@ _VERIFY_RUN: Final[Rows] = {
     "solver": Acting("with --foci 2 or more", lambda s: s.foci > 1),
     "pitch_mm": Acting(
         "on a grid: without --port, or with --array NXxNY",
-        lambda s: _has_grid(s) and (s.port is None or s.array is not None),
+        lambda s: _acts_on_a_grid(s) and (s.port is None or s.array is not None),
     ),
     "dialect_option": Acting("with --dialect", lambda s: s.dialect is not None),
     **dict.fromkeys(
@@ -144,7 +148,7 @@ _VERIFY_RUN: Final[Rows] = {
 }
 
 
-def _on_a_run(row: Acting | None) -> Acting:
+def _acts_on_a_run(row: Acting | None) -> Acting:
     """Return the row of an option that does nothing where a recording is judged."""
     where = "on a run (a recording has its own; not with --recording)"
     if row is None:
@@ -153,8 +157,8 @@ def _on_a_run(row: Acting | None) -> Acting:
 
 
 _VERIFY: Final[Rows] = {
-    **{name: _on_a_run(row) for name, row in _VERIFY_RUN.items()},
-    **_always(
+    **{name: _acts_on_a_run(row) for name, row in _VERIFY_RUN.items()},
+    **_option_acts_always(
         "tolerance_mm tolerance_c tolerance_humidity uncertainty_c uncertainty_humidity "
         "uncertainty_position_mm uncertainty_phase_rad min_verified capture channels recording "
         "frames json junit html summary config quiet"
@@ -163,24 +167,26 @@ _VERIFY: Final[Rows] = {
 }
 
 
-def _is_conform_run(arguments: Namespace) -> bool:
+def _acts_in_conform_run(arguments: Namespace) -> bool:
     return not arguments.compare and not arguments.list
 
 
-def _resets_a_port(arguments: Namespace) -> bool:
+def _acts_in_resets_of_a_port(arguments: Namespace) -> bool:
     is_board = arguments.port is not None and not arguments.port.startswith(_URL)
     return arguments.spawn is not None or is_board
 
 
 _RUN: Final = Acting(
     "where cases are run (not with --list, --compare or --recording)",
-    lambda a: _is_conform_run(a) and a.recording is None,
+    lambda a: _acts_in_conform_run(a) and a.recording is None,
 )
 _RUN_OPTIONS: Final = (
     "port baud spawn port_regex reset_cmd fault_cmd dtr rts quick full explore strict timeout seed "
     "repeat quiet record"
 )
-_RESULT: Final = Acting("where there is a result (not with --list or --compare)", _is_conform_run)
+_RESULT: Final = Acting(
+    "where there is a result (not with --list or --compare)", _acts_in_conform_run
+)
 _RESULT_OPTIONS: Final = (
     "baseline junit json summary write_baseline verbose capture channels recording"
 )
@@ -189,7 +195,7 @@ _CONFORM: Final[Rows] = {
     **dict.fromkeys(_RESULT_OPTIONS.split(), _RESULT),
     "boot_timeout": Acting(
         "on a board at --port or from --spawn",
-        lambda a: _is_conform_run(a) and _resets_a_port(a),
+        lambda a: _acts_in_conform_run(a) and _acts_in_resets_of_a_port(a),
     ),
     "clause": Acting(
         "without --compare and --recording", lambda a: not a.compare and a.recording is None
@@ -201,7 +207,7 @@ _CONFORM: Final[Rows] = {
 }
 
 _MODULATION: Final[Rows] = {
-    **_always(
+    **_option_acts_always(
         "object rate_hz center_mm preset array temperature_c bandwidth_hz at_mm picture csv json"
     ),
     "modulation_hz": Acting("with am, lm and stm", lambda a: a.kind != "dwell"),
@@ -210,7 +216,7 @@ _MODULATION: Final[Rows] = {
     "dwell_ms": Acting("with am, lm and dwell", lambda a: a.kind != "stm"),
     "radius_mm": Acting(
         _RADIUS.where,
-        lambda a: _has_size(a) and (a.object is not None or a.kind in ("stm", "dwell")),
+        lambda a: _acts_on_a_size(a) and (a.object is not None or a.kind in ("stm", "dwell")),
     ),
     "resolution_mm": Acting(
         _RESOLUTION.where,
@@ -221,27 +227,27 @@ _MODULATION: Final[Rows] = {
 }
 
 
-def _is_modulated_for_an_ear(arguments: Namespace) -> bool:
+def _acts_for_an_ear(arguments: Namespace) -> bool:
     return arguments.ear_mm is not None and not arguments.object and not arguments.drive
 
 
 _PICTURE: Final = Acting("with --picture", lambda a: a.picture is not None)
-_FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _is_modulated_for_an_ear)
+_FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _acts_for_an_ear)
 _FIELD: Final[Rows] = {
-    **_always("focus_mm object drive phase_bits preset array temperature_c picture"),
+    **_option_acts_always("focus_mm object drive phase_bits preset array temperature_c picture"),
     "resolution_mm": Acting(
         "with --object, on other objects than a point",
         lambda a: a.object is not None and a.object != "point",
     ),
     "radius_mm": Acting(
         "with --object, on a shape that has a radius",
-        lambda a: a.object is not None and _has_size(a),
+        lambda a: a.object is not None and _acts_on_a_size(a),
     ),
-    "unit": Acting("with --object, on a mesh file", lambda a: a.object and not _is_shape(a)),
+    "unit": Acting("with --object, on a mesh file", lambda a: a.object and not _acts_on_a_shape(a)),
     "center_mm": Acting("with --object", lambda a: a.object is not None),
     "rate_hz": Acting(
         "with --object, or on one focus with --ear-mm",
-        lambda a: a.object is not None or _is_modulated_for_an_ear(a),
+        lambda a: a.object is not None or _acts_for_an_ear(a),
     ),
     "modulation": _FOR_AN_EAR,
     "modulation_hz": _FOR_AN_EAR,
@@ -273,7 +279,7 @@ _EXPECTED: Final = Acting(
     "with --expect or --expect-file", lambda s: bool(s.expect) or s.expect_file is not None
 )
 _WATCH: Final[Rows] = {
-    **_always("link expect expect_file latches frames json junit html summary quiet"),
+    **_option_acts_always("link expect expect_file latches frames json junit html summary quiet"),
     "stamp": _STAMPED,
     **dict.fromkeys(
         ("dialect", "dialect_option", "array", "temperature_c", "calibration"), _OWN_BOARD
@@ -286,21 +292,21 @@ ACTING: Final[Mapping[str, Rows]] = {
     "modulation": _MODULATION,
     "field": _FIELD,
     "soak": {
-        **_always(
+        **_option_acts_always(
             "hours fault_rate seed segment_minutes jobs resume json junit html summary record "
             "mutant quiet"
         ),
         "stamp": _STAMPED,
     },
     "bench": {
-        **_always(
+        **_option_acts_always(
             "port rate_hz seconds baud phase_bits lead_ms trim spin_us realtime json html summary "
             "picture compare record quiet"
         ),
         "stamp": _STAMPED,
     },
     "budget": {
-        **_always("baud rate_hz phase_bits transducers dialect"),
+        **_option_acts_always("baud rate_hz phase_bits transducers dialect"),
         "boards": Acting("with --dialect", lambda a: a.dialect is not None),
     },
     "view": {
@@ -311,10 +317,10 @@ ACTING: Final[Mapping[str, Rows]] = {
         "html": None,
     },
     "watch": _WATCH,
-    "capture": _always("map json quiet"),
-    "decode": _always("dialect input from_board verbose json"),
+    "capture": _option_acts_always("map json quiet"),
+    "decode": _option_acts_always("dialect input from_board verbose json"),
     "replay": {
-        **_always("json show"),
+        **_option_acts_always("json show"),
         "port": None,
         "baud": Acting("with --port", lambda a: a.port is not None),
         **dict.fromkeys(
@@ -322,9 +328,9 @@ ACTING: Final[Mapping[str, Rows]] = {
         ),
     },
     "repair": {},
-    "presets": _always("json"),
+    "presets": _option_acts_always("json"),
     "paper": {
-        **_always("presets json html"),
+        **_option_acts_always("presets json html"),
         "stamp": Acting("with --html", lambda a: a.html is not None),
     },
 }

@@ -15,8 +15,8 @@ from haptogram.settings.run.outputs import OutputConfig
 from .acting_options import refuse_idle_options
 from .shell.exit_status import USAGE
 from .shell.job import annotate_job, provenance_of_run
-from .shell.output_files import FILE_HELP, Outputs, write_picture
-from .shell.recording import is_recorded, recording
+from .shell.output_files import FILE_HELP, Outputs, write_picture_output
+from .shell.recording import is_command_recorded, recording
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.measure import BenchRun
@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
     _write_bench_results(arguments, found, result, changes, provenance)
     if arguments.summary is not None:
         write_job_summary(arguments.summary, summary, provenance)
-    recorded = is_recorded("bench", writer)
+    recorded = is_command_recorded("bench", writer)
     outputs.paths.pop("--record", None)
     if not arguments.quiet:
         outputs.announce()
@@ -135,4 +135,4 @@ def _write_bench_results(
     if arguments.picture is not None:
         from haptogram.report.bench.pictures import draw_bench_histograms
 
-        write_picture(arguments.picture, draw_bench_histograms(found.stages_us))
+        write_picture_output(arguments.picture, draw_bench_histograms(found.stages_us))

@@ -22,8 +22,8 @@ from haptogram.settings.run.outputs import OutputConfig
 from .acting_options import refuse_idle_options
 from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE
 from .shell.job import annotate_job, provenance_of_run
-from .shell.output_files import FILE_HELP, Outputs, announce_output
-from .shell.recording import is_recorded, recording
+from .shell.output_files import FILE_HELP, Outputs, announce_output_file
+from .shell.recording import is_command_recorded, recording
 
 if TYPE_CHECKING:
     from haptogram.campaigns.soak.campaign import Progress, SoakCampaign
@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
     if interrupted:
         print(_how_to_resume_soak(arguments, campaign), file=sys.stderr)
     _write_soak_results(arguments, campaign, outputs, provenance)
-    if not is_recorded("soak", writer):
+    if not is_command_recorded("soak", writer):
         return USAGE
     if campaign.failures:
         return FAIL
@@ -145,7 +145,7 @@ def _write_soak_results(
     for path, write in writers:
         if path is not None:
             write(path)
-            announce_output(path)
+            announce_output_file(path)
 
 
 def _soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:

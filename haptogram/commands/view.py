@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.parser import checked_type, file_name_option
+from haptogram.settings.parser import checked_option_type, file_name_option
 
 from .acting_options import refuse_idle_options
 from .shell.exit_status import PASS
@@ -68,7 +68,7 @@ def set_up(parser: Parser) -> None:
     )
     parser.add_argument(
         "--http",
-        type=checked_type(_view_address, "HOST:PORT"),
+        type=checked_option_type(_view_address, "HOST:PORT"),
         default=("127.0.0.1", 0),
         metavar="HOST:PORT",
         help="where browsers find the page; port 0 takes any. With an address that others can "
@@ -112,9 +112,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _view_recording(arguments: argparse.Namespace, outputs: Outputs) -> int:
     from haptogram.machine.provenance import Provenance
     from haptogram.report.viewer.page import view_page, write_view
-    from haptogram.report.viewer.recorded import recorded_scene
+    from haptogram.report.viewer.recorded import viewer_scene_of_recording
 
-    recorded = recorded_scene(Path(arguments.source))
+    recorded = viewer_scene_of_recording(Path(arguments.source))
     about: dict[str, Any] = {
         "title": Path(arguments.source).name,
         "lead": recorded.lead,
@@ -136,7 +136,7 @@ def _view_board(arguments: argparse.Namespace, outputs: Outputs) -> int:
 
     provenance = Provenance.of_run(arguments.command_line, None)
     with BackdoorReader(arguments.source) as stream:
-        first, *others = _first_records(arguments.source, stream)
+        first, *others = _first_viewed_records(arguments.source, stream)
         scene = LiveScene(first)
         scene.take(others)
         if arguments.html is None:
@@ -156,7 +156,7 @@ def _view_board(arguments: argparse.Namespace, outputs: Outputs) -> int:
     return PASS
 
 
-def _first_records(source: str, stream: BackdoorReader) -> list[dict[str, Any]]:
+def _first_viewed_records(source: str, stream: BackdoorReader) -> list[dict[str, Any]]:
     """Return the first records, as soon as there is one."""
     end_s = time.monotonic() + _PATIENCE_S
     while not (records := stream.read()):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from haptogram.errors import ConfigurationError, LinkLostError
-from haptogram.machine.view_process import child_environment
+from haptogram.machine.view_process import child_process_environment
 
 _PROGRAM: Final = "python -m sim_device: "
 _REFUSED: Final = 2
@@ -46,7 +46,7 @@ class BoardProcess:
                 stdin=subprocess.PIPE,  # never written to: it ends with us, whatever ends us
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                env=child_environment(),
+                env=child_process_environment(),
                 start_new_session=True,  # Ctrl-C is for the host: the board must hear its MUTE
             )
         self.pid = self._process.pid

@@ -18,7 +18,7 @@ from haptogram.driver.stream import StreamReport
 from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
 from haptogram.evidence.recordings.tap import RecordingTransport
-from haptogram.machine.terminal import printable_text
+from haptogram.machine.terminal import printable_on_terminal
 from haptogram.objects.modulation import FocusFrames
 from haptogram.objects.run_frames import (
     MOST_FRAMES,
@@ -198,7 +198,7 @@ def measure_run(
 
 def _identity_of_run(identity: HelloReply) -> dict[str, object]:
     return {
-        "firmware": printable_text(identity.firmware),
+        "firmware": printable_on_terminal(identity.firmware),
         "protocol": f"{identity.major}.{identity.minor}",
         "transducers": identity.transducers,
         "carrier_hz": identity.carrier_hz,

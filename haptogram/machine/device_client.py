@@ -72,8 +72,8 @@ class DeviceClient:
     def __init__(self, terminal: str, command: Sequence[str]) -> None:
         if shutil.which(command[0]) is None:
             raise ConfigurationError(f"--as-device: there is no program {command[0]}")
-        self.device = _first_existing(_DEVICES, "serial device")
-        folder = _first_existing(_FOLDERS, "folder below /sys/devices")
+        self.device = _first_existing_program(_DEVICES, "serial device")
+        folder = _first_existing_program(_FOLDERS, "folder below /sys/devices")
         unshare = shutil.which("unshare")
         if unshare is None:
             raise ConfigurationError(f"--as-device needs the program unshare; or {_INSTEAD}")
@@ -116,7 +116,7 @@ class DeviceClient:
         return None
 
 
-def _first_existing(names: Sequence[str], what: str) -> str:
+def _first_existing_program(names: Sequence[str], what: str) -> str:
     for name in names:
         if Path(name).exists():
             return name

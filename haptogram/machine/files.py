@@ -84,9 +84,9 @@ def write_file_atomically(path: Path, content: bytes) -> None:
         kind = kind_of_file(path)
         target = Path(os.path.realpath(path))  # a link keeps pointing to the result
         if kind is Kind.STANDARD_OUTPUT:
-            _write_stream(sys.stdout, content)
+            _write_stream_or_pipe(sys.stdout, content)
         elif kind is Kind.STANDARD_ERROR:
-            _write_stream(sys.stderr, content)
+            _write_stream_or_pipe(sys.stderr, content)
         elif kind in (Kind.PIPE, Kind.DEVICE):
             target.write_bytes(content)
         else:
@@ -239,7 +239,7 @@ def _is_same_file(path: Path, other: Path) -> bool:
     return path.is_file() and other.is_file() and path.samefile(other)
 
 
-def _write_stream(stream: TextIO, content: bytes) -> None:
+def _write_stream_or_pipe(stream: TextIO, content: bytes) -> None:
     stream.flush()
     stream.buffer.write(content)
     stream.buffer.flush()

@@ -32,11 +32,11 @@ def machine_fingerprint() -> dict[str, Any]:
         "load_1_min": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "haptogram": haptogram.__version__,
-        "packages": {name: _package_version(name) for name in _PACKAGES},
+        "packages": {name: _fingerprint_package_version(name) for name in _PACKAGES},
     }
 
 
-def cpu_times() -> dict[str, int]:
+def fingerprint_cpu_times() -> dict[str, int]:
     """Return ticks of all processors since boot: busy, idle and stolen by the hypervisor."""
     words = _read_machine_file(_PROC / "stat")
     if words is None:
@@ -46,7 +46,7 @@ def cpu_times() -> dict[str, int]:
     return {"busy": busy, "idle": idle + iowait, "steal": steal}
 
 
-def cpu_share(before: dict[str, int], after: dict[str, int]) -> dict[str, float]:
+def fingerprint_cpu_share(before: dict[str, int], after: dict[str, int]) -> dict[str, float]:
     """Return the shares of the processors' time that were busy, idle and stolen in between."""
     spent = {name: after[name] - before[name] for name in before if name in after}
     total = sum(spent.values())
@@ -82,7 +82,7 @@ def _read_machine_file(path: Path) -> str | None:
         return None
 
 
-def _package_version(package: str) -> str | None:
+def _fingerprint_package_version(package: str) -> str | None:
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

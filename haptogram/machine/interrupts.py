@@ -74,13 +74,13 @@ class DelayedInterrupts:
     def __exit__(self, *_: object) -> None:
         self._is_inside = False
         came, self._came = self._came, []
-        _raise_signals(sorted(came, key=_ENDINGS.index))
+        _raise_delayed_interrupts(sorted(came, key=_ENDINGS.index))
 
 
-def _raise_signals(numbers: list[int]) -> None:
+def _raise_delayed_interrupts(numbers: list[int]) -> None:
     """Raise every signal, also where the handler of one before raises an exception."""
     if numbers:
         try:
             signal.raise_signal(numbers[0])
         finally:
-            _raise_signals(numbers[1:])
+            _raise_delayed_interrupts(numbers[1:])

@@ -38,16 +38,16 @@ def real_time_process(*, strict: bool = False) -> Iterator[list[str]]:
     with contextlib.ExitStack() as stack:
         refused: list[str] = []
         if strict:
-            stack.enter_context(_frozen_garbage_collector())
+            stack.enter_context(_process_with_frozen_garbage())
             for asked in (_fixed_process_priority, _locked_process_memory):
                 refused += stack.enter_context(asked())
-        stack.enter_context(_paused_garbage_collector())
+        stack.enter_context(_process_without_garbage_collector())
         stack.enter_context(_exact_process_timers())
         yield refused
 
 
 @contextlib.contextmanager
-def _paused_garbage_collector() -> Iterator[None]:
+def _process_without_garbage_collector() -> Iterator[None]:
     collected = gc.isenabled()
     gc.disable()
     try:
@@ -58,7 +58,7 @@ def _paused_garbage_collector() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _frozen_garbage_collector() -> Iterator[None]:
+def _process_with_frozen_garbage() -> Iterator[None]:
     gc.collect()
     gc.freeze()
     try:
@@ -69,12 +69,12 @@ def _frozen_garbage_collector() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _exact_process_timers() -> Iterator[None]:
-    slack_ns = _prctl(_PR_GET_TIMERSLACK, 0)
-    _set_timer_slack(1)
+    slack_ns = _prctl_of_process(_PR_GET_TIMERSLACK, 0)
+    _set_process_timer_slack(1)
     try:
         yield
     finally:
-        _set_timer_slack(slack_ns)
+        _set_process_timer_slack(slack_ns)
 
 
 @contextlib.contextmanager
@@ -115,12 +115,12 @@ def _locked_process_memory() -> Iterator[list[str]]:
         _ = libc.munlockall()
 
 
-def _set_timer_slack(slack_ns: int) -> None:
+def _set_process_timer_slack(slack_ns: int) -> None:
     if slack_ns > 0:
-        _prctl(_PR_SET_TIMERSLACK, slack_ns)
+        _prctl_of_process(_PR_SET_TIMERSLACK, slack_ns)
 
 
-def _prctl(option: int, value: int) -> int:
+def _prctl_of_process(option: int, value: int) -> int:
     """Call prctl(2), of this thread; elsewhere than on Linux do nothing and return 0."""
     if not sys.platform.startswith("linux"):
         return 0

@@ -54,8 +54,10 @@ class Provenance:
         ConfigurationError
             If *stamp* is no date.
         """
-        date = datetime.datetime.now(datetime.UTC) if stamp is None else read_stamp(stamp)
-        machine = _machine_text(machine_fingerprint())
+        date = (
+            datetime.datetime.now(datetime.UTC) if stamp is None else read_provenance_stamp(stamp)
+        )
+        machine = _provenance_machine_text(machine_fingerprint())
         return cls(date, machine, command, is_stamped=stamp is not None)
 
     def of_virtual_time(self) -> Provenance:
@@ -89,7 +91,7 @@ class Provenance:
         return [(name, text) for name, text in stated.items() if text is not None]
 
 
-def read_stamp(text: str) -> datetime.datetime:
+def read_provenance_stamp(text: str) -> datetime.datetime:
     """Return the date that *text* is; without a zone it is UTC.
 
     Raises
@@ -99,7 +101,7 @@ def read_stamp(text: str) -> datetime.datetime:
 
     Examples
     --------
-    >>> read_stamp("2026-11-22T15:00+01:00").isoformat()
+    >>> read_provenance_stamp("2026-11-22T15:00+01:00").isoformat()
     '2026-11-22T14:00:00+00:00'
     """
     try:
@@ -116,6 +118,6 @@ def read_stamp(text: str) -> datetime.datetime:
 UNSTATED: Final = Provenance()
 
 
-def _machine_text(found: dict[str, Any]) -> str:
+def _provenance_machine_text(found: dict[str, Any]) -> str:
     processors = f"{found['cpus']} processor{'' if found['cpus'] == 1 else 's'}"
     return ", ".join([found["cpu"], processors, found["kernel"], found["python"]])

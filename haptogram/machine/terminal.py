@@ -25,22 +25,24 @@ def terminal_has_colour(stream: TextIO) -> bool:
     return os.environ.get("TERM") != "dumb" and stream.isatty()
 
 
-def is_github_job() -> bool:
+def is_terminal_of_github_job() -> bool:
     """Return True if this program runs in a job of GitHub, which obeys commands among its lines."""
     return os.environ.get("GITHUB_ACTIONS") == "true"
 
 
-def without_job_commands(text: str) -> str:
+def terminal_text_without_job_commands(text: str) -> str:
     """Return *text*; in a job of GitHub, with a space in everything that is a command there."""
-    return _COMMANDS.sub(lambda found: f"{found[0]} ", text) if is_github_job() else text
+    return (
+        _COMMANDS.sub(lambda found: f"{found[0]} ", text) if is_terminal_of_github_job() else text
+    )
 
 
-def printable_text(text: str) -> str:
+def printable_on_terminal(text: str) -> str:
     r"""Return *text* with U+FFFD for every control character: no terminal obeys a board's name.
 
     Examples
     --------
-    >>> printable_text("v1\n::error::")
+    >>> printable_on_terminal("v1\n::error::")
     'v1\ufffd::error::'
     """
     return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
@@ -50,7 +52,7 @@ def terminal_error_line(program: str, message: str, stream: TextIO) -> str:
     """Return the line of an error on *stream*, the name of the program in red."""
     name = f"{program}:"
     shown = _painted_on_terminal(name, _RED) if terminal_has_colour(stream) else name
-    return without_job_commands(f"{shown} {message}")
+    return terminal_text_without_job_commands(f"{shown} {message}")
 
 
 def paint_verdicts_on_terminal(text: str, stream: TextIO) -> str:
@@ -58,7 +60,7 @@ def paint_verdicts_on_terminal(text: str, stream: TextIO) -> str:
 
     It holds no command of a job of GitHub, though a board may have put one into its name.
     """
-    text = without_job_commands(text)
+    text = terminal_text_without_job_commands(text)
     if not terminal_has_colour(stream):
         return text
     return _VERDICT.sub(

@@ -29,7 +29,7 @@ class ViewProcess:
             [sys.executable, "-m", "haptogram", "view", source, "--until-eof"],
             stdin=subprocess.PIPE,  # the view ends with us, whatever ends us
             stdout=2,
-            env=child_environment(),
+            env=child_process_environment(),
             start_new_session=True,  # Ctrl-C is for the host; the view is ended when it is done
         )
         assert self._process.stdin is not None  # PIPE
@@ -57,7 +57,7 @@ class ViewProcess:
             self._process.wait()
 
 
-def child_environment() -> dict[str, str]:
+def child_process_environment() -> dict[str, str]:
     """Return an environment in which a child finds the packages that are running here."""
     packages = (haptogram, haptogram_protocol)
     places = {str(Path(str(package.__file__)).parent.parent): None for package in packages}

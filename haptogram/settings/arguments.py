@@ -62,7 +62,7 @@ def _argument_with_type(value: Any) -> str:
     return repr(float(value)) if isinstance(value, float) else shown_argument(value)
 
 
-def read_number(kind: Callable[[str], float], text: str) -> float | str:
+def read_number_argument(kind: Callable[[str], float], text: str) -> float | str:
     """Return the number that *text* is, or *text* itself, which a check of numbers refuses."""
     try:
         return kind(text)

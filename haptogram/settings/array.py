@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from .board import DEFAULT_ARRAY, BoardConfig, check_array
+from .board import DEFAULT_ARRAY, BoardConfig, check_array_setting
 from .option import Settings, option, options_of
 
 _BOARD: Final = options_of(BoardConfig)
@@ -43,7 +43,7 @@ class ArrayConfig(Settings):
         """Check the values, and the sides of a grid."""
         super().__post_init__()
         if self.array is not None:
-            check_array(self.array)
+            check_array_setting(self.array)
 
     @property
     def virtual_array(self) -> str:

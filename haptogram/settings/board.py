@@ -30,12 +30,12 @@ MOST_LEAD_US: Final = 100_000  # HG-5.8
 _GRID: Final = re.compile(r"\s*(\d+)x(\d+)\s*")
 
 
-def is_grid_of_elements(array: str) -> bool:
+def is_grid_setting(array: str) -> bool:
     """Return True if *array* is a grid (NXxNY), False if it names a file."""
     return _GRID.fullmatch(array) is not None
 
 
-def check_array(array: str) -> None:
+def check_array_setting(array: str) -> None:
     """Raise :class:`SettingError` if *array* is a grid with no transducer or too many."""
     if (found := _GRID.fullmatch(array)) is not None:
         nx, ny = (int(side) if len(side) < 9 else MOST_TRANSDUCERS + 1 for side in found.groups())
@@ -118,7 +118,7 @@ class PinCaptureConfig(Settings):
         if self.capture_elements is None:
             return list(range(count))
         found = [
-            _element("capture_elements", text.strip(), count)
+            _element_setting("capture_elements", text.strip(), count)
             for text in self.capture_elements.split(",")
         ]
         if len(set(found)) < len(found):
@@ -127,20 +127,20 @@ class PinCaptureConfig(Settings):
 
     def late_us(self, count: int) -> list[float]:
         """Return by how much later than the board each of *count* pins latches."""
-        return _by_element("capture_late", self.capture_late, count)
+        return _settings_by_element("capture_late", self.capture_late, count)
 
     def lingering_us(self, count: int) -> list[float]:
         """Return for how long each of *count* pins sounds on in the silence of the board."""
-        return _by_element("capture_lingers", self.capture_lingers, count)
+        return _settings_by_element("capture_lingers", self.capture_lingers, count)
 
 
-def _element(name: str, text: str, count: int) -> int:
+def _element_setting(name: str, text: str, count: int) -> int:
     if not text.isascii() or not text.isdigit() or int(text) >= count:
         raise SettingError(name, f"names the element {text!r}, must be 0 to {count - 1}")
     return int(text)
 
 
-def _by_element(name: str, texts: tuple[str, ...], count: int) -> list[float]:
+def _settings_by_element(name: str, texts: tuple[str, ...], count: int) -> list[float]:
     """Return a time in microseconds for each of *count* elements, 0 where none is given."""
     found = [0.0] * count
     for text in texts:
@@ -151,7 +151,7 @@ def _by_element(name: str, texts: tuple[str, ...], count: int) -> list[float]:
             value_us = math.nan
         if not 0.0 <= value_us < math.inf:
             raise SettingError(name, f"is {text!r}, must be ELEMENT=US with 0 µs or more")
-        for place in range(count) if element == "all" else [_element(name, element, count)]:
+        for place in range(count) if element == "all" else [_element_setting(name, element, count)]:
             found[place] = value_us
     return found
 
@@ -227,7 +227,7 @@ class BoardConfig(Settings):
     def __post_init__(self) -> None:
         """Check the values, and that the faults can be there together."""
         super().__post_init__()
-        check_array(self.array)
+        check_array_setting(self.array)
         self.plan  # noqa: B018  it checks
 
     @property

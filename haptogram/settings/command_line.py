@@ -9,7 +9,7 @@ from typing import Any, Final, TypeVar
 from haptogram.errors import ConfigurationError
 
 from .option import Option, SettingError, Settings
-from .parser import checked_type
+from .parser import checked_option_type
 
 _FLAG: Final = argparse.BooleanOptionalAction
 _S = TypeVar("_S", bound=Settings)
@@ -31,7 +31,7 @@ def add_setting_options(
             group.add_argument(
                 row.word,
                 action="append" if row.count == 0 else "store",
-                type=checked_type(row.checked_item, row.name),
+                type=checked_option_type(row.checked_item, row.name),
                 metavar=row.unit or f"{{{','.join(map(str, row.choices))}}}",
                 required=row.is_required,
                 help=text,

@@ -23,7 +23,7 @@ from .arguments import (
     check_number,
     check_whole,
     did_you_mean,
-    read_number,
+    read_number_argument,
     shown_argument,
 )
 
@@ -197,8 +197,8 @@ class Option:
         if self.kind not in (int, float):
             return text
         if not self.count:
-            return read_number(self.kind, text)
-        return tuple(read_number(self.kind, part) for part in text.split(","))
+            return read_number_argument(self.kind, text)
+        return tuple(read_number_argument(self.kind, part) for part in text.split(","))
 
     def checked_item(self, text: str) -> Any:
         """Return the value of :meth:`read`, checked; of one item where there may be any number.

@@ -102,7 +102,7 @@ class Parser(argparse.ArgumentParser):
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
         """Parse and refuse the rest; leave ``parser`` and ``given``, the names of given options."""
-        words = attach_negative_values(sys.argv[1:] if args is None else args)
+        words = attach_negative_option_values(sys.argv[1:] if args is None else args)
         self._check_options(words)
         found, rest = super().parse_known_args(words, namespace)
         if rest:
@@ -152,8 +152,8 @@ class Parser(argparse.ArgumentParser):
     def _check_options(self, words: Sequence[str]) -> None:
         """Refuse former and unknown options before a value that is missing is complained of."""
         if self._subparsers is not None:  # those after a command are the command's
-            words = words[: next(_places_of_words(words), len(words))]
-        for word in _options_among(words):
+            words = words[: next(_places_of_command_words(words), len(words))]
+        for word in _options_among_command_words(words):
             if word in self.refused:
                 self.error(f"{word} {self.refused[word]}")
             if word not in self.option_actions and not self._is_short(word):
@@ -166,14 +166,16 @@ class Parser(argparse.ArgumentParser):
 
     def _given(self, words: Sequence[str]) -> Iterator[str]:
         actions = self.option_actions
-        return (actions[word].dest for word in _options_among(words) if word in actions)
+        return (
+            actions[word].dest for word in _options_among_command_words(words) if word in actions
+        )
 
 
 def _setting_as_option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def _options_among(words: Sequence[str]) -> Iterator[str]:
+def _options_among_command_words(words: Sequence[str]) -> Iterator[str]:
     """Yield the words that argparse takes for options, without their values."""
     for word in words:
         if word == "--":
@@ -184,11 +186,11 @@ def _options_among(words: Sequence[str]) -> Iterator[str]:
                 yield name
 
 
-def _places_of_words(words: Sequence[str]) -> Iterator[int]:
+def _places_of_command_words(words: Sequence[str]) -> Iterator[int]:
     return (place for place, word in enumerate(words) if not word.startswith("-"))
 
 
-def attach_negative_values(words: Sequence[str]) -> list[str]:
+def attach_negative_option_values(words: Sequence[str]) -> list[str]:
     """Return *words* with values that begin with a minus attached to their options.
 
     argparse takes them for options: ``--focus-mm -20,0,120`` becomes ``--focus-mm=-20,0,120``.
@@ -225,7 +227,7 @@ def name_option(text: str, what: str = "the name of a file") -> str:
     return text
 
 
-def checked_type(read: Callable[[str], _T], name: str = "") -> Callable[[str], _T]:
+def checked_option_type(read: Callable[[str], _T], name: str = "") -> Callable[[str], _T]:
     """Return *read*, whose refusals begin with *name*, as the type of an argument."""
 
     def parse(text: str) -> _T:

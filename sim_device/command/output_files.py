@@ -13,7 +13,7 @@ from haptogram.machine.files import (
     check_files_writable,
     make_folder_of,
 )
-from haptogram.settings.board import is_grid_of_elements
+from haptogram.settings.board import is_grid_setting
 
 SOCKET: Final = "unix:"  # a back door that is no file
 
@@ -27,7 +27,7 @@ def check_board_outputs(options: argparse.Namespace) -> None:
         Names the option, the path and the reason.
     """
     outputs = _board_outputs_of(options)
-    array = None if options.array is None or is_grid_of_elements(options.array) else options.array
+    array = None if options.array is None or is_grid_setting(options.array) else options.array
     inputs = (
         ("--array", array),
         ("--calibration", options.calibration),

@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.text_file import read_text
+from haptogram.settings.text_file import read_text_file
 
 
 def read_element_rows(path: Path, option: str) -> list[tuple[int, list[str]]]:
@@ -21,7 +21,7 @@ def read_element_rows(path: Path, option: str) -> list[tuple[int, list[str]]]:
         raise ConfigurationError(
             f"{option} '{path}' is a pipe, and is read more than once; name a file"
         )
-    lines = read_text(path, option).splitlines()
+    lines = read_text_file(path, option).splitlines()
     return [
         (number, _element_row_cells(f"{path}:{number}", line))
         for number, line in enumerate(lines, start=1)

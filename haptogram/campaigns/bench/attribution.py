@@ -83,7 +83,7 @@ class LatenessParts:
         return dataclasses.replace(self, queue=nothing, board=nothing)
 
 
-def split_lateness(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> LatenessParts:
+def split_bench_lateness(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> LatenessParts:
     """Split the lateness of every tick into its parts.
 
     Parameters
@@ -119,7 +119,7 @@ def split_lateness(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> L
     )
 
 
-def lateness_shares(parts: LatenessParts) -> Times:
+def bench_lateness_shares(parts: LatenessParts) -> Times:
     """Return the (n, causes) nanoseconds of each frame's lateness by cause."""
     behind = parts.before > 0
     # In a backlog the line is busy with the previous frame: that wait is the backlog's.
@@ -148,9 +148,9 @@ def _lateness_proportions(before: NDArray[np.float64] | None) -> NDArray[np.floa
     return proportions
 
 
-def attribute_lateness(parts: LatenessParts) -> NDArray[np.int64]:
+def attribute_bench_lateness(parts: LatenessParts) -> NDArray[np.int64]:
     """Return the (n,) indices into :data:`CAUSES` of the cause of each frame."""
-    causes: NDArray[np.int64] = np.argmax(lateness_shares(parts), axis=1)
+    causes: NDArray[np.int64] = np.argmax(bench_lateness_shares(parts), axis=1)
     return causes
 
 
@@ -179,7 +179,7 @@ class LatenessMisses:
     machine: int
 
 
-def count_late_frames(
+def count_late_bench_frames(
     late_ns: Times, causes: NDArray[np.int64], *, limit_us: float, stalled: NDArray[np.bool_]
 ) -> LatenessMisses:
     """Count the frames that were later than *limit_us*, by cause.

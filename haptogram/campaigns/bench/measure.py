@@ -14,9 +14,9 @@ from haptogram.campaigns.bench.attribution import (
     MISS_LIMITS_US,
     LatenessMisses,
     LatenessParts,
-    attribute_lateness,
-    count_late_frames,
-    split_lateness,
+    attribute_bench_lateness,
+    count_late_bench_frames,
+    split_bench_lateness,
 )
 from haptogram.campaigns.bench.config import BenchConfig
 from haptogram.campaigns.bench.control import NoiseFloorLoop
@@ -29,7 +29,11 @@ from haptogram.driver.stream import StreamReport
 from haptogram.evidence.boards import PortBoard
 from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.machine.fingerprint import cpu_share, cpu_times, machine_fingerprint
+from haptogram.machine.fingerprint import (
+    fingerprint_cpu_share,
+    fingerprint_cpu_times,
+    machine_fingerprint,
+)
 from haptogram.records.frame import Intended
 from haptogram_protocol.messages import unwrap
 
@@ -102,7 +106,7 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
             prepare(driver)
             driver.arm()
             control = NoiseFloorLoop(round(1e9 / config.rate_hz), config.seconds + _SETTLING_S)
-            before = cpu_times()
+            before = fingerprint_cpu_times()
             with control:
                 report = driver.stream(
                     targets_m,
@@ -112,7 +116,7 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
                     spin_us=config.spin_us,
                     realtime=config.realtime,
                 )
-            processors = cpu_share(before, cpu_times())
+            processors = fingerprint_cpu_share(before, fingerprint_cpu_times())
         latches = collect(driver)
     return _bench_run_of(config, label, driver, report, control, latches, targets_m, processors)
 
@@ -179,7 +183,9 @@ def _bench_run_of(
     left_ns = ticks.stamp_ns("line_free" if paced else "done")
     received_ns = _bench_host_times(driver, received_us)
     board_ns = received_ns - left_ns
-    parts = split_lateness(ticks, line_transmission_ns, np.nan_to_num(board_ns).astype(np.int64))
+    parts = split_bench_lateness(
+        ticks, line_transmission_ns, np.nan_to_num(board_ns).astype(np.int64)
+    )
     stages = _bench_stages(parts, ticks.lateness_us(), line_transmission_ns, sent)
     stages["board"] = np.maximum(0.0, board_ns) / 1e3
     stages["complete"] = np.where(np.isnan(board_ns), np.nan, parts.total_ns / 1e3)
@@ -225,8 +231,8 @@ def _bench_misses(
 ) -> dict[str, list[LatenessMisses]]:
     return {
         place: [
-            count_late_frames(
-                some.total_ns, attribute_lateness(some), limit_us=limit_us, stalled=stalled
+            count_late_bench_frames(
+                some.total_ns, attribute_bench_lateness(some), limit_us=limit_us, stalled=stalled
             )
             for limit_us in MISS_LIMITS_US
         ]

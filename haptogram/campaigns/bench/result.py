@@ -8,7 +8,7 @@ from typing import Any, Final
 from haptogram.campaigns.bench.attribution import LatenessMisses
 from haptogram.campaigns.bench.measure import BenchRun
 from haptogram.errors import ConfigurationError
-from haptogram.settings.text_file import read_json
+from haptogram.settings.text_file import read_json_file
 
 FORMAT: Final = "haptogram-bench"
 VERSION: Final = 1
@@ -75,7 +75,7 @@ def read_bench_result(path: Path) -> dict[str, Any]:
     ConfigurationError
         If the file cannot be read, holds something else, or has another format version.
     """
-    result = read_json(path, "compare")
+    result = read_json_file(path, "compare")
     if not isinstance(result, dict) or result.get("format") != FORMAT:
         raise ConfigurationError(
             f"{path}: not a result of haptogram bench: name a file that --json wrote"

@@ -6,7 +6,7 @@ from haptogram_protocol.messages import FIRST_STREAM_SEQ, Hello, Mute
 
 from .account.tally import UNEXPLAINED, SoakTally
 from .board import BoardUnderSoak
-from .line import Sent, SoakLine, sent_message_type
+from .line import Sent, SoakLine, sent_soak_message_type
 from .oracle import SoakOracle
 
 
@@ -80,7 +80,7 @@ class SoakBoardAccount:
 
     def _judge_request(self, sent: Sent, verdict: int | str) -> bool:
         copy = sent.encoded == self._last_taken
-        kind = sent_message_type(sent.encoded)
+        kind = sent_soak_message_type(sent.encoded)
         wanted = "repeated" if copy and kind != Mute.TYPE else "request"
         self._last_taken = sent.encoded
         if verdict != wanted:

@@ -56,7 +56,7 @@ class DamagedFrame:
             tally.totals[f"{who}: {verdict}"] += 1
 
 
-def sent_message_type(encoded: bytes) -> int:
+def sent_soak_message_type(encoded: bytes) -> int:
     """Return the message type of an undamaged frame: no type is 0, so that it stands there."""
     return encoded[1]
 

@@ -25,7 +25,7 @@ from .board_account import SoakBoardAccount
 from .drives import SoakDrives
 from .excerpts import SoakExcerpts
 from .host_account import SoakHostAccount
-from .line import Sent, SoakLine, sent_message_type
+from .line import Sent, SoakLine, sent_soak_message_type
 from .oracle import SoakOracle
 
 BAUD: Final = 6_000_000  # half of it is free, so that the line catches up after what held it up
@@ -262,7 +262,7 @@ class SoakRig:
     # --- at the host ---------------------------------------------------------------------------
 
     def _send_up(self, wire: bytes, t_ns: int) -> None:
-        kind = "event" if sent_message_type(wire[1:-1]) in EVENT_RANGE else "reply"
+        kind = "event" if sent_soak_message_type(wire[1:-1]) in EVENT_RANGE else "reply"
         sent = Sent(kind, wire, self.board.session)
         # What belongs to the session before has no number that its loss could be told by.
         self.up.send(sent, wire, t_ns, spared=sent.session != self.host.session)

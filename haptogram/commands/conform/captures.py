@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 from haptogram.errors import ConfigurationError
 from haptogram.machine.terminal import terminal_error_line
 
-from ..shell.captures import read_pin_records, wait_for_captures
+from ..shell.captures import read_capture_arguments, wait_for_capture_arguments
 
 if TYPE_CHECKING:
     from haptogram.conformance.verdict import SuiteResult
     from haptogram.settings.run.captures import CaptureConfig
 
 
-def judge_at_port(
+def conform_captures_at_port(
     config: CaptureConfig, suite: SuiteResult, since_s: float, expected: dict[str, str]
 ) -> SuiteResult | None:
     """Return a run at a port with the results of its captures; as it is if there is none.
@@ -34,8 +34,8 @@ def judge_at_port(
     try:
         if suite.is_interrupted:
             raise KeyboardInterrupt
-        wait_for_captures(config, since_s)
-        records = read_pin_records(config)
+        wait_for_capture_arguments(config, since_s)
+        records = read_capture_arguments(config)
         shares = [
             captured_share_of_run(record, suite.nonces, "the one at the port") for record in records
         ]
@@ -47,7 +47,9 @@ def judge_at_port(
     return None
 
 
-def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) -> SuiteResult:
+def conform_recorded_captures(
+    config: CaptureConfig, path: Path, expected: dict[str, str]
+) -> SuiteResult:
     """Return the run in a recording with the results of its captures.
 
     Raises
@@ -64,7 +66,7 @@ def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) 
     from haptogram.evidence.recordings.channels import SUMMARY
     from haptogram.evidence.recordings.reader import Recording
     from haptogram.evidence.recordings.sent_frames import recorded_sessions
-    from haptogram.report.conformance.result import suite_of
+    from haptogram.report.conformance.result import suite_of_conformance_json
 
     recording = Recording(path)
     found = [entry.fields for entry in recording.entries((SUMMARY,))]
@@ -75,10 +77,10 @@ def judge_recorded(config: CaptureConfig, path: Path, expected: dict[str, str]) 
             "writes one that does, at the end of its run"
         )
     try:
-        suite = suite_of(found[-1])
+        suite = suite_of_conformance_json(found[-1])
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigurationError(f"{path}: its result is none of haptogram conform") from error
-    records = read_pin_records(config)
+    records = read_capture_arguments(config)
     asked = recorded_sessions(recording)
     shares = [captured_share_of_run(record, asked, str(path)) for record in records]
     return suite_with_clauses_by_pins(suite, judge_clauses_by_pins(records, expected), shares)

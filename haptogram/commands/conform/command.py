@@ -18,15 +18,15 @@ from haptogram.settings.option import options_of
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import USAGE
 from ..shell.job import annotate_job, provenance_of_run
-from ..shell.output_files import Outputs, announce_interrupt, announce_output
-from ..shell.recording import is_recorded, recording
-from .captures import judge_at_port, judge_recorded
+from ..shell.output_files import Outputs, announce_interrupted_output, announce_output_file
+from ..shell.recording import is_command_recorded, recording
+from .captures import conform_captures_at_port, conform_recorded_captures
 from .options import (
     EXAMPLES,
     PULSE,
     PinConfig,
     add_conform_options,
-    asks_for_virtual_board,
+    asks_to_conform_virtual_board,
     check_conform_arguments,
 )
 
@@ -97,13 +97,15 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     )
     provenance = provenance_of_run(arguments)
     if captures.recording is not None:
-        suite = judge_recorded(captures, captures.recording, _expected(arguments))
+        suite = conform_recorded_captures(
+            captures, captures.recording, _expected_to_conform(arguments)
+        )
         outputs.print(suite_text(suite, verbose=arguments.verbose))
         _write_conform_results(arguments, suite, outputs, provenance)
         return suite.exit_status
     with recording(arguments.record, "conform", _conform_options(arguments)) as writer:
         status = _run_conform(arguments, cases, captures, virtual, outputs, provenance, writer)
-        return status if is_recorded("conform", writer) else USAGE
+        return status if is_command_recorded("conform", writer) else USAGE
 
 
 def _conform_options(arguments: argparse.Namespace) -> dict[str, object]:
@@ -134,8 +136,8 @@ def _run_conform(
     if not suite.device and suite.cut_short and not suite.is_interrupted:
         raise LinkError(suite.cut_short)  # no board answered: nothing was judged
     if suite.is_interrupted:
-        announce_interrupt("haptogram conform")
-    judged = judge_at_port(captures, suite, begin_s, _expected(arguments))
+        announce_interrupted_output("haptogram conform")
+    judged = conform_captures_at_port(captures, suite, begin_s, _expected_to_conform(arguments))
     suite = judged or suite
     # Before the files: a full disk must not cost it.
     outputs.print(suite_text(suite, verbose=arguments.verbose))
@@ -160,7 +162,7 @@ def _run_conform_cases(
         seed=_conform_seed(arguments),
         repeat=arguments.repeat,
         strict=arguments.strict,
-        expected=_expected(arguments),
+        expected=_expected_to_conform(arguments),
         depth=_conform_depth(arguments),
         explore_s=60 * arguments.explore,
     )
@@ -170,7 +172,7 @@ def _run_conform_cases(
         )
 
 
-def _expected(arguments: argparse.Namespace) -> dict[str, str]:
+def _expected_to_conform(arguments: argparse.Namespace) -> dict[str, str]:
     """Return the failures that the baseline expects, by case or clause."""
     from haptogram.conformance.cases import all_cases
     from haptogram.conformance.pins.cases import PIN_CASES
@@ -193,7 +195,7 @@ def _conform_seed(arguments: argparse.Namespace) -> int:
     """Return the seed; on a port another one each time, lest a nonce be the one still open."""
     if arguments.seed is not None:
         return int(arguments.seed)
-    return 0 if asks_for_virtual_board(arguments) else int.from_bytes(os.urandom(4))
+    return 0 if asks_to_conform_virtual_board(arguments) else int.from_bytes(os.urandom(4))
 
 
 def _conform_access(
@@ -203,7 +205,7 @@ def _conform_access(
     from haptogram.evidence.recordings.tap import RecordedBoards
 
     boards = None if writer is None else RecordedBoards(writer)
-    if asks_for_virtual_board(arguments):
+    if asks_to_conform_virtual_board(arguments):
         return virtual(arguments.port, arguments.baud, _conform_seed(arguments), boards)
     access = _conform_access_to_port(arguments)
     return access if boards is None else RecordedAccess(access, boards)
@@ -303,4 +305,4 @@ def _write_conform_results(
     for path, write in writers:
         if path is not None:
             write(path)
-            announce_output(path)
+            announce_output_file(path)

@@ -222,10 +222,10 @@ def _check_conform_regex(text: str) -> None:
 
 
 def _is_conform_port(arguments: argparse.Namespace) -> bool:
-    return arguments.port is not None and not asks_for_virtual_board(arguments)
+    return arguments.port is not None and not asks_to_conform_virtual_board(arguments)
 
 
-def asks_for_virtual_board(arguments: argparse.Namespace) -> bool:
+def asks_to_conform_virtual_board(arguments: argparse.Namespace) -> bool:
     """Return True if the board is a virtual one in this program."""
     if arguments.spawn is not None:
         return False

@@ -18,7 +18,7 @@ from haptogram.settings.shape import ModulationConfig
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options
 from ..shell.exit_status import PASS
-from ..shell.output_files import FILE_HELP, Outputs, write_picture
+from ..shell.output_files import FILE_HELP, Outputs, write_picture_output
 from ..shell.positions import Position, position_argument_mm
 
 if TYPE_CHECKING:
@@ -145,23 +145,23 @@ def _add_field_picture(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
-    from .levels import describe_levels
+    from .levels import describe_field_levels
     from .scene import Scene
-    from .views import check_picture_size, describe_scene, draw_scene
+    from .views import check_field_view_size, describe_field_scene, draw_scene
 
     refuse_idle_options("field", arguments)
     outputs = Outputs(arguments, "picture")
     if arguments.picture is not None:
-        check_picture_size(arguments)
+        check_field_view_size(arguments)
     scene = Scene.from_arguments(arguments)
-    levels = [] if arguments.quiet else list(describe_levels(arguments, scene))
-    lines = [] if arguments.quiet else [*describe_scene(scene), *levels]
+    levels = [] if arguments.quiet else list(describe_field_levels(arguments, scene))
+    lines = [] if arguments.quiet else [*describe_field_scene(scene), *levels]
     for line in lines:
         print(line, file=outputs.text)
     if arguments.picture is not None:
         with _field_bar(quiet=arguments.quiet) as progress:
             figure = draw_scene(arguments, scene, progress)
-        write_picture(arguments.picture, figure)
+        write_picture_output(arguments.picture, figure)
         outputs.announce()
     return PASS
 

@@ -24,7 +24,7 @@ from haptogram.settings.option import options_of
 from haptogram.settings.shape import ShapeConfig
 
 from ..array_options import array_model
-from ..shell.positions import metres_of_argument
+from ..shell.positions import metres_of_position
 
 _PATH_RADIUS_M: Final = 0.020
 _PATH_STEP_M: Final = 1e-3
@@ -60,12 +60,12 @@ class Scene:
         model = array_model(arguments)
         frame_s = 1.0 / arguments.rate_hz
         if arguments.drive:
-            drive = read_drive_file(arguments.drive, model.array.count, arguments.phase_bits)
-            look = _peak_of_scene(model, drive.weights())
+            drive = read_field_drive_file(arguments.drive, model.array.count, arguments.phase_bits)
+            look = _peak_of_field_scene(model, drive.weights())
             return cls(model, drive.weights()[None], np.empty((0, 3)), look, frame_s)
         if arguments.object:
             targets = sample_object_of_run(_field_shape_config(arguments))
-            look = metres_of_argument(arguments.center_mm)
+            look = metres_of_position(arguments.center_mm)
         else:
             look = _field_focus(arguments)
             targets = np.array([look])
@@ -81,7 +81,7 @@ class Scene:
         return len(self.weights) > 1
 
 
-def modulated_scene(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
+def modulated_field_scene(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
     """Return a pass of the focus as it is modulated.
 
     Raises
@@ -98,7 +98,7 @@ def modulated_scene(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
     return modulation.frames(points, arguments.rate_hz)
 
 
-def read_drive_file(path: Path, count: int, phase_bits: int) -> Drive:
+def read_field_drive_file(path: Path, count: int, phase_bits: int) -> Drive:
     """Read the codes of *count* elements from a CSV file with the header ``phase,amplitude``.
 
     Raises
@@ -110,7 +110,8 @@ def read_drive_file(path: Path, count: int, phase_bits: int) -> Drive:
     if not rows or rows[0][1] != ["phase", "amplitude"]:
         raise ConfigurationError(f"{path}: the first line must be phase,amplitude")
     codes = np.array(
-        [_drive_file_codes(f"{path}:{number}", cells) for number, cells in rows[1:]], dtype=int
+        [_field_drive_file_codes(f"{path}:{number}", cells) for number, cells in rows[1:]],
+        dtype=int,
     )
     if len(codes) != count:
         raise ConfigurationError(f"{path}: {len(codes)} elements, the array has {count}")
@@ -120,7 +121,7 @@ def read_drive_file(path: Path, count: int, phase_bits: int) -> Drive:
         raise ConfigurationError(f"{path}: {error}") from error
 
 
-def _drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
+def _field_drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
     try:
         phase, amplitude = (int(cell) for cell in cells)
     except ValueError as error:
@@ -131,14 +132,14 @@ def _drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
 def _field_focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
     if arguments.focus_mm is None and arguments.preset:
         return find_preset(arguments.preset).focus_m
-    return metres_of_argument(arguments.focus_mm or (0.0, 0.0, 150.0))
+    return metres_of_position(arguments.focus_mm or (0.0, 0.0, 150.0))
 
 
 def _field_shape_config(arguments: argparse.Namespace) -> ShapeConfig:
     return ShapeConfig.of(**given_options(arguments, options_of(ShapeConfig)))
 
 
-def _peak_of_scene(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
+def _peak_of_field_scene(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
     """Return the loudest point of a coarse grid over the array, along its own axes."""
     reach = float(model.array.half_extent_m[:2].max())
     side = np.linspace(-reach, reach, 25)

@@ -30,7 +30,7 @@ from haptogram.report.figures import (
     PicturePlane,
     draw_cuts,
     draw_isosurfaces,
-    draw_plane,
+    draw_plane_figure,
     sample_picture_mean,
     sample_picture_plane,
 )
@@ -38,7 +38,7 @@ from haptogram.report.figures.isosurface import _MAX_VOXELS
 from haptogram.report.figures.planes import MAX_POINTS
 from haptogram.settings.arguments import Progress
 
-from ..shell.positions import metres_of_argument, place_text
+from ..shell.positions import metres_of_position, position_text
 from .scene import Scene
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ _LEAST_STEP_MM: Final = 1.5  # of a surface
 _NO_FOCUS: Final = 0.25  # of the target's distance: a maximum that far off is not its focus
 
 
-def check_picture_size(arguments: argparse.Namespace) -> None:
+def check_field_view_size(arguments: argparse.Namespace) -> None:
     """Raise, before the work begins, if the picture would have too many samples or none.
 
     Raises
@@ -89,7 +89,7 @@ def draw_scene(arguments: argparse.Namespace, scene: Scene, progress: Progress |
     """
     half_m, step_m = arguments.half_width_mm / 1e3, arguments.step_mm / 1e3
     if arguments.view == "plane":
-        return _draw_plane(arguments, scene, progress)
+        return _draw_field_view(arguments, scene, progress)
     if scene.is_sequence:
         raise ConfigurationError(
             f"view {arguments.view!r} shows one focus; take --view plane for an object"
@@ -118,7 +118,9 @@ def draw_scene(arguments: argparse.Namespace, scene: Scene, progress: Progress |
     )
 
 
-def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
+def _draw_field_view(
+    arguments: argparse.Namespace, scene: Scene, progress: Progress | None
+) -> Figure:
     engine = choose_engine(scene.model)
     plane = _scene_plane(arguments, scene)
     if scene.is_sequence:
@@ -128,14 +130,14 @@ def _draw_plane(arguments: argparse.Namespace, scene: Scene, progress: Progress 
         )
     else:
         field = sample_picture_plane(engine, scene.weights[0], plane, progress)
-    return draw_plane(
+    return draw_plane_figure(
         engine,
         field,
         quantity=arguments.quantity,
         targets_m=scene.targets_m,
         title=_scene_title(arguments, scene),
         decibels=bool(arguments.decibels),
-        ear_m=None if arguments.ear_mm is None else metres_of_argument(arguments.ear_mm),
+        ear_m=None if arguments.ear_mm is None else metres_of_position(arguments.ear_mm),
     )
 
 
@@ -165,10 +167,10 @@ def _scene_title(arguments: argparse.Namespace, scene: Scene) -> str:
     if scene.is_sequence:
         frames = f"mean over {len(scene.weights)} frames of {scene.frame_s * 1e3:g} ms"
         return f"{array}, {Path(arguments.object).name}: {frames}"
-    return f"{array}, focus at ({place_text(scene.targets_m[0])}) mm"
+    return f"{array}, focus at ({position_text(scene.targets_m[0])}) mm"
 
 
-def describe_scene(scene: Scene) -> Iterator[str]:
+def describe_field_scene(scene: Scene) -> Iterator[str]:
     """Yield the figures of the focus, or of the sequence, line by line."""
     engine = NumpyEngine(scene.model)
     yield f"array: {scene.model.array.count} elements, k = {scene.model.wavenumber:.2f} rad/m"
@@ -182,29 +184,29 @@ def describe_scene(scene: Scene) -> Iterator[str]:
             f"transducer of 2 kHz bandwidth delivers {share:.0%} of the static force in a dwell"
         )
     elif len(scene.targets_m):
-        yield from _describe_focus(engine, scene)
+        yield from _describe_field_focus(engine, scene)
     else:
-        yield _describe_drive(scene)
+        yield _describe_field_drive(scene)
 
 
-def _describe_drive(scene: Scene) -> str:
+def _describe_field_drive(scene: Scene) -> str:
     """Return a line about the focus that the phases of a drive from a file make."""
     found = Reconstructor(scene.model).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
         return f"no focus: {found.reason}"
-    place = place_text(found.position_m)
+    place = position_text(found.position_m)
     what = "focus" if isinstance(found, SingleFocus) else "no single focus; best explained from"
     return f"{what} ({place}) mm: {found.pressure_rms_pa:.0f} Pa RMS there"
 
 
-def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
+def _describe_field_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
     target, weights = scene.targets_m[0], scene.weights[0]
     rms = float(np.abs(engine.pressure(weights, [target])[0])) / math.sqrt(2.0)
-    yield f"target ({place_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
-    yield _describe_peak(engine, weights, target)
+    yield f"target ({position_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
+    yield _describe_field_peak(engine, weights, target)
     spot = measure_spot(engine, weights, target)
-    across = " x ".join(_scene_size(width_m) for width_m in spot.width_6db_m)
-    yield f"spot at -6 dB: {across} mm; depth at -3 dB: {_scene_size(sum(spot.depth_3db_m))} mm"
+    across = " x ".join(_size_of_field(width_m) for width_m in spot.width_6db_m)
+    yield f"spot at -6 dB: {across} mm; depth at -3 dB: {_size_of_field(sum(spot.depth_3db_m))} mm"
     force = force_on_disc_n(engine, weights, target)
     yield (
         "force on a reflecting disc of 20 mm diameter, parallel to the array's face: "
@@ -214,11 +216,11 @@ def _describe_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
     if lobe is not None:
         yield (
             f"largest secondary lobe in the plane of that disc: {lobe.level_db:.1f} dB at "
-            f"({place_text(lobe.position_m)}) mm"
+            f"({position_text(lobe.position_m)}) mm"
         )
 
 
-def _describe_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) -> str:
+def _describe_field_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) -> str:
     try:
         peak = find_pressure_peak(engine, weights, target)
     except ConfigurationError as error:
@@ -232,8 +234,8 @@ def _describe_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) 
         why = f"expected about {expected_m * 1e3:.2f} mm, by diffraction"
     else:
         why = "by diffraction; too far for a prediction, as the aperture is small for this distance"
-    return f"maximum ({place_text(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
+    return f"maximum ({position_text(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
 
 
-def _scene_size(size_m: float) -> str:
+def _size_of_field(size_m: float) -> str:
     return f"{size_m * 1e3:.1f}" if math.isfinite(size_m) else "(beyond what was looked at)"

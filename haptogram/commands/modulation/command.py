@@ -18,8 +18,8 @@ from haptogram.settings.shape import ModulationConfig, ShapeConfig
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options, array_model
 from ..shell.exit_status import PASS
-from ..shell.output_files import FILE_HELP, Outputs, write_picture
-from ..shell.positions import metres_of_argument, position_argument_mm
+from ..shell.output_files import FILE_HELP, Outputs, write_picture_output
+from ..shell.positions import metres_of_position, position_argument_mm
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -135,7 +135,7 @@ def run(arguments: argparse.Namespace) -> int:
     config = _modulation_config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
     frames = frames_of_run(config.shape, config.pace, config.modulation)
-    place = None if arguments.at_mm is None else metres_of_argument(arguments.at_mm)
+    place = None if arguments.at_mm is None else metres_of_position(arguments.at_mm)
     felt = ModulationResult.of(
         NumpyEngine(array_model(arguments)),
         config.shape.object,
@@ -147,7 +147,7 @@ def run(arguments: argparse.Namespace) -> int:
     for line in describe_felt(felt, arguments.bandwidth_hz):
         print(line, file=outputs.text)
     if arguments.picture is not None:
-        write_picture(arguments.picture, draw_felt(felt))
+        write_picture_output(arguments.picture, draw_felt(felt))
     if arguments.csv is not None:
         write_file_atomically(arguments.csv, felt_csv(frames).encode("ascii"))
     if arguments.json is not None:

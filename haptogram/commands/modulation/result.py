@@ -23,7 +23,7 @@ from haptogram.objects.modulation import FocusFrames
 from haptogram.objects.signals import FeltSignal, felt_signal_at
 from haptogram.settings.shape import ModulationConfig
 
-from ..shell.positions import place_text
+from ..shell.positions import position_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -117,7 +117,8 @@ def describe_felt(felt: ModulationResult, bandwidth_hz: float) -> Iterator[str]:
     yield from _describe_felt_frames(felt)
     signal = felt.signal
     yield (
-        f"felt at ({place_text(felt.place_m, 2)}) mm, through transducers of {bandwidth_hz:g} Hz "
+        f"felt at ({position_text(felt.place_m, 2)}) mm, through transducers of "
+        f"{bandwidth_hz:g} Hz "
         "bandwidth (at -6 dB):"
     )
     low, high = signal.pressure_pa.min(), signal.pressure_pa.max()
@@ -239,7 +240,7 @@ def draw_felt(felt: ModulationResult) -> Figure:
         signal.frequency_hz,
         signal.amplitude_pa,
         title=f"{kind}{tone}, {felt.object}, {frames.rate_hz:g} frames/s, felt at "
-        f"({place_text(felt.place_m, 2)}) mm",
+        f"({position_text(felt.place_m, 2)}) mm",
         highest_hz=max(FELT_UP_TO_HZ, 6.0 * (felt.frequency_hz or 0.0)),
         modulation_hz=felt.frequency_hz,
         rate_hz=frames.rate_hz,

@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     wrong = told.findings_of_capture(found, active_low=mapped.settings.active_low)
     lines = told.summary_of_capture(found)
     if not arguments.quiet:
-        lines += [*_elements(found), *_latches(found)]
+        lines += [*_capture_elements_rows(found), *_capture_latches_rows(found)]
     lines += [f"note: {note}" for note in told.notes_of_capture(found)]
     lines += [f"wrong: {text}" for text in wrong] or ["nothing wrong was found"]
     print("\n".join(lines), file=outputs.text)
@@ -80,14 +80,14 @@ def run(arguments: argparse.Namespace) -> int:
     return INCONCLUSIVE if found.capture.cut else 0
 
 
-def _elements(found: CaptureDrives) -> Iterator[str]:
+def _capture_elements_rows(found: CaptureDrives) -> Iterator[str]:
     titles = f"{'channel':<12}{'element':>8}{'edges':>10}{'duty':>18}"
     yield f"{titles}{'period µs':>12}{'jitter ns':>11}"
     for row in found.elements:
-        yield _element(row)
+        yield _capture_element_row(row)
 
 
-def _element(row: ElementDrives) -> str:
+def _capture_element_row(row: ElementDrives) -> str:
     import numpy as np
 
     head = f"{row.channel:<12}{row.element:>8}{row.edges:>10}"
@@ -101,7 +101,7 @@ def _element(row: ElementDrives) -> str:
     return f"{head}{duty:>18}{period_us:>12.4f}{jitter_ns:>11.1f}"
 
 
-def _latches(found: CaptureDrives) -> Iterator[str]:
+def _capture_latches_rows(found: CaptureDrives) -> Iterator[str]:
     from haptogram.evidence.captures.findings import is_capture_silent_after
 
     yield f"{'latch':<7}{'at ms':>12}{'channels':>10}{'within µs':>11}"

@@ -19,7 +19,7 @@ from haptogram.settings.run.link import LinkConfig
 from haptogram.settings.run.outputs import OutputConfig
 
 from ..acting_options import refuse_idle_options
-from ..shell.output_files import FILE_HELP, Outputs, announce_output
+from ..shell.output_files import FILE_HELP, Outputs, announce_output_file
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.replay import ReplayBoard, ReplayResult
@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
     outputs.print(text)
     if arguments.json is not None:
         write_json_file(arguments.json, _replay_as_dict(result))
-        announce_output(arguments.json)
+        announce_output_file(arguments.json)
     return result.exit_status
 
 

@@ -78,8 +78,8 @@ def open_recorded_source(path: Path, kind: str) -> Iterator[Source]:
     ConfigurationError
         If it cannot be read; from ``chunks`` if it turns out to be something else.
     """
-    with _opened_source(path) as file:
-        begin = _read_source(file, path, _LOOKED_AT)
+    with _opened_byte_source(path) as file:
+        begin = _read_byte_source(file, path, _LOOKED_AT)
         if kind == "auto":
             kind = _kind_of_source(begin)
         if kind == "recording":
@@ -102,7 +102,7 @@ def _kind_of_source(begin: bytes) -> str:
     return "hex" if begin.strip() and rest <= (0 if whole else _LONGEST_REST) else "raw"
 
 
-def _opened_source(path: Path) -> contextlib.AbstractContextManager[IO[bytes]]:
+def _opened_byte_source(path: Path) -> contextlib.AbstractContextManager[IO[bytes]]:
     if path == _STDIN:
         if sys.stdin is None:
             raise ConfigurationError("-: standard input is closed; name a file")
@@ -113,7 +113,7 @@ def _opened_source(path: Path) -> contextlib.AbstractContextManager[IO[bytes]]:
         raise unreadable_file(path, error) from error
 
 
-def _read_source(file: IO[bytes], path: Path, size: int) -> bytes:
+def _read_byte_source(file: IO[bytes], path: Path, size: int) -> bytes:
     try:
         return file.read(size)
     except OSError as error:
@@ -121,7 +121,7 @@ def _read_source(file: IO[bytes], path: Path, size: int) -> bytes:
 
 
 def _source_blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:
-    while block := _read_source(file, path, _CHUNK):
+    while block := _read_byte_source(file, path, _CHUNK):
         yield block
 
 

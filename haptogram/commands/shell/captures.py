@@ -18,7 +18,7 @@ _QUIET_S: Final = 1.0  # in which a file that is complete does not change
 _POLL_S: Final = 0.1
 
 
-def read_pin_records(config: CaptureConfig) -> list[PinRecord]:
+def read_capture_arguments(config: CaptureConfig) -> list[PinRecord]:
     """Return the pins of all captures.
 
     Raises
@@ -38,7 +38,7 @@ def read_pin_records(config: CaptureConfig) -> list[PinRecord]:
     ]
 
 
-def wait_for_captures(config: CaptureConfig, since_s: float) -> None:
+def wait_for_capture_arguments(config: CaptureConfig, since_s: float) -> None:
     """Wait until every capture was written after *since_s*, and is complete.
 
     Raises
@@ -49,7 +49,7 @@ def wait_for_captures(config: CaptureConfig, since_s: float) -> None:
     end_s = time.monotonic() + _PATIENCE_S
     for path in config.capture:
         told = False
-        while not _is_complete(path, since_s):
+        while not _is_capture_complete(path, since_s):
             if time.monotonic() > end_s:
                 raise ConfigurationError(
                     f"--capture {path}: not written within {_PATIENCE_S:g} s of the end of the "
@@ -61,7 +61,7 @@ def wait_for_captures(config: CaptureConfig, since_s: float) -> None:
             time.sleep(_POLL_S)
 
 
-def _is_complete(path: Path, since_s: float) -> bool:
+def _is_capture_complete(path: Path, since_s: float) -> bool:
     """Return True if *path* is newer than *since_s*, and has not changed for a while."""
     try:
         status = path.stat()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import TYPE_CHECKING
 
-from haptogram.machine.terminal import is_github_job
+from haptogram.machine.terminal import is_terminal_of_github_job
 
 if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
@@ -29,8 +29,8 @@ def provenance_of_run(arguments: Namespace) -> Provenance:
 
 def annotate_job(summary: JobSummary, outputs: Outputs) -> None:
     """Print the findings of *summary* as annotations, in a job of GitHub."""
-    if is_github_job():
-        from haptogram.report.formats.job_summary import github_annotations
+    if is_terminal_of_github_job():
+        from haptogram.report.formats.job_summary import github_job_annotations
 
-        for line in github_annotations(summary):
+        for line in github_job_annotations(summary):
             print(line, file=outputs.text, flush=True)

@@ -14,7 +14,7 @@ from haptogram.machine.files import (
     is_standard_output,
 )
 from haptogram.machine.terminal import paint_verdicts_on_terminal
-from haptogram.settings.board import is_grid_of_elements
+from haptogram.settings.board import is_grid_setting
 from haptogram.settings.shape import SHAPES
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ FILE_HELP: Final = "With - a file is standard output, and the text goes to stand
 
 #: Every option that reads a file, of all commands, and which of its values are files.
 INPUTS: Final[Mapping[str, Callable[[str], bool]]] = {
-    "array": lambda value: not is_grid_of_elements(value),
+    "array": lambda value: not is_grid_setting(value),
     "source": lambda value: not value.startswith("unix:"),
     "object": lambda value: value not in SHAPES,
     **dict.fromkeys(
@@ -95,7 +95,7 @@ class Outputs:
     def announce(self) -> None:
         """Say on standard error what was written."""
         for path in self.paths.values():
-            announce_output(path)
+            announce_output_file(path)
 
 
 def _input_files_of(settings: object) -> Iterator[tuple[str, Path]]:
@@ -111,13 +111,13 @@ def _output_as_option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def announce_output(path: Path) -> None:
+def announce_output_file(path: Path) -> None:
     """Say on standard error that *path* was written, unless that is standard output."""
     if not is_standard_output(path):
         print(f"wrote {path}", file=sys.stderr)
 
 
-def announce_interrupt(program: str) -> None:
+def announce_interrupted_output(program: str) -> None:
     """Say on standard error that the result so far is worked out, which may take seconds."""
     what = "the result of what was seen is worked out and written; Ctrl-C again ends at once"
     print(f"{program}: interrupted; {what}", file=sys.stderr, flush=True)
@@ -131,7 +131,7 @@ def _check_output_picture(path: Path) -> None:
         check_picture_format(path)
 
 
-def write_picture(path: Path, figure: Figure) -> None:
+def write_picture_output(path: Path, figure: Figure) -> None:
     """Write *figure* in the format of the suffix of *path*; to standard output, as PNG.
 
     Raises

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import checked_type
+from haptogram.settings.parser import checked_option_type
 from haptogram.settings.shape import ShapeConfig
 
 if TYPE_CHECKING:
@@ -17,16 +17,18 @@ Position: TypeAlias = tuple[float, float, float]
 
 _ROW: Final = options_of(ShapeConfig)["center_mm"]
 #: The type of an argument that is a position in mm.
-position_argument_mm: Final[Callable[[str], Position]] = checked_type(_ROW.checked_item, _ROW.name)
+position_argument_mm: Final[Callable[[str], Position]] = checked_option_type(
+    _ROW.checked_item, _ROW.name
+)
 
 
-def metres_of_argument(position: Position) -> Position:
+def metres_of_position(position: Position) -> Position:
     """Return a position in metres that is given in mm."""
     x, y, z = position
     return x / 1e3, y / 1e3, z / 1e3
 
 
-def place_text(position_m: ArrayLike, decimals: int = 1) -> str:
+def position_text(position_m: ArrayLike, decimals: int = 1) -> str:
     """Return a position in metres as X, Y, Z in mm, without a minus zero."""
     import numpy as np  # not for --help
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from haptogram.machine.terminal import terminal_error_line
 
-from .output_files import announce_output
+from .output_files import announce_output_file
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
@@ -36,7 +36,7 @@ def recording(
         yield writer
 
 
-def is_recorded(command: str, writer: RecordingWriter | None) -> bool:
+def is_command_recorded(command: str, writer: RecordingWriter | None) -> bool:
     """Return True unless the recording ended early; say on standard error how it ended."""
     if writer is None:
         return True
@@ -46,5 +46,5 @@ def is_recorded(command: str, writer: RecordingWriter | None) -> bool:
             terminal_error_line(f"haptogram {command}", writer.failure, sys.stderr), file=sys.stderr
         )
         return False
-    announce_output(writer.path)
+    announce_output_file(writer.path)
     return True

@@ -24,23 +24,23 @@ _PLAIN: Final = str.maketrans(
 )
 
 
-def writable_text(text: str, encoding: str, errors: str = "strict") -> str:
+def text_for_standard_stream(text: str, encoding: str, errors: str = "strict") -> str:
     """Return *text* as a stream can write it: in plain signs where it has no others.
 
     Examples
     --------
-    >>> writable_text("25 µs", "utf-8"), writable_text("25 µs", "ascii")
+    >>> text_for_standard_stream("25 µs", "utf-8"), text_for_standard_stream("25 µs", "ascii")
     ('25 µs', '25 us')
     """
-    if _can_encode(text, encoding, "strict"):
+    if _can_standard_stream_encode(text, encoding, "strict"):
         return text
     plain = text.translate(_PLAIN)
-    if _can_encode(plain, encoding, errors):
+    if _can_standard_stream_encode(plain, encoding, errors):
         return plain
     return plain.encode(encoding, "backslashreplace").decode(encoding)
 
 
-def _can_encode(text: str, encoding: str, errors: str) -> bool:
+def _can_standard_stream_encode(text: str, encoding: str, errors: str) -> bool:
     try:
         text.encode(encoding, errors)
     except UnicodeEncodeError:
@@ -77,7 +77,7 @@ class PatientStream:
     def write(self, text: str) -> int:
         """Write *text*, if that is possible."""
         encoding, errors = self._stream.encoding or "utf-8", self._stream.errors or "strict"
-        self._attempt(lambda: self._stream.write(writable_text(text, encoding, errors)))
+        self._attempt(lambda: self._stream.write(text_for_standard_stream(text, encoding, errors)))
         return len(text)
 
     def write_bytes(self, content: bytes) -> int:

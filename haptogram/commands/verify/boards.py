@@ -82,7 +82,7 @@ class RunBoards:
         from haptogram.driver.frames.dialect_boards import dialect_display_of
         from haptogram.driver.line.budget import check_dialect_rate
 
-        boards, given = made.of_dialect(config), given_settings(arguments)
+        boards, given = made.of_dialect(config), given_verify_settings(arguments)
         dialect_display_of(boards.dialect, boards.count)  # refuses one that cannot be driven
         named = {name for name, value in given.items() if value is not None}
         named |= set(read_settings_table(arguments.config)) if arguments.config else set()
@@ -148,7 +148,7 @@ class RunBoards:
                     raise LinkError(f"{error}; {fate}") from error
 
 
-def given_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+def given_verify_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the settings of *arguments*; None is an option that was not given."""
     names = options_of(VerifyConfig)
     return {name: value for name, value in vars(arguments).items() if name in names}

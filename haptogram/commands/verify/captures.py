@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from haptogram.errors import ConfigurationError
 from haptogram.machine.terminal import terminal_error_line
 
-from ..shell.captures import read_pin_records, wait_for_captures
+from ..shell.captures import read_capture_arguments, wait_for_capture_arguments
 from ..shell.exit_status import USAGE
-from .files import seen_by_number, write_run_files
+from .files import verify_seen_by_number, write_run_files
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..shell.output_files import Outputs
 
 
-def judge_captures(
+def verify_run_by_captures(
     config: VerifyConfig,
     model: AcousticModel,
     intended: Sequence[Intended],
@@ -45,7 +45,7 @@ def judge_captures(
     from haptogram.verification.pins.joined import verify_captures
 
     return verify_captures(
-        read_pin_records(config.captures),
+        read_capture_arguments(config.captures),
         intended,
         model=model,
         min_verified=config.least_verified,
@@ -55,7 +55,7 @@ def judge_captures(
     )
 
 
-def judged_at_port(
+def verified_captures_at_port(
     config: VerifyConfig,
     found: RunRecord,
     result: dict[str, object],
@@ -71,8 +71,8 @@ def judged_at_port(
     try:
         if found.interrupted:
             raise KeyboardInterrupt
-        wait_for_captures(config.captures, since_s)
-        verdict = judge_captures(config, found.model, found.intended)
+        wait_for_capture_arguments(config.captures, since_s)
+        verdict = verify_run_by_captures(config, found.model, found.intended)
     except KeyboardInterrupt:
         print("haptogram verify: interrupted; --capture was not judged", file=sys.stderr)
         return None
@@ -80,10 +80,10 @@ def judged_at_port(
         print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return None
     outputs.print(f"drive pins\n{verdict}")
-    return report.with_captures(result, verdict, is_run_judged=True)
+    return report.run_result_with_captures(result, verdict, is_run_judged=True)
 
 
-def run_recorded(config: VerifyConfig, outputs: Outputs, provenance: Provenance) -> int:
+def verify_recorded_captures(config: VerifyConfig, outputs: Outputs, provenance: Provenance) -> int:
     """Judge captures by the frames of a recording, and return the exit status."""
     from haptogram.evidence.recordings.reader import Recording
     from haptogram.evidence.recordings.recorded_run import recorded_run
@@ -94,8 +94,8 @@ def run_recorded(config: VerifyConfig, outputs: Outputs, provenance: Provenance)
         raise ConfigurationError("no --recording to judge by")
     recording = Recording(path)
     recorded = recorded_run(recording)
-    verdict = judge_captures(config, recorded.model, recorded.intended, recorded.incomplete)
-    run = verdict.run or _without_field(verdict, recorded.model)
+    verdict = verify_run_by_captures(config, recorded.model, recorded.intended, recorded.incomplete)
+    run = verdict.run or _verify_without_field(verdict, recorded.model)
     result = report.run_result_dict(
         run,
         configuration=config.result_options(),
@@ -110,15 +110,15 @@ def run_recorded(config: VerifyConfig, outputs: Outputs, provenance: Provenance)
         host=None,
         environment=None,
     )
-    result = report.with_captures(result, verdict, is_run_judged=verdict.run is not None)
+    result = report.run_result_with_captures(result, verdict, is_run_judged=verdict.run is not None)
     outputs.print(str(verdict))
-    seen = seen_by_number(recorded.intended, verdict.observations)
+    seen = verify_seen_by_number(recorded.intended, verdict.observations)
     if not write_run_files(config, run, result, recorded.model, seen, provenance, outputs):
         return USAGE
     return verdict.exit_status
 
 
-def _without_field(verdict: CaptureVerdict, model: AcousticModel) -> RunVerdict:
+def _verify_without_field(verdict: CaptureVerdict, model: AcousticModel) -> RunVerdict:
     """Return the run as frames without a field, each with what its captured pins show."""
     from haptogram.verification import verify_run
 

@@ -26,8 +26,8 @@ from haptogram.settings.run.verify_file import load_verify_config, read_settings
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
 from ..shell.job import provenance_of_run
-from ..shell.output_files import Outputs, announce_interrupt
-from ..shell.recording import is_recorded, recording
+from ..shell.output_files import Outputs, announce_interrupted_output
+from ..shell.recording import is_command_recorded, recording
 from .boards import (
     BehindUrl,
     InVirtualTime,
@@ -35,10 +35,10 @@ from .boards import (
     Prepare,
     ProgramBoards,
     RunBoards,
-    given_settings,
+    given_verify_settings,
 )
-from .captures import judged_at_port, run_recorded
-from .files import seen_by_number, write_run_files
+from .captures import verified_captures_at_port, verify_recorded_captures
+from .files import verify_seen_by_number, write_run_files
 from .live_view import LiveView, live_view
 from .options import add_verify_options
 
@@ -103,7 +103,7 @@ def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     """Check the settings, run the job, and return the exit status."""
     from haptogram.report.formats.html import check_html_page
 
-    file, given = arguments.config, given_settings(arguments)
+    file, given = arguments.config, given_verify_settings(arguments)
     config = load_verify_config(file, given)
     in_file = read_settings_table(file) if file else {}
     arguments.parser.settle_source(file, (key for key in in_file if given.get(key) is None))
@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     outputs = Outputs(settings, *(name for name in options_of(OutputConfig) if name != "stamp"))
     provenance = provenance_of_run(settings)
     if config.captures.recording is not None:
-        return run_recorded(config, outputs, provenance)
+        return verify_recorded_captures(config, outputs, provenance)
     boards = RunBoards.of(config, arguments, made)
     boards.virtual  # noqa: B018  it checks, before anything starts
     if arguments.view:
@@ -127,7 +127,7 @@ def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         recording(config.outputs.record, "verify", boards.config.result_options()) as writer,
     ):
         status = _run_verify(arguments, boards, view, outputs, provenance, writer)
-        return status if is_recorded("verify", writer) else USAGE
+        return status if is_command_recorded("verify", writer) else USAGE
 
 
 def _run_verify(
@@ -161,7 +161,7 @@ def _run_verify(
         print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return INCONCLUSIVE
     if found.interrupted:
-        announce_interrupt("haptogram verify")
+        announce_interrupted_output("haptogram verify")
     with _verify_bar("verifying", quiet=quiet) as progress:
         verdict = found.verdict(
             min_verified=config.least_verified,
@@ -189,15 +189,15 @@ def _run_verify(
         _record_verify_verdicts(writer, verdict, result)
     # Before the files: a full disk must not cost the result.
     outputs.print(str(verdict))
-    for line in report.faults_and_troubles_text(result):
+    for line in report.run_faults_wording(result):
         outputs.print(f"  {line}")
     for warning in found.warnings:
         outputs.print(f"  warning   {warning}")
     is_judged = True
     if config.captures.capture:
-        joined = judged_at_port(config, found, result, begin_s, outputs)
+        joined = verified_captures_at_port(config, found, result, begin_s, outputs)
         is_judged, result = joined is not None, joined or result
-    seen = seen_by_number(found.intended, found.observations)
+    seen = verify_seen_by_number(found.intended, found.observations)
     if not write_run_files(config, verdict, result, found.model, seen, provenance, outputs):
         return USAGE
     if not is_judged:
@@ -232,7 +232,7 @@ def _record_verify_verdicts(
 
     for frame in verdict.frames:
         t_us = frame.t_apply_us if frame.t_latch_us is None else frame.t_latch_us
-        writer.document(VERDICT, (t_us or 0) * 1000, report.frame_dict(frame))
+        writer.document(VERDICT, (t_us or 0) * 1000, report.run_frame_dict(frame))
     writer.document(SUMMARY, writer.last_ns, result)
 
 
@@ -267,7 +267,7 @@ def _blaming_planned_faults(planned: FaultPlan, board: BoardUnderTest) -> Iterat
 def _planned_faults_text(error: HaptogramError, faults: dict[str, object] | None) -> str:
     from haptogram.report import run as report
 
-    told = next(report.faults_and_troubles_text({"faults": faults, "troubles": {}}))
+    told = next(report.run_faults_wording({"faults": faults, "troubles": {}}))
     # What is at the other end is known: no guess at another device or version.
     is_guess = isinstance(error, WrongProtocolError | VersionMismatchError)
     seen = "no frame came whole" if is_guess else error

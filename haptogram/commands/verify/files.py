@@ -11,7 +11,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.machine.terminal import terminal_error_line
 
 from ..shell.job import annotate_job
-from ..shell.output_files import announce_output
+from ..shell.output_files import announce_output_file
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
@@ -40,13 +40,13 @@ def write_run_files(
     from haptogram.report.formats.job_summary import write_job_summary
 
     is_virtual = config.link.virtual_time
-    seconds = _board_seconds(verdict) if is_virtual else provenance.elapsed_s
+    seconds = _verify_board_seconds(verdict) if is_virtual else provenance.elapsed_s
     origin = provenance.of_virtual_time() if is_virtual else provenance
     summary = report.run_summary(verdict, result)
     annotate_job(summary, outputs)
     files = config.outputs
     writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
-        (files.frames, lambda path: report.write_frame_lines(path, verdict)),
+        (files.frames, lambda path: report.write_run_frame_lines(path, verdict)),
         (files.json, lambda path: report.write_run_json(path, result)),
         (
             files.junit,
@@ -62,11 +62,11 @@ def write_run_files(
         ),
         (files.summary, lambda path: write_job_summary(path, summary, origin)),
     )
-    written = [_is_written(path, write) for path, write in writers if path is not None]
+    written = [_is_verify_file_written(path, write) for path, write in writers if path is not None]
     return all(written)
 
 
-def seen_by_number(
+def verify_seen_by_number(
     intended: Iterable[Intended], observations: Iterable[Observation]
 ) -> dict[int, Observation]:
     """Return the latches with a drive by the numbers of their frames.
@@ -80,17 +80,17 @@ def seen_by_number(
     return {frame.number: by_key[frame.key] for frame in intended if frame.key in by_key}
 
 
-def _is_written(path: Path, write: Callable[[Path], None]) -> bool:
+def _is_verify_file_written(path: Path, write: Callable[[Path], None]) -> bool:
     try:
         write(path)
     except ConfigurationError as error:
         print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return False
-    announce_output(path)
+    announce_output_file(path)
     return True
 
 
-def _board_seconds(verdict: RunVerdict) -> float:
+def _verify_board_seconds(verdict: RunVerdict) -> float:
     """Return the time from the first frame to the last one, on the board's clock."""
     times = (t for frame in verdict.frames for t in (frame.t_apply_us, frame.t_latch_us))
     known = [t for t in times if t is not None]

@@ -36,9 +36,11 @@ class LiveView:
         if self.sink is None:
             return
         from haptogram.machine.view_process import ViewProcess
-        from haptogram.report.viewer.live import target_line  # now, and not between two frames
+        from haptogram.report.viewer.live import (
+            viewer_target_line,  # now, and not between two frames
+        )
 
-        self._process, self._line_of = ViewProcess(str(backdoor)), target_line
+        self._process, self._line_of = ViewProcess(str(backdoor)), viewer_target_line
 
     def _tell(self, entry: Intended | Observation) -> None:
         from haptogram.records.frame import Intended

@@ -23,12 +23,12 @@ from haptogram.settings.tolerance import ToleranceConfig
 
 from ..acting_options import refuse_idle_options
 from ..shell.job import annotate_job, provenance_of_run
-from ..shell.output_files import FILE_HELP, Outputs, announce_interrupt
+from ..shell.output_files import FILE_HELP, Outputs, announce_interrupted_output
 from ..shell.positions import position_argument_mm
-from .expected import Foci, expected_frames_mm, make_expectation
+from .expected import Foci, expected_frames_mm, make_watch_expectation
 from .lines import LatchLines
 from .options import WATCHED_BOARD_OPTIONS, WatchConfig
-from .records import Record, Replay, WatchedRecords, is_latch, open_records
+from .records import Record, Replay, WatchedRecords, is_watched_latch, open_watched_records
 
 if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
@@ -109,7 +109,10 @@ def run(arguments: argparse.Namespace, replay: Replay) -> int:
     provenance = provenance_of_run(arguments)
     _check_watch_source(arguments)
     frames_mm = expected_frames_mm(arguments)
-    with open_records(arguments, replay) as records, _watch_frames_file(arguments.frames) as frames:
+    with (
+        open_watched_records(arguments, replay) as records,
+        _watch_frames_file(arguments.frames) as frames,
+    ):
         run = _WatchRun(arguments, frames_mm, frames, outputs.text, records)
         run.follow()
     return run.finish(outputs, provenance)
@@ -145,7 +148,7 @@ class _WatchRun:
         evidence = Evidence.WIRE if self._is_raw else Evidence.EXTERNAL
         self._records, self._frames = records, frames
         self._board = WatchedBoard(records.first(), evidence=evidence, timed=not self._is_raw)
-        expectation = make_expectation(arguments, frames_mm, self._board)
+        expectation = make_watch_expectation(arguments, frames_mm, self._board)
         self._expected_m = expectation.frames if expectation is not None else ()
         self._page = None
         if arguments.html is not None:
@@ -170,7 +173,7 @@ class _WatchRun:
         try:
             self._take_all()
         except KeyboardInterrupt:
-            announce_interrupt("haptogram watch")
+            announce_interrupted_output("haptogram watch")
             self._until_s = time.monotonic() + _REST_S
             self._records.end()
             with contextlib.suppress(KeyboardInterrupt):
@@ -190,7 +193,7 @@ class _WatchRun:
             self._take_event(record)
         elif self._count != self._arguments.latches:
             if time.monotonic() > self._until_s:
-                self._not_looked_at += is_latch(record)
+                self._not_looked_at += is_watched_latch(record)
             elif latch := self._board.latch(record):
                 self._take(self._watch.take(latch))
                 self._count += latch.is_of_client
@@ -210,7 +213,7 @@ class _WatchRun:
             self._lines.print_remark(record["text"])
 
     def _take(self, seen: WatchedLatch) -> None:
-        from haptogram.report.watch import client_places_mm
+        from haptogram.report.watch import watched_client_places_mm
         from haptogram.verification import FrameStatus
 
         self._lines.print(seen)
@@ -221,7 +224,9 @@ class _WatchRun:
         if found is not None and (odd or self._arguments.junit is not None):
             self._verdicts.append(found)
         if self._frames is not None:
-            line = seen.as_dict() | {"client_mm": client_places_mm(seen.pattern, self._board)}
+            line = seen.as_dict() | {
+                "client_mm": watched_client_places_mm(seen.pattern, self._board)
+            }
             self._frames(json.dumps(line, allow_nan=False) + "\n")
 
     def finish(self, outputs: Outputs, provenance: Provenance) -> int:

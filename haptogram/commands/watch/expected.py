@@ -40,7 +40,7 @@ def expected_frames_mm(arguments: argparse.Namespace) -> list[Foci]:
     return [[focus] for focus in arguments.expect or ()]
 
 
-def make_expectation(
+def make_watch_expectation(
     arguments: argparse.Namespace, frames_mm: list[Foci], board: WatchedBoard
 ) -> Expectation | None:
     """Return the expectation of *board*; None if the user gave none."""
@@ -73,11 +73,11 @@ def _read_expected_frames(path: Path) -> list[Foci]:
                 f"{path}:{number}: {len(cells)} cells, must be {len(header)}: {','.join(header)}"
             )
         frame = cells[0] if len(header) == 4 else str(number)
-        frames.setdefault(frame, []).append(_expected_focus(f"{path}:{number}", cells[-3:]))
+        frames.setdefault(frame, []).append(_expected_watch_focus(f"{path}:{number}", cells[-3:]))
     return list(frames.values())
 
 
-def _expected_focus(where: str, cells: list[str]) -> tuple[float, float, float]:
+def _expected_watch_focus(where: str, cells: list[str]) -> tuple[float, float, float]:
     try:
         x, y, z = (float(cell) for cell in cells)
     except ValueError as error:

@@ -64,7 +64,7 @@ def _is_strange_latch(seen: WatchedLatch) -> bool:
 
 def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
     """Return number, time, pattern, place, verdict and defects of a latch."""
-    from haptogram.report.watch import pattern_text
+    from haptogram.report.watch import watched_pattern_text
 
     latch = seen.latch
     parts = [f"{latch.number:>6}"]
@@ -72,7 +72,7 @@ def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
         parts.append(f"{latch.t_us / 1e6:.6f} s")
     if not latch.is_of_client:
         parts.append(latch.cause)
-    parts.append(pattern_text(seen.pattern, board))
+    parts.append(watched_pattern_text(seen.pattern, board))
     if seen.verdict is not None:
         failed = [name for name, ok in seen.verdict.criteria.items() if not ok]
         parts.append(str(seen.verdict.status) + (f" ({', '.join(failed)})" if failed else ""))

@@ -29,7 +29,7 @@ _PERIOD_S: Final = 0.05
 _PATIENCE_S: Final = 5.0
 
 
-def is_latch(record: Record) -> bool:
+def is_watched_latch(record: Record) -> bool:
     """Return True if *record* is that of a latch."""
     return record["kind"] in ("pulses", "latch")
 
@@ -104,7 +104,7 @@ class WatchedRecords:
     @property
     def latches_left(self) -> int:
         """Latches that have come and were not handed over."""
-        return sum(map(is_latch, self._come))
+        return sum(map(is_watched_latch, self._come))
 
     def _is_over(self, records: list[Record] | None) -> bool:
         """Return True if no record will come; else wait for a moment."""
@@ -119,24 +119,26 @@ class WatchedRecords:
 
 
 @contextlib.contextmanager
-def open_records(arguments: argparse.Namespace, replay: Replay) -> Iterator[WatchedRecords]:
+def open_watched_records(arguments: argparse.Namespace, replay: Replay) -> Iterator[WatchedRecords]:
     """Open what the command watches; see :class:`WatchedRecords`."""
     from haptogram.evidence.backdoor_stream import BackdoorReader
 
     with contextlib.ExitStack() as parts:
         if arguments.source is None:
-            found = parts.enter_context(_started_board(arguments))
+            found = parts.enter_context(_started_watched_board(arguments))
         elif arguments.dialect is not None:
-            found = _replayed(replay(_board_config(arguments), _read_bytes(arguments.source)))
+            found = _replayed_to_watch(
+                replay(_watched_board_settings(arguments), _read_watched_bytes(arguments.source))
+            )
         else:
-            _refuse_bytes_of_client(arguments.source)
+            _refuse_watched_client_bytes(arguments.source)
             stream = parts.enter_context(BackdoorReader(arguments.source))
-            found = WatchedRecords(arguments.source, reader_of(stream))
+            found = WatchedRecords(arguments.source, reader_of_watched(stream))
         parts.callback(found.close)
         yield found
 
 
-def reader_of(
+def reader_of_watched(
     stream: BackdoorReader, is_running: Callable[[], bool] = lambda: True
 ) -> Callable[[], list[Record] | None]:
     """Return a function that reads the records of a back door as they come, until it is closed."""
@@ -149,24 +151,24 @@ def reader_of(
     return read
 
 
-def _replayed(records: list[Record]) -> WatchedRecords:
+def _replayed_to_watch(records: list[Record]) -> WatchedRecords:
     parts = [records]
     return WatchedRecords("bytes", lambda: parts.pop() if parts else None, lambda: None)
 
 
-def _board_config(arguments: argparse.Namespace) -> BoardConfig:
+def _watched_board_settings(arguments: argparse.Namespace) -> BoardConfig:
     values = {name: getattr(arguments, name) for name in WATCHED_BOARD_OPTIONS}
     return watched_board_config(**values)
 
 
-def _read_bytes(source: str) -> bytes:
+def _read_watched_bytes(source: str) -> bytes:
     try:
         return Path(source).read_bytes()
     except OSError as error:
         raise unreadable_file(source, error) from error
 
 
-def _refuse_bytes_of_client(source: str) -> None:
+def _refuse_watched_client_bytes(source: str) -> None:
     """Raise if *source* is a file that holds bytes of a client, and say which dialect it needs."""
     from haptogram_protocol.dialects.looks_like import looks_like_dialect
 
@@ -182,7 +184,7 @@ def _refuse_bytes_of_client(source: str) -> None:
 
 
 @contextlib.contextmanager
-def _started_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
+def _started_watched_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
     """Start a board at --link, and end it with the watch."""
     from haptogram.evidence.backdoor_stream import BackdoorReader
     from haptogram.evidence.board_process import BoardProcess
@@ -190,7 +192,7 @@ def _started_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
     from haptogram.settings.board import BOARD_OPTIONS
     from haptogram.settings.command_line import written_options
 
-    values = _board_config(arguments).non_default()
+    values = _watched_board_settings(arguments).non_default()
     folder = WorkingFolder("haptogram-watch-")
     try:
         # A pipe takes what is read, and no more: a file would grow as long as somebody watches.
@@ -207,7 +209,7 @@ def _started_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
             stream = parts.enter_context(BackdoorReader(str(backdoor)))
             process.wait_until_ready()
             print(f"{arguments.dialect} board at {arguments.link}", file=sys.stderr, flush=True)
-            read = reader_of(stream, process.is_running)
+            read = reader_of_watched(stream, process.is_running)
             yield WatchedRecords(arguments.link, read, process.terminate)
     finally:
         folder.remove()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram.machine.terminal import printable_text
+from haptogram.machine.terminal import printable_on_terminal
 from haptogram_protocol.messages import (
     Arm,
     Disarm,
@@ -105,7 +105,7 @@ def describe_introduced_board(reply: HelloReply) -> dict[str, object]:
     """Return firmware, version, size and capabilities of a board, for reports."""
     known = Feature(reply.features & sum(Feature))
     return {
-        "firmware": printable_text(reply.firmware),
+        "firmware": printable_on_terminal(reply.firmware),
         "protocol": f"{reply.major}.{reply.minor}",
         "boot_id": f"{reply.boot_id:#010x}",
         "transducers": reply.transducers,

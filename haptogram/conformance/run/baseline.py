@@ -13,7 +13,7 @@ from pathlib import Path
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import write_file_atomically
-from haptogram.settings.text_file import read_toml
+from haptogram.settings.text_file import read_toml_file
 
 from ..case import Case
 from ..verdict import Behaviour, SuiteResult
@@ -27,7 +27,7 @@ def load_suite_baseline(path: Path, cases: tuple[Case, ...]) -> dict[str, str]:
     ConfigurationError
         If the file cannot be read, or names an unknown case or an unknown verdict.
     """
-    found = read_toml(path, "baseline")
+    found = read_toml_file(path, "baseline")
     if set(found) != {"expected"} or not isinstance(found["expected"], dict):
         raise ConfigurationError(f"{path}: one table [expected] is due, found {sorted(found)}")
     known = {case.id for case in cases} | {case.clause for case in cases}

@@ -10,7 +10,7 @@ from typing import Any, Final, Self
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.option import Settings, option
-from haptogram.settings.text_file import read_toml
+from haptogram.settings.text_file import read_toml_file
 
 from .capture import Capture
 
@@ -106,7 +106,7 @@ class ChannelMap:
         ConfigurationError
             Names the file, the key and what is wrong with it.
         """
-        return cls.of(path, read_toml(path, "map"))
+        return cls.of(path, read_toml_file(path, "map"))
 
     @classmethod
     def of(cls, path: Path | str, document: Mapping[str, Any]) -> Self:

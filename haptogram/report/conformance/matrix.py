@@ -16,21 +16,21 @@ _MESSAGE: Final = re.compile(
 )
 
 
-def chapter_titles() -> dict[str, str]:
+def conformance_chapter_titles() -> dict[str, str]:
     """Return number and title of each chapter of SPEC.md, in order."""
     return {number: f"{number} {title}" for number, title in _CHAPTER.findall(read_spec())}
 
 
-def chapters_of_cases(results: Iterable[CaseResult]) -> dict[str, list[CaseResult]]:
+def conformance_chapters_of_cases(results: Iterable[CaseResult]) -> dict[str, list[CaseResult]]:
     """Return the cases by the title of their chapter, in the order of SPEC.md."""
-    titles = chapter_titles()
+    titles = conformance_chapter_titles()
     found: dict[str, list[CaseResult]] = {title: [] for title in titles.values()}
     for result in results:
-        found[titles[_chapter_of_clause(result.clause)]].append(result)
+        found[titles[_conformance_chapter_of_clause(result.clause)]].append(result)
     return {title: cases for title, cases in found.items() if cases}
 
 
-def messages_of_cases(results: Iterable[CaseResult]) -> dict[str, list[CaseResult]]:
+def conformance_messages_of_cases(results: Iterable[CaseResult]) -> dict[str, list[CaseResult]]:
     """Return the cases by the messages that their clause or their experiment names."""
     found: dict[str, list[CaseResult]] = {kind.name: [] for kind in MessageType}
     for result in results:
@@ -40,14 +40,14 @@ def messages_of_cases(results: Iterable[CaseResult]) -> dict[str, list[CaseResul
     return {name: cases for name, cases in found.items() if cases}
 
 
-def chapters_of_clauses() -> dict[str, list[Clause]]:
+def conformance_chapters_of_clauses() -> dict[str, list[Clause]]:
     """Return the clauses by the title of their chapter, in the order of SPEC.md."""
     found: dict[str, list[Clause]] = {}
-    titles = chapter_titles()
+    titles = conformance_chapter_titles()
     for clause in load_clauses().values():
-        found.setdefault(titles[_chapter_of_clause(clause.number)], []).append(clause)
+        found.setdefault(titles[_conformance_chapter_of_clause(clause.number)], []).append(clause)
     return found
 
 
-def _chapter_of_clause(clause: str) -> str:
+def _conformance_chapter_of_clause(clause: str) -> str:
     return clause.removeprefix("HG-").partition(".")[0]

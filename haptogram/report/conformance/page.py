@@ -11,8 +11,12 @@ from haptogram.conformance.clauses import load_clauses
 from haptogram.conformance.verdict import MEANINGS, Behaviour, CaseResult, SuiteResult
 from haptogram.machine.provenance import UNSTATED, Provenance
 
-from ..formats.html import setting_rows, write_html_page
-from .matrix import chapters_of_cases, chapters_of_clauses, messages_of_cases
+from ..formats.html import html_setting_rows, write_html_page
+from .matrix import (
+    conformance_chapters_of_cases,
+    conformance_chapters_of_clauses,
+    conformance_messages_of_cases,
+)
 from .wording import suite_board, suite_counts, suite_verdict
 
 _TONES: Final = {
@@ -54,16 +58,16 @@ def write_conformance_page(
             *([f"Cut short: {suite.cut_short}."] if suite.cut_short else []),
         ],
         attention=list(_conformance_attention_rows(suite)),
-        chapters=chapters_of_cases(suite.results),
-        messages=messages_of_cases(suite.results),
+        chapters=conformance_chapters_of_cases(suite.results),
+        messages=conformance_messages_of_cases(suite.results),
         meanings=[
             (_TONES[behaviour], behaviour, meaning.text) for behaviour, meaning in MEANINGS.items()
         ],
         results=suite.results,
-        spec=chapters_of_clauses(),
+        spec=conformance_chapters_of_clauses(),
         cases_of=cases_of,
-        settings=[*setting_rows(suite.device), *setting_rows(suite.settings)],
-        tone_of=_tone_of_case,
+        settings=[*html_setting_rows(suite.device), *html_setting_rows(suite.settings)],
+        tone_of=_conformance_case_tone,
     )
 
 
@@ -96,7 +100,7 @@ def write_comparison_page(
             for case in ordered
         ],
         totals=list(zip(names, map(suite_counts, suites), strict=True)),
-        tone_of=_tone_of_case,
+        tone_of=_conformance_case_tone,
     )
 
 
@@ -108,5 +112,5 @@ def _conformance_attention_rows(suite: SuiteResult) -> Iterator[CaseResult]:
             yield result
 
 
-def _tone_of_case(result: CaseResult) -> str:
+def _conformance_case_tone(result: CaseResult) -> str:
     return _TONES[result.behaviour] if result.recovers else "bad"

@@ -31,11 +31,11 @@ def suite_dict(suite: SuiteResult) -> dict[str, Any]:
         "cut_short": suite.cut_short,
         "failures": [result.case for result in failures_by_cause(suite.results)],
         "counts": {behaviour.value: suite.count(behaviour) for behaviour in Behaviour},
-        "results": [_case_result_dict(result) for result in suite.results],
+        "results": [_conformance_case_dict(result) for result in suite.results],
     }
 
 
-def _case_result_dict(result: CaseResult) -> dict[str, Any]:
+def _conformance_case_dict(result: CaseResult) -> dict[str, Any]:
     recovery = result.recovery
     return {
         "case": result.case,
@@ -74,16 +74,16 @@ def read_suite_json(path: Path) -> SuiteResult:
     ConfigurationError
         If the file cannot be read, or is no result of the conformance suite.
     """
-    found = text_file.read_json(path, "compare")
+    found = text_file.read_json_file(path, "compare")
     try:
-        return suite_of(found)
+        return suite_of_conformance_json(found)
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigurationError(
             f"compare '{path}' is no result of conform: name a file that --json wrote"
         ) from error
 
 
-def suite_of(found: Mapping[str, Any]) -> SuiteResult:
+def suite_of_conformance_json(found: Mapping[str, Any]) -> SuiteResult:
     """Return the run that :func:`suite_dict` made *found* of.
 
     Raises
@@ -93,11 +93,11 @@ def suite_of(found: Mapping[str, Any]) -> SuiteResult:
     """
     if found["format"] != FORMAT:
         raise ValueError(f"format is {found['format']!r}, known is {FORMAT!r}")
-    results = tuple(_case_result_from(item) for item in found["results"])
+    results = tuple(_conformance_case_from_json(item) for item in found["results"])
     return SuiteResult(results, found["device"], found["settings"], found["cut_short"])
 
 
-def _case_result_from(item: Mapping[str, Any]) -> CaseResult:
+def _conformance_case_from_json(item: Mapping[str, Any]) -> CaseResult:
     recovery = item["recovery"]
     return CaseResult(
         case=item["case"],

@@ -9,7 +9,7 @@ from haptogram.conformance.causes import failures_by_cause
 from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
 from ..formats.job_summary import Finding, JobSummary, Level, SummaryTable
-from .matrix import chapters_of_cases
+from .matrix import conformance_chapters_of_cases
 from .wording import case_finding, suite_board, suite_counts, suite_verdict
 
 
@@ -45,7 +45,7 @@ def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
 def _chapter_table(suite: SuiteResult) -> SummaryTable:
     shown = [behaviour for behaviour in Behaviour if suite.count(behaviour)]
     rows = []
-    for chapter, results in chapters_of_cases(suite.results).items():
+    for chapter, results in conformance_chapters_of_cases(suite.results).items():
         counts = Counter(result.behaviour for result in results)
         rows.append([chapter, *(str(counts[behaviour] or "") for behaviour in shown)])
     return SummaryTable("Chapters of SPEC.md", ["", *map(str, shown)], rows)

@@ -26,33 +26,35 @@ def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
     verbose : bool
         Print every case in full.
     """
-    return "\n".join(_suite_lines(suite, verbose=verbose))
+    return "\n".join(_conformance_suite_lines(suite, verbose=verbose))
 
 
-def _suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
-    common = _common_reasons(suite)
+def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
+    common = _common_conformance_reasons(suite)
     failures = failures_by_cause(suite.results)
     for result in suite.results:
         if result.is_failure or (not verbose and (result.behaviour, result.detail) in common):
             continue  # below, by cause; or named once, in the summary
         if verbose or result.behaviour in _IN_FULL:
-            yield from _case_result_lines(result)
+            yield from _conformance_case_lines(result)
         elif result.is_unexpected_pass:
             yield f"{result.case}  {result.behaviour}: {result.expected} was expected"
     for number, result in enumerate(failures):
         in_full = verbose or number < _CAUSES or not result.is_new_failure
-        yield from _case_result_lines(result) if in_full else _follower_case_line(result)
+        yield from (
+            _conformance_case_lines(result) if in_full else _conformance_follower_line(result)
+        )
     if len(failures) > 1:
         yield f"failures     the likeliest cause first: {', '.join(r.case for r in failures)}"
-    yield from _suite_summary_line(suite)
+    yield from _conformance_summary_line(suite)
 
 
-def _follower_case_line(result: CaseResult) -> Iterator[str]:
+def _conformance_follower_line(result: CaseResult) -> Iterator[str]:
     """Yield a failure that may follow from those before it; its bytes are in the files."""
     yield f"{result.case}  {result.behaviour} [{result.evidence.upper()}]: {result.detail}"
 
 
-def _case_result_lines(result: CaseResult) -> Iterator[str]:
+def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
     known = f" (expected: {result.expected})" if result.expected and result.is_failure else ""
     yield f"{result.case}  {result.behaviour} [{result.evidence.upper()}]{known}"
     yield f"    requirement  {result.requirement}"
@@ -67,7 +69,7 @@ def _case_result_lines(result: CaseResult) -> Iterator[str]:
         yield f"    ... {len(result.transcript) - _LINES} lines more, in --json and --html"
 
 
-def _common_reasons(suite: SuiteResult) -> set[tuple[Behaviour, str]]:
+def _common_conformance_reasons(suite: SuiteResult) -> set[tuple[Behaviour, str]]:
     """Return the reasons for which more than a few cases were inconclusive, such as no board."""
     reasons = Counter(
         (result.behaviour, result.detail)
@@ -77,7 +79,9 @@ def _common_reasons(suite: SuiteResult) -> set[tuple[Behaviour, str]]:
     return {reason for reason, count in reasons.items() if count > _NAMED}
 
 
-def _cases_by_reason(suite: SuiteResult, behaviour: Behaviour) -> Iterator[tuple[str, str]]:
+def _conformance_cases_by_reason(
+    suite: SuiteResult, behaviour: Behaviour
+) -> Iterator[tuple[str, str]]:
     """Yield the cases with *behaviour*, those with the same reason together, and the reason."""
     reasons: dict[str, list[str]] = {}
     for result in suite.results:
@@ -87,7 +91,7 @@ def _cases_by_reason(suite: SuiteResult, behaviour: Behaviour) -> Iterator[tuple
         yield ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases", reason
 
 
-def _suite_summary_line(suite: SuiteResult) -> Iterator[str]:
+def _conformance_summary_line(suite: SuiteResult) -> Iterator[str]:
     device = suite.device
     if device:
         yield (
@@ -106,10 +110,10 @@ def _suite_summary_line(suite: SuiteResult) -> Iterator[str]:
         yield f"captured     {captured}"
     yield f"cases        {suite_counts(suite)}"
     # With the reasons: a number alone would look like a gap.
-    for which, reason in _cases_by_reason(suite, Behaviour.NOT_OBSERVED):
+    for which, reason in _conformance_cases_by_reason(suite, Behaviour.NOT_OBSERVED):
         yield f"not observed {which}: {reason}"
-    common = {reason for _, reason in _common_reasons(suite)}
-    for which, reason in _cases_by_reason(suite, Behaviour.INCONCLUSIVE):
+    common = {reason for _, reason in _common_conformance_reasons(suite)}
+    for which, reason in _conformance_cases_by_reason(suite, Behaviour.INCONCLUSIVE):
         if reason in common:
             yield f"inconclusive {which}: {reason}"
     unclean = sum(not result.recovers for result in suite.results)

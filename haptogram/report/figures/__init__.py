@@ -7,14 +7,14 @@ which closes on itself, for phases.
 
 from haptogram.report.figures.cuts import draw_cuts
 from haptogram.report.figures.isosurface import draw_isosurfaces, isosurface_mesh
-from haptogram.report.figures.plane_picture import draw_plane
+from haptogram.report.figures.plane_picture import draw_plane_figure
 from haptogram.report.figures.planes import (
     PictureField,
     PicturePlane,
     sample_picture_mean,
     sample_picture_plane,
 )
-from haptogram.report.figures.quantities import QUANTITIES, quantity_and_label
+from haptogram.report.figures.quantities import QUANTITIES, figure_quantity_and_label
 from haptogram.report.figures.spectra import draw_spectrum
 from haptogram.report.figures.style import check_picture_format, encode_figure
 
@@ -25,11 +25,11 @@ __all__ = [
     "check_picture_format",
     "draw_cuts",
     "draw_isosurfaces",
-    "draw_plane",
+    "draw_plane_figure",
     "draw_spectrum",
     "encode_figure",
+    "figure_quantity_and_label",
     "isosurface_mesh",
-    "quantity_and_label",
     "sample_picture_mean",
     "sample_picture_plane",
 ]

@@ -11,7 +11,7 @@ from haptogram.acoustics import FieldEngine
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
 from haptogram.report.figures.planes import picture_pressure
-from haptogram.report.figures.quantities import LEAST_DB, quantity_and_label
+from haptogram.report.figures.quantities import LEAST_DB, figure_quantity_and_label
 from haptogram.report.figures.style import (
     BLACK,
     BLUE,
@@ -49,11 +49,11 @@ def draw_cuts(
     half_width_m : float
         How far the cuts reach to both sides; along z they stay 20 mm off the array's centre.
     quantity : str
-        The same as of :func:`draw_plane`.
+        The same as of :func:`draw_plane_figure`.
     place : str
         Name of *target_m* in the picture.
     decibels : bool
-        The same as of :func:`draw_plane`.
+        The same as of :func:`draw_plane_figure`.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def draw_cuts(
     own, whose = array.axes @ target, "" if array.is_upright else "the array's "
     lines = [target + offsets[axis][:, None] * array.axes[axis] for axis in range(3)]
     pressure = picture_pressure(engine, weights, np.concatenate(lines))
-    shown, label = quantity_and_label(engine, pressure, quantity, decibels=decibels)
+    shown, label = figure_quantity_and_label(engine, pressure, quantity, decibels=decibels)
     levels = np.split(shown, 3)
     with new_figure(7.2, 3.3) as figure:
         lateral, axial = figure.subplots(1, 2, sharey=True)

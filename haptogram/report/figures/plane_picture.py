@@ -10,16 +10,16 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics import FieldEngine
 from haptogram.report.figures.planes import PictureField, PicturePlane
-from haptogram.report.figures.quantities import LEAST_DB, quantity_and_label
+from haptogram.report.figures.quantities import LEAST_DB, figure_quantity_and_label
 from haptogram.report.figures.style import (
     MAGNITUDE_MAP,
     PHASE_MAP,
-    draw_mark,
+    draw_figure_mark,
     figure_legend,
     figure_title,
     new_figure,
 )
-from haptogram.report.figures.surroundings import draw_array, draw_ear
+from haptogram.report.figures.surroundings import draw_array_in_figure, draw_ear
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +34,7 @@ _FEW_TARGETS: Final = 4
 _MANY_TARGETS: Final = 200
 
 
-def draw_plane(
+def draw_plane_figure(
     engine: FieldEngine,
     field: PictureField,
     *,
@@ -67,7 +67,7 @@ def draw_plane(
     ConfigurationError
         An unknown quantity, the phase of a time average, or no matplotlib.
     """
-    values, label = quantity_and_label(engine, field.values, quantity, decibels=decibels)
+    values, label = figure_quantity_and_label(engine, field.values, quantity, decibels=decibels)
     colours: str = PHASE_MAP if quantity == "phase" else MAGNITUDE_MAP
     limits = (LEAST_DB, 0.0) if decibels else (0.0, None)
     if quantity == "phase":
@@ -104,10 +104,10 @@ def draw_plane(
         marked = _marked_plane_picture(field.plane, targets_m)
         size = 6.0 if len(marked) > _FEW_TARGETS else None
         for target in marked:
-            draw_mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
+            draw_figure_mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
         place = np.asarray(field.peak_m() if peak_m is None else peak_m, dtype=np.float64)
-        draw_mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
-        draw_array(axes, engine.model.array, first, second)
+        draw_figure_mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
+        draw_array_in_figure(axes, engine.model.array, first, second)
         if ear_m is not None:
             draw_ear(axes, 1e3 * np.asarray(ear_m, dtype=np.float64), first, second)
         figure_legend(figure, columns=2)

@@ -17,7 +17,7 @@ QUANTITIES: Final = ("pressure", "phase", "force")
 LEAST_DB: Final = -40.0
 
 
-def quantity_and_label(
+def figure_quantity_and_label(
     engine: FieldEngine, values: NDArray[Any], quantity: str, *, decibels: bool = False
 ) -> tuple[FloatArray, str]:
     """Return a quantity of a field, and its label with the unit.
@@ -50,16 +50,18 @@ def quantity_and_label(
         force = radiation_pressure_pa(math.sqrt(2.0) * rms, engine.model.medium)
         name, unit = "radiation pressure, total reflection", "Pa"
         if decibels:
-            return _levels_db(force, 10.0), f"{name} (dB; 0 dB is {np.nanmax(force):.3g} {unit})"
+            return _figure_levels_db(
+                force, 10.0
+            ), f"{name} (dB; 0 dB is {np.nanmax(force):.3g} {unit})"
         return force, f"{name} ({unit})"
     unit, scale = ("kPa RMS", 1e-3) if np.nanmax(rms) >= 1e3 else ("Pa RMS", 1.0)
     if decibels:
         largest = float(np.nanmax(rms)) * scale
-        return _levels_db(rms, 20.0), f"pressure (dB; 0 dB is {largest:.3g} {unit})"
+        return _figure_levels_db(rms, 20.0), f"pressure (dB; 0 dB is {largest:.3g} {unit})"
     return rms * scale, f"pressure ({unit})"
 
 
-def _levels_db(values: FloatArray, per_decade: float) -> FloatArray:
+def _figure_levels_db(values: FloatArray, per_decade: float) -> FloatArray:
     """Return levels relative to the largest of *values*, down to :data:`LEAST_DB`."""
     share = np.maximum(values / np.nanmax(values), 1e-30)
     return np.maximum(per_decade * np.log10(share), LEAST_DB)

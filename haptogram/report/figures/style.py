@@ -134,7 +134,9 @@ def figure_legend(figure: Figure, columns: int = 4) -> None:
         )
 
 
-def draw_mark(axes: Axes, x_mm: float, y_mm: float, kind: str, size: float | None = None) -> None:
+def draw_figure_mark(
+    axes: Axes, x_mm: float, y_mm: float, kind: str, size: float | None = None
+) -> None:
     """Mark the target (a cross), the fitted focus (an x) or the peak (a ring)."""
     marker, normal, colour = _MARKS[kind]
     for tint, width, label in (("white", 3.0, None), (colour, 1.4, kind)):

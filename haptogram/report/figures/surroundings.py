@@ -21,7 +21,9 @@ _EDGE_MM: Final = 4.0
 _BORDER: Final = 0.94  # of the way to the border, where an arrow ends
 
 
-def draw_array(axes: Axes, array: TransducerArray, horizontal: int, vertical: int) -> None:
+def draw_array_in_figure(
+    axes: Axes, array: TransducerArray, horizontal: int, vertical: int
+) -> None:
     """Draw the array as seen along the normal of a plane, where the picture has room for it.
 
     On a plane that holds the z axis the elements are drawn, and the picture grows downwards or
@@ -29,12 +31,12 @@ def draw_array(axes: Axes, array: TransducerArray, horizontal: int, vertical: in
     """
     places = _MM * array.positions_m[:, [horizontal, vertical]]
     if vertical == 2:
-        _draw_elements(axes, places)
+        _draw_elements_in_figure(axes, places)
     else:
-        _draw_outline(axes, places)
+        _draw_outline_in_figure(axes, places)
 
 
-def _draw_elements(axes: Axes, places: FloatArray) -> None:
+def _draw_elements_in_figure(axes: Axes, places: FloatArray) -> None:
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
     room = _WIDER * (high - low)
@@ -48,17 +50,17 @@ def _draw_elements(axes: Axes, places: FloatArray) -> None:
     axes.set_ylim(min(low, bottom), max(high, top))
 
 
-def _draw_outline(axes: Axes, places: FloatArray) -> None:
+def _draw_outline_in_figure(axes: Axes, places: FloatArray) -> None:
     limits = axes.get_xlim(), axes.get_ylim()
-    if not _reaches_into(_array_outline(places), *limits):
+    if not _reaches_into_figure(_array_outline_in_figure(places), *limits):
         return
     for tint, width, label in (("white", 2.5, None), (GREY, 1.0, "outline of the array")):
-        line = _array_outline(places)
+        line = _array_outline_in_figure(places)
         axes.plot(*line.T, "--", color=tint, lw=width, zorder=2.5, label=label)
     axes.set(xlim=limits[0], ylim=limits[1])
 
 
-def _reaches_into(line: FloatArray, *limits: tuple[float, float]) -> bool:
+def _reaches_into_figure(line: FloatArray, *limits: tuple[float, float]) -> bool:
     """Return True if any part of a (N, 2) line is within the limits of both axes."""
     shares = np.linspace(0.0, 1.0, 101)[:, None, None]
     points = line[:-1] + shares * (line[1:] - line[:-1])
@@ -66,7 +68,7 @@ def _reaches_into(line: FloatArray, *limits: tuple[float, float]) -> bool:
     return bool(((points > low) & (points < high)).all(axis=-1).any())
 
 
-def _array_outline(places: FloatArray) -> FloatArray:
+def _array_outline_in_figure(places: FloatArray) -> FloatArray:
     """Return the closed convex outline of (N, 2) places; elements in a line are a line."""
     spread = places - places.mean(axis=0)
     if np.linalg.matrix_rank(spread, tol=1e-6 * max(1.0, float(np.abs(spread).max()))) < 2:

@@ -70,19 +70,19 @@ def render_html_page(template: str, provenance: Provenance, **content: Any) -> s
     return _html_environment().get_template(template).render(content, origin=provenance.rows())
 
 
-def setting_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
+def html_setting_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return name and text of every setting that is set.
 
     Examples
     --------
-    >>> setting_rows({"rate_hz": 1000.0, "port": None, "quiet": False, "center_mm": [0.0, 2.5]})
+    >>> html_setting_rows({"rate_hz": 1000.0, "port": None, "quiet": False, "center_mm": [0, 2.5]})
     [('rate_hz', '1000'), ('quiet', 'no'), ('center_mm', '0, 2.5')]
     """
-    texts = ((name, _setting_text(value)) for name, value in settings.items())
+    texts = ((name, _html_setting_text(value)) for name, value in settings.items())
     return [(name, text) for name, text in texts if text]
 
 
-def _setting_text(value: Any) -> str:
+def _html_setting_text(value: Any) -> str:
     match value:
         case None:
             return ""
@@ -91,9 +91,9 @@ def _setting_text(value: Any) -> str:
         case float():
             return f"{value:.10g}"
         case Mapping():
-            return ", ".join(f"{name} {_setting_text(item)}" for name, item in value.items())
+            return ", ".join(f"{name} {_html_setting_text(item)}" for name, item in value.items())
         case list() | tuple():
-            return ", ".join(map(_setting_text, value))
+            return ", ".join(map(_html_setting_text, value))
     return str(value)
 
 
@@ -109,12 +109,12 @@ def _html_environment() -> Environment:
         keep_trailing_newline=True,
         undefined=StrictUndefined,
     )
-    environment.filters["code_spans"] = _code_spans
+    environment.filters["code_spans"] = _html_code_spans
     environment.filters["equation"] = lambda text: Markup(equation_mathml(text))
     return environment
 
 
-def _code_spans(text: str) -> Markup:
+def _html_code_spans(text: str) -> Markup:
     """Return *text*, escaped, with what stands between backticks as code."""
     from markupsafe import Markup, escape
 

@@ -89,12 +89,12 @@ class JobSummary:
     tables: Sequence[SummaryTable] = ()
 
 
-def escape_markdown(text: str) -> str:
+def escape_job_markdown(text: str) -> str:
     r"""Return *text* on one line, so that GitHub and GitLab show it as it is.
 
     Examples
     --------
-    >>> escape_markdown("<b>*1*</b> | [x](y)")
+    >>> escape_job_markdown("<b>*1*</b> | [x](y)")
     '&lt;b&gt;\\*1\\*&lt;/b&gt; \\| \\[x\\](y)'
     """
     line = " ".join(text.split())
@@ -102,11 +102,11 @@ def escape_markdown(text: str) -> str:
     return _LIST.sub(r"\1\\", _LINKS.sub(lambda found: f"&#{ord(found[0])};", escaped))
 
 
-def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def job_markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Return the lines of a table; every text is escaped."""
     lines = [head, ["---"] * len(head), *rows]
     return [
-        f"| {' | '.join(cells if number == 1 else map(escape_markdown, cells))} |"
+        f"| {' | '.join(cells if number == 1 else map(escape_job_markdown, cells))} |"
         for number, cells in enumerate(lines)
     ]
 
@@ -129,16 +129,16 @@ def write_job_summary(path: Path, summary: JobSummary, provenance: Provenance) -
 
 
 def _summary_markdown_lines(summary: JobSummary, provenance: Provenance) -> Iterator[str]:
-    yield f"## {escape_markdown(f'haptogram {summary.command}: {summary.sentence}')}"
+    yield f"## {escape_job_markdown(f'haptogram {summary.command}: {summary.sentence}')}"
     yield ""
     found = [(f.level.value, f.name, f.text) for f in summary.findings]
     yield from _summary_markdown_table("", ("", "where", "found"), found)
     if summary.facts:
-        yield from (f"- {escape_markdown(fact)}" for fact in summary.facts)
+        yield from (f"- {escape_job_markdown(fact)}" for fact in summary.facts)
         yield ""
     for table in summary.tables:
         yield from _summary_markdown_table(table.title, table.head, table.rows)
-    yield "; ".join(f"{name}: {escape_markdown(text)}" for name, text in provenance.rows())
+    yield "; ".join(f"{name}: {escape_job_markdown(text)}" for name, text in provenance.rows())
 
 
 def _summary_markdown_table(
@@ -147,9 +147,9 @@ def _summary_markdown_table(
     if not rows:
         return
     if title:
-        yield f"### {escape_markdown(title)}"
+        yield f"### {escape_job_markdown(title)}"
         yield ""
-    yield from markdown_table(head, rows[:_ROWS])
+    yield from job_markdown_table(head, rows[:_ROWS])
     if len(rows) > _ROWS:
         yield ""
         yield f"... and {len(rows) - _ROWS} more, in the other files."
@@ -159,30 +159,30 @@ def _summary_markdown_table(
 # --- GitHub ----------------------------------------------------------------------------------
 
 
-def github_annotations(summary: JobSummary) -> Iterator[str]:
+def github_job_annotations(summary: JobSummary) -> Iterator[str]:
     """Yield the lines that a job of GitHub prints to have *summary* shown beside its steps."""
     for level in Level:
         found = [finding for finding in summary.findings if finding.level is level]
         shown = found if len(found) <= _SHOWN else found[: _SHOWN - 1]
         for finding in shown:
             title = f"haptogram {summary.command}: {finding.name}"
-            yield github_command(level, title, finding.text)
+            yield github_job_command(level, title, finding.text)
         if len(shown) < len(found):
             title = f"haptogram {summary.command}: {summary.sentence}"
-            yield github_command(level, title, f"{len(found) - len(shown)} more")
+            yield github_job_command(level, title, f"{len(found) - len(shown)} more")
 
 
-def github_command(level: Level, title: str, message: str) -> str:
+def github_job_command(level: Level, title: str, message: str) -> str:
     r"""Return a workflow command, escaped by GitHub's rules.
 
     Examples
     --------
-    >>> github_command(Level.ERROR, "HG-2.2/1: a, b", "50 %\n::error::not this")
+    >>> github_job_command(Level.ERROR, "HG-2.2/1: a, b", "50 %\n::error::not this")
     '::error title=HG-2.2/1%3A a%2C b::50 %25%0A::error::not this'
     """
-    title = _escape_github_data(title).replace(":", "%3A").replace(",", "%2C")
-    return f"::{level} title={title}::{_escape_github_data(message)}"
+    title = _escape_github_job_data(title).replace(":", "%3A").replace(",", "%2C")
+    return f"::{level} title={title}::{_escape_github_job_data(message)}"
 
 
-def _escape_github_data(text: str) -> str:
+def _escape_github_job_data(text: str) -> str:
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")

@@ -12,7 +12,7 @@ from haptogram.acoustics.levels.shift import find_pressure_peak
 from haptogram.published.paper.figure4 import BENDS, FIGURE_4_FOCI_M, figure_4_model
 from haptogram.published.paper.hemisphere import RESOLUTIONS_M, paper_hemisphere
 from haptogram.published.paper.table1 import CONFIGURATIONS, Table1Reproduction
-from haptogram.report.figures import PicturePlane, draw_plane, sample_picture_plane
+from haptogram.report.figures import PicturePlane, draw_plane_figure, sample_picture_plane
 
 from ..figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure
 
@@ -100,7 +100,7 @@ def draw_figure_4() -> dict[str, Figure]:
             # Along the beam, the edge of the section bent along y is louder than its focus.
             along = bend == "y" and plane.orientation == "yz"
             peak = find_pressure_peak(engine, weights, focus) if along else None
-            figures[f"figure4_{index}_bent_{bend}_{plane.orientation}"] = draw_plane(
+            figures[f"figure4_{index}_bent_{bend}_{plane.orientation}"] = draw_plane_figure(
                 engine,
                 field,
                 targets_m=[focus],

@@ -16,8 +16,8 @@ from haptogram.verification import (
 )
 
 from .check import CheckOutcome, RunCheck
-from .pins import capture_checks
-from .wording import count_text, frame_text
+from .pins import run_capture_checks
+from .wording import run_count_wording, run_frame_wording
 
 COMPLETE: Final = "complete"  # name of the check that the run came to its end
 NAMED_FRAMES: Final = 20  # the JSON names all
@@ -64,11 +64,11 @@ _FAULTS: Final = (
 )
 
 
-def checks_of_result(run: RunVerdict, result: Mapping[str, Any]) -> list[RunCheck]:
+def run_checks_of_result(run: RunVerdict, result: Mapping[str, Any]) -> list[RunCheck]:
     """Return the checks of a run, and those of the captures of its drive pins."""
     own = run_checks(run, result["cut_short"]) if result.get("run_judged", True) else []
     captures = result.get("captures")
-    return [*own, *([] if captures is None else capture_checks(captures))]
+    return [*own, *([] if captures is None else run_capture_checks(captures))]
 
 
 def run_checks(run: RunVerdict, cut_short: str | None = None) -> list[RunCheck]:
@@ -78,27 +78,31 @@ def run_checks(run: RunVerdict, cut_short: str | None = None) -> list[RunCheck]:
     inconclusive if and only if the verdict is.
     """
     return [
-        *(_check_of_fault(run, fault) for fault in _FAULTS),
+        *(_run_check_of_fault(run, fault) for fault in _FAULTS),
         _check_of_unexpected(run),
         _check_of_lost(run),
         _check_of_late(run),
-        _check_of_share_verified(run),
+        _run_check_of_share_verified(run),
         _check_of_complete_run(run, cut_short),
     ]
 
 
-def _check_of_fault(run: RunVerdict, fault: _Fault) -> RunCheck:
+def _run_check_of_fault(run: RunVerdict, fault: _Fault) -> RunCheck:
     found = [frame for frame in run.frames if fault.shows(frame)]
     judged = run.counts[fault.seen_in]
     if found:
-        message = f"{len(found)} of {count_text(judged, f'{fault.seen_in} frame')}"
+        message = f"{len(found)} of {run_count_wording(judged, f'{fault.seen_in} frame')}"
         return RunCheck(
-            fault.name, fault.statement, CheckOutcome.FAILED, message, _frames_named_in_check(found)
+            fault.name,
+            fault.statement,
+            CheckOutcome.FAILED,
+            message,
+            _frames_named_in_run_check(found),
         )
     if not judged:
         message = f"no frame was {fault.seen_in}"
         return RunCheck(fault.name, fault.statement, CheckOutcome.NOT_JUDGED, message)
-    message = f"none of {count_text(judged, f'{fault.seen_in} frame')}"
+    message = f"none of {run_count_wording(judged, f'{fault.seen_in} frame')}"
     return RunCheck(fault.name, fault.statement, CheckOutcome.PASSED, message)
 
 
@@ -106,7 +110,7 @@ def _check_of_unexpected(run: RunVerdict) -> RunCheck:
     statement = "no frame is latched that was not intended"
     keys = run.unexpected
     if keys:
-        details = _listed_in_check(keys, _key_in_check)
+        details = _listed_in_run_check(keys, _key_in_run_check)
         message = f"{len(keys)} {'latch' if len(keys) == 1 else 'latches'} of an unknown frame"
         return RunCheck("unexpected", statement, CheckOutcome.FAILED, message, details)
     if not run.counts["latched"]:
@@ -128,8 +132,8 @@ def _check_of_lost(run: RunVerdict) -> RunCheck:
         )
     decisive = run.verdict is Verdict.INCONCLUSIVE and run.too_few
     outcome = CheckOutcome.INCONCLUSIVE if decisive else CheckOutcome.NOTED
-    message = f"{len(lost)} of {count_text(len(run.frames), 'frame')}"
-    return RunCheck("lost", statement, outcome, message, _frames_named_in_check(lost))
+    message = f"{len(lost)} of {run_count_wording(len(run.frames), 'frame')}"
+    return RunCheck("lost", statement, outcome, message, _frames_named_in_run_check(lost))
 
 
 def _check_of_late(run: RunVerdict) -> RunCheck:
@@ -140,13 +144,15 @@ def _check_of_late(run: RunVerdict) -> RunCheck:
         return RunCheck("late", statement, CheckOutcome.NOT_JUDGED, "no frame was latched")
     if not late:
         return RunCheck(
-            "late", statement, CheckOutcome.PASSED, f"none of {count_text(latched, 'frame')}"
+            "late", statement, CheckOutcome.PASSED, f"none of {run_count_wording(latched, 'frame')}"
         )
-    message = f"{len(late)} of {count_text(latched, 'latched frame')}"
-    return RunCheck("late", statement, CheckOutcome.NOTED, message, _frames_named_in_check(late))
+    message = f"{len(late)} of {run_count_wording(latched, 'latched frame')}"
+    return RunCheck(
+        "late", statement, CheckOutcome.NOTED, message, _frames_named_in_run_check(late)
+    )
 
 
-def _check_of_share_verified(run: RunVerdict) -> RunCheck:
+def _run_check_of_share_verified(run: RunVerdict) -> RunCheck:
     statement = f"at least {100.0 * run.min_verified:.4g} % of the frames are verified"
     message = f"{run.counts['verified']} of {run.due}"
     if not run.too_few:
@@ -155,7 +161,7 @@ def _check_of_share_verified(run: RunVerdict) -> RunCheck:
     # Beside a fault that was proved, too few frames change nothing.
     failed = run.verdict is Verdict.FAIL
     outcome = CheckOutcome.NOTED if failed else CheckOutcome.INCONCLUSIVE
-    return RunCheck("verified", statement, outcome, message, _frames_named_in_check(missing))
+    return RunCheck("verified", statement, outcome, message, _frames_named_in_run_check(missing))
 
 
 def _check_of_complete_run(run: RunVerdict, cut_short: str | None) -> RunCheck:
@@ -166,16 +172,18 @@ def _check_of_complete_run(run: RunVerdict, cut_short: str | None) -> RunCheck:
     return RunCheck(COMPLETE, statement, CheckOutcome.INCONCLUSIVE, message)
 
 
-def _frames_named_in_check(frames: list[FrameVerdict]) -> tuple[str, ...]:
-    return _listed_in_check(frames, frame_text)
+def _frames_named_in_run_check(frames: list[FrameVerdict]) -> tuple[str, ...]:
+    return _listed_in_run_check(frames, run_frame_wording)
 
 
-def _listed_in_check(items: list[_Item], describe_item: Callable[[_Item], str]) -> tuple[str, ...]:
+def _listed_in_run_check(
+    items: list[_Item], describe_item: Callable[[_Item], str]
+) -> tuple[str, ...]:
     lines = [describe_item(item) for item in items[:NAMED_FRAMES]]
     if len(items) > NAMED_FRAMES:
         lines.append(f"... and {len(items) - NAMED_FRAMES} more, in the JSON file")
     return tuple(lines)
 
 
-def _key_in_check(key: FrameKey) -> str:
+def _key_in_run_check(key: FrameKey) -> str:
     return f"session {key.session:#x}, sequence {key.sequence}, loop {key.loop}, index {key.index}"

@@ -9,7 +9,7 @@ from typing import Final
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict, verdict_consequence_text
 
 from .series import plotted_relative_error, worst_frames_of_run
-from .wording import figure_text, timeliness_text
+from .wording import run_figure_wording, run_timeliness_wording
 
 _LARGEST: Final = 10
 _LISTED: Final = 100  # that a person reads
@@ -81,12 +81,12 @@ class FrameTable:
         return (0, *range(2, end))
 
 
-def frame_table(run: RunVerdict) -> FrameTable:
+def run_frame_table(run: RunVerdict) -> FrameTable:
     """Return the table of the frames that a person looks at."""
     odd = sorted(run.odd_frames, key=lambda frame: (not frame.is_wrong, frame.number))
     named = {frame.number for frame in odd}
     largest = [f for f in worst_frames_of_run(run, _LARGEST) if f.number not in named]
-    rows = [_frame_row(frame) for frame in [*odd[:_LISTED], *largest]]
+    rows = [_run_frame_row(frame) for frame in [*odd[:_LISTED], *largest]]
     used = [any(row.cells[at] for row in rows) for at in range(len(_MEASURES))]
     kept = tuple(name for name, is_used in zip(_MEASURES, used, strict=True) if is_used)
     rows = [replace(row, cells=tuple(compress(row.cells, used))) for row in rows]
@@ -94,16 +94,16 @@ def frame_table(run: RunVerdict) -> FrameTable:
     return FrameTable(("frame", "status", *kept, *found), rows, max(0, len(odd) - _LISTED))
 
 
-def frame_place_text(frame: FrameVerdict) -> str:
+def run_frame_place_text(frame: FrameVerdict) -> str:
     """Return the target of *frame* in mm."""
     return ", ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in frame.target_m)
 
 
-def _figure(value: float | None, digits: int = 3) -> str:
-    return "" if value is None else figure_text(value, digits)
+def _run_frame_figure(value: float | None, digits: int = 3) -> str:
+    return "" if value is None else run_figure_wording(value, digits)
 
 
-def _frame_row(frame: FrameVerdict) -> FrameRow:
+def _run_frame_row(frame: FrameVerdict) -> FrameRow:
     failed = [name for name, passed in frame.criteria.items() if not passed]
     faults = [*frame.faults, *([f"{', '.join(failed)} failed"] if failed else [])]
     faults += [f"latched {frame.latches} times"] if frame.latches > 1 else []
@@ -112,13 +112,13 @@ def _frame_row(frame: FrameVerdict) -> FrameRow:
         frame.number,
         _TONES.get(frame.status, "bad"),
         str(frame.status),
-        timeliness_text(frame) if frame.late or frame.early else "",
+        run_timeliness_wording(frame) if frame.late or frame.early else "",
         (
-            frame_place_text(frame),
+            run_frame_place_text(frame),
             "" if frame.t_apply_us is None else str(frame.t_apply_us),
-            _figure(frame.lateral_error_mm, 4),
-            _figure(frame.axial_error_mm, 4),
-            _figure(plotted_relative_error(frame)),
+            _run_frame_figure(frame.lateral_error_mm, 4),
+            _run_frame_figure(frame.axial_error_mm, 4),
+            _run_frame_figure(plotted_relative_error(frame)),
         ),
         "; ".join(faults),
         "" if frame.consequence is None else verdict_consequence_text(frame.consequence),

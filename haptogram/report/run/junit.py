@@ -18,7 +18,7 @@ from haptogram.verification import RunVerdict
 
 from ..formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit
 from .check import CheckOutcome, RunCheck
-from .checks import COMPLETE, checks_of_result
+from .checks import COMPLETE, run_checks_of_result
 
 _OUTCOMES: Final = {
     CheckOutcome.PASSED: JUnit.PASSED,
@@ -55,7 +55,7 @@ def write_run_junit(
     ConfigurationError
         If *path* cannot be written.
     """
-    checks = checks_of_result(run, result)
+    checks = run_checks_of_result(run, result)
     cases = tuple(
         _run_junit_case(check, seconds if check.name == COMPLETE else None) for check in checks
     )

@@ -16,15 +16,15 @@ from haptogram.verification import (
 )
 
 from ..figures.embedded import PagePicture, embed_picture
-from ..formats.html import check_html_page, setting_rows, write_html_page
-from ..viewer.run_scene import run_scene
+from ..formats.html import check_html_page, html_setting_rows, write_html_page
+from ..viewer.run_scene import viewer_scene_of_run
 from . import pictures, prose
 from .check import CheckOutcome
-from .checks import NAMED_FRAMES, checks_of_result
+from .checks import NAMED_FRAMES, run_checks_of_result
 from .fieldmap import FieldPicture, frame_field_picture
-from .frame_rows import frame_place_text, frame_table
-from .pins import capture_figures, sentence_of_result
-from .wording import NOTHING, figure_text
+from .frame_rows import run_frame_place_text, run_frame_table
+from .pins import run_capture_figures, run_result_sentence
+from .wording import NOTHING, run_figure_wording
 
 _BITS: Final = 8
 _TONES: Final = {Verdict.PASS: "good", Verdict.FAIL: "bad", Verdict.INCONCLUSIVE: "doubt"}
@@ -78,18 +78,18 @@ def write_run_page(
         "run.html",
         provenance,
         title=f"Haptogram: {result['verdict']}, {result['frames']['sent']} frames",
-        heading=sentence_of_result(run, result),
+        heading=run_result_sentence(run, result),
         tone=_TONES[Verdict(result["verdict"])],
         lead=[*prose.run_summary_sentences(result), *effect],
         key_figures=_run_key_figures(result),
         faults=_run_fault_rows(result["faults"]) if "faults" in result else None,
         troubles=_run_trouble_rows(result["troubles"]),
-        scene=run_scene(run, model, seen).embedded() if run.frames else None,
-        checks=checks_of_result(run, result),
+        scene=viewer_scene_of_run(run, model, seen).embedded() if run.frames else None,
+        checks=run_checks_of_result(run, result),
         tones=_CHECK_TONES,
         pictures=list(_run_page_pictures(run, model, shown, result["board"].get("phase_steps"))),
         findings=list(islice(run.findings(), NAMED_FRAMES)),
-        frames=frame_table(run),
+        frames=run_frame_table(run),
         judged=any(frame.criteria for frame in run.frames),
         criteria=prose.CRITERIA,
         evidence=list(prose.run_evidence_sentences(result)),
@@ -107,33 +107,41 @@ def _run_key_figures(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     late, pressure, force = result["lateness_us"], result["pressure_rms_pa"], result["force_mn"]
     captures = result.get("captures")
     rows = [
-        *(() if captures is None else capture_figures(captures)),
-        ("error across the beam, median", figure_text(lateral["p50"], 4), "mm"),
-        ("error across the beam, 99th percentile", figure_text(lateral["p99"], 4), "mm"),
-        ("error across the beam, largest", figure_text(lateral["max"], 4), "mm"),
-        ("error along the beam, median", figure_text(axial["p50"], 4), "mm"),
-        ("error along the beam, 99th percentile", figure_text(axial["p99"], 4), "mm"),
-        ("error along the beam, largest", figure_text(axial["max"], 4), "mm"),
-        ("smallest miss that shows", figure_text(result["smallest_miss_mm"]), "mm"),
+        *(() if captures is None else run_capture_figures(captures)),
+        ("error across the beam, median", run_figure_wording(lateral["p50"], 4), "mm"),
+        ("error across the beam, 99th percentile", run_figure_wording(lateral["p99"], 4), "mm"),
+        ("error across the beam, largest", run_figure_wording(lateral["max"], 4), "mm"),
+        ("error along the beam, median", run_figure_wording(axial["p50"], 4), "mm"),
+        ("error along the beam, 99th percentile", run_figure_wording(axial["p99"], 4), "mm"),
+        ("error along the beam, largest", run_figure_wording(axial["max"], 4), "mm"),
+        ("smallest miss that shows", run_figure_wording(result["smallest_miss_mm"]), "mm"),
         (
             "uncertainty of the place, from air and elements",
-            figure_text(_run_total_row(result)),
+            run_figure_wording(_run_total_row(result)),
             "mm",
         ),
-        ("coherence at the target, lowest", figure_text(result["coherence"]["min"], 5), ""),
+        ("coherence at the target, lowest", run_figure_wording(result["coherence"]["min"], 5), ""),
         (
             "weakest of several foci, of their mean, lowest",
-            figure_text(result["balance"]["min"], 2),
+            run_figure_wording(result["balance"]["min"], 2),
             "",
         ),
-        ("efficiency of several foci, lowest", figure_text(result["efficiency"]["min"], 2), ""),
-        ("pressure at the focus, mean", figure_text(pressure["mean"], 0), "Pa RMS"),
-        ("pressure at the focus, standard deviation", figure_text(pressure["std"], 0), "Pa RMS"),
-        ("force on a disc of 10 mm radius, mean", figure_text(force["mean"], 2), "mN"),
-        ("force, standard deviation", figure_text(force["std"], 2), "mN"),
-        ("latched after its time, median", figure_text(late["p50"], 0), "µs"),
-        ("latched after its time, 99.9th percentile", figure_text(late["p99.9"], 0), "µs"),
-        ("latched after its time, largest", figure_text(late["max"], 0), "µs"),
+        (
+            "efficiency of several foci, lowest",
+            run_figure_wording(result["efficiency"]["min"], 2),
+            "",
+        ),
+        ("pressure at the focus, mean", run_figure_wording(pressure["mean"], 0), "Pa RMS"),
+        (
+            "pressure at the focus, standard deviation",
+            run_figure_wording(pressure["std"], 0),
+            "Pa RMS",
+        ),
+        ("force on a disc of 10 mm radius, mean", run_figure_wording(force["mean"], 2), "mN"),
+        ("force, standard deviation", run_figure_wording(force["std"], 2), "mN"),
+        ("latched after its time, median", run_figure_wording(late["p50"], 0), "µs"),
+        ("latched after its time, 99.9th percentile", run_figure_wording(late["p99.9"], 0), "µs"),
+        ("latched after its time, largest", run_figure_wording(late["max"], 0), "µs"),
     ]
     return [row for row in rows if row[1] != NOTHING]
 
@@ -162,7 +170,7 @@ def _run_circumstances(result: Mapping[str, Any]) -> dict[str, list[tuple[str, s
         "Host": result.get("host") or {},
         "Environment": result.get("environment") or {},
     }
-    return {title: setting_rows(values) for title, values in parts.items()}
+    return {title: html_setting_rows(values) for title, values in parts.items()}
 
 
 # --- Pictures ----------------------------------------------------------------------------------
@@ -183,7 +191,7 @@ def _run_page_pictures(
     yield embed_picture(
         pictures.draw_run_field(shown, model),
         "Pressure around one focus.",
-        _field_caption(shown, steps),
+        _run_field_caption(shown, steps),
     )
     if any(frame.pressure_rms_pa is not None for frame in run.frames):
         yield embed_picture(
@@ -216,7 +224,7 @@ def _pictures_of_errors(run: RunVerdict, model: AcousticModel) -> Iterator[PageP
     )
 
 
-def _field_caption(shown: FieldPicture | None, steps: int | None) -> str:
+def _run_field_caption(shown: FieldPicture | None, steps: int | None) -> str:
     """Return the caption; *steps* are those of boards whose steps are no bits."""
     if shown is None:
         return "There is none: no frame was sent."
@@ -229,7 +237,8 @@ def _field_caption(shown: FieldPicture | None, steps: int | None) -> str:
         "bits, and not what was latched"
     )
     return (
-        f"Frame {shown.frame.number}, target {frame_place_text(shown.frame)} mm. Above: the plane "
+        f"Frame {shown.frame.number}, target {run_frame_place_text(shown.frame)} mm. "
+        f"Above: the plane "
         "z = target and the vertical plane through the target; below: close-ups of the white "
         "frames. "
         f"Calculated from {source}. The peak need not sit on the focus: diffraction shifts it, "

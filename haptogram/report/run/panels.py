@@ -11,8 +11,8 @@ from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
 
-from ..figures.style import BLUE, ERROR_MAP, GREY, VERMILION, draw_mark
-from ..figures.surroundings import draw_array
+from ..figures.style import BLUE, ERROR_MAP, GREY, VERMILION, draw_figure_mark
+from ..figures.surroundings import draw_array_in_figure
 from .fieldmap import FieldPicture, PanelFieldMap
 from .series import (
     ErrorSeries,
@@ -56,7 +56,7 @@ def foci_panel(figure: Figure, axes: Any, run: RunVerdict, model: AcousticModel)
     seen = [(point, error) for point, error in found if error is not None]
     if seen:
         _measured_foci_panel(figure, axes, seen, size)
-    mark_troubled_frames(axes, frames)
+    mark_troubled_run_frames(axes, frames)
     _equal_panel_scales(axes, np.concatenate([elements, targets, *(p[None] for p, _ in seen)]))
     figure.legend(loc="outside lower center", ncols=4)
     axes.view_init(elev=17.0, azim=-58.0)
@@ -92,7 +92,7 @@ def _measured_foci_panel(
     )
 
 
-def mark_troubled_frames(axes: Any, frames: list[FrameVerdict], axes_count: int = 3) -> None:
+def mark_troubled_run_frames(axes: Any, frames: list[FrameVerdict], axes_count: int = 3) -> None:
     """Mark the frames that are wrong or lost, each kind with a sign of its own."""
     signs = {
         FrameStatus.OFF_TARGET: "x",
@@ -183,7 +183,7 @@ def map_panel(
     if close:
         _mark_panel_foci(axes, field, shown)
         return image
-    draw_array(axes, model.array, *field.axes)
+    draw_array_in_figure(axes, model.array, *field.axes)
     _mark_panel_window(axes, shown.close_upright if field.axes[1] == 2 else shown.close_level)
     fixed = next(axis for axis in range(3) if axis not in field.axes)
     axes.set_title(f"{_AXES[fixed]} = {shown.marks_mm[0][fixed]:.1f} mm")
@@ -202,10 +202,10 @@ def _mark_panel_window(axes: Axes, window: PanelFieldMap) -> None:
 def _mark_panel_foci(axes: Axes, field: PanelFieldMap, shown: FieldPicture) -> None:
     first, second = field.axes
     target, measured = shown.marks_mm
-    draw_mark(axes, target[first], target[second], "target")
+    draw_figure_mark(axes, target[first], target[second], "target")
     if shown.frame.measured_m is not None:
-        draw_mark(axes, measured[first], measured[second], "fitted focus")
-    draw_mark(axes, *field.peak_mm, "peak")
+        draw_figure_mark(axes, measured[first], measured[second], "fitted focus")
+    draw_figure_mark(axes, *field.peak_mm, "peak")
 
 
 # --- Along the object --------------------------------------------------------------------------
@@ -222,22 +222,22 @@ def along_panel(axes: Axes, run: RunVerdict, measure: str, factor: float, label:
     axes.plot(numbers, values, ".", color=BLUE, markersize=2.5 if len(table) > 100 else 5.0)
     axes.set_ylabel(label)
     axes.margins(x=0.02)
-    if (limits := _limits_of_steady(values)) is not None:
+    if (limits := _run_panel_limits(values)) is not None:
         axes.set_ylim(*limits)
     for kind, colour in (("lost", VERMILION), ("late", GREY)):
-        frames_rug(axes, run, kind, colour, lambda frame: frame.number)
+        run_panel_rug(axes, run, kind, colour, lambda frame: frame.number)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="best")
 
 
-def _limits_of_steady(values: FloatArray) -> tuple[float, float] | None:
+def _run_panel_limits(values: FloatArray) -> tuple[float, float] | None:
     """Return limits for values that hardly differ, whose noise would fill an axis; None: others."""
     if np.ptp(values) >= 0.02 * abs(float(values.mean())):
         return None
     return 0.9 * float(values.min()), 1.1 * float(values.max())
 
 
-def frames_rug(
+def run_panel_rug(
     axes: Axes, run: RunVerdict, kind: str, colour: str, place: Callable[[FrameVerdict], float]
 ) -> None:
     """Mark the frames that were lost or late at the foot of the panel."""
@@ -258,7 +258,7 @@ def frames_rug(
         )
 
 
-def object_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:
+def run_object_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:
     """Draw the pressure at the focus, seen from above."""
     frames = [
         f for f in plotted_frames_of_run(run.frames, _MOST_POINTS) if f.pressure_rms_pa is not None
@@ -273,7 +273,7 @@ def object_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
-    if (limits := _limits_of_steady(values)) is not None:
+    if (limits := _run_panel_limits(values)) is not None:
         dots.set_clim(*limits)
     bar = figure.colorbar(dots, ax=axes, label="pressure (kPa RMS)", shrink=0.8)
     bar.ax.ticklabel_format(useOffset=False)

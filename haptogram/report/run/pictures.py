@@ -21,11 +21,11 @@ from .panels import (
     empty_panel,
     error_panel,
     foci_panel,
-    frames_rug,
     lateness_panel,
     map_panel,
-    mark_troubled_frames,
-    object_panel,
+    mark_troubled_run_frames,
+    run_object_panel,
+    run_panel_rug,
 )
 from .series import (
     plotted_bounds_mm,
@@ -88,7 +88,7 @@ def draw_run_along_object(run: RunVerdict) -> Figure:
         along_panel(lower, run, "force_n", 1e3, "force (mN)")
         upper.tick_params(labelbottom=False)
         lower.set_xlabel("frame, in the order of display")
-        object_panel(figure, figure.add_subplot(grid[:, 1]), run)
+        run_object_panel(figure, figure.add_subplot(grid[:, 1]), run)
     return figure
 
 
@@ -114,14 +114,14 @@ def draw_run_misses(run: RunVerdict, model: AcousticModel) -> Figure:
         for axes, axis, name in ((upper, 0, "across"), (lower, 1, "along")):
             _time_panel(axes, run, frames, model, axis, f"{name} the beam (mm)")
         upper.tick_params(labelbottom=False)
-        _name_times(lower)
+        _name_times_of_run_pictures(lower)
         right = figure.add_subplot(grid[:, 1])
-        _object_panel(figure, right, run)
+        _run_picture_of_object(figure, right, run)
         figure_legend(figure)
     return figure
 
 
-def _name_times(axes: Axes) -> None:
+def _name_times_of_run_pictures(axes: Axes) -> None:
     """Name the axis of seconds; a short one in milliseconds, whose numbers have room."""
     if axes.get_xlim()[1] < 0.1:
         axes.xaxis.set_major_formatter(lambda second, _: f"{1e3 * second:g}")
@@ -170,14 +170,14 @@ def _time_panel(
             label="error of a wrong frame",
         )
     for kind, colour in (("lost", VERMILION), ("late", BLACK)):
-        frames_rug(
+        run_panel_rug(
             axes, run, kind, colour, lambda f: ((_pictured_time_us(f) or begin_us) - begin_us) / 1e6
         )
     axes.set(yscale="log", ylabel=label)
     axes.margins(x=0.02, y=0.15)
 
 
-def _object_panel(figure: Figure, axes: Any, run: RunVerdict) -> None:
+def _run_picture_of_object(figure: Figure, axes: Any, run: RunVerdict) -> None:
     """Draw the error over its bound at every focus, seen from above."""
     from matplotlib.colors import LogNorm
 
@@ -204,7 +204,7 @@ def _object_panel(figure: Figure, axes: Any, run: RunVerdict) -> None:
         figure.colorbar(
             dots, ax=axes, label="error / bound of quantisation", format="%g", extend=extend
         )
-    mark_troubled_frames(axes, frames, axes_count=2)
+    mark_troubled_run_frames(axes, frames, axes_count=2)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)

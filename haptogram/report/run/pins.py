@@ -11,12 +11,12 @@ from haptogram.verification.pins.joined import CaptureVerdict
 from haptogram.verification.pins.pin_verdict import PIN_CHECKS
 
 from .check import CheckOutcome, RunCheck
-from .wording import count_text
+from .wording import run_count_wording
 
 _ORDER: Final = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.PASS)
 
 
-def with_captures(
+def run_result_with_captures(
     result: Mapping[str, Any], captures: CaptureVerdict, *, is_run_judged: bool
 ) -> dict[str, Any]:
     """Return the *result* of a run with the verdict of its captures: the worse of both counts.
@@ -41,7 +41,7 @@ def with_captures(
     }
 
 
-def sentence_of_result(run: RunVerdict, result: Mapping[str, Any]) -> str:
+def run_result_sentence(run: RunVerdict, result: Mapping[str, Any]) -> str:
     """Return the verdict and its reason: of a run, and of the captures of its pins."""
     if "captures" not in result:
         return run.sentence
@@ -50,16 +50,16 @@ def sentence_of_result(run: RunVerdict, result: Mapping[str, Any]) -> str:
     return f"{result['verdict'].upper()}: {'; '.join(result['reasons']) or every}"
 
 
-def capture_checks(captures: Mapping[str, Any]) -> Iterator[RunCheck]:
+def run_capture_checks(captures: Mapping[str, Any]) -> Iterator[RunCheck]:
     """Yield the checks of the ``captures`` of a result."""
     several = len(captures["captures"]) > 1
     for one in captures["captures"]:
         for name, statement in PIN_CHECKS.items():
             where = f"{one['capture']}: " if several else ""
-            yield _check(one, name, f"drive pins: {where}{statement}")
+            yield _run_capture_check(one, name, f"drive pins: {where}{statement}")
 
 
-def _check(one: Mapping[str, Any], name: str, statement: str) -> RunCheck:
+def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> RunCheck:
     found = one["findings"].get(name, ())
     if found:
         message = found[0] if len(found) == 1 else f"{len(found)} findings"
@@ -70,18 +70,18 @@ def _check(one: Mapping[str, Any], name: str, statement: str) -> RunCheck:
             text = "; ".join(missing)
             return RunCheck(f"pins_{name}", statement, CheckOutcome.INCONCLUSIVE, text)
         frames = one["frames"]
-        text = f"{frames['judged']} of {count_text(frames['intended'], 'frame')}"
+        text = f"{frames['judged']} of {run_count_wording(frames['intended'], 'frame')}"
         return RunCheck(f"pins_{name}", statement, CheckOutcome.PASSED, text)
     if not one["frames"]["judged"]:
         return RunCheck(f"pins_{name}", statement, CheckOutcome.NOT_JUDGED, "no frame was judged")
     if name in one["not_judged"]:
         why = one["not_judged"][name]
         return RunCheck(f"pins_{name}", statement, CheckOutcome.NOT_JUDGED, why)
-    text = f"none of {count_text(len(one['elements']), 'captured element')}"
+    text = f"none of {run_count_wording(len(one['elements']), 'captured element')}"
     return RunCheck(f"pins_{name}", statement, CheckOutcome.PASSED, text)
 
 
-def capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
+def run_capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
     """Yield the verdict of the captures, sentence by sentence."""
     seen, count = len(captures["elements"]), captures["elements_of_array"]
     yield (
@@ -91,7 +91,8 @@ def capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
     for one in captures["captures"]:
         frames = one["frames"]
         yield (
-            f"{one['capture']}: {frames['judged']} of {count_text(frames['intended'], 'frame')} "
+            f"{one['capture']}: {frames['judged']} of "
+            f"{run_count_wording(frames['intended'], 'frame')} "
             f"judged; {one['sample_rate_hz'] / 1e6:g} Msamples/s show no phase error below "
             f"{one['smallest_phase_error_deg']:.2f} degrees; carrier {one['carrier_hz']:.2f} Hz "
             f"({one['carrier_drift_ppm']:+.1f} ppm on the analyser's clock)."
@@ -100,7 +101,7 @@ def capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
         yield f"By the pins alone there is no field and no focus: {captures['no_field']}."
 
 
-def capture_figures(captures: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+def run_capture_figures(captures: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Yield the key figures of the captures: what, value, unit."""
     errors = [one["phase_error_deg"] for one in captures["captures"]]
     known = [error for error in errors if error is not None]

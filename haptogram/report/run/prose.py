@@ -8,8 +8,8 @@ from typing import Any, Final
 from haptogram.records.frame import Evidence
 from haptogram.verification import Tolerance, cut_run_verdict_text, tolerance_text
 
-from .pins import capture_sentences
-from .wording import count_text, run_host_delay_text
+from .pins import run_capture_sentences
+from .wording import run_count_wording, run_host_delay_text
 
 _EVIDENCE: Final = {
     Evidence.EXTERNAL: "External: what was radiated was recorded beside the board's own answers "
@@ -52,12 +52,12 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the outcome of the run, sentence by sentence."""
     frames = result["frames"]
     if "captures" in result:
-        yield from capture_sentences(result["captures"])
+        yield from run_capture_sentences(result["captures"])
     if not result.get("run_judged", True):
         yield from [f"Why: {'; '.join(result['reasons'])}."] if result["reasons"] else []
         return
     yield (
-        f"{count_text(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
+        f"{run_count_wording(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
         f"{frames['verified']} verified, {frames['on_target']} of them on target"
         f"{cut_run_verdict_text(frames)}."
     )
@@ -68,7 +68,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     if result["smallest_miss_mm"] is not None:
         yield (
             f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: a smaller one "
-            f"could come from the rounding of the phases{_tolerance_sentence_end(result)}."
+            f"could come from the rounding of the phases{_run_tolerance_sentence_end(result)}."
         )
     if (delay := run_host_delay_text(result)) is not None:
         yield f"{delay[0].upper()}{delay[1:]}."
@@ -76,7 +76,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
 
 
-def _tolerance_sentence_end(result: Mapping[str, Any]) -> str:
+def _run_tolerance_sentence_end(result: Mapping[str, Any]) -> str:
     stated = tolerance_text(Tolerance(**result["tolerance"]))
     return " alone" if stated == "none" else f", on top of a tolerance of {stated}"
 
@@ -96,7 +96,7 @@ def run_limits_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     due = frames["sent"] - frames["cancelled"]
     unseen = due - frames["verified"]
     if unseen:
-        yield f"{count_text(unseen, 'frame')} of {due} could not be verified at all."
+        yield f"{run_count_wording(unseen, 'frame')} of {due} could not be verified at all."
     if result["cut_short"] is not None:
         yield f"What would have come later: the run was {result['cut_short']}."
     if result["smallest_miss_mm"] is not None:

@@ -91,14 +91,14 @@ def run_environment() -> dict[str, str | int | None]:
     """Return versions of Python and packages, and the machine, without its name, user or date."""
     return {
         "python": platform.python_version(),
-        **{name: _version_in_result(name) for name in _PACKAGES},
+        **{name: _version_in_run_result(name) for name in _PACKAGES},
         "platform": platform.platform(),
         "machine": platform.machine(),
         "cpus": os.cpu_count(),
     }
 
 
-def frame_dict(frame: FrameVerdict) -> dict[str, Any]:
+def run_frame_dict(frame: FrameVerdict) -> dict[str, Any]:
     """Return the verdict on one frame for JSON, with its join key and its line of text."""
     fields = {item.name: getattr(frame, item.name) for item in dataclasses.fields(frame)}
     key = fields.pop("key")
@@ -119,7 +119,7 @@ def write_run_json(path: Path, result: Mapping[str, Any]) -> None:
     files.write_json_file(path, _plain_run_result(result))
 
 
-def _version_in_result(package: str) -> str | None:
+def _version_in_run_result(package: str) -> str | None:
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -157,7 +157,7 @@ def _plain_run_result(value: Any) -> Any:
     return str(value)
 
 
-def write_frame_lines(path: Path, run: RunVerdict) -> None:
+def write_run_frame_lines(path: Path, run: RunVerdict) -> None:
     """Write a line for each frame: its verdict, and the evidence for the verdict.
 
     Raises

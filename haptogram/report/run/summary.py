@@ -9,9 +9,9 @@ from haptogram.verification import RunVerdict
 
 from ..formats.job_summary import Finding, JobSummary, Level
 from .check import CheckOutcome
-from .checks import checks_of_result
-from .pins import sentence_of_result
-from .wording import faults_and_troubles_text
+from .checks import run_checks_of_result
+from .pins import run_result_sentence
+from .wording import run_faults_wording
 
 _LEVELS: Final = {
     CheckOutcome.FAILED: Level.ERROR,
@@ -22,7 +22,7 @@ _LEVELS: Final = {
 
 def run_summary(run: RunVerdict, result: Mapping[str, Any]) -> JobSummary:
     """Return the summary of *run*, of which *result* is the dictionary for JSON."""
-    checks = [c for c in checks_of_result(run, result) if c.outcome in _LEVELS]
+    checks = [c for c in run_checks_of_result(run, result) if c.outcome in _LEVELS]
     checks.sort(key=lambda check: not check.decisive)
     findings = [
         Finding(
@@ -32,9 +32,9 @@ def run_summary(run: RunVerdict, result: Mapping[str, Any]) -> JobSummary:
         )
         for check in checks
     ]
-    sentence = sentence_of_result(run, result)
+    sentence = run_result_sentence(run, result)
     lines = str(run).splitlines()[1:] if result.get("run_judged", True) else []
     lines += result["captures"]["text"].splitlines()[1:] if "captures" in result else []
     warnings = [f"warning: {text}" for text in result["warnings"]]
-    facts = [line.strip() for line in lines] + [*faults_and_troubles_text(result), *warnings]
+    facts = [line.strip() for line in lines] + [*run_faults_wording(result), *warnings]
     return JobSummary("verify", sentence, findings, facts)

@@ -15,27 +15,27 @@ from haptogram.verification import (
 NOTHING = "–"
 
 
-def figure_text(value: float | None, digits: int = 3) -> str:
+def run_figure_wording(value: float | None, digits: int = 3) -> str:
     """Return *value* with *digits* decimals; a dash if there is none."""
     return NOTHING if value is None else f"{value:.{digits}f}"
 
 
-def count_text(number: int, noun: str) -> str:
+def run_count_wording(number: int, noun: str) -> str:
     """Return "1 frame", "2 frames"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def frame_text(frame: FrameVerdict) -> str:
+def run_frame_wording(frame: FrameVerdict) -> str:
     """Return number and time of a frame, its faults and their consequence, in one line."""
     return "; ".join(
         [
-            f"frame {frame.number} {_frame_time_text(frame)}: {frame.status}",
-            *_frame_findings_text(frame),
+            f"frame {frame.number} {_run_frame_time_wording(frame)}: {frame.status}",
+            *_run_frame_findings_wording(frame),
         ]
     )
 
 
-def _frame_time_text(frame: FrameVerdict) -> str:
+def _run_frame_time_wording(frame: FrameVerdict) -> str:
     place = f"(sequence {frame.key.sequence}, loop {frame.key.loop}, index {frame.key.index})"
     if frame.key.sequence == 0:
         place = f"(stream index {frame.key.index})"
@@ -43,9 +43,9 @@ def _frame_time_text(frame: FrameVerdict) -> str:
     return f"{place}, {due}"
 
 
-def _frame_findings_text(frame: FrameVerdict) -> Iterator[str]:
+def _run_frame_findings_wording(frame: FrameVerdict) -> Iterator[str]:
     if (frame.late or frame.early) and frame.lateness_us is not None:
-        yield f"latched {timeliness_text(frame)}"
+        yield f"latched {run_timeliness_wording(frame)}"
     if frame.latches > 1:
         yield f"latched {frame.latches} times"
     yield from frame.faults
@@ -53,7 +53,7 @@ def _frame_findings_text(frame: FrameVerdict) -> Iterator[str]:
     if failed:
         yield f"{', '.join(failed)} failed"
     if frame.status is not FrameStatus.ON_TARGET and frame.lateral_error_mm is not None:
-        yield f"focus {focus_place_text(frame)}"
+        yield f"focus {run_focus_place_wording(frame)}"
     if (pressure := verdict_pressure_text(frame)) is not None:
         yield pressure
     if frame.consequence is not None:
@@ -62,14 +62,14 @@ def _frame_findings_text(frame: FrameVerdict) -> Iterator[str]:
         yield frame.note
 
 
-def timeliness_text(frame: FrameVerdict) -> str:
+def run_timeliness_wording(frame: FrameVerdict) -> str:
     """Return the time by which a frame was latched early or late."""
     if frame.lateness_us is None:
         return NOTHING
     return f"{abs(frame.lateness_us)} µs {'early' if frame.lateness_us < 0 else 'late'}"
 
 
-def focus_place_text(frame: FrameVerdict) -> str:
+def run_focus_place_wording(frame: FrameVerdict) -> str:
     """Return the distance of the focus from its target."""
     if frame.lateral_error_mm is None:
         return NOTHING
@@ -78,10 +78,10 @@ def focus_place_text(frame: FrameVerdict) -> str:
     return f"{frame.lateral_error_mm:.3f} mm across{along}"
 
 
-def faults_and_troubles_text(result: Mapping[str, Any]) -> Iterator[str]:
+def run_faults_wording(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the planned faults that fired, the host's own delay, and the damage on the line."""
     if "faults" in result:
-        yield f"faults on purpose: {_fired_faults_text(result['faults'])}"
+        yield f"faults on purpose: {_run_fired_faults_wording(result['faults'])}"
     if (delay := run_host_delay_text(result)) is not None:
         yield f"host: {delay}"
     sides = [
@@ -97,15 +97,17 @@ def run_host_delay_text(result: Mapping[str, Any]) -> str | None:
     host = result.get("host")
     if not host or not host["skipped"]:
         return None
-    skipped = count_text(len(host["skipped"]), "frame")
+    skipped = run_count_wording(len(host["skipped"]), "frame")
     return (
         "this machine, not the board, was held up, for up to "
         f"{host['tick_lateness_us_max'] / 1e3:.0f} ms: too late to send {skipped}"
     )
 
 
-def _fired_faults_text(faults: Mapping[str, Any]) -> str:
+def _run_fired_faults_wording(faults: Mapping[str, Any]) -> str:
     if faults["fired"] is None:
         return f"{', '.join(faults['plan'])}; the board did not report how often each fired"
-    times = (f"{name} {count_text(number, 'time')}" for name, number in faults["fired"].items())
+    times = (
+        f"{name} {run_count_wording(number, 'time')}" for name, number in faults["fired"].items()
+    )
     return f"{', '.join(times)}; seed {faults['seed']}"

@@ -28,7 +28,7 @@ def write_soak_junit(
     totals = {f"totals.{name}": str(n) for name, n in sorted(campaign.tally.totals.items())}
     suite = JUnitSuite(
         "haptogram.soak",
-        tuple(_cases(campaign)),
+        tuple(_soak_junit_cases(campaign)),
         properties | totals | dict(provenance.rows()),
         "\n".join([content.soak_sentence(campaign), *content.soak_conditions(campaign)]),
         provenance.timestamp,
@@ -37,7 +37,7 @@ def write_soak_junit(
     write_junit(path, suite)
 
 
-def _cases(campaign: SoakCampaign) -> Iterator[JUnitCase]:
+def _soak_junit_cases(campaign: SoakCampaign) -> Iterator[JUnitCase]:
     for name, statement in VIOLATIONS.items():
         count = campaign.failures.get(name, 0)
         if count:

@@ -44,7 +44,7 @@ def draw_soak_course(campaign: SoakCampaign) -> Figure:
         frames.set(ylabel="frames per second")
         late.stairs(np.array(column("latest_us")) / 1e3, edges, color=BLACK, label="latest frame")
         late.set(ylabel="after its time (ms)")
-        _draw_violations(wrong, np.array(column("violations")), edges)
+        _draw_soak_violations(wrong, np.array(column("violations")), edges)
         wrong.set(
             ylabel="violations",
             xlabel=f"virtual time ({unit})",
@@ -57,7 +57,7 @@ def draw_soak_course(campaign: SoakCampaign) -> Figure:
     return figure
 
 
-def _draw_violations(axes: Axes, counts: np.ndarray, edges: np.ndarray) -> None:
+def _draw_soak_violations(axes: Axes, counts: np.ndarray, edges: np.ndarray) -> None:
     """Draw a bar for each interval with violations, at least as wide as can be seen."""
     if counts.any():
         middles, least = (edges[1:] + edges[:-1]) / 2.0, edges[-1] / 200.0

@@ -90,7 +90,7 @@ class ShownFrame:
         return self.status not in (FrameStatus.ON_TARGET, LATCHED, SENT) or self.timing != TIMELY
 
 
-def judged_frame(field: Callable[[str], Any], text: str) -> ShownFrame:
+def judged_viewer_frame(field: Callable[[str], Any], text: str) -> ShownFrame:
     """Return a frame with a verdict, of a run or of a recording of one.
 
     Parameters
@@ -117,7 +117,7 @@ def judged_frame(field: Callable[[str], Any], text: str) -> ShownFrame:
     )
 
 
-def found_fields(field: Reconstruction | None) -> dict[str, Any]:
+def found_fields_of_viewer(field: Reconstruction | None) -> dict[str, Any]:
     """Return focus, bounds and pressure of a reconstruction, as fields of :class:`ShownFrame`."""
     if isinstance(field, NotSingle):
         return {"pressure_pa": field.pressure_rms_pa}
@@ -131,7 +131,7 @@ def found_fields(field: Reconstruction | None) -> dict[str, Any]:
     }
 
 
-def odd_texts(frames: Iterable[ShownFrame]) -> dict[str, str]:
+def odd_frames_of_viewer(frames: Iterable[ShownFrame]) -> dict[str, str]:
     """Return the findings about the first 500 frames that want attention, by number."""
     odd = ((str(frame.number), frame.text) for frame in frames if frame.is_odd and frame.text)
     return dict(islice(odd, _MOST_TEXTS))
@@ -143,16 +143,16 @@ def frame_columns(frames: Sequence[ShownFrame], count: int) -> dict[str, NDArray
         "number": np.array([f.number for f in frames], dtype=np.uint32),
         "status": np.array([STATUSES.index(f.status) for f in frames], dtype=np.uint8),
         "timing": np.array([f.timing for f in frames], dtype=np.uint8),
-        "due_us": _shown_frame_numbers(frames, lambda f: f.due_us).astype(np.float64),
-        "latched_us": _shown_frame_numbers(frames, lambda f: f.latched_us).astype(np.float64),
-        "margin_ms": 1e-3 * _shown_frame_numbers(frames, lambda f: f.margin_us).astype(np.float32),
-        "target_mm": _shown_frame_places(f.target_m for f in frames) * np.float32(1e3),
-        "found_mm": _shown_frame_places(f.found_m for f in frames) * np.float32(1e3),
-        "bound_mm": _shown_frame_places(f.bound_mm for f in frames),
-        "across_mm": _shown_frame_numbers(frames, lambda f: f.across_mm).astype(np.float32),
-        "along_mm": _shown_frame_numbers(frames, lambda f: f.along_mm).astype(np.float32),
-        "pressure_pa": _shown_frame_numbers(frames, lambda f: f.pressure_pa).astype(np.float32),
-        "force_mn": 1e3 * _shown_frame_numbers(frames, lambda f: f.force_n).astype(np.float32),
+        "due_us": _viewer_frame_numbers(frames, lambda f: f.due_us).astype(np.float64),
+        "latched_us": _viewer_frame_numbers(frames, lambda f: f.latched_us).astype(np.float64),
+        "margin_ms": 1e-3 * _viewer_frame_numbers(frames, lambda f: f.margin_us).astype(np.float32),
+        "target_mm": _viewer_frame_places(f.target_m for f in frames) * np.float32(1e3),
+        "found_mm": _viewer_frame_places(f.found_m for f in frames) * np.float32(1e3),
+        "bound_mm": _viewer_frame_places(f.bound_mm for f in frames),
+        "across_mm": _viewer_frame_numbers(frames, lambda f: f.across_mm).astype(np.float32),
+        "along_mm": _viewer_frame_numbers(frames, lambda f: f.along_mm).astype(np.float32),
+        "pressure_pa": _viewer_frame_numbers(frames, lambda f: f.pressure_pa).astype(np.float32),
+        "force_mn": 1e3 * _viewer_frame_numbers(frames, lambda f: f.force_n).astype(np.float32),
         **view_drive_columns([f.drive for f in frames], count),
     }
 
@@ -175,12 +175,12 @@ def view_drive_columns(drives: Sequence[Drive | None], count: int) -> dict[str, 
     return {"seen": seen, "phases": phases, "amplitudes": amplitudes}
 
 
-def _shown_frame_numbers(
+def _viewer_frame_numbers(
     frames: Sequence[ShownFrame], value: Callable[[ShownFrame], float | None]
 ) -> NDArray[np.float64]:
     return np.array([value(frame) for frame in frames], dtype=np.float64)
 
 
-def _shown_frame_places(places: Iterable[Place]) -> NDArray[np.float32]:
+def _viewer_frame_places(places: Iterable[Place]) -> NDArray[np.float32]:
     rows = [(None, None, None) if place is None else tuple(place) for place in places]
     return np.array(rows, dtype=np.float64).reshape(-1, 3).astype(np.float32)

@@ -12,11 +12,11 @@ from haptogram.acoustics import Drive, NotSingle, Reconstruction, saturated_weig
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
-from haptogram.machine.terminal import printable_text
+from haptogram.machine.terminal import printable_on_terminal
 from haptogram.records.frame import FrameKey, Intended, Observation
 
-from .frames import LATE, TIMELY, Place, ShownFrame, found_fields
-from .scene import Scene, other_axes
+from .frames import LATE, TIMELY, Place, ShownFrame, found_fields_of_viewer
+from .scene import Scene, other_axes_of_viewer
 
 KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
 _OF_THE_WATCH: Final = frozenset({"wire_compared", "client_left"})  # nothing for a reader
@@ -24,7 +24,7 @@ _LONGEST_NAME: Final = 80  # characters of the name of a board
 _AT_ONCE: Final = 2_000  # frames in one answer: a megabyte
 
 
-def target_line(intended: Intended) -> bytes:
+def viewer_target_line(intended: Intended) -> bytes:
     """Return the line that tells a view the first target of a frame."""
     key = intended.key
     fields = [key.session, key.sequence, key.loop, key.index, intended.foci[0].position_m]
@@ -58,10 +58,10 @@ class LiveScene:
         if board["kind"] != "board" or "firmware" not in board:
             raise ConfigurationError("the first record of a back door must be of the board")
         self.model = board_model_of_evidence(board)
-        name = printable_text(str(board.get("dialect") or board["firmware"]))
+        name = printable_on_terminal(str(board.get("dialect") or board["firmware"]))
         self.firmware = name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…"
         self._channels = board.get("channels", ())
-        self._client_axes = other_axes(board.get("client_axes"))
+        self._client_axes = other_axes_of_viewer(board.get("client_axes"))
         self._has_states = "dialect" not in board  # those of other dialects have none
         self._remark = ""
         self.shown = 0
@@ -72,7 +72,7 @@ class LiveScene:
         self._state = ""
 
     def expect(self, lines: Iterable[bytes]) -> None:
-        """Take the targets of frames that will be latched, as :func:`target_line` writes them."""
+        """Take the targets of frames to be latched, as :func:`viewer_target_line` writes them."""
         for line in lines:
             try:
                 session, sequence, loop, index, (x, y, z) = json.loads(line)
@@ -161,7 +161,7 @@ class LiveScene:
                 received_us=received_us,
                 target_m=target_m,
                 drive=drive,
-                **found_fields(field),
+                **found_fields_of_viewer(field),
             )
         )
         self.shown += 1
@@ -173,7 +173,7 @@ class LiveScene:
         if record["event"] == "state":
             self._state = f"{record['state']} ({record['reason']})"
         elif record["event"] == "remark":
-            self._remark = printable_text(record["text"])
+            self._remark = printable_on_terminal(record["text"])
         elif record["event"] not in _OF_THE_WATCH:
             self._counters[record["event"].replace("_", " ")] += 1
 

@@ -21,7 +21,7 @@ from haptogram.evidence.recordings.sent_frames import (
 )
 from haptogram.records.frame import FrameKey
 
-from .frames import SENT, ShownFrame, found_fields, judged_frame
+from .frames import SENT, ShownFrame, found_fields_of_viewer, judged_viewer_frame
 from .live import LiveScene
 from .scene import Scene
 
@@ -47,7 +47,7 @@ class RecordedScene:
     verdict: str
 
 
-def recorded_scene(path: Path) -> RecordedScene:
+def viewer_scene_of_recording(path: Path) -> RecordedScene:
     """Return the scene of a recording.
 
     Raises
@@ -57,11 +57,11 @@ def recorded_scene(path: Path) -> RecordedScene:
     """
     recording = Recording(path)
     board = recording.board
-    judged = _shown_judged_frames(recording)
+    judged = _viewer_frames_judged(recording)
     if board is None:
-        scene, lead = _scene_of_the_line(recording, judged)
+        scene, lead = _viewer_scene_of_the_line(recording, judged)
     elif judged:
-        scene, lead = _recorded_scene_of(
+        scene, lead = _viewer_scene_of(
             board_model_of_evidence(board), list(judged.values()), path, "judged frames"
         )
     else:
@@ -71,11 +71,13 @@ def recorded_scene(path: Path) -> RecordedScene:
     end = [] if recording.is_whole else ["The recording was cut off."]
     command = recording.run.get("command", "")
     return RecordedScene(
-        scene, [f"{command}: {lead[0]}", *_versions(recording), *end], _verdict(recording)
+        scene,
+        [f"{command}: {lead[0]}", *_versions_in_viewer(recording), *end],
+        _verdict_in_viewer(recording),
     )
 
 
-def _versions(recording: Recording) -> list[str]:
+def _versions_in_viewer(recording: Recording) -> list[str]:
     """Return the sentence that names the programs by which the recording was written."""
     versions = recording.run.get("versions")
     if not isinstance(versions, dict) or not versions:
@@ -83,12 +85,12 @@ def _versions(recording: Recording) -> list[str]:
     return [f"Recorded with {', '.join(f'{name} {text}' for name, text in versions.items())}."]
 
 
-def _verdict(recording: Recording) -> str:
+def _verdict_in_viewer(recording: Recording) -> str:
     verdicts = [entry.fields.get("verdict") for entry in recording.entries((SUMMARY,))]
     return str(verdicts[-1] or "") if verdicts else ""
 
 
-def _recorded_scene_of(
+def _viewer_scene_of(
     model: AcousticModel, frames: list[ShownFrame], path: Path, what: str
 ) -> tuple[Scene, list[str]]:
     more = f", the first {_MOST_FRAMES} of {path.name}" if len(frames) == _MOST_FRAMES else ""
@@ -96,7 +98,7 @@ def _recorded_scene_of(
     return scene, [f"{model.array.count} transducers, {len(frames)} {what}{more}."]
 
 
-def _scene_of_the_line(
+def _viewer_scene_of_the_line(
     recording: Recording, judged: dict[FrameKey, ShownFrame]
 ) -> tuple[Scene, list[str]]:
     """Return the scene of a board whose output nobody recorded, with the drives that were sent."""
@@ -115,13 +117,13 @@ def _scene_of_the_line(
                 judged[frame.key] = replace(known, drive=frame.drive)
         frames, what = list(judged.values()), "judged frames"
     else:
-        frames, what = list(_shown_sent_frames(model, islice(sent, _MOST_FRAMES))), "frames"
-    scene, lead = _recorded_scene_of(model, frames, path, what)
+        frames, what = list(_viewer_frames_sent(model, islice(sent, _MOST_FRAMES))), "frames"
+    scene, lead = _viewer_scene_of(model, frames, path, what)
     lead[0] += " Drives are those that the host sent: nobody recorded what was radiated."
     return scene, lead
 
 
-def _shown_sent_frames(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[ShownFrame]:
+def _viewer_frames_sent(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[ShownFrame]:
     """Yield the frames that nobody saw latched, with the focus of the drive that was sent."""
     reconstructor, searches = Reconstructor(model), _MOST_SEARCHES
     for number, frame in enumerate(sent):
@@ -135,17 +137,17 @@ def _shown_sent_frames(model: AcousticModel, sent: Iterable[SentFrame]) -> Itera
             due_us=frame.due_us,
             target_m=frame.focus_m,
             drive=frame.drive,
-            **found_fields(field),
+            **found_fields_of_viewer(field),
         )
 
 
-def _shown_judged_frames(recording: Recording) -> dict[FrameKey, ShownFrame]:
+def _viewer_frames_judged(recording: Recording) -> dict[FrameKey, ShownFrame]:
     """Return the first frames that have a verdict, with the drive that was seen of each."""
     judged: dict[FrameKey, ShownFrame] = {}
     for entry in islice(recording.entries((VERDICT,)), _MOST_FRAMES):
         fields = entry.fields
         key = FrameKey(*(fields[name] for name in ("session", "sequence", "loop", "index")))
-        judged[key] = judged_frame(fields.__getitem__, fields["text"])
+        judged[key] = judged_viewer_frame(fields.__getitem__, fields["text"])
     # A recording has its latches before its verdicts: only those of judged frames are kept.
     for record in recording.records() if judged else ():
         if record["kind"] != "latch":

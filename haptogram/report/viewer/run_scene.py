@@ -9,11 +9,11 @@ from haptogram.acoustics import AcousticModel
 from haptogram.records.frame import Observation
 from haptogram.verification import RunVerdict
 
-from .frames import judged_frame
+from .frames import judged_viewer_frame
 from .scene import Scene
 
 
-def run_scene(
+def viewer_scene_of_run(
     run: RunVerdict, model: AcousticModel, observations: Mapping[int, Observation]
 ) -> Scene:
     """Return the scene of *run*.
@@ -28,7 +28,7 @@ def run_scene(
     return Scene.of(
         model,
         [
-            judged_frame(partial(getattr, frame), str(frame)).observed(
+            judged_viewer_frame(partial(getattr, frame), str(frame)).observed(
                 observations.get(frame.number)
             )
             for frame in run.frames

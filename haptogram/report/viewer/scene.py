@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import AcousticModel, RectangularPiston
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, MAX_PHASE_BITS
 
-from .frames import STATUSES, ShownFrame, frame_columns, odd_texts
+from .frames import STATUSES, ShownFrame, frame_columns, odd_frames_of_viewer
 
 MAGIC: Final = b"HGV1"
 _ALIGNMENT: Final = 8
@@ -67,23 +67,25 @@ class Scene:
         """
         return cls(
             {
-                **_scene_constants(model),
+                **_viewer_constants(model),
                 "statuses": STATUSES,
                 "counters": dict(counters or {}),
-                "texts": odd_texts(frames),
+                "texts": odd_frames_of_viewer(frames),
                 "client_axes": None if client_axes is None else [*map(list, client_axes)],
             },
-            {**_scene_elements(model), **frame_columns(frames, model.array.count)},
+            {**_viewer_elements(model), **frame_columns(frames, model.array.count)},
         )
 
     def pack(self) -> bytes:
         """Return the bytes of the scene."""
         named = {name: np.ascontiguousarray(values) for name, values in self.columns.items()}
-        layout = [[name, _scene_value_type(values), values.shape] for name, values in named.items()]
+        layout = [
+            [name, _viewer_value_type(values), values.shape] for name, values in named.items()
+        ]
         header = json.dumps({**self.header, "columns": layout}, allow_nan=False).encode()
         start = MAGIC + struct.pack("<I", len(header)) + header
         return b"".join(
-            _padded_scene_data(part) for part in (start, *(v.tobytes() for v in named.values()))
+            _padded_viewer_data(part) for part in (start, *(v.tobytes() for v in named.values()))
         )
 
     def embedded(self) -> str:
@@ -91,14 +93,16 @@ class Scene:
         return base64.b64encode(zlib.compress(self.pack(), 9)).decode("ascii")
 
 
-def other_axes(client_axes: Sequence[Sequence[float]] | None) -> Sequence[Sequence[float]] | None:
+def other_axes_of_viewer(
+    client_axes: Sequence[Sequence[float]] | None,
+) -> Sequence[Sequence[float]] | None:
     """Return the axes of a board's own programs, ours = rows @ theirs; None where they are ours."""
     return None if client_axes is None or np.array_equal(client_axes, np.eye(3)) else client_axes
 
 
-def _scene_constants(model: AcousticModel) -> dict[str, Any]:
+def _viewer_constants(model: AcousticModel) -> dict[str, Any]:
     """Return the constants of array and medium that the field needs."""
-    rectangle = _scene_rectangle(model)
+    rectangle = _viewer_rectangle(model)
     return {
         "sides_mm": [1e3 * rectangle.width_m, 1e3 * rectangle.height_m] if rectangle else [],
         "wavelength_mm": 1e3 * model.wavelength_m,
@@ -110,7 +114,7 @@ def _scene_constants(model: AcousticModel) -> dict[str, Any]:
     }
 
 
-def _scene_elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
+def _viewer_elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
     """Return places, normals, responses and directivity of the elements.
 
     A directivity that depends on the direction around the axis has no table, ``gains`` is empty;
@@ -121,7 +125,7 @@ def _scene_elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
     cosines = np.linspace(0.0 if directivity.baffled else -1.0, 1.0, _GAINS)
     tabled = not hasattr(directivity, "gain_towards")
     gains = directivity.gain(cosines, model.wavenumber) if tabled else np.empty(0)
-    rectangle = _scene_rectangle(model)
+    rectangle = _viewer_rectangle(model)
     width_axes = rectangle.side_axes(array.normals)[0] if rectangle else np.empty((0, 3))
     return {
         "positions_mm": (1e3 * array.positions_m).astype(np.float32),
@@ -132,17 +136,17 @@ def _scene_elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
     }
 
 
-def _scene_rectangle(model: AcousticModel) -> RectangularPiston | None:
+def _viewer_rectangle(model: AcousticModel) -> RectangularPiston | None:
     directivity = model.transducer.directivity
     return directivity if isinstance(directivity, RectangularPiston) else None
 
 
-def _scene_value_type(values: NDArray[Any]) -> str:
+def _viewer_value_type(values: NDArray[Any]) -> str:
     for name, kind in _TYPES.items():
         if values.dtype == kind:
             return name
     raise TypeError(f"a column of {values.dtype}, must be one of {', '.join(_TYPES)}")
 
 
-def _padded_scene_data(data: bytes) -> bytes:
+def _padded_viewer_data(data: bytes) -> bytes:
     return data + bytes(-len(data) % _ALIGNMENT)

@@ -144,7 +144,7 @@ class _ViewHandler(http.server.BaseHTTPRequestHandler):
             self._answer(view.page.encode(), "text/html; charset=utf-8")
         elif secrets.compare_digest(path.encode(), f"{view.path}frames".encode()):
             self._answer(
-                view.frames_after(_whole_number_in_query(query)), "application/octet-stream"
+                view.frames_after(_whole_number_in_view_query(query)), "application/octet-stream"
             )
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
@@ -165,7 +165,7 @@ class _ViewHandler(http.server.BaseHTTPRequestHandler):
         """Say nothing: the terminal belongs to the board."""
 
 
-def _whole_number_in_query(query: str) -> int:
+def _whole_number_in_view_query(query: str) -> int:
     """Return the number of frames that a page has, as its request says; 0 if it says none."""
     text = parse_qs(query).get("after", ["0"])[0]
     return int(text) if text.isdecimal() and len(text) < 16 else 0

@@ -3,13 +3,13 @@
 from .junit import write_watch_junit
 from .page import WatchPage
 from .summary import watch_summary
-from .words import client_places_mm, pattern_text, place_text
+from .words import watched_client_places_mm, watched_pattern_text, watched_place_text
 
 __all__ = [
     "WatchPage",
-    "client_places_mm",
-    "pattern_text",
-    "place_text",
     "watch_summary",
+    "watched_client_places_mm",
+    "watched_pattern_text",
+    "watched_place_text",
     "write_watch_junit",
 ]

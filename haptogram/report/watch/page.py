@@ -20,9 +20,9 @@ from haptogram.verification import FrameStatus, Verdict
 from haptogram.verification.watch import Defect, WatchedLatch, WatchResult
 
 from ..formats.html import write_html_page
-from ..viewer.frames import ShownFrame, judged_frame
-from ..viewer.scene import Scene, other_axes
-from .words import pattern_text, place_text
+from ..viewer.frames import ShownFrame, judged_viewer_frame
+from ..viewer.scene import Scene, other_axes_of_viewer
+from .words import watched_pattern_text, watched_place_text
 
 _KEPT: Final = 5_000  # latches of the view: some 3 MB of a page
 _LATCH_HEAD: Final = ("latch", "device time (s)", "cause", "pattern", "verdict", "strange")
@@ -107,7 +107,7 @@ class WatchPage:
     def _scene(self, frames: list[ShownFrame]) -> str | None:
         if not frames:
             return None
-        axes = other_axes(self._board.client_axes)
+        axes = other_axes_of_viewer(self._board.client_axes)
         return Scene.of(self._board.model, frames, client_axes=axes).embedded()
 
     def _lead(self, result: WatchResult) -> list[str]:
@@ -136,14 +136,14 @@ class WatchPage:
             str(latch.number),
             "" if latch.t_us is None else f"{latch.t_us / 1e6:.6f}",
             latch.cause,
-            pattern_text(seen.pattern, self._board),
+            watched_pattern_text(seen.pattern, self._board),
             told + (f" ({', '.join(failed)})" if failed else ""),
             "; ".join(strange),
         )
 
     def _expected_rows(self, expected_m: Sequence[FloatArray]) -> list[tuple[str, str]]:
         return [
-            (str(number), ", ".join(map(place_text, self._board.clients_m(foci))))
+            (str(number), ", ".join(map(watched_place_text, self._board.clients_m(foci))))
             for number, foci in enumerate(expected_m[:_LISTED], start=1)
         ]
 
@@ -161,7 +161,7 @@ def _shown_watched_frame(seen: WatchedLatch) -> ShownFrame:
     latch, pattern = seen.latch, seen.pattern
     drive = Drive.from_weights(saturated_weights(np.nan_to_num(latch.weights)))
     if (verdict := seen.verdict) is not None:
-        frame = judged_frame(lambda name: getattr(verdict, name), str(verdict))
+        frame = judged_viewer_frame(lambda name: getattr(verdict, name), str(verdict))
     else:
         frame = ShownFrame(number=latch.number, text=seen.torn_text)
     frame = dataclasses.replace(frame, number=latch.number, latched_us=latch.t_us, drive=drive)

@@ -13,7 +13,7 @@ from haptogram.evidence.dialects.watched_board import WatchedBoard
 _MM: Final = 1e3
 
 
-def client_places_mm(pattern: Pattern, board: WatchedBoard) -> list[list[float]]:
+def watched_client_places_mm(pattern: Pattern, board: WatchedBoard) -> list[list[float]]:
     """Return the places of a pattern in mm, in the axes of the client; empty for one without."""
     if isinstance(pattern, SeveralFoci):
         places: list[list[float]] = (board.clients_m(np.array(pattern.positions_m)) * _MM).tolist()
@@ -23,24 +23,24 @@ def client_places_mm(pattern: Pattern, board: WatchedBoard) -> list[list[float]]
     return []
 
 
-def pattern_text(pattern: Pattern, board: WatchedBoard) -> str:
+def watched_pattern_text(pattern: Pattern, board: WatchedBoard) -> str:
     """Return kind, places, limits and coherence of a pattern."""
     if isinstance(pattern, SeveralFoci):
         places = board.clients_m(np.array(pattern.positions_m))
-        return f"{len(places)} foci at " + ", ".join(map(place_text, places))
+        return f"{len(places)} foci at " + ", ".join(map(watched_place_text, places))
     if not isinstance(pattern, Placed):
         return pattern.kind
     charge = f" of charge {pattern.charge:+d}" if isinstance(pattern, Vortex) else ""
     place = board.clients_m(np.array(pattern.position_m))
     bound = np.abs(board.clients_m(np.array(pattern.bound_m)))
     limits = "/".join(f"{_MM * b:.1f}" if np.isfinite(b) else "?" for b in bound)
-    text = f"{pattern.kind}{charge} at {place_text(place)} mm, ±{limits} mm"
+    text = f"{pattern.kind}{charge} at {watched_place_text(place)} mm, ±{limits} mm"
     if pattern.outliers:
         text += f", {len(pattern.outliers)} elements out of step"
     return f"{text}, coherence {pattern.coherence:.4f}"
 
 
-def place_text(place_m: FloatArray) -> str:
+def watched_place_text(place_m: FloatArray) -> str:
     """Return a place in mm: "(0.0, 120.0, 0.0)"."""
     values = np.round(np.asarray(place_m) * _MM, 1) + 0.0
     return "(" + ", ".join(f"{value:.1f}" for value in values) + ")"

@@ -11,7 +11,7 @@ from typing import Any, Final, Self
 from haptogram.errors import ConfigurationError
 
 from ..arguments import check_texts
-from ..text_file import read_text
+from ..text_file import read_text_file
 from .checks import (
     FOR_EVER_NS,
     check_fault_direction,
@@ -215,7 +215,7 @@ def read_faults(
         added = parse_faults(texts)
     if file is None:
         return added, None
-    text = read_text(Path(file), "fault_plan")
+    text = read_text_file(Path(file), "fault_plan")
     with _named_fault_option(f"fault_plan '{file}':"):
         faults, seed = faults_of_toml(text)
     return faults + added, seed

@@ -10,7 +10,7 @@ from ...errors import ConfigurationError
 from ..arguments import did_you_mean
 from ..command_line import setting_option_name
 from ..option import SettingError, options_of, unknown_setting_text
-from ..text_file import read_toml
+from ..text_file import read_toml_file
 from .verify import VerifyConfig
 
 _SECTION: Final = "verify"
@@ -52,7 +52,7 @@ def read_settings_table(path: Path) -> dict[str, Any]:
     ConfigurationError
         If the file cannot be read, or a table or a key is not known.
     """
-    document = read_toml(path, "config")
+    document = read_toml_file(path, "config")
     table = document.get(_SECTION)
     for name in document:
         if name != _SECTION:

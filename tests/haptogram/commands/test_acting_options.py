@@ -200,7 +200,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
     monkeypatch.setattr("haptogram.commands.budget._run_dialect_budget", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._list_conform_cases", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._compare_conform_results", stop)
-    monkeypatch.setattr("haptogram.commands.conform.command.judge_recorded", stop)
+    monkeypatch.setattr("haptogram.commands.conform.command.conform_recorded_captures", stop)
     with pytest.raises(Passed):
         raise SystemExit(main([command, *acts.split(), *words]))
 

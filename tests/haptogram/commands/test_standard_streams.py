@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 
 from haptogram.cli import main
-from haptogram.commands.shell.standard_streams import patient_standard_streams, writable_text
+from haptogram.commands.shell.standard_streams import (
+    patient_standard_streams,
+    text_for_standard_stream,
+)
 
 FULL = Path("/dev/full")
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
@@ -100,6 +103,9 @@ def test_a_terminal_without_a_sign_shows_a_plain_one(encoding: str, sign: str) -
 
 
 def test_a_complaint_is_plain_too_and_a_name_without_a_sign_is_escaped() -> None:
-    assert writable_text("--spin-us is 9 µs", "ascii", "backslashreplace") == "--spin-us is 9 us"
-    assert writable_text("ä.csv", "ascii") == "\\xe4.csv"
-    assert writable_text("\udce4.csv", "ascii", "surrogateescape") == "\udce4.csv"
+    assert (
+        text_for_standard_stream("--spin-us is 9 µs", "ascii", "backslashreplace")
+        == "--spin-us is 9 us"
+    )
+    assert text_for_standard_stream("ä.csv", "ascii") == "\\xe4.csv"
+    assert text_for_standard_stream("\udce4.csv", "ascii", "surrogateescape") == "\udce4.csv"

@@ -236,7 +236,7 @@ def test_an_interrupt_while_a_capture_is_awaited_costs_no_result(capsys, monkeyp
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("haptogram.commands.shell.captures._is_complete", interrupt)
+    monkeypatch.setattr("haptogram.commands.shell.captures._is_capture_complete", interrupt)
     port = "--port haptogram://?clock=virtual&array=4x4 --capture no.vcd --channels map.toml"
     job = "--object point --array 4x4 --quiet --json run.json"
     assert main(["verify", *job.split(), *port.split()]) == 2

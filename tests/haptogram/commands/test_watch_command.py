@@ -17,7 +17,7 @@ import pytest
 import sim_device
 from haptogram import Driver
 from haptogram.cli import main
-from haptogram.commands.watch.records import WatchedRecords, reader_of
+from haptogram.commands.watch.records import WatchedRecords, reader_of_watched
 from haptogram.evidence.board_process import BoardProcess
 from haptogram.report.watch import page as page_module
 from haptogram.verification.watch import Defect
@@ -364,7 +364,7 @@ def test_the_last_records_of_a_board_that_ends_are_read():
             return {1: [{"kind": "hello"}], 3: [{"kind": "end"}]}.get(self.reads, [])
 
     stream, taken = Stream(), []
-    read = reader_of(stream, lambda: stream.reads < 2)
+    read = reader_of_watched(stream, lambda: stream.reads < 2)
     records = WatchedRecords("x", read)
     while records.hand_over(lambda record: taken.append(record["kind"]) or True):
         pass

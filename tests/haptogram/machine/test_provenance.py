@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.provenance import UNSTATED, Provenance, read_stamp
+from haptogram.machine.provenance import UNSTATED, Provenance, read_provenance_stamp
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ def test_a_stamp_is_a_date_in_utc(text: str, shown: str) -> None:
 )
 def test_what_is_no_date_is_refused(text: str) -> None:
     with pytest.raises(ConfigurationError, match=r"^--stamp is '.*', must be a date of ISO 8601"):
-        read_stamp(text)
+        read_provenance_stamp(text)
 
 
 def test_a_result_in_virtual_time_states_its_version_only_unless_it_is_stamped() -> None:

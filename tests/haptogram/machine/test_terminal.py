@@ -10,7 +10,7 @@ import pytest
 from haptogram.cli import main
 from haptogram.machine.terminal import (
     paint_verdicts_on_terminal,
-    printable_text,
+    printable_on_terminal,
     terminal_error_line,
     terminal_has_colour,
 )
@@ -91,4 +91,4 @@ def test_in_a_job_of_github_printed_text_is_no_command(
 
 
 def test_a_name_has_no_control_characters() -> None:
-    assert printable_text("v1\n\x1b[2J µ") == "v1\ufffd\ufffd[2J µ"
+    assert printable_on_terminal("v1\n\x1b[2J µ") == "v1\ufffd\ufffd[2J µ"

@@ -17,7 +17,12 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.objects.shapes import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
 from haptogram.records.frame import Evidence, Focus, FrameKey, Observation
-from haptogram.settings.arguments import check_choice, check_number, check_whole, shown_argument
+from haptogram.settings.arguments import (
+    check_choice,
+    check_number,
+    check_whole,
+    shown_argument,
+)
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
 from haptogram.verification import verify_run

@@ -8,7 +8,7 @@ import pytest
 
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, options_of
-from haptogram.settings.parser import Parser, UsageError, attach_negative_values
+from haptogram.settings.parser import Parser, UsageError, attach_negative_option_values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,4 +141,4 @@ def test_a_strange_value_is_shown_short_and_harmless() -> None:
     ],
 )
 def test_a_value_may_begin_with_a_minus(words: list[str], expected: list[str]) -> None:
-    assert attach_negative_values(words) == expected
+    assert attach_negative_option_values(words) == expected

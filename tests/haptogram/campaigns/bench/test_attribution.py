@@ -8,10 +8,10 @@ from haptogram.campaigns.bench.attribution import (
     CAUSES,
     Cause,
     LatenessParts,
-    attribute_lateness,
-    count_late_frames,
-    lateness_shares,
-    split_lateness,
+    attribute_bench_lateness,
+    bench_lateness_shares,
+    count_late_bench_frames,
+    split_bench_lateness,
 )
 from haptogram.driver.timing.realtime import STAMPS, TickLog
 
@@ -37,7 +37,7 @@ def a_tick(deadline, *, idle=None, wake=0, work=0, room=0, write=0, queue=0):
 
 def parts_of(ticks, board=0):
     count = len(ticks)
-    return split_lateness(log_of(ticks), np.full(count, WIRE_NS), np.full(count, board))
+    return split_bench_lateness(log_of(ticks), np.full(count, WIRE_NS), np.full(count, board))
 
 
 TIMES = st.integers(0, 3 * MS)
@@ -55,13 +55,13 @@ def test_the_parts_sum_up_to_the_lateness_and_the_shares_to_the_parts(stages):
         )
         board.append(at_board)
     log = log_of(ticks)
-    parts = split_lateness(log, np.full(len(ticks), WIRE_NS), np.array(board))
+    parts = split_bench_lateness(log, np.full(len(ticks), WIRE_NS), np.array(board))
     done = log.stamp_ns("done") - log.stamp_ns("deadline")
     queue = np.array([stage[4] for stage in stages])
     assert parts.at_port_ns.tolist() == done.tolist()
     assert parts.total_ns.tolist() == (done + queue + board).tolist()
     assert all((column >= 0).all() for column in (parts.before, parts.scheduling, parts.queue))
-    found = lateness_shares(parts)
+    found = bench_lateness_shares(parts)
     assert (found >= 0).all()
     assert np.abs(found.sum(axis=1) - parts.total_ns).max() <= len(CAUSES)
 
@@ -79,7 +79,7 @@ def test_the_parts_sum_up_to_the_lateness_and_the_shares_to_the_parts(stages):
 )
 def test_one_late_stage_is_the_cause(stage, board, cause):
     parts = parts_of([a_tick(0, **({"wake": 50_000} | stage))], board)
-    assert CAUSES[attribute_lateness(parts)[0]] is cause
+    assert CAUSES[attribute_bench_lateness(parts)[0]] is cause
     assert parts.total_ns[0] >= 2 * MS
 
 
@@ -104,7 +104,7 @@ def test_a_burst_has_the_cause_of_the_stall_that_it_follows(stage, cause):
     parts = parts_of(burst(a_tick(0, **stage), 40))
     late = parts.total_ns > MS
     assert late.sum() >= 39  # a line that is 92 % full recovers slowly
-    assert {CAUSES[place] for place in attribute_lateness(parts)[late]} == {cause}
+    assert {CAUSES[place] for place in attribute_bench_lateness(parts)[late]} == {cause}
 
 
 def test_sleeping_on_while_the_line_is_free_again_is_scheduling():
@@ -112,18 +112,18 @@ def test_sleeping_on_while_the_line_is_free_again_is_scheduling():
     late = a_tick(MS, wake=0, room=3 * MS)  # the line had room all the time
     parts = parts_of([first, late])
     assert (parts.scheduling[1], parts.room[1]) == (3 * MS, 0)
-    assert CAUSES[attribute_lateness(parts)[1]] is Cause.SCHEDULING
+    assert CAUSES[attribute_bench_lateness(parts)[1]] is Cause.SCHEDULING
 
 
 def test_what_ran_into_the_first_tick_is_work_of_the_host():
     parts = parts_of([a_tick(0, idle=3 * MS, wake=3 * MS)])
     assert parts.before[0] == 3 * MS
-    assert CAUSES[attribute_lateness(parts)[0]] is Cause.WORK
+    assert CAUSES[attribute_bench_lateness(parts)[0]] is Cause.WORK
 
 
 def test_a_skipped_frame_has_no_line_and_no_board():
     log = log_of([(0, 0, 9 * MS, 9 * MS, 9 * MS, 9 * MS, 2 * MS)])
-    parts = split_lateness(log, np.zeros(1, np.int64), np.zeros(1, np.int64))
+    parts = split_bench_lateness(log, np.zeros(1, np.int64), np.zeros(1, np.int64))
     assert (parts.queue[0], parts.board[0], parts.total_ns[0]) == (0, 0, 9 * MS)
 
 
@@ -134,8 +134,8 @@ COLUMN = hnp.arrays(np.int64, 12, elements=st.integers(0, 5 * MS))
 def test_every_miss_has_exactly_one_cause(before, sleep, work, room, queue, board, limit, data):
     parts = LatenessParts(before, sleep, work, room, queue, board, np.full(12, WIRE_NS))
     stalled = np.array(data.draw(st.lists(st.booleans(), min_size=12, max_size=12)))
-    found = count_late_frames(
-        parts.total_ns, attribute_lateness(parts), limit_us=limit, stalled=stalled
+    found = count_late_bench_frames(
+        parts.total_ns, attribute_bench_lateness(parts), limit_us=limit, stalled=stalled
     )
     assert found.count == sum(found.by_cause.values()) == (parts.total_ns > limit * 1e3).sum()
     assert found.machine <= found.by_cause[Cause.SCHEDULING]

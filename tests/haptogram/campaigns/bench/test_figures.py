@@ -15,7 +15,11 @@ from haptogram.campaigns.bench.percentiles import (
     TimingPercentiles,
     percentiles_with_missed_ticks,
 )
-from haptogram.machine.fingerprint import cpu_share, cpu_times, machine_fingerprint
+from haptogram.machine.fingerprint import (
+    fingerprint_cpu_share,
+    fingerprint_cpu_times,
+    machine_fingerprint,
+)
 
 
 @given(st.lists(st.floats(-10, 1e6), min_size=1, max_size=400))
@@ -173,7 +177,13 @@ def test_the_fingerprint_names_the_machine_and_nobody():
     assert found["kernel"]
     assert found["packages"]["numpy"]
     json.dumps(found)
-    shares = cpu_share({"busy": 10, "idle": 10, "steal": 0}, {"busy": 40, "idle": 20, "steal": 10})
+    shares = fingerprint_cpu_share(
+        {"busy": 10, "idle": 10, "steal": 0}, {"busy": 40, "idle": 20, "steal": 10}
+    )
     assert shares == {"busy": 0.6, "idle": 0.2, "steal": 0.2}
-    assert cpu_share(cpu_times(), cpu_times()).keys() <= {"busy", "idle", "steal"}
-    assert cpu_share({}, {}) == {}
+    assert fingerprint_cpu_share(fingerprint_cpu_times(), fingerprint_cpu_times()).keys() <= {
+        "busy",
+        "idle",
+        "steal",
+    }
+    assert fingerprint_cpu_share({}, {}) == {}

@@ -96,6 +96,6 @@ def test_a_page_without_pictures_needs_no_matplotlib(monkeypatch):
 
 
 def test_what_stands_between_backticks_is_code_and_still_escaped():
-    from haptogram.report.formats.html import _code_spans
+    from haptogram.report.formats.html import _html_code_spans
 
-    assert _code_spans("count it in `<crc>`.") == "count it in <code>&lt;crc&gt;</code>."
+    assert _html_code_spans("count it in `<crc>`.") == "count it in <code>&lt;crc&gt;</code>."

@@ -12,9 +12,9 @@ from haptogram.report.formats.job_summary import (
     JobSummary,
     Level,
     SummaryTable,
-    escape_markdown,
-    github_annotations,
-    github_command,
+    escape_job_markdown,
+    github_job_annotations,
+    github_job_command,
     summary_markdown,
 )
 
@@ -43,12 +43,12 @@ def unescaped(markdown: str) -> str:
 
 @pytest.mark.parametrize("text", HOSTILE)
 def test_a_text_shows_as_it_is(text: str) -> None:
-    assert unescaped(escape_markdown(text)) == " ".join(text.split())
+    assert unescaped(escape_job_markdown(text)) == " ".join(text.split())
 
 
 @pytest.mark.parametrize("text", ["- a", "+ a", "1. a", "12) a", "= a", ":--- a"])
 def test_a_text_begins_no_list_and_no_heading(text: str) -> None:
-    assert re.match(r"\d*\\", escape_markdown(text))
+    assert re.match(r"\d*\\", escape_job_markdown(text))
 
 
 def test_a_summary_holds_no_active_text_of_a_board() -> None:
@@ -76,17 +76,17 @@ def test_a_summary_holds_no_active_text_of_a_board() -> None:
     [("50 %", "50 %25"), ("a\r\nb", "a%0D%0Ab"), ("%0A", "%250A"), ("a: b, c", "a: b, c")],
 )
 def test_a_message_is_escaped_by_github_s_rules(message: str, shown: str) -> None:
-    assert github_command(Level.ERROR, "t", message) == f"::error title=t::{shown}"
+    assert github_job_command(Level.ERROR, "t", message) == f"::error title=t::{shown}"
 
 
 def test_a_title_cannot_end_its_property() -> None:
-    command = github_command(Level.WARNING, "a::b,file=/etc/passwd\n::error::", "m")
+    command = github_job_command(Level.WARNING, "a::b,file=/etc/passwd\n::error::", "m")
     assert command == "::warning title=a%3A%3Ab%2Cfile=/etc/passwd%0A%3A%3Aerror%3A%3A::m"
 
 
 def test_github_shows_ten_annotations_and_the_last_says_how_many_follow() -> None:
     findings = [Finding(Level.ERROR, f"case {n}", "x") for n in range(14)]
-    lines = list(github_annotations(JobSummary("conform", "FAIL", findings)))
+    lines = list(github_job_annotations(JobSummary("conform", "FAIL", findings)))
     assert len(lines) == 10
     assert lines[0] == "::error title=haptogram conform%3A case 0::x"
     assert lines[-1].endswith("::5 more")

@@ -110,8 +110,8 @@ def test_a_host_that_was_held_up_says_so(model: AcousticModel) -> None:
     host = {"skipped": [1], "tick_lateness_us_max": 2_003_000.0}
     result = make_result(run, host=host)
     said = "this machine, not the board, was held up, for up to 2003 ms: too late"
-    (line,) = report.faults_and_troubles_text(result)
+    (line,) = report.run_faults_wording(result)
     assert line.startswith(f"host: {said} to send 1 frame")
     assert any(said[1:] in sentence for sentence in prose.run_summary_sentences(result))
     in_time = make_result(run, host=host | {"skipped": []})
-    assert list(report.faults_and_troubles_text(in_time)) == []
+    assert list(report.run_faults_wording(in_time)) == []

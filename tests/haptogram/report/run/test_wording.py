@@ -4,11 +4,11 @@ import dataclasses
 
 from haptogram.records.frame import FrameKey
 from haptogram.report.run.wording import (
-    count_text,
-    figure_text,
-    focus_place_text,
-    frame_text,
-    timeliness_text,
+    run_count_wording,
+    run_figure_wording,
+    run_focus_place_wording,
+    run_frame_wording,
+    run_timeliness_wording,
 )
 from haptogram.verification import Consequence, FrameStatus, FrameVerdict, verdict_consequence_text
 
@@ -17,7 +17,10 @@ LOST = FrameVerdict(3, FrameKey(1, 0, 0, 65539), FrameStatus.LOST, None, (0.0, 0
 
 def test_a_frame_of_a_sequence_is_named_by_its_place_in_it() -> None:
     frame = dataclasses.replace(LOST, key=FrameKey(1, 7, 2, 5))
-    assert frame_text(frame) == "frame 3 (sequence 7, loop 2, index 5), as soon as complete: lost"
+    assert (
+        run_frame_wording(frame)
+        == "frame 3 (sequence 7, loop 2, index 5), as soon as complete: lost"
+    )
 
 
 def test_a_frame_is_described_with_all_that_is_known_of_it() -> None:
@@ -35,7 +38,7 @@ def test_a_frame_is_described_with_all_that_is_known_of_it() -> None:
         consequence=Consequence(4.0, 100.0, 2000.0),
         note="odd",
     )
-    assert frame_text(frame) == (
+    assert run_frame_wording(frame) == (
         "frame 3 (stream index 65539), due at 1000 µs: wrong drive; latched 400 µs late; "
         "latched 2 times; element 5 dead; S3, S5 failed; "
         "focus 0.500 mm across, -1.250 mm along the beam; "
@@ -44,12 +47,20 @@ def test_a_frame_is_described_with_all_that_is_known_of_it() -> None:
 
 
 def test_what_is_not_known_is_a_dash() -> None:
-    assert figure_text(None) == timeliness_text(LOST) == focus_place_text(LOST) == "–"
-    assert figure_text(1.5, 1) == "1.5"
+    assert (
+        run_figure_wording(None)
+        == run_timeliness_wording(LOST)
+        == run_focus_place_wording(LOST)
+        == "–"
+    )
+    assert run_figure_wording(1.5, 1) == "1.5"
 
 
 def test_an_axis_that_cannot_be_observed_is_left_out() -> None:
-    assert focus_place_text(dataclasses.replace(LOST, lateral_error_mm=0.25)) == "0.250 mm across"
+    assert (
+        run_focus_place_wording(dataclasses.replace(LOST, lateral_error_mm=0.25))
+        == "0.250 mm across"
+    )
 
 
 def test_silence_has_no_place() -> None:
@@ -57,7 +68,7 @@ def test_silence_has_no_place() -> None:
 
 
 def test_one_is_not_many() -> None:
-    assert [count_text(number, "frame") for number in (0, 1, 2)] == [
+    assert [run_count_wording(number, "frame") for number in (0, 1, 2)] == [
         "0 frames",
         "1 frame",
         "2 frames",

@@ -28,7 +28,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence
 from haptogram.evidence.backdoor_stream import BackdoorReader
 from haptogram.records.frame import Focus, FrameKey, Intended
-from haptogram.report.viewer.live import KEPT, LiveScene, target_line
+from haptogram.report.viewer.live import KEPT, LiveScene, viewer_target_line
 from haptogram.report.viewer.page import view_page
 from haptogram.report.viewer.server import ViewServer
 
@@ -404,7 +404,7 @@ def test_targets_that_are_told_stand_beside_what_was_latched(
         Intended(n, key, 0, (Focus.at(place),), Drive.muted(64), 8)
         for n, (key, place) in enumerate(zip(keys[1:], PLACES[1:], strict=False))
     ]
-    live.expect(map(target_line, told))
+    live.expect(map(viewer_target_line, told))
     live.take(records[1:])
     target, found = (unpack(live.whole().pack())[1][name] for name in ("target_mm", "found_mm"))
     assert np.isnan(target[0]).all()

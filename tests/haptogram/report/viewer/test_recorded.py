@@ -12,7 +12,7 @@ from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.recordings.writer import RecordingWriter
 from haptogram.report.viewer.frames import STATUSES
-from haptogram.report.viewer.recorded import RecordedScene, recorded_scene
+from haptogram.report.viewer.recorded import RecordedScene, viewer_scene_of_recording
 from haptogram.report.viewer.scene import Scene
 
 from .test_scene import unpack
@@ -30,8 +30,8 @@ SMALL = ["--virtual-time", "--array", "6x6", "--object", "circle", "--quiet"]
 def test_verdicts_of_a_run_are_shown(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     main(["verify", *SMALL, "--fault", "line.flip ber=3e-4", "--record", str(path)])
-    assert recorded_scene(path).verdict == "inconclusive"
-    scene, lead = scene_and_lead(recorded_scene(path))
+    assert viewer_scene_of_recording(path).verdict == "inconclusive"
+    scene, lead = scene_and_lead(viewer_scene_of_recording(path))
     header, columns = unpack(scene.pack())
     statuses = [STATUSES[code] for code in columns["status"]]
     assert {"on target", "lost"} <= set(statuses)
@@ -50,12 +50,12 @@ def test_verdicts_of_a_run_are_shown(tmp_path: Path) -> None:
 def test_recording_that_was_cut_off_is_shown_as_far_as_it_goes(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     main(["verify", *SMALL, "--record", str(path)])
-    whole = unpack(recorded_scene(path).scene.pack())[1]
+    whole = unpack(viewer_scene_of_recording(path).scene.pack())[1]
     content = path.read_bytes()
     shown = []
     for tenths in range(2, 10):
         path.write_bytes(content[: len(content) * tenths // 10])
-        scene, lead = scene_and_lead(recorded_scene(path))
+        scene, lead = scene_and_lead(viewer_scene_of_recording(path))
         shown.append(len(unpack(scene.pack())[1]["number"]))
         assert lead[-1] == "The recording was cut off."
     assert shown == sorted(shown)
@@ -67,9 +67,9 @@ def test_no_more_drives_are_kept_than_frames_are_shown(
 ) -> None:
     path = tmp_path / "run.mcap"
     main(["verify", *SMALL, "--record", str(path)])
-    whole = unpack(recorded_scene(path).scene.pack())[1]
+    whole = unpack(viewer_scene_of_recording(path).scene.pack())[1]
     monkeypatch.setattr("haptogram.report.viewer.recorded._MOST_FRAMES", 5)
-    scene, lead = scene_and_lead(recorded_scene(path))
+    scene, lead = scene_and_lead(viewer_scene_of_recording(path))
     first = unpack(scene.pack())[1]
     np.testing.assert_array_equal(first["phases"], whole["phases"][:5])
     assert lead[0] == "verify: 36 transducers, 5 judged frames, the first 5 of run.mcap."
@@ -89,9 +89,9 @@ def test_a_recording_of_a_port_shows_verdicts_and_the_drives_that_were_sent(
 ) -> None:
     seen = tmp_path / "seen.mcap"
     main(["verify", *SMALL, "--record", str(seen)])
-    scene, lead = scene_and_lead(recorded_scene(at_a_port))
+    scene, lead = scene_and_lead(viewer_scene_of_recording(at_a_port))
     header, columns = unpack(scene.pack())
-    expected = unpack(recorded_scene(seen).scene.pack())[1]
+    expected = unpack(viewer_scene_of_recording(seen).scene.pack())[1]
     for name in ("phases", "amplitudes", "positions_mm", "target_mm", "status"):
         np.testing.assert_array_equal(columns[name], expected[name])
     assert header["counters"] == {"on target": len(columns["number"])}
@@ -102,9 +102,9 @@ def test_a_recording_of_a_port_shows_verdicts_and_the_drives_that_were_sent(
 def test_frames_of_a_port_that_nobody_judged_are_those_that_were_sent(
     at_a_port: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    judged = unpack(recorded_scene(at_a_port).scene.pack())[1]
+    judged = unpack(viewer_scene_of_recording(at_a_port).scene.pack())[1]
     monkeypatch.setattr("haptogram.report.viewer.recorded.VERDICT", "/none")
-    scene, lead = scene_and_lead(recorded_scene(at_a_port))
+    scene, lead = scene_and_lead(viewer_scene_of_recording(at_a_port))
     header, columns = unpack(scene.pack())
     assert header["counters"] == {"sent": len(judged["number"])}
     np.testing.assert_array_equal(columns["phases"], judged["phases"])
@@ -119,14 +119,14 @@ def test_a_recording_that_does_not_tell_the_array_is_refused(tmp_path: Path) -> 
     with RecordingWriter(path) as writer:
         writer.to_board(0, b"frames of somebody")
     with pytest.raises(ConfigurationError, match="neither a record of its board nor an answer"):
-        recorded_scene(path)
+        viewer_scene_of_recording(path)
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(b"nothing of the kind")
     with pytest.raises(ConfigurationError) as refused:
-        recorded_scene(path)
+        viewer_scene_of_recording(path)
     assert str(path) in str(refused.value)
     assert main(["view", str(path), "--html", str(tmp_path / "page.html")]) == 2
     assert not (tmp_path / "page.html").exists()
