@@ -26,7 +26,6 @@ from haptogram_protocol.messages import (
     DisarmReply,
     Drives,
     ErrorCode,
-    Feature,
     Flag,
     GetConfig,
     GetGeometry,
@@ -73,24 +72,10 @@ from ..board.events import Latch, Notice, PlaybackEnd, StateChange
 from ..board.refusal import RefusalError
 from ..board.registers import REGISTER_BITS, Content, full_amplitude_registers, split_register_codes
 from ..board.stream_queue import StreamFrame
+from .features import unsupported_messages
 
 OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
 _STATUS_LIMIT: Final = OUTPUT_LIMIT * 3 // 4  # the last quarter is for responses: HG-9.6
-_NEEDS: Final[dict[type[Message], Feature]] = {
-    Drives: Feature.AMPLITUDE,
-    Points: Feature.POINTS,
-    SetConfig: Feature.CONFIG,
-    ReadTrace: Feature.TRACE_RING,
-}
-_PLAYBACK: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
-_NEEDS_ANY: Final[dict[type[Message], Feature]] = {
-    Play: _PLAYBACK,
-    Stop: _PLAYBACK,
-    ReadDrive: Feature.READ_LATCHED | Feature.READ_RADIATED,
-    UploadBegin: _PLAYBACK | Feature.CORRECTION,
-    UploadChunk: _PLAYBACK | Feature.CORRECTION,
-    UploadCommit: _PLAYBACK | Feature.CORRECTION,
-}
 
 # What comes under which type: the table below sees to it, so that the type checker need not.
 _Handler: TypeAlias = Callable[[Any, RequestReceived], Message]
@@ -132,7 +117,7 @@ class VirtualHaptogramDialect:
         self._trace_dropped = 0
         self._traced = 0
         self._next_status_us: int | None = None
-        self._unsupported = _unsupported_by_board(board.settings.features)
+        self._unsupported = unsupported_messages(board.settings.features)
         self._latches: list[Latch] = []
         self._notices: list[Notice] = []
         self._handlers: dict[type[Message], _Handler] = {
@@ -361,10 +346,10 @@ class VirtualHaptogramDialect:
 
     def collect(self) -> None:
         """Take from the board what it did since the last call, and tell the host."""
-        for latch in self.board.output.take_latches():
+        for latch in self.board.take_latches():
             self._latches.append(latch)
             self._trace(latch)
-        for notice in self.board.output.take_notices():
+        for notice in self.board.take_notices():
             self._notices.append(notice)
             if (event := _event_of_notice(notice)) is not None:
                 self._link.send_event(event, now_us=notice.t_us)
@@ -402,13 +387,6 @@ class VirtualHaptogramDialect:
     def _status(self) -> readout.StatusFields:
         free = self.board.settings.rx_window
         return readout.board_status(self.board, self.counters, free_bytes=free)
-
-
-def _unsupported_by_board(features: Feature) -> frozenset[type[Message]]:
-    """Return the messages that a board with these *features* does not take."""
-    lacking = [kind for kind, all_of in _NEEDS.items() if int(all_of) & ~int(features)]
-    useless = [kind for kind, any_of in _NEEDS_ANY.items() if not any_of & features]
-    return frozenset(lacking + useless)
 
 
 def _refuse_by_dialect_unless(holds: bool, text: str, reason: str = "bad_value") -> None:
