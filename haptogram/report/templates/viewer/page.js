@@ -164,11 +164,12 @@ class Viewer {
   }
 
   #fillScale() {
-    const [low, high] = this.part("decibels").checked
-      ? [`−${DECIBELS} dB`, `0 dB, ${this.picture.scalePa} Pa RMS`]
-      : ["0", `${this.picture.scalePa} Pa RMS`];
+    const top = `${this.picture.scalePa} Pa RMS`;
+    const [low, high] = this.part("decibels").checked ? [`−${DECIBELS} dB`, `0 dB, ${top}`] : ["0", top];
+    const written = this.part("pressure-high");
+    if (written.textContent === high) return; // as in nearly every draw
+    written.textContent = high;
     this.part("pressure-low").textContent = low;
-    this.part("pressure-high").textContent = high;
   }
 
   // --- controls ----------------------------------------------------------------------------------
