@@ -19,13 +19,15 @@ from typing import Any, Final
 
 import serial
 
+from haptogram.errors import ConfigurationError
+from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url
 
 from .backdoor.recorder import InlineReconstructionWorker
 from .backdoor.records import Record, backdoor_record_line
 from .backdoor.sinks import RecordSink, open_backdoor_sink
 from .backdoor.worker import ReconstructionWorker
-from .blueprint import blueprint_of
+from .blueprint import Blueprint, blueprint_of
 from .board.settings import BoardSettings
 from .simulation import Simulation, SimulationRecorder
 
@@ -91,8 +93,8 @@ class Serial(serial.SerialBase):
         if self.is_open:
             raise serial.SerialException("Port is already open.")
         config = self.config or read_board_url(self._port)
-        board, self._is_virtual = config.board, config.is_virtual
-        blueprint = blueprint_of(board)
+        self._is_virtual = config.is_virtual
+        blueprint = self._blueprint(config.board)
         settings = blueprint.settings
         self.records = []
         self._sink: RecordSink | None = None
@@ -108,6 +110,14 @@ class Serial(serial.SerialBase):
             raise
         self._start_ns = time.monotonic_ns()
         self.is_open = True
+
+    def _blueprint(self, board: BoardConfig) -> Blueprint:
+        try:
+            return blueprint_of(board)
+        except ConfigurationError as error:
+            if self.config is not None:
+                raise
+            raise ConfigurationError(f"{self._port}: {error}") from error
 
     def _recorders(
         self, settings: BoardSettings, backdoor: str | None, reconstruct: bool | None

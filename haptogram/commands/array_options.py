@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 from typing import TYPE_CHECKING
 
 from haptogram.errors import ConfigurationError
@@ -14,6 +15,7 @@ from haptogram.settings.command_line import (
     setting_option_name,
 )
 from haptogram.settings.option import options_of
+from haptogram.settings.parser import name_option
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
@@ -25,7 +27,10 @@ def add_array_options(group: argparse._ArgumentGroup) -> None:
     """Add the options to *group*."""
     system = group.add_mutually_exclusive_group()
     system.add_argument(
-        "--preset", metavar="NAME", help="a known system; 'haptogram presets' lists them"
+        "--preset",
+        type=functools.partial(name_option, what="the name of a preset"),
+        metavar="NAME",
+        help="a known system; 'haptogram presets' lists them",
     )
     rows = options_of(ArrayConfig)
     add_setting_options(system, [rows["array"]], array=DEFAULT_ARRAY)

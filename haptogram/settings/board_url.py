@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final
-from urllib.parse import parse_qsl, urlencode, urlsplit
+from urllib.parse import SplitResult, parse_qsl, urlencode, urlsplit
 
 from haptogram.errors import ConfigurationError
 
 from .board import BOARD_OPTIONS, BoardConfig
-from .option import Option, Settings, option, options_of
+from .option import Option, Settings, option, options_of, unknown_setting_text
 
 SCHEME: Final = "haptogram://"
 
@@ -58,17 +58,24 @@ def read_board_url(url: str, default: BoardConfig | None = None) -> PortConfig:
     Raises
     ------
     ConfigurationError
-        For another scheme, and for a parameter that is not known or is refused.
+        For another scheme, and for a parameter that is not known or is refused; begins with the
+        URL.
     """
-    parts = urlsplit(url)
+    try:
+        return _port_config_of_url(urlsplit(url), default)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{url}: {error}") from error
+
+
+def _port_config_of_url(parts: SplitResult, default: BoardConfig | None) -> PortConfig:
     if parts.scheme != "haptogram" or parts.netloc or parts.path.strip("/"):
-        raise ConfigurationError(f"{url}: must be haptogram://?name=value&...")
+        raise ConfigurationError("must be haptogram://?name=value&...")
     values: dict[str, Any] = {} if default is None else default.non_default()
     given: dict[str, Any] = {}
     for name, text in parse_qsl(parts.query, keep_blank_values=True):
         if name not in URL_OPTIONS:
             raise ConfigurationError(
-                f"{url}: no parameter {name!r}; known: {', '.join(URL_OPTIONS)}"
+                f"there is no parameter {name!r}{unknown_setting_text(name, URL_OPTIONS)}"
             )
         row = URL_OPTIONS[name]
         value = row.read(text)

@@ -141,6 +141,8 @@ class Option:
         if self.count is None:
             return self._checked_item(value)
         is_list = isinstance(value, list | tuple)
+        if is_list and self.count == 0 and all(isinstance(item, str) for item in value):
+            return tuple(map(self._checked_item, value))
         if not is_list or self.count not in (0, len(value)) or not all(map(self._fits, value)):
             raise ConfigurationError(
                 f"{self.name} is {shown or shown_argument(value)}, must be {self._list_text}"
@@ -222,7 +224,7 @@ class Option:
 
 _KIND_TEXTS: Final = {
     str: "a text that is not empty",
-    bool: "True or False",
+    bool: "true or false",
     Path: "the name of a file",
 }
 

@@ -13,6 +13,7 @@ import socket
 import time
 from collections.abc import Iterator
 from typing import Any, Final, Protocol
+from urllib.parse import urlsplit
 
 import serial
 
@@ -35,6 +36,7 @@ _UNREGISTERED: Final = "; sim_device.register_url_handler() makes it known"
 _GONE: Final = (OSError, ValueError, TypeError)  # the last two: closed under our feet
 _BUSY: Final = frozenset({errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK})
 _ABSENT: Final = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
+_NETWORKED: Final = ("socket", "rfc2217")
 _UNREACHED: Final = frozenset({errno.EHOSTUNREACH, errno.ENETUNREACH})
 
 
@@ -243,12 +245,26 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
         *url* or *baudrate* make no sense.
     """
     check_whole("baudrate", baudrate, 1, _MOST_BAUDRATE)
+    _check_port_address(url)
     port = _open_serial_port(url, baudrate)
     try:
         port.fileno()
     except (AttributeError, OSError):  # io.UnsupportedOperation is an OSError
         return PyserialTransport(port, url)
     return FdTransport(port, url)
+
+
+def _check_port_address(url: str) -> None:
+    """Refuse a URL of a network port without host and port; pyserial's own error is jargon."""
+    parts = urlsplit(url)
+    if parts.scheme not in _NETWORKED:
+        return
+    try:
+        is_whole = bool(parts.hostname and parts.port)
+    except ValueError:  # a port that is no number, or too large
+        is_whole = False
+    if not is_whole:
+        raise ConfigurationError(f"port {url!r}, must be {parts.scheme}://HOST:PORT")
 
 
 def _open_serial_port(url: str, baudrate: int) -> Any:

@@ -13,6 +13,7 @@ from .kinds import (
     NOWHERE,
     PLACES,
     REPORTS,
+    Parameter,
     fault_has_direction,
     fault_number_text,
     is_transducer_fault,
@@ -32,9 +33,8 @@ def check_fault_name(name: str) -> None:
         As all checks of this module.
     """
     if name not in FAULT_KINDS:
-        raise ConfigurationError(
-            f"{name!r} is no fault{did_you_mean(name, FAULT_KINDS)}; docs/faults.md has them all"
-        )
+        guess = did_you_mean(name, FAULT_KINDS) or ";"
+        raise ConfigurationError(f"{name!r} is no fault{guess} docs/faults.md has them all")
 
 
 def check_fault_values(name: str, values: Mapping[str, float]) -> None:
@@ -53,12 +53,22 @@ def _check_fault_value(name: str, key: str, value: float) -> None:
     """Refuse a value that is beyond its limits."""
     limits = FAULT_KINDS[name][key]
     if not isinstance(value, int | float):
-        raise ConfigurationError(f"{name} {key}={value!r} is not a number")
+        raise _no_fault_number(name, key, repr(value))
     if not limits.least <= value <= limits.most:
-        span = f"{fault_number_text(limits.least)} to {fault_number_text(limits.most)}"
-        raise ConfigurationError(f"{name} {key}={fault_number_text(value)}, must be {span}")
+        shown = f"{name} {key}={fault_number_text(value)}"
+        raise ConfigurationError(f"{shown}, must be {_span_of_fault(limits)}")
     if limits.whole and value != round(value):
-        raise ConfigurationError(f"{name} {key}={fault_number_text(value)}, must be a whole number")
+        raise _no_fault_number(name, key, fault_number_text(value))
+
+
+def _no_fault_number(name: str, key: str, shown: str) -> ConfigurationError:
+    limits = FAULT_KINDS[name][key]
+    kind = "a whole number" if limits.whole else "a number"
+    return ConfigurationError(f"{name} {key}={shown}, must be {kind}, {_span_of_fault(limits)}")
+
+
+def _span_of_fault(limits: Parameter) -> str:
+    return f"{fault_number_text(limits.least)} to {fault_number_text(limits.most)}"
 
 
 def _check_fault_place(name: str, values: Mapping[str, float]) -> None:
@@ -102,7 +112,7 @@ def fault_number(name: str, key: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError as error:
-        raise ConfigurationError(f"{name} {key}={text} is not a number") from error
+        raise _no_fault_number(name, key, text) from error
     _check_fault_value(name, key, value)
     return value
 

@@ -246,9 +246,9 @@ def faults_of_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
         raise ConfigurationError(str(error)) from error
     tables, seed = document.pop("fault", []), document.pop("seed", None)
     if document:
-        raise ConfigurationError(f"{', '.join(document)}; known: seed, [[fault]]")
+        raise ConfigurationError(f"{', '.join(document)} is not read; known are seed and [[fault]]")
     if seed is not None and (type(seed) is not int or not 0 <= seed <= MOST_FAULT_SEED):
-        raise ConfigurationError(f"seed = {seed}, must be 0 to {MOST_FAULT_SEED}")
+        raise ConfigurationError(f"seed = {seed}, must be a whole number, 0 to {MOST_FAULT_SEED}")
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigurationError("must have tables [[fault]]")
     return tuple(map(_fault_from_table, tables)), seed
@@ -265,7 +265,9 @@ def _fault_ends_twice(ms: float, until: str) -> str:
 
 
 def _fault_from_table(table: dict[str, Any]) -> Fault:
-    name = str(table.get("name", ""))
+    if "name" not in table:
+        raise ConfigurationError('a table [[fault]] has no name; such as name = "line.drop"')
+    name = str(table["name"])
     # In one line, whatever a string of the document holds: so are the errors.
     words = {key: " ".join(str(value).split()) for key, value in table.items() if key != "name"}
     return Fault.of(name, words)

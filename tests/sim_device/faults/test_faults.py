@@ -50,7 +50,7 @@ def record_of(open_host, fault, name="latch"):
         ("", "'' is no fault; docs/faults.md"),
         ("line.flip bear=1", "line.flip has no parameter 'bear'; known: ber, from, until"),
         ("line.flip ber=2", "ber=2, must be 0 to 1"),
-        ("line.flip ber=x", "is not a number"),
+        ("line.flip ber=x", "ber=x, must be a number, 0 to 1"),
         ("line.flip ber=nan", "must be 0 to 1"),
         ("line.flip from=2", "must be a time such as 2s"),
         ("line.slice bytes=0", "bytes=0, must be 1"),

@@ -39,6 +39,14 @@ def listener():
         yield server
 
 
+@pytest.mark.parametrize(
+    "url", ["socket://", "socket://host", "socket://host:x", "socket://:1", "rfc2217://h:99999"]
+)
+def test_an_address_without_host_and_port_is_refused_with_its_form(url):
+    with pytest.raises(ConfigurationError, match=r"^port '.*', must be \w+://HOST:PORT$"):
+        open_transport(url)
+
+
 @pytest.mark.pty
 def test_bytes_pass_both_ways(pty_pair):
     master, path = pty_pair

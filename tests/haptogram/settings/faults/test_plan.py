@@ -1,5 +1,6 @@
 """Fault plans: texts, TOML, limits; and docs/faults.md against the table of faults."""
 
+import math
 import re
 from pathlib import Path
 
@@ -9,7 +10,13 @@ from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import BoardConfig
-from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, described_faults, fault_words
+from haptogram.settings.faults.kinds import (
+    FAULT_KINDS,
+    PLACES,
+    described_faults,
+    fault_number_text,
+    fault_words,
+)
 from haptogram.settings.faults.plan import Fault, FaultPlan, faults_of_toml
 
 MS = 1_000_000
@@ -70,14 +77,14 @@ def test_a_file_and_the_command_line_add_up(tmp_path):
     ("text", "problem"),
     [
         ("seed =", "Invalid value"),
-        ("sead = 1", "sead; known: seed"),
-        ("seed = -1", "seed = -1, must be 0 to 18446744073709551615"),
-        (f"seed = {2**64}", f"seed = {2**64}, must be 0 to 18446744073709551615"),
+        ("sead = 1", "sead is not read; known are seed and [[fault]]"),
+        ("seed = -1", "seed = -1, must be a whole number, 0 to 18446744073709551615"),
+        (f"seed = {2**64}", f"seed = {2**64}, must be a whole number, 0 to 1844674407370955161"),
         ("seed = true", "seed = True"),
         ("fault = 1", "must have tables"),
-        ("[[fault]]\nber = 1", "'' is no fault"),
+        ("[[fault]]\nber = 1", "a table [[fault]] has no name"),
         ('[[fault]]\nname = "line.flip"\nber = 2', "ber=2, must be 0 to 1"),
-        ('[[fault]]\nname = "line.flip"\nber = [1]', "is not a number"),
+        ('[[fault]]\nname = "line.flip"\nber = [1]', "ber=[1], must be a number, 0 to 1"),
         ('[[fault]]\nname = "line.flip"\nfrom = 2', "must be a time"),
     ],
 )
@@ -100,6 +107,23 @@ def test_toml_that_makes_no_sense_is_refused_as_text_is(text, problem):
 def test_texts_that_make_no_sense(text, problem):
     with pytest.raises(ConfigurationError, match=re.escape(problem)):
         Fault.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("name", "key"), [(name, key) for name, kind in FAULT_KINDS.items() for key in kind]
+)
+def test_a_value_that_a_parameter_does_not_have_is_refused_with_its_limits(name, key):
+    limits = FAULT_KINDS[name][key]
+    low, high = map(fault_number_text, (limits.least, limits.most))
+    beyond = [limits.least - 1 - abs(limits.least), limits.most * 2 + 1, math.inf, math.nan]
+    texts = [*map(repr, beyond), "5ms", "x", "", *(["1.5"] if limits.whole else [])]
+    for text in texts:
+        with pytest.raises(ConfigurationError) as caught:
+            Fault.parse(f"{name} {key}={text}")
+        message = str(caught.value)
+        assert message.startswith(f"{name} {key}=")
+        assert message.endswith(f"{low} to {high}")
+        assert "\n" not in message
 
 
 def test_every_fault_is_in_the_documentation_with_what_it_takes():
@@ -129,7 +153,7 @@ NEVER = {
     "line.flip from=2": "line.flip from=2: must be a time such as 2s",
     "line.flip from=": "line.flip from=: must be a time such as 2s",
     "line.flip from=s": "line.flip from=s: must be a time such as 2s",
-    "line.flip ber": "line.flip ber= is not a number",
+    "line.flip ber": "line.flip ber=, must be a number, 0 to 1",
     "line.flip ber=nan": "line.flip ber=nan, must be 0 to 1",
     "line.flip ber=inf": "line.flip ber=inf, must be 0 to 1",
     "line.flip ber=-1": "line.flip ber=-1, must be 0 to 1",
@@ -183,7 +207,7 @@ def test_what_cannot_be_is_refused_with_fault_parameter_value_and_limit(text, pr
         (("line.flip", {"ber": 0.1}, -5), "line.flip from=-5ns: must not be before power-up"),
         (("line.flip", {"ber": 0.1}, 1 << 62), "nor after"),
         (("line.flip", {"ber": float("nan")}), "line.flip ber=nan, must be 0 to 1"),
-        (("line.flip", {"ber": "1"}), "line.flip ber='1' is not a number"),
+        (("line.flip", {"ber": "1"}), "line.flip ber='1', must be a number, 0 to 1"),
         (("line.flip", {}), "line.flip: its parameters are ber"),
         (("line.flip", {"ber": 0.1}, 0, 9, "left"), "must be down, up or both"),
         (("frame.crc", {"p": 0.1}, 0, 9, "both"), "frame.crc direction=both, must be down"),
@@ -221,7 +245,7 @@ def test_a_plan_is_made_of_faults():
 
 def test_a_string_of_a_file_does_not_break_the_line():
     text = '[[fault]]\nname = "line.flip"\nber = "a\\nb"\n'
-    assert "ber=a b is not a number" in refused(lambda: faults_of_toml(text))
+    assert "ber=a b, must be a number, 0 to 1" in refused(lambda: faults_of_toml(text))
 
 
 def test_a_port_may_be_gone_until_a_time():
