@@ -52,6 +52,8 @@ class Case:
         that it has to begin.  Other cases may run between the reset and then.
     needs_session : bool
         Whether a session is opened before the case; else the board's state is unknown.
+    judges_all : bool
+        Whether the case judges what came in all others: it runs behind them.
     depth : Depth
         The least depth of a run that holds the case.
     wall_depth : Depth or None
@@ -67,6 +69,7 @@ class Case:
     needs_reset: bool = False
     before_wrap_us: int = 0
     needs_session: bool = True
+    judges_all: bool = False
     depth: Depth = Depth.QUICK
     wall_depth: Depth | None = None
 
@@ -106,8 +109,8 @@ def case(
             needs_reset,
             before_wrap_us,
             needs_session,
-            depth,
-            wall_depth,
+            depth=depth,
+            wall_depth=wall_depth,
         )
 
     return make

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Final, NoReturn
 
 from haptogram.errors import HaptogramError
@@ -13,6 +14,22 @@ from .verdict import Behaviour
 WIRE: Final = Evidence.WIRE
 SELF_REPORTED: Final = Evidence.SELF_REPORTED
 EXTERNAL: Final = Evidence.EXTERNAL
+
+
+@dataclass(slots=True)
+class RuleFindings:
+    """Findings of the rules that hold in every frame of a run.
+
+    Attributes
+    ----------
+    judged : dict of str to int
+        How many frames each clause was judged by.
+    broken : dict of str to str
+        What broke a clause first, in words.
+    """
+
+    judged: dict[str, int] = field(default_factory=dict)
+    broken: dict[str, str] = field(default_factory=dict)
 
 
 class CaseEndedError(HaptogramError):

@@ -48,7 +48,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
-from ..outcome import CaseEndedError, check, fail, inconclusive, unimplemented
+from ..outcome import CaseEndedError, RuleFindings, check, fail, inconclusive, unimplemented
 from .board_clock import ClockClient
 from .request_client import RequestClient
 from .wire import RawFrameClient
@@ -105,6 +105,8 @@ class BoardClient:
         How long random dialogues go on; 0: a fixed number of them.
     correction : bytes or None
         Phase correction in force, as far as the host knows; None: it does not.
+    standing : RuleFindings or None
+        What all frames of the run have shown so far; None: nobody judges them.
     raise_fault : callable or None
         Lets the hardware of the board fail; None: nothing can.
     last_boot_id, last_config
@@ -118,6 +120,7 @@ class BoardClient:
     thorough: bool = True
     explore_us: int = 0
     correction: bytes | None = None
+    standing: RuleFindings | None = None
     raise_fault: Callable[[], None] | None = None
     last_boot_id: int | None = None
     last_config: Config | None = None

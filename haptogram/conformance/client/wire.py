@@ -131,6 +131,8 @@ class RawFrameClient:
         Pieces since :meth:`begin_case`.
     heard : int
         Bytes since :meth:`begin_case`.
+    on_piece : callable or None
+        Is given each piece as it comes.
     held_up_us : int
         The longest time since :meth:`begin_case` in which the host neither sent nor listened, and
         did not compute either: others had the processor, which the board may have missed too.
@@ -140,6 +142,7 @@ class RawFrameClient:
         self.limits = limits
         self.baudrate = baudrate
         self.received: list[ReceivedByClient] = []
+        self.on_piece: Callable[[ReceivedByClient], None] | None = None
         self.recording = DialogueRecording()
         self.heard = 0
         self._transport = transport
@@ -282,6 +285,8 @@ class RawFrameClient:
             if piece:
                 self.received.append(_received_by_client(now_us, piece, shared=self._zeros == 1))
                 self._zeros = 0
+                if self.on_piece is not None:
+                    self.on_piece(self.received[-1])
             self._zeros += 1
         self._keep(rest)
         if self.heard > _FLOOD_BYTES or len(self.received) > _FLOOD_FRAMES:

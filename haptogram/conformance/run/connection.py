@@ -23,7 +23,8 @@ from ..client.introduction import (
 )
 from ..client.wire import ClientWaitLimits, RawFrameClient
 from ..judge.recovery import farewell_after_recovery
-from ..outcome import CaseEndedError
+from ..judge.standing_rules import StandingRules
+from ..outcome import CaseEndedError, RuleFindings
 from .access import Access
 
 _GREETINGS: Final = 3  # the text that a board prints while it starts may drown the first HELLO
@@ -53,6 +54,8 @@ class SuiteConnection:
         Description of the board that answered last; empty before any did.
     baudrate : int
         Rate of the line: as stated, or as measured if that is less.
+    rules : StandingRules
+        Judges every frame that comes.
     nonces : set of int
         Nonces of the sessions that were opened, or asked for.
     """
@@ -72,6 +75,8 @@ class SuiteConnection:
         self._transport: Transport | None = None
         self._spent_us = self._connected_us = 0  # of boards before, and when this one came
         self._board: BoardClient | None = None
+        self._findings = RuleFindings()
+        self.rules = StandingRules(self._findings)
 
     @property
     def board(self) -> BoardClient:
@@ -177,6 +182,8 @@ class SuiteConnection:
         self._board = BoardClient(wire, self._random, self._hash, booted=booted)
         self._board.nonces = self.nonces
         self._board.thorough = self._thorough
+        self._board.standing, wire.on_piece = self._findings, self.rules.take
+        self.rules.begin_board()
         self._board.explore_us = self._explore_us
         self._board.raise_fault = self._access.raise_fault
         return self._board

@@ -159,9 +159,10 @@ class SuiteRunner:
                 yield waiting.popleft()
             if case.before_wrap_us and not self._access.virtual:
                 waiting.append(place)
-            else:
+            elif not case.judges_all:
                 yield place
         yield from waiting
+        yield from (place for place, case in enumerate(cases) if case.judges_all)
 
     def _is_wrap_near(self, case: Case) -> bool:
         """Return True if the clock passes 2^32 µs soon, and late enough for a case about that."""
@@ -250,6 +251,7 @@ class SuiteRunner:
 
     def _experiment(self, case: Case, board: BoardClient) -> _Outcome:
         board.wire.begin_case()
+        self._connection.rules.begin_case(case.id)
         if self._connection.lost and not case.needs_reset:
             return self._without_board(case, board)
         try:

@@ -1,0 +1,55 @@
+"""HG-3.4, HG-3.6, HG-3.9, HG-4.3, HG-5.8, HG-6.2, HG-7.1, HG-7.5, HG-8.5, HG-9.1, HG-9.2: always.
+
+What every frame of all other cases has shown: rules that hold in each of them, whatever was asked.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram.records.frame import Evidence
+
+from ...case import Case
+from ...client.board_client import BoardClient
+from ...outcome import SELF_REPORTED, WIRE, check, not_observed
+
+_RULES: Final[dict[str, tuple[str, Evidence]]] = {
+    "HG-3.4/3": ("no event has a flag, but LATE in a trace", WIRE),
+    "HG-3.6/2": ("events of a session count up by 1 from 0", WIRE),
+    "HG-3.9/2": ("frames is the sum of its parts in each status", SELF_REPORTED),
+    "HG-4.3/1": ("HELLO_REPLY names the same board each time", WIRE),
+    "HG-5.8/3": ("no two latches are traced in one carrier period", SELF_REPORTED),
+    "HG-6.2/3": ("the reason in a status suits its state", SELF_REPORTED),
+    "HG-7.1/3": ("the configuration is the one that was set last", SELF_REPORTED),
+    "HG-7.1/5": ("config_crc changes with SET_CONFIG and UPLOAD_COMMIT alone", SELF_REPORTED),
+    "HG-7.5/1": ("the geometry is the same each time", WIRE),
+    "HG-8.5/2": ("the ring tells numbers that it holds, in order", SELF_REPORTED),
+    "HG-9.1/3": (
+        "queue, margins and latches of a status fit together",
+        SELF_REPORTED,
+    ),
+    "HG-9.2/1": ("no counter goes back", SELF_REPORTED),
+}
+
+
+def _standing_case(clause: str) -> Case:
+    summary, evidence = _RULES[clause]
+
+    def body(board: BoardClient) -> None:
+        found = board.standing
+        if found is None or not found.judged.get(clause):
+            not_observed("no frame of this run tells of it")
+        check(clause not in found.broken, found.broken.get(clause, ""))
+
+    return Case(
+        clause,
+        f"in all frames of the run: {summary}",
+        body,
+        "always",
+        evidence=evidence,
+        needs_session=False,
+        judges_all=True,
+    )
+
+
+PRODUCT: Final = tuple(_standing_case(clause) for clause in _RULES)

@@ -1,0 +1,268 @@
+"""Rules that hold in every frame of a run: each frame that comes is judged, whatever the case is.
+
+A case asks for a rule where it expects a board to break it; here nothing is asked, and every
+reply and event of every case counts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Final, TypeAlias
+
+from haptogram_protocol.annotation.frames import annotated_frame_text
+from haptogram_protocol.messages import (
+    Config,
+    ConfigReply,
+    Counters,
+    Element,
+    Flag,
+    GeometryReply,
+    HelloReply,
+    Message,
+    SetConfigReply,
+    Status,
+    StatusReply,
+    Trace,
+    TraceDrive,
+    TracePlayback,
+    TraceReply,
+    UploadCommitReply,
+    signed_difference,
+)
+from haptogram_protocol.state import MuteReason, OutputState
+
+from ..client.board_client import PARTS_OF_FRAMES
+from ..client.wire import ReceivedByClient
+from ..outcome import RuleFindings
+
+_WRAP: Final = 1 << 32
+_LONG_US: Final = 1_000_000_000  # beyond this two times of 32 bits tell no difference
+_TRACES: Final = (Trace, TracePlayback, TraceDrive)
+#: Fields of HELLO_REPLY that a new session may find changed.
+_OF_SESSION: Final = ("nonce", "state", "sound_speed_mm_s", "config_crc")
+_REASONS: Final = {
+    OutputState.DISARMED: (MuteReason.NEVER_ARMED, MuteReason.DISARM, MuteReason.NEW_SESSION),
+    OutputState.ARMED: (MuteReason.NONE,),
+    OutputState.MUTED: (
+        MuteReason.MUTE,
+        MuteReason.HOLD_EXPIRED,
+        MuteReason.HOST_SILENT,
+        MuteReason.UNATTENDED,
+    ),
+    OutputState.FAULT: (MuteReason.FAULT,),
+}
+
+#: What is wrong in a frame, by the clause that it breaks.
+Broken: TypeAlias = Iterator[tuple[str, str]]
+
+
+@dataclass(slots=True)
+class _Since:
+    """What was seen of a board since it started, or since its port was opened."""
+
+    identity: HelloReply | None = None
+    counters: Counters | None = None
+    config: Config | None = None
+    config_crc: int | None = None
+    elements: dict[int, Element] = field(default_factory=dict)
+    session: int = 0
+    next_event: int | None = None
+    latch: tuple[int, int] | None = None  # time of the last traced latch, and of its trace
+    response: tuple[int, int] | None = None  # the same of the newest response
+
+
+class StandingRules:
+    """Judges every frame that comes.
+
+    Parameters
+    ----------
+    findings : RuleFindings
+        Where the result is noted.
+    """
+
+    def __init__(self, findings: RuleFindings) -> None:
+        self._findings = findings
+        self._since = _Since()
+        self._case = ""
+        self._rules: tuple[Callable[[ReceivedByClient, Message], Broken], ...] = (
+            self._judge_identity,
+            self._judge_status,
+            self._judge_counters,
+            self._judge_config,
+            self._judge_geometry,
+            self._judge_events,
+            self._judge_traces,
+        )
+
+    def begin_board(self) -> None:
+        """Note that a board has started, or that its port was opened anew."""
+        self._since = _Since()
+
+    def begin_case(self, name: str) -> None:
+        """Note the case whose frames come now."""
+        self._case = name
+
+    def take(self, piece: ReceivedByClient) -> None:
+        """Judge a piece that came."""
+        if piece.header is None or piece.message is None:
+            self._since.next_event = None  # bytes were lost, and frames with them perhaps
+            return
+        if self._is_repeated(piece) or not (piece.is_response or piece.is_event):
+            return
+        for rule in self._rules:
+            for clause, text in rule(piece, piece.message):
+                self._note(clause, text, piece)
+
+    def _is_repeated(self, piece: ReceivedByClient) -> bool:
+        """Return True for a reply from memory: it tells of an earlier time (HG-4.11/6)."""
+        assert piece.header is not None  # take
+        if not piece.is_response:
+            return False
+        before, now_us = self._since.response, piece.header.time_us
+        recent = before is not None and piece.t_us - before[1] < _LONG_US
+        if before is not None and recent and signed_difference(now_us, before[0], 32) < 0:
+            return True
+        self._since.response = now_us, piece.t_us
+        return False
+
+    def _note(self, clause: str, text: str, piece: ReceivedByClient) -> None:
+        judged, broken = self._findings.judged, self._findings.broken
+        judged[clause] = judged.get(clause, 0) + 1
+        if text and clause not in broken:
+            broken[clause] = f"in {self._case}: {text} [{annotated_frame_text(piece.piece)}]"
+
+    # --- HELLO -----------------------------------------------------------------------------------
+
+    def _judge_identity(self, _: ReceivedByClient, message: Message) -> Broken:
+        if not isinstance(message, HelloReply):
+            return
+        before, now = self._since.identity, dataclasses.asdict(message)
+        was = dataclasses.asdict(before) if before is not None else now
+        names = [n for n in now if n not in _OF_SESSION and now[n] != was[n]]
+        yield "HG-4.3/1", f"{', '.join(names)} changed" if names else ""
+        self._since.identity = message
+
+    # --- STATUS ----------------------------------------------------------------------------------
+
+    def _judge_status(self, _: ReceivedByClient, message: Message) -> Broken:
+        if not isinstance(message, Status | StatusReply):
+            return
+        counters = message.counters
+        total = sum(getattr(counters, name) for name in PARTS_OF_FRAMES) % _WRAP
+        text = f"frames is {counters.frames}, its parts make {total}"
+        yield "HG-3.9/2", text if counters.frames != total else ""
+        due = _REASONS[OutputState(message.state)]
+        text = f"{message.state.name} with the reason {message.reason.name}"
+        yield "HG-6.2/3", text if message.reason not in due else ""
+        yield "HG-9.1/3", "; ".join(_contradictions(message))
+
+    def _judge_counters(self, _: ReceivedByClient, message: Message) -> Broken:
+        if not isinstance(message, Status | StatusReply):
+            return
+        before, now = self._since.counters or message.counters, message.counters
+        less = [
+            f"{name} {getattr(before, name)}, then {getattr(now, name)}"
+            for name in Counters.WIRE
+            if (getattr(now, name) - getattr(before, name)) % _WRAP >= _WRAP // 2
+        ]
+        yield "HG-9.2/1", "; ".join(less)
+        self._since.counters = now
+
+    # --- Configuration and geometry --------------------------------------------------------------
+
+    def _judge_config(self, _: ReceivedByClient, message: Message) -> Broken:
+        since = self._since
+        if isinstance(message, UploadCommitReply):
+            since.config_crc = None
+        elif isinstance(message, SetConfigReply):
+            since.config, since.config_crc = message.config, message.config_crc
+        elif isinstance(message, ConfigReply):
+            was = since.config if since.config is not None else message.config
+            text = f"the configuration was {was} and was not set"
+            yield "HG-7.1/3", text if message.config != was else ""
+            since.config = message.config
+        if isinstance(message, ConfigReply | StatusReply):
+            crc = since.config_crc if since.config_crc is not None else message.config_crc
+            text = f"config_crc was {crc:#010x}, and nothing was set"
+            yield "HG-7.1/5", text if message.config_crc != crc else ""
+            since.config_crc = message.config_crc
+
+    def _judge_geometry(self, _: ReceivedByClient, message: Message) -> Broken:
+        since = self._since
+        if not isinstance(message, GeometryReply) or since.identity is None:
+            return
+        total = since.identity.transducers
+        wrong = [f"total is {message.total} of {total}"] if message.total != total else []
+        for number, element in enumerate(message.elements, message.first):
+            if since.elements.setdefault(number, element) != element:
+                wrong.append(f"transducer {number} was shown as {since.elements[number]}")
+        yield "HG-7.5/1", "; ".join(wrong[:2])
+
+    # --- Events ----------------------------------------------------------------------------------
+
+    def _judge_events(self, piece: ReceivedByClient, message: Message) -> Broken:
+        header, since = piece.header, self._since
+        assert header is not None  # take
+        if header.session and header.session != since.session:
+            # Behind the first session that is seen it is not known how many events went before.
+            since.next_event = 0 if since.session and isinstance(message, HelloReply) else None
+            since.session, since.latch = header.session, None
+        if not piece.is_event:
+            return
+        due = header.seq if since.next_event is None else since.next_event
+        yield "HG-3.6/2", f"event {header.seq}, due is {due}" if header.seq != due else ""
+        since.next_event = (header.seq + 1) & 0xFFFF
+        allowed = Flag.LATE if isinstance(message, _TRACES) else 0
+        wrong = header.flags & ~allowed
+        yield "HG-3.4/3", f"flags {wrong:#04x} have no meaning here" if wrong else ""
+
+    def _judge_traces(self, piece: ReceivedByClient, message: Message) -> Broken:
+        header, since = piece.header, self._since
+        assert header is not None  # take
+        if isinstance(message, TraceReply):
+            yield "HG-8.5/2", _wrong_records(message)
+            times = [record.t_latch_us for record in message.records]
+            yield "HG-5.8/3", self._wrong_steps(times)
+        elif isinstance(message, _TRACES):
+            before, since.latch = since.latch, (header.time_us, piece.t_us)
+            if before is not None and piece.t_us - before[1] < _LONG_US:
+                yield "HG-5.8/3", self._wrong_steps((before[0], header.time_us))
+
+    def _wrong_steps(self, times: Iterable[int]) -> str:
+        """Return in words which two latches are in one carrier period; empty if there are none."""
+        identity = self._since.identity
+        if identity is None or not identity.carrier_hz:
+            return ""
+        carrier_us, told = 1_000_000 // identity.carrier_hz, list(times)
+        for one, two in itertools.pairwise(told):
+            step_us = (two - one) % _WRAP
+            if 2 * step_us < carrier_us:
+                return f"latches at {one} and {two} µs, the carrier period is {carrier_us} µs"
+        return ""
+
+
+def _contradictions(status: Status | StatusReply) -> Iterator[str]:
+    if status.state is not OutputState.ARMED and status.queued:
+        yield f"{status.queued} frames are queued while {status.state.name}"
+    if not status.margins and (status.margin_min_us or status.margin_mean_us):
+        yield "margins of no frame"
+    if status.margins and status.margin_min_us > status.margin_mean_us:
+        yield "the least margin is above the mean"
+    counters = status.counters
+    of_stream = (counters.accepted - counters.flushed - status.queued) % _WRAP
+    if (counters.latched - of_stream) % _WRAP >= _WRAP // 2:  # HG-5.7/8
+        yield f"{of_stream} latches by accepted, flushed and queued, {counters.latched} in all"
+    if counters.late > counters.latched:
+        yield "more late latches than latches"
+
+
+def _wrong_records(reply: TraceReply) -> str:
+    """Return in words what is wrong in the numbers of a ring; empty if nothing is."""
+    numbers = [record.number for record in reply.records]
+    inside = all(reply.oldest <= number < reply.next for number in numbers)
+    if reply.oldest <= reply.next and inside and numbers == sorted(set(numbers)):
+        return ""
+    return f"records {numbers[:4]}... of a ring from {reply.oldest} to {reply.next}"

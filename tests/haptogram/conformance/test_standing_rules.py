@@ -1,0 +1,115 @@
+"""Rules that every frame of a run is judged by: each is broken by the frame that breaks it."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import pytest
+
+from haptogram.conformance.client.wire import ReceivedByClient
+from haptogram.conformance.judge.standing_rules import StandingRules
+from haptogram.conformance.outcome import RuleFindings
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    Config,
+    ConfigReply,
+    Counters,
+    Element,
+    GeometryReply,
+    Header,
+    HelloReply,
+    Message,
+    SetConfigReply,
+    StateChanged,
+    Status,
+    StatusReply,
+    Trace,
+    TraceReply,
+)
+from haptogram_protocol.state import MuteReason, OutputState
+
+SESSION = 7
+NONE = Counters(**dict.fromkeys(Counters.WIRE, 0))
+MARGINS = {"margins": 0, "margin_min_us": 0, "margin_mean_us": 0}
+STATUS = StatusReply(
+    state=OutputState.DISARMED,
+    reason=MuteReason.DISARM,
+    queued=0,
+    free_bytes=100,
+    last_seq=0,
+    last_latch_us=0,
+    config_crc=5,
+    counters=NONE,
+    **MARGINS,
+)
+HELLO = HelloReply(
+    **{name: 0 for name in HelloReply.WIRE if name not in ("state", "firmware")}
+    | {"nonce": SESSION, "transducers": 2, "carrier_hz": 40_000},
+    state=OutputState.DISARMED,
+    firmware="one",
+)
+CONFIG = Config(200, 50, 500, 0, 0, 343_200, 0, 255, 1)
+ELEMENT = Element(0, 0, 0, 0, 0, 32_767)
+
+
+def findings(*messages: Message | tuple[Message, dict[str, int]]) -> dict[str, str]:
+    """Return what rules find in frames of one session, a millisecond apart."""
+    found = RuleFindings()
+    rules = StandingRules(found)
+    events = itertools.count()
+    for number, item in enumerate(messages):
+        message, header = item if isinstance(item, tuple) else (item, {})
+        seq = next(events) if message.TYPE >= 0xC0 else number
+        fields = {"type": message.TYPE, "flags": 0, "seq": seq, "session": SESSION} | header
+        head = Header(**{"time_us": 1000 * number} | fields)
+        body = head.pack() + message.serialize()
+        piece = encode_frame(body).strip(b"\x00")
+        rules.take(ReceivedByClient(1000 * number, piece, False, head, message, body))
+    return found.broken
+
+
+def status(**changes: object) -> StatusReply:
+    """Return the status with other values."""
+    counters = {name: changes.pop(name) for name in [*changes] if name in Counters.WIRE}
+    return dataclasses.replace(STATUS, counters=dataclasses.replace(NONE, **counters), **changes)
+
+
+CONFIG_REPLY = ConfigReply(5, CONFIG)
+GEOMETRY = GeometryReply(2, 0, (ELEMENT, ELEMENT))
+TRACE = Trace(65_520, 1)
+OTHER = dataclasses.replace(CONFIG, hold_ms=201)
+
+
+def test_frames_of_a_healthy_board_break_nothing():
+    one, event = status(frames=1, requests=1), Status(*dataclasses.astuple(STATUS)[:-1], NONE)
+    ring = TraceReply(0, 0, ())
+    late = TRACE, {"flags": 1}
+    assert findings(HELLO, STATUS, one, one, CONFIG_REPLY, GEOMETRY, ring, late) == {}
+    assert findings(HELLO, event, CONFIG_REPLY, SetConfigReply(6, OTHER)) == {}
+
+
+def test_a_reply_from_memory_tells_of_earlier():
+    assert findings(HELLO, status(frames=1, requests=1), (STATUS, {"time_us": 1})) == {}
+
+
+@pytest.mark.parametrize(
+    ("clause", "messages"),
+    [
+        ("HG-3.4/3", [HELLO, (StateChanged(OutputState.MUTED, MuteReason.MUTE), {"flags": 1})]),
+        ("HG-3.6/2", [HELLO, (TRACE, {"seq": 0}), (TRACE, {"seq": 2})]),
+        ("HG-3.9/2", [status(frames=1)]),
+        ("HG-4.3/1", [HELLO, dataclasses.replace(HELLO, firmware="two")]),
+        ("HG-5.8/3", [HELLO, (TRACE, {"time_us": 50}), (TRACE, {"time_us": 60})]),
+        ("HG-6.2/3", [status(reason=MuteReason.NONE)]),
+        ("HG-7.1/3", [SetConfigReply(5, CONFIG), ConfigReply(5, OTHER)]),
+        ("HG-7.1/5", [SetConfigReply(5, CONFIG), status(config_crc=6)]),
+        ("HG-7.5/1", [HELLO, GEOMETRY, GeometryReply(1, 0, (ELEMENT,))]),
+        ("HG-8.5/2", [TraceReply(3, 2, ())]),
+        ("HG-9.1/3", [status(queued=1)]),
+        ("HG-9.1/3", [status(margin_min_us=1)]),
+        ("HG-9.2/1", [status(crc=2), status(crc=1)]),
+    ],
+)
+def test_each_rule_is_broken_by_the_frame_that_breaks_it(clause, messages):
+    assert list(findings(*messages)) == [clause]
