@@ -12,7 +12,7 @@ from haptogram.evidence.captures.measure import measure_capture
 from haptogram.records.frame import Focus
 from haptogram.settings.board import PinCaptureConfig
 from haptogram.settings.faults.plan import FaultPlan
-from sim_device.backdoor.pin_capture import PinCapture
+from sim_device.backdoor.pin_capture import BackdoorPinCapture
 from virtual_ports import BoardPort
 
 MAP = {"reference": "carrier", "latch": "latch", "elements": "e{}"}
@@ -52,7 +52,7 @@ def captured_run(path, *, array="4x4", faults=(), mode="phases", frames=12, seed
         intended = list(driver.intended)
     port.simulation.power_down()
     config = PinCaptureConfig(capture=path, **analyser)
-    pins = PinCapture(path, config, port.simulation.settings)
+    pins = BackdoorPinCapture(path, config, port.simulation.settings)
     events = [(n.t_us, 0, pins.notice, n) for n in port.notices]
     events += [(latch.t_latch_us, 1, pins.latch, latch) for latch in port.latches]
     for _, _, take, event in sorted(events, key=lambda e: e[:2]):

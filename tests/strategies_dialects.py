@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from haptogram_protocol.dialects import sonicsurface
 from haptogram_protocol.dialects.autd3 import messages as link
 from haptogram_protocol.dialects.autd3 import operations as device
-from haptogram_protocol.dialects.autd3.frame import DeviceFrame, DeviceState
+from haptogram_protocol.dialects.autd3.frame import Autd3DeviceFrame, Autd3DeviceState
 from haptogram_protocol.dialects.autd3.payload import PAYLOAD_BYTES, pack_autd3_operation
 from haptogram_protocol.dialects.codec import BoardEnd, Dialect, HostEnd, Operation
 from haptogram_protocol.dialects.fpga_bytes.operations import (
@@ -189,12 +189,12 @@ def of_autd3(draw: st.DrawFn) -> list[Operation]:
                     operations.append(second)
                 start = getattr(operations[0], "start", None)
                 foci[index] = getattr(start, "foci_of_pattern", foci[index])
-                frames.append(DeviceFrame(message_id, tuple(operations)))
+                frames.append(Autd3DeviceFrame(message_id, tuple(operations)))
             made.append(link.Write(tuple(frames)))
     return [*made, *([link.Close()] if draw(st.booleans()) else [])]
 
 
-device_states = st.builds(DeviceState, st.integers(0, 15), st.integers(0, 15), u8)
+device_states = st.builds(Autd3DeviceState, st.integers(0, 15), st.integers(0, 15), u8)
 
 
 def arduinos(name: str, firmware: arduino.ArduinoFirmware, boards: int) -> Wire:

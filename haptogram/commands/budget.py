@@ -86,11 +86,11 @@ def run(arguments: argparse.Namespace) -> int:
 def _run_own_budget(config: BudgetConfig) -> int:
     from haptogram.campaigns.bench.frame_budget import (
         bench_frame_formats,
+        measure_budget_wake_ns,
         measure_frame_budget,
-        measure_wake_ns,
     )
 
-    wake_ns = measure_wake_ns(config.rate_hz)
+    wake_ns = measure_budget_wake_ns(config.rate_hz)
     budgets = [
         measure_frame_budget(name, message, baudrate=config.baud)
         for name, message in bench_frame_formats(config.transducers).items()

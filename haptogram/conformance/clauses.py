@@ -57,7 +57,7 @@ class Clause:
         return tuple(int(part) for part in re.findall(r"\d+", self.number))
 
 
-def read_spec() -> str:
+def read_spec_of_clauses() -> str:
     """Return the text of SPEC.md.
 
     Raises
@@ -79,4 +79,6 @@ def parse_spec(text: str) -> tuple[Clause, ...]:
 @functools.cache
 def load_clauses() -> Mapping[str, Clause]:
     """Return every clause by its number, in the order of SPEC.md."""
-    return MappingProxyType({clause.number: clause for clause in parse_spec(read_spec())})
+    return MappingProxyType(
+        {clause.number: clause for clause in parse_spec(read_spec_of_clauses())}
+    )

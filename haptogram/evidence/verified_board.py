@@ -196,7 +196,7 @@ def _verified_focus_problems(
 def _verified_late_problems(records: Sequence[Mapping[str, Any]], most: int) -> Iterator[str]:
     late = [record["index"] for record in records if record["kind"] == "latch" and record["late"]]
     if len(late) > most:
-        yield f"late      {len(late)} frames were latched late: {_frame_list(late)}"
+        yield f"late      {len(late)} frames were latched late: {_verified_list(late)}"
 
 
 def _verified_lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -209,7 +209,8 @@ def _verified_lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[st
             lost += range(last.get(session, index) + 1, index)
             last[session] = index
     if lost:
-        yield f"lost      {len(lost)} frames of the stream were never latched: {_frame_list(lost)}"
+        named = _verified_list(lost)
+        yield f"lost      {len(lost)} frames of the stream were never latched: {named}"
 
 
 def _verified_armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -229,6 +230,6 @@ def _verified_armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[s
         yield f"output    was muted by the board itself ({last['reason']}), not by the driver"
 
 
-def _frame_list(indices: Sequence[int]) -> str:
+def _verified_list(indices: Sequence[int]) -> str:
     more = f" and {len(indices) - _SHOWN} more" if len(indices) > _SHOWN else ""
     return f"index {', '.join(map(str, indices[:_SHOWN]))}{more}"

@@ -42,12 +42,12 @@ def name_drive_faults(model: AcousticModel, intended: Intended, latched: Drive) 
     silent = (latched.amplitude_codes == 0) & (intended.drive.amplitude_codes > allowance)
     active = (latched.amplitude_codes > 0) & (intended.drive.amplitude_codes > 0)
     faults = [
-        *_silent_element_faults(model, silent),
-        *_amplitude_faults(intended, latched, silent, allowance),
+        *_silent_element_drive_faults(model, silent),
+        *_amplitude_drive_faults(intended, latched, silent, allowance),
     ]
-    off = active & (np.abs(_signed_phase_difference(found - wanted)) > allowance)
+    off = active & (np.abs(_signed_drive_difference(found - wanted)) > allowance)
     if off.any():
-        faults += _phase_faults(model, intended, found, off, allowance)
+        faults += _phase_drive_faults(model, intended, found, off, allowance)
     return tuple(faults)
 
 
@@ -55,7 +55,7 @@ def _drive_fault_phases(drive: Drive) -> Codes:
     return drive.phase_codes.astype(np.int64) << (8 - drive.phase_bits)
 
 
-def _signed_phase_difference(difference: Codes) -> Codes:
+def _signed_drive_difference(difference: Codes) -> Codes:
     """Return a difference of codes in -128 .. 127."""
     return (difference + _TURN // 2) % _TURN - _TURN // 2
 
@@ -63,16 +63,18 @@ def _signed_phase_difference(difference: Codes) -> Codes:
 # --- Amplitudes --------------------------------------------------------------------------------
 
 
-def _silent_element_faults(model: AcousticModel, silent: NDArray[np.bool_]) -> Iterator[str]:
+def _silent_element_drive_faults(model: AcousticModel, silent: NDArray[np.bool_]) -> Iterator[str]:
     if not silent.any():
         return
     if silent.all():
         yield "the whole array is silent"
         return
-    yield from _faults_by_line(model, silent, "dead")
+    yield from _drive_faults_by_line(model, silent, "dead")
 
 
-def _faults_by_line(model: AcousticModel, wrong: NDArray[np.bool_], what: str) -> Iterator[str]:
+def _drive_faults_by_line(
+    model: AcousticModel, wrong: NDArray[np.bool_], what: str
+) -> Iterator[str]:
     """Name whole columns (one ix) and rows (one iy) of the grid first, then single elements."""
     left = wrong.copy()
     if model.array.grid_shape is not None:
@@ -99,7 +101,7 @@ def _faulty_element_text(model: AcousticModel, number: int) -> str:
     return f"{number} ({number // model.array.grid_shape[1]}, {number % model.array.grid_shape[1]})"
 
 
-def _amplitude_faults(
+def _amplitude_drive_faults(
     intended: Intended, latched: Drive, silent: NDArray[np.bool_], allowance: int
 ) -> Iterator[str]:
     difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
@@ -114,26 +116,25 @@ def _amplitude_faults(
 # --- Phases ------------------------------------------------------------------------------------
 
 
-def _phase_faults(
+def _phase_drive_faults(
     model: AcousticModel, intended: Intended, found: Codes, off: NDArray[np.bool_], allowance: int
 ) -> list[str]:
     wanted = _drive_fault_phases(intended.drive)
     step = _TURN / intended.steps
-    if not allowance and _is_equal_drive(found, _rounded_down_drive(model, intended)):
+    if not allowance and _is_equal_faulty_drive(found, _rounded_down_drive_fault(model, intended)):
         return ["phases rounded down instead of to the nearest code"]
-    difference = _signed_phase_difference(found - wanted)
-    if _is_same_drive(found, wanted, allowance):
-        return [
-            f"all phases off by {_fault_steps(int(difference[off][0]), step)}, the focus is not"
-        ]
+    difference = _signed_drive_difference(found - wanted)
+    if _is_same_faulty_drive(found, wanted, allowance):
+        steps = _drive_fault_steps(int(difference[off][0]), step)
+        return [f"all phases off by {steps}, the focus is not"]
     few = off.mean() <= _FEW
-    named = _swapped_elements_fault(model, wanted, found, off) or _stuck_element_faults(
+    named = _swapped_drive_fault(model, wanted, found, off) or _stuck_element_drive_faults(
         model, found, off
     )
     if not named and not few:
         named = _mixed_up_drive_fault(model, intended, wanted, found)
     if not named and few:
-        named = list(_single_element_faults(model, difference, off, step))
+        named = list(_single_element_drive_faults(model, difference, off, step))
     return named or [UNNAMED]
 
 
@@ -145,7 +146,7 @@ def _mixed_up_drive_fault(
     for allowance in (0, -(-_TURN // intended.steps)):
         for name, candidate in _drive_fault_candidates(model, intended, wanted):
             # What is that near to the right drive proves nothing.
-            if _is_same_drive(found, candidate, allowance) and not _is_same_drive(
+            if _is_same_faulty_drive(found, candidate, allowance) and not _is_same_faulty_drive(
                 wanted, candidate, allowance
             ):
                 return [name]
@@ -156,18 +157,18 @@ def _mixed_up_drive_fault(
     return []
 
 
-def _is_equal_drive(found: Codes, candidate: Codes | None) -> bool:
+def _is_equal_faulty_drive(found: Codes, candidate: Codes | None) -> bool:
     return candidate is not None and np.array_equal(found, candidate)
 
 
-def _is_same_drive(found: Codes, candidate: Codes, allowance: int) -> bool:
+def _is_same_faulty_drive(found: Codes, candidate: Codes, allowance: int) -> bool:
     """Return True if two sets of phases agree within *allowance*, up to a common phase."""
-    difference = _signed_phase_difference(found - candidate)
-    relative = _signed_phase_difference(difference - difference[0])
+    difference = _signed_drive_difference(found - candidate)
+    relative = _signed_drive_difference(difference - difference[0])
     return bool(np.ptp(relative) <= 2 * allowance)
 
 
-def _rounded_down_drive(model: AcousticModel, intended: Intended) -> Codes | None:
+def _rounded_down_drive_fault(model: AcousticModel, intended: Intended) -> Codes | None:
     """Return the codes of a focus without rounding; None if there are several foci."""
     if len(intended.foci) != 1:
         return None
@@ -216,12 +217,12 @@ def _rolled_drive_fault(found: Codes, wanted: Codes, allowance: int) -> int | No
     start = np.arange(1, count)
     # Three elements tell almost every shift apart; only what passes is compared as a whole.
     probes = np.array([0, count // 3, count // 2])
-    error = _signed_phase_difference(found[probes] - wanted[(probes - start[:, None]) % count])
+    error = _signed_drive_difference(found[probes] - wanted[(probes - start[:, None]) % count])
     likely = start[
-        (np.abs(_signed_phase_difference(error - error[:, :1])) <= 2 * allowance).all(axis=1)
+        (np.abs(_signed_drive_difference(error - error[:, :1])) <= 2 * allowance).all(axis=1)
     ]
     for shift in sorted(likely, key=lambda shift: min(shift, count - shift)):
-        if _is_same_drive(found, np.roll(wanted, shift), allowance):
+        if _is_same_faulty_drive(found, np.roll(wanted, shift), allowance):
             return int(shift if shift <= count // 2 else shift - count)
     return None
 
@@ -245,7 +246,7 @@ def _drive_fault_packings(wanted: Codes, bits: int) -> Iterator[tuple[str, Codes
     yield "bits of every phase in reverse order", swapped @ (1 << np.arange(bits)) << (8 - bits)
 
 
-def _swapped_elements_fault(
+def _swapped_drive_fault(
     model: AcousticModel, wanted: Codes, found: Codes, off: NDArray[np.bool_]
 ) -> list[str]:
     numbers = np.flatnonzero(off)
@@ -257,28 +258,32 @@ def _swapped_elements_fault(
     return []
 
 
-def _single_element_faults(
+def _single_element_drive_faults(
     model: AcousticModel, difference: Codes, off: NDArray[np.bool_], step: float
 ) -> Iterator[str]:
     """Name elements that are wrong one by one, those with the same error together."""
     errors = sorted({int(d) for d in difference[off]}, key=abs)
     if len(errors) > _NAMED_ELEMENTS:
-        yield from _faults_by_line(model, off, f"off, by up to {_fault_steps(errors[-1], step)}")
+        yield from _drive_faults_by_line(
+            model, off, f"off, by up to {_drive_fault_steps(errors[-1], step)}"
+        )
         return
     for error in errors:
         wrong = off & (difference == error)
         inverted = error == -_TURN // 2
-        what = "inverted" if inverted else f"off by {_fault_steps(error, step)}"
-        yield from _faults_by_line(model, wrong, what)
+        what = "inverted" if inverted else f"off by {_drive_fault_steps(error, step)}"
+        yield from _drive_faults_by_line(model, wrong, what)
 
 
-def _fault_steps(error: int, step: float) -> str:
+def _drive_fault_steps(error: int, step: float) -> str:
     """Return an error of 8-bit codes in steps of the phases on the wire."""
     whole = round(error / step)
     return f"{whole:+d} LSB" if abs(error - whole * step) < 1.0 else f"{error:+d}/{_TURN} of a turn"
 
 
-def _stuck_element_faults(model: AcousticModel, found: Codes, off: NDArray[np.bool_]) -> list[str]:
+def _stuck_element_drive_faults(
+    model: AcousticModel, found: Codes, off: NDArray[np.bool_]
+) -> list[str]:
     """Name columns or rows whose elements all have one phase, if that explains all errors."""
     if model.array.grid_shape is None:
         return []

@@ -106,7 +106,7 @@ def verify_run(
     check_argument_kind("unseen", unseen, (str, NoneType), "a text, or None")
     check_argument_kind("silences", silences, Iterable, "an iterable of times in µs")
     check_callable("progress", progress)
-    _check_intended_keys(intended)
+    _check_keys_of_intended_run(intended)
     if unseen is None and (kept := _kept_for_run_verdict(observations)).dropped:
         unseen = f"the driver keeps the last {len(kept)} latches it is told"
     not_kept = _kept_for_run_verdict(intended).dropped
@@ -211,7 +211,7 @@ def _missing_evidence_of_run(wanted: Intended, unseen: str | None, cut: Cut | No
     return dataclasses.replace(verdict, status=FrameStatus.NOT_VERIFIED, note=unseen)
 
 
-def _check_intended_keys(intended: Sequence[Intended]) -> None:
+def _check_keys_of_intended_run(intended: Sequence[Intended]) -> None:
     key, times = next(iter(Counter(frame.key for frame in intended).most_common(1)), (None, 0))
     if times > 1:
         raise ConfigurationError(f"{key} is intended {times} times; a key names one frame")

@@ -34,7 +34,7 @@ _CODES: Final = [chr(code) for code in range(33, 127)]
 _Act: TypeAlias = tuple[int, ComplexArray | None, bool]
 
 
-class PinCapture:
+class BackdoorPinCapture:
     """A recorder that writes down what a logic analyser would see at all drive pins.
 
     It keeps drives while the board runs, and makes edges of them when it is closed: a board that

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from haptogram.machine.device_client import DeviceClient
 
     from ..backdoor.line_tap import LineTap, OpenRecording
-    from ..backdoor.pin_capture import PinCapture
+    from ..backdoor.pin_capture import BackdoorPinCapture
     from ..backdoor.worker import ReconstructionWorker
     from ..board.settings import BoardSettings
     from ..line.port import BoardPort
@@ -157,14 +157,16 @@ def _start_line_tap(
     return LineTap(recording, config, settings, paced=options.serial is None)
 
 
-def _start_pin_capture(options: argparse.Namespace, settings: BoardSettings) -> PinCapture | None:
+def _start_pin_capture(
+    options: argparse.Namespace, settings: BoardSettings
+) -> BackdoorPinCapture | None:
     """Return the recorder of the drive pins, if a capture is wanted."""
     config = pin_capture_config_of(options)
     if config is None:
         return None
-    from ..backdoor.pin_capture import PinCapture
+    from ..backdoor.pin_capture import BackdoorPinCapture
 
-    return PinCapture(Path(options.capture), config, settings)
+    return BackdoorPinCapture(Path(options.capture), config, settings)
 
 
 def _private_board_path(stack: contextlib.ExitStack, name: str) -> str:
@@ -184,7 +186,7 @@ def _end_board_worker(worker: ReconstructionWorker) -> str:
     return failure
 
 
-def _end_pin_capture(pins: PinCapture) -> str:
+def _end_pin_capture(pins: BackdoorPinCapture) -> str:
     """Write the capture; return why it could not be written, or nothing."""
     try:
         _LOG.info("%s", pins.close())

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dialect_boards import DATA, DialectBoard
-from haptogram_protocol.dialects.autd3.frame import DeviceFrame
+from haptogram_protocol.dialects.autd3.frame import Autd3DeviceFrame
 from haptogram_protocol.dialects.autd3.link import Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import Hello, Open, Pose, Write
 from haptogram_protocol.dialects.autd3.operations import (
@@ -225,7 +225,7 @@ def test_a_board_waits_for_a_time_that_never_comes(operations, monkeypatch):
     data = b"".join(map(client.send, (Hello(), Open((Pose((0, 0, 0), (1, 0, 0, 0)),)))))
     loose = Silencer(True, False, 0xFFFF, 0xFFFF)
     for number, operation in enumerate((loose, *operations)):
-        data += client.send(Write((DeviceFrame(number, (operation,)),)))
+        data += client.send(Write((Autd3DeviceFrame(number, (operation,)),)))
     board.send(data)
     board.pass_us(2_000_000)
     assert not board.simulation.dialect.counters

@@ -64,7 +64,7 @@ _REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a pl
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _RadiatedDrive:
+class _ReconstructedDrive:
     """A complex drive, and the inputs of its fit."""
 
     weights: ComplexArray
@@ -211,9 +211,11 @@ class Reconstructor:
         phases = np.angle(weights)
         everything = np.count_nonzero(active) == self._heard_count
         codes = quantise_phase(phases, MAX_PHASE_BITS) if everything else None
-        return self._locate(_RadiatedDrive(weights, phases, active, step_rad, codes, slack_rad))
+        return self._locate(
+            _ReconstructedDrive(weights, phases, active, step_rad, codes, slack_rad)
+        )
 
-    def _locate(self, radiated: _RadiatedDrive) -> Reconstruction:
+    def _locate(self, radiated: _ReconstructedDrive) -> Reconstruction:
         """Try where the compiled search says; if that is nowhere, look with all means."""
         start, way = self._quick_search(radiated)
         if start is not None:
@@ -230,7 +232,7 @@ class Reconstructor:
         return FocusTracker(self._model)
 
     def _quick_search(
-        self, radiated: _RadiatedDrive
+        self, radiated: _ReconstructedDrive
     ) -> tuple[FloatArray | None, Literal["warm", "global"]]:
         """Return the focus of the compiled search, or None, and the kind of its start."""
         if self._tracker is None or radiated.codes is None:
@@ -244,7 +246,7 @@ class Reconstructor:
         found = self._tracker.explains(fix, limit_rad)
         return (np.array(fix.position_m) if found else None), "global"
 
-    def _locate_step_by_step(self, radiated: _RadiatedDrive) -> Reconstruction:
+    def _locate_step_by_step(self, radiated: _ReconstructedDrive) -> Reconstruction:
         """Try the last focus, then every other place; then let some elements be wrong."""
         tried: list[PhaseFit] = []
         if self._last_focus is not None:
@@ -261,7 +263,7 @@ class Reconstructor:
                 return self._all_or_most(partial, radiated)
         return self._search(tried, radiated)
 
-    def _search(self, tried: list[PhaseFit], radiated: _RadiatedDrive) -> Reconstruction:
+    def _search(self, tried: list[PhaseFit], radiated: _ReconstructedDrive) -> Reconstruction:
         acquisition = self._acquisition_for(radiated.active)
         for fit in acquisition.fits(
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS
@@ -278,7 +280,7 @@ class Reconstructor:
         starts = acquisition.starts(radiated.phases_rad, radiated.active)[:_MAX_STARTS]
         return self._not_single(tried, starts, radiated)
 
-    def _all_or_most(self, partial: PhaseFit, radiated: _RadiatedDrive) -> Reconstruction:
+    def _all_or_most(self, partial: PhaseFit, radiated: _ReconstructedDrive) -> Reconstruction:
         """Return the focus of most elements, after a fit of all elements from there."""
         whole = self._fit(radiated, partial.position_m, radiated.active)
         if self._explains(whole, radiated):
@@ -294,12 +296,12 @@ class Reconstructor:
             self._acquisition = FocusAcquisition(self._model, active)
         return self._acquisition
 
-    def _fit(self, radiated: _RadiatedDrive, start: FloatArray, used: BoolArray) -> PhaseFit:
+    def _fit(self, radiated: _ReconstructedDrive, start: FloatArray, used: BoolArray) -> PhaseFit:
         return fit_focus(
             self._model, radiated.phases_rad, start, step_rad=radiated.step_rad, active=used
         )
 
-    def _fit_most(self, fit: PhaseFit, radiated: _RadiatedDrive) -> PhaseFit | None:
+    def _fit_most(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> PhaseFit | None:
         """Return a fit that all but some outliers agree on, or None.
 
         The elements that stick out by far are left out, and the fit is done again, until the
@@ -319,7 +321,7 @@ class Reconstructor:
                 return fit
         return None
 
-    def _explains(self, fit: PhaseFit, radiated: _RadiatedDrive) -> bool:
+    def _explains(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> bool:
         return fit.residual_rms_rad <= radiated.limit_rad and self._in_front(fit.position_m)
 
     def _in_front(self, position: FloatArray) -> bool:
@@ -332,7 +334,7 @@ class Reconstructor:
         return bool(above and points_in_front(self._model, position[None])[0])
 
     def _single(
-        self, fit: PhaseFit, radiated: _RadiatedDrive, acquired: Literal["warm", "global"]
+        self, fit: PhaseFit, radiated: _ReconstructedDrive, acquired: Literal["warm", "global"]
     ) -> SingleFocus:
         self._last_focus = fit.position_m
         pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)
@@ -356,7 +358,7 @@ class Reconstructor:
         except ConfigurationError:  # low beside the array: the disc reaches behind it
             return math.inf
 
-    def _mostly_single(self, fit: PhaseFit, radiated: _RadiatedDrive) -> NotSingle:
+    def _mostly_single(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> NotSingle:
         self._last_focus = fit.position_m
         residual = fit.residual_rad[radiated.active]
         pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)
@@ -370,7 +372,7 @@ class Reconstructor:
         )
 
     def _not_single(
-        self, tried: list[PhaseFit], starts: list[FloatArray], radiated: _RadiatedDrive
+        self, tried: list[PhaseFit], starts: list[FloatArray], radiated: _ReconstructedDrive
     ) -> NotSingle:
         points = [fit.position_m for fit in tried if self._in_front(fit.position_m)] + starts
         loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
@@ -383,7 +385,9 @@ class Reconstructor:
             coherence=coherence,
         )
 
-    def _pressure_rms_pa(self, point: FloatArray, radiated: _RadiatedDrive) -> tuple[float, float]:
+    def _pressure_rms_pa(
+        self, point: FloatArray, radiated: _ReconstructedDrive
+    ) -> tuple[float, float]:
         """Return the RMS pressure and the coherence at a point."""
         arrivals = radiated.weights * propagators(self._model, point[None, :])[0]
         total, largest = abs(complex(arrivals.sum())), float(np.abs(arrivals).sum())

@@ -127,18 +127,18 @@ def measure_frame_budget(name: str, message: Message, *, baudrate: int) -> Frame
     )
 
 
-def measure_wake_ns(rate_hz: float) -> int:
+def measure_budget_wake_ns(rate_hz: float) -> int:
     """Return the median lateness of a sleeping loop at *rate_hz*, on this machine now."""
     period_ns = round(1e9 / rate_hz)
     period_ns = min(period_ns, 5_000_000)  # a slow rate would take long
-    loop = PeriodicLoop(time.monotonic_ns, _sleep_until_deadline, period_ns=period_ns)
+    loop = PeriodicLoop(time.monotonic_ns, _sleep_until_budget_deadline, period_ns=period_ns)
     with real_time_process():
         start_ns = time.monotonic_ns() + period_ns
         ticks = list(loop.ticks(start_ns, start_ns + (_TICKS + _SETTLE) * period_ns))
     return int(np.median([tick.wake_ns - tick.deadline_ns for tick in ticks[_SETTLE:]]))
 
 
-def _sleep_until_deadline(deadline_ns: int) -> None:
+def _sleep_until_budget_deadline(deadline_ns: int) -> None:
     """Sleep until *deadline_ns* of the monotonic clock, on a loop that serves nothing."""
     wait_ns = deadline_ns - time.monotonic_ns()
     if wait_ns > 0:

@@ -48,7 +48,7 @@ def _can_standard_stream_encode(text: str, encoding: str, errors: str) -> bool:
     return True
 
 
-class PatientStream:
+class PatientStandardStream:
     """A text stream that keeps its first error instead of raising it, and drops what follows.
 
     It writes in plain signs what the encoding of the stream does not have.
@@ -106,9 +106,9 @@ class PatientStream:
 
 
 class PatientBytes:
-    """The stream of bytes below a :class:`PatientStream`."""
+    """The stream of bytes below a :class:`PatientStandardStream`."""
 
-    def __init__(self, text: PatientStream) -> None:
+    def __init__(self, text: PatientStandardStream) -> None:
         self.write, self.flush = text.write_bytes, text.flush
 
 
@@ -123,7 +123,7 @@ def patient_standard_streams() -> Iterator[None]:
     SystemExit
         With the status of an environment error, if standard output could not be written.
     """
-    output, complaints = PatientStream(sys.stdout), PatientStream(sys.stderr)
+    output, complaints = PatientStandardStream(sys.stdout), PatientStandardStream(sys.stderr)
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(complaints):
         try:
             yield

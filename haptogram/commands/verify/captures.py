@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from haptogram.records.frame import Intended
     from haptogram.settings.run.verify import VerifyConfig
     from haptogram.verification import RunVerdict
-    from haptogram.verification.pins.joined import CaptureVerdict
+    from haptogram.verification.pins.joined import JoinedCaptureVerdict
 
     from ..shell.output_files import Outputs
 
@@ -31,7 +31,7 @@ def verify_run_by_captures(
     model: AcousticModel,
     intended: Sequence[Intended],
     incomplete: str = "",
-) -> CaptureVerdict:
+) -> JoinedCaptureVerdict:
     """Return the verdict of the captures on the frames of a run.
 
     *incomplete* is why frames may be missing: then nothing passes or fails.
@@ -118,7 +118,7 @@ def verify_recorded_captures(config: VerifyConfig, outputs: Outputs, provenance:
     return verdict.exit_status
 
 
-def _verify_without_field(verdict: CaptureVerdict, model: AcousticModel) -> RunVerdict:
+def _verify_without_field(verdict: JoinedCaptureVerdict, model: AcousticModel) -> RunVerdict:
     """Return the run as frames without a field, each with what its captured pins show."""
     from haptogram.verification import verify_run
 

@@ -28,7 +28,7 @@ _MORE_BENT: Final = 2.0  # times as much as at the knots, a clock may be bent be
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class DeviceClock:
+class PinDialogueClock:
     """The device clock from one reset of the board to the next.
 
     Attributes
@@ -60,7 +60,7 @@ class DeviceClock:
     @classmethod
     def of(
         cls, begin: float, end: float, marks: Sequence[tuple[float, int]], carrier_hz: float
-    ) -> DeviceClock:
+    ) -> PinDialogueClock:
         """Return the clock through *marks*: arrivals in periods, and device times in us."""
         nominal_us = 1e6 / carrier_hz
         drift = _DRIFT_PPM_S / carrier_hz**2

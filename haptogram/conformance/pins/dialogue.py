@@ -22,7 +22,7 @@ from haptogram_protocol.messages import (
     signed_difference,
 )
 
-from .device_clock import DeviceClock
+from .device_clock import PinDialogueClock
 
 _AT_RESET_US: Final = 4_284_967_296  # HG-6.9/4
 _BITS: Final = 32
@@ -178,7 +178,7 @@ class PinDialogue:
         return found
 
     @cached_property
-    def clocks(self) -> list[DeviceClock]:
+    def clocks(self) -> list[PinDialogueClock]:
         """The device clock between resets, by PING and PONG; without them there is none."""
         bounds = [0.0, *self.resets, self.record.end]
         pings: dict[tuple[int, int, int], float] = {}
@@ -192,7 +192,7 @@ class PinDialogue:
                 if begin <= frame.begin < end and key in pings:
                     pairs.append((pings.pop(key), pong.t_rx_us))
             if pairs:
-                found.append(DeviceClock.of(begin, end, pairs, self.record.carrier_hz))
+                found.append(PinDialogueClock.of(begin, end, pairs, self.record.carrier_hz))
         return found
 
     @property
@@ -203,7 +203,7 @@ class PinDialogue:
             moment = rough if clock is None else clock.periods(_AT_RESET_US % 2**_BITS, rough)
             yield moment, 0.0 if clock is None else clock.within(moment)
 
-    def clock_at(self, period: float) -> DeviceClock | None:
+    def clock_at(self, period: float) -> PinDialogueClock | None:
         """Return the device clock at a period of the capture; None: it is not known."""
         return next((c for c in self.clocks if c.begin <= period < c.end), None)
 

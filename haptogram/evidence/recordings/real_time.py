@@ -41,7 +41,7 @@ _RETRY_NS: Final = 1_000_000
 _WRAP: Final = 1 << 32
 
 
-class FrameShifter:
+class ReplayFrameShifter:
     """Moves the times of frames on their way to another board.
 
     Attributes
@@ -125,7 +125,7 @@ class _RecordingPlayer:
         self.to_board = self.to_host = 0
         self._port, self._hello = port, hello
         self._recorded, self._replayed = FrameAnnotator(), FrameAnnotator()
-        self._shifter = FrameShifter()
+        self._shifter = ReplayFrameShifter()
         self._is_ours = True
         self._first_us: dict[str, int] = {}  # device time of the first reply, by side
 

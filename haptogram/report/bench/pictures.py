@@ -54,8 +54,8 @@ def draw_bench_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figur
         axes.margins(y=0.25)  # room for the names of the percentiles
         most = max(np.nanmax(stages_us[name], initial=0.0) for name, *_ in _SHOWN)
         axes.set_xlim(_BINS[0] / 1.5, min(_BINS[-1], 3.0 * max(most, *MISS_LIMITS_US)))
-        _mark_limits(axes.axvline)
-        _mark_percentiles(axes, stages_us["complete"])
+        _mark_bench_limits(axes.axvline)
+        _mark_bench_percentiles(axes, stages_us["complete"])
         figure.legend(**_LEGEND)
     return figure
 
@@ -69,18 +69,18 @@ def draw_bench_course(stages_us: Mapping[str, NDArray[np.float64]], rate_hz: flo
             times_s = np.arange(len(values)) / rate_hz
             axes.plot(times_s, np.maximum(values, 0.1), ".", ms=1.5, color=colour, label=label)
         axes.set(yscale="log", xlabel="time (s)", ylabel="lateness (µs)")
-        _mark_limits(axes.axhline)
+        _mark_bench_limits(axes.axhline)
         figure.legend(**_LEGEND, markerscale=4.0)
     return figure
 
 
-def _mark_limits(draw_line: Callable[..., Any]) -> None:
+def _mark_bench_limits(draw_line: Callable[..., Any]) -> None:
     for limit_us in MISS_LIMITS_US:
         label = "limits of the miss counts" if limit_us == MISS_LIMITS_US[0] else None
         draw_line(limit_us, color=GREY, linewidth=1.0, linestyle="--", zorder=1.0, label=label)
 
 
-def _mark_percentiles(axes: Axes, values_us: NDArray[np.float64]) -> None:
+def _mark_bench_percentiles(axes: Axes, values_us: NDArray[np.float64]) -> None:
     """Mark the percentiles of all of it at the top of the histogram."""
     found = TimingPercentiles.of(values_us)
     for place, (level, value) in enumerate(found.levels.items()):

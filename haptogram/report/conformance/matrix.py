@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from haptogram.conformance.clauses import Clause, load_clauses, read_spec
+from haptogram.conformance.clauses import Clause, load_clauses, read_spec_of_clauses
 from haptogram.conformance.verdict import CaseResult
 from haptogram_protocol.messages import MessageType
 
@@ -18,7 +18,9 @@ _MESSAGE: Final = re.compile(
 
 def conformance_chapter_titles() -> dict[str, str]:
     """Return number and title of each chapter of SPEC.md, in order."""
-    return {number: f"{number} {title}" for number, title in _CHAPTER.findall(read_spec())}
+    return {
+        number: f"{number} {title}" for number, title in _CHAPTER.findall(read_spec_of_clauses())
+    }
 
 
 def conformance_chapters_of_cases(results: Iterable[CaseResult]) -> dict[str, list[CaseResult]]:

@@ -57,7 +57,7 @@ _MEASURES: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class FrameTable:
+class RunFrameTable:
     """The frames that a page lists.
 
     Attributes
@@ -81,7 +81,7 @@ class FrameTable:
         return (0, *range(2, end))
 
 
-def run_frame_table(run: RunVerdict) -> FrameTable:
+def run_frame_table(run: RunVerdict) -> RunFrameTable:
     """Return the table of the frames that a person looks at."""
     odd = sorted(run.odd_frames, key=lambda frame: (not frame.is_wrong, frame.number))
     named = {frame.number for frame in odd}
@@ -91,7 +91,7 @@ def run_frame_table(run: RunVerdict) -> FrameTable:
     kept = tuple(name for name, is_used in zip(_MEASURES, used, strict=True) if is_used)
     rows = [replace(row, cells=tuple(compress(row.cells, used))) for row in rows]
     found = (_FOUND,) if any(row.faults or row.consequence for row in rows) else ()
-    return FrameTable(("frame", "status", *kept, *found), rows, max(0, len(odd) - _LISTED))
+    return RunFrameTable(("frame", "status", *kept, *found), rows, max(0, len(odd) - _LISTED))
 
 
 def run_frame_place_text(frame: FrameVerdict) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from haptogram.verification import RunVerdict, Verdict
-from haptogram.verification.pins.joined import CaptureVerdict
+from haptogram.verification.pins.joined import JoinedCaptureVerdict
 from haptogram.verification.pins.pin_verdict import PIN_CHECKS
 
 from .check import CheckOutcome, RunCheck
@@ -17,7 +17,7 @@ _ORDER: Final = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.PASS)
 
 
 def run_result_with_captures(
-    result: Mapping[str, Any], captures: CaptureVerdict, *, is_run_judged: bool
+    result: Mapping[str, Any], captures: JoinedCaptureVerdict, *, is_run_judged: bool
 ) -> dict[str, Any]:
     """Return the *result* of a run with the verdict of its captures: the worse of both counts.
 

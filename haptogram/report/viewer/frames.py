@@ -27,7 +27,7 @@ Place: TypeAlias = Sequence[float | None] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ShownFrame:
+class ViewerFrame:
     """One frame of a scene; None: not known, or not observable.
 
     Attributes
@@ -90,7 +90,7 @@ class ShownFrame:
         return self.status not in (FrameStatus.ON_TARGET, LATCHED, SENT) or self.timing != TIMELY
 
 
-def judged_viewer_frame(field: Callable[[str], Any], text: str) -> ShownFrame:
+def judged_viewer_frame(field: Callable[[str], Any], text: str) -> ViewerFrame:
     """Return a frame with a verdict, of a run or of a recording of one.
 
     Parameters
@@ -100,7 +100,7 @@ def judged_viewer_frame(field: Callable[[str], Any], text: str) -> ShownFrame:
     text : str
         The verdict in words.
     """
-    return ShownFrame(
+    return ViewerFrame(
         number=field("number"),
         status=str(field("status")),
         timing=LATE if field("late") else EARLY if field("early") else TIMELY,
@@ -118,7 +118,7 @@ def judged_viewer_frame(field: Callable[[str], Any], text: str) -> ShownFrame:
 
 
 def found_fields_of_viewer(field: Reconstruction | None) -> dict[str, Any]:
-    """Return focus, bounds and pressure of a reconstruction, as fields of :class:`ShownFrame`."""
+    """Return focus, bounds and pressure of a reconstruction, as fields of :class:`ViewerFrame`."""
     if isinstance(field, NotSingle):
         return {"pressure_pa": field.pressure_rms_pa}
     if not isinstance(field, SingleFocus):
@@ -131,13 +131,13 @@ def found_fields_of_viewer(field: Reconstruction | None) -> dict[str, Any]:
     }
 
 
-def odd_frames_of_viewer(frames: Iterable[ShownFrame]) -> dict[str, str]:
+def odd_frames_of_viewer(frames: Iterable[ViewerFrame]) -> dict[str, str]:
     """Return the findings about the first 500 frames that want attention, by number."""
     odd = ((str(frame.number), frame.text) for frame in frames if frame.is_odd and frame.text)
     return dict(islice(odd, _MOST_TEXTS))
 
 
-def frame_columns(frames: Sequence[ShownFrame], count: int) -> dict[str, NDArray[Any]]:
+def frame_columns(frames: Sequence[ViewerFrame], count: int) -> dict[str, NDArray[Any]]:
     """Return the columns of *frames* of an array of *count* elements."""
     return {
         "number": np.array([f.number for f in frames], dtype=np.uint32),
@@ -176,7 +176,7 @@ def view_drive_columns(drives: Sequence[Drive | None], count: int) -> dict[str, 
 
 
 def _viewer_frame_numbers(
-    frames: Sequence[ShownFrame], value: Callable[[ShownFrame], float | None]
+    frames: Sequence[ViewerFrame], value: Callable[[ViewerFrame], float | None]
 ) -> NDArray[np.float64]:
     return np.array([value(frame) for frame in frames], dtype=np.float64)
 

@@ -15,7 +15,7 @@ from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_ob
 from haptogram.machine.terminal import printable_on_terminal
 from haptogram.records.frame import FrameKey, Intended, Observation
 
-from .frames import LATE, TIMELY, Place, ShownFrame, found_fields_of_viewer
+from .frames import LATE, TIMELY, Place, ViewerFrame, found_fields_of_viewer
 from .scene import Scene, other_axes_of_viewer
 
 KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
@@ -66,7 +66,7 @@ class LiveScene:
         self._remark = ""
         self.shown = 0
         self.ended = False
-        self._frames: deque[ShownFrame] = deque(maxlen=kept)
+        self._frames: deque[ViewerFrame] = deque(maxlen=kept)
         self._targets: dict[FrameKey, Place] = {}
         self._counters: Counter[str] = Counter()
         self._state = ""
@@ -154,7 +154,7 @@ class LiveScene:
         if drive is not None and drive.count != self.model.array.count:
             raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")
         self._frames.append(
-            ShownFrame(
+            ViewerFrame(
                 number=self.shown,
                 timing=timing,
                 latched_us=t_latch_us,

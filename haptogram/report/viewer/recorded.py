@@ -21,7 +21,7 @@ from haptogram.evidence.recordings.sent_frames import (
 )
 from haptogram.records.frame import FrameKey
 
-from .frames import SENT, ShownFrame, found_fields_of_viewer, judged_viewer_frame
+from .frames import SENT, ViewerFrame, found_fields_of_viewer, judged_viewer_frame
 from .live import LiveScene
 from .scene import Scene
 
@@ -91,7 +91,7 @@ def _verdict_in_viewer(recording: Recording) -> str:
 
 
 def _viewer_scene_of(
-    model: AcousticModel, frames: list[ShownFrame], path: Path, what: str
+    model: AcousticModel, frames: list[ViewerFrame], path: Path, what: str
 ) -> tuple[Scene, list[str]]:
     more = f", the first {_MOST_FRAMES} of {path.name}" if len(frames) == _MOST_FRAMES else ""
     scene = Scene.of(model, frames, counters=Counter(frame.status for frame in frames))
@@ -99,7 +99,7 @@ def _viewer_scene_of(
 
 
 def _viewer_scene_of_the_line(
-    recording: Recording, judged: dict[FrameKey, ShownFrame]
+    recording: Recording, judged: dict[FrameKey, ViewerFrame]
 ) -> tuple[Scene, list[str]]:
     """Return the scene of a board whose output nobody recorded, with the drives that were sent."""
     path = recording.path
@@ -123,7 +123,7 @@ def _viewer_scene_of_the_line(
     return scene, lead
 
 
-def _viewer_frames_sent(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[ShownFrame]:
+def _viewer_frames_sent(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[ViewerFrame]:
     """Yield the frames that nobody saw latched, with the focus of the drive that was sent."""
     reconstructor, searches = Reconstructor(model), _MOST_SEARCHES
     for number, frame in enumerate(sent):
@@ -131,7 +131,7 @@ def _viewer_frames_sent(model: AcousticModel, sent: Iterable[SentFrame]) -> Iter
         if frame.drive is not None and searches:
             field = reconstructor.reconstruct(frame.drive)
             searches -= not isinstance(field, SingleFocus)
-        yield ShownFrame(
+        yield ViewerFrame(
             number=number,
             status=SENT,
             due_us=frame.due_us,
@@ -141,9 +141,9 @@ def _viewer_frames_sent(model: AcousticModel, sent: Iterable[SentFrame]) -> Iter
         )
 
 
-def _viewer_frames_judged(recording: Recording) -> dict[FrameKey, ShownFrame]:
+def _viewer_frames_judged(recording: Recording) -> dict[FrameKey, ViewerFrame]:
     """Return the first frames that have a verdict, with the drive that was seen of each."""
-    judged: dict[FrameKey, ShownFrame] = {}
+    judged: dict[FrameKey, ViewerFrame] = {}
     for entry in islice(recording.entries((VERDICT,)), _MOST_FRAMES):
         fields = entry.fields
         key = FrameKey(*(fields[name] for name in ("session", "sequence", "loop", "index")))

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import AcousticModel, RectangularPiston
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, MAX_PHASE_BITS
 
-from .frames import STATUSES, ShownFrame, frame_columns, odd_frames_of_viewer
+from .frames import STATUSES, ViewerFrame, frame_columns, odd_frames_of_viewer
 
 MAGIC: Final = b"HGV1"
 _ALIGNMENT: Final = 8
@@ -50,7 +50,7 @@ class Scene:
     def of(
         cls,
         model: AcousticModel,
-        frames: Sequence[ShownFrame],
+        frames: Sequence[ViewerFrame],
         *,
         counters: Mapping[str, Any] | None = None,
         client_axes: Sequence[Sequence[float]] | None = None,

@@ -20,7 +20,7 @@ from haptogram.verification import FrameStatus, Verdict
 from haptogram.verification.watch import Defect, WatchedLatch, WatchResult
 
 from ..formats.html import write_html_page
-from ..viewer.frames import ShownFrame, judged_viewer_frame
+from ..viewer.frames import ViewerFrame, judged_viewer_frame
 from ..viewer.scene import Scene, other_axes_of_viewer
 from .words import watched_pattern_text, watched_place_text
 
@@ -42,7 +42,7 @@ class WatchPage:
 
     def __init__(self, board: WatchedBoard) -> None:
         self._board = board
-        self._frames: deque[ShownFrame] = deque(maxlen=_KEPT)
+        self._frames: deque[ViewerFrame] = deque(maxlen=_KEPT)
         self._rows: deque[tuple[str, ...]] = deque(maxlen=_LISTED)
         self._taken = 0
 
@@ -104,7 +104,7 @@ class WatchPage:
             board=self._board_rows(),
         )
 
-    def _scene(self, frames: list[ShownFrame]) -> str | None:
+    def _scene(self, frames: list[ViewerFrame]) -> str | None:
         if not frames:
             return None
         axes = other_axes_of_viewer(self._board.client_axes)
@@ -157,13 +157,13 @@ class WatchPage:
         ]
 
 
-def _shown_watched_frame(seen: WatchedLatch) -> ShownFrame:
+def _shown_watched_frame(seen: WatchedLatch) -> ViewerFrame:
     latch, pattern = seen.latch, seen.pattern
     drive = Drive.from_weights(saturated_weights(np.nan_to_num(latch.weights)))
     if (verdict := seen.verdict) is not None:
         frame = judged_viewer_frame(lambda name: getattr(verdict, name), str(verdict))
     else:
-        frame = ShownFrame(number=latch.number, text=seen.torn_text)
+        frame = ViewerFrame(number=latch.number, text=seen.torn_text)
     frame = dataclasses.replace(frame, number=latch.number, latched_us=latch.t_us, drive=drive)
     if frame.found_m is None and isinstance(pattern, OneFocus):
         bounds = [_MM * b if math.isfinite(b) else None for b in pattern.bound_m]

@@ -138,7 +138,7 @@ class FrameJudge:
         """Return the verdict on a frame that was latched, or seen on the wire."""
         seen = self._seen(intended, observation)
         found = self._judged(
-            _frame_without_identity(intended),
+            _judged_frame_without_identity(intended),
             dataclasses.replace(observation, key=_ANY, t_latch_us=0, late=False),
         )
         if observation.evidence is Evidence.WIRE and found.status not in WRONG:
@@ -150,7 +150,9 @@ class FrameJudge:
         seen = self._seen(intended, observation)
         if _frame_crc_differs(intended, observation):
             return dataclasses.replace(
-                seen, status=FrameStatus.CORRUPT, faults=(_frame_crc_fault(intended, observation),)
+                seen,
+                status=FrameStatus.CORRUPT,
+                faults=(_judged_frame_crc_fault(intended, observation),),
             )
         latched, note = self._latched_drive(intended, observation)
         seen = dataclasses.replace(seen, note=note)
@@ -173,7 +175,7 @@ class FrameJudge:
             note = "the calibration gives every element that shall sound a gain of 0"
             return dataclasses.replace(seen, faults=faults, note=note)
         if len(intended.foci) > 1:
-            ideals = self._ideals(_frame_without_identity(intended))
+            ideals = self._ideals(_judged_frame_without_identity(intended))
             if not ideals:
                 note = f"the solver {intended.solver} refuses these foci for the array of the board"
                 return dataclasses.replace(seen, faults=faults, note=note)
@@ -252,7 +254,7 @@ def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
     return not found.outliers or found.residual_rms_rad <= target.phase_limit_rad
 
 
-def _frame_without_identity(intended: Intended) -> Intended:
+def _judged_frame_without_identity(intended: Intended) -> Intended:
     """Return *intended* as all frames are that ask for the same drive."""
     return dataclasses.replace(intended, number=0, key=_ANY, t_apply_us=None)
 
@@ -279,7 +281,7 @@ def lost_frame_verdict(intended: Intended) -> FrameVerdict:
     )
 
 
-def _frame_crc_fault(intended: Intended, observation: Observation) -> str:
+def _judged_frame_crc_fault(intended: Intended, observation: Observation) -> str:
     return (
         f"another drive was latched: its CRC is {observation.drive_crc:08x}, that of the intended "
         f"one {intended.drive.digest():08x}"

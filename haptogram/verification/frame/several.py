@@ -108,7 +108,7 @@ def judge_several_foci(
     if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
         found = _judge_foci_tolerantly(ideal, intended, latched, active, tolerance)
     status = frame_status_of(found.verdicts, faults, focused=False, tolerance=tolerance)
-    unseen = [*found.unseen, *_frame_levels_not_made(levels, intended)]
+    unseen = [*found.unseen, *_judged_levels_not_made(levels, intended)]
     notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
     if status is FrameStatus.ON_TARGET and unseen:
         status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
@@ -283,7 +283,7 @@ def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
         )
 
 
-def _frame_levels_not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
+def _judged_levels_not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
     """Yield reasons for foci that are missing although the drive is as it should be."""
     if intended.solver != "naive" and not levels.made:
         yield (

@@ -18,7 +18,7 @@ from haptogram.records.pins import PinRecord
 
 from .latch_steps import pin_steps
 from .pin_weights import pin_turns_of_reference
-from .run_drives import Bools, RunDrives, fundamentals_of_run_drives
+from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 
 _Cells: TypeAlias = NDArray[np.complex64]
 
@@ -32,7 +32,7 @@ _PLACES: Final = 3  # that are tried: wrong pins may make another one look bette
 
 
 @dataclass(frozen=True, slots=True)
-class Alignment:
+class PinAlignment:
     """Frame at *u* periods of the run is due at ``offset + rate * u`` periods of the capture.
 
     Attributes
@@ -50,22 +50,22 @@ class Alignment:
     turn_rad: float
     is_fine: bool = False
 
-    def shifted(self, periods: float) -> Alignment:
+    def shifted(self, periods: float) -> PinAlignment:
         """Return the alignment of a run that begins so much later."""
         return replace(self, offset=self.offset + periods)
 
-    def starts(self, run: RunDrives) -> FloatArray:
+    def starts(self, run: PinRunDrives) -> FloatArray:
         """Return (F,) the times at which frames are due in the capture."""
         times: FloatArray = self.offset + self.rate * run.starts
         return times
 
-    def ends(self, run: RunDrives) -> FloatArray:
+    def ends(self, run: PinRunDrives) -> FloatArray:
         """Return (F,) the times at which frames are over in the capture."""
         times: FloatArray = self.offset + self.rate * run.ends
         return times
 
 
-def rates_of_pin_alignment(record: PinRecord, run: RunDrives) -> list[float]:
+def rates_of_pin_alignment(record: PinRecord, run: PinRunDrives) -> list[float]:
     """Return the rates that the clock of the frames may have against the carrier.
 
     One crystal makes both; or two do, and then the analyser's own clock is the better guess.
@@ -75,7 +75,7 @@ def rates_of_pin_alignment(record: PinRecord, run: RunDrives) -> list[float]:
     return [1.0, other] if apart > _SHARE_OF_FRAME * run.gap else [1.0]
 
 
-def align_pins_to_run(record: PinRecord, run: RunDrives, rate: float) -> Iterator[Alignment]:
+def align_pins_to_run(record: PinRecord, run: PinRunDrives, rate: float) -> Iterator[PinAlignment]:
     """Yield the places at which the run fits best, the best first, if its clock has this *rate*."""
     cell = float(np.clip(_SHARE_OF_FRAME * run.gap, *_CELLS))
     cell = max(cell, (record.end + run.ends[-1]) / _MOST_CELLS)
@@ -91,23 +91,23 @@ def align_pins_to_run(record: PinRecord, run: RunDrives, rate: float) -> Iterato
     for _ in range(_PLACES):
         best = int(heights.argmax())
         shift = best if best < len(seen) else best - size
-        found = Alignment(shift * cell, rate, float(np.angle(total[best])))
+        found = PinAlignment(shift * cell, rate, float(np.angle(total[best])))
         yield _refined_alignment(record, run, found)
         heights[np.arange(best - near, best + near + 1) % size] = 0.0
 
 
-def align_pins_by_onset(record: PinRecord, run: RunDrives) -> Alignment | None:
+def align_pins_by_onset(record: PinRecord, run: PinRunDrives) -> PinAlignment | None:
     """Return the alignment by the first sound of the capture; None: it begins with sound."""
     firsts = sorted(float(p.rises[0]) for p in record.pins.values() if len(p.rises))
     if not firsts or firsts[len(firsts) // 2] < run.gap / 2.0 + 2.0:
         return None
-    return Alignment(firsts[len(firsts) // 4] - 0.5, 1.0, 0.0)
+    return PinAlignment(firsts[len(firsts) // 4] - 0.5, 1.0, 0.0)
 
 
 # --- correlation ---------------------------------------------------------------------------------
 
 
-def _cells_of_pins(record: PinRecord, cell: float, run: RunDrives) -> _Cells:
+def _cells_of_pins(record: PinRecord, cell: float, run: PinRunDrives) -> _Cells:
     """Return (C, E) the drive of each pin, averaged over cells of the capture."""
     count = int(record.end / cell) + 1
     rows = []
@@ -121,7 +121,9 @@ def _cells_of_pins(record: PinRecord, cell: float, run: RunDrives) -> _Cells:
     return _relative_cells_of_pins(np.array(rows).T, record, run)
 
 
-def _cells_of_run_for_pins(record: PinRecord, run: RunDrives, rate: float, cell: float) -> _Cells:
+def _cells_of_run_for_pins(
+    record: PinRecord, run: PinRunDrives, rate: float, cell: float
+) -> _Cells:
     """Return (C, E) the same of the run, as it was meant."""
     ends = rate * run.ends
     times = (np.arange(int(ends[-1] / cell) + 1) + 0.5) * cell
@@ -130,7 +132,7 @@ def _cells_of_run_for_pins(record: PinRecord, run: RunDrives, rate: float, cell:
     return _relative_cells_of_pins(cells.astype(np.complex64), record, run)
 
 
-def _relative_cells_of_pins(cells: _Cells, record: PinRecord, run: RunDrives) -> _Cells:
+def _relative_cells_of_pins(cells: _Cells, record: PinRecord, run: PinRunDrives) -> _Cells:
     """Return *cells* relative to the reference, if that is an element, of some elements."""
     kept = np.arange(len(run.elements))
     if record.reference_element is not None:
@@ -146,7 +148,7 @@ def _relative_cells_of_pins(cells: _Cells, record: PinRecord, run: RunDrives) ->
 # --- the line through the latches ----------------------------------------------------------------
 
 
-def _refined_alignment(record: PinRecord, run: RunDrives, found: Alignment) -> Alignment:
+def _refined_alignment(record: PinRecord, run: PinRunDrives, found: PinAlignment) -> PinAlignment:
     """Return *found* with offset and rate from the moments at which pins change."""
     before = np.arange(-1, run.count - 1)
     for number in range(_ROUNDS):
@@ -167,7 +169,7 @@ def _refined_alignment(record: PinRecord, run: RunDrives, found: Alignment) -> A
     return found
 
 
-def _align_by_latch_pin(record: PinRecord, run: RunDrives, found: Alignment) -> Alignment:
+def _align_by_latch_pin(record: PinRecord, run: PinRunDrives, found: PinAlignment) -> PinAlignment:
     """Return *found* with the offset of the latch pin, where no drive tells when it was latched."""
     if record.latches is None or not len(record.latches):
         return found
@@ -184,7 +186,7 @@ def _align_by_latch_pin(record: PinRecord, run: RunDrives, found: Alignment) -> 
     )
 
 
-def _alignment_with_rate(starts: FloatArray, late: FloatArray, found: Alignment) -> Alignment:
+def _alignment_with_rate(starts: FloatArray, late: FloatArray, found: PinAlignment) -> PinAlignment:
     near: Bools = np.abs(late) < _NEAR_PERIODS
     if near.sum() < 8:
         return found

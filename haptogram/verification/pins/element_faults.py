@@ -16,7 +16,7 @@ from haptogram.acoustics import TransducerArray
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 
 from .pin_weights import wrapped_pin_angles
-from .run_drives import Bools, RunDrives
+from .run_drives import Bools, PinRunDrives
 
 _MOST: Final = 0.9  # share of frames that a name must explain
 _FRAMES_COMPARED: Final = 256
@@ -33,7 +33,7 @@ class PinDrives:
 
     Attributes
     ----------
-    run : RunDrives
+    run : PinRunDrives
         The drives that were meant.
     weights : (F, E) numpy.ndarray of complex
         The drives that were seen; NaN: not seen.
@@ -45,7 +45,7 @@ class PinDrives:
         Largest error of an amplitude that passes.
     """
 
-    run: RunDrives
+    run: PinRunDrives
     weights: ComplexArray
     before: np.ndarray
     limit_rad: FloatArray

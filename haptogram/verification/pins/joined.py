@@ -29,7 +29,7 @@ _NAMED: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
-class CaptureVerdict:
+class JoinedCaptureVerdict:
     """The verdict by all captures of a run; true if it passed, and only then.
 
     Attributes
@@ -121,7 +121,7 @@ def verify_captures(
     tolerance: Tolerance | None = None,
     uncertainty: Uncertainty | None = None,
     incomplete: str = "",
-) -> CaptureVerdict:
+) -> JoinedCaptureVerdict:
     """Judge captures of drive pins against the frames of a run.
 
     Parameters
@@ -184,7 +184,7 @@ def verify_captures(
     reasons = [*wrong, *missing]
     if incomplete:
         verdict, reasons = Verdict.INCONCLUSIVE, [incomplete, *reasons]
-    return CaptureVerdict(
+    return JoinedCaptureVerdict(
         verdict,
         tuple(reasons),
         pins,
@@ -322,7 +322,7 @@ def _joined_observation_of_pins(frame: Intended, codes: np.ndarray, late_us: flo
     )
 
 
-def _joined_capture_verdict_summary(verdict: CaptureVerdict) -> Iterator[str]:
+def _joined_capture_verdict_summary(verdict: JoinedCaptureVerdict) -> Iterator[str]:
     what = "; ".join(verdict.reasons[:2]) or "every captured pin does what was intended"
     more = len(verdict.reasons) - 2
     if more > 0:

@@ -20,9 +20,9 @@ from ..frame.verdict import Verdict
 from .element_faults import PinFaultKind, exchanged_pin_orders, faults_of_pins, grouped_pin_faults
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase, wrapped_pin_angles
-from .run_drives import Bools, RunDrives
+from .run_drives import Bools, PinRunDrives
 from .shared_phase import clock_turns_of_pins
-from .shown_frames import FIT_SHARE, CaptureLimits, ShownFrames, frames_shown_by_pins
+from .shown_frames import FIT_SHARE, CaptureLimits, FramesShownByPins, frames_shown_by_pins
 from .silence import EndOfSound, end_of_sound_on_pins
 
 _HALF: Final = 0.5
@@ -61,7 +61,7 @@ def verify_captured_pins(
                 f"channel {pin.channel} is element {element}; the array has the elements 0 to "
                 f"{model.array.count - 1}"
             )
-    run = RunDrives.of(intended, sorted(record.pins), record.carrier_hz)
+    run = PinRunDrives.of(intended, sorted(record.pins), record.carrier_hz)
     return _PinJudge(record, run, model, frames_shown_by_pins(record, run)).judge()
 
 
@@ -70,9 +70,9 @@ class _PinJudge:
     """One capture against one run."""
 
     record: PinRecord
-    run: RunDrives
+    run: PinRunDrives
     model: AcousticModel
-    shown: ShownFrames
+    shown: FramesShownByPins
     findings: dict[str, list[str]] = field(default_factory=dict)
     not_judged: dict[str, str] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)

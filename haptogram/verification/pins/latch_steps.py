@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.pins import PinRecord
 
-from .run_drives import Bools, RunDrives, fundamentals_of_run_drives
+from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 
 #: Drives nearer than that are not told apart pulse by pulse: samples, and a share of full drive.
 _SAMPLES: Final = 8.0
@@ -50,7 +50,7 @@ class PinSteps:
 
 def pin_steps(
     record: PinRecord,
-    run: RunDrives,
+    run: PinRunDrives,
     starts: FloatArray,
     ends: FloatArray,
     before: NDArray[np.int64],

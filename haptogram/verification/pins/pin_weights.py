@@ -10,7 +10,7 @@ import numpy as np
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.pins import PinRecord
 
-from .run_drives import Bools, RunDrives, fundamentals_of_run_drives
+from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 
 #: Periods after a latch until no pulse of the old drive is left, and before the next one.
 SETTLED: Final = 2.0
@@ -40,7 +40,7 @@ class PinWeights:
 
 
 def pin_weights(
-    record: PinRecord, run: RunDrives, lows: FloatArray, highs: FloatArray
+    record: PinRecord, run: PinRunDrives, lows: FloatArray, highs: FloatArray
 ) -> PinWeights:
     """Return the mean drive of each pin from *lows* to *highs* (F, E), in periods."""
     shape = run.count, len(run.elements)
@@ -68,7 +68,7 @@ def pin_weights(
 
 
 def pin_weights_of_frame(
-    record: PinRecord, run: RunDrives, starts: FloatArray, ends: FloatArray
+    record: PinRecord, run: PinRunDrives, starts: FloatArray, ends: FloatArray
 ) -> PinWeights:
     """Return the drives between *starts* and *ends* (F,), without the latches at both."""
     shape = run.count, len(run.elements)
@@ -77,7 +77,7 @@ def pin_weights_of_frame(
 
 
 def pin_turns_of_reference(
-    record: PinRecord, run: RunDrives, starts: FloatArray, ends: FloatArray
+    record: PinRecord, run: PinRunDrives, starts: FloatArray, ends: FloatArray
 ) -> FloatArray:
     """Return the (F,) phase by which the element that is the reference differs from its drive."""
     if record.reference_element is None:
@@ -89,7 +89,7 @@ def pin_turns_of_reference(
 
 def common_turns_of_pins(
     record: PinRecord,
-    run: RunDrives,
+    run: PinRunDrives,
     weights: ComplexArray,
     limit_rad: float,
     *,

@@ -26,7 +26,7 @@ _EVERY: Final = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
-class RunDrives:
+class PinRunDrives:
     """F frames of a run at E elements; times in periods of the carrier since the first frame.
 
     Attributes

@@ -13,8 +13,8 @@ from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
 
 from .pin_weights import SETTLED, pin_weights, wrapped_pin_angles
-from .run_drives import RunDrives
-from .shown_frames import ShownFrames
+from .run_drives import PinRunDrives
+from .shown_frames import FramesShownByPins
 
 if TYPE_CHECKING:
     from .pin_verdict import PinVerdict
@@ -80,7 +80,9 @@ def why_pin_phases_are_apart(
     return "; ".join(_pin_phase_lines(pins, len(frames), apart, worst_rad))
 
 
-def clock_turns_of_pins(record: PinRecord, run: RunDrives, shown: ShownFrames) -> FloatArray | None:
+def clock_turns_of_pins(
+    record: PinRecord, run: PinRunDrives, shown: FramesShownByPins
+) -> FloatArray | None:
     """Return the (F,) common phase of the pins against the clock of the carrier, in radians.
 
     NaN: the frame is not seen. None: the reference of the capture is an element.

@@ -14,11 +14,11 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.records.pins import PinRecord
 
-from .alignment import Alignment, align_pins_by_onset, align_pins_to_run, rates_of_pin_alignment
+from .alignment import PinAlignment, align_pins_by_onset, align_pins_to_run, rates_of_pin_alignment
 from .element_faults import PinDrives
 from .latch_steps import PinSteps, pin_steps
 from .pin_weights import SETTLED, common_turns_of_pins, pin_weights, pin_weights_of_frame
-from .run_drives import Bools, RunDrives
+from .run_drives import Bools, PinRunDrives
 
 #: Share of the captured drives that are right in a capture of this run.
 FIT_SHARE: Final = 0.5
@@ -62,7 +62,7 @@ class CaptureLimits:
 
 
 @dataclass(frozen=True, eq=False)
-class ShownFrames:
+class FramesShownByPins:
     """F frames of a run at E pins; times in periods of the carrier.
 
     Attributes
@@ -98,7 +98,7 @@ class ShownFrames:
         return self.drives.all_right()
 
 
-def frames_shown_by_pins(record: PinRecord, run: RunDrives) -> ShownFrames:
+def frames_shown_by_pins(record: PinRecord, run: PinRunDrives) -> FramesShownByPins:
     """Return the frames of a run that a capture shows."""
     limits = CaptureLimits.of(record)
     found = _best_pin_alignment(record, run, limits)
@@ -109,16 +109,18 @@ def frames_shown_by_pins(record: PinRecord, run: RunDrives) -> ShownFrames:
     steps = pin_steps(record, run, starts, ends, before, turns)
     drives = _pin_drives(record, run, found, limits, steps, before)
     lost |= _pins_without_latch(record, starts, ends) & ~steps.is_inside.any(axis=1)
-    return ShownFrames(starts, ends, drives, steps, lost, _pin_lateness(steps, lost))
+    return FramesShownByPins(starts, ends, drives, steps, lost, _pin_lateness(steps, lost))
 
 
-def _best_pin_alignment(record: PinRecord, run: RunDrives, limits: CaptureLimits) -> Alignment:
+def _best_pin_alignment(
+    record: PinRecord, run: PinRunDrives, limits: CaptureLimits
+) -> PinAlignment:
     """Return the alignment in which most drives are right."""
 
-    def share(place: Alignment) -> float:
+    def share(place: PinAlignment) -> float:
         return _share_of_right_pins(_pin_drives(record, run, place, limits))
 
-    most, best = -1.0, Alignment(0.0, 1.0, 0.0)
+    most, best = -1.0, PinAlignment(0.0, 1.0, 0.0)
     for rate in rates_of_pin_alignment(record, run):
         for place in align_pins_to_run(record, run, rate):
             if (found := share(place)) > most:
@@ -142,8 +144,8 @@ def _share_of_right_pins(drives: PinDrives) -> float:
 
 def _pin_drives(
     record: PinRecord,
-    run: RunDrives,
-    found: Alignment,
+    run: PinRunDrives,
+    found: PinAlignment,
     limits: CaptureLimits,
     steps: PinSteps | None = None,
     before: NDArray[np.int64] | None = None,
@@ -174,7 +176,7 @@ def _pin_drives(
 
 
 def _end_of_last_pin_frame(
-    record: PinRecord, run: RunDrives, starts: FloatArray, ends: FloatArray
+    record: PinRecord, run: PinRunDrives, starts: FloatArray, ends: FloatArray
 ) -> float:
     """Return half of the last frame, in which the host may mute, or when all pins are silent."""
     middle = float(starts[-1] + ends[-1]) / 2.0
@@ -239,7 +241,7 @@ def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: Com
 
 
 def _pins_on_phase_of_reference(
-    record: PinRecord, run: RunDrives, seen: ComplexArray, old: ComplexArray
+    record: PinRecord, run: PinRunDrives, seen: ComplexArray, old: ComplexArray
 ) -> ComplexArray:
     """Return *seen* (E,) turned so that the element that is the reference has its *old* phase."""
     if record.reference_element is None:

@@ -11,8 +11,8 @@ import numpy as np
 from haptogram.records.pins import PinRecord
 
 from .line_frames import first_mute_on_captured_line
-from .run_drives import RunDrives, fundamentals_of_run_drives
-from .shown_frames import ShownFrames
+from .run_drives import PinRunDrives, fundamentals_of_run_drives
+from .shown_frames import FramesShownByPins
 
 _SILENT_PERIODS: Final = 2.5  # without a pulse
 _FADED: Final = 0.9  # of its amplitude: a pin that has less before its end is on a ramp
@@ -69,7 +69,7 @@ class PinStops:
         return 2 * self.faded > len(self.stops)
 
 
-def pin_stops(record: PinRecord, run: RunDrives, shown: ShownFrames) -> PinStops | None:
+def pin_stops(record: PinRecord, run: PinRunDrives, shown: FramesShownByPins) -> PinStops | None:
     """Return the ends of the pins after the last frame of the run; None: it is not seen."""
     frames = np.flatnonzero(shown.seen)
     if not len(frames) or shown.ends[-1] > record.end + run.gap:
@@ -94,7 +94,9 @@ def pin_stops(record: PinRecord, run: RunDrives, shown: ShownFrames) -> PinStops
     return PinStops(stops, rises, tuple(sounding), faded)
 
 
-def end_of_sound_on_pins(record: PinRecord, run: RunDrives, shown: ShownFrames) -> EndOfSound:
+def end_of_sound_on_pins(
+    record: PinRecord, run: PinRunDrives, shown: FramesShownByPins
+) -> EndOfSound:
     """Judge how the pins fall silent after the last frame of the run.
 
     With the host's line of the UART, MUTE is known on the clock of the pins, and no pulse may begin
@@ -154,7 +156,7 @@ def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None)
     )
 
 
-def _why_pins_not_muted(record: PinRecord, shown: ShownFrames) -> str:
+def _why_pins_not_muted(record: PinRecord, shown: FramesShownByPins) -> str:
     behind_ms = max(0.0, record.end - float(shown.ends[-1])) * 1e3 / record.carrier_hz
     what = "no MUTE is on the captured line"
     if record.to_board is None:

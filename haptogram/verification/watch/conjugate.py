@@ -27,7 +27,7 @@ _SHARE: Final = 0.8  # of the targets whose conjugate is a focus
 _NEAR: Final = 0.1  # of the distance from the array: so far a conjugate may miss the target
 
 
-class ConjugateFoci:
+class ConjugateFociOfClient:
     """Foci of the conjugate drives, where the drives themselves are not on target.
 
     Parameters

@@ -18,7 +18,7 @@ from haptogram.records.remark import About
 from haptogram.settings.arguments import check_whole
 
 from ..frame.verdict import WRONG, FrameStatus, FrameVerdict
-from .conjugate import ConjugateFoci
+from .conjugate import ConjugateFociOfClient
 from .defect import Diagnosis
 from .diagnosis import DefectFinder
 from .expectation import Expectation
@@ -76,7 +76,7 @@ class Watch:
         self._statuses: Counter[FrameStatus] = Counter()
         self._times_ms: deque[float] = deque(maxlen=_TIMED)
         self._aims: dict[tuple[float, ...], Aim] = {}
-        self._conjugates = ConjugateFoci(model)
+        self._conjugates = ConjugateFociOfClient(model)
         self._latches = self._frames = self._focused = self._missed = 0
         self._only_phases = 0  # wrong frames whose focus is right
         self._notes: dict[str, None] = {}  # why frames are not verified

@@ -16,7 +16,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram_protocol.dialects.autd3.frame import MAX_MESSAGE_ID, DeviceFrame, DeviceState
+from haptogram_protocol.dialects.autd3.frame import (
+    MAX_MESSAGE_ID,
+    Autd3DeviceFrame,
+    Autd3DeviceState,
+)
 from haptogram_protocol.dialects.autd3.operations import (
     CHANNELS,
     Clear,
@@ -110,7 +114,7 @@ class Autd3Device:
 
     def __init__(self, counters: Counter[str]) -> None:
         self._counters = counters
-        self._state = DeviceState(0)
+        self._state = Autd3DeviceState(0)
         self._power_up()
 
     def _power_up(self) -> None:
@@ -123,11 +127,11 @@ class Autd3Device:
         )
 
     @property
-    def state(self) -> DeviceState:
+    def state(self) -> Autd3DeviceState:
         """Answer of the device."""
         return self._state
 
-    def take(self, frame: DeviceFrame, now_ns: int) -> None:
+    def take(self, frame: Autd3DeviceFrame, now_ns: int) -> None:
         """Do the operations of *frame* at the system time *now_ns*."""
         if frame.repeated:
             return
@@ -142,7 +146,7 @@ class Autd3Device:
                 data = _FIRMWARE[InfoType(operation.kind)]
         if error:
             self._counters[f"refused_{error.name.lower()}"] += 1
-        self._state = DeviceState(frame.message_id, error, data)
+        self._state = Autd3DeviceState(frame.message_id, error, data)
 
     def output(self, period: int) -> Output:
         """Return the output of the device in *period*; never earlier than asked before."""

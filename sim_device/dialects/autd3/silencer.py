@@ -45,7 +45,7 @@ class Pace:
     phase: int = 40
 
 
-class _Values:
+class _SilencerValues:
     """Phases or intensities of all channels, on their way."""
 
     def __init__(self, count: int, *, round_circle: bool) -> None:
@@ -113,8 +113,8 @@ class Silencer:
     """The silencer of a device with *count* channels, at rest at 0."""
 
     def __init__(self, count: int) -> None:
-        self._phases = _Values(count, round_circle=True)
-        self._intensities = _Values(count, round_circle=False)
+        self._phases = _SilencerValues(count, round_circle=True)
+        self._intensities = _SilencerValues(count, round_circle=False)
 
     @property
     def phases(self) -> NDArray[np.uint8]:

@@ -10,7 +10,13 @@ from haptogram.conformance import cases
 from haptogram.conformance.case import Case
 from haptogram.conformance.cases import all_cases, case_modules, cases_in, select
 from haptogram.conformance.cases.ch04_session.identity import LEAST_LIMITS
-from haptogram.conformance.clauses import Clause, Level, load_clauses, parse_spec, read_spec
+from haptogram.conformance.clauses import (
+    Clause,
+    Level,
+    load_clauses,
+    parse_spec,
+    read_spec_of_clauses,
+)
 from haptogram.conformance.outcome import WIRE
 
 ROOT = Path(__file__).parents[3]
@@ -19,7 +25,7 @@ CASES = all_cases()
 
 
 def test_a_checkout_reads_its_own_spec():
-    assert read_spec() == SPEC
+    assert read_spec_of_clauses() == SPEC
 
 
 def test_a_clause_is_its_number_and_its_text_on_one_line():

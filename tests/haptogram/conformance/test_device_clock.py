@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptogram.conformance.pins.device_clock import DeviceClock
+from haptogram.conformance.pins.device_clock import PinDialogueClock
 
 CARRIER_HZ, SECOND = 40_000.0, 40_000.0
 
@@ -28,7 +28,7 @@ def clock_and_marks(seed):
 @pytest.mark.parametrize("seed", range(40))
 def test_a_clock_is_known_as_well_as_it_says(seed):
     device_us, marks, length = clock_and_marks(seed)
-    clock = DeviceClock.of(0.0, length, marks, CARRIER_HZ)
+    clock = PinDialogueClock.of(0.0, length, marks, CARRIER_HZ)
     inside = np.linspace(marks[0][0], marks[-1][0], 200)
     for period in inside.tolist():
         t_us = round(float(device_us(period)))
@@ -41,11 +41,11 @@ def test_a_clock_is_known_as_well_as_it_says(seed):
 def test_pongs_that_lie_are_left_out_and_few_pings_are_known_badly():
     marks = [(n * SECOND, 1_000_000 * n) for n in range(40)]
     marks[7] = (7 * SECOND, 7_000_500)
-    clock = DeviceClock.of(0.0, 40 * SECOND, marks, CARRIER_HZ)
+    clock = PinDialogueClock.of(0.0, 40 * SECOND, marks, CARRIER_HZ)
     assert abs(clock.periods(7_000_000, 7 * SECOND) - 7 * SECOND) < 0.1
     assert clock.within(20 * SECOND) < 0.1
-    lone = DeviceClock.of(0.0, 40 * SECOND, marks[:1], CARRIER_HZ)
+    lone = PinDialogueClock.of(0.0, 40 * SECOND, marks[:1], CARRIER_HZ)
     assert lone.within(0.0) < 0.1
     assert lone.within(10 * SECOND) > 10.0  # 200 ppm
-    apart = DeviceClock.of(0.0, 40 * SECOND, [marks[0], marks[-1]], CARRIER_HZ)
+    apart = PinDialogueClock.of(0.0, 40 * SECOND, [marks[0], marks[-1]], CARRIER_HZ)
     assert 0.5 < apart.within(20 * SECOND) < 2.0

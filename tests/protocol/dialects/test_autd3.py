@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from haptogram_protocol.dialects.autd3.frame import (
     DEVICE_FRAME_BYTES,
-    DeviceFrame,
-    DeviceState,
+    Autd3DeviceFrame,
+    Autd3DeviceState,
 )
 from haptogram_protocol.dialects.autd3.link import MAX_UNANSWERED, Autd3BoardEnd, Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import (
@@ -97,7 +97,7 @@ def opened(devices: int = 1) -> Autd3BoardEnd:
     return board
 
 
-def frames_of(board: Autd3BoardEnd, *frames: bytes) -> tuple[DeviceFrame, ...]:
+def frames_of(board: Autd3BoardEnd, *frames: bytes) -> tuple[Autd3DeviceFrame, ...]:
     (operation,) = board.receive_data(b"\x03" + b"".join(frames))
     assert isinstance(operation, Write)
     return operation.frames
@@ -109,7 +109,7 @@ def test_the_session_of_a_client_is_these_bytes() -> None:
     operations = [
         Hello(1),
         Open((AT_ORIGIN,)),
-        Write((DeviceFrame(1, (Clear(),)),)),
+        Write((Autd3DeviceFrame(1, (Clear(),)),)),
         Read(),
         Update((AT_ORIGIN,)),
         Close(),
@@ -120,7 +120,7 @@ def test_the_session_of_a_client_is_these_bytes() -> None:
     replies = bytes.fromhex("00 00 00 00a1 35 00 00".replace("00a1 35", "00 a135"))
     assert host.receive_data(replies) == [
         *[Accepted()] * 3,
-        States((DeviceState(5, 3, 0xA1),)),
+        States((Autd3DeviceState(5, 3, 0xA1),)),
         *[Accepted()] * 2,
     ]
 
@@ -128,13 +128,13 @@ def test_the_session_of_a_client_is_these_bytes() -> None:
 @pytest.mark.parametrize(("payload", "operation"), OPERATIONS)
 def test_a_payload_is_this_operation_and_back(payload: str, operation: Any) -> None:
     frame = device_frame(bytes.fromhex(payload))
-    assert frames_of(opened(), frame) == (DeviceFrame(1, (operation,)),)
-    assert DeviceFrame(1, (operation,)).pack() == frame
+    assert frames_of(opened(), frame) == (Autd3DeviceFrame(1, (operation,)),)
+    assert Autd3DeviceFrame(1, (operation,)).pack() == frame
 
 
 def test_what_lies_behind_an_operation_is_left_over() -> None:
     frame = device_frame(bytes.fromhex("01 00") + b"\xaa" * 620)
-    assert frames_of(opened(), frame) == (DeviceFrame(1, (Clear(),)),)
+    assert frames_of(opened(), frame) == (Autd3DeviceFrame(1, (Clear(),)),)
 
 
 def test_a_frame_holds_two_operations_and_devices_have_their_own() -> None:
@@ -143,7 +143,7 @@ def test_a_frame_holds_two_operations_and_devices_have_their_own() -> None:
     frames = (device_frame(silencer + gain, 7, len(silencer)), device_frame(b"\x01\x00", 7))
     found = frames_of(opened(2), *frames)
     both = (Silencer(False, True, 10, 40), Gain(0, True, DRIVES))
-    assert found == (DeviceFrame(7, both), DeviceFrame(7, (Clear(),)))
+    assert found == (Autd3DeviceFrame(7, both), Autd3DeviceFrame(7, (Clear(),)))
     assert tuple(frame.pack() for frame in found) == frames
 
 
@@ -153,7 +153,7 @@ def test_later_foci_have_as_many_of_a_pattern_as_the_start_said() -> None:
     frames_of(board, device_frame(start + FOCUS * 2, 1))
     ignored = start[:5] + b"\x07" + start[6:]
     repeated = frames_of(board, device_frame(ignored + FOCUS * 7, 1))
-    assert repeated == (DeviceFrame(1, (), repeated=True),)
+    assert repeated == (Autd3DeviceFrame(1, (), repeated=True),)
     part = device_frame(bytes.fromhex("42 06 03 00") + FOCUS * 6, 2)
     (frame,) = frames_of(board, part)
     assert frame.operations == (FociSTM(0, 3, FOCUS * 6, None, True, True),)
@@ -270,8 +270,10 @@ def test_replies_come_back_from_their_bytes(
 
 
 def test_an_acknowledgement_holds_the_error_above_the_id() -> None:
-    assert DeviceState(0x05, ErrorCode.INVALID_INFO_TYPE, 0xA5).pack() == bytes.fromhex("a5 35")
-    assert DeviceState(0x10, ErrorCode.INVALID_MESSAGE_ID).pack() == bytes.fromhex("00 20")
+    assert Autd3DeviceState(0x05, ErrorCode.INVALID_INFO_TYPE, 0xA5).pack() == bytes.fromhex(
+        "a5 35"
+    )
+    assert Autd3DeviceState(0x10, ErrorCode.INVALID_MESSAGE_ID).pack() == bytes.fromhex("00 20")
 
 
 def test_replies_that_nobody_asked_for_are_counted() -> None:
@@ -305,15 +307,18 @@ GAIN = Gain(0, True, DRIVES)
 @pytest.mark.parametrize(
     ("frame", "message"),
     [
-        (DeviceFrame(16, (Clear(),)), "message id 16; it is 0 to 15"),
-        (DeviceFrame(1, ()), "0 operations in a frame"),
-        (DeviceFrame(1, (GAIN, GAIN)), "operations of 1004 bytes; 622 fit"),
-        (DeviceFrame(1, (dataclasses.replace(GAIN, drives=b""),)), "0 bytes of drives, not 498"),
-        (DeviceFrame(1, (Silencer(False, False, -1, 0),)), "Silencer"),
-        (DeviceFrame(1, (Truncated(3),)), "no device of autd3 takes Truncated"),
+        (Autd3DeviceFrame(16, (Clear(),)), "message id 16; it is 0 to 15"),
+        (Autd3DeviceFrame(1, ()), "0 operations in a frame"),
+        (Autd3DeviceFrame(1, (GAIN, GAIN)), "operations of 1004 bytes; 622 fit"),
+        (
+            Autd3DeviceFrame(1, (dataclasses.replace(GAIN, drives=b""),)),
+            "0 bytes of drives, not 498",
+        ),
+        (Autd3DeviceFrame(1, (Silencer(False, False, -1, 0),)), "Silencer"),
+        (Autd3DeviceFrame(1, (Truncated(3),)), "no device of autd3 takes Truncated"),
     ],
 )
-def test_frames_that_no_device_takes_are_refused(frame: DeviceFrame, message: str) -> None:
+def test_frames_that_no_device_takes_are_refused(frame: Autd3DeviceFrame, message: str) -> None:
     with pytest.raises(LocalProtocolError, match=message):
         frame.pack()
 

@@ -14,7 +14,7 @@ from dialect_boards import DialectBoard, blueprint_of_options
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import BoardConfig
 from haptogram_protocol.dialects import sonicsurface
-from haptogram_protocol.dialects.autd3.frame import DeviceFrame
+from haptogram_protocol.dialects.autd3.frame import Autd3DeviceFrame
 from haptogram_protocol.dialects.autd3.link import Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import Hello, Open, Pose, Write
 from haptogram_protocol.dialects.autd3.operations import Gain
@@ -206,7 +206,7 @@ def board_of_a_link():
 
 def counts_of_a_client(dialect, wrong):
     """Return what the latch of a client's gain counts; *wrong* bytes follow the gain."""
-    frame = DeviceFrame(1, (Gain(0, True, bytes([wrong, 255] * 249)),))
+    frame = Autd3DeviceFrame(1, (Gain(0, True, bytes([wrong, 255] * 249)),))
     asked = Hello(), Open((Pose((0, 0, 0), (1, 0, 0, 0)),)), Write((frame,))
     dialect.receive(b"".join(map(Autd3HostEnd().send, asked)) + b"\x77" * wrong, dialect.now_us)
     dialect.advance_to(dialect.now_us + 1000)

@@ -88,7 +88,7 @@ def fit_foci(
     weights = weights / (phasors.conj() @ (weights @ parts) / len(phasors))
     for _ in range(_STEPS):
         turned = waves(places)[:, active] * phasors.conj()
-        problem = _LinearisedFoci.at(turned, weights, places, positions, model.wavenumber)
+        problem = _LinearisedPatternFoci.at(turned, weights, places, positions, model.wavenumber)
         step = problem.step()
         change = step[2 * count :].reshape(count, 3)
         longest = float(np.linalg.norm(change, axis=1).max())
@@ -114,7 +114,7 @@ def _first_foci_weights(waves: Complexes, drive: Complexes) -> Complexes:
     return weights
 
 
-class _LinearisedFoci(NamedTuple):
+class _LinearisedPatternFoci(NamedTuple):
     """The fit around one estimate.
 
     Columns of the slopes are Re c, Im c of every focus, then x, y, z of every focus.
@@ -127,7 +127,7 @@ class _LinearisedFoci(NamedTuple):
     @classmethod
     def at(
         cls, turned: Complexes, weights: Complexes, places: Floats, positions: Floats, k: float
-    ) -> _LinearisedFoci:
+    ) -> _LinearisedPatternFoci:
         """Return residuals and slopes for waves (F, N) whose phases are those of the drive less."""
         total = weights @ turned
         rays = places[:, None, :] - positions

@@ -38,7 +38,7 @@ _SIZES: Final = ((3, 1, 2), (1, 3, 2), (2, 2, 2))
 
 
 @dataclass(slots=True)
-class Store:
+class SequenceStore:
     """Sequences that a host has stored, with the CRC-32 of each drive that a playback latches.
 
     Attributes
@@ -94,7 +94,7 @@ def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
     orders = list(_orders_of_stored_sequences())
     for order in orders if board.thorough else orders[3:4]:
         board.configure(trace_mode=TraceMode.CRC)
-        store = Store(board)
+        store = SequenceStore(board)
         for sequence, frames in zip(_IDS, _SIZES[0], strict=True):
             store.put(sequence, frames)
         store.check_all("uploaded")
@@ -119,7 +119,7 @@ def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
 def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     first, second, third = _IDS
     board.configure(trace_mode=TraceMode.CRC)
-    store = Store(board)
+    store = SequenceStore(board)
     for sequence in _IDS:
         store.put(sequence, 2)
     board.arm()
@@ -149,7 +149,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
 )
 def many_sequences_are_stored(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.CRC)
-    store, count = Store(board), board.identity.transducers
+    store, count = SequenceStore(board), board.identity.transducers
     for sequence in SEQUENCES:  # later cases find room for theirs
         store.put(sequence, 1)
     board.arm()

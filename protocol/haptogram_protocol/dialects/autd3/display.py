@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from ..codec import Codes, Display, Operation, Reply
-from .frame import MAX_MESSAGE_ID, DeviceFrame
+from .frame import MAX_MESSAGE_ID, Autd3DeviceFrame
 from .messages import Close, Hello, Open, Pose, Read, States, Write
 from .operations import CHANNELS, Clear, Gain
 
@@ -71,5 +71,5 @@ class Autd3Display(Display):
 
     def _written(self, operations: Sequence[Operation]) -> list[Operation]:
         self._message_id = (self._message_id + 1) % (MAX_MESSAGE_ID + 1)
-        frames = tuple(DeviceFrame(self._message_id, (each,)) for each in operations)
+        frames = tuple(Autd3DeviceFrame(self._message_id, (each,)) for each in operations)
         return [Write(frames), Read()]

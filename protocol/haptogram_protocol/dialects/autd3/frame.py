@@ -26,7 +26,13 @@ from ..codec import Operation
 from .operations import ErrorCode, Truncated, Unsupported
 from .payload import PAYLOAD_BYTES, pack_autd3_operation, parse_autd3_operation
 
-__all__ = ["DEVICE_FRAME_BYTES", "MAX_MESSAGE_ID", "DeviceFrame", "DeviceReader", "DeviceState"]
+__all__ = [
+    "DEVICE_FRAME_BYTES",
+    "MAX_MESSAGE_ID",
+    "Autd3DeviceFrame",
+    "Autd3DeviceReader",
+    "Autd3DeviceState",
+]
 
 _HEADER: Final = struct.Struct("<BxH")
 DEVICE_FRAME_BYTES: Final = _HEADER.size + PAYLOAD_BYTES
@@ -34,7 +40,7 @@ MAX_MESSAGE_ID: Final = 15
 
 
 @dataclass(frozen=True, slots=True)
-class DeviceFrame:
+class Autd3DeviceFrame:
     """Frame for one device.
 
     Attributes
@@ -72,7 +78,7 @@ class DeviceFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class DeviceState:
+class Autd3DeviceState:
     """Answer of one device.
 
     Attributes
@@ -94,13 +100,13 @@ class DeviceState:
         return bytes([self.data & 0xFF, self.error << 4 & 0xF0 | self.message_id & 0x0F])
 
     @classmethod
-    def parse(cls, answer: bytes) -> DeviceState:
+    def parse(cls, answer: bytes) -> Autd3DeviceState:
         """Return the state in the two bytes of *answer*."""
         data, acknowledgement = answer
         return cls(acknowledgement & 0x0F, acknowledgement >> 4, data)
 
 
-class DeviceReader:
+class Autd3DeviceReader:
     """Reads the frames of one device, which depend on those before.
 
     Parameters
@@ -115,21 +121,21 @@ class DeviceReader:
         self._last_id: int | None = None
         self._foci_of_pattern = 1  # CPUEmulator::new
 
-    def read(self, frame: bytes) -> DeviceFrame:
+    def read(self, frame: bytes) -> Autd3DeviceFrame:
         """Return the content of the 626 bytes of *frame*."""
         message_id, second = _HEADER.unpack_from(frame)
         if message_id == self._last_id:
             self._counters["frames_repeated"] += 1
-            return DeviceFrame(message_id, (), repeated=True)
+            return Autd3DeviceFrame(message_id, (), repeated=True)
         self._last_id = message_id
         if message_id > MAX_MESSAGE_ID:
             self._counters["message_ids_out_of_range"] += 1
-            return DeviceFrame(message_id, ())
+            return Autd3DeviceFrame(message_id, ())
         payload = frame[_HEADER.size :]
         operations = [self._read_operation(payload, 0)]
         if second:
             operations.append(self._read_operation(payload, second))
-        return DeviceFrame(message_id, tuple(operations))
+        return Autd3DeviceFrame(message_id, tuple(operations))
 
     def _read_operation(self, payload: bytes, at: int) -> Operation:
         operation, self._foci_of_pattern = parse_autd3_operation(payload, at, self._foci_of_pattern)

@@ -29,7 +29,7 @@ from typing import Final
 from ...errors import LocalProtocolError
 from ..codec import Dialect, Operation, Reply, no_dialect_bytes_for
 from .display import Autd3Display
-from .frame import DEVICE_FRAME_BYTES, DeviceReader, DeviceState
+from .frame import DEVICE_FRAME_BYTES, Autd3DeviceReader, Autd3DeviceState
 from .messages import (
     VERSION,
     Accepted,
@@ -75,13 +75,13 @@ class Autd3BoardEnd:
     Attributes
     ----------
     counters : Counter
-        ``links_undecodable``, ``bytes_after_end``, and those of :class:`DeviceReader`.
+        ``links_undecodable``, ``bytes_after_end``, and those of :class:`Autd3DeviceReader`.
     """
 
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
         self._buffer = bytearray()
-        self._devices: list[DeviceReader] | None = None
+        self._devices: list[Autd3DeviceReader] | None = None
         self._greeted = False
         self._ended = False
         self._needed = 1  # bytes in the buffer, before it is worth a look
@@ -190,7 +190,7 @@ class Autd3BoardEnd:
             return Update(poses), end - at
         if self._devices is not None:
             return self._give_up("the devices are open already")
-        self._devices = [DeviceReader(self.counters) for _ in poses]
+        self._devices = [Autd3DeviceReader(self.counters) for _ in poses]
         return Open(poses), end - at
 
     def _read_frames(self, received: bytes, at: int) -> tuple[Operation | None, int]:
@@ -309,7 +309,7 @@ class Autd3HostEnd:
         if not devices:
             return Accepted(), 1
         states = (
-            DeviceState.parse(received[start : start + _STATE_BYTES])
+            Autd3DeviceState.parse(received[start : start + _STATE_BYTES])
             for start in range(at + 1, end, _STATE_BYTES)
         )
         return States(tuple(states)), end - at

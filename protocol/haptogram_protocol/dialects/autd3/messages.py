@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..codec import Operation, Reply
-from .frame import DeviceFrame, DeviceState
+from .frame import Autd3DeviceFrame, Autd3DeviceState
 from .operations import autd3_error_text
 
 __all__ = [
@@ -60,7 +60,7 @@ class Update(Operation):
 class Write(Operation):
     """A frame for each device."""
 
-    frames: tuple[DeviceFrame, ...]
+    frames: tuple[Autd3DeviceFrame, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ class Refused(Reply):
 class States(Reply):
     """Answers of all devices."""
 
-    devices: tuple[DeviceState, ...]
+    devices: tuple[Autd3DeviceState, ...]
 
     @property
     def refusal(self) -> str | None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 pytest.importorskip("mcap")
 
 from haptogram.errors import NoAnswerError
-from haptogram.evidence.recordings.real_time import FrameShifter
+from haptogram.evidence.recordings.real_time import ReplayFrameShifter
 from haptogram_protocol.annotation.frames import FrameAnnotator
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, encode_frame
 from haptogram_protocol.messages import STREAM_RANGE, Flag, Header, MessageType
@@ -28,7 +28,7 @@ def moved(shifter, chunks):
 @given(st.lists(frames, max_size=4), st.integers(0, WRAP - 1), st.data())
 def test_frames_with_a_time_are_moved_and_nothing_else(sent, shift_us, data):
     line = b"".join(encode_frame(header.pack() + message.pack()) for header, message in sent)
-    shifter = FrameShifter()
+    shifter = ReplayFrameShifter()
     shifter.shift_us = shift_us
     found = list(FrameAnnotator().feed(moved(shifter, data.draw(chunkings(line)))))
     assert [piece.message for piece in found] == [message for _, message in sent]
@@ -40,14 +40,14 @@ def test_frames_with_a_time_are_moved_and_nothing_else(sent, shift_us, data):
 
 @given(noise, st.data())
 def test_what_is_no_frame_stays_as_it_is(line, data):
-    shifter = FrameShifter()
+    shifter = ReplayFrameShifter()
     shifter.shift_us = 5
     line += b"\0"
     assert moved(shifter, data.draw(chunkings(line))) == line
 
 
 def test_a_line_without_an_end_is_not_kept_and_the_frame_behind_it_is_moved():
-    shifter = FrameShifter()
+    shifter = ReplayFrameShifter()
     shifter.shift_us = 5
     frame = encode_frame(Header(MessageType.PLAY, 0, 1, 77, 2).pack() + b"\0" * 12).strip(b"\0")
     line = b"\x01" * 5 * MAX_ENCODED_BYTES
@@ -62,4 +62,4 @@ def test_a_line_without_an_end_is_not_kept_and_the_frame_behind_it_is_moved():
 def test_a_time_cannot_be_moved_before_the_board_has_answered():
     header = Header(MessageType.PLAY, 0, 1, 77, 2)
     with pytest.raises(NoAnswerError, match="has not answered"):
-        FrameShifter().feed(encode_frame(header.pack() + b"\0" * 12))
+        ReplayFrameShifter().feed(encode_frame(header.pack() + b"\0" * 12))

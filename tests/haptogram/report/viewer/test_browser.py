@@ -23,7 +23,7 @@ from haptogram.acoustics import (
     TransducerArray,
     pressure,
 )
-from haptogram.report.viewer.frames import LATE, ShownFrame
+from haptogram.report.viewer.frames import LATE, ViewerFrame
 from haptogram.report.viewer.page import write_view
 from haptogram.report.viewer.scene import Scene
 
@@ -103,7 +103,7 @@ def test_field_of_the_page_is_that_of_the_reference(
     drive = Drive(
         rng.integers(0, 256, count, dtype=np.uint8), rng.integers(0, 256, count, dtype=np.uint8)
     )
-    page = open_page(_scene_page(tmp_path, Scene.of(model, [ShownFrame(number=0, drive=drive)])))
+    page = open_page(_scene_page(tmp_path, Scene.of(model, [ViewerFrame(number=0, drive=drive)])))
     centre, facing = model.array.centre_m, model.array.facing
     points = centre + 0.1 * facing + rng.uniform(-0.08, 0.08, (200, 3))
     expected = np.abs(pressure(model, drive.weights(), points)) / np.sqrt(2.0)
@@ -131,10 +131,10 @@ def _run_of_four() -> Scene:
         for n, (place, drive) in enumerate(zip(places, drives, strict=True))
     ]
     frames = [
-        ShownFrame(**common[0], **seen[0], status="on target"),
-        ShownFrame(**common[1], **seen[1], status="on target"),
-        ShownFrame(**common[2], status="lost", text="frame 2: lost <b>x</b>"),
-        ShownFrame(**common[3], **seen[3], status="on target", timing=LATE),
+        ViewerFrame(**common[0], **seen[0], status="on target"),
+        ViewerFrame(**common[1], **seen[1], status="on target"),
+        ViewerFrame(**common[2], status="lost", text="frame 2: lost <b>x</b>"),
+        ViewerFrame(**common[3], **seen[3], status="on target", timing=LATE),
     ]
     return Scene.of(model, frames, counters={"lost": 1})
 
@@ -150,7 +150,7 @@ def test_a_scene_without_a_focus_reaches_before_the_array(
     tmp_path: Path, open_page: Callable[..., Any]
 ) -> None:
     drive = Drive(np.zeros(24, np.uint8), np.full(24, 255, np.uint8))
-    scene = Scene.of(_MODELS["facing down, pistons"], [ShownFrame(number=0, drive=drive)])
+    scene = Scene.of(_MODELS["facing down, pistons"], [ViewerFrame(number=0, drive=drive)])
     page = open_page(_scene_page(tmp_path, scene))
     bounds = page.evaluate("() => haptogramViewer.picture.bounds")
     assert bounds["low"][2] < 250.0 - 50.0  # the array lies at 250 mm and looks down
@@ -337,7 +337,7 @@ def test_all_that_there_is_fills_the_picture_and_lies_in_it(
     array: TransducerArray, size: tuple[int, int], tmp_path: Path, open_page: Callable[..., Any]
 ) -> None:
     drive = Drive(np.zeros(array.count, np.uint8), np.full(array.count, 255, np.uint8))
-    frame = ShownFrame(number=0, drive=drive, target_m=(0.0, 0.0, 0.12))
+    frame = ViewerFrame(number=0, drive=drive, target_m=(0.0, 0.0, 0.12))
     scene = Scene.of(AcousticModel(array, Medium.air(20.0), _PISTON), [frame])
     view = {"width": size[0], "height": size[1]}
     page = open_page(_scene_page(tmp_path, scene), viewport=view)

@@ -13,7 +13,7 @@ import pytest
 
 from haptogram.acoustics import AcousticModel, Drive
 from haptogram.records.frame import Evidence, Observation
-from haptogram.report.viewer.frames import EARLY, LATE, STATUSES, TIMELY, ShownFrame
+from haptogram.report.viewer.frames import EARLY, LATE, STATUSES, TIMELY, ViewerFrame
 from haptogram.report.viewer.run_scene import viewer_scene_of_run
 from haptogram.report.viewer.scene import Scene
 from haptogram.verification import FrameStatus
@@ -48,7 +48,7 @@ def test_a_scene_comes_back_as_it_was_packed(bits: int) -> None:
     model = AcousticModel.default(3, 5)
     drives = [random_drive(15, seed, bits) for seed in range(3)]
     frames = [
-        ShownFrame(
+        ViewerFrame(
             number=7,
             timing=LATE,
             due_us=2**40,
@@ -60,9 +60,9 @@ def test_a_scene_comes_back_as_it_was_packed(bits: int) -> None:
             force_n=0.002,
             drive=drives[0],
         ),
-        ShownFrame(number=8, status=str(FrameStatus.LOST)),
-        ShownFrame(number=9, timing=EARLY, drive=drives[1], received_us=70, latched_us=50),
-        ShownFrame(number=10, timing=TIMELY, drive=drives[2]),
+        ViewerFrame(number=8, status=str(FrameStatus.LOST)),
+        ViewerFrame(number=9, timing=EARLY, drive=drives[1], received_us=70, latched_us=50),
+        ViewerFrame(number=10, timing=TIMELY, drive=drives[2]),
     ]
     header, columns = unpack(Scene.of(model, frames, counters={"lost": 1}).pack())
     assert header["counters"] == {"lost": 1}
@@ -92,19 +92,19 @@ def test_a_scene_comes_back_as_it_was_packed(bits: int) -> None:
 def test_equal_amplitudes_are_said_once() -> None:
     model = AcousticModel.default(2, 2)
     full = np.full(4, 255, dtype=np.uint8)
-    frames = [ShownFrame(number=n, drive=Drive(full * 0 + n, full)) for n in range(5)]
-    _, columns = unpack(Scene.of(model, [*frames, ShownFrame(number=5)]).pack())
+    frames = [ViewerFrame(number=n, drive=Drive(full * 0 + n, full)) for n in range(5)]
+    _, columns = unpack(Scene.of(model, [*frames, ViewerFrame(number=5)]).pack())
     assert columns["amplitudes"].tolist() == [full.tolist()]
 
 
 def test_texts_are_those_of_the_first_500_frames_that_want_attention() -> None:
     frames = [
-        ShownFrame(number=0, status=str(FrameStatus.ON_TARGET), text="on target"),
-        ShownFrame(number=1, status=str(FrameStatus.ON_TARGET), timing=LATE, text="late"),
-        ShownFrame(number=2, timing=EARLY, text="early"),
-        ShownFrame(number=3, text="latched"),
-        ShownFrame(number=4, status=str(FrameStatus.LOST)),
-        *(ShownFrame(number=n, status=str(FrameStatus.LOST), text="lost") for n in range(5, 700)),
+        ViewerFrame(number=0, status=str(FrameStatus.ON_TARGET), text="on target"),
+        ViewerFrame(number=1, status=str(FrameStatus.ON_TARGET), timing=LATE, text="late"),
+        ViewerFrame(number=2, timing=EARLY, text="early"),
+        ViewerFrame(number=3, text="latched"),
+        ViewerFrame(number=4, status=str(FrameStatus.LOST)),
+        *(ViewerFrame(number=n, status=str(FrameStatus.LOST), text="lost") for n in range(5, 700)),
     ]
     header, _ = unpack(Scene.of(AcousticModel.default(2, 2), frames).pack())
     assert list(header["texts"]) == [str(number) for number in (1, 2, *range(5, 503))]

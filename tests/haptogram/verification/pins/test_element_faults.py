@@ -9,7 +9,7 @@ from haptogram.verification.pins.element_faults import (
     PinFaultKind,
     faults_of_pins,
 )
-from haptogram.verification.pins.run_drives import RunDrives
+from haptogram.verification.pins.run_drives import PinRunDrives
 
 FRAMES, ELEMENTS = 20_000, 256
 
@@ -17,7 +17,7 @@ FRAMES, ELEMENTS = 20_000, 256
 def test_a_wrong_pin_of_a_long_run_is_named_without_the_drives_of_all_elements():
     random = np.random.default_rng(1)
     phases = random.integers(0, 256, (FRAMES, ELEMENTS), dtype=np.uint8)
-    run = RunDrives(
+    run = PinRunDrives(
         np.arange(FRAMES) * 40.0, phases, np.full_like(phases, 255), (3,), np.zeros(FRAMES)
     )
     drives = PinDrives(

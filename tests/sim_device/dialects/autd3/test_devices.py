@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram_protocol.dialects.autd3.frame import DeviceFrame, DeviceState
+from haptogram_protocol.dialects.autd3.frame import Autd3DeviceFrame, Autd3DeviceState
 from haptogram_protocol.dialects.autd3.messages import (
     Accepted,
     Close,
@@ -48,8 +48,8 @@ FOCI = FociStart(IMMEDIATE, 1, 340 * 64, 40, 0xFFFF, 0)
 JUMP = Silencer(True, False, 0xFFFF, 0xFFFF)
 
 
-def answered(unit: Autd3Unit, *operations, message_id=1, t_us=100) -> DeviceState:
-    unit.take(Write((DeviceFrame(message_id, operations),)), t_us)
+def answered(unit: Autd3Unit, *operations, message_id=1, t_us=100) -> Autd3DeviceState:
+    unit.take(Write((Autd3DeviceFrame(message_id, operations),)), t_us)
     (states,) = unit.take(Read(), t_us)
     assert isinstance(states, States)
     return states.devices[0]
@@ -91,7 +91,7 @@ ERRORS = [
 @pytest.mark.parametrize(("operation", "error"), ERRORS)
 def test_every_operation_has_its_error(operation, error) -> None:
     unit = Autd3Unit(0)
-    assert answered(unit, operation) == DeviceState(1, error)
+    assert answered(unit, operation) == Autd3DeviceState(1, error)
     name = f"refused_{ErrorCode(error).name.lower()}"
     assert unit.counters[name] == bool(error)
 
@@ -104,14 +104,16 @@ def test_the_first_error_ends_a_frame() -> None:
 
 
 def test_an_id_above_15_is_refused() -> None:
-    assert answered(Autd3Unit(0), message_id=16) == DeviceState(16, ErrorCode.INVALID_MESSAGE_ID)
+    assert answered(Autd3Unit(0), message_id=16) == Autd3DeviceState(
+        16, ErrorCode.INVALID_MESSAGE_ID
+    )
 
 
 def test_a_frame_with_the_id_of_the_last_changes_nothing() -> None:
     unit = Autd3Unit(0)
     answered(unit, GAIN)
-    unit.take(Write((DeviceFrame(1, (), repeated=True),)), 150)
-    assert unit.take(Read(), 150) == [States((DeviceState(1),))]
+    unit.take(Write((Autd3DeviceFrame(1, (), repeated=True),)), 150)
+    assert unit.take(Read(), 150) == [States((Autd3DeviceState(1),))]
 
 
 def test_firmware_is_v12_1_0() -> None:
@@ -132,7 +134,7 @@ def test_another_number_of_devices_is_refused() -> None:
     unit = Autd3Unit(0)
     (reply,) = unit.take(Open((AT_ORIGIN, AT_ORIGIN)), 1)
     assert reply == Refused("2 devices are opened, this board has 1")
-    (reply,) = unit.take(Write((DeviceFrame(1, (GAIN,)), DeviceFrame(1, (GAIN,)))), 2)
+    (reply,) = unit.take(Write((Autd3DeviceFrame(1, (GAIN,)), Autd3DeviceFrame(1, (GAIN,)))), 2)
     assert isinstance(reply, Refused)
     assert unit.counters == {"devices_differ": 2}
 
@@ -140,7 +142,8 @@ def test_another_number_of_devices_is_refused() -> None:
 def test_devices_have_their_own_operations_and_share_a_clock() -> None:
     unit = Autd3Unit(0, devices=3)
     frames = tuple(
-        DeviceFrame(1, (Gain(0, True, bytes([number, 255] * CHANNELS)),)) for number in (1, 2, 3)
+        Autd3DeviceFrame(1, (Gain(0, True, bytes([number, 255] * CHANNELS)),))
+        for number in (1, 2, 3)
     )
     unit.take(Write(frames), 30)
     unit.advance_to(100)

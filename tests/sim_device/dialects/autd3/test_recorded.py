@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptogram_protocol.dialects.autd3.frame import DeviceState
+from haptogram_protocol.dialects.autd3.frame import Autd3DeviceState
 from haptogram_protocol.dialects.autd3.link import Autd3BoardEnd
 from haptogram_protocol.dialects.autd3.messages import Accepted, States
 from sim_device.dialects.autd3.silenced import Autd3SilencedUnit
@@ -109,7 +109,7 @@ def test_every_frame_is_acknowledged_by_its_id(name: str) -> None:
         for text in CASES[name]["refusals"]
     ]
     assert list(dict.fromkeys(errors)) == words
-    assert states[0] == DeviceState(ids[0])
+    assert states[0] == Autd3DeviceState(ids[0])
 
 
 def test_the_errors_of_state_are_all_there() -> None:
