@@ -3,7 +3,8 @@
 LIMITS is a JSON object of fields of :class:`~sim_device.board.settings.BoardSettings`, with
 ``grid_nx``, ``grid_ny`` and ``pitch_um`` of the array.  Steps and answers are those of
 ``protocol/c/tools/board_steps.c``; times are microseconds after power-up.  ``reset US`` starts the
-device clock at US instead of 2^32 - 10 s.
+device clock at US instead of 2^32 - 10 s; ``next`` is answered by the time at which the board does something
+by itself, ``-`` if never.
 """
 
 from __future__ import annotations
@@ -62,6 +63,9 @@ class VirtualSteppedBoard:
         if word == "reset":
             self.reset(int(rest[0]) if rest else BoardSettings().boot_us)
             return "-"
+        if word == "next":
+            next_us = self._dialect.next_event_us()
+            return "-" if next_us is None else str(next_us - self._settings.boot_us)
         if word == "until":
             at_us, sent = self.advance_until_sent(int(rest[0]))
             return f"{at_us} {sent.hex() or '-'}"

@@ -8,15 +8,24 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from haptogram_protocol.framing import encode_frame
-from haptogram_protocol.messages import FIRST_STREAM_SEQ, Hello, HelloReply, Message, build_body
+from haptogram_protocol.messages import (
+    FIRST_STREAM_SEQ,
+    Config,
+    Hello,
+    HelloReply,
+    LatchKey,
+    Message,
+    build_body,
+)
 
-from ..client.malformed_frames import malformed_noise
+from ..client.malformed_frames import malformed_frame, malformed_noise, malformed_with_crc
 
 SLOT_US: Final = 40_000
-#: Sequences that every dialogue finds stored.
+#: Sequences that every dialogue finds stored; it uploads others, and never the last one.
 STORED_PHASES: Final = 1
 STORED_POINTS: Final = 2
 REPLACED: Final = 3
+UPLOADED: Final = (STORED_PHASES, STORED_POINTS, REPLACED, 4, 5)
 ABSENT: Final = 60_000
 STORED_FRAMES: Final = 3
 _LONG_NOISE: Final = 70_000  # bytes: more than 16 bits count
@@ -32,21 +41,48 @@ class DialogueHost:
         The board.
     session, seq, stream_next : int
         Of the next frames.
-    start_us : int
-        Device time of slot 0.
+    slot_us : int
+        Device time of the slot that is rendered.
     last : bytes
         Body of the last request.
     sessions : list of int
         Nonces of the sessions before the open one, the latest last.
+    computed : set of tuple of int
+        Sequence and number (stream: sequence 0, 16 bits) of drives that the board computes.
+    inexact : set of tuple of int
+        The same of drives that are latched when their frame has arrived.
+    least_ramp_us : int
+        The shortest ramp of all configurations; 0: none had any.
     """
 
     identity: HelloReply
     session: int
     seq: int
-    start_us: int
+    slot_us: int
     stream_next: int = FIRST_STREAM_SEQ
     last: bytes = b""
     sessions: list[int] = field(default_factory=list)
+    computed: set[tuple[int, int]] = field(default_factory=set)
+    inexact: set[tuple[int, int]] = field(default_factory=set)
+    least_ramp_us: int = 0
+
+    def is_computed(self, key: LatchKey) -> bool:
+        """Return True if the board may have computed the drive."""
+        return _named_drive(key) in self.computed
+
+    def is_exact(self, key: LatchKey) -> bool:
+        """Return True if the time of the latch does not depend on an arrival."""
+        return bool(key.sequence or key.index) and _named_drive(key) not in self.inexact
+
+    def ramp_codes(self, apart_us: int) -> int:
+        """Return by how many codes an amplitude may differ that is read so far apart."""
+        return -(-255 * apart_us // self.least_ramp_us) if self.least_ramp_us else 0
+
+    def note_config(self, config: Config) -> None:
+        """Note the ramp of a configuration that is sent."""
+        ramp_us = config.ramp_ms * 1000
+        if ramp_us:
+            self.least_ramp_us = min(ramp_us, self.least_ramp_us or ramp_us)
 
     def request(
         self, message: Message, *, back: int = 0, flags: int = 0, time_us: int = 0, other: int = 0
@@ -61,13 +97,18 @@ class DialogueHost:
         )
         return self.last
 
-    def hello(self, message: Hello, *, takes: bool = True) -> bytes:
+    def hello(self, message: Hello, *, takes: bool = True, back: int = 0) -> bytes:
         """Return the body of a HELLO, and go on in its session if the board *takes* it."""
+        self.seq -= back
         body = self.request(message, other=self.session)
         if takes and message.nonce != self.session:
             self.sessions.append(self.session)
             self.session, self.stream_next = message.nonce, FIRST_STREAM_SEQ
         return body
+
+
+def _named_drive(key: LatchKey) -> tuple[int, int]:
+    return key.sequence, 0 if key.sequence else key.index & 0xFFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +124,8 @@ class DialogueAction:
     body : callable
         Given the host, returns header and payload.
     damage : int
-        0: none; 1: a bit of the frame inverted; 2: cut; 3: noise instead; 4: noise of 70 000 bytes.
+        0: none; 1: a bit of the frame inverted; 2: cut; 3: noise instead; 4: noise of 70 000 bytes;
+        5: a run of up to 14 bytes, with a right CRC or none.
     seed : int
         Of the damage.
     ends_slot : bool
@@ -100,7 +142,11 @@ class DialogueAction:
 
     def wire(self, host: DialogueHost) -> bytes:
         """Return the bytes on the line."""
-        source, wire = random.Random(self.seed), encode_frame(self.body(host))
+        source = random.Random(self.seed)
+        body = self.body(host)
+        if self.damage == 5:
+            return _short_run(source, body)
+        wire = encode_frame(body)
         if self.damage == 1:
             at = source.randrange(1, len(wire) - 1)
             flipped = wire[at] ^ (1 << source.randrange(8)) or wire[at] ^ 0xFF
@@ -111,3 +157,11 @@ class DialogueAction:
             size = source.choice((3, 40, 300, 4100)) if self.damage == 3 else _LONG_NOISE
             return b"\x00" + malformed_noise(source, size) + b"\x00"
         return wire
+
+
+def _short_run(source: random.Random, body: bytes) -> bytes:
+    """Return a frame shorter than header and CRC, the beginning of *body*, and bare delimiters."""
+    data = body[: source.randrange(11)]
+    if source.random() < 0.7:
+        data = malformed_with_crc(data[:9])
+    return b"\x00" * source.randrange(3) + malformed_frame(data)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final, Self
 
 from haptogram_protocol.messages import (
     EVENT_RANGE,
     Counters,
+    DriveKind,
     DriveReply,
+    Element,
     Error,
     ErrorCode,
-    GeometryReply,
     Header,
     HelloReply,
+    LatchKey,
     Message,
     Play,
     PlaybackEnded,
@@ -25,13 +27,14 @@ from haptogram_protocol.messages import (
     Trace,
     TraceDrive,
     TracePlayback,
+    TraceRecord,
     TraceReply,
     UploadBeginReply,
-    UploadChunk,
-    UploadCommit,
     signed_difference,
 )
 from haptogram_protocol.state import MuteReason
+
+from .actions import DialogueHost
 
 _SAME_IN_HELLO: Final = frozenset(
     {"major", "minor", "nonce", "state", "sound_speed_mm_s", "config_crc"}
@@ -42,16 +45,21 @@ _OWN: Final[dict[type[Message], frozenset[str]]] = {
     UploadBeginReply: frozenset(UploadBeginReply.WIRE),
     Status: frozenset({"free_bytes"}),
     StatusReply: frozenset({"free_bytes"}),
-    GeometryReply: frozenset({"elements"}),
-    # CRC-32 of a computed drive may differ by rounding; other cases compare the drives.
-    Trace: frozenset({"crc"}),
-    TracePlayback: frozenset({"crc"}),
-    TraceDrive: frozenset({"data"}),
-    TraceReply: frozenset({"records"}),
 }
 #: Fields that are times or time differences, by the last letters of their names.
 _TIMES: Final = "_us"
 _CODES_APART: Final = 1  # steps between two computations of one drive
+_WEAK: Final = 17  # amplitude code of |w| = 1/16: below it a phase is free (HG-5.4/3)
+_TIMER_US: Final = 2000  # two timers within 1 ms of their lengths
+
+
+@dataclass(frozen=True, slots=True)
+class FrameInDialogue:
+    """One frame of a board: its header, message and body."""
+
+    header: Header
+    message: Message
+    body: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,17 +71,32 @@ class DialogueBase:
 
 
 @dataclass(slots=True)
-class DialogueEventNumbers:
-    """Numbers of a board's events: each is the one before and 1, from 0 in every session."""
+class DialogueMemory:
+    """What a board said before in its session, so that it says the same again.
+
+    Attributes
+    ----------
+    session : int
+        Nonce of the session.
+    due : int
+        Number of the next event: each is the one before and 1, from 0 in every session.
+    """
 
     session: int
     due: int = 0
+    _greeting: Message | None = None
+    _sent: dict[bytes, bytes] = field(default_factory=dict)
 
-    def first_wrong(self, frames: Iterable[tuple[Header, Message]]) -> str:
-        """Return the first event of *frames* that is not numbered so (HG-4.6); else empty."""
-        for header, message in frames:
-            if isinstance(message, HelloReply) and message.nonce != self.session:
-                self.session, self.due = message.nonce, 0
+    def first_wrong(self, frames: Iterable[FrameInDialogue]) -> str:
+        """Return the first frame of *frames* that does not go on so; empty if all do (HG-4.6)."""
+        for frame in frames:
+            header, message = frame.header, frame.message
+            if isinstance(message, HelloReply):
+                if message.nonce != self.session:
+                    self.session, self.due, self._greeting = message.nonce, 0, None
+                if message != (self._greeting or message):
+                    return "HELLO_REPLY: another payload than that of the first one"
+                self._greeting = message
             if header.type not in EVENT_RANGE:
                 continue
             if header.seq != self.due:
@@ -82,100 +105,176 @@ class DialogueEventNumbers:
             self.due = (self.due + 1) & 0xFFFF
         return ""
 
+    def first_altered(
+        self, ours: Sequence[FrameInDialogue], theirs: Sequence[FrameInDialogue]
+    ) -> str:
+        """Return the first reply that is sent again, and with other bytes (HG-4.9/1).
+
+        The model's bytes are those of an earlier slot only if its reply came from memory.
+        """
+        sent = {}
+        for mine, due in zip(ours, theirs, strict=False):
+            if self._sent.get(due.body, mine.body) != mine.body:
+                return f"{_named_in_dialogue(mine.message)}: not the bytes of its first sending"
+            sent[due.body] = mine.body
+        self._sent |= sent
+        return ""
+
 
 @dataclass(frozen=True, slots=True)
 class DialogueAnswers:
     """Responses and events of one board in one slot, and what it said before the dialogue."""
 
-    responses: list[tuple[Header, Message]]
-    events: list[tuple[Header, Message]]
+    responses: list[FrameInDialogue]
+    events: list[FrameInDialogue]
     base: DialogueBase
 
     @classmethod
-    def of(cls, frames: Iterable[tuple[Header, Message]], base: DialogueBase) -> Self:
+    def of(cls, frames: Iterable[FrameInDialogue], base: DialogueBase) -> Self:
         """Sort *frames*; a STATE_CHANGED of a MUTE is optional (HG-6.8/2) and left out."""
-        kept = [pair for pair in frames if not _is_optional_in_dialogue(pair[1])]
-        events = [pair for pair in kept if pair[0].type in EVENT_RANGE]
-        return cls([pair for pair in kept if pair[0].type not in EVENT_RANGE], events, base)
+        kept = [frame for frame in frames if not _is_optional_in_dialogue(frame.message)]
+        events = [frame for frame in kept if frame.header.type in EVENT_RANGE]
+        return cls([f for f in kept if f.header.type not in EVENT_RANGE], events, base)
 
 
 def _is_optional_in_dialogue(message: Message) -> bool:
     return isinstance(message, StateChanged) and message.reason is MuteReason.MUTE
 
 
-def dialogue_difference(ours: DialogueAnswers, theirs: DialogueAnswers, tolerance_us: int) -> str:
-    """Return the first difference between a board and the model; empty if there is none."""
-    for kind in ("responses", "events"):
-        one, other = getattr(ours, kind), getattr(theirs, kind)
-        for place, (mine, due) in enumerate(zip(one, other, strict=False)):
-            if text := _dialogue_frame_difference(mine, due, ours, theirs, tolerance_us):
-                return f"{kind[:-1]} {place}: {text}"
-        if len(one) != len(other):
-            rest = one[len(other) :] or other[len(one) :]
-            who = "the board sends" if len(one) > len(other) else "due is"
-            return f"{who} {_named_in_dialogue(rest[0][1])} as well"
-    return ""
+@dataclass(frozen=True, slots=True)
+class DialogueComparison:
+    """Compares what two boards say in a slot.
 
+    Attributes
+    ----------
+    ours, theirs : DialogueAnswers
+        Of the board under test and of the model.
+    host : DialogueHost
+        What was sent to both.
+    near_us : int
+        How far apart frames may have arrived.
+    """
 
-def _dialogue_frame_difference(
-    mine: tuple[Header, Message],
-    due: tuple[Header, Message],
-    ours: DialogueAnswers,
-    theirs: DialogueAnswers,
-    tolerance_us: int,
-) -> str:
-    header, message = mine
-    due_header, due_message = due
-    if type(message) is not type(due_message):
-        return f"{_named_in_dialogue(message)}, due is {_named_in_dialogue(due_message)}"
-    for name in ("session", "flags") if header.type in EVENT_RANGE else ("session", "flags", "seq"):
-        if getattr(header, name) != getattr(due_header, name):
-            return (
-                f"{_named_in_dialogue(message)}: {name} is {getattr(header, name):#x}, "
-                f"due is {getattr(due_header, name):#x}"
-            )
-    if not _is_near_in_dialogue(header.time_us, due_header.time_us, tolerance_us):
-        name = _named_in_dialogue(message)
-        return f"{name}: time_us is {header.time_us}, due is {due_header.time_us}"
-    return _dialogue_message_difference(message, due_message, ours, theirs, tolerance_us)
+    ours: DialogueAnswers
+    theirs: DialogueAnswers
+    host: DialogueHost
+    near_us: int
 
+    def difference(self) -> str:
+        """Return the first difference between board and model; empty if there is none."""
+        for kind in ("responses", "events"):
+            one, other = getattr(self.ours, kind), getattr(self.theirs, kind)
+            for place, (mine, due) in enumerate(zip(one, other, strict=False)):
+                if text := self._frame(mine, due):
+                    return f"{kind[:-1]} {place}: {text}"
+            if len(one) != len(other):
+                rest = one[len(other) :] or other[len(one) :]
+                who = "the board sends" if len(one) > len(other) else "due is"
+                return f"{who} {_named_in_dialogue(rest[0].message)} as well"
+        return ""
 
-def _dialogue_message_difference(
-    message: Message,
-    due: Message,
-    ours: DialogueAnswers,
-    theirs: DialogueAnswers,
-    tolerance_us: int,
-) -> str:
-    own = _OWN.get(type(message), frozenset())
-    names = [*message.WIRE, *([message.TAIL.name] if message.TAIL else [])]
-    if isinstance(message, Error) and isinstance(due, Error):
-        own = frozenset({"detail"}) if _is_own_detail_in_dialogue(due) else own
-    for name in names:
-        if name in own:
-            continue
-        got, wanted = getattr(message, name), getattr(due, name)
-        if name == "detail" and _is_absent_sequence_in_dialogue(due):
-            wanted += ours.base.stored - theirs.base.stored
+    def _frame(self, mine: FrameInDialogue, due: FrameInDialogue) -> str:
+        header, message, due_header = mine.header, mine.message, due.header
+        if type(message) is not type(due.message):
+            return f"{_named_in_dialogue(message)}, due is {_named_in_dialogue(due.message)}"
+        names = ("session", "flags") if header.type in EVENT_RANGE else ("session", "flags", "seq")
+        for name in names:
+            if getattr(header, name) != getattr(due_header, name):
+                return (
+                    f"{_named_in_dialogue(message)}: {name} is {getattr(header, name):#x}, "
+                    f"due is {getattr(due_header, name):#x}"
+                )
+        apart_us = self.near_us
+        if isinstance(message, Trace | TracePlayback | TraceDrive):
+            apart_us = self._apart_us(_key_in_dialogue(due.message))
+        elif header.type in EVENT_RANGE:
+            apart_us += _TIMER_US
+        if not _is_near_in_dialogue(header.time_us, due_header.time_us, apart_us):
+            name = _named_in_dialogue(message)
+            return f"{name}: time_us is {header.time_us}, due is {due_header.time_us}"
+        text = self._message(message, due.message)
+        return f"{_named_in_dialogue(message)}: {text}" if text else ""
+
+    def _apart_us(self, key: LatchKey | None) -> int:
+        """Return how far apart the times of a latch may be: not at all where a host set it."""
+        return 0 if key is not None and self.host.is_exact(key) else self.near_us
+
+    def _message(self, message: Any, due: Any) -> str:
+        own = _OWN.get(type(message), frozenset())
+        if isinstance(due, Error) and due.code == ErrorCode.TOO_LARGE:
+            own = frozenset({"detail"})  # a limit
+        names = [*message.WIRE, *([message.TAIL.name] if message.TAIL else [])]
+        key = _key_in_dialogue(due)
+        for name in names:
+            if name in own:
+                continue
+            got, wanted = getattr(message, name), getattr(due, name)
+            if name == "detail" and _is_absent_sequence_in_dialogue(due):
+                wanted += self.ours.base.stored - self.theirs.base.stored
+            if text := self._field(name, got, wanted, key, due):
+                return text
+        return ""
+
+    def _field(self, name: str, got: Any, wanted: Any, key: LatchKey | None, due: Message) -> str:
         if name == "counters":
-            before = ours.base.counters, theirs.base.counters
-            if text := _dialogue_counter_difference(got, wanted, *before):
-                return f"{_named_in_dialogue(message)}: {text}"
-        elif isinstance(message, DriveReply) and name == "data":
-            if not _are_near_codes_in_dialogue(got, wanted):
-                return f"{_named_in_dialogue(message)}: another drive"
-        elif name.endswith(_TIMES):
-            if not _is_near_in_dialogue(got, wanted, tolerance_us):
-                return f"{_named_in_dialogue(message)}: {name} is {got}, due is {wanted}"
-        elif got != wanted:
-            return f"{_named_in_dialogue(message)}: {name} is {got}, due is {wanted}"
-    return ""
+            before = self.ours.base.counters, self.theirs.base.counters
+            return _dialogue_counter_difference(got, wanted, *before)
+        if name == "records":
+            return self._records(got, wanted)
+        if name == "elements":
+            return _dialogue_element_difference(got, wanted)
+        if name == "crc" and key is not None and self.host.is_computed(key):
+            return ""  # rounding is free; the drive itself is compared elsewhere
+        if isinstance(due, DriveReply | TraceDrive) and name == "data":
+            return self._drive(got, wanted, due)
+        apart_us = self.near_us
+        if name == "t_latch_us":
+            apart_us = self._apart_us(key)
+        elif not name.endswith(_TIMES):
+            apart_us = -1
+        same = got == wanted if apart_us < 0 else _is_near_in_dialogue(got, wanted, apart_us)
+        return "" if same else f"{name} is {got}, due is {wanted}"
+
+    def _records(self, got: Sequence[TraceRecord], wanted: Sequence[TraceRecord]) -> str:
+        """Return the first difference in the records of the trace ring."""
+        if len(got) != len(wanted):
+            return f"{len(got)} records, due are {len(wanted)}"
+        for mine, due in zip(got, wanted, strict=True):
+            for name in ("number", "key", "t_latch_us", "crc", "flags"):
+                values = getattr(mine, name), getattr(due, name)
+                if text := self._field(name, *values, due.key, TraceReply(0, 0, ())):
+                    return f"record {due.number}: {text}"
+        return ""
+
+    def _drive(self, got: bytes, wanted: bytes, due: DriveReply | TraceDrive) -> str:
+        """Return a difference between two drives: N phases, then N amplitudes."""
+        if len(got) != len(wanted):
+            return f"{len(got)} codes, due are {len(wanted)}"
+        if got == wanted:
+            return ""
+        count = len(got) // 2
+        computed = self.host.is_computed(due.key)
+        phase_apart = _CODES_APART if computed else 0
+        amplitude_apart = phase_apart
+        if isinstance(due, DriveReply) and due.kind is DriveKind.RADIATED:
+            amplitude_apart += self.host.ramp_codes(self.near_us + _TIMER_US)
+        for n in range(count):
+            apart = abs((got[n] - wanted[n] + 128) % 256 - 128)
+            is_free = computed and wanted[count + n] < _WEAK
+            if apart > phase_apart and not is_free:
+                return f"phase {n} is {got[n]}, due is {wanted[n]}"
+            if abs(got[count + n] - wanted[count + n]) > amplitude_apart:
+                return f"amplitude {n} is {got[count + n]}, due is {wanted[count + n]}"
+        return ""
 
 
-def _is_own_detail_in_dialogue(due: Error) -> bool:
-    """Return True if the detail of a refusal depends on the board's limits."""
-    uploads = due.request in (UploadChunk.TYPE, UploadCommit.TYPE)
-    return (uploads and due.code == ErrorCode.BAD_STATE) or due.code == ErrorCode.TOO_LARGE
+def _key_in_dialogue(message: Message) -> LatchKey | None:
+    """Return the key of the latch that *message* speaks of; None if it speaks of none."""
+    if isinstance(message, Trace):
+        return LatchKey(0, 0, message.index)
+    if isinstance(message, TracePlayback | TraceDrive | DriveReply):
+        return message.key
+    return None
 
 
 def _is_absent_sequence_in_dialogue(due: Message) -> bool:
@@ -190,20 +289,24 @@ def _dialogue_counter_difference(
     for name in Counters.WIRE:
         mine = (getattr(got, name) - getattr(ours, name)) & 0xFFFFFFFF
         wanted = (getattr(due, name) - getattr(theirs, name)) & 0xFFFFFFFF
-        if mine != wanted and name != "trace_dropped":
+        if mine != wanted:
             return f"counter {name} grew by {mine}, due is {wanted}"
+    return ""
+
+
+def _dialogue_element_difference(got: Sequence[Element], due: Sequence[Element]) -> str:
+    if len(got) != len(due):
+        return f"{len(got)} transducers, due are {len(due)}"
+    for mine, wanted in zip(got, due, strict=True):
+        apart_um = max(abs(mine.x_um - wanted.x_um), abs(mine.y_um - wanted.y_um))
+        rest = ("z_um", "nx", "ny", "nz")
+        if apart_um > 1 or any(getattr(mine, name) != getattr(wanted, name) for name in rest):
+            return f"{mine}, due is {wanted}"
     return ""
 
 
 def _is_near_in_dialogue(got: int, due: int, tolerance_us: int) -> bool:
     return abs(signed_difference(got & 0xFFFFFFFF, due & 0xFFFFFFFF, 32)) <= tolerance_us
-
-
-def _are_near_codes_in_dialogue(got: bytes, due: bytes) -> bool:
-    if len(got) != len(due):
-        return False
-    apart = ((a - b + 128) % 256 - 128 for a, b in zip(got, due, strict=True))
-    return all(abs(step) <= _CODES_APART for step in apart)
 
 
 def _named_in_dialogue(message: Message) -> str:

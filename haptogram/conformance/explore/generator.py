@@ -5,30 +5,38 @@ from __future__ import annotations
 import random
 from typing import Final
 
-from haptogram_protocol.messages import Config, Feature, HelloReply, Mute, Ping
+from haptogram_protocol.messages import Arm, Config, Feature, HelloReply, Mute, Ping
 
 from .actions import DialogueAction
+from .configurations import RandomConfigs
 from .coverage import DialogueCoverage
 from .request_actions import RandomRequests
 from .stream_actions import MadeAction, RandomStream
 
-_AT_ONCE: Final = (
-    "at once",
-    "for late",
-    "for too late",
-    "PLAY",
-    "again",
-)  # in the text of such an action
-_UNKNOWN_TYPES: Final = (0x3F, 0x7E, 0x90, 0xC8)
+#: In the text of an action whose latch may follow at once.
+_AT_ONCE: Final = ("at once", "for late", "for too late", "for at a limit", "PLAY", "again")
+_UNKNOWN_TYPES: Final = (0x00, 0x04, 0x3F, 0x50, 0x7E, 0x7F, 0x80, 0x90, 0xBF, 0xC0, 0xFF)
 _QUIET: Final = (3, 4, 6)  # slots in which nothing is sent, so that timers end
-_QUIET_SHARE: Final = 0.15  # of the slots
+_QUIET_SHARE: Final = 0.15  # of the slots of a dialogue with timers
+_LONG_QUIET: Final = 5  # slots of a long playback
 _CANDIDATES: Final = 3
-_DISARMING: Final = ("MUTE", "DISARM", "HELLO last", "HELLO earlier", "HELLO new")
+_DISARMING: Final = ("MUTE", "DISARM", "HELLO last", "HELLO earlier", "HELLO new", "HELLO near")
 #: Kinds of actions, how often they are sent, and by what a dialogue multiplies that: dialogues that
 #: lack a kind, or have much of one, come further than those in which everything is likely.
-_STREAM, _REQUEST, _LIMITS, _HELLO, _ODD = range(5)
-_WEIGHTS: Final = (9, 9, 4, 2, 3)
+_STREAM, _REQUEST, _LIMITS, _HELLO, _ODD, _BURST, _LONG = range(7)
+_WEIGHTS: Final = (9, 9, 3, 1.5, 3, 0.4, 0.2)
 _SWARM: Final = (0.2, 1, 1, 3)
+_SEEN: Final = (0.15, 0.6, 1.0)  # share of the slots after which the board is read
+_DAMAGES: Final = (0, 1, 2, 3, 4, 5)
+_DAMAGE_WEIGHTS: Final = (24, 1.2, 0.5, 0.3, 0.05, 0.4)
+_DAMAGE_TEXT: Final = (
+    "",
+    ", a bit inverted",
+    ", cut short",
+    ": noise instead",
+    ": long noise instead",
+    ": a short run instead",
+)
 
 
 class DialogueGenerator:
@@ -42,24 +50,48 @@ class DialogueGenerator:
         The same seed gives the same dialogue, after the same dialogues.
     coverage : DialogueCoverage, optional
         What dialogues before have sent.
+    timed : bool
+        Whether timers end in the dialogue: else no slot of it has to be waited for.
+    exact : bool
+        Whether bytes arrive to the microsecond.
+    slow : bool
+        Whether the line cannot carry a drive for each of several latches in a slot.
     """
 
     def __init__(
-        self, identity: HelloReply, seed: int, coverage: DialogueCoverage | None = None
+        self,
+        identity: HelloReply,
+        seed: int,
+        coverage: DialogueCoverage | None = None,
+        *,
+        timed: bool = True,
+        exact: bool = False,
+        slow: bool = True,
     ) -> None:
         self._random = random.Random(seed)
         coverage = coverage or DialogueCoverage()
         self._pairs = coverage.pairs
-        self._stream = RandomStream(identity, self._random)
-        self._requests = RandomRequests(identity, self._random, coverage)
+        fast = not slow or self._random.random() < 0.5
+        self._has_long = fast and self._random.random() < 0.5
+        drives = not self._has_long and not (slow and fast)
+        self._may_burst = exact or not drives  # the line has to carry what is traced
+        self._configs = RandomConfigs(identity, self._random, timed=timed, drives=drives)
+        self._stream = RandomStream(identity, self._random, timed=timed, exact=exact)
+        self._requests = RandomRequests(
+            identity, self._random, coverage, self._configs, timed=timed, fast=fast
+        )
+        self._timed = timed
+        self._seen = self._random.choice(_SEEN)
         self._is_configurable = bool(identity.features & Feature.CONFIG)
         self._weights = [weight * self._random.choice(_SWARM) for weight in _WEIGHTS]
+        self._weights[_LONG] *= self._has_long
         self._last = ""
         self._is_armed = False
+        self._script: list[MadeAction] = []
 
     def config(self) -> Config:
         """Return the configuration that a dialogue begins with."""
-        return self._requests.config()
+        return self._configs.config()
 
     def actions(self, slots: int) -> list[DialogueAction]:
         """Return a random dialogue of so many slots."""
@@ -69,32 +101,45 @@ class DialogueGenerator:
             batch = self._batch(slot)
             batch.sort(key=lambda action: not action.text.startswith(Mute.TYPE.name))
             made += [action for action in batch if not action.ends_slot]
-            chance = self._random.random()
-            is_quiet = self._random.random() < _QUIET_SHARE
-            if is_quiet and chance < 0.4 and self._is_configurable:
+            is_quiet = self._random.random() < _QUIET_SHARE * self._timed
+            if is_quiet and self._random.random() < 0.4 and self._is_configurable:
                 made.append(self._whole(slot, self._requests.new_config()))
-            elif chance < 0.6:
-                made.append(self._whole(slot, self._requests.status()))
-            made += [action for action in batch if action.ends_slot][:1]
+            elif self._random.random() < self._seen:
+                made += [self._whole(slot, one) for one in self._requests.probe()]
+            last = [action for action in batch if action.ends_slot][:1]
+            made += last
             slot += self._random.choice(_QUIET) if is_quiet else 1
+            if last and last[0].text.startswith("PLAY") and self._has_long:
+                slot += _LONG_QUIET
             self._is_armed &= not is_quiet
         return made
 
     def _batch(self, slot: int) -> list[DialogueAction]:
-        if self._random.random() < 0.08 and (upload := self._requests.upload()):
-            return [self._whole(slot, step) for step in upload]
+        if not self._script and self._random.random() < 0.12:
+            self._script = self._requests.upload()
         found: list[DialogueAction] = []
         if not self._is_armed and self._random.random() < 0.6:
-            found.append(self._whole(slot, self._requests.arm()))
+            found.append(self._whole(slot, self._requests.plain(Arm())))
             self._is_armed = True
+        steps = self._random.choice((0, 1, 2, 2, 8))
+        found += [self._whole(slot, step) for step in self._script[:steps]]
+        self._script = self._script[steps:]
         number = self._random.choice((0, 1, 2, 2, 3, 4, 6))
-        return found + [self._rarest(slot) for _ in range(number)]
+        for _ in range(number):
+            found += self._rarest(slot)
+        return found
 
-    def _rarest(self, slot: int) -> DialogueAction:
+    def _rarest(self, slot: int) -> list[DialogueAction]:
         """Return the one of a few actions that has followed the last one least often."""
         kind = self._random.choices(range(len(_WEIGHTS)), self._weights)[0]
+        if kind == _BURST:
+            return [
+                self._whole(slot, made) for made in self._stream.burst(may_latch=self._may_burst)
+            ]
         if kind == _LIMITS:
             made = self._requests.at_limit(slot)
+        elif kind == _LONG:
+            made = self._requests.long_play()
         else:
             candidates = [self._made(slot, kind) for _ in range(_CANDIDATES)]
             made = min(candidates, key=lambda one: self._pairs[self._last, one[0]])
@@ -102,7 +147,7 @@ class DialogueGenerator:
         self._pairs[self._last, name] += 1
         self._last = name
         self._is_armed = name == "ARM" or (self._is_armed and not name.startswith(_DISARMING))
-        return self._whole(slot, made) if name.startswith("HELLO") else self._named(slot, made)
+        return [self._named(slot, made)]
 
     def _whole(self, slot: int, made: MadeAction) -> DialogueAction:
         return self._named(slot, made, may_break=False)
@@ -111,15 +156,10 @@ class DialogueGenerator:
         _, text, body = made
         damage = 0
         if may_break:
-            damage = self._random.choices((0, 1, 2, 3, 4), (16, 1.2, 0.5, 0.3, 0.05))[0]
-        named = (
-            text
-            + ("", ", a bit inverted", ", cut short", ": noise instead", ": long noise instead")[
-                damage
-            ]
-        )
+            damage = self._random.choices(_DAMAGES, _DAMAGE_WEIGHTS)[0]
         ends_slot = any(word in text for word in _AT_ONCE)
-        return DialogueAction(slot, named, body, damage, self._random.getrandbits(32), ends_slot)
+        text += _DAMAGE_TEXT[damage]
+        return DialogueAction(slot, text, body, damage, self._random.getrandbits(32), ends_slot)
 
     def _made(self, slot: int, kind: int) -> MadeAction:
         if kind == _STREAM:
@@ -129,15 +169,12 @@ class DialogueGenerator:
         return self._requests.hello() if kind == _HELLO else self._odd(slot)
 
     def _odd(self, slot: int) -> MadeAction:
-        """Return a frame of an unknown type, of a wrong length, or the last request again."""
+        """Return a frame of an unknown type, or the last request again."""
         kind = self._random.choice(_UNKNOWN_TYPES)
-        name, text, body = self._random.choice((self._stream.frame, self._requests.request))(slot)
-        chance = self._random.random()
-        if chance < 0.5:
-            again = Ping(slot)
+        _, text, body = self._random.choice((self._stream.frame, self._requests.request))(slot)
+        again = Ping(slot)
+        if self._random.random() < 0.6:
             repeated = "the last request again"
             return repeated, repeated, lambda host: host.last or host.request(again)
-        if chance < 0.75:
-            text = f"{text}, as type {kind:#x}"
-            return "unknown type", text, lambda host: bytes([kind]) + body(host)[1:]
-        return f"{name} too long", f"{text}, a byte too long", lambda host: body(host) + b"\x00"
+        text = f"{text}, as type {kind:#x}"
+        return f"type {kind:#x}", text, lambda host: bytes([kind]) + body(host)[1:]

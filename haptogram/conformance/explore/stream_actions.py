@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 from haptogram_protocol.messages import (
+    PHASE_FORMAT_BIT,
     Drives,
     Feature,
     Flag,
@@ -25,7 +26,14 @@ from .actions import SLOT_US, DialogueHost
 #: What an action is made of: its name, its text and the body.
 MadeAction = tuple[str, str, Callable[[DialogueHost], bytes]]
 
-UNKNOWN_FLAGS: Final = (0x20, 0x40, 0x80)
+#: High: must be understood, and is not; low: may be ignored.
+ODD_FLAGS: Final = (0x20, 0x40, 0x80, 0x01, 0x02, 0x04, 0x08, 0xFF & ~Flag.IMMEDIATE)
+#: Of a session that is not the open one: low byte the same, high byte the same, none.
+WRONG_SESSIONS: Final = (0x0100, 0x0001, 0x8000, 0x2222)
+_STEPS: Final = (1, 0, -1, -2, 300, 0x2000, 0x7FF0, -0x7FF0)
+_STEP_WEIGHTS: Final = (14, 1, 0.6, 0.3, 0.3, 0.2, 0.4, 0.1)
+_FAR_US: Final = 4_000_000  # later than any dialogue ends
+_BURST: Final = 24  # frames sent in one slot, at most
 
 
 class RandomStream:
@@ -37,72 +45,152 @@ class RandomStream:
         The board, with its capabilities and limits.
     source : random.Random
         Chance.
+    timed : bool
+        Whether slots are waited for, so that frames may be queued for some of them.
+    exact : bool
+        Whether bytes arrive to the microsecond, so that limits of times are met as they are.
     """
 
-    def __init__(self, identity: HelloReply, source: random.Random) -> None:
+    def __init__(
+        self, identity: HelloReply, source: random.Random, *, timed: bool, exact: bool
+    ) -> None:
         self._identity = identity
         self._random = source
         self._can = Feature(identity.features & sum(Feature))
+        self._count = identity.transducers
+        self._aheads: list[Any] = [None, None, None, 0.5, 0.5, "far", "late", "too late", "beyond"]
+        self._aheads += [0.5, 1.5, 1.5, 2.5, 3.5, 6.5] if timed else ["far"]
+        self._aheads += ["at a limit"] if exact else []
 
     def frame(self, slot: int) -> MadeAction:
-        """Return a frame sent in *slot*."""
+        """Return a frame: at once, in half a slot or some slots and a half, late, or far ahead."""
+        del slot
         pick = self._random.choice
-        message = self._drive()
-        # In slots from now on; -1, -3: 10 ms and 60 ms late; the horizon: far beyond it.
-        ahead = pick((None, None, 0.5, 0.5, 1.5, 1.5, 2.5, 3.5, 6.5, "late", "too late", "far"))
-        step = self._random.choices((0, 1, -1, 300), (14, 1, 2, 0.3))[0]
-        flags = pick([0] * 14 + list(UNKNOWN_FLAGS))
-        wrong = pick([0] * 14 + [0x0101])
-        apart_us = pick((0, 0, 25, 1000, 3000))
-        cut = pick([0] * 18 + [1])
+        return self._made(self._drive(), pick(self._aheads), pick((0, 0, 10, 25, 26, 1000, 3000)))
+
+    def burst(self, *, may_latch: bool) -> list[MadeAction]:
+        """Return so many short frames that a queue fills, for times far ahead or soon."""
+        number = self._random.randint(3, _BURST)
+        first_us = self._random.choice((_FAR_US, SLOT_US // 2)) if may_latch else _FAR_US
+        shortest = min((make() for make in self._kinds()), key=lambda one: len(one.serialize()))
+        step_us = self._random.choice((25, 25, 30, 100))
+        return [
+            self._made(shortest, first_us / SLOT_US, n * step_us, is_plain=True)
+            for n in range(number)
+        ]
+
+    def _made(
+        self, message: Message, ahead: Any, apart_us: int, *, is_plain: bool = False
+    ) -> MadeAction:
+        pick = self._random.choice
+        step = 1 if is_plain else self._random.choices(_STEPS, _STEP_WEIGHTS)[0]
+        odd = 0 if is_plain else self._random.random()
+        flags = pick(ODD_FLAGS) if odd > 0.93 else 0
+        wrong = pick(WRONG_SESSIONS) if 0.88 < odd <= 0.93 else 0
+        cut = pick((-1, -16, 1, 300)) if 0.85 < odd <= 0.88 else 0
+        limit_us = self._limit_us() if ahead == "at a limit" else 0
+        kind = message.TYPE
+        is_computed = isinstance(message, Points)
 
         def body(host: DialogueHost) -> bytes:
             host.stream_next += max(0, step)
-            seq = host.stream_next + min(0, step)
+            seq = (host.stream_next + min(0, step)) & 0xFFFF
             host.stream_next += step >= 0
-            offsets = {"late": -10_000, "too late": -60_000}
-            far_us = 2 * host.identity.max_horizon_us
-            us = far_us if ahead == "far" else offsets.get(str(ahead), 0)
-            if isinstance(ahead, float):
-                us = round(ahead * SLOT_US) + apart_us
-            time_us = host.start_us + slot * SLOT_US + us
+            if is_computed:
+                host.computed.add((0, seq))
+            if not isinstance(ahead, float):
+                host.inexact.add((0, seq))
+            us = self._ahead_us(ahead, limit_us) + (apart_us if isinstance(ahead, float) else 0)
             whole = build_body(
                 message,
                 flags=flags | (Flag.IMMEDIATE if ahead is None else 0),
-                seq=seq & 0xFFFF,
-                time_us=time_us & 0xFFFFFFFF,
-                session=host.session ^ wrong,
+                seq=seq,
+                time_us=(host.slot_us + us) & 0xFFFFFFFF,
+                session=0 if wrong == WRONG_SESSIONS[-1] else host.session ^ wrong,
             )
-            return whole[: len(whole) - cut]
+            return whole[:cut] if cut < 0 else whole + bytes(cut)
 
         when = "at once" if ahead is None else f"for {ahead} slots ahead"
-        name = message.TYPE.name
+        text = f"{kind.name} {when}, {apart_us} µs, step {step}, flags {flags:#x}"
         return (
-            f"{name} {when.rsplit(' slots')[0]}",
-            f"{name} {when}, step {step}, flags {flags:#x}, session ^ {wrong}",
+            f"{kind.name} {when.rsplit(' slots')[0]}",
+            f"{text}, session ^ {wrong:#x}, length {cut:+}",
             body,
         )
 
+    def _ahead_us(self, ahead: Any, limit_us: int) -> int:
+        if isinstance(ahead, float):
+            return round(ahead * SLOT_US)
+        horizon_us = self._identity.max_horizon_us
+        named = {
+            "late": -SLOT_US // 4,
+            "too late": -SLOT_US * 3 // 2,
+            "beyond": 2 * horizon_us,
+            "far": min(_FAR_US, horizon_us // 2),
+            "at a limit": limit_us,
+        }
+        return named.get(str(ahead), 0)
+
+    def _limit_us(self) -> int:
+        """Return a time ahead at which a board's answer changes, to the microsecond."""
+        horizon_us = self._identity.max_horizon_us
+        edges = (-30_000, -70_000, -100_000, 0, 1, 2**31 - 1, -(2**31))
+        return self._random.choice(
+            (horizon_us, horizon_us + 1, *(edge + apart for edge in edges for apart in (0, -1)))
+        )
+
+    # --- what a frame carries ------------------------------------------------------------------
+
     def _drive(self) -> Message:
-        count, pick = self._identity.transducers, self._random.choice
+        made = self._random.choice(self._kinds())()
+        return self._refused(made) if self._random.random() < 0.08 else made
+
+    def _kinds(self) -> list[Callable[[], Message]]:
         kinds: list[Callable[[], Message]] = []
-        for bits, bit in ((8, 1), (6, 2), (5, 4)):
+        for bits, bit in PHASE_FORMAT_BIT.items():
             if self._identity.phase_formats & bit:
                 kinds.append(lambda bits=bits: self._phases(bits))  # type: ignore[misc]
         if self._can & Feature.AMPLITUDE:
-            codes = self._random.randbytes(2 * count)
-            kinds.append(lambda: Drives(PhaseFormat.BITS_8, 0, codes))
+            kinds.append(
+                lambda: Drives(PhaseFormat.BITS_8, 0, self._random.randbytes(2 * self._count))
+            )
         if self._can & Feature.POINTS:
-            kinds.append(lambda: Points((self._point(),)))
-        return pick(kinds)()
+            kinds.append(self._points)
+        return kinds
 
-    def _phases(self, bits: int) -> Message:
-        count = self._identity.transducers
-        codes = bytes(self._random.randrange(1 << bits) for _ in range(count))
-        return Phases(PhaseFormat(bits), 0, pack_phases(codes, PhaseFormat(bits)))
+    def _phases(self, bits: PhaseFormat) -> Message:
+        codes = bytes(self._random.randrange(1 << bits) for _ in range(self._count))
+        return Phases(bits, 0, pack_phases(codes, bits))
+
+    def _points(self) -> Message:
+        most = self._identity.max_points
+        number = self._random.choice((1, 1, min(2, most), most))
+        return Points(tuple(self._point() for _ in range(number)))
 
     def _point(self) -> FocalPoint:
         across = self._random.randrange
         level = across(30_000, 65_536)
         x_um, y_um = across(-40_000, 40_000), across(-40_000, 40_000)
         return FocalPoint(x_um, y_um, across(80_000, 200_000), level, across(65_536))
+
+    def _refused(self, made: Message) -> Message:
+        """Return *made* with one value or length that its type does not allow."""
+        pick = self._random.choice
+        if isinstance(made, Points):
+            return Points(tuple(self._point() for _ in range(self._identity.max_points + 1)))
+        assert isinstance(made, Phases | Drives)
+        bits: int = made.bits
+        bank, data = made.bank, made.data
+        chance = self._random.randrange(4)
+        if chance == 0:
+            bank = pick((1, 0xFF))
+        elif chance == 1:
+            bits = pick((0, 5, 6, 7, 8, 9, 0xFF))
+        elif chance == 2:
+            unit = 1 if isinstance(made, Phases) else 2
+            data = pick((data[:-unit], data + bytes(unit), b"", data[: len(data) // 4 * 2]))
+        else:  # spare bits, where there are any
+            data = data[:-1] + bytes(
+                [data[-1] | pick((0x80, 0xFF, 0x10, 1 << self._random.randrange(8)))]
+            )
+        return type(made)(bits, bank, data)  # type: ignore[arg-type]

@@ -5,21 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from haptogram_protocol.messages import Config, Feature
+from haptogram_protocol.messages import Feature
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...explore.actions import SLOT_US, DialogueAction
 from ...explore.coverage import DialogueCoverage
 from ...explore.generator import DialogueGenerator
-from ...explore.lockstep import HostLateError, Lockstep, Played, identity_suits_lockstep_model
+from ...explore.lockstep import HostLateError, Lockstep, Played
+from ...explore.model import identity_suits_lockstep_model
 from ...explore.shrinking import shrink_dialogue
 from ...outcome import SELF_REPORTED, fail, inconclusive, not_observed
 
 _SLOTS: Final = 16
-_DIALOGUES: Final = 16  # without --explore
-_DIALOGUES_VIRTUAL: Final = 48
+_SLOTS_UNTIMED: Final = 40
+_TIMED: Final = 6  # every sixth dialogue has timers that end: it takes as long as others together
+_TIMED_VIRTUAL: Final = 3
+_DIALOGUES: Final = 60  # without --explore
+_LONGEST_US: Final = 20_000_000  # without --explore, at a wall clock
 _REPLAYS: Final = 60
+_LATCHES: Final = 6  # in a slot, of a playback
+_LONGEST: Final = 4096  # bytes of a frame
 _LATE: Final = 3  # replays of a dialogue in which the host was late
 
 
@@ -43,9 +49,7 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
     start_us = board.wire.now_us()
     try:
         while _goes_on_after_dialogue(board, number, start_us):
-            late += not _judge_random_dialogue(
-                board, lockstep, board.random.getrandbits(32), coverage
-            )
+            late += not _judge_random_dialogue(board, lockstep, number, coverage)
             number += 1
     finally:
         lockstep.close()
@@ -54,46 +58,56 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
 
 
 def _goes_on_after_dialogue(board: BoardClient, number: int, start_us: int) -> bool:
+    passed_us = board.wire.now_us() - start_us
     if board.explore_us:
-        return board.wire.now_us() - start_us < board.explore_us
-    return number < (_DIALOGUES if board.wire.limits.slack_us else _DIALOGUES_VIRTUAL)
+        return passed_us < board.explore_us
+    return number < _DIALOGUES and (passed_us < _LONGEST_US or not board.wire.limits.slack_us)
 
 
 def _judge_random_dialogue(
-    board: BoardClient, lockstep: Lockstep, seed: int, coverage: DialogueCoverage
+    board: BoardClient, lockstep: Lockstep, number: int, coverage: DialogueCoverage
 ) -> bool:
     """Play one dialogue; FAILED with a short one if the board differs.
 
     Returns False if the host was late, so that nothing was compared.
     """
-    generator = DialogueGenerator(board.identity, seed, coverage)
-    config, actions = generator.config(), generator.actions(_SLOTS)
-    played = _play_random_dialogue(lockstep, actions, config, seed)
+    seed = board.random.getrandbits(32)
+    timed = number % (_TIMED if board.wire.limits.slack_us else _TIMED_VIRTUAL) == 0
+    line_us = board.wire.line_us
+    generator = DialogueGenerator(
+        board.identity,
+        seed,
+        coverage,
+        timed=timed,
+        exact=not board.wire.limits.slack_us and line_us(_LONGEST) <= 1,
+        slow=line_us(_LATCHES * 2 * board.identity.transducers) > SLOT_US // 2,
+    )
+    config = generator.config()
+    actions = generator.actions(_SLOTS if timed else _SLOTS_UNTIMED)
+
+    def play(part: Sequence[DialogueAction], tries: int = _LATE) -> Played | None:
+        for _ in range(tries):
+            try:
+                return lockstep.play(part, config, seed, timed=timed)
+            except HostLateError:
+                continue
+        return None
+
+    played = play(actions, 1)
     if played is None:
         return False
     if not played.difference:
         return True
 
     def differs(part: Sequence[DialogueAction]) -> bool:
-        again = _play_random_dialogue(lockstep, part, config, seed)
+        again = play(part)
         return again is not None and bool(again.difference)
 
     if not differs(actions):  # once, and not again: the host may have been at fault
         return False
     short = shrink_dialogue(actions, differs, _REPLAYS)
-    played = _play_random_dialogue(lockstep, short, config, seed) or played
+    played = play(short) or played
     fail(
         f"dialogue {seed}, {len(short)} frames: {played.difference or 'now and then another reply'}"
         f" [{config}; {' | '.join(played.lines)}]"
     )
-
-
-def _play_random_dialogue(
-    lockstep: Lockstep, actions: Sequence[DialogueAction], config: Config, seed: int
-) -> Played | None:
-    for _ in range(_LATE):
-        try:
-            return lockstep.play(actions, config, seed)
-        except HostLateError:
-            continue
-    return None

@@ -1,0 +1,158 @@
+"""The beginning of a dialogue: both boards with the same configuration, sequences and session."""
+
+from __future__ import annotations
+
+import zlib
+from itertools import pairwise
+from typing import Final
+
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    Arm,
+    Config,
+    Disarm,
+    Error,
+    ErrorCode,
+    Feature,
+    FocalPoint,
+    GetStatus,
+    Hello,
+    Message,
+    Play,
+    SetConfig,
+    StatusReply,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+)
+
+from ..client.board_client import BoardClient
+from .actions import (
+    ABSENT,
+    SLOT_US,
+    STORED_FRAMES,
+    STORED_PHASES,
+    STORED_POINTS,
+    UPLOADED,
+    DialogueHost,
+)
+from .comparison import DialogueBase
+from .model import DialogueModel
+
+_BEFORE_US: Final = 1_000_000  # the model is on for so long already
+
+
+class DialogueOpening:
+    """Opens dialogues at the board under test and at the model.
+
+    Parameters
+    ----------
+    board : BoardClient
+        Client of the board.
+    model : DialogueModel
+        The model.
+
+    Attributes
+    ----------
+    early_us : int
+        In virtual time, how long before the time that a host reckons with its bytes arrive.
+    """
+
+    def __init__(self, board: BoardClient, model: DialogueModel) -> None:
+        self._board, self._model = board, model
+        self.early_us = 0
+
+    def open(self, config: Config, seed: int) -> DialogueHost:
+        """Open a session at both, with stored sequences and *config*; return the host.
+
+        Configuration and sequences are sent in a session before it, so that both boards open it in
+        the same state.
+        """
+        board = self._board
+        board.hello()  # a board that differs may have another session open
+        sent_us = board.clock.device_estimate_us()
+        now_us = board.clock.device_us()
+        if not board.wire.limits.slack_us:
+            self.early_us = now_us - sent_us
+        self._model.reset(board.clock.on_carrier(now_us) - _BEFORE_US)
+        host = DialogueHost(board.identity, 0, board.link.seq, now_us)
+        host.computed.add((STORED_POINTS, 0))
+        host.note_config(config)
+        self._hello(host)
+        for message in self._preamble(config, seed):
+            self._ask(host, message)
+        self._hello(host)
+        host.sessions.pop(0)  # 0
+        return host
+
+    def baseline(self, host: DialogueHost) -> tuple[DialogueBase, DialogueBase]:
+        """Return what both say before slot 0."""
+        stored = [0, 0]
+        if self._board.identity.features & Feature.SEQUENCE_PHASES:
+            self._ask(host, Arm())
+            refusals = self._ask(host, Play(ABSENT, SLOT_US, 1, 1000))
+            stored = [
+                refusal.detail
+                for refusal in refusals
+                if isinstance(refusal, Error) and refusal.code == ErrorCode.NOT_FOUND
+            ]
+            self._ask(host, Disarm())
+        ours, theirs = self._ask(host, GetStatus())
+        assert isinstance(ours, StatusReply)
+        assert isinstance(theirs, StatusReply)
+        if len(stored) < len((ours, theirs)):
+            stored = [0, 0]
+        host.last = b""  # its reply, sent again, has a time before the dialogue
+        return DialogueBase(ours.counters, stored[0]), DialogueBase(theirs.counters, stored[1])
+
+    def _hello(self, host: DialogueHost) -> None:
+        """Open a session at both."""
+        board = self._board
+        nonce = board.new_nonce()
+        board.hello(nonce)
+        host.seq = board.link.seq - 1
+        hello = Hello(1, 0, nonce, board.description_hash)
+        self._tell_model(host.hello(hello))
+
+    def _ask(self, host: DialogueHost, message: Message) -> tuple[Message, Message]:
+        """Return the answers of both to a request before slot 0."""
+        ours = self._board.link.ask(message).message
+        host.seq = self._board.link.seq - 1
+        theirs = self._tell_model(host.request(message))
+        assert ours is not None  # an answer was found by what it is
+        return ours, theirs
+
+    def _tell_model(self, body: bytes) -> Message:
+        """Return the model's answer to a request before slot 0."""
+        now_us = self._board.clock.device_estimate_us()
+        return self._model.receive(now_us, encode_frame(body))[-1].message
+
+    def _preamble(self, config: Config, seed: int) -> list[Message]:
+        """Return the requests before slot 0: what a dialogue finds."""
+        identity = self._board.identity
+        can, count = identity.features, identity.transducers
+        found: list[Message] = []
+        if can & Feature.CONFIG:
+            found.append(SetConfig(config))
+        if can & Feature.SEQUENCE_PHASES:
+            data = bytes((seed + 37 * n) & 0xFF for n in range(count * STORED_FRAMES))
+            found += self._upload(UploadKind.PHASES, STORED_PHASES, data, 0)
+            for target in UPLOADED[2:]:
+                found += self._upload(UploadKind.PHASES, target, data[target : count + target], 0)
+        if can & Feature.SEQUENCE_POINTS:
+            points = (
+                FocalPoint(9000, 5000 * n - 4000, 150_000, 50_000, 0) for n in range(STORED_FRAMES)
+            )
+            data = b"".join(point.pack() for point in points)
+            found += self._upload(UploadKind.POINTS, STORED_POINTS, data, 1)
+        if can & Feature.CORRECTION:
+            found += self._upload(UploadKind.CORRECTION, 0, bytes(count), 0)
+        return [*found, Arm(), Disarm()]
+
+    def _upload(self, kind: UploadKind, target: int, data: bytes, points: int) -> list[Message]:
+        size = max(1, min(self._board.identity.max_chunk, 1024))
+        edges = [*range(0, len(data), size), len(data)]
+        chunks = [UploadChunk(a, data[a:b]) for a, b in pairwise(edges)]
+        begin = UploadBegin(kind, points, target, len(data), zlib.crc32(data))
+        return [begin, *chunks, UploadCommit(target)]

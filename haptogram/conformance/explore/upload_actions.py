@@ -1,0 +1,151 @@
+"""Uploads of a random host: whole ones, in any order, with gaps, and single steps."""
+
+from __future__ import annotations
+
+import random
+import zlib
+from collections.abc import Callable
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Feature,
+    FocalPoint,
+    HelloReply,
+    Message,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+)
+
+from .actions import REPLACED, STORED_FRAMES, UPLOADED, DialogueHost
+from .stream_actions import MadeAction
+
+_POINT_BYTES: Final = 16
+_MOST_POINTS: Final = 3  # in a frame that is uploaded
+_LONGEST_CHUNK: Final = 512
+
+
+class RandomUploads:
+    """Makes uploads.
+
+    Parameters
+    ----------
+    identity : HelloReply
+        The board, with its capabilities and limits.
+    source : random.Random
+        Chance.
+    """
+
+    def __init__(self, identity: HelloReply, source: random.Random) -> None:
+        self._identity = identity
+        self._random = source
+        self._count = identity.transducers
+        self._can = Feature(identity.features & sum(Feature))
+        self._largest = min(identity.max_chunk, _LONGEST_CHUNK)
+
+    def _kinds(self) -> list[UploadKind]:
+        kinds = []
+        frame = max(self._count, _MOST_POINTS * _POINT_BYTES)
+        has_room = (len(UPLOADED) + 1) * STORED_FRAMES * frame <= self._identity.max_upload_bytes
+        if self._can & Feature.SEQUENCE_PHASES and has_room:
+            kinds += [UploadKind.PHASES] * 3
+        if self._can & Feature.SEQUENCE_POINTS and has_room:
+            kinds.append(UploadKind.POINTS)
+        if self._can & Feature.CORRECTION:
+            kinds.append(UploadKind.CORRECTION)
+        return kinds
+
+    def upload(self) -> list[MadeAction]:
+        """Return the requests of an upload; empty if the board has no room for one."""
+        kinds = self._kinds()
+        if not kinds:
+            return []
+        pick = self._random.choice
+        kind = pick(kinds)
+        target = 0 if kind is UploadKind.CORRECTION else pick(UPLOADED)
+        points = self._random.randint(1, min(_MOST_POINTS, self._identity.max_points))
+        data = self._data(kind, points)
+        crc = zlib.crc32(data)
+        begin = UploadBegin(
+            kind, points if kind is UploadKind.POINTS else 0, target, len(data), crc
+        )
+        commit = UploadCommit(target)
+        chunks = self._chunks(data)
+        how = pick(("plain", "plain", "plain", "shuffled", "gap", "mismatch", "target", "odd"))
+        if how == "shuffled":
+            self._random.shuffle(chunks)
+        steps: list[Message] = [begin, *chunks, commit]
+        if how == "gap":  # the rest comes after the refused commit
+            missing = self._random.randrange(len(chunks))
+            steps = [begin, *chunks[:missing], *chunks[missing + 1 :], commit, chunks[missing]]
+            steps.append(commit)
+        elif how == "mismatch":  # one byte is put right after the refused commit
+            at = self._random.randrange(len(data))
+            wrong = UploadChunk(at, bytes([data[at] ^ 1 << self._random.randrange(8)]))
+            steps[-1:] = [wrong, commit, UploadChunk(at, data[at : at + 1]), commit]
+        elif how == "target":
+            steps[-1:] = [UploadCommit(target + 1), commit]
+        elif how == "odd":
+            end = UploadChunk(len(data), b"")
+            steps[-1:] = [end, pick(chunks), UploadChunk(len(data), b"x"), commit, commit]
+        return [self._plain(step, how) for step in steps]
+
+    def _data(self, kind: UploadKind, points: int) -> bytes:
+        across = self._random.randrange
+        frames = 1 if kind is UploadKind.CORRECTION else across(1, STORED_FRAMES + 1)
+        if kind is not UploadKind.POINTS:
+            return self._random.randbytes(frames * self._count)
+        made = (
+            FocalPoint(
+                across(-40_000, 40_000),
+                across(-40_000, 40_000),
+                across(80_000, 200_000),
+                across(30_000, 65_536),
+                across(65_536),
+            )
+            for _ in range(frames * points)
+        )
+        return b"".join(point.pack() for point in made)
+
+    def _chunks(self, data: bytes) -> list[Message]:
+        """Return *data* in chunks of random lengths."""
+        chunks: list[Message] = []
+        at = 0
+        while at < len(data):
+            size = self._random.choice((self._largest, self._largest, self._count, 13))
+            size = min(self._largest, size)
+            chunks.append(UploadChunk(at, data[at : at + size]))
+            at += size
+        few = -(-len(data) // self._largest)
+        if len(chunks) > few + 2:  # a line carries few of them
+            edges = range(0, len(data), self._largest)
+            return [UploadChunk(at, data[at : at + self._largest]) for at in edges]
+        return chunks
+
+    def _plain(self, message: Message, how: str) -> MadeAction:
+        name = message.TYPE.name
+
+        def body(host: DialogueHost) -> bytes:
+            if isinstance(message, UploadBegin) and message.kind is UploadKind.POINTS:
+                host.computed.add((message.target, 0))
+            return host.request(message)
+
+        return name, f"{name} of an upload ({how})", body
+
+    def single(self) -> list[Callable[[], Message]]:
+        """Return what makes single steps of uploads, most of which are refused."""
+        if not self._can & Feature.SEQUENCE_PHASES:
+            return []
+        return [self._begin, self._chunk, lambda: UploadCommit(self._random.choice((*UPLOADED, 0)))]
+
+    def _begin(self) -> Message:
+        pick = self._random.choice
+        data = bytes(2 * self._count)
+        size = pick((len(data), len(data), len(data) + 1, 0))
+        kind = pick((UploadKind.PHASES, UploadKind.PHASES, UploadKind.CORRECTION))
+        return UploadBegin(kind, pick((0, 0, 1)), pick((REPLACED, 1, 0)), size, zlib.crc32(data))
+
+    def _chunk(self) -> Message:
+        size = self._random.choice((0, 1, min(self._count, self._largest)))
+        return UploadChunk(self._random.choice((0, self._count, 7 * self._count)), bytes(size))
