@@ -3,8 +3,8 @@
 LIMITS is a JSON object of fields of :class:`~sim_device.board.settings.BoardSettings`, with
 ``grid_nx``, ``grid_ny`` and ``pitch_um`` of the array.  Steps and answers are those of
 ``protocol/c/tools/board_steps.c``; times are microseconds after power-up.  ``reset US`` starts the
-device clock at US instead of 2^32 - 10 s; ``next`` is answered by the time at which the board does something
-by itself, ``-`` if never.
+device clock at US instead of 2^32 - 10 s.  ``next`` is answered by the time at which the board does
+something by itself, ``-`` if never.
 """
 
 from __future__ import annotations
