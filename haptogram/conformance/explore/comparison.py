@@ -72,7 +72,7 @@ class DialogueBase:
 
 @dataclass(slots=True)
 class DialogueMemory:
-    """What a board said before in its session, so that it says the same again.
+    """Replies of a board in its session, which are the same when it sends them again.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ class RandomConfigs:
         )
 
     def unattended_ms(self) -> int:
-        """Return how long a playback may go on without a frame of the host."""
+        """Return the time that a playback may go on without a frame of the host."""
         lengths = list(_UNATTENDED_NEVER_MS)
         if self._with_timers:
             lengths += [0, *[4 * _SLOT_MS + 85 * _SLOT_MS // 100] * 3]

@@ -70,11 +70,11 @@ class DialogueModel:
         self._process.step(f"reset {boot_us}")
 
     def receive(self, at_us: int, data: bytes) -> list[FrameInDialogue]:
-        """Let *data* arrive; return what the model says."""
+        """Let *data* arrive; return the frames of the model."""
         return _frames_in_dialogue(self._process.receive(at_us - self._boot_us, data))
 
     def advance(self, end_us: int) -> list[FrameInDialogue]:
-        """Let time pass; return what the model says, each event at its time."""
+        """Let time pass; return the frames of the model, each event at its time."""
         said = b""
         now_us = -1
         while now_us < end_us - self._boot_us:

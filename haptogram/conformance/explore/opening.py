@@ -87,7 +87,7 @@ class DialogueOpening:
         return host
 
     def baseline(self, host: DialogueHost) -> tuple[DialogueBase, DialogueBase]:
-        """Return what both say before slot 0."""
+        """Return the counters of both before slot 0."""
         stored = [0, 0]
         if self._board.identity.features & Feature.SEQUENCE_PHASES:
             self._ask(host, Arm())

@@ -165,7 +165,7 @@ class RandomRequests:
         return self._random.choice(reads)() if reads else GetStatus()
 
     def reads(self) -> list[Callable[[], Message]]:
-        """Return what makes requests that read drives and latches, whole and in part."""
+        """Return the makers of requests that read drives and latches, whole and in part."""
         pick, across = self._random.choice, self._random.randrange
         count = self._identity.transducers
         reads: list[Callable[[], Message]] = []

@@ -134,7 +134,7 @@ class RandomUploads:
         return name, f"{name} of an upload ({how})", body
 
     def single(self) -> list[Callable[[], Message]]:
-        """Return what makes single steps of uploads, most of which are refused."""
+        """Return the makers of single steps of uploads, most of which are refused."""
         if not self._can & Feature.SEQUENCE_PHASES:
             return []
         return [self._begin, self._chunk, lambda: UploadCommit(self._random.choice((*UPLOADED, 0)))]
