@@ -159,15 +159,6 @@ class ChannelMap:
             )
         return dict(sorted(found.items(), key=lambda item: item[1]))
 
-    def check_elements(self, elements: Mapping[str, int], count: int) -> None:
-        """Raise ConfigurationError if an array of *count* elements lacks one of *elements*."""
-        for name, element in elements.items():
-            if element >= count:
-                raise ConfigurationError(
-                    f"{self.path}: channel {name} is element {element}; "
-                    f"the array has the elements 0 to {count - 1}"
-                )
-
 
 def _checked_channel_elements(path: Path | str, elements: object) -> dict[str, int]:
     if not isinstance(elements, dict) or not elements:

@@ -20,6 +20,7 @@ from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 #: Drives nearer than that are not told apart pulse by pulse: samples, and a share of full drive.
 _SAMPLES: Final = 8.0
 _LEAST_DISTANCE: Final = 0.06
+_LEAD: Final = 4.0  # periods by which the search begins and ends earlier
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -30,15 +31,12 @@ class PinSteps:
     ----------
     after, before : (F, E) numpy.ndarray
         Centre of the last old and of the first new pulse; NaN: the two drives look alike.
-    old_share : (F, E) numpy.ndarray
-        Share of the frame's pulses that are old.
     is_inside : (F, E) numpy.ndarray of bool
         Whether there were old and new pulses.
     """
 
     after: FloatArray
     before: FloatArray
-    old_share: FloatArray
     is_inside: Bools
 
     @property
@@ -57,7 +55,6 @@ def pin_steps(
     turn_rad: float | FloatArray,
     *,
     early: float = 0.0,
-    slack: float = 4.0,
 ) -> PinSteps:
     """Return the steps of every pin.
 
@@ -71,17 +68,15 @@ def pin_steps(
         Phase of the pins against the drives.
     early : float
         Share of the frame before that belongs to the search.
-    slack : float
-        Periods by which the search begins and ends earlier.
     """
-    lead = np.full(run.count, min(slack, run.gap / 4.0))
+    lead = np.full(run.count, min(_LEAD, run.gap / 4.0))
     if early:
         lead = lead + early * np.diff(starts, prepend=starts[0] - run.gap)
     lows, highs = starts - lead, np.append(starts[1:] - lead[1:], ends[-1] - lead[-1])
     is_seen = (lows >= 0.0) & (highs <= record.end)
     shape = run.count, len(run.elements)
     after, first = np.full(shape, np.nan), np.full(shape, np.nan)
-    share, inside = np.full(shape, np.nan), np.zeros(shape, np.bool_)
+    inside = np.zeros(shape, np.bool_)
     turns = np.exp(1j * np.broadcast_to(turn_rad, (run.count,)))
     for place, element in enumerate(run.elements):
         wanted = run.weights[:, place] * turns
@@ -97,11 +92,11 @@ def pin_steps(
             told,
             old,
             wanted,
-            (after[:, place], first[:, place], share[:, place], inside[:, place]),
+            (after[:, place], first[:, place], inside[:, place]),
         )
     after -= starts[:, None]
     first -= starts[:, None]
-    return PinSteps(after, first, share, inside)
+    return PinSteps(after, first, inside)
 
 
 def _step_of_pin(
@@ -112,10 +107,10 @@ def _step_of_pin(
     told: Bools,
     old: ComplexArray,
     wanted: ComplexArray,
-    found: tuple[FloatArray, FloatArray, FloatArray, Bools],
+    found: tuple[FloatArray, FloatArray, Bools],
 ) -> None:
     """Write the steps of one pin into its columns of *found*."""
-    after, first, share, inside = found
+    after, first, inside = found
     begins, ends = np.searchsorted(centres, lows), np.searchsorted(centres, highs)
     frames = np.flatnonzero(told & (ends > begins))
     if not len(frames):
@@ -139,7 +134,6 @@ def _step_of_pin(
     after[frames] = np.where(some_old, centres[pulses[np.maximum(lasting, 0)]], lows[frames])
     following = np.minimum(lasting + 1, len(pulses) - 1)
     first[frames] = np.where(some_new, centres[pulses[following]], highs[frames])
-    share[frames] = number / sizes
     begun, ended = np.abs(old[frames]) == 0.0, np.abs(wanted[frames]) == 0.0
     after[frames[begun]] = np.maximum(after[frames], first[frames] - 1.0)[begun]
     first[frames[ended]] = (after[frames] + 1.0)[ended]

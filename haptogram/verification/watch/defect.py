@@ -5,6 +5,9 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
+
+_MOST: Final = 6  # numbers of latches that are named
 
 
 class Defect(enum.StrEnum):
@@ -53,9 +56,9 @@ class Diagnosis:
         return f"{self.defect}: {self.detail}{shown}"
 
 
-def watched_latches_text(numbers: Sequence[int], most: int = 6) -> str:
+def watched_latches_text(numbers: Sequence[int]) -> str:
     """Return "latch 3", or "latches 3, 4, ... (12)"."""
     if len(numbers) == 1:
         return f"latch {numbers[0]}"
-    shown = ", ".join(map(str, numbers[:most]))
-    return f"latches {shown}" + (f", ... ({len(numbers)})" if len(numbers) > most else "")
+    shown = ", ".join(map(str, numbers[:_MOST]))
+    return f"latches {shown}" + (f", ... ({len(numbers)})" if len(numbers) > _MOST else "")

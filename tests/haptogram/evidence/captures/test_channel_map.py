@@ -54,12 +54,6 @@ def test_what_makes_no_sense_is_refused_in_one_line(text, words, tmp_path):
     assert "\n" not in str(refusal.value)
 
 
-def test_elements_that_the_array_lacks_are_named():
-    mapped = ChannelMap.of("map", {"reference": "D0", "elements": {"D1": 16}})
-    with pytest.raises(ConfigurationError, match=r"channel D1 is element 16; .* 0 to 15"):
-        mapped.check_elements(mapped.joined(CAPTURE), 16)
-
-
 def test_the_phase_of_a_clock_that_is_a_quarter_late():
     mapped = ChannelMap.of("map", {"reference": "D0", "elements": {"D1": 4, "quiet": 5}})
     found = measure_capture(CAPTURE, mapped)
