@@ -116,7 +116,7 @@ def common_turns_of_pins(
     for frame in np.flatnonzero(doubtful):
         shared = pins_phase(errors[frame][sounding[frame]], limit_rad)
         near = np.abs(wrapped_pin_angles(errors[frame] - shared)) <= 2.0 * limit_rad
-        if near.sum() > max(agreeing[frame].sum(), 1):
+        if 2 * near.sum() > sounding[frame].sum():
             common[frame] = shared
     # The mean of those that agree: the phase of the reference alone is known to a sample only.
     agreeing = _agreeing_pins(errors, common, limit_rad)

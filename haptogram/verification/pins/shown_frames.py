@@ -159,7 +159,8 @@ def _pin_drives(
     highs = np.broadcast_to(ends[:, None], shape) - 1.0
     highs[-1] = _end_of_last_pin_frame(record, run, starts, ends)
     if steps is not None:
-        lows += np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
+        late = np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
+        lows += np.where(steps.is_inside, late, late.max(axis=1, keepdims=True))
         highs[:-1] += np.where(steps.is_inside, np.minimum(steps.before, 1.0), 1.0)[1:] - 1.0
     begins = np.array([record.pins[element].begin for element in run.elements])
     lows = np.where(lows < begins, np.nan, lows)  # a level that is not known shows nothing

@@ -175,6 +175,24 @@ def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
     assert line.startswith("element 4 fall")
 
 
+@pytest.mark.parametrize(
+    ("late_us", "frames", "elements"),
+    [(400, (1, 19, 23), range(16)), (700, (4, 9), range(40, 56))],
+)
+def test_a_late_frame_is_judged_from_its_latch_on(late_us, frames, elements, tmp_path):
+    """Before it shows the old drive: of that no shared phase is guessed, and nothing of it is
+    taken for the new drive of pins whose two drives look alike."""
+    run = captured_run(tmp_path / "pins.vcd", array="8x8", frames=24)
+    for frame in frames:
+        due = run.intended[frame]
+        early = dataclasses.replace(due, t_apply_us=due.t_apply_us - late_us)
+        late = dataclasses.replace(
+            run, intended=[*run.intended[:frame], early, *run.intended[frame + 1 :]]
+        )
+        (pins,) = judged(late, "8x8", **some_pins(*elements)).pins
+        assert (pins.findings, pins.counts["late"], pins.counts["right"]) == ({}, 1, 24), frame
+
+
 @pytest.mark.parametrize("periods", [5.5, 9, 18])
 def test_a_last_frame_that_a_mute_cuts_short_is_judged_while_it_sounds(periods, tmp_path):
     """It lasts 40 periods, of which 20 are judged."""
