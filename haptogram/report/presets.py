@@ -16,7 +16,8 @@ def presets_text(compared: Iterable[tuple[Preset, list[dict[str, Any]]]]) -> str
     Parameters
     ----------
     compared : iterable of (Preset, list of dict)
-        Presets, each with the result of :func:`~haptogram.published.presets.compare`.
+        Presets, each with the result of
+        :func:`~haptogram.published.presets.figures.compare_preset`.
     """
     return "\n\n".join("\n".join(_presets_text_section(*item)) for item in compared) + "\n"
 

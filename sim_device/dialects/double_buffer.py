@@ -56,7 +56,7 @@ class Registers:
 
 
 class DoubleBuffer(LatchingUnit):
-    """All boards on a line, each with two buffers; see :class:`~.unit.DialectUnit`.
+    """All boards on a line, each with two buffers; see :class:`~.unit.Unit`.
 
     Codes go to the buffer that does not radiate. A swap exchanges the two, so that a second one
     brings the previous codes back. ``s_phaseCurrent`` and ``s_phasePrev`` of ``PhaseLine.vhd``,

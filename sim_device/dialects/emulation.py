@@ -19,7 +19,7 @@ from haptogram_protocol.dialects.codec import BoardEnd, Dialect
 
 from ..board.settings import BoardSettings, Wiring
 from .foreign import VirtualForeignDialect
-from .unit import DialectUnit
+from .unit import Unit
 
 INTERFACE: Final = 1
 
@@ -65,7 +65,7 @@ class Emulation:
 
     dialect: Dialect
     end: Callable[[Any], BoardEnd]
-    unit: Callable[[Any, int], DialectUnit]
+    unit: Callable[[Any, int], Unit]
     layout: Callable[[Any], BoardLayout]
     options: type[Settings] = NoOptions
     boards: Callable[[Any], int] = one_emulated_board

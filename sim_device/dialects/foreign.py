@@ -15,7 +15,7 @@ from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 from ..board.clock import earliest_board_time
 from ..board.events import Notice, PulseLatch
 from .client_remarks import ClientRemarks, UnshownToClient
-from .unit import DialectUnit, HoldsBackUnit
+from .unit import HoldsBackUnit, Unit
 
 PAUSE_US: Final = 30_000  # between bytes: what comes then may be another frame
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
@@ -48,14 +48,14 @@ class VirtualForeignDialect:
     Attributes
     ----------
     line_free_us : int
-        See :class:`~sim_device.dialects.endpoint.VirtualDialect`.
+        See :class:`~sim_device.dialects.virtual_dialect.VirtualDialect`.
     """
 
     def __init__(
         self,
         dialect: Dialect,
         end: Callable[[], BoardEnd],
-        unit: DialectUnit,
+        unit: Unit,
         channels: NDArray[np.intp],
         now_us: int,
         boards: int = 1,

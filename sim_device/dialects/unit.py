@@ -10,7 +10,7 @@ from haptogram_protocol.dialects.codec import Operation, Reply
 from ..board.events import PulseLatch
 
 
-class DialectUnit(Protocol):
+class Unit(Protocol):
     """All boards on one line: they take operations and change their pulses.
 
     A unit reads no clock: it is told the time in microseconds of device time, never backwards, and

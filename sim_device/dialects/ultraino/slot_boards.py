@@ -52,7 +52,7 @@ class Outputs:
 
 
 class SlotBoards(LatchingUnit):
-    """All boards of a chain; see :class:`~..unit.DialectUnit`.
+    """All boards of a chain; see :class:`~..unit.Unit`.
 
     They radiate from power-up on: in the first half of the slots every output is high. Patterns
     overwrite what their buffer held, byte by byte. As long as a list of patterns is the same, only
