@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from haptogram.campaigns.bench.measure import bench_circle
 from haptogram.driver.frames.builder import FrameBuilder
 from haptogram.driver.frames.targets import as_frame_foci
-from haptogram.driver.identity import model_of_identity, read_array
+from haptogram.driver.identity import model_of_identity, read_identified_array
 from haptogram.driver.line.handshake import open_line_session
 from haptogram.driver.line.link import Link
 from haptogram.driver.line.port import open_transport
@@ -101,7 +101,7 @@ class Exchanger:
     def __init__(self, link: Link, frames: int = 256) -> None:
         self._link = link
         identity = open_line_session(link)
-        model = model_of_identity(read_array(link, identity), identity)
+        model = model_of_identity(read_identified_array(link, identity), identity)
         config: Config = link.request(GetConfig(), ConfigReply).config
         wanted = SetConfig(dataclasses.replace(config, trace_mode=TraceMode.CRC))
         link.request(wanted, SetConfigReply)

@@ -45,12 +45,12 @@ def array_model(arguments: argparse.Namespace) -> AcousticModel:
     ConfigurationError
         An unknown preset, or settings beside one; a grid, a file or air that cannot be used.
     """
-    from haptogram.objects.run_frames import host_model_of_run
+    from haptogram.objects.run_frames import host_model_of_run_frames
     from haptogram.published.presets import find_preset
 
     if not arguments.preset:
         given = {name: getattr(arguments, name) for name in ("array", *_OWN)}
-        return host_model_of_run(config_from_options(ArrayConfig, given))
+        return host_model_of_run_frames(config_from_options(ArrayConfig, given))
     for name in _OWN:
         if getattr(arguments, name) is not None:
             raise ConfigurationError(

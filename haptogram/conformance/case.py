@@ -116,16 +116,16 @@ def case(
     return make
 
 
-def unobservable(clause: str, reason: str, evidence: Evidence = Evidence.WIRE) -> Case:
+def unobservable_case(clause: str, reason: str, evidence: Evidence = Evidence.WIRE) -> Case:
     """Return the case of a clause that nothing on the line can show, with the reason."""
     return Case(clause, reason, None, evidence=evidence)
 
 
-def about_host(clause: str) -> Case:
+def case_about_host(clause: str) -> Case:
     """Return the case of a clause about the host."""
-    return unobservable(clause, "about the host: no frame of a board shows it")
+    return unobservable_case(clause, "about the host: no frame of a board shows it")
 
 
-def about_text(clause: str) -> Case:
+def case_about_text(clause: str) -> Case:
     """Return the case of a clause about SPEC.md itself."""
-    return unobservable(clause, "about changes of SPEC.md, not about a board")
+    return unobservable_case(clause, "about changes of SPEC.md, not about a board")

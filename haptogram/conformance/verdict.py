@@ -210,7 +210,7 @@ def suite_exit_status(results: Iterable[CaseResult]) -> int:
     return status
 
 
-def verdict_meaning_table() -> str:
+def suite_verdict_meaning_table() -> str:
     """Return the table verdict -> JUnit -> exit status, as text."""
     rows = [
         f"  {behaviour.value:<14} {meaning.junit or 'passes':<8} {meaning.exit_status}   "

@@ -20,10 +20,10 @@ from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.acoustics.arrays import as_float_array
 from haptogram.acoustics.solvers.several import Method
 from haptogram.driver.frames.dialect_boards import (
-    assumed_dialect_model,
-    checked_channels,
+    assumed_dialect_frames_model,
+    checked_display_channels,
     dialect_display_of,
-    mounted_model,
+    mounted_display_model,
 )
 from haptogram.driver.frames.dialect_frames import DialectFrame, DialectFrameBuilder
 from haptogram.driver.frames.targets import Targets, as_frame_foci
@@ -32,9 +32,9 @@ from haptogram.driver.line.budget import check_dialect_rate
 from haptogram.driver.line.dialect_line import DialectLine
 from haptogram.driver.line.port import Transport, check_port, open_transport
 from haptogram.driver.timing.limits import (
-    check_hold,
+    check_hold_duration,
+    check_stream_timing,
     check_streamed_frames,
-    check_streaming,
 )
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.driver.timing.schedule import Schedule
@@ -184,16 +184,16 @@ class DialectDriver(ClosedByWith):
         check_air_of_identity(model, medium)
         check_kept_records(keep)
         check_callable("sink", sink)
-        self.model = assumed_dialect_model(dialect, medium) if model is None else model
+        self.model = assumed_dialect_frames_model(dialect, medium) if model is None else model
         elements = None if calibration is None else Calibration.of(calibration)
         if channels is None:
             self._channels: Sequence[int] = range(self.model.array.count)
         else:
-            self._channels = checked_channels(channels)
+            self._channels = checked_display_channels(channels)
         self.boards = math.ceil((max(self._channels) + 1) / dialect.channels)
         display = dialect_display_of(dialect, self.boards)
         if model is None and display.mounting:
-            self.model = mounted_model(self.model, display)
+            self.model = mounted_display_model(self.model, display)
         if elements is not None:
             self.model = self.model.calibrated(elements)
         self._display = display
@@ -288,7 +288,7 @@ class DialectDriver(ClosedByWith):
 
     def hold(self, seconds: float) -> None:
         """Wait so long: the boards hold by themselves what they were shown last."""
-        check_hold(seconds)
+        check_hold_duration(seconds)
         self._line.run_until(self._line.now_ns() + round(seconds * _NS_PER_S))
 
     def frames(self, targets: Targets, *, solver: Method = "naive") -> list[DialectFrame]:
@@ -330,7 +330,7 @@ class DialectDriver(ClosedByWith):
         check_dialect_rate(
             self.dialect, self.boards, baudrate=self._baudrate, rate_hz=schedule.rate_hz
         )
-        check_streaming(loops, spin_us, progress, realtime=realtime)
+        check_stream_timing(loops, spin_us, progress, realtime=realtime)
         once = self._builder().frames_of(targets, solver)
         total = check_streamed_frames(loops * len(once))
         period_ns, stride = int(schedule.period_us * 1000), max(1, int(rate_hz / _PROGRESS_HZ))

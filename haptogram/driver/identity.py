@@ -13,7 +13,7 @@ from haptogram.settings.arguments import check_argument_kind
 from haptogram_protocol.messages import Element, GeometryReply, GetGeometry, HelloReply
 
 
-def read_array(link: Link, identity: HelloReply) -> TransducerArray:
+def read_identified_array(link: Link, identity: HelloReply) -> TransducerArray:
     """Return the board's array: from the grid that HELLO names, else read element by element.
 
     Raises
@@ -30,7 +30,7 @@ def read_array(link: Link, identity: HelloReply) -> TransducerArray:
 
 
 def read_geometry(link: Link, identity: HelloReply) -> TransducerArray:
-    """Return the board's array, read element by element; see :func:`read_array`."""
+    """Return the board's array, read element by element; see :func:`read_identified_array`."""
     elements: list[Element] = []
     while len(elements) < identity.transducers:
         request = GetGeometry(len(elements), identity.transducers - len(elements))
@@ -57,7 +57,7 @@ def array_of_geometry(elements: Sequence[Element]) -> TransducerArray:
     return TransducerArray.from_positions(positions, normals)
 
 
-def assumed_model(
+def assumed_model_of_identity(
     link: Link, identity: HelloReply, model: AcousticModel | None, medium: Medium | None
 ) -> tuple[AcousticModel, list[str]]:
     """Return the model that the host assumes, and the warnings of :func:`_check_model_of_identity`.
@@ -65,7 +65,7 @@ def assumed_model(
     Without *model* it is that of the board's own array in *medium*.
     """
     if model is None:
-        model = model_of_identity(read_array(link, identity), identity, medium)
+        model = model_of_identity(read_identified_array(link, identity), identity, medium)
     return model, _check_model_of_identity(model, identity)
 
 

@@ -7,10 +7,10 @@ from typing import Final
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
-from haptogram.driver.timing.clock import next_carrier_boundary_us
+from haptogram.driver.timing.clock import next_boundary_on_device_clock_us
 from haptogram.driver.timing.pings import PING_PERIOD_NS, Pinger
 from haptogram.driver.timing.schedule import LEAST_RATE_HZ
-from haptogram.driver.upload import SequenceData, upload_to_device
+from haptogram.driver.upload import SequenceData, upload_by_driver
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey, Intended
 from haptogram.records.kept import KeptRecords
@@ -198,7 +198,7 @@ class DriverPlayback:
     def store(self, data: SequenceData) -> None:
         """Upload the sequence to play."""
         points = data.points_per_frame
-        upload_to_device(self._link, data.kind, _SEQUENCE_ID, data.data, points_per_frame=points)
+        upload_by_driver(self._link, data.kind, _SEQUENCE_ID, data.data, points_per_frame=points)
 
     def play(
         self,
@@ -227,7 +227,7 @@ class DriverPlayback:
     def _start(self, timing: PlaybackTiming) -> int:
         """Start playback and return when: unwrapped device time."""
         now_us = self._pinger.clock.to_device_us(self._link.now_ns())
-        t0_us = next_carrier_boundary_us(now_us + timing.lead_us, self._identity.carrier_hz)
+        t0_us = next_boundary_on_device_clock_us(now_us + timing.lead_us, self._identity.carrier_hz)
         play = Play(_SEQUENCE_ID, timing.period_us, timing.loops, timing.unattended_ms)
         self._link.request(play, PlayReply, t_apply_us=t0_us)
         return t0_us

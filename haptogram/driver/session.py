@@ -11,7 +11,7 @@ from typing import Final, TypeAlias
 from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.driver.arming import Arming
 from haptogram.driver.configuration import SessionConfiguration
-from haptogram.driver.identity import assumed_model
+from haptogram.driver.identity import assumed_model_of_identity
 from haptogram.driver.line.handshake import open_line_session
 from haptogram.driver.line.link import NS_PER_S, Link
 from haptogram.driver.line.port import Transport, open_transport
@@ -119,7 +119,7 @@ class DriverSession:
         AcousticModel
             The model that the host assumes, with its calibration.
         """
-        assumed, odd = assumed_model(self.link, self.identity, model, medium)
+        assumed, odd = assumed_model_of_identity(self.link, self.identity, model, medium)
         self.warnings += odd
         calibrated = assumed if elements is None else assumed.calibrated(elements)
         self.link.handler = self._take

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
-from haptogram.driver.timing.clock import next_carrier_boundary_us
+from haptogram.driver.timing.clock import next_boundary_on_device_clock_us
 from haptogram.driver.timing.lead import LeadMargin, LeadTrim
 from haptogram.driver.timing.pings import Pinger
-from haptogram.driver.timing.realtime import PeriodicLoop, TickLog, can_arrive_in_time
+from haptogram.driver.timing.realtime import PeriodicLoop, TickLog, can_arrive_by_deadline
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.errors import LinkError
 from haptogram.machine.process import real_time_process
@@ -241,7 +241,9 @@ class Streamer:
         """Return when the first frame is due: after the time to encode the first 256 frames."""
         begin_ns = self._link.now_ns() + stream_preparation_ns(count)
         begin_us = self._pinger.clock.to_device_us(begin_ns)
-        return next_carrier_boundary_us(begin_us + schedule.lead_us, self._identity.carrier_hz)
+        return next_boundary_on_device_clock_us(
+            begin_us + schedule.lead_us, self._identity.carrier_hz
+        )
 
     def _encoded(self, frames: list[Frame], schedule: Schedule, t0_us: int) -> Iterator[_Encoded]:
         for number, frame in enumerate(frames):
@@ -314,7 +316,7 @@ class _StreamRun:
         """Send a frame; return False if it can no longer be at the board by *arrival_us*."""
         link = self._link
         ready_ns = room_ns = link.now_ns()
-        in_time = can_arrive_in_time(
+        in_time = can_arrive_by_deadline(
             now_ns=ready_ns,
             line_free_ns=link.line.free_ns,
             transmission_ns=link.transmission_ns(wire),

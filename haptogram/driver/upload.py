@@ -105,7 +105,7 @@ def _check_upload(identity: HelloReply, kind: UploadKind, size: int) -> None:
         )
 
 
-def upload_to_device(
+def upload_by_driver(
     link: Link,
     kind: UploadKind,
     target: int,
@@ -134,7 +134,7 @@ def upload_correction(link: Link, identity: HelloReply, codes: bytes) -> None:
             f"{len(codes)} phase corrections; the board has {identity.transducers} transducers"
         )
     _check_upload(identity, UploadKind.CORRECTION, len(codes))
-    upload_to_device(link, UploadKind.CORRECTION, 0, codes)
+    upload_by_driver(link, UploadKind.CORRECTION, 0, codes)
 
 
 def _send_upload_chunks(link: Link, data: bytes, size: int) -> None:

@@ -21,7 +21,7 @@ from haptogram.evidence.run_record import (
 from haptogram.objects.run_frames import (
     MOST_FRAMES,
     frames_of_run,
-    host_model_of_run,
+    host_model_of_run_frames,
     targets_of_run,
 )
 from haptogram.settings.arguments import Progress
@@ -66,7 +66,7 @@ class DialectBoards:
         return self.dialect.frame_bytes(self.count)
 
 
-def measure_dialect_run(
+def measure_run_of_dialect(
     config: VerifyConfig,
     boards: DialectBoards,
     board: BoardUnderTest,
@@ -81,7 +81,7 @@ def measure_dialect_run(
     tells nothing, the observations are what the bytes that left the host are.
     """
     shown = frames_of_run(config.shape, config.pace, config.modulation)
-    model = host_model_of_run(config.array, boards.array)
+    model = host_model_of_run_frames(config.array, boards.array)
     if boards.mounting is not None:
         model = model.calibrated(boards.mounting)
     elements = calibration_of_run(config)

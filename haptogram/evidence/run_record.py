@@ -23,7 +23,7 @@ from haptogram.objects.modulation import FocusFrames
 from haptogram.objects.run_frames import (
     MOST_FRAMES,
     frames_of_run,
-    host_model_of_run,
+    host_model_of_run_frames,
     targets_of_run,
 )
 from haptogram.records.frame import STREAM, Intended, Observation
@@ -147,7 +147,7 @@ def measure_run(
         Called with every frame as it is sent, as the one of :class:`Driver`.
     """
     shown = frames_of_run(config.shape, config.pace, config.modulation)
-    model = host_model_of_run(config.array)
+    model = host_model_of_run_frames(config.array)
     own_array = config.link.port is not None and config.array.array is None
     elements = calibration_of_run(config)
     tap = None if writer is None else recorded_port_of_run(board, config.link.baud, writer)

@@ -26,7 +26,9 @@ MOST_MESH_M: Final = 2.0
 MOST_FRAMES: Final = 200_000
 
 
-def host_model_of_run(config: ArrayConfig, array: TransducerArray | None = None) -> AcousticModel:
+def host_model_of_run_frames(
+    config: ArrayConfig, array: TransducerArray | None = None
+) -> AcousticModel:
     """Return the array and the air that the host assumes; by default the virtual board's array."""
     if array is None:
         array = TransducerArray.parse(config.virtual_array, pitch_m=config.pitch_mm / 1e3)

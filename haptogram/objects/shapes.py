@@ -87,7 +87,7 @@ class Line:
         length_m = float(np.linalg.norm(end - start))
         _check_shape_resolution(resolution_m, length_m)
         steps = _points_of_shape(length_m / resolution_m)
-        order = _line_there_and_back(steps + 1)
+        order = _shape_there_and_back(steps + 1)
         points: FloatArray = start + (end - start) * (np.array(order)[:, None] / steps)
         return points
 
@@ -240,7 +240,7 @@ class MeshSurface:
         return points[round_trip_over_mesh(points)]
 
 
-def _line_there_and_back(count: int) -> list[int]:
+def _shape_there_and_back(count: int) -> list[int]:
     """Return 0 .. count-1 so that neighbours, and last and first, are two apart at the most."""
     return [*range(0, count, 2), *reversed(range(1, count, 2))]
 

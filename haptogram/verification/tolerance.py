@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Final, NamedTuple
 
 from haptogram.acoustics import Medium
-from haptogram.acoustics.model.medium import speed_uncertainty
+from haptogram.acoustics.model.medium import air_speed_uncertainty
 from haptogram.settings.arguments import check_number
 from haptogram.settings.tolerance import (
     GUESS_C,
@@ -72,7 +72,7 @@ class Tolerance:
 
     def speed_share(self, medium: Medium) -> float:
         """Return the relative difference of the speed of sound that is tolerated."""
-        return speed_uncertainty(medium, self.temperature_c, self.humidity_percent)
+        return air_speed_uncertainty(medium, self.temperature_c, self.humidity_percent)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ class Uncertainty:
 
     def speed_share(self, medium: Medium) -> float:
         """Return the relative standard uncertainty of the speed of sound."""
-        return speed_uncertainty(medium, self.temperature_c, self.humidity_percent)
+        return air_speed_uncertainty(medium, self.temperature_c, self.humidity_percent)
 
 
 #: Uncertainty of a real board until the user states a better one.

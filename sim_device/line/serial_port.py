@@ -31,14 +31,14 @@ class SerialPort(BoardPort):
             ) from error
         super().__init__(self._serial.fileno(), name)
         os.set_blocking(self._fd, False)
-        _tell_end_from_silence(self._fd)
+        _tell_end_of_port_from_silence(self._fd)
 
     def close(self) -> None:
         """Close the port."""
         self._serial.close()
 
 
-def _tell_end_from_silence(fd: int) -> None:
+def _tell_end_of_port_from_silence(fd: int) -> None:
     """Let a read without data fail, not return nothing, which a pulled cable does as well."""
     termios = posix_module("termios", "a serial port of the virtual board", INSTEAD_OF_PTY)
     settings = termios.tcgetattr(fd)

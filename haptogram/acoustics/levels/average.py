@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_point_array
 from haptogram.acoustics.field.reference import FieldEngine
 from haptogram.acoustics.levels.dynamics import Resonator
-from haptogram.acoustics.model.drive import as_sequence
+from haptogram.acoustics.model.drive import as_drive_sequence
 from haptogram.settings.arguments import check_positive
 
 _VALUES_PER_CHUNK: Final = 1 << 20  # 16 MB of complex128
@@ -68,7 +68,7 @@ def mean_square_pressure(
     >>> bool(shared < 0.6 * alone)
     True
     """
-    drives = as_sequence(weights, engine.model.array.count)
+    drives = as_drive_sequence(weights, engine.model.array.count)
     check_positive("frame_s", frame_s)
     points = as_point_array("points_m", points_m)
     size = max(1, _VALUES_PER_CHUNK // len(drives))

@@ -36,7 +36,7 @@ from haptogram.acoustics.levels.exposure import (
 )
 from haptogram.acoustics.levels.force import level_db_spl
 from haptogram.acoustics.memory import check_array_memory
-from haptogram.acoustics.model.drive import as_sequence
+from haptogram.acoustics.model.drive import as_drive_sequence
 from haptogram.settings.arguments import check_positive, check_whole
 
 _NONLINEARITY: Final = 1.2  # beta of air: (gamma + 1) / 2
@@ -75,7 +75,7 @@ def radiated_power_w(
     >>> f"{radiated_power_w(engine, weights[None])[0]:.1f} W"
     '6.5 W'
     """
-    drives = as_sequence(weights, engine.model.array.count)
+    drives = as_drive_sequence(weights, engine.model.array.count)
     places, per_square_pa = _demodulation_sphere(engine, directions)
     power = np.zeros(len(drives))
     for part in _demodulation_parts(places, len(drives)):
@@ -123,7 +123,7 @@ def demodulated_lines(
     >>> frequencies_hz[:2].tolist()
     [500.0, 1000.0]
     """
-    drives = as_sequence(weights, engine.model.array.count)
+    drives = as_drive_sequence(weights, engine.model.array.count)
     medium = engine.model.medium
     check_positive("absorption_np_m", medium.absorption_np_m)
     check_positive("time_constant_s", resonator.time_constant_s)

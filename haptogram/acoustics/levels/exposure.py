@@ -32,7 +32,7 @@ from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.force import level_db_spl
 from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
 from haptogram.acoustics.memory import check_array_memory
-from haptogram.acoustics.model.drive import as_sequence
+from haptogram.acoustics.model.drive import as_drive_sequence
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.own_axes import axes_about_normal, plane_axes
 from haptogram.errors import ConfigurationError
@@ -114,7 +114,7 @@ def exposure_at(
     '125 dB SPL'
     """
     drives, places = (
-        as_sequence(weights, engine.model.array.count),
+        as_drive_sequence(weights, engine.model.array.count),
         as_point_array("places_m", places_m),
     )
     mean = mean_square_pressure(engine, drives, places, frame_s, resonator)
@@ -258,7 +258,7 @@ def switching_level_db_a(
     >>> 0.0 < switching_level_db_a(engine, [weights, other], (0.0, -0.4, 0.4), 1e-3, lag) < 140.0
     True
     """
-    drives = as_sequence(weights, engine.model.array.count)
+    drives = as_drive_sequence(weights, engine.model.array.count)
     settled = engine.pressure(drives, as_coordinates("place_m", place_m)[None])[:, 0]
     period_s = len(drives) * check_positive("frame_s", frame_s)
     if len(drives) == 1:

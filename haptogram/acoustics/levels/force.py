@@ -139,7 +139,7 @@ class ReflectingDisc:
     ) -> None:
         check_number("radius_m", radius_m, 1e-6, 0.1)
         self._engine = engine
-        wavenumber, axes = engine.model.wavenumber, _disc_axes(engine.model.array, normal)
+        wavenumber, axes = engine.model.wavenumber, _force_disc_axes(engine.model.array, normal)
         fine_m, self._areas_m2 = force_disc_nodes(radius_m, wavenumber)
         coarse_m, self._coarse_m2 = force_disc_nodes(radius_m, wavenumber / _COARSE)
         step_m = _STENCIL_RAD / wavenumber
@@ -177,7 +177,7 @@ class ReflectingDisc:
         return float(flow[2]) ** 2 / square if square > (_NO_FLOW * plane) ** 2 else 1.0
 
 
-def _disc_axes(array: TransducerArray, normal: ArrayLike | None) -> FloatArray:
+def _force_disc_axes(array: TransducerArray, normal: ArrayLike | None) -> FloatArray:
     """Return the (3, 3) axes of a disc, its normal last; without one, those of *array*."""
     if normal is None:
         return array.axes

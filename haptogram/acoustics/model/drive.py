@@ -233,7 +233,7 @@ def as_drive(weights: ArrayLike, count: int) -> ComplexArray:
     return drive
 
 
-def as_sequence(weights: ArrayLike, count: int) -> ComplexArray:
+def as_drive_sequence(weights: ArrayLike, count: int) -> ComplexArray:
     """Return *weights* as a sequence (F, N) of at least one drive of *count* elements, or raise."""
     drives = as_weights(weights)
     if drives.ndim != 2 or not len(drives) or drives.shape[1] != count:

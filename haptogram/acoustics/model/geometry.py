@@ -27,7 +27,7 @@ from haptogram.acoustics.arrays import (
     read_only_array,
 )
 from haptogram.acoustics.model.csv_rows import read_element_rows
-from haptogram.acoustics.model.own_axes import array_axes, mean_normal
+from haptogram.acoustics.model.own_axes import array_axes, mean_array_normal
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_positive, check_whole
 
@@ -236,7 +236,7 @@ class TransducerArray:
     @property
     def facing(self) -> FloatArray:
         """(3,) unit vector along the mean of the normals; the array's own z if they cancel out."""
-        direction = mean_normal(self.normals)
+        direction = mean_array_normal(self.normals)
         return self.axes[2] if direction is None else direction
 
     @property

@@ -103,7 +103,7 @@ def air_temperature_c(sound_speed_m_s: float) -> float:
     return kelvin - _KELVIN
 
 
-def speed_uncertainty(medium: Medium, temperature_c: float, humidity_percent: float) -> float:
+def air_speed_uncertainty(medium: Medium, temperature_c: float, humidity_percent: float) -> float:
     """Return the relative change of the speed of sound for a change of the air.
 
     c is in proportion to the root of the absolute temperature.  Of humidity,
@@ -123,7 +123,7 @@ def speed_uncertainty(medium: Medium, temperature_c: float, humidity_percent: fl
 
     Examples
     --------
-    >>> round(speed_uncertainty(Medium.air(20.0), 1.0, 0.0), 5)
+    >>> round(air_speed_uncertainty(Medium.air(20.0), 1.0, 0.0), 5)
     0.00171
     """
     kelvin = _T_REFERENCE_K * (medium.sound_speed_m_s / _SOUND_SPEED_20C_M_S) ** 2

@@ -17,7 +17,7 @@ _UPRIGHT: Final = 1e-12
 _UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
 
 
-def mean_normal(normals: FloatArray) -> FloatArray | None:
+def mean_array_normal(normals: FloatArray) -> FloatArray | None:
     """Return the unit vector along the mean of the normals, None if they cancel out."""
     mean: FloatArray = normals.mean(axis=0)
     length = float(np.linalg.norm(mean))
@@ -93,7 +93,7 @@ def _levels_along_axis(
 
 def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the normal of the plane or line that the elements lie in; else where they look."""
-    facing = mean_normal(normals)
+    facing = mean_array_normal(normals)
     if facing is None:
         facing = _UP
     squares, directions = np.linalg.eigh(offsets.T @ offsets)

@@ -13,8 +13,8 @@ from haptogram.acoustics.field.reference import points_in_front
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import (
     MIN_TARGET_DISTANCE_M,
-    steering_reach_m,
-    target_heights_m,
+    focus_steering_reach_m,
+    focus_target_heights_m,
 )
 from haptogram.errors import ConfigurationError
 
@@ -86,12 +86,12 @@ def _coarse_search_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
 
     The origin is that of the world.
     """
-    reach = steering_reach_m(model)
+    reach = focus_steering_reach_m(model)
     thin = model.array.half_extent_m < 1e-6
     # A line of elements cannot tell y from z (or x from z): look only straight above the line.
     lateral = [0.0 if thin[i] and not thin[1 - i] else reach[i] for i in (0, 1)]
     spans = [(-lateral[0], lateral[0]), (-lateral[1], lateral[1])]
-    spans.append(target_heights_m(model.array))
+    spans.append(focus_target_heights_m(model.array))
     axes, halves = zip(*(_search_intervals(low, high) for low, high in spans), strict=True)
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     middle = model.array.centre_m @ model.array.axes.T

@@ -47,7 +47,7 @@ from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.acoustics.solvers.focus import (
     MAX_TARGET_DISTANCE_M,
     MIN_TARGET_DISTANCE_M,
-    target_heights_m,
+    focus_target_heights_m,
 )
 from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
 from haptogram.errors import ConfigurationError
@@ -329,7 +329,7 @@ class Reconstructor:
         offsets = array.positions_m - position
         nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
         height_m = float(array.axes[2] @ (position - array.centre_m))
-        low_m = min(0.0, target_heights_m(array)[0])
+        low_m = min(0.0, focus_target_heights_m(array)[0])
         above = height_m > low_m and _CLEARANCE_M <= nearest <= _REACH_M
         return bool(above and points_in_front(self._model, position[None])[0])
 

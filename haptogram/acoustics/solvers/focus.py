@@ -54,13 +54,13 @@ def check_focus_target(model: AcousticModel, target_m: ArrayLike) -> None:
     target = as_coordinates("target_m", target_m)
     offset = model.array.local_m(target)
     names = _coordinate_names_of_focus(model)
-    low_m, high_m = target_heights_m(model.array)
+    low_m, high_m = focus_target_heights_m(model.array)
     _check_focus_limit(names[2], offset[2], low_m=low_m)
     nearest = float(np.linalg.norm(model.array.positions_m - target, axis=1).min())
     _check_focus_limit("distance from an element", nearest, low_m=MIN_TARGET_DISTANCE_M)
     _check_focus_limit("distance", float(np.linalg.norm(offset)), high_m=MAX_TARGET_DISTANCE_M)
     _check_focus_limit(names[2], offset[2], high_m=high_m)
-    reach = steering_reach_m(model)
+    reach = focus_steering_reach_m(model)
     _check_focus_limit(names[0], abs(offset[0]), high_m=reach[0])
     _check_focus_limit(names[1], abs(offset[1]), high_m=reach[1])
     check_field_points(model, target[None])
@@ -75,7 +75,7 @@ def _coordinate_names_of_focus(model: AcousticModel) -> list[str]:
     return [f"{name} along the array's ({axis})" for name, axis in zip(names, axes, strict=True)]
 
 
-def target_heights_m(array: TransducerArray) -> tuple[float, float]:
+def focus_target_heights_m(array: TransducerArray) -> tuple[float, float]:
     """Return the least and the largest height of a target above the array's centre, in metres.
 
     It is 20 mm to 1 m. Where elements look down on others that look up (boards face to face, the
@@ -85,9 +85,9 @@ def target_heights_m(array: TransducerArray) -> tuple[float, float]:
     Examples
     --------
     >>> from haptogram.acoustics.model.boards.table import LAYOUTS
-    >>> target_heights_m(LAYOUTS["sonicsurface"].array())
+    >>> focus_target_heights_m(LAYOUTS["sonicsurface"].array())
     (0.02, 1.0)
-    >>> [round(1e3 * z, 1) for z in target_heights_m(LAYOUTS["sonicsurface-stack"].array())]
+    >>> [round(1e3 * z, 1) for z in focus_target_heights_m(LAYOUTS["sonicsurface-stack"].array())]
     [-121.5, 121.5]
     """
     heights = array.local_m(array.positions_m)[:, 2]
@@ -97,7 +97,7 @@ def target_heights_m(array: TransducerArray) -> tuple[float, float]:
     return float(heights.min()), float(heights.max())
 
 
-def steering_reach_m(model: AcousticModel) -> tuple[float, float]:
+def focus_steering_reach_m(model: AcousticModel) -> tuple[float, float]:
     """Return the largest |x| and |y| of a target along the array's own axes, in metres."""
     half = model.array.half_extent_m + (model.array.pitch_m or 0.0) / 2
     return float(half[0]) + _TARGET_MARGIN_M, float(half[1]) + _TARGET_MARGIN_M

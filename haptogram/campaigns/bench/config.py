@@ -55,9 +55,9 @@ class BenchConfig(Settings):
                 f"must be {MAX_FRAMES} at most",
             )
         if self.spin_us:
-            from haptogram.driver.timing.realtime import check_spin  # takes numpy
+            from haptogram.driver.timing.realtime import check_spin_before_tick  # takes numpy
 
-            check_spin(self.spin_us * 1000, round(1e9 / self.rate_hz))
+            check_spin_before_tick(self.spin_us * 1000, round(1e9 / self.rate_hz))
 
     @property
     def lead_us(self) -> int | None:

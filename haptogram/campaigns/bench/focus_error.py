@@ -76,7 +76,7 @@ def bench_focus_error(
         on_time, due_us, np.fmin(np.where(np.isnan(latched_us), ends, latched_us), ends)
     )
     held_us = np.maximum(0.0, until - due_us)
-    before = _newest_latch_before(latched_us)
+    before = _newest_bench_latch_before(latched_us)
     seen = (held_us > 0) & (before >= 0)  # before the first latch there was no focus to be wrong
     distance_mm = np.zeros(len(due_us))
     distance_mm[seen] = 1e3 * np.linalg.norm(targets_m[seen] - targets_m[before[seen]], axis=1)
@@ -91,7 +91,7 @@ def bench_focus_error(
     )
 
 
-def _newest_latch_before(latched_us: NDArray[np.float64]) -> NDArray[np.int64]:
+def _newest_bench_latch_before(latched_us: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the index of the newest latched frame before each frame, -1: none."""
     places = np.where(np.isnan(latched_us), -1, np.arange(len(latched_us)))
     newest = np.maximum.accumulate(places)

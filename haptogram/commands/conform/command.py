@@ -47,7 +47,7 @@ Virtual: TypeAlias = "Callable[[str | None, int, int, RecordedBoards | None], Ac
 
 def set_up(parser: Parser, virtual: Virtual) -> None:
     """Describe the command and add its options; *virtual* makes a board inside this program."""
-    from haptogram.conformance.verdict import verdict_meaning_table
+    from haptogram.conformance.verdict import suite_verdict_meaning_table
 
     parser.description = (
         "Run a case or more for every clause of SPEC.md against a board on any serial "
@@ -55,7 +55,7 @@ def set_up(parser: Parser, virtual: Virtual) -> None:
         "of it."
     )
     parser.epilog = (
-        f"{EXAMPLES}\nverdicts:\n{verdict_meaning_table()}\n\nexit status:\n"
+        f"{EXAMPLES}\nverdicts:\n{suite_verdict_meaning_table()}\n\nexit status:\n"
         "  0    no case says 1 or 3\n"
         "  1    a case says so\n"
         "  2    usage or environment error\n"
@@ -265,14 +265,16 @@ def _list_conform_cases(cases: tuple[Case, ...]) -> int:
 
 def _compare_conform_results(arguments: argparse.Namespace) -> int:
     from haptogram.errors import ConfigurationError
-    from haptogram.report.conformance.page import write_comparison_page
+    from haptogram.report.conformance.page import write_conformance_comparison_page
     from haptogram.report.conformance.result import read_suite_json
 
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
     outputs = Outputs(arguments, "html", pictures=False)
     suites = [read_suite_json(path) for path in arguments.compare]
-    write_comparison_page(arguments.html, suites, provenance=provenance_of_run(arguments))
+    write_conformance_comparison_page(
+        arguments.html, suites, provenance=provenance_of_run(arguments)
+    )
     outputs.announce()
     return 0
 

@@ -214,12 +214,14 @@ def _measured_by_verify(
     writer: RecordingWriter | None,
     sink: Callable[[Intended | Observation], object] | None,
 ) -> RunRecord:
-    from haptogram.evidence.dialect_run import measure_dialect_run
+    from haptogram.evidence.dialect_run import measure_run_of_dialect
     from haptogram.evidence.run_record import measure_run
 
     config = boards.config
     if boards.dialect is not None:
-        return measure_dialect_run(config, boards.dialect, board, progress, settling, writer=writer)
+        return measure_run_of_dialect(
+            config, boards.dialect, board, progress, settling, writer=writer
+        )
     faulty = bool(boards.virtual.plan.faults)
     return measure_run(config, board, progress, settling, faulty=faulty, writer=writer, sink=sink)
 

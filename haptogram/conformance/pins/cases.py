@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Final
 
-from ..case import Case, unobservable
+from ..case import Case, unobservable_case
 from ..outcome import EXTERNAL
 
 #: Word behind the clause in the id of these cases.
@@ -29,6 +29,6 @@ _SUMMARIES: Final = {
 }
 #: A case by clause; none of them sends anything.
 PIN_CASES: Final[dict[str, Case]] = {
-    clause: dataclasses.replace(unobservable(clause, summary, EXTERNAL), variant=VARIANT)
+    clause: dataclasses.replace(unobservable_case(clause, summary, EXTERNAL), variant=VARIANT)
     for clause, summary in _SUMMARIES.items()
 }

@@ -154,9 +154,11 @@ class FrameBuilder:
                 f"frame {number}: {len(foci)} foci; the board takes {self._identity.max_points}"
             )
         if mode == "phases":
-            check_full_amplitude(number, foci, "mode phases drives", ", drives and points do not")
+            check_full_frame_amplitude(
+                number, foci, "mode phases drives", ", drives and points do not"
+            )
         if mode == "points" and not self._graded:
-            check_full_amplitude(number, foci, "the board drives")
+            check_full_frame_amplitude(number, foci, "the board drives")
 
     def _phases(self, foci: list[tuple[Focus, ...]], solver: Method) -> list[Frame]:
         shift = REGISTER_BITS - self._bits
@@ -207,7 +209,7 @@ def check_frame_foci(
         )
 
 
-def check_full_amplitude(
+def check_full_frame_amplitude(
     number: int, foci: tuple[Focus, ...], who_drives: str, others: str = ""
 ) -> None:
     """Refuse a single focus of less than full amplitude, which phases alone cannot make."""

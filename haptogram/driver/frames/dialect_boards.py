@@ -18,7 +18,7 @@ from haptogram_protocol.errors import LocalProtocolError
 _HIGHEST_CHANNEL: Final = 0xFFFF  # of any line of boards
 
 
-def checked_channels(channels: Any) -> tuple[int, ...]:
+def checked_display_channels(channels: Any) -> tuple[int, ...]:
     """Return *channels* as whole numbers; whether the boards have them, their display decides.
 
     Raises
@@ -64,7 +64,7 @@ def dialect_display_of(dialect: Dialect, boards: int) -> Display:
     return display
 
 
-def assumed_dialect_model(dialect: Dialect, medium: Medium | None = None) -> AcousticModel:
+def assumed_dialect_frames_model(dialect: Dialect, medium: Medium | None = None) -> AcousticModel:
     """Return the boards' own array, as their clients have it, in *medium*.
 
     Raises
@@ -80,7 +80,7 @@ def assumed_dialect_model(dialect: Dialect, medium: Medium | None = None) -> Aco
     return AcousticModel(array, medium or Medium.air(), Transducer())
 
 
-def mounted_model(model: AcousticModel, display: Display) -> AcousticModel:
+def mounted_display_model(model: AcousticModel, display: Display) -> AcousticModel:
     """Return *model* with the emitters mounted as the boards of *display* have them."""
     count = model.array.count
     phases_rad = math.tau * np.array(display.mounting[:count])

@@ -15,7 +15,7 @@ from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.acoustics.solvers.several import METHODS, Method
 from haptogram.driver.frames.builder import (
     check_frame_foci,
-    check_full_amplitude,
+    check_full_frame_amplitude,
     frame_phases_rad,
 )
 from haptogram.driver.frames.frame import are_driver_frames
@@ -141,7 +141,9 @@ class DialectFrameBuilder:
             numbers.setdefault(group, number)
         for group, number in numbers.items():
             check_frame_foci(self._model, number, group, solver)
-            check_full_amplitude(number, group, "this wire is given phases alone, which drive")
+            check_full_frame_amplitude(
+                number, group, "this wire is given phases alone, which drive"
+            )
         groups = list(numbers)
         batches = [groups[start : start + _BATCH] for start in range(0, len(groups), _BATCH)]
         made = {

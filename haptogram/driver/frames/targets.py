@@ -29,12 +29,14 @@ def as_frame_foci(targets: Targets) -> list[tuple[Focus, ...]]:
     ConfigurationError
         If there is no frame, a frame without a focus, or something that is no focus.
     """
-    if _is_one_point(targets):
+    if _is_one_target_point(targets):
         raise ConfigurationError(
             f"targets are one point, {shown_argument(targets)}; they must be a sequence of points"
         )
     try:
-        entries: Iterable[Any] = targets if isinstance(targets, Sequence) else _as_rows(targets)
+        entries: Iterable[Any] = (
+            targets if isinstance(targets, Sequence) else _as_target_rows(targets)
+        )
         frames = [_frame_foci_of(entry) for entry in entries]
     except (TypeError, ValueError) as error:
         if isinstance(error, ConfigurationError):
@@ -45,7 +47,7 @@ def as_frame_foci(targets: Targets) -> list[tuple[Focus, ...]]:
     return frames
 
 
-def _as_rows(targets: Any) -> Iterable[Any]:
+def _as_target_rows(targets: Any) -> Iterable[Any]:
     rows = np.asarray(targets)
     if rows.ndim == 0:
         raise ConfigurationError(
@@ -54,7 +56,7 @@ def _as_rows(targets: Any) -> Iterable[Any]:
     return rows
 
 
-def _is_one_point(targets: Any) -> bool:
+def _is_one_target_point(targets: Any) -> bool:
     if isinstance(targets, np.ndarray):
         return bool(targets.shape == (3,))
     is_row = isinstance(targets, tuple | list) and len(targets) == 3

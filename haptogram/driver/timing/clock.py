@@ -245,7 +245,7 @@ class ClockEstimate:
         return self._best
 
 
-def next_carrier_boundary_us(device_us: int, carrier_hz: int) -> int:
+def next_boundary_on_device_clock_us(device_us: int, carrier_hz: int) -> int:
     """Return the first whole carrier period at or after *device_us*, where drives are latched.
 
     A board counts the periods from its own start.  A host that came after the 32-bit clock wrapped

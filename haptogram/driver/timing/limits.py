@@ -17,12 +17,14 @@ _LONGEST_SPIN_US: Final = 1_000_000
 _LONGEST_HOLD_S: Final = 1e7
 
 
-def check_hold(seconds: float) -> None:
+def check_hold_duration(seconds: float) -> None:
     """Refuse to hold a focus for a time that is none, or too long."""
     check_number("seconds", seconds, 0.0, _LONGEST_HOLD_S)
 
 
-def check_streaming(loops: int, spin_us: int, progress: Progress | None, *, realtime: bool) -> None:
+def check_stream_timing(
+    loops: int, spin_us: int, progress: Progress | None, *, realtime: bool
+) -> None:
     """Refuse arguments that every stream takes, before its frames are made."""
     check_whole("loops", loops, 1, _MOST_STREAMED)
     check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)

@@ -27,7 +27,7 @@ def next_deadline_ns(*, deadline_ns: int, now_ns: int, period_ns: int) -> int:
     return deadline_ns + period_ns * (late_ns // period_ns + 1)
 
 
-def can_arrive_in_time(
+def can_arrive_by_deadline(
     *, now_ns: int, line_free_ns: int, transmission_ns: int, due_ns: int
 ) -> bool:
     """Return True if a frame that would be sent now is complete at the board before it is due.
@@ -60,7 +60,7 @@ class Tick:
     wake_ns: int
 
 
-def check_spin(spin_ns: int, period_ns: int) -> None:
+def check_spin_before_tick(spin_ns: int, period_ns: int) -> None:
     """Raise unless a loop of this period can spin for so long.
 
     Raises
@@ -107,7 +107,7 @@ class PeriodicLoop:
         period_ns: int,
         spin_ns: int = 0,
     ) -> None:
-        check_spin(spin_ns, period_ns)
+        check_spin_before_tick(spin_ns, period_ns)
         self.spin_ns = spin_ns
         self._now_ns, self._serve = now_ns, serve
         self._period_ns = period_ns

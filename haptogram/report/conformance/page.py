@@ -71,7 +71,7 @@ def write_conformance_page(
     )
 
 
-def write_comparison_page(
+def write_conformance_comparison_page(
     path: Path, suites: Sequence[SuiteResult], *, provenance: Provenance = UNSTATED
 ) -> None:
     """Write several runs side by side: a row for each case, a column for each device.

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics import FieldEngine
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
-from haptogram.report.figures.planes import picture_pressure
+from haptogram.report.figures.planes import picture_field_pressure
 from haptogram.report.figures.quantities import LEAST_DB, figure_quantity_and_label
 from haptogram.report.figures.style import (
     BLACK,
@@ -67,7 +67,7 @@ def draw_cuts(
     array = engine.model.array
     own, whose = array.axes @ target, "" if array.is_upright else "the array's "
     lines = [target + offsets[axis][:, None] * array.axes[axis] for axis in range(3)]
-    pressure = picture_pressure(engine, weights, np.concatenate(lines))
+    pressure = picture_field_pressure(engine, weights, np.concatenate(lines))
     shown, label = figure_quantity_and_label(engine, pressure, quantity, decibels=decibels)
     levels = np.split(shown, 3)
     with new_figure(7.2, 3.3) as figure:

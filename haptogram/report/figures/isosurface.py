@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics import FieldEngine
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
-from haptogram.report.figures.planes import picture_pressure
+from haptogram.report.figures.planes import picture_field_pressure
 from haptogram.report.figures.quantities import figure_quantity_and_label
 from haptogram.report.figures.style import BLUE, ORANGE, VERMILION, figure_title, new_figure
 
@@ -151,7 +151,7 @@ def draw_isosurfaces(
         )
     sides = [np.linspace(low[i], high[i], counts[i]) for i in range(3)]
     points = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3) @ array.axes
-    pressure = np.nan_to_num(picture_pressure(engine, weights, points))
+    pressure = np.nan_to_num(picture_field_pressure(engine, weights, points))
     level = np.abs(pressure).reshape(counts)
     spacing = (high - low) / (np.array(counts) - 1)
     with new_figure(5.4, 5.6) as figure:

@@ -151,7 +151,9 @@ def sample_picture_mean(
     return PictureField(plane, _sample_picture(engine, plane, rms, progress))
 
 
-def picture_pressure(engine: FieldEngine, weights: ArrayLike, points: FloatArray) -> ComplexArray:
+def picture_field_pressure(
+    engine: FieldEngine, weights: ArrayLike, points: FloatArray
+) -> ComplexArray:
     """Return the pressure of one drive at (M, 3) points, NaN where the model has no field."""
     pressure = np.full(len(points), np.nan, dtype=np.complex128)
     known = points_with_field(engine.model, points)

@@ -20,7 +20,7 @@ from haptogram.published.paper.equations import EQUATIONS
 from ..figures import encode_figure
 from ..figures.embedded import embed_picture
 from ..formats.html import check_html_page, render_html_page
-from .pictures import draw_figure_4, draw_hemispheres, draw_table_1
+from .pictures import draw_paper_figure_4, draw_paper_hemispheres, draw_paper_table_1
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,9 +51,9 @@ def paper_report_files(
     """
     check_paper_report(path)
     figures = {
-        "hemispheres": draw_hemispheres(),
-        "table1": draw_table_1(paper.best),
-        **draw_figure_4(),
+        "hemispheres": draw_paper_hemispheres(),
+        "table1": draw_paper_table_1(paper.best),
+        **draw_paper_figure_4(),
     }
     content = _paper_page_content(paper, presets, figures)
     page = render_html_page("paper.html", provenance, **content).encode()

@@ -25,7 +25,7 @@ _STEP_M: Final = 0.75e-3
 _HEIGHTS_M: Final = (0.040, 0.140)  # from a wavelength above the edge of the section
 
 
-def draw_hemispheres() -> Figure:
+def draw_paper_hemispheres() -> Figure:
     """Return the hemisphere at the four resolutions."""
     with new_figure(7.2, 4.4) as figure:
         figure.set_layout_engine("none")
@@ -47,7 +47,7 @@ def draw_hemispheres() -> Figure:
     return figure
 
 
-def draw_table_1(result: Table1Reproduction) -> Figure:
+def draw_paper_table_1(result: Table1Reproduction) -> Figure:
     """Return the sixteen averages and standard deviations, printed and predicted."""
     with new_figure(8.4, 3.6) as figure:
         places = np.arange(len(RESOLUTIONS_M))
@@ -85,7 +85,7 @@ def draw_table_1(result: Table1Reproduction) -> Figure:
     return figure
 
 
-def draw_figure_4() -> dict[str, Figure]:
+def draw_paper_figure_4() -> dict[str, Figure]:
     """Return planes through both foci of figure 4, for both ways to bend the section."""
     figures = {}
     for bend, (index, focus) in itertools.product(BENDS, enumerate(FIGURE_4_FOCI_M, start=1)):

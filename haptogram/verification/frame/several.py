@@ -23,7 +23,11 @@ import numpy as np
 
 from haptogram.acoustics import Drive
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.reconstruct.patterns.foci_fit import FociFit, fit_foci, waves_of_foci
+from haptogram.acoustics.reconstruct.patterns.foci_fit import (
+    FociFit,
+    fit_foci,
+    waves_of_foci_pattern,
+)
 from haptogram.records.frame import Intended
 
 from ..tolerance import Tolerance, Uncertainty
@@ -210,7 +214,7 @@ def _fit_judged_foci(
     known = [f.amplitude * np.exp(1j * f.phase_rad) for f in intended.foci if f.amplitude > 0.0]
     return fit_foci(
         ideal.targets[0].model,
-        waves_of_foci(ideal.targets[0].model, superposed=superposed),
+        waves_of_foci_pattern(ideal.targets[0].model, superposed=superposed),
         np.array([target.position_m for target in ideal.placed]),
         latched.weights(),
         active,

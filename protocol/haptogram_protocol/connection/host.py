@@ -328,7 +328,7 @@ class HostConnection:
 
     def _judge_response(self, header: Header, message: Message, t_rx_us: int) -> HostEvent:
         waiting = self._pending.get(header.seq)
-        if waiting is None or not _is_answer_to_request(message, waiting.request):
+        if waiting is None or not _is_answer_to_pending_request(message, waiting.request):
             detail = f"{message.TYPE.name} {header.seq} answers no request that waits"
             return self._drop("duplicate", detail, t_rx_us)
         if not self._from_here(header, message, waiting):
@@ -359,17 +359,17 @@ class HostConnection:
             return Error(MessageType.HELLO, ErrorCode.VERSION, reply.major)
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_ANSWERED)
         self.identity = reply
-        self.warnings = _differences_of_identity(reply, self.description_hash)
+        self.warnings = _differences_of_session_identity(reply, self.description_hash)
         return reply
 
 
-def _is_answer_to_request(message: Message, request: MessageType) -> bool:
+def _is_answer_to_pending_request(message: Message, request: MessageType) -> bool:
     if isinstance(message, Error):
         return message.request == request
     return request + RESPONSE_OFFSET == message.TYPE
 
 
-def _differences_of_identity(reply: HelloReply, description_hash: int) -> list[str]:
+def _differences_of_session_identity(reply: HelloReply, description_hash: int) -> list[str]:
     """Return the differences between host and board of one major version.  HG-11.3."""
     found = []
     if reply.minor != VERSION_MINOR:

@@ -41,23 +41,23 @@ class FpgaChain(Settings):
     boards: int = option(2, unit="N", low=1, high=wire.MAX_BOARDS, help="boards of the chain")
 
 
-def _simple_fpga_unit(options: Amplitudes, now_us: int) -> DoubleBuffer:
+def _simple_ultraino_unit(options: Amplitudes, now_us: int) -> DoubleBuffer:
     return DoubleBuffer(Registers(wire.RULES[options.fb], 32, _WIDTH), 1, now_us)
 
 
-def _chained_fpga_unit(options: FpgaChain, now_us: int) -> DoubleBuffer:
+def _chained_ultraino_unit(options: FpgaChain, now_us: int) -> DoubleBuffer:
     registers = Registers(wire.chained_fpga_rules(options.boards), 32, _WIDTH)
     return DoubleBuffer(registers, options.boards, now_us)
 
 
-def _chained_fpga_layout(options: FpgaChain) -> BoardLayout:
+def _chained_ultraino_layout(options: FpgaChain) -> BoardLayout:
     return ULTRAINO_SONICSURFACE if options.boards == 1 else ULTRAINO_STACK
 
 
 SIMPLE: Final = Emulation(
     dialect=wire.SIMPLE,
     end=lambda options: wire.SIMPLE.board(fb=options.fb),
-    unit=_simple_fpga_unit,
+    unit=_simple_ultraino_unit,
     layout=lambda _: ULTRAINO_SONICSURFACE,
     options=Amplitudes,
 )
@@ -70,8 +70,8 @@ SIMPLE_128: Final = Emulation(
 CHAINED: Final = Emulation(
     dialect=wire.CHAINED,
     end=lambda options: wire.CHAINED.board(boards=options.boards),
-    unit=_chained_fpga_unit,
-    layout=_chained_fpga_layout,
+    unit=_chained_ultraino_unit,
+    layout=_chained_ultraino_layout,
     options=FpgaChain,
     boards=lambda options: options.boards,
 )

@@ -35,7 +35,7 @@ from haptogram.acoustics.model.own_axes import array_axes
 from haptogram.acoustics.reconstruct.acquisition import FocusAcquisition
 from haptogram.acoustics.reconstruct.cells import search_cells
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
-from haptogram.acoustics.solvers.focus import steering_reach_m
+from haptogram.acoustics.solvers.focus import focus_steering_reach_m
 from haptogram.errors import ConfigurationError
 from haptogram.published.paper.figure4 import figure_4_model
 from haptogram.published.presets import PRESETS
@@ -215,7 +215,7 @@ def test_the_same_cells_are_searched(name, turn):
     pose, array = TURNS[turn], ARRAYS[name]
     moved = model_of(array.moved(pose.turn, pose.shift_m))
     here, there = (search_cells(m, m.array.positions_m) for m in (model_of(array), moved))
-    assert steering_reach_m(moved) == pytest.approx(steering_reach_m(model_of(array)))
+    assert focus_steering_reach_m(moved) == pytest.approx(focus_steering_reach_m(model_of(array)))
     assert abs(len(here) - len(there)) <= 0.01 * len(here)  # rounding at a limit
     if len(here) == len(there):
         assert np.median(np.linalg.norm(pose.points(here) - there, axis=1)) < 1e-9

@@ -8,7 +8,7 @@ from haptogram.cli import command_parser
 from haptogram.commands.acting_options import refuse_idle_options
 from haptogram.commands.conform.options import check_conform_arguments
 from haptogram.conformance.cases import all_cases, select
-from haptogram.conformance.verdict import verdict_meaning_table
+from haptogram.conformance.verdict import suite_verdict_meaning_table
 
 PAGE = Path(__file__).parents[3] / "docs" / "conformance.md"
 
@@ -33,4 +33,4 @@ def test_every_command_is_parsed_and_refused_nothing():
 def test_the_table_of_verdicts_is_that_of_the_code():
     text = PAGE.read_text("utf-8")
     table = re.search(r"<!-- verdicts -->\n```\n(.*?)\n```\n<!-- end -->", text, re.DOTALL)[1]
-    assert table == verdict_meaning_table()
+    assert table == suite_verdict_meaning_table()

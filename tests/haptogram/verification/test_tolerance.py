@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Medium, focus_phases
-from haptogram.acoustics.model.medium import speed_uncertainty
+from haptogram.acoustics.model.medium import air_speed_uncertainty
 from haptogram.acoustics.solvers.several import weights_for_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
@@ -245,10 +245,10 @@ def test_scattered_positions_and_phases_move_the_focus_as_the_result_says(target
 
 def test_humidity_changes_the_speed_of_sound():
     air = Medium.air(20.0)
-    assert speed_uncertainty(air, 0.0, 0.0) == 0.0
+    assert air_speed_uncertainty(air, 0.0, 0.0) == 0.0
     # Bohn, 1988: 0.35 % between dry and saturated air of 20 degrees.
-    assert speed_uncertainty(air, 0.0, 90.0) == pytest.approx(0.0034, abs=2e-4)
-    assert speed_uncertainty(air, 1.0, 0.0) == pytest.approx(0.5 / 293.15, rel=0.01)
+    assert air_speed_uncertainty(air, 0.0, 90.0) == pytest.approx(0.0034, abs=2e-4)
+    assert air_speed_uncertainty(air, 1.0, 0.0) == pytest.approx(0.5 / 293.15, rel=0.01)
 
 
 def test_a_real_board_is_known_less_well_than_a_virtual_one():

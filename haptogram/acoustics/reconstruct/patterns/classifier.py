@@ -40,7 +40,11 @@ from haptogram.acoustics.reconstruct.patterns.found import (
     Vector,
     Vortex,
 )
-from haptogram.acoustics.reconstruct.patterns.search import PatternSearch, Start, array_sides
+from haptogram.acoustics.reconstruct.patterns.search import (
+    PatternSearch,
+    Start,
+    array_sides_of_pattern,
+)
 from haptogram.acoustics.reconstruct.patterns.several import find_foci_pattern
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.errors import ConfigurationError
@@ -87,7 +91,7 @@ class PatternClassifier:
         self._model = model
         self._step_rad = 2.0 * math.pi / min(steps, _FINEST_STEPS)
         self._local = model.array.local_m(model.array.positions_m)
-        self._sides = array_sides(model.array)
+        self._sides = array_sides_of_pattern(model.array)
         self._searches: dict[int, PatternSearch] = {}
         self._last: Explanation | None = None
 

@@ -191,7 +191,7 @@ class PatternSearch:
                     return
 
 
-def array_sides(array: TransducerArray) -> list[BoolArray]:
+def array_sides_of_pattern(array: TransducerArray) -> list[BoolArray]:
     """Return the elements that look along the array's z and those that look against it."""
     ahead = array.normals @ array.axes[2] >= 0.0
     return [side for side in (ahead, ~ahead) if side.any()]

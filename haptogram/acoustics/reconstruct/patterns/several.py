@@ -14,7 +14,7 @@ from haptogram.acoustics.reconstruct.patterns.foci_fit import (
     FociFit,
     Waves,
     fit_foci,
-    waves_of_foci,
+    waves_of_foci_pattern,
 )
 from haptogram.acoustics.reconstruct.patterns.found import SeveralFoci, Vector
 from haptogram.acoustics.solvers.focus import focus_phases
@@ -60,7 +60,7 @@ def find_foci_pattern(
         if place is None:
             return None
         places = np.concatenate([places, place[None]])
-        rest = _unexplained_by_foci(model, phasors, active, places)
+        rest = _unexplained_by_pattern(model, phasors, active, places)
         explained = 1.0 - float(np.mean(np.abs(rest[active]) ** 2))
         if explained < _A_FOCUS_EXPLAINS * len(places):
             return None
@@ -100,7 +100,7 @@ def _climb_to_pattern_focus(
     return place
 
 
-def _unexplained_by_foci(
+def _unexplained_by_pattern(
     model: AcousticModel, phasors: ComplexArray, active: BoolArray, places: FloatArray
 ) -> ComplexArray:
     """Return the rest of the phasors when the waves from all places are taken out."""
@@ -123,7 +123,7 @@ def _fitted_foci_pattern(
         return None
     limit_rad = _ROUNDING * step_rad + _SLACK_RAD
     for superposed in (True, False):
-        waves = waves_of_foci(model, superposed=superposed)
+        waves = waves_of_foci_pattern(model, superposed=superposed)
         fit = _foci_fit_or_none(model, waves, places, drive, active, step_rad / 2.0)
         if fit is None or fit.residual_rad > limit_rad:
             continue

@@ -8,7 +8,7 @@ from haptogram_protocol.messages import (
     MessageType,
 )
 
-from ...case import about_host, case
+from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.dialogue import (
     crc_of_received_piece,
@@ -65,4 +65,4 @@ def drops_headers_of_another_session(board: BoardClient) -> None:
         board.clock.wait_latched()
 
 
-not_host_session = about_host("HG-3.7/3")
+not_host_session = case_about_host("HG-3.7/3")

@@ -18,7 +18,7 @@ from haptogram_protocol.messages import (
     Mute,
 )
 
-from ...case import about_host, case
+from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.capabilities import requests_that_board_takes, session_for_request
 from ...outcome import SELF_REPORTED, check
@@ -67,4 +67,4 @@ def refuses_unknown_header_types(board: BoardClient) -> None:
             board.link.refused_raw(kind, bytes(3), ErrorCode.UNSUPPORTED, kind)
 
 
-not_host_response = about_host("HG-3.3/4")
+not_host_response = case_about_host("HG-3.3/4")

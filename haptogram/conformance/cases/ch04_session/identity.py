@@ -9,7 +9,7 @@ from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED
 from haptogram_protocol.messages import Feature, Mute, UploadChunk
 from haptogram_protocol.state import OutputState
 
-from ...case import about_host, case
+from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...outcome import check
 
@@ -33,10 +33,10 @@ LEAST_LIMITS: Final = (
 _LONGEST_CHUNK: Final = MAX_BODY_BYTES - HEADER_BYTES - UploadChunk.LAYOUT.size
 
 
-host_uses = about_host("HG-4.5/1")
+host_uses = case_about_host("HG-4.5/1")
 
 
-host_ignores = about_host("HG-4.5/2")
+host_ignores = case_about_host("HG-4.5/2")
 
 
 @case("HG-4.3/1", "HELLO is answered while DISARMED, ARMED and MUTED")

@@ -15,20 +15,20 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
-from ...case import about_host, case
+from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...outcome import check
 
 _LISTEN_US: Final = 300_000
 
 
-host_opens = about_host("HG-4.1/1")
+host_opens = case_about_host("HG-4.1/1")
 
 
-host_chooses = about_host("HG-4.1/2")
+host_chooses = case_about_host("HG-4.1/2")
 
 
-host_stops = about_host("HG-4.4/2")
+host_stops = case_about_host("HG-4.4/2")
 
 
 @case("HG-4.1/3", "HELLO with the nonce 0 is refused with BAD_VALUE, detail 2; nothing changes")

@@ -21,7 +21,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
-from ...case import about_host, case
+from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.uploads import begin_upload
 from ...outcome import check
@@ -29,19 +29,19 @@ from ...outcome import check
 _UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.CORRECTION
 
 
-host_waits = about_host("HG-4.8/1")
+host_waits = case_about_host("HG-4.8/1")
 
 
-host_repeats = about_host("HG-4.8/2")
+host_repeats = case_about_host("HG-4.8/2")
 
 
-host_counts = about_host("HG-4.8/3")
+host_counts = case_about_host("HG-4.8/3")
 
 
-host_starts_at_0 = about_host("HG-4.8/4")
+host_starts_at_0 = case_about_host("HG-4.8/4")
 
 
-host_gives_up = about_host("HG-4.8/5")
+host_gives_up = case_about_host("HG-4.8/5")
 
 
 def _repeat_request(board: BoardClient, wire: bytes, kind: type[Message], seq: int) -> bytes:

@@ -28,7 +28,7 @@ from haptogram_protocol.messages import (
     signed_difference,
 )
 
-from ...case import about_host, case
+from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.playback import play_now, send_phases_to_store
 from ...outcome import check, not_observed
@@ -39,7 +39,7 @@ _CLOCK_US: Final = 10
 _EVENTS_US: Final = 10_000  # until the events that a request leads to have come
 
 
-host_ignores = about_host("HG-4.11/4")
+host_ignores = case_about_host("HG-4.11/4")
 
 
 @case("HG-4.11/1", "responses have the number of their request and the open session")

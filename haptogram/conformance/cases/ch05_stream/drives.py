@@ -16,7 +16,7 @@ from haptogram_protocol.messages import (
     packed_size,
 )
 
-from ...case import case, unobservable
+from ...case import case, unobservable_case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...judge.witness import JudgeWitness
@@ -25,7 +25,7 @@ from ...outcome import EXTERNAL, SELF_REPORTED, check, not_observed
 _UNKNOWN_BITS: Final = (0, 1, 4, 7, 9, 16, 255)
 
 
-amplitude_is_linear = unobservable(
+amplitude_is_linear = unobservable_case(
     "HG-5.3/2", "the pressure itself: only a microphone shows it", EXTERNAL
 )
 

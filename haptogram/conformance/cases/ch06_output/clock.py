@@ -6,7 +6,7 @@ from typing import Final
 
 from haptogram_protocol.messages import GetGeometry, Ping, Pong, signed_difference
 
-from ...case import Depth, about_host, case
+from ...case import Depth, case, case_about_host
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.board_clock import BOOT_US
@@ -21,7 +21,7 @@ _AT_BOOT_US: Final = 2**32 - BOOT_US
 _BOOTED_US: Final = 9_000_000  # by when a board that was reset has been asked for its time
 
 
-host_subtracts = about_host("HG-6.9/3")
+host_subtracts = case_about_host("HG-6.9/3")
 
 
 class _ClockWatch:

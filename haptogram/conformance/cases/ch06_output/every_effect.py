@@ -105,50 +105,52 @@ class Effect:
 # --- What is due -------------------------------------------------------------------------------
 
 
-def _nothing(_: BoardClient, __: Held) -> dict[str, object]:
+def _no_effect(_: BoardClient, __: Held) -> dict[str, object]:
     return {}
 
 
-def _counted(before: Held, name: str, number: int) -> dict[str, object]:
+def _counted_effect(before: Held, name: str, number: int) -> dict[str, object]:
     key = f"the counter {name}"
     count = before[key]
     assert isinstance(count, int)  # a counter
     return {key: (count + number) & 0xFFFFFFFF}
 
 
-def _queued(before: Held) -> int:
+def _queued_before_effect(before: Held) -> int:
     queued = before["the queue"]
     assert isinstance(queued, int)  # StatusReply.queued
     return queued
 
 
-def _found(before: Held) -> tuple[OutputState, MuteReason]:
+def _state_before_effect(before: Held) -> tuple[OutputState, MuteReason]:
     found = before["the output state"]
     assert isinstance(found, tuple)  # judged_held_state
     return found
 
 
-def _flushed(before: Held) -> dict[str, object]:
-    return {"the queue": 0, "events": ANYTHING} | _counted(before, "flushed", _queued(before))
+def _flushed_effect(before: Held) -> dict[str, object]:
+    return {"the queue": 0, "events": ANYTHING} | _counted_effect(
+        before, "flushed", _queued_before_effect(before)
+    )
 
 
-def _by_input(event: OutputInput) -> Due:
+def _effect_of_input(event: OutputInput) -> Due:
     """Return what is due after an input of the table of HG-6.2."""
 
     def due(_: BoardClient, before: Held) -> dict[str, object]:
-        found = state_and_reason_after(_found(before), event)
+        found = state_and_reason_after(_state_before_effect(before), event)
         changed: dict[str, object] = {"the output state": found}
         if event is not OutputInput.ARM:
-            changed |= {"the radiated drive": ANYTHING} | _flushed(before)
+            changed |= {"the radiated drive": ANYTHING} | _flushed_effect(before)
         return changed
 
     return due
 
 
-def _by_new_session(board: BoardClient, before: Held) -> dict[str, object]:
+def _effect_of_new_session(board: BoardClient, before: Held) -> dict[str, object]:
     ring = TraceReply(0, 0, ())
     refused = ("refused", ErrorCode.BAD_STATE)
-    return _by_input(OutputInput.NEW_SESSION)(board, before) | {
+    return _effect_of_input(OutputInput.NEW_SESSION)(board, before) | {
         "the last latch": (0, 0),
         "the latched drive": ANYTHING,  # HG-8.6/4
         "the trace ring": ring,
@@ -156,46 +158,46 @@ def _by_new_session(board: BoardClient, before: Held) -> dict[str, object]:
     }
 
 
-def _by_timer(reason: MuteReason) -> Due:
+def _effect_of_timer(reason: MuteReason) -> Due:
     def due(_: BoardClient, before: Held) -> dict[str, object]:
         free = ("the radiated drive", "config_crc", "the configuration")
         changed: dict[str, object] = dict.fromkeys(free, ANYTHING)
         changed["the output state"] = OutputState.MUTED, reason
-        return changed | _flushed(before) | _counted(before, "timeouts", 1)
+        return changed | _flushed_effect(before) | _counted_effect(before, "timeouts", 1)
 
     return due
 
 
-def _by_fault(_: BoardClient, before: Held) -> dict[str, object]:
+def _effect_of_fault(_: BoardClient, before: Held) -> dict[str, object]:
     changed: dict[str, object] = {"the output state": (OutputState.FAULT, MuteReason.FAULT)}
-    return changed | {"the radiated drive": ANYTHING} | _flushed(before)
+    return changed | {"the radiated drive": ANYTHING} | _flushed_effect(before)
 
 
-def _counted_once(name: str) -> Due:
-    return lambda _, before: _counted(before, name, 1)
+def _effect_counted_once(name: str) -> Due:
+    return lambda _, before: _counted_effect(before, name, 1)
 
 
-def _received(number: int) -> Due:
+def _effect_of_received(number: int) -> Due:
     return lambda _, __: {"the upload": UploadChunkReply(number)}
 
 
-def _copies(_: BoardClient, __: Held) -> dict[str, object]:
+def _effect_of_copies(_: BoardClient, __: Held) -> dict[str, object]:
     return {"the counter duplicate": ANYTHING}
 
 
-def _ended(_: BoardClient, __: Held) -> dict[str, object]:
+def _effect_of_end(_: BoardClient, __: Held) -> dict[str, object]:
     return {"events": ANYTHING}
 
 
-def _by_play(_: BoardClient, before: Held) -> dict[str, object]:
-    return _flushed(before)
+def _effect_of_play(_: BoardClient, before: Held) -> dict[str, object]:
+    return _flushed_effect(before)
 
 
-def _by_commit(_: BoardClient, __: Held) -> dict[str, object]:
+def _effect_of_commit(_: BoardClient, __: Held) -> dict[str, object]:
     return {"the upload": ("refused", ErrorCode.BAD_STATE)}
 
 
-def _by_correction(_: BoardClient, __: Held) -> dict[str, object]:
+def _effect_of_correction(_: BoardClient, __: Held) -> dict[str, object]:
     refused = ("refused", ErrorCode.BAD_STATE)
     free = ("config_crc", "the configuration", "the radiated drive")
     return {"the upload": refused} | dict.fromkeys(free, ANYTHING)
@@ -204,85 +206,85 @@ def _by_correction(_: BoardClient, __: Held) -> dict[str, object]:
 # --- What happens ------------------------------------------------------------------------------
 
 
-def _arm(board: BoardClient) -> None:
+def _arm_for_effect(board: BoardClient) -> None:
     board.link.ask(Arm())
 
 
-def _mute(board: BoardClient) -> None:
+def _mute_for_effect(board: BoardClient) -> None:
     board.link.ask(Mute())
 
 
-def _mute_as_another(board: BoardClient) -> None:
+def _mute_as_another_for_effect(board: BoardClient) -> None:
     board.link.ask(Mute(), session=board.link.session ^ _FOREIGN)
 
 
-def _mute_without_session(board: BoardClient) -> None:
+def _mute_without_session_for_effect(board: BoardClient) -> None:
     board.link.ask(Mute(), session=0)
 
 
-def _disarm(board: BoardClient) -> None:
+def _disarm_for_effect(board: BoardClient) -> None:
     board.link.ask(Disarm())
 
 
-def _stop(board: BoardClient) -> None:
+def _stop_for_effect(board: BoardClient) -> None:
     board.link.ask(Stop())
 
 
-def _greet_again(board: BoardClient) -> None:
+def _greet_again_for_effect(board: BoardClient) -> None:
     board.hello(board.link.session)
 
 
-def _set_again(board: BoardClient) -> None:
+def _set_again_for_effect(board: BoardClient) -> None:
     board.link.ask(SetConfig(board.config))
 
 
-def _begin(board: BoardClient) -> None:
+def _begin_upload_for_effect(board: BoardClient) -> None:
     board.link.ask(UploadBegin(UploadKind.PHASES, 0, _OTHER, board.identity.transducers, 0))
 
 
-def _add_chunk(board: BoardClient) -> None:
+def _add_chunk_for_effect(board: BoardClient) -> None:
     board.link.ask(UploadChunk(1, pending_before_refusal(board)[1:3]))
 
 
-def _complete(board: BoardClient) -> None:
+def _complete_upload_for_effect(board: BoardClient) -> None:
     send_upload_chunks(board, pending_before_refusal(board))
     board.link.ask(UploadCommit(PENDING))
 
 
-def _correct(board: BoardClient) -> None:
+def _correct_for_effect(board: BoardClient) -> None:
     codes = board.random.randbytes(board.identity.transducers)
     upload_to_board(board, UploadKind.CORRECTION, 0, codes)
 
 
-def _play_later(board: BoardClient, alone_ms: int = 9_999) -> None:
+def _play_later_for_effect(board: BoardClient, alone_ms: int = 9_999) -> None:
     play = Play(STORED, 1000, 1, min(alone_ms, board.identity.max_unattended_ms))
     board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
 
 
-def _run_out(board: BoardClient, config: Config) -> None:
+def _run_out_timer_for_effect(board: BoardClient, config: Config) -> None:
     """Set shorter timers, and wait for their end."""
     board.config = dataclasses.replace(config, ramp_ms=0)
     board.link.ask(SetConfig(board.config))
     board.wire.idle((_SHORT_MS + 5) * _MS + board.wire.limits.slack_us)
 
 
-def _run_out_hold(board: BoardClient) -> None:
-    _run_out(board, dataclasses.replace(board.config, hold_ms=_SHORT_MS))
+def _run_out_hold_for_effect(board: BoardClient) -> None:
+    _run_out_timer_for_effect(board, dataclasses.replace(board.config, hold_ms=_SHORT_MS))
 
 
-def _run_out_lease(board: BoardClient) -> None:
-    _run_out(board, dataclasses.replace(board.config, host_timeout_ms=_SHORT_MS))
+def _run_out_lease_for_effect(board: BoardClient) -> None:
+    _run_out_timer_for_effect(board, dataclasses.replace(board.config, host_timeout_ms=_SHORT_MS))
 
 
-def _run_out_unattended(board: BoardClient) -> None:
+def _run_out_unattended_for_effect(board: BoardClient) -> None:
     board.config = dataclasses.replace(board.config, ramp_ms=0)
     board.link.ask(SetConfig(board.config))
     board.link.ask(Stop())
-    _play_later(board, _SHORT_MS)
+    _play_later_for_effect(board, _SHORT_MS)
     board.wire.idle((_SHORT_MS + 5) * _MS + board.wire.limits.slack_us)
 
 
-def _damage(counter: str) -> Callable[[BoardClient], object]:
+def _damage_for_effect(counter: str) -> Callable[[BoardClient], object]:
     """Return what sends a frame that only *counter* counts."""
 
     def send(board: BoardClient) -> None:
@@ -303,7 +305,7 @@ def _damage(counter: str) -> Callable[[BoardClient], object]:
     return send
 
 
-def _drop(counter: str) -> Callable[[BoardClient], object]:
+def _drop_for_effect(counter: str) -> Callable[[BoardClient], object]:
     """Return what sends frames of every format that *counter*, of steps 6 to 10, counts."""
 
     def send(board: BoardClient) -> None:
@@ -321,47 +323,84 @@ _SHORTENS: Final = Feature.CONFIG
 _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 
 
-def _effects() -> Iterator[Effect]:
+def _effects_of_events() -> Iterator[Effect]:
     """Yield every event."""
     for name in ("crc", "cobs", "short", "oversize", "unknown_type"):
-        yield Effect("HG-3.9/1", "alone", f"a frame for {name}", _damage(name), _counted_once(name))
+        yield Effect(
+            "HG-3.9/1",
+            "alone",
+            f"a frame for {name}",
+            _damage_for_effect(name),
+            _effect_counted_once(name),
+        )
     for name in BEFORE_STATE:
-        due: Due = _copies if name == "duplicate" else _nothing
-        yield Effect("HG-3.9/1", "alone", f"stream frames for {name}", _drop(name), due)
-    repeated = _counted_once("repeated")
-    yield Effect("HG-4.6/1", "moments", "HELLO with the open nonce", _greet_again, repeated)
-    yield Effect("HG-7.1/3", "same", "SET_CONFIG as it is", _set_again, _nothing, Feature.CONFIG)
-    yield Effect("HG-6.3/2", "alone", "ARM", _arm, _by_input(OutputInput.ARM))
+        due: Due = _effect_of_copies if name == "duplicate" else _no_effect
+        yield Effect("HG-3.9/1", "alone", f"stream frames for {name}", _drop_for_effect(name), due)
+    repeated = _effect_counted_once("repeated")
+    yield Effect(
+        "HG-4.6/1", "moments", "HELLO with the open nonce", _greet_again_for_effect, repeated
+    )
+    yield Effect(
+        "HG-7.1/3", "same", "SET_CONFIG as it is", _set_again_for_effect, _no_effect, Feature.CONFIG
+    )
+    yield Effect("HG-6.3/2", "alone", "ARM", _arm_for_effect, _effect_of_input(OutputInput.ARM))
     for name, mute in (
-        ("MUTE", _mute),
-        ("MUTE of another session", _mute_as_another),
-        ("MUTE without a session", _mute_without_session),
+        ("MUTE", _mute_for_effect),
+        ("MUTE of another session", _mute_as_another_for_effect),
+        ("MUTE without a session", _mute_without_session_for_effect),
     ):
-        yield Effect("HG-6.4/2", "alone", name, mute, _by_input(OutputInput.MUTE))
-    yield Effect("HG-6.5/1", "alone", "DISARM", _disarm, _by_input(OutputInput.DISARM))
-    yield Effect("HG-7.7/2", "alone", "STOP", _stop, _ended, _UPLOADS)
-    yield Effect("HG-4.6/5", "alone", "a new session", BoardClient.hello, _by_new_session)
-    yield Effect("HG-7.4/1", "alone", "UPLOAD_CHUNK", _add_chunk, _received(3), _UPLOADS)
-    yield Effect("HG-7.4/1", "alone", "UPLOAD_BEGIN", _begin, _received(0), _UPLOADS)
-    yield Effect("HG-7.4/1", "alone", "UPLOAD_COMMIT", _complete, _by_commit, _UPLOADS)
+        yield Effect("HG-6.4/2", "alone", name, mute, _effect_of_input(OutputInput.MUTE))
+    yield Effect(
+        "HG-6.5/1", "alone", "DISARM", _disarm_for_effect, _effect_of_input(OutputInput.DISARM)
+    )
+    yield Effect("HG-7.7/2", "alone", "STOP", _stop_for_effect, _effect_of_end, _UPLOADS)
+    yield Effect("HG-4.6/5", "alone", "a new session", BoardClient.hello, _effect_of_new_session)
+    yield Effect(
+        "HG-7.4/1", "alone", "UPLOAD_CHUNK", _add_chunk_for_effect, _effect_of_received(3), _UPLOADS
+    )
+    yield Effect(
+        "HG-7.4/1",
+        "alone",
+        "UPLOAD_BEGIN",
+        _begin_upload_for_effect,
+        _effect_of_received(0),
+        _UPLOADS,
+    )
+    yield Effect(
+        "HG-7.4/1",
+        "alone",
+        "UPLOAD_COMMIT",
+        _complete_upload_for_effect,
+        _effect_of_commit,
+        _UPLOADS,
+    )
     correction = Feature.CORRECTION
-    yield Effect("HG-7.4/1", "alone", "a new correction", _correct, _by_correction, correction)
+    yield Effect(
+        "HG-7.4/1",
+        "alone",
+        "a new correction",
+        _correct_for_effect,
+        _effect_of_correction,
+        correction,
+    )
     queue = (QUEUED,)
-    yield Effect("HG-7.6/3", "alone", "PLAY", _play_later, _by_play, _UPLOADS, queue)
+    yield Effect(
+        "HG-7.6/3", "alone", "PLAY", _play_later_for_effect, _effect_of_play, _UPLOADS, queue
+    )
     for reason, happen, needs, where in (
-        (MuteReason.HOLD_EXPIRED, _run_out_hold, _SHORTENS, _ON),
-        (MuteReason.HOST_SILENT, _run_out_lease, _SHORTENS, queue),
-        (MuteReason.UNATTENDED, _run_out_unattended, _PLAYS, (QUEUED, WAITING)),
+        (MuteReason.HOLD_EXPIRED, _run_out_hold_for_effect, _SHORTENS, _ON),
+        (MuteReason.HOST_SILENT, _run_out_lease_for_effect, _SHORTENS, queue),
+        (MuteReason.UNATTENDED, _run_out_unattended_for_effect, _PLAYS, (QUEUED, WAITING)),
     ):
-        due = _by_timer(reason)
+        due = _effect_of_timer(reason)
         yield Effect("HG-6.11/5", "alone", f"a mute, {reason.name}", happen, due, needs, where)
-    yield Effect("HG-6.6/1", "alone", "a fault", fail_hardware, _by_fault)
+    yield Effect("HG-6.6/1", "alone", "a fault", fail_hardware, _effect_of_fault)
 
 
 # --- Cases -------------------------------------------------------------------------------------
 
 
-def _silent_situation(board: BoardClient) -> int:
+def _silent_output_before_effect(board: BoardClient) -> int:
     for situation in refusal_situations(board):
         if situation.name == OFF:
             situation.bring(board)
@@ -369,9 +408,9 @@ def _silent_situation(board: BoardClient) -> int:
     return 0
 
 
-def _situations(board: BoardClient) -> Iterator[Situation]:
+def _situations_before_effect(board: BoardClient) -> Iterator[Situation]:
     yield from refusal_situations(board)
-    yield Situation("while ARMED and silent", _silent_situation, lambda _: iter(()))
+    yield Situation("while ARMED and silent", _silent_output_before_effect, lambda _: iter(()))
 
 
 def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held:
@@ -403,7 +442,7 @@ def _judge_effects(board: BoardClient, effects: tuple[Effect, ...], situation: S
         check(not text, f"{effect.name}: {text}")
         leaves = all(name.startswith("the counter") for name in due)
         before = held if leaves else None
-        if _found(held)[0] is OutputState.FAULT:
+        if _state_before_effect(held)[0] is OutputState.FAULT:
             recover_from_hardware_fault(board)
 
 
@@ -413,7 +452,7 @@ def _effect_case(clause: str, variant: str, effects: tuple[Effect, ...]) -> Case
         if not some:
             board.need(effects[0].needs)
         send_phases_to_store_if_supported(board, STORED, frames=1)
-        for situation in _situations(board):
+        for situation in _situations_before_effect(board):
             try:
                 _judge_effects(board, some, situation)
             except CaseEndedError as error:
@@ -424,11 +463,11 @@ def _effect_case(clause: str, variant: str, effects: tuple[Effect, ...]) -> Case
     return Case(clause, summary, body, variant, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 
 
-def _cases() -> Iterator[Case]:
-    effects = list(_effects())
+def _effect_cases() -> Iterator[Case]:
+    effects = list(_effects_of_events())
     for clause, variant in dict.fromkeys((effect.clause, effect.variant) for effect in effects):
         same = (e for e in effects if (e.clause, e.variant) == (clause, variant))
         yield _effect_case(clause, variant, tuple(same))
 
 
-PRODUCT: Final = tuple(_cases())
+PRODUCT: Final = tuple(_effect_cases())

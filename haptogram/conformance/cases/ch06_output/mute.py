@@ -18,7 +18,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-from ...case import about_host, case, unobservable
+from ...case import case, case_about_host, unobservable_case
 from ...client.board_client import BoardClient
 from ...client.latching import client_drive_of_reply, is_board_silent, latch_now, read_back_radiated
 from ...client.playback import play_now, send_phases_to_store
@@ -27,20 +27,22 @@ from ...outcome import EXTERNAL, SELF_REPORTED, check
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
 
 
-host_keeps_room = about_host("HG-6.4/3")
+host_keeps_room = case_about_host("HG-6.4/3")
 
 
-hangs_silently = unobservable(
+hangs_silently = unobservable_case(
     "HG-6.12/1", "no frame makes the program of a board hang: stop it in a debugger", EXTERNAL
 )
 
 
-resets_silently = unobservable(
+resets_silently = unobservable_case(
     "HG-6.12/2", "a board that is being reset says nothing; its drive pins do (--capture)", EXTERNAL
 )
 
 
-fault_lasts = unobservable("HG-6.6/3", "no frame can bring about a fault of the hardware", EXTERNAL)
+fault_lasts = unobservable_case(
+    "HG-6.6/3", "no frame can bring about a fault of the hardware", EXTERNAL
+)
 
 
 @case(

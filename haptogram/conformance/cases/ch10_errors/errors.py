@@ -18,12 +18,12 @@ from haptogram_protocol.messages import (
     UploadCommit,
 )
 
-from ...case import about_host, case
+from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...outcome import check
 
-unknown_codes = about_host("HG-10.1/3")
+unknown_codes = case_about_host("HG-10.1/3")
 
 
 @case("HG-10.1/1", "refused requests leave state, configuration, queue and stream numbers alone")

@@ -17,24 +17,24 @@ from haptogram_protocol.messages import (
     MuteReply,
 )
 
-from ...case import Depth, about_host, about_text, case
+from ...case import Depth, case, case_about_host, case_about_text
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue, undamaged_received_pieces
 from ...outcome import SELF_REPORTED, check
 
-minor_rules = about_text("HG-11.2/1")
+minor_rules = case_about_text("HG-11.2/1")
 
 
-host_warns = about_host("HG-11.3/1")
+host_warns = case_about_host("HG-11.3/1")
 
 
-deprecation = about_text("HG-11.4/1")
+deprecation = case_about_text("HG-11.4/1")
 
 
-numbers_gone = about_text("HG-11.4/2")
+numbers_gone = case_about_text("HG-11.4/2")
 
 
-host_versions = about_host("HG-11.4/3")
+host_versions = case_about_host("HG-11.4/3")
 
 
 @case("HG-11.1/1", "HELLO of major 0 to 255 and MUTE with a longer payload are understood")

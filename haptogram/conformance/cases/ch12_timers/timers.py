@@ -11,7 +11,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason
 
-from ...case import Depth, about_host, case
+from ...case import Depth, case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_now, send_phases_to_store
@@ -21,10 +21,10 @@ from ...outcome import check, fail
 _MS: Final = 1000
 
 
-host_times = about_host("HG-12.6/1")
+host_times = case_about_host("HG-12.6/1")
 
 
-host_gives_up = about_host("HG-12.6/2")
+host_gives_up = case_about_host("HG-12.6/2")
 
 
 @case(

@@ -28,7 +28,7 @@ from haptogram.acoustics import (
     superpose_foci,
 )
 from haptogram.acoustics.field.engines.compiled import load_kernels
-from haptogram.acoustics.solvers.focus import steering_reach_m
+from haptogram.acoustics.solvers.focus import focus_steering_reach_m
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import hemisphere_targets, seeds
 
@@ -78,7 +78,7 @@ def test_every_array_finds_every_legal_target(shape):
     model = AcousticModel.default(*shape)
     reconstructor = Reconstructor(model)
     rng = np.random.default_rng(7)
-    x, y = steering_reach_m(model)
+    x, y = focus_steering_reach_m(model)
     found = 0
     while found < 25:
         target = rng.uniform([-x, -y, 0.02], [x, y, 0.5])

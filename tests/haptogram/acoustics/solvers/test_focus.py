@@ -20,7 +20,7 @@ from haptogram.acoustics import (
     quantise_phase,
     superpose_foci,
 )
-from haptogram.acoustics.solvers.focus import steering_reach_m
+from haptogram.acoustics.solvers.focus import focus_steering_reach_m
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import finite_angles, grids, models, seeds, targets
@@ -100,7 +100,7 @@ def test_reach_is_counted_from_the_array_wherever_it_is():
     check_focus_target(model, [1.0, 0, 0.6])
     with pytest.raises(ConfigurationError, match="offset"):
         check_focus_target(model, [0.5, 0, 0.6])
-    assert steering_reach_m(model) == pytest.approx((0.225, 0.225))
+    assert focus_steering_reach_m(model) == pytest.approx((0.225, 0.225))
 
 
 def test_a_target_among_the_elements_of_a_bowl_is_refused():

@@ -8,7 +8,7 @@ from haptogram.driver.timing.realtime import (
     STAMPS,
     PeriodicLoop,
     TickLog,
-    can_arrive_in_time,
+    can_arrive_by_deadline,
     next_deadline_ns,
 )
 from haptogram.errors import ConfigurationError
@@ -33,7 +33,7 @@ def test_a_loop_on_time_takes_every_deadline(deadline_ns, period_ns):
 
 @given(TIME, TIME, PERIOD, TIME)
 def test_a_frame_is_sent_exactly_while_it_can_be_complete_in_time(now, free, transmission, due):
-    sent = can_arrive_in_time(
+    sent = can_arrive_by_deadline(
         now_ns=now, line_free_ns=free, transmission_ns=transmission, due_ns=due
     )
     assert sent == (now + transmission <= due and free + transmission <= due)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from haptogram.acoustics import AcousticModel, TransducerArray
-from haptogram.acoustics.reconstruct.patterns.foci_fit import fit_foci, waves_of_foci
+from haptogram.acoustics.reconstruct.patterns.foci_fit import fit_foci, waves_of_foci_pattern
 from haptogram.acoustics.solvers.several import METHODS, weights_for_foci
 from latched_drives import registers
 
@@ -36,7 +36,13 @@ def fitted(points, lags, solver, drive, model=MODEL):
     known = np.exp(1j * lags) / len(points) if superposed else None
     active = np.ones(model.array.count, dtype=bool)
     return fit_foci(
-        model, waves_of_foci(model, superposed=superposed), points, drive, active, LIMIT, known
+        model,
+        waves_of_foci_pattern(model, superposed=superposed),
+        points,
+        drive,
+        active,
+        LIMIT,
+        known,
     )
 
 
