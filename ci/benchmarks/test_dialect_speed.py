@@ -6,7 +6,7 @@ import pytest
 
 from haptogram.settings.board import BoardConfig
 from haptogram_protocol.dialects.autd3 import messages as link
-from haptogram_protocol.dialects.autd3.frame import DeviceFrame
+from haptogram_protocol.dialects.autd3.frame import Autd3DeviceFrame
 from haptogram_protocol.dialects.autd3.operations import Gain
 from haptogram_protocol.dialects.interactlab import QueueFrame
 from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
@@ -44,7 +44,7 @@ CLIENTS = {
         {},
         [link.Hello(), link.Open((link.Pose((0, 0, 0), (1, 0, 0, 0)),))],
         [
-            link.Write((DeviceFrame(number, (Gain(0, True, source.randbytes(498)),)),))
+            link.Write((Autd3DeviceFrame(number, (Gain(0, True, source.randbytes(498)),)),))
             for number in range(2)  # ids must change
         ],
     ),
