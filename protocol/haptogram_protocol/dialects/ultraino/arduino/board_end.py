@@ -38,6 +38,9 @@ _TOKENS: Final = re.compile(
 )
 _DURATION, _SWAPPED, _COMMANDED = 16, 17, 18
 _ACTS: Final = re.compile(rb"[" + re.escape(SWAP + COMMAND) + rb"]")
+# Operations are values: each byte that is sent on has one object, and a swap its two.
+_FORWARDS: Final = tuple(map(Forward, range(256)))
+_SWAP_AND_FORWARD: Final = (Swap(), _FORWARDS[SWAP[0]])
 
 
 class ArduinoBoardEnd:
@@ -135,7 +138,7 @@ class ArduinoBoardEnd:
     def _take_halves(self, hops: int, halves: bytes, found: list[Operation]) -> None:
         if hops > self._boards:
             self.counters["bytes_beyond_chain"] += len(halves)
-            found += [Forward(byte - self._boards) for byte in halves]
+            found += [_FORWARDS[byte - self._boards] for byte in halves]
             return
         memory = self._memories[hops - 1]
         if lost := memory.take(halves, found):
@@ -152,7 +155,7 @@ class ArduinoBoardEnd:
         if self._uncommitted:
             self.counters["durations_without_commit"] += 1
             self._uncommitted = False
-        found += [Swap(), Forward(SWAP[0])]
+        found += _SWAP_AND_FORWARD
 
     def _count_replaced(self, frames: int) -> None:
         """Count whole frames ahead of the one that a swap shows."""
@@ -177,14 +180,14 @@ class ArduinoBoardEnd:
         else:
             self._restart(found)
             found.append(Restart())
-        found.append(Forward(COMMAND[0]))
+        found.append(_FORWARDS[COMMAND[0]])
 
     def _take_durations(self, part: bytes, found: list[Operation]) -> None:
         room = BYTES_OF_DURATION * self._firmware.durations - len(self._durations)
         if len(part) > room:
             self.counters["durations_beyond_memory"] += len(part) - room
         self._durations += part[:room]
-        found += map(Forward, part)
+        found += [_FORWARDS[byte] for byte in part]
 
     def _end_durations(self, found: list[Operation]) -> None:
         if not self._durations:
@@ -198,4 +201,4 @@ class ArduinoBoardEnd:
     def _pass_on_strange(self, part: bytes, found: list[Operation]) -> None:
         """Send on as byte - 1, which the boards behind do once more; 14 of them never find a 1."""
         self.counters["bytes_strange"] += len(part)
-        found += [Forward(byte - self._boards) for byte in part]
+        found += [_FORWARDS[byte - self._boards] for byte in part]
