@@ -23,6 +23,7 @@ class Analyser:
     jitter_ns: float = 0.0
     glitches: int = 0  # pulses of one sample, anywhere
     skew_ns: float = 0.0  # between channels
+    lost: tuple = ()  # (first, count) of samples that never reach the file
     begin_ms: float = -0.5  # of the capture, from the first frame on
     end_ms: float = 0.5  # after the end of the last frame
 
@@ -118,6 +119,8 @@ def _sampled(pulses, analyser, random, skew_s, begin_s, end_s):
     levels = np.cumsum(change)[:total] > 0
     for place in random.integers(1, total - 1, analyser.glitches):
         levels[place] = ~levels[place]
+    for first, count in analyser.lost:
+        levels = np.delete(levels, slice(first, first + count))
     edges = np.flatnonzero(np.diff(levels)) + 1
     return edges, bool(levels[0])
 

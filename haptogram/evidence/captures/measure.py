@@ -27,6 +27,7 @@ from .changes import (
     captured_latches,
 )
 from .channel_map import ChannelMap
+from .splices import capture_to_first_splice
 
 _Floats: TypeAlias = NDArray[np.float64]
 _Weights: TypeAlias = NDArray[np.complex128]
@@ -163,6 +164,9 @@ def measure_capture(capture: Capture, mapped: ChannelMap) -> CaptureDrives:
     reference = capture.channel(mapped.reference)
     is_clock = mapped.reference not in elements
     active_low = settings.active_low and not is_clock
+    if is_clock:
+        capture = capture_to_first_splice(capture, reference.pulses()[0], sample)
+        reference = capture.channel(mapped.reference)
     pulses = {
         name: capture.channel(name).pulses(active_low=settings.active_low) for name in elements
     }

@@ -14,6 +14,7 @@ from haptogram.records.pins import LineBytes, PinPulses, PinRecord
 from .capture import Capture, ChannelEdges
 from .channel_map import ChannelMap
 from .measure import checked_capture_period
+from .splices import capture_to_first_splice
 from .uart import LEAST_SAMPLES_A_BIT, decoded_uart_bytes
 
 _Floats: TypeAlias = NDArray[np.float64]
@@ -23,6 +24,7 @@ _SPIKE: Final = 1.5  # samples: a shorter pulse alone is taken for a disturbance
 _NEIGHBOUR: Final = 0.1  # periods by which a pulse of the same drive may be off its place
 _ESTIMATED: Final = 0.99  # of a rate: an estimate from edges may be so much off
 _FULL_DUTY: Final = 0.5
+_DRIVEN_PERIODS: Final = 2.0  # on end: a latch may join two pulses to one of a period
 _WIDER: Final = 0.1  # by which a duty may exceed half a period before a pin counts as inverted
 
 
@@ -50,6 +52,9 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
     pulses = capture.channel(mapped.reference).pulses(active_low=active_low)
     rises, _ = _captured_edges_without_spikes(*pulses, sample, nominal)
     period = checked_capture_period(capture, mapped, rises, sample, rate_hz)
+    if reference is None:
+        capture = capture_to_first_splice(capture, rises, sample)
+        rises = rises[rises <= capture.end]
     clock = _CarrierClock(rises, period, sample, is_steady=reference is None)
     pins = {}
     silent = all(len(capture.channel(name).times) == 0 for name in elements)
@@ -58,9 +63,9 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         edge_pairs = edges.pulses(active_low=settings.active_low)
         begins, ends = _captured_edges_without_spikes(*edge_pairs, sample, nominal)
         pulses = clock.periods(begins), clock.periods(ends)
-        defects = (
-            () if silent else tuple(_defects_of_captured_edges(edges, *pulses, settings.active_low))
-        )
+        longest = _longest_driven_ticks(edges, settings.active_low, capture.end) / clock.period
+        defects = tuple(_defects_of_captured_edges(edges, *pulses, settings.active_low, longest))
+        defects = () if silent else defects
         begin = 0.0
         if edges.defined_from:
             begin = float(clock.periods(np.array([float(edges.defined_from)]))[0])
@@ -134,9 +139,9 @@ def _captured_edges_without_spikes(
 
 
 def _defects_of_captured_edges(
-    edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool
+    edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool, longest: float
 ) -> list[str]:
-    """Return the defects of a pin while others pulse."""
+    """Return the defects of a pin while others pulse; it is driven for *longest* on end."""
     found = []
     if not len(edges.times):
         level = "high" if edges.first_level else "low"
@@ -144,9 +149,19 @@ def _defects_of_captured_edges(
         found.append(f"stuck {level}" if is_driven else f"dead: {level} all the time")
     elif len(rises) and np.median(falls - rises) > _FULL_DUTY + _WIDER:
         found.append(f"duty of {np.median(falls - rises):.2f}: inverted polarity")
+    elif longest > _DRIVEN_PERIODS:
+        level = "low" if active_low else "high"
+        found.append(f"{level} for {longest:.0f} periods on end: inverted polarity, or stuck")
     if edges.undefined:
         found.append(f"{edges.undefined} times undefined (x or z)")
     return found
+
+
+def _longest_driven_ticks(edges: ChannelEdges, active_low: bool, end: int) -> float:
+    """Return for how many ticks a pin is at its driven level on end, at most."""
+    bounds = np.concatenate([[edges.defined_from], edges.times, [end]])
+    skipped = int(edges.first_level is active_low)
+    return float(np.diff(bounds)[skipped::2].max(initial=0))
 
 
 class _CarrierClock:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from haptogram.errors import ConfigurationError, unreadable_file
 
 from .capture import MOST_EDGES, Capture, ChannelEdges
-from .vcd_header import LONGEST_ID, VcdHeader, read_vcd_header
+from .vcd_header import LONGEST_ID, VcdBit, VcdHeader, read_vcd_header
 
 _CHUNK: Final = 4 << 20  # bytes
 _MOST_DIGITS: Final = 18
@@ -30,7 +30,7 @@ _Numbers: TypeAlias = NDArray[np.int64]
 
 
 def read_vcd(path: Path) -> Capture:
-    """Return the edges of all channels of one bit; times count from the first one of the file.
+    """Return the edges of all bits; times count from the first one of the file.
 
     A file that was cut off is read as far as its last whole line; :attr:`Capture.cut` tells.
 
@@ -73,7 +73,7 @@ class _VcdBody:
     """The changes of value that were read so far."""
 
     path: Path
-    codes: list[int]
+    bits: list[VcdBit]  # of the channels, in order
     now: int | None = None  # the last time stamp
     first: int = 0
     edges: int = 0
@@ -85,7 +85,7 @@ class _VcdBody:
     times: list[list[_Numbers]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        count = len(self.codes)
+        count = len(self.bits)
         self.levels, self.firsts = [-1] * count, [-1] * count
         self.undefined, self.defined_from = [0] * count, [0] * count
         self.times = [[] for _ in range(count)]
@@ -107,16 +107,26 @@ class _VcdBody:
         times = self._times(data, starts, ends, (kinds == _HASH) & ~is_identifier)
         scalars = np.flatnonzero(np.isin(kinds, _SCALARS) & ~is_identifier)
         vectors = words[np.isin(kinds[words], _VECTORS) & (words + 1 < len(kinds))]
-        places = np.concatenate([scalars, vectors])
-        codes = np.concatenate(
-            [
-                _packed_vcd_tokens(data, starts[scalars] + 1, ends[scalars]),
-                _packed_vcd_tokens(data, starts[vectors + 1], ends[vectors + 1]),
-            ]
-        )
-        values = np.concatenate([kinds[scalars], data[ends[vectors] - 1]])
+        found = [(scalars, self._channels(data, starts[scalars] + 1, ends[scalars], 0))]
+        written = [kinds[scalars]]
+        for bit in range(max(bit for _, bit in self.bits) + 1):
+            channels = self._channels(data, starts[vectors + 1], ends[vectors + 1], bit)
+            ours = channels >= 0
+            found.append((vectors[ours], channels[ours]))
+            written.append(_vcd_bits(data, starts[vectors[ours]], ends[vectors[ours]], bit))
+        places, channels = (np.concatenate(part) for part in zip(*found, strict=True))
         order = np.argsort(places, kind="stable")
-        self._change(times[places[order]], codes[order], values[order])
+        self._change(times[places[order]], channels[order], np.concatenate(written)[order])
+
+    def _channels(self, data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Numbers:
+        """Return the channel of one bit of each identifier; -1: there is none."""
+        ours = [place for place, (_, number) in enumerate(self.bits) if number == bit]
+        known = np.array([self.bits[place][0] for place in ours])
+        if not len(known):
+            return np.full(len(starts), -1)
+        codes = _packed_vcd_tokens(data, starts, ends)
+        nearest = np.minimum(np.searchsorted(known, codes), len(known) - 1)
+        return np.where(known[nearest] == codes, np.array(ours)[nearest], -1)
 
     def _without_comments(
         self, data: _Bytes, starts: _Numbers, ends: _Numbers
@@ -171,14 +181,12 @@ class _VcdBody:
             values[has] += digit * 10**place
         return values
 
-    def _change(self, times: _Numbers, codes: _Numbers, values: _Bytes) -> None:
+    def _change(self, times: _Numbers, channels: _Numbers, values: _Bytes) -> None:
         """Take changes of value in the order of the file."""
-        known = np.array(self.codes)
-        channels = np.minimum(np.searchsorted(known, codes), len(known) - 1)
-        ours = known[channels] == codes
+        ours = channels >= 0
         channels, times, values = channels[ours], times[ours], values[ours]
         order = np.argsort(channels, kind="stable")
-        counts = np.bincount(channels, minlength=len(known))
+        counts = np.bincount(channels, minlength=len(self.bits))
         times, values = times[order], values[order]
         for channel, end in enumerate(np.cumsum(counts).tolist()):
             begin = end - int(counts[channel])
@@ -211,9 +219,9 @@ class _VcdBody:
     def capture(self, header: VcdHeader, cut: str) -> Capture:
         """Return everything that was read."""
         nothing = np.zeros(0, np.int64)
-        by_code = {}
-        for code, times, first, undefined, defined_from in zip(
-            self.codes,
+        by_bit = {}
+        for bit, times, first, undefined, defined_from in zip(
+            self.bits,
             self.times,
             self.firsts,
             self.undefined,
@@ -222,10 +230,10 @@ class _VcdBody:
         ):
             joined = np.concatenate(times) if times else nothing
             times.clear()
-            by_code[code] = ChannelEdges(
+            by_bit[bit] = ChannelEdges(
                 _vcd_times_without_glitches(joined), first == 1, undefined, defined_from
             )
-        channels = {name: by_code[code] for name, code in header.names.items()}
+        channels = {name: by_bit[bit] for name, bit in header.names.items()}
         end = 0 if self.now is None else self.now - self.first
         return Capture(self.path, channels, header.tick_s, end, None, cut)
 
@@ -240,6 +248,18 @@ def _vcd_words_before_identifiers(kinds: _Bytes) -> _Numbers:
     begin_of = places[begins][np.cumsum(begins) - 1] if len(places) else places
     words: _Numbers = places[(places - begin_of) % 2 == 0]
     return words
+
+
+def _vcd_bits(data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Bytes:
+    """Return the character of one bit of vectors; x for one that has no digit.
+
+    Digits that are left out are 0, or the x or z of the first one (clause 18.2.1).
+    """
+    digits = ends - starts - 1
+    places = np.where(bit < digits, ends - 1 - bit, np.minimum(starts + 1, ends - 1))
+    found = data[places]
+    is_digit = (found == _ZERO) | (found == _ONE)
+    return np.where((bit >= digits) & (digits > 0) & is_digit, np.uint8(_ZERO), found)
 
 
 def _packed_vcd_tokens(data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:

@@ -18,9 +18,13 @@ LONGEST_ID: Final = 7
 _LONGEST_HEADER: Final = 1 << 22
 _END_OF_HEADER: Final = re.compile(rb"\$enddefinitions\s+\$end")
 _TIMESCALE: Final = re.compile(r"(1|10|100)\s*(s|ms|us|ns|ps|fs)")
+_NO_BITS: Final = ("real", "realtime", "string", "event")
 _UNITS_S: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ps": 1e-12, "fs": 1e-15}
-#: Scopes, words of the name, and identifier code of a channel of one bit.
-_Variable: TypeAlias = tuple[list[str], list[str], int]
+_RANGE: Final = re.compile(r"\[(-?\d+):(-?\d+)\]")
+#: Identifier code of a variable, packed, and a bit of it: 0 is the last one of its vectors.
+VcdBit: TypeAlias = tuple[int, int]
+#: Scopes, words of the name, and bit of a channel.
+_Variable: TypeAlias = tuple[list[str], list[str], VcdBit]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +35,12 @@ class VcdHeader:
     ----------
     tick_s : float
         Seconds in a tick.
-    names : mapping of str to int
-        Identifier code of each channel, packed into a number of base 256.
+    names : mapping of str to (int, int)
+        Identifier code of each channel, packed into a number of base 256, and its bit.
     """
 
     tick_s: float
-    names: Mapping[str, int]
+    names: Mapping[str, VcdBit]
 
 
 def read_vcd_header(path: Path, file: BinaryIO) -> tuple[VcdHeader, bytes]:
@@ -55,13 +59,14 @@ def read_vcd_header(path: Path, file: BinaryIO) -> tuple[VcdHeader, bytes]:
                 f"{path}: no $enddefinitions: it is no VCD, or was cut off in its header"
             )
         data += more
-    words = data[: end.start()].decode("ascii", "replace").split()
+    words = data[: end.start()].decode("utf-8", "replace").split()
     return _vcd_declarations(path, words), data[end.end() :]
 
 
 def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
     scopes: list[str] = []
     found: list[_Variable] = []
+    buses: list[list[_Variable]] = []
     tick_s = None
     for keyword, body in _vcd_sections(words):
         if keyword == "$timescale":
@@ -71,14 +76,29 @@ def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
         elif keyword == "$upscope" and scopes:
             scopes.pop()
         elif keyword == "$var" and len(body) >= 4 and body[1] == "1":
-            found.append((scopes.copy(), body[3:], _packed_vcd_code(path, body[2])))
+            found.append((scopes.copy(), body[3:], (_packed_vcd_code(path, body[2]), 0)))
+        elif keyword == "$var" and len(body) >= 4 and body[0] not in _NO_BITS:
+            buses.append(_bits_of_vcd_bus(path, scopes.copy(), body))
     if tick_s is None:
         raise ConfigurationError(f"{path}: no $timescale; the times of its edges are unknown")
+    for bus in buses:
+        if len(found) + len(bus) <= MOST_CHANNELS:  # a simulation may hold any number of registers
+            found += bus
     if not 1 <= len(found) <= MOST_CHANNELS:
-        raise ConfigurationError(
-            f"{path}: {len(found)} channels of one bit, must be 1 to {MOST_CHANNELS}"
-        )
+        raise ConfigurationError(f"{path}: {len(found)} channels, must be 1 to {MOST_CHANNELS}")
     return VcdHeader(tick_s, _named_vcd_variables(path, found))
+
+
+def _bits_of_vcd_bus(path: Path, scopes: list[str], body: list[str]) -> list[_Variable]:
+    """Return a variable of several bits as a channel for each: ``name[bit]``."""
+    if not body[1].isdecimal():
+        return []
+    width, code = int(body[1]), _packed_vcd_code(path, body[2])
+    name, numbers = _plain_vcd_words(body[3:]), _RANGE.search("".join(body[3:]))
+    first, last = (int(n) for n in numbers.groups()) if numbers else (width - 1, 0)
+    step = 1 if first >= last else -1
+    plain = [*name[:-1], _RANGE.sub("", name[-1])]
+    return [(scopes, [*plain, f"[{last + step * bit}]"], (code, bit)) for bit in range(width)]
 
 
 def _vcd_sections(words: list[str]) -> Iterator[tuple[str, list[str]]]:
@@ -107,7 +127,7 @@ def _packed_vcd_code(path: Path, code: str) -> int:
     return int.from_bytes(code.encode("latin-1", "replace"), "big")
 
 
-def _named_vcd_variables(path: Path, found: list[_Variable]) -> dict[str, int]:
+def _named_vcd_variables(path: Path, found: list[_Variable]) -> dict[str, VcdBit]:
     """Return the channels by their own name where only one has it, else with their scopes.
 
     Programs of analysers put spaces into a name; simulators name the bit of a vector behind it,
@@ -115,7 +135,7 @@ def _named_vcd_variables(path: Path, found: list[_Variable]) -> dict[str, int]:
     """
     bits = Counter((*scopes, *_plain_vcd_words(words)) for scopes, words, _ in found)
     owners: dict[str, set[str]] = {}
-    codes: dict[str, set[int]] = {}
+    codes: dict[str, set[VcdBit]] = {}
     named = []
     for scopes, words, code in found:
         plain = _plain_vcd_words(words)

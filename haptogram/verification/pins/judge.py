@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,6 +27,7 @@ from .shown_frames import FIT_SHARE, CaptureLimits, FramesShownByPins, frames_sh
 from .silence import EndOfSound, end_of_sound_on_pins
 
 _HALF: Final = 0.5
+_NEARLY_ALL: Final = 0.9
 _LATE_PERIODS: Final = 2.0  # one for the boundary that is awaited, one for where its pulse lies
 _TORN_PERIODS: Final = 1.25  # a period, and what a pulse that a latch cut may seem to be off
 _MOST_DRIFT_PPM: Final = 1000.0
@@ -172,12 +174,21 @@ class _PinJudge:
         named = [k for k in kinds if k in (PinFaultKind.OTHER_ELEMENT, PinFaultKind.SIGN)]
         if len(named) >= FIT_SHARE * len(self.run.elements) and len(named) > 1:
             return True
+        if self._shows_opposite_signs():
+            self._find("phases", "every captured pin has the opposite sign of the phase")
+            return False
         share = 100.0 * float(right[judged].mean())
         self.missing.append(
             f"the capture does not show this run: {share:.0f} % of the drives at its pins are the "
             "intended ones; another run, another map, or nearly every pin is wrong"
         )
         return False
+
+    def _shows_opposite_signs(self) -> bool:
+        """Return True if the pins show this run with phases of the opposite sign."""
+        turned = dataclasses.replace(self.run, phases=np.negative(self.run.phases))
+        shown = frames_shown_by_pins(self.record, turned)
+        return bool(shown.seen.any()) and float(shown.right[shown.seen].mean()) >= _NEARLY_ALL
 
     def _name_faults(self, judged: Bools) -> Bools:
         """Name what is wrong; return the frames that single pins were judged in."""

@@ -43,7 +43,23 @@ TYPED = {
         "$var wire 1 # B $end $var real 64 $ R $end $var wire 8 1 V [7:0] $end\n"
         "$upscope $end $enddefinitions $end\n"
         "#0 b0 b b1 # r1.5 $ b10 1\n#3 b1 b\n#4 0# 0b\n#5 b11 1\n",
-        {"A": (False, [3, 4]), "B": (True, [4])},
+        {"A": (False, [3, 4]), "B": (True, [4])}
+        | {"V[0]": (False, [5]), "V[1]": (True, [])}
+        | {f"V[{bit}]": (False, []) for bit in range(2, 8)},
+    ),
+    "buses: digits that are left out, x, the other order, and a name of any alphabet": (
+        "$timescale 1 ns $end $var wire 3 ! Träger [2:0] $end $var reg 2 # up[0:1] $end\n"
+        "$var wire 2 $ plain $end $var integer 3000 % wide $end $enddefinitions $end\n"
+        "#0 b101 ! b10 # b0 $\n#4 b1 !\n#5 bx1 # b1x $\n#7 b11 $ b0 !\n#9 b11 #\n",
+        {
+            "Träger[0]": (True, [7]),
+            "Träger[1]": (False, []),
+            "Träger[2]": (True, [4]),
+            "up[0]": (True, []),
+            "up[1]": (False, [5]),
+            "plain[0]": (False, [7]),
+            "plain[1]": (False, [5]),
+        },
     ),
     "names with spaces, as Saleae writes them, and bits of a vector": (
         "$timescale 1 ns $end $scope module logic $end\r\n"
@@ -82,7 +98,7 @@ def test_edges_are_those_counted_by_hand(name, size, tmp_path, monkeypatch):
     monkeypatch.setattr(vcd, "_CHUNK", size)
     text, expected = TYPED[name]
     file = tmp_path / "typed.vcd"
-    file.write_text(text)
+    file.write_text(text, encoding="utf-8")
     capture = vcd.read_vcd(file)
     assert edges_of(capture) == expected
     assert capture.cut == ""
@@ -251,7 +267,7 @@ REFUSED = {
     "a.vcd": (b"", "no $enddefinitions"),
     "b.vcd": (b"$enddefinitions $end", "no $timescale"),
     "c.vcd": (b"$timescale 3 ns $end $enddefinitions $end", "must be 1, 10 or 100"),
-    "d.vcd": (b"$timescale 1 ns $end $enddefinitions $end", "0 channels of one bit"),
+    "d.vcd": (b"$timescale 1 ns $end $enddefinitions $end", "0 channels, must be 1 to 2048"),
     "e.vcd": (HEAD.encode() + b"#5 0!\n#4 1!\n", "time goes back at #4"),
     "f.vcd": (HEAD.encode() + b"#5a 0!\n", "no whole number"),
     "g.vcd": (HEAD.encode() + b"#0 0!\n#9\n", "no edge on any of 2 channels"),

@@ -15,21 +15,21 @@ from pin_oracle import Analyser, Board, edges_of, write_sr, write_vcd
 MODEL = AcousticModel(TransducerArray.grid(4, 4, pitch_m=0.01), Medium.air(20.0), Transducer())
 
 
-def judged(board, analyser, path, random, pins=range(16), reference="clk"):
+def judged(board, analyser, path, random, pins=range(16), reference="clk", **keys):
     """Capture the pins of *board* and judge them against what it was told."""
     count = len(board.turns)
     found = edges_of(board, analyser, list(pins), random)
     total_s = count * board.period_ms * 1e-3 + (analyser.end_ms - analyser.begin_ms) * 1e-3
     write = write_sr if path.suffix == ".sr" else write_vcd
     write(path, found, analyser, total_s)
-    return judged_file(board, path, pins, reference)
+    return judged_file(board, path, pins, reference, **keys)
 
 
-def judged_file(board, path, pins=range(16), reference="clk"):
+def judged_file(board, path, pins=range(16), reference="clk", **more):
     count = len(board.turns)
     phases = np.rint(board.turns * 256).astype(np.uint8)
     amplitudes = np.rint(board.amplitudes * 255).astype(np.uint8)
-    keys = {"reference": reference, "elements": {f"p{pin}": pin for pin in pins}}
+    keys = {"reference": reference, "elements": {f"p{pin}": pin for pin in pins}} | more
     record = pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", keys))
     intended = [
         Intended(
@@ -100,6 +100,49 @@ def test_every_fault_is_found_in_spite_of_disturbances(fault, tmp_path):
     pins = judged(board, analyser, tmp_path / "pins.vcd", random)
     assert pins.verdict is Verdict.FAIL
     assert any(told in line for lines in pins.findings.values() for line in lines), pins.findings
+
+
+@pytest.mark.parametrize("map_says_low", [False, True])
+def test_pins_that_are_driven_while_they_are_silent_fail_though_they_all_are(
+    map_says_low, tmp_path
+):
+    """Half a period that all pins share is no error of a phase; DC at the elements is one."""
+    random, board = drawn(0)
+    board.amplitudes = np.ones_like(board.amplitudes)
+    if not map_says_low:
+        board.inverted = tuple(range(16))
+    pins = judged(board, Analyser(), tmp_path / "pins.vcd", random, active_low=map_says_low)
+    level = "low" if map_says_low else "high"
+    (line,) = pins.findings["pins"]
+    assert f" and 8 more: {level} for 20 periods on end: inverted polarity, or stuck" in line
+    random, board = drawn(0)
+    board.inverted = tuple(range(16))
+    right = judged(board, Analyser(), tmp_path / "low.vcd", random, active_low=True)
+    assert right.verdict is Verdict.PASS
+
+
+def test_phases_of_the_opposite_sign_at_all_pins_are_named(tmp_path):
+    random, board = drawn(0)
+    path = tmp_path / "pins.vcd"
+    judged(Board(-board.turns, board.amplitudes, offset_turn=0.3), Analyser(), path, random)
+    pins = judged_file(board, path)
+    assert pins.verdict is Verdict.FAIL
+    assert pins.findings["phases"] == ("every captured pin has the opposite sign of the phase",)
+
+
+@pytest.mark.parametrize("count", [17, 100, 333, 1000, 24_100])
+@pytest.mark.parametrize("form", ["vcd", "sr"])
+def test_what_comes_behind_lost_samples_is_not_judged(count, form, tmp_path):
+    random, board = drawn(0)
+    analyser = Analyser(ppm=60.0, lost=((120_000, count),))
+    pins = judged(board, analyser, tmp_path / f"pins.{form}", random)
+    assert pins.findings == {}
+    assert pins.verdict is Verdict.INCONCLUSIVE
+    assert any("cut off: samples are missing at 4.9" in reason for reason in pins.reasons)
+    assert pins.counts["right"] == 4
+    board.shifted = {3: 0.25}
+    pins = judged(board, analyser, tmp_path / f"pins.{form}", random)
+    assert pins.verdict is Verdict.FAIL
 
 
 @pytest.mark.parametrize("reference", ["clk", "p0"])

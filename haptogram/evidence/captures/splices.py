@@ -1,0 +1,73 @@
+"""Samples that an analyser lost: the clock of the carrier goes on, and jumps in the file."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .capture import Capture, ChannelEdges
+
+_Floats: TypeAlias = NDArray[np.float64]
+_AROUND: Final = 8  # pulses on both sides that must agree on the jump: one alone is a disturbance
+_SAMPLES: Final = 2.5  # by which two edges and the fit of a period may be off
+_LEAST: Final = 0.01  # of a period, by which a clock that no sample is lost of may jitter
+_LONGEST: Final = 2.5  # periods without a pulse: a longer pause is that of a clock that stops
+
+
+def capture_to_first_splice(capture: Capture, rises: _Floats, sample: float) -> Capture:
+    """Return *capture* up to where samples are missing; as it is if the clock never jumps.
+
+    What comes behind a jump has another time, by an amount that nobody knows.
+
+    Parameters
+    ----------
+    capture : Capture
+        The capture.
+    rises : (P,) numpy.ndarray
+        Ticks at which the clock of the carrier rises.
+    sample : float
+        Ticks of a sample.
+    """
+    at = _first_jump(rises, sample)
+    if at is None:
+        return capture
+    end = int(at)
+    channels = {
+        name: ChannelEdges(
+            edges.times[: np.searchsorted(edges.times, end, side="right")],
+            edges.first_level,
+            edges.undefined,
+            edges.defined_from,
+        )
+        for name, edges in capture.channels.items()
+    }
+    why = (
+        f"samples are missing at {at * capture.tick_s * 1e3:.3f} ms, where the clock of the "
+        "carrier jumps: capture at a lower rate, fewer channels, or with another cable"
+    )
+    return dataclasses.replace(capture, channels=channels, end=end, cut=why)
+
+
+def _first_jump(rises: _Floats, sample: float) -> float | None:
+    """Return the tick of the last pulse before the first lasting jump of the phase."""
+    steps = np.diff(rises)
+    if len(steps) < 2 * _AROUND:
+        return None
+    period = float(np.median(steps))
+    limit = max(_SAMPLES * sample, _LEAST * period)
+    off = np.abs(steps - np.rint(steps / period) * period) > limit
+    for place in np.flatnonzero(off & (steps < _LONGEST * period)).tolist():
+        before = rises[max(0, place - _AROUND + 1) : place + 1]
+        after = rises[place + 1 : place + 1 + _AROUND]
+        if min(len(before), len(after)) < _AROUND:
+            continue
+        phases = [np.exp(2j * np.pi * (times - rises[place]) / period) for times in (before, after)]
+        jump = np.angle(np.median(phases[1].real) + 1j * np.median(phases[1].imag)) - np.angle(
+            np.median(phases[0].real) + 1j * np.median(phases[0].imag)
+        )
+        if abs((jump + np.pi) % (2.0 * np.pi) - np.pi) > 2.0 * np.pi * limit / period:
+            return float(rises[place])
+    return None
