@@ -264,7 +264,7 @@ def every_reply_is_remembered(board: BoardClient) -> None:
         _fill_ring_for_remembered_reply(board)
     board.arm()
     for message in [*refused_requests_to_send(board), *_largest_remembered_request(board)]:
-        with board.counting(repeated=2):
+        with board.counting(repeated=2, requests=1, frames=3):
             wire, seq = board.link.request_wire(message, flags=_flags_of_repetition(message))
             since = board.link.mark()
             board.link.send(wire)

@@ -6,6 +6,7 @@ drive is a correct one, and the fault could not be seen.
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Final
 
 from haptogram_protocol.messages import PHASE_FORMAT_BIT, Feature, FocalPoint, PhaseFormat, Points
@@ -21,6 +22,18 @@ if TYPE_CHECKING:
 _TARGETS_M: Final = ((0.017, 0.031, 0.150), (-0.026, 0.012, 0.120), (0.009, -0.024, 0.180))
 _ROUNDING: Final = 0.25  # of a step: the mean error is 0 when rounded, 0.5 when cut off
 _MANY: Final = 24
+_WORST: Final = 1.5 + 1e-6  # one step beyond the rounding, which is half of one
+_SIGNS: Final = (-1, 1)
+#: Signs of coordinates: every octant, each plane, and the axis of emission.
+_SIDES: Final[tuple[tuple[int, int, int], ...]] = (
+    *((x, y, z) for x in _SIGNS for y in _SIGNS for z in _SIGNS),
+    (0, 1, 1),
+    (1, 0, 1),
+    (1, 1, 0),
+    (0, 0, 1),
+)
+_ENDS: Final = (1, 255, 256, 32_767, 32_768, 65_535, 65_536, 300_000, 524_288, 700_000, 1_000_000)
+_FAR: Final = (-1_000_000, 654_321)
 _COMPUTES: Final = Feature.POINTS | Feature.READ_LATCHED
 
 
@@ -175,6 +188,78 @@ def streamed_points_are_exact(board: BoardClient) -> None:
     if board.has(Feature.AMPLITUDE):
         worst = float(abs(judged_amplitude_errors(model, found)).max())
         check(worst <= 1.5 + 1e-6, f"an amplitude is off by {worst:.2f} steps before rounding")
+
+
+@case(
+    "HG-5.4/3",
+    "frames of 1 to max_points points on every side, near, far, silent: no step is wrong by more",
+    variant="sides",
+    needs=_COMPUTES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def streamed_points_lie_on_every_side(board: BoardClient) -> None:
+    model = _model_of_streamed_points(board)
+    board.arm()
+    for number in range(1, board.identity.max_points + 1):
+        for side in _SIDES:
+            group = tuple(_random_point_on_side(board, side, number) for _ in range(number))
+            name = f"{number} points at x {side[0]:+d}, y {side[1]:+d}, z {side[2]:+d} and beyond"
+            _latch_and_judge_points(board, model, group, name)
+
+
+def _random_point_on_side(
+    board: BoardClient, side: tuple[int, int, int], number: int
+) -> FocalPoint:
+    """Return a point on one side of each axis (0: on its plane), up to 1 m away."""
+    longest = board.random.choice((400, 40_000, 1_000_000))
+    x, y, z = (sign * board.random.randrange(1, longest + 1) for sign in side)
+    level = board.random.choice((0, board.random.randrange(65_535 // number), 65_535 // number))
+    return FocalPoint(x, y, z, level, board.random.choice((0, board.random.randrange(65_536))))
+
+
+def _latch_and_judge_points(
+    board: BoardClient, model: AcousticModel, group: tuple[FocalPoint, ...], name: str
+) -> None:
+    """FAILED if a phase or an amplitude of a frame is off by more than one step."""
+    from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
+
+    latch_now(board, Points(group))
+    found = [(group, read_back(board))]
+    worst = float(abs(judged_phase_errors(model, found)).max(initial=0.0))
+    check(worst <= _WORST, f"{name}: a phase is off by {worst:.2f} steps")
+    if board.has(Feature.AMPLITUDE):
+        worst = float(abs(judged_amplitude_errors(model, found)).max())
+        check(worst <= _WORST, f"{name}: an amplitude is off by {worst:.2f} steps")
+
+
+@case(
+    "HG-5.4/3",
+    "points on a transducer, beside it, at the centre, at the ends of each axis: no step is wrong",
+    variant="ends",
+    needs=_COMPUTES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def streamed_points_lie_at_every_end(board: BoardClient) -> None:
+    model = _model_of_streamed_points(board)
+    board.arm()
+    last = board.identity.transducers - 1
+    elements = board.read_geometry()
+    places = {(0, 0, 0)}
+    for n in {0, last // 2, last}:
+        element = elements[n]
+        at = (element.x_um, element.y_um, element.z_um)
+        places |= {at, (at[0] + 1, at[1], at[2]), (at[0], at[1] - 1, at[2])}
+        places |= {(at[0], at[1], z) for z in (-1, 1, 8575, 500_000, 999_999, 1_000_000)}
+    for axis in range(3):
+        for end in (*_ENDS, *(-end for end in _ENDS)):
+            places.add(tuple(end if n == axis else 0 for n in range(3)))  # type: ignore[arg-type]
+    places |= {(x, y, z) for x in _FAR for y in _FAR for z in _FAR}
+    levels = itertools.cycle(((65_535, 0), (32_768, 0x4000), (40_000, 0xFFFF), (20_000, 0x8000)))
+    for place, (level, phase) in zip(sorted(places), levels, strict=False):
+        name = f"a point at {place} µm, amplitude {level}, phase {phase:#06x}"
+        _latch_and_judge_points(board, model, (FocalPoint(*place, level, phase),), name)
 
 
 @case(

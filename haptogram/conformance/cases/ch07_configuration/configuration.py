@@ -20,15 +20,18 @@ from haptogram_protocol.messages import (
     TraceMode,
     UploadKind,
 )
+from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.uploads import upload_to_board
 from ...judge.refused_requests import OUT_OF_BOUNDS
+from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, informational, not_observed
 
 _MS: Final = 1000
+_DEFAULT_MS: Final = 1500  # of default timers that are awaited
 _JUST_RIGHT: Final[tuple[dict[str, Any], ...]] = (
     {"hold_ms": 1, "host_timeout_ms": 20, "sound_speed_mm_s": 300_000, "late_window_us": 0},
     {"hold_ms": 10_000, "ramp_ms": 2000, "host_timeout_ms": 10_000, "late_window_us": 100_000},
@@ -147,6 +150,40 @@ def starts_with_the_default_configuration(board: BoardClient) -> None:
         check(kept, f"CONFIG_KEPT is advertised; before the reset {set_before}, now {found}")
     else:
         check(not kept, f"{found} has survived a reset, but CONFIG_KEPT is not advertised")
+
+
+@case(
+    "HG-7.1/4",
+    "after a reset, without SET_CONFIG, STATUS, hold and lease are as the configuration says",
+    variant="timers",
+    needs_reset=True,
+    depth=Depth.DEFAULT,
+)
+def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
+    board.hello()
+    config = board.link.call(GetConfig(), ConfigReply).config
+    longest_ms = max(config.hold_ms, config.host_timeout_ms) + config.ramp_ms
+    if longest_ms > _DEFAULT_MS:
+        not_observed(f"the timers of this configuration take {longest_ms} ms")
+    since = board.link.mark()
+    board.arm()
+    latch_now(board, board.flat_phases())
+    start_us = board.clock.unwrap(board.status().last_latch_us)
+    for reason, length_ms in (
+        (MuteReason.HOLD_EXPIRED, config.hold_ms),
+        (MuteReason.HOST_SILENT, config.host_timeout_ms),
+    ):
+        if reason is MuteReason.HOST_SILENT or config.hold_ms < config.host_timeout_ms:
+            due_ms = length_ms + config.ramp_ms
+            header, _ = judged_mute_by_timer(board, since, 2 * due_ms * _MS, reason)
+            judge_mute_time(board, start_us, header, due_ms, f"{reason.name} after a reset")
+        board.arm()
+        since = board.link.mark()
+        start_us = board.clock.device_us()
+    times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, 0)]
+    if config.status_period_ms and config.status_period_ms < longest_ms // 3:
+        check(len(times) > 1, "no STATUS comes after a reset, without SET_CONFIG")
+        judge_status_steps(board, times, config.status_period_ms)
 
 
 @case(

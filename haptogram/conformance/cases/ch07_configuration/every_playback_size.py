@@ -31,7 +31,15 @@ from ...outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 0x0201
 #: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.
-_SHAPES: Final = ((1, 1, 1003), (1, 258, 0), (3, 100, 0), (300, 1, 0), (2, 1, 70_000))
+_SHAPES: Final = (
+    (1, 1, 1003),
+    (1, 258, 0),
+    (3, 100, 0),
+    (300, 1, 0),
+    (2, 3, 1507),
+    (2, 1, 0),
+    (2, 1, 70_000),
+)
 _MANY: Final = 66_000  # frames in a playback: more than 16 bits
 _DIVIDER: Final = 260
 _WINDOW_US: Final = 100_000

@@ -20,6 +20,12 @@ from ...client.latching import full_client_drive, latch_now
 from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
 from ...outcome import SELF_REPORTED, check
 
+_MODES: Final = (
+    (Feature(0), TraceMode.OFF),
+    (Feature.TRACE, TraceMode.CRC),
+    (Feature.TRACE_RING, TraceMode.RING),
+    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
+)
 _RING_TRIED: Final = 6000  # latches: a longer ring is not filled
 
 
@@ -82,3 +88,28 @@ def trace_ring_is_read(board: BoardClient) -> None:
             check(item.key == key, f"latch {item.number} has the key {item.key}, due is {key}")
             crc = zlib.crc32(full_client_drive(drives[item.number]))
             check(item.crc == crc, f"latch {item.number} has the CRC of another drive")
+
+
+@case(
+    "HG-8.5/1",
+    "latches while trace_mode is another one have their numbers: the ring goes on behind them",
+    variant="modes",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def trace_ring_counts_latches_of_every_mode(board: BoardClient) -> None:
+    modes = [mode for feature, mode in _MODES if board.has(feature)]
+    board.hello()
+    total = 0
+    for mode in [*modes, *reversed(modes)]:
+        board.configure(trace_mode=mode)
+        board.arm()
+        latch_now(board, board.flat_phases(total))
+        index = latch_now(board, board.flat_phases(total + 1))
+        total += 2
+        reply = board.link.call(ReadTrace(0, 0xFFFF), TraceReply)
+        check(reply.next == total, f"{mode.name}: {total} latches, the next is {reply.next}")
+        if mode is TraceMode.RING:
+            last = [(record.number, record.key.index) for record in reply.records[-2:]]
+            due = [(total - 2, index - 1), (total - 1, index)]
+            check(last == due, f"the ring ends with (number, index) {last}, due is {due}")
