@@ -13,9 +13,8 @@ from haptogram.errors import ConfigurationError, HaptogramError
 from .emulator import Emulator
 from .memory import footprint
 from .ports import PORTS, Port, build, install, missing_tool
-from .steps import QUICK, Step, conform, verify
+from .steps import BOOT_S, QUICK, Step, conform, pins, verify
 
-_BOOT_S: Final = 20.0
 _USAGE: Final = 2
 _INTERRUPTED: Final = 130
 
@@ -81,7 +80,7 @@ def _judge(port: Port, out: Path, *, quick: bool) -> int:
     folder = out / port.name
     firmware = build(port, folder)
     with Emulator(port.machine, firmware) as emulator:
-        board = emulator.wait_for_board(_BOOT_S)
+        board = emulator.wait_for_board(BOOT_S)
         print(f"{port.name}: {board.transducers} transducers, QEMU {port.machine}", flush=True)
         depth = QUICK if quick else ()
         found = [conform(port, emulator.url, emulator.reset_command, folder, depth)]
@@ -89,6 +88,8 @@ def _judge(port: Port, out: Path, *, quick: bool) -> int:
         found.append(verify(port, emulator.url, folder, quick=quick))
         _show(found[1])
         print(f"  memory   {_measure(firmware, emulator)}", flush=True)
+    found.append(pins(port, folder))
+    _show(found[2])
     return worst_status([step.status for step in found])
 
 

@@ -40,6 +40,8 @@ class Emulator:
         ELF file.
     log : Path or None
         Gets a line for everything that the firmware writes to hardware which QEMU does not have.
+    pins : Path or None
+        Gets what the transducers are driven with, from firmware that tells it.
     instruction_ns : int or None
         Time of the chip that an instruction takes, a power of two; None: that of the workstation.
 
@@ -56,6 +58,7 @@ class Emulator:
         machine: str,
         firmware: Path,
         log: Path | None = None,
+        pins: Path | None = None,
         instruction_ns: int | None = None,
     ) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="haptogram-qemu-")
@@ -64,6 +67,7 @@ class Emulator:
         self._printed = b""
         self.reset_command = shlex.join([str(EMULATE), "--reset", str(self._monitor)])
         more = [] if log is None else ["--log", log]
+        more += [] if pins is None else ["--pins", pins]
         more += [] if instruction_ns is None else ["--ns", instruction_ns]
         command = [EMULATE, "--with-parent", "--monitor", self._monitor, *more, machine, firmware]
         self._process = subprocess.Popen(

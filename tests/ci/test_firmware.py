@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from firmware_check import __main__ as command
-from firmware_check import memory, steps
+from firmware_check import memory, pins, steps
 from firmware_check.emulator import Emulator
 from firmware_check.ports import EMULATE, FOLDER, PORTS, build, missing_tool
 from haptogram.driver.line.port import open_transport
@@ -109,6 +109,26 @@ def test_the_firmware_passes_verify_in_the_emulated_chip(firmware, tmp_path):
         step = steps.verify(PORTS["musca_b1"], emulator.url, tmp_path, quick=True)
     assert step.status == 0, step.log.read_text("utf-8")
     assert (tmp_path / "verify.xml").exists()
+
+
+@pytest.mark.usefixtures("tools")
+def test_what_the_registers_hold_is_judged_as_a_capture_of_the_pins(tmp_path, monkeypatch):
+    monkeypatch.setenv("MAKEFLAGS", "CFLAGS=-O1")
+    step = steps.pins(PORTS["musca_b1"], tmp_path)
+    assert step.summary == "PASS: 16 of 256 elements: every captured pin does what was intended"
+    records, recording = tmp_path / "pins.records", tmp_path / "pins.mcap"
+    told = bytearray(records.read_bytes())
+    for phase in range(8 + 17, len(told), 8 + 512):
+        told[phase] ^= 0x80
+    records.write_bytes(told)
+    step = steps.judge_pins(records, 256, recording, tmp_path)
+    assert step.status == 1
+    assert "element 17 (e17): inverted: half a period off in every frame" in step.log.read_text()
+
+
+def test_firmware_that_tells_nothing_of_its_drives_is_named(tmp_path):
+    with pytest.raises(ConfigurationError, match="no record of the drive registers; the firmware"):
+        pins.write_capture(tmp_path / "none", 256, tmp_path / "pins.vcd")
 
 
 class Board:

@@ -28,6 +28,10 @@ static int is_open, has_alarm;
 uint32_t chip_ticks(void) { return now_us * CHIP_TICKS_PER_US; }
 void chip_enable_output(int enabled) { is_open = enabled; }
 int line_is_muted(void) { return 0; }
+void pin_trace(int gate, uint32_t ticks, const volatile struct drive *drive)
+{
+    (void)gate, (void)ticks, (void)drive;
+}
 
 static void set_alarm(uint32_t after_us)
 {

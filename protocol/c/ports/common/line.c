@@ -52,7 +52,7 @@ void line_received(uint8_t byte, uint32_t ticks)
     if (byte == 0)
         stamp(ticks);
     if (mute_watch_take(&watch, byte)) {
-        chip_enable_output(0);
+        transducers_shut();
         muted_end = arrived;
         muted = 1;
     }

@@ -7,6 +7,7 @@
 #include "clock.h"
 #include "cortex_m.h"
 #include "line.h"
+#include "pin_trace.h"
 
 HG_STATIC_ASSERT((int64_t)BOARD_AHEAD_US * CHIP_TICKS_PER_US <= INT32_MAX, ticks_order_strobes);
 
@@ -37,14 +38,23 @@ static void load(const struct drive *drive)
 }
 
 /* Interrupts are off, or this is one. */
+static void set_gate(int is_open, uint32_t ticks)
+{
+    chip_enable_output(is_open);
+    pin_trace(is_open, ticks, &registers[active]);
+}
+
+void transducers_shut(void) { set_gate(0, chip_ticks()); }
+
+/* Interrupts are off, or this is one. */
 static void take(void)
 {
     active = 1 - active;
     next.waits = 0;
-    next.taken_ticks = chip_ticks();
+    next.taken_ticks = CHIP_MEASURES_LATCH ? chip_ticks() : next.strobe_ticks;
     next.wanted_before = wanted;
     wanted = 1;
-    chip_enable_output(!line_is_muted());
+    set_gate(!line_is_muted(), next.taken_ticks);
 }
 
 /* What was taken for a latch that does not come, as of a playback that STOP ended, goes back. */
@@ -54,10 +64,15 @@ static void drop_next(void)
     if (next.loaded && !next.waits) {
         active = 1 - active;
         wanted = next.wanted_before;
-        chip_enable_output(wanted && !line_is_muted());
+        set_gate(wanted && !line_is_muted(), chip_ticks());
     }
     next.loaded = next.waits = 0;
     interrupts_on();
+}
+
+static uint32_t strobe_ticks(int64_t due_us)
+{
+    return clock_ticks_of(due_us - BOARD_CARRIER_US + 1);
 }
 
 void transducers_load(void *context, const struct drive *radiated, int64_t due_us)
@@ -68,7 +83,7 @@ void transducers_load(void *context, const struct drive *radiated, int64_t due_u
         return;
     load(radiated);
     next.due_us = due_us;
-    next.strobe_ticks = clock_ticks_of(due_us - BOARD_CARRIER_US + 1);
+    next.strobe_ticks = strobe_ticks(due_us);
     interrupts_off();
     next.loaded = next.waits = 1;
     transducers_tick();
@@ -101,7 +116,7 @@ static int64_t effect_us(int64_t due_us)
     return (taken_us + BOARD_CARRIER_US - 1) / BOARD_CARRIER_US * BOARD_CARRIER_US;
 }
 
-void transducers_unmute(void) { chip_enable_output(wanted); }
+void transducers_unmute(void) { set_gate(wanted, chip_ticks()); }
 
 int64_t transducers_radiate(void *context, const struct drive *radiated, int64_t due_us)
 {
@@ -109,13 +124,14 @@ int64_t transducers_radiate(void *context, const struct drive *radiated, int64_t
     if (radiated == NULL) {
         interrupts_off();
         next.loaded = next.waits = wanted = 0;
-        chip_enable_output(0);
+        set_gate(0, chip_ticks());
         interrupts_on();
         return due_us;
     }
     if (!next.loaded || next.due_us != due_us) { /* a step of a ramp, or a drive that is late */
         drop_next();
         load(radiated);
+        next.strobe_ticks = strobe_ticks(due_us);
         next.waits = 1;
     }
     interrupts_off();

@@ -17,6 +17,7 @@ int64_t transducers_radiate(void *context, const struct drive *radiated, int64_t
 int64_t transducers_strobe_us(void); /* when transducers_tick is due; BOARD_NEVER: not at all */
 /* Take the drive that is due, or set the alarm for it; in its interrupt, or with interrupts off. */
 void transducers_tick(void);
+void transducers_shut(void);         /* in the interrupt that finds MUTE */
 void transducers_unmute(void);       /* interrupts are off */
 
 #endif
