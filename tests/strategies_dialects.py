@@ -64,11 +64,9 @@ def of_fpga(draw: st.DrawFn, rules: FpgaByteRules, boards: int = 1) -> list[Oper
             written, kind = [0] * boards, SetPhases
         elif isinstance(command, Select):
             listening = (command.board,) if command.board < boards else ()
-        elif isinstance(command, Begin | BeginAmplitudes):
+        elif isinstance(command, Begin | BeginAmplitudes) and listening:
             written = [0 if board in listening else at for board, at in enumerate(written)]
-            kind = SetPhases if isinstance(command, Begin) or not listening else SetAmplitudes
-            if not listening:
-                kind = SetPhases
+            kind = SetPhases if isinstance(command, Begin) else SetAmplitudes
         at = written[listening[0]] if listening else rules.channels
         room = rules.channels - (at % rules.channels if rules.wraps else at)
         size = draw(st.integers(0, room)) if listening else 0
