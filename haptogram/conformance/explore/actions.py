@@ -43,8 +43,8 @@ class DialogueHost:
         Of the next frames.
     slot_us : int
         Device time of the slot that is rendered.
-    last : bytes
-        Body of the last request.
+    last, remembered : bytes
+        Body of the last request, and of the last one that a board remembers with its reply.
     sessions : list of int
         Nonces of the sessions before the open one, the latest last.
     computed : set of tuple of int
@@ -61,6 +61,7 @@ class DialogueHost:
     slot_us: int
     stream_next: int = FIRST_STREAM_SEQ
     last: bytes = b""
+    remembered: bytes = b""
     sessions: list[int] = field(default_factory=list)
     computed: set[tuple[int, int]] = field(default_factory=set)
     inexact: set[tuple[int, int]] = field(default_factory=set)

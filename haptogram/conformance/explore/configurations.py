@@ -13,6 +13,7 @@ _SLOT_MS: Final = SLOT_US // 1000
 #: Lengths that no dialogue outlasts; a board that keeps too few bits of them ends early.
 _NEVER_MS: Final = (6600, 8200, 10_000)
 _UNATTENDED_NEVER_MS: Final = (6600, 10_000, 65_600, 66_000)
+_STATUS_MS: Final = round(11.8 * _SLOT_MS)
 #: A ramp that begins with a frame, as its hold is over already, ends at 0.45 of a slot.
 _RAMPS_MS: Final = (58, 418, 2000)
 
@@ -22,7 +23,7 @@ class RandomConfigs:
 
     Frames arrive at the beginning of a slot and are latched there or in its middle, so that the
     hold ends at 0.2 or 0.7 of one; the lease at 0.35, behind a playback that ends at up to 0.58 at
-    0.93; an unattended playback at 0.85; a STATUS is sent at 0.63 and 0.26.
+    0.93; an unattended playback at 0.85; a STATUS is sent at 0.8 and 0.6.
 
     Parameters
     ----------
@@ -34,6 +35,11 @@ class RandomConfigs:
         Whether timers end in the dialogue.
     drives : bool
         Whether drives may be traced.
+
+    Attributes
+    ----------
+    with_status : bool
+        Whether boards send STATUS in the dialogue.
     """
 
     def __init__(
@@ -43,8 +49,8 @@ class RandomConfigs:
         self._can = identity.features
         self._most_unattended_ms = identity.max_unattended_ms
         self._drives = drives
-        self._with_status = timed and source.random() < 0.25
-        self._with_timers = timed and not self._with_status
+        self.with_status = timed and source.random() < 0.3
+        self._with_timers = timed and not self.with_status
         self._ramps = source.choice(((0,), (0, *_RAMPS_MS[:1]), (0, *_RAMPS_MS[1:])))
 
     def config(self) -> Config:
@@ -54,7 +60,7 @@ class RandomConfigs:
             hold_ms=pick(self._lengths((2, 2, 4, 20), 0.2)),
             ramp_ms=pick(self._ramps),
             host_timeout_ms=pick(self._lengths((3, 5, 50), 0.35)),
-            status_period_ms=round(_SLOT_MS * 5.63) if self._with_status and pick((0, 1)) else 0,
+            status_period_ms=_STATUS_MS if self.with_status and pick((0, 1, 1)) else 0,
             late_window_us=pick((0, 30_000, 30_000, 70_000, 100_000)),
             sound_speed_mm_s=pick((343_200, 331_000, 352_000, 300_000, 380_000)),
             trace_mode=pick(self._modes()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
 from typing import Final
 
@@ -18,13 +19,15 @@ _AT_ONCE: Final = ("at once", "for late", "for too late", "for at a limit", "PLA
 _UNKNOWN_TYPES: Final = (0x00, 0x04, 0x3F, 0x50, 0x7E, 0x7F, 0x80, 0x90, 0xBF, 0xC0, 0xFF)
 _QUIET: Final = (3, 4, 6)  # slots in which nothing is sent, so that timers end
 _QUIET_SHARE: Final = 0.15  # of the slots of a dialogue with timers
-_LONG_QUIET: Final = 5  # slots of a long playback
+_LONG_QUIET: Final = 12  # slots of a long playback
+_SCENE_SHARE: Final = 0.3  # of the slots of a dialogue with timers
+_SCENE: Final = (5, 6, 6, 8)  # slots in which timers run
 _CANDIDATES: Final = 3
 _DISARMING: Final = ("MUTE", "DISARM", "HELLO last", "HELLO earlier", "HELLO new", "HELLO near")
 #: Kinds of actions, how often they are sent, and by what a dialogue multiplies that: dialogues that
 #: lack a kind, or have much of one, come further than those in which everything is likely.
 _STREAM, _REQUEST, _LIMITS, _HELLO, _ODD, _BURST, _LONG = range(7)
-_WEIGHTS: Final = (9, 9, 3, 1.5, 3, 0.4, 0.2)
+_WEIGHTS: Final = (9, 9, 3, 1.5, 3, 0.6, 0.6)
 _SWARM: Final = (0.2, 1, 1, 3)
 _SEEN: Final = (0.15, 0.6, 1.0)  # share of the slots after which the board is read
 _DAMAGES: Final = (0, 1, 2, 3, 4, 5)
@@ -80,7 +83,7 @@ class DialogueGenerator:
         self._requests = RandomRequests(
             identity, self._random, coverage, self._configs, timed=timed, fast=fast
         )
-        self._timed = timed
+        self._timed, self._exact = timed, exact
         self._seen = self._random.choice(_SEEN)
         self._is_configurable = bool(identity.features & Feature.CONFIG)
         self._weights = [weight * self._random.choice(_SWARM) for weight in _WEIGHTS]
@@ -90,14 +93,21 @@ class DialogueGenerator:
         self._script: list[MadeAction] = []
 
     def config(self) -> Config:
-        """Return the configuration that a dialogue begins with."""
-        return self._configs.config()
+        """Return the configuration that a dialogue begins with: no STATUS before slot 0."""
+        return dataclasses.replace(self._configs.config(), status_period_ms=0)
 
     def actions(self, slots: int) -> list[DialogueAction]:
         """Return a random dialogue of so many slots."""
         made: list[DialogueAction] = []
         slot = 0
+        if self._configs.with_status:
+            made.append(self._whole(slot, self._requests.new_config()))
+            slot = 1
         while slot < slots:
+            if self._timed and self._random.random() < _SCENE_SHARE:
+                made += self._scene(slot)
+                slot = made[-1].slot + 1
+                continue
             batch = self._batch(slot)
             batch.sort(key=lambda action: not action.text.startswith(Mute.TYPE.name))
             made += [action for action in batch if not action.ends_slot]
@@ -109,8 +119,10 @@ class DialogueGenerator:
             last = [action for action in batch if action.ends_slot][:1]
             made += last
             slot += self._random.choice(_QUIET) if is_quiet else 1
-            if last and last[0].text.startswith("PLAY") and self._has_long:
+            if self._has_long and any("'loops': 300" in a.text for a in batch):
                 slot += _LONG_QUIET
+            elif self._has_long and any("'loops': 100" in a.text for a in batch):
+                slot += _LONG_QUIET // 3
             self._is_armed &= not is_quiet
         return made
 
@@ -128,6 +140,51 @@ class DialogueGenerator:
         for _ in range(number):
             found += self._rarest(slot)
         return found
+
+    def _scene(self, slot: int) -> list[DialogueAction]:
+        """Return slots in which timers run: something sounds or plays, and nothing renews them.
+
+        Or only frames of one kind come: such that renew the lease, or such that must not.
+        """
+        pick = self._random.choice
+        made = [self._whole(slot, self._requests.plain(Arm()))]
+        what = pick(("frame", "frame at once", "queue", "play", "play", "nothing"))
+        if what == "play" and self._requests.plays:
+            made.append(self._whole(slot, self._requests.start()))
+        elif what == "queue":
+            made += [self._whole(slot, self._stream.plain(n + 0.5)) for n in range(pick(_SCENE))]
+        elif what.startswith("frame"):
+            ahead = None if what == "frame at once" else 0.5
+            made.append(self._whole(slot, self._stream.plain(ahead)))
+        end, filler = slot + pick(_SCENE), pick(("", "", "broken", "foreign", "keeping"))
+        if pick((0, 1)):
+            made += self._disturbance(pick(range(slot + 1, end)))
+        keeping = self._requests.keeping()
+        for place in range(slot + 2, end):
+            if filler == "keeping":
+                made.append(self._whole(place, keeping))
+            elif filler == "broken":
+                made.append(
+                    self._named(
+                        place, self._made(place, pick((_STREAM, _REQUEST))), pick((1, 2, 5))
+                    )
+                )
+            elif filler == "foreign":
+                made.append(self._whole(place, self._stream.foreign()))
+        made += [self._whole(end, one) for one in self._requests.probe()]
+        self._is_armed = False
+        return made
+
+    def _disturbance(self, slot: int) -> list[DialogueAction]:
+        """Return an action that may change timers that run, or a ramp."""
+        pick = self._random.choice
+        what = pick(("any", "any", "configuration", "request", "ARM"))
+        if what == "any":
+            return self._rarest(slot)[-1:]
+        if what == "configuration" and self._is_configurable:
+            return [self._whole(slot, self._requests.new_config())]
+        made = self._requests.plain(Arm()) if what == "ARM" else self._requests.keeping()
+        return [self._whole(slot, made)]
 
     def _rarest(self, slot: int) -> list[DialogueAction]:
         """Return the one of a few actions that has followed the last one least often."""
@@ -150,14 +207,13 @@ class DialogueGenerator:
         return [self._named(slot, made)]
 
     def _whole(self, slot: int, made: MadeAction) -> DialogueAction:
-        return self._named(slot, made, may_break=False)
+        return self._named(slot, made, 0)
 
-    def _named(self, slot: int, made: MadeAction, *, may_break: bool = True) -> DialogueAction:
+    def _named(self, slot: int, made: MadeAction, damage: int | None = None) -> DialogueAction:
         _, text, body = made
-        damage = 0
-        if may_break:
+        if damage is None:
             damage = self._random.choices(_DAMAGES, _DAMAGE_WEIGHTS)[0]
-        ends_slot = any(word in text for word in _AT_ONCE)
+        ends_slot = not self._exact and any(word in text for word in _AT_ONCE)
         text += _DAMAGE_TEXT[damage]
         return DialogueAction(slot, text, body, damage, self._random.getrandbits(32), ends_slot)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 from haptogram.errors import HaptogramError
@@ -33,6 +34,8 @@ from .opening import DialogueOpening
 _LATE_US: Final = {True: SLOT_US // 8, False: SLOT_US // 4}
 _NEAR_US: Final = 200  # error of times in virtual time
 _SHARE: Final = 6  # of a slot may pass while its frames are on the line
+_SHARES: Final = 3  # every third frame
+_PIECES: Final = 5  # every fifth slot's bytes come in pieces
 _TAIL: Final = 6  # slots after the last frame: timers end
 _END_US: Final = 2000  # before the end of a slot the board has said everything
 _SETTLED_US: Final = 1000  # after which a frame that was to be latched at once is
@@ -146,7 +149,8 @@ class Lockstep:
                 break
             if found and _is_mute_in_lockstep(wire):
                 break  # it may overtake what is sent with it: HG-3.8/2
-            found.append((action, wire))
+            shares = found and action.seed % _SHARES == 0  # one delimiter between two frames
+            found.append((action, wire[1:] if shares else wire))
         return found
 
     # --- time ----------------------------------------------------------------------------------
@@ -184,8 +188,8 @@ class Lockstep:
         since = board.link.mark()
         if board.clock.device_estimate_us() - at_us > self._late_us:
             raise HostLateError
-        if data:
-            board.link.send(data)
+        for piece in _pieces_in_lockstep(data):
+            board.link.send(piece)
         due = self._model.receive(at_us, data)
         lead_us = board.ready_after_us(board.identity.max_points)
         due += self._model.advance(at_us + min(lead_us + _SETTLED_US, SLOT_US - _END_US))
@@ -256,6 +260,16 @@ def _foreign_ping(host: DialogueHost, slot: int) -> bytes:
     """
     session = host.session ^ _FOREIGN or _FOREIGN
     return encode_frame(build_body(Ping(slot), flags=0, seq=slot, time_us=0, session=session))
+
+
+def _pieces_in_lockstep(data: bytes) -> list[bytes]:
+    """Return *data* whole, or now and then its first bytes one by one and the rest in pieces."""
+    if not data:
+        return []
+    if sum(data) % _PIECES:
+        return [data]
+    edges = [*range(min(_PIECES, len(data))), *range(_PIECES, len(data), 97), len(data)]
+    return [data[a:b] for a, b in pairwise(edges) if a < b]
 
 
 def _is_mute_in_lockstep(wire: bytes) -> bool:

@@ -6,7 +6,7 @@ import random
 from collections.abc import Callable
 from typing import Final
 
-from haptogram_protocol.framing import MAX_BODY_BYTES
+from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
 from haptogram_protocol.messages import (
     Arm,
     Disarm,
@@ -29,7 +29,7 @@ from haptogram_protocol.messages import (
     UploadChunk,
 )
 
-from .actions import ABSENT, SLOT_US, UPLOADED, DialogueHost
+from .actions import ABSENT, SLOT_US, STORED_PHASES, UPLOADED, DialogueHost
 from .configurations import RandomConfigs
 from .coverage import DialogueCoverage
 from .limit_requests import random_limit_requests
@@ -42,8 +42,7 @@ _BACK: Final = (0, 1, 2, 5, 0x7FFF)  # 0: the next number; 1: the last one
 _BACK_WEIGHTS: Final = (20, 2, 1, 1, 0.3)
 _JUMPS: Final = (0, 300, 0x7FF0)  # numbers that are left out
 _JUMP_WEIGHTS: Final = (60, 1, 1)
-_LONG_PERIOD_US: Final = 500
-_LONG_LOOPS: Final = 100
+_LONG_PERIOD_US: Final = 450  # 100 loops of 1 to 3 frames, and 300, end where no bytes arrive
 
 
 class RandomRequests:
@@ -90,6 +89,11 @@ class RandomRequests:
         self._can = Feature(identity.features & sum(Feature))
         self._uploads = RandomUploads(identity, source)
 
+    @property
+    def plays(self) -> bool:
+        """True if the board plays sequences."""
+        return bool(self._can & Feature.SEQUENCE_PHASES)
+
     def request(self, slot: int) -> MadeAction:
         """Return a request sent in *slot*."""
         return self._made(slot, self._random.choice(self._choices())())
@@ -111,13 +115,14 @@ class RandomRequests:
             odd = self._random.random()
             flags = pick((Flag.IMMEDIATE, *ODD_FLAGS)) if odd > 0.92 else 0
             other = pick(WRONG_SESSIONS) if 0.87 < odd <= 0.92 else 0
-            cut = pick((-1, 1, 1, 300)) if 0.83 < odd <= 0.87 else 0
+            cut = pick((-1, -9999, 1, 1, 300, 2500)) if 0.83 < odd <= 0.87 else 0
             back = self._random.choices(_BACK, _BACK_WEIGHTS)[0]
             jump = 0 if back else self._random.choices(_JUMPS, _JUMP_WEIGHTS)[0]
         if isinstance(message, Mute) and cut:
             cut = pick((1, 300, 3000))
         if self._same_number:  # a number that the refused request before may have used up
-            back, self._same_number = 1, False
+            back = 1
+        self._same_number = bool(flags or other or cut) and self._random.random() < 0.5
         if isinstance(message, Play) and message.period_us < SLOT_US // 2:
             flags |= pick((0, Flag.IMMEDIATE))  # later frames of it end before the next slot
         elif isinstance(message, Play):
@@ -133,7 +138,7 @@ class RandomRequests:
             us = host.slot_us + round(later * SLOT_US)
             wrong = host.session if other == WRONG_SESSIONS[-1] else other
             whole = host.request(message, back=back, flags=flags, time_us=us, other=wrong)
-            host.last = whole[:cut] if cut < 0 else whole + bytes(cut)
+            host.last = whole[: max(HEADER_BYTES, len(whole) + cut)] + bytes(max(0, cut))
             return host.last[:MAX_BODY_BYTES]
 
         name = message.TYPE.name
@@ -191,11 +196,9 @@ class RandomRequests:
 
     def long_play(self) -> MadeAction:
         """Return PLAY of hundreds of frames within a few slots."""
-        name, text, body = self._made(
-            0,
-            Play(UPLOADED[0], _LONG_PERIOD_US, _LONG_LOOPS, self._configs.unattended_ms()),
-            is_odd=False,
-        )
+        loops = self._random.choice((100, 100, 300))
+        play = Play(STORED_PHASES, _LONG_PERIOD_US, loops, self._configs.unattended_ms() or 6000)
+        name, text, body = self._made(0, play, is_odd=False)
         return f"{name} long", text, body
 
     def upload(self) -> list[MadeAction]:
@@ -210,7 +213,10 @@ class RandomRequests:
         def body(host: DialogueHost) -> bytes:
             if isinstance(message, SetConfig):
                 host.note_config(message.config)
-            return host.request(message)
+            whole = host.request(message)
+            if not isinstance(message, UploadChunk):
+                host.remembered = whole
+            return whole
 
         return message.TYPE.name, f"{message}"[:200], body
 
@@ -227,11 +233,38 @@ class RandomRequests:
         if self._can & Feature.READ_RADIATED:
             asked.append(ReadDrive(DriveKind.RADIATED, 0, count))
         if self._can & Feature.TRACE_RING:
-            asked.append(ReadTrace(0, _MOST_U16))
+            asked.append(ReadTrace(self._random.choice((0, 1)), _MOST_U16))
         asked += [UploadChunk(0, b""), GetConfig()]
         self._random.shuffle(asked)
         shown = [GetStatus(), *asked[: self._random.choice((0, 1, 2, len(asked)))]]
-        return [self.plain(message) for message in shown]
+        made = [self.plain(message) for message in shown]
+        return [self.repeated(), *made] if self._random.random() < 0.4 else made
+
+    def repeated(self) -> MadeAction:
+        """Return the request that the board remembers, once more."""
+        ping = Ping(0)
+        text = "the remembered request once more"
+        return text, text, lambda host: host.remembered or host.request(ping)
+
+    def keeping(self) -> MadeAction:
+        """Return a request that changes nothing and renews the lease."""
+        count = self._identity.transducers
+        messages: list[Message] = [Ping(0), GetStatus(), GetConfig(), GetGeometry(0, 1), Arm()]
+        messages += [UploadChunk(0, b""), UploadChunk(0, bytes(count)), Stop()]
+        messages += [make() for make in self.reads()]
+        return self.plain(self._random.choice(messages))
+
+    def start(self) -> MadeAction:
+        """Return PLAY as it should be, from the middle of a slot on until something ends it."""
+        pick = self._random.choice
+        loops = pick((0, 0, 1, 2))
+        play = Play(pick(UPLOADED), SLOT_US, loops, self._configs.unattended_ms() or 1)
+        later = pick((0.5, 0.5, 1.5, 8.5))
+
+        def body(host: DialogueHost) -> bytes:
+            return host.request(play, time_us=host.slot_us + round(later * SLOT_US))
+
+        return "PLAY", f"{play} in {later} slots", body
 
     # --- sessions ------------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ import random
 from collections.abc import Callable
 from typing import Any, Final
 
+from haptogram_protocol.framing import HEADER_BYTES
 from haptogram_protocol.messages import (
     PHASE_FORMAT_BIT,
     Drives,
@@ -33,7 +34,7 @@ WRONG_SESSIONS: Final = (0x0100, 0x0001, 0x8000, 0x2222)
 _STEPS: Final = (1, 0, -1, -2, 300, 0x2000, 0x7FF0, -0x7FF0)
 _STEP_WEIGHTS: Final = (14, 1, 0.6, 0.3, 0.3, 0.2, 0.4, 0.1)
 _FAR_US: Final = 4_000_000  # later than any dialogue ends
-_BURST: Final = 24  # frames sent in one slot, at most
+_BURST: Final = 40  # frames sent in one slot, at most
 
 
 class RandomStream:
@@ -69,25 +70,40 @@ class RandomStream:
         return self._made(self._drive(), pick(self._aheads), pick((0, 0, 10, 25, 26, 1000, 3000)))
 
     def burst(self, *, may_latch: bool) -> list[MadeAction]:
-        """Return so many short frames that a queue fills, for times far ahead or soon."""
-        number = self._random.randint(3, _BURST)
-        first_us = self._random.choice((_FAR_US, SLOT_US // 2)) if may_latch else _FAR_US
+        """Return so many short frames that a queue fills or a counter of few bits wraps."""
+        pick = self._random.choice
+        number = pick((self._random.randint(3, _BURST), self._identity.queue_depth + 1))
+        number = min(number, _BURST)
+        first_us = pick((_FAR_US, SLOT_US // 2)) if may_latch else _FAR_US
         shortest = min((make() for make in self._kinds()), key=lambda one: len(one.serialize()))
-        step_us = self._random.choice((25, 25, 30, 100))
+        step_us = pick((10, 25, 30, 100))
+        step, wrong = pick(((1, 0), (1, 0), (1, 0), (-1, 0), (1, 1)))  # new, seen before, foreign
         return [
-            self._made(shortest, first_us / SLOT_US, n * step_us, is_plain=True)
+            self._made(shortest, first_us / SLOT_US, n * step_us, plain=(step, wrong))
             for n in range(number)
         ]
 
+    def plain(self, ahead: float | None) -> MadeAction:
+        """Return a frame as it should be, to be latched so many slots from now; None: at once."""
+        return self._made(self._random.choice(self._kinds())(), ahead, 0, plain=(1, 0))
+
+    def foreign(self) -> MadeAction:
+        """Return a frame of another session."""
+        made = self._random.choice(self._kinds())()
+        return self._made(made, 0.5, 0, plain=(1, self._random.choice(WRONG_SESSIONS[:-1])))
+
     def _made(
-        self, message: Message, ahead: Any, apart_us: int, *, is_plain: bool = False
+        self, message: Message, ahead: Any, apart_us: int, plain: tuple[int, int] | None = None
     ) -> MadeAction:
         pick = self._random.choice
-        step = 1 if is_plain else self._random.choices(_STEPS, _STEP_WEIGHTS)[0]
-        odd = 0 if is_plain else self._random.random()
+        step = self._random.choices(_STEPS, _STEP_WEIGHTS)[0]
+        odd = self._random.random()
         flags = pick(ODD_FLAGS) if odd > 0.93 else 0
         wrong = pick(WRONG_SESSIONS) if 0.88 < odd <= 0.93 else 0
-        cut = pick((-1, -16, 1, 300)) if 0.85 < odd <= 0.88 else 0
+        cut = pick((-1, -16, -9999, 1, 300)) if 0.85 < odd <= 0.88 else 0
+        if plain is not None:
+            flags = cut = 0
+            step, wrong = plain
         limit_us = self._limit_us() if ahead == "at a limit" else 0
         kind = message.TYPE
         is_computed = isinstance(message, Points)
@@ -108,7 +124,7 @@ class RandomStream:
                 time_us=(host.slot_us + us) & 0xFFFFFFFF,
                 session=0 if wrong == WRONG_SESSIONS[-1] else host.session ^ wrong,
             )
-            return whole[:cut] if cut < 0 else whole + bytes(cut)
+            return whole[: max(HEADER_BYTES, len(whole) + cut)] + bytes(max(0, cut))
 
         when = "at once" if ahead is None else f"for {ahead} slots ahead"
         text = f"{kind.name} {when}, {apart_us} µs, step {step}, flags {flags:#x}"
@@ -143,7 +159,7 @@ class RandomStream:
 
     def _drive(self) -> Message:
         made = self._random.choice(self._kinds())()
-        return self._refused(made) if self._random.random() < 0.08 else made
+        return self._refused(made) if self._random.random() < 0.12 else made
 
     def _kinds(self) -> list[Callable[[], Message]]:
         kinds: list[Callable[[], Message]] = []
@@ -181,7 +197,7 @@ class RandomStream:
         assert isinstance(made, Phases | Drives)
         bits: int = made.bits
         bank, data = made.bank, made.data
-        chance = self._random.randrange(4)
+        chance = self._random.randrange(5)
         if chance == 0:
             bank = pick((1, 0xFF))
         elif chance == 1:

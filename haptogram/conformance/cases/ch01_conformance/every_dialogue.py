@@ -17,10 +17,10 @@ from ...explore.model import identity_suits_lockstep_model
 from ...explore.shrinking import shrink_dialogue
 from ...outcome import SELF_REPORTED, fail, inconclusive, not_observed
 
-_SLOTS: Final = 16
+_SLOTS: Final = 20
 _SLOTS_UNTIMED: Final = 40
 _TIMED: Final = 6  # every sixth dialogue has timers that end: it takes as long as others together
-_TIMED_VIRTUAL: Final = 3
+_TIMED_VIRTUAL: Final = 2
 _DIALOGUES: Final = 60  # without --explore
 _LONGEST_US: Final = 20_000_000  # without --explore, at a wall clock
 _REPLAYS: Final = 60
