@@ -100,9 +100,16 @@ def _message_on_captured_line(body: bytes) -> Message | None:
         return None
 
 
-def first_mute_on_captured_line(line: LineBytes, begin: float) -> float | None:
-    """Return when the first MUTE from *begin* on arrived, in periods; None: none did."""
-    arrivals = (
-        f.arrival for f in frames_on_captured_line(line) if f.header.type == MessageType.MUTE
-    )
-    return next((arrival for arrival in arrivals if arrival >= begin), None)
+def mute_on_captured_line(line: LineBytes, begin: float, end: float) -> tuple[float | None, float]:
+    """Return when the first MUTE from *begin* on arrived, and when the pins may sound again.
+
+    That is with the next ARM, with bytes that are no frame and may have been one, or at the *end*
+    of the capture; times in periods. None: there is no MUTE.
+    """
+    read = read_line(line)
+    arrivals = (f.arrival for f in read.frames if f.header.type == MessageType.MUTE)
+    mute = next((arrival for arrival in arrivals if arrival >= begin), None)
+    if mute is None:
+        return None, end
+    arms = [f.arrival for f in read.frames if f.header.type == MessageType.ARM]
+    return mute, min((t for t in (*arms, *read.unread) if t > mute), default=end)

@@ -19,8 +19,9 @@ from haptogram.records.pins import PinPulses
 
 Bools: TypeAlias = NDArray[np.bool_]
 
-#: Periods that a frame lasts at least: a latch takes one, and a phase needs two.
-LEAST_PERIODS: Final = 4.0
+#: Periods that a frame lasts at least: a latch and what surrounds it take three, a phase two.
+LEAST_PERIODS: Final = 5.0
+_ROUNDING: Final = 1e-6  # of times that are whole microseconds
 _CODES: Final = 256
 _EVERY: Final = slice(None)
 
@@ -65,7 +66,7 @@ class PinRunDrives:
             )
         starts = (times_us - times_us[0]) * 1e-6 * carrier_hz
         shortest = float(np.diff(starts).min(initial=np.inf))
-        if shortest < LEAST_PERIODS:
+        if shortest < LEAST_PERIODS - _ROUNDING:
             raise ConfigurationError(
                 f"a frame of {shortest / carrier_hz * 1e6:g} µs is too short to be told from pins, "
                 f"must be {LEAST_PERIODS / carrier_hz * 1e6:g} µs at least: "

@@ -10,7 +10,7 @@ import numpy as np
 
 from haptogram.records.pins import PinRecord
 
-from .line_frames import first_mute_on_captured_line
+from .line_frames import mute_on_captured_line
 from .run_drives import PinRunDrives, fundamentals_of_run_drives
 from .shown_frames import FramesShownByPins
 
@@ -107,11 +107,12 @@ def end_of_sound_on_pins(
         return EndOfSound(not_judged="not verified: the capture ends before the run")
     if not found.stops:
         return EndOfSound(not_judged="not verified: no captured pin sounds in the last frame")
-    mute = None
+    mute, armed = None, record.end
     if record.to_board is not None:
-        mute = first_mute_on_captured_line(record.to_board, float(shown.starts[-1]))
+        begin = float(shown.starts[-1])
+        mute, armed = mute_on_captured_line(record.to_board, begin, record.end)
     after = None if mute is None else max(found.rises.values()) - mute
-    if mute is not None and (late := _pins_sounding_after_mute(record, found, mute)):
+    if mute is not None and (late := _pins_sounding_after_mute(record, mute, armed)):
         return EndOfSound((late,), after_mute_periods=after)
     if mute is not None and record.end < mute + _SILENT_PERIODS:
         return EndOfSound(not_judged="not verified: the capture ends with MUTE")
@@ -123,21 +124,57 @@ def end_of_sound_on_pins(
         )
     if found.sounding and mute is None:
         return EndOfSound((f"{listed_pins(found.sounding)} go on after the others fell silent",))
+    if mute is None and (again := pins_that_sound_again(record, found)):
+        return _pins_sound_again(record, found, again)
     return _pins_stop_together(record, found, after)
 
 
-def _pins_sounding_after_mute(record: PinRecord, found: PinStops, mute: float) -> str:
-    """Return which pins sound later than a period after MUTE arrived; empty: none does."""
+def pins_that_sound_again(record: PinRecord, found: PinStops) -> dict[int, float]:
+    """Return when each pin begins a pulse after all had fallen silent, in periods."""
+    over = max(found.stops.values()) + _SILENT_PERIODS
+    begins = {}
+    for element, pin in record.pins.items():
+        later = pin.rises[np.searchsorted(pin.rises, over) :]
+        if len(later):
+            begins[element] = float(later[0])
+    return begins
+
+
+def _pins_sound_again(record: PinRecord, found: PinStops, again: dict[int, float]) -> EndOfSound:
+    """Judge pins that sound after the end: some of them alone have no command to do so."""
+    first = min(again.values())
+    behind_ms = (first - max(found.stops.values())) * 1e3 / record.carrier_hz
+    if set(found.stops) <= set(again):
+        return EndOfSound(
+            not_judged=f"not verified: the output sounds again {behind_ms:.1f} ms after it fell "
+            "silent; capture the line of the host (to_board) to know whether it was told to"
+        )
+    return EndOfSound(
+        (
+            f"{listed_pins(sorted(again))} sound again {behind_ms:.1f} ms after all fell silent, "
+            "and the others do not",
+        )
+    )
+
+
+def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> str:
+    """Return which pins begin a pulse later than a period after MUTE arrived; empty: none does.
+
+    From *armed* on they may.
+    """
     limit = mute + 1.0 + _MUTE_SAMPLES / record.samples
-    late = [element for element, rise in found.rises.items() if rise > limit]
-    if not late:
+    last: dict[int, float] = {}
+    for element, pin in record.pins.items():
+        low, high = np.searchsorted(pin.rises, [limit, armed])
+        if low < high:
+            last[element] = float(pin.rises[high - 1])
+    if not last:
         return ""
     us = 1e6 / record.carrier_hz
-    last = max(found.rises[element] for element in late)
-    until = "" if set(late) - set(found.sounding) else ", up to the end of the capture"
+    is_end = min(last.values()) > record.end - _SILENT_PERIODS
     return (
-        f"{listed_pins(late)} still on {(last - mute) * us:.0f} µs after MUTE arrived, may be "
-        f"for {us:.0f} µs{until}"
+        f"{listed_pins(sorted(last))} still on {(max(last.values()) - mute) * us:.0f} µs after "
+        f"MUTE arrived, may be for {us:.0f} µs{', up to the end of the capture' if is_end else ''}"
     )
 
 

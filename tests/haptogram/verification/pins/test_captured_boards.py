@@ -211,6 +211,33 @@ def test_a_last_frame_that_a_mute_cuts_short_is_judged_while_it_sounds(periods, 
     assert pins.right[-1].tolist() == [element != 4 for element in range(16)]
 
 
+def sounding_again(record, *elements):
+    """Return *record* with more pulses of some pins, 20 periods behind their last ones."""
+    for element in elements:
+        pin = record.pins[element]
+        more = pin.rises[-1] + np.arange(20.0, 25.0)
+        record = changed(
+            record,
+            element,
+            rises=np.concatenate([pin.rises, more]),
+            falls=np.concatenate([pin.falls, more + 0.4]),
+        )
+    return dataclasses.replace(record, end=record.end + 30.0)
+
+
+def test_pins_that_sound_again_after_the_end_were_not_muted(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    last = max(pin.rises[-1] for pin in record.pins.values())
+    (line,) = judged_record(run, sounding_again(record, 4)).pins[0].findings["mute"]
+    assert line == "element 4 sound again 0.5 ms after all fell silent, and the others do not"
+    every = judged_record(run, sounding_again(record, *range(16))).pins[0]
+    assert "the output sounds again 0.5 ms after it fell silent" in every.not_judged["mute"]
+    muted = with_mute(sounding_again(record, *range(16)), last)
+    (line,) = judged_record(run, muted).pins[0].findings["mute"]
+    assert "600 µs after MUTE arrived, may be for 25 µs" in line
+
+
 def with_mute(record, arrival):
     """Return *record* with a line on which a MUTE arrives at this period."""
     data = encode_frame(build_body(Mute(), flags=0, seq=1, time_us=0, session=0))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from haptogram.acoustics import AcousticModel, Drive, Medium, Transducer, TransducerArray
+from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record_of_capture
@@ -128,6 +129,18 @@ def test_phases_of_the_opposite_sign_at_all_pins_are_named(tmp_path):
     pins = judged_file(board, path)
     assert pins.verdict is Verdict.FAIL
     assert pins.findings["phases"] == ("every captured pin has the opposite sign of the phase",)
+
+
+def test_the_shortest_frames_are_judged_and_shorter_ones_refused(tmp_path):
+    random, board = drawn(0)
+    board.amplitudes = np.ones_like(board.amplitudes)
+    board.period_ms = 0.125  # five periods
+    pins = judged(board, Analyser(), tmp_path / "pins.vcd", random)
+    assert pins.findings == {}
+    assert pins.counts["right"] > 0
+    board.period_ms = 0.1
+    with pytest.raises(ConfigurationError, match="must be 125 µs at least: 8000 frames/s"):
+        judged(board, Analyser(), tmp_path / "pins.vcd", random)
 
 
 @pytest.mark.parametrize("count", [17, 100, 333, 1000, 24_100])
