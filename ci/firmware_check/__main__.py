@@ -11,6 +11,7 @@ from typing import Final
 from haptogram.errors import ConfigurationError, HaptogramError
 
 from .emulator import Emulator
+from .hang import hang
 from .memory import footprint
 from .ports import PORTS, Port, build, install, missing_tool
 from .steps import BOOT_S, QUICK, Step, conform, pins, verify
@@ -88,8 +89,9 @@ def _judge(port: Port, out: Path, *, quick: bool) -> int:
         found.append(verify(port, emulator.url, folder, quick=quick))
         _show(found[1])
         print(f"  memory   {_measure(firmware, emulator)}", flush=True)
-    found.append(pins(port, folder))
-    _show(found[2])
+    for step in (pins(port, folder), hang(port, firmware, folder)):
+        _show(step)
+        found.append(step)
     return worst_status([step.status for step in found])
 
 

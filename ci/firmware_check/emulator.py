@@ -20,6 +20,7 @@ from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import Hello, HelloReply, build_body, parse_body
 
+from .debugger import send_processor_to
 from .ports import EMULATE
 
 _START_S: Final = 10.0
@@ -63,13 +64,15 @@ class Emulator:
     ) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="haptogram-qemu-")
         self._monitor = Path(self._folder.name) / "monitor"
+        self._gdb = Path(self._folder.name) / "gdb"
         self.url = ""
         self._printed = b""
         self.reset_command = shlex.join([str(EMULATE), "--reset", str(self._monitor)])
         more = [] if log is None else ["--log", log]
         more += [] if pins is None else ["--pins", pins]
         more += [] if instruction_ns is None else ["--ns", instruction_ns]
-        command = [EMULATE, "--with-parent", "--monitor", self._monitor, *more, machine, firmware]
+        sockets = ["--monitor", self._monitor, "--gdb", self._gdb]
+        command = [EMULATE, "--with-parent", *sockets, *more, machine, firmware]
         self._process = subprocess.Popen(
             [str(part) for part in command],
             stdin=subprocess.DEVNULL,
@@ -167,6 +170,10 @@ class Emulator:
         file = Path(self._folder.name) / "memory"
         self._ask("--memory", self._monitor, f"{address:#x}", count, file)
         return file.read_bytes()
+
+    def go_on_at(self, address: int) -> None:
+        """Let the processor leave what it does and go on at *address*."""
+        send_processor_to(address, self._gdb)
 
     def _ask(self, *words: object) -> None:
         command = [str(word) for word in (EMULATE, *words)]

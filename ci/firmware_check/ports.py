@@ -31,19 +31,22 @@ class Port:
         Name of the machine in QEMU.
     baud : int
         Rate that the emulated line keeps up with: its UART takes so many bytes, not more.
+    has_watchdog : bool
+        Whether QEMU's machine has the watchdog of the chip.
     """
 
     name: str
     machine: str
     baud: int
+    has_watchdog: bool
 
 
 PORTS: Final = {
     port.name: port
     for port in (
-        Port("musca_b1", "musca-b1", 1_000_000),
+        Port("musca_b1", "musca-b1", 1_000_000, has_watchdog=True),
         # A byte of this USART is a turn of QEMU's main loop: 50 µs or more.
-        Port("netduinoplus2", "netduinoplus2", 115_200),
+        Port("netduinoplus2", "netduinoplus2", 115_200, has_watchdog=False),
     )
 }
 

@@ -7,8 +7,6 @@
 #define CHIP_TICKS_PER_US 40
 #define CHIP_LINE_BYTES_PER_S 0
 #define CHIP_MEASURES_LATCH 0
-#ifndef CHIP_WATCHDOG_MS
 #define CHIP_WATCHDOG_MS 2000
-#endif
 
 #endif
