@@ -203,9 +203,12 @@ class BoardClient:
         none = bytes(self.identity.transducers)
         wanted = zlib.crc32(reply.config.pack() + none)
         if self.has(Feature.CORRECTION) and reply.config_crc != wanted:
-            begin = UploadBegin(UploadKind.CORRECTION, 0, 0, len(none), zlib.crc32(none))
-            for step in (begin, UploadChunk(0, none), UploadCommit(0)):
-                self.link.ask(step)
+            size = max(1, self.identity.max_chunk)
+            starts = range(0, len(none), size)
+            self.link.ask(UploadBegin(UploadKind.CORRECTION, 0, 0, len(none), zlib.crc32(none)))
+            for chunk in (UploadChunk(start, none[start : start + size]) for start in starts):
+                self.link.ask(chunk)
+            self.link.ask(UploadCommit(0))
         self.correction = none
 
     # --- phases --------------------------------------------------------------------------------

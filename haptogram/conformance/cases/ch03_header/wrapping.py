@@ -55,7 +55,8 @@ def header_times_wrap(board: BoardClient) -> None:
     board.clock.wait_until(_WRAP_US - 4 * lead_us - 200_000)
     board.arm()
     start_us = board.clock.on_carrier(_WRAP_US - 20_000)
-    times = [start_us + 10_000 * number for number in range(6)]
+    number = min(6, board.identity.queue_depth)  # 4 at least, on both sides of the wrap
+    times = [start_us + 10_000 * place for place in range(number)]
     with board.counting(latched=len(times)):
         board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
         board.clock.require_in_time(times[0])

@@ -211,17 +211,18 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
     mode = ask_for_board_latches(board) if traced else TraceMode.OFF
     since = board.link.mark()
     for kind in stream_kinds(board):
-        with board.counting(latched=2 * len(lows), late=0):
+        timed = lows[-board.identity.queue_depth :]
+        with board.counting(latched=len(timed) + len(lows), late=0):
             first = kind.make()
             start_us = board.clock.soon_us(
-                bytes(len(lows) * len(first.serialize())),
-                points=len(lows) * points_of_stream_kind(first),
+                bytes(len(timed) * len(first.serialize())),
+                points=len(timed) * points_of_stream_kind(first),
             )
-            for place, low in enumerate(lows):
+            for place, low in enumerate(timed):
                 t_us = start_us + 1000 * place
                 board.link.send(board.link.stream_wire(kind.make(), t_us, flags=low))
             board.clock.require_in_time(start_us)
-            board.clock.wait_until(start_us + 1000 * len(lows))
+            board.clock.wait_until(start_us + 1000 * len(timed))
             for low in lows:
                 past_us, flags = start_us - 1_000_000, Flag.IMMEDIATE | low
                 board.link.send(board.link.stream_wire(kind.make(), past_us, flags=flags))

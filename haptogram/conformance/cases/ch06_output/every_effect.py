@@ -444,6 +444,16 @@ def _judge_effects(board: BoardClient, effects: tuple[Effect, ...], situation: S
         before = held if leaves else None
         if _state_before_effect(held)[0] is OutputState.FAULT:
             recover_from_hardware_fault(board)
+        elif not leaves:
+            _judge_arm_behind_effect(board, effect, held)
+
+
+def _judge_arm_behind_effect(board: BoardClient, effect: Effect, before: Held) -> None:
+    """FAILED if ARM behind an event changes anything but the state: nothing sounds again."""
+    arm = Effect("", "", "ARM", _arm_for_effect, _effect_of_input(OutputInput.ARM))
+    due = arm.due(board, before) | {"events": ANYTHING, "the arrival margins": ANYTHING}
+    text = held_state_changes(before, _held_after_effect(board, 0, arm), due)
+    check(not text, f"{effect.name}, then ARM: {text}")
 
 
 def _effect_case(clause: str, variant: str, effects: tuple[Effect, ...]) -> Case:

@@ -32,6 +32,7 @@ from ...outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 3
 _PIECES: Final = 12  # chunks of an upload
+_OVERLAP: Final = 3  # bytes that come twice
 _Chunks = list[tuple[int, int]]
 
 
@@ -104,7 +105,10 @@ def _upload_chunks_from_middle(chunks: _Chunks) -> _Chunks:
 
 
 def _upload_chunks_overlapping(chunks: _Chunks) -> _Chunks:
-    return [(max(0, start - 3), stop) for start, stop in chunks[::3] + chunks[1::3] + chunks[2::3]]
+    return [
+        (max(0, start - _OVERLAP), stop)
+        for start, stop in chunks[::3] + chunks[1::3] + chunks[2::3]
+    ]
 
 
 _ORDERS: Final[tuple[Callable[[_Chunks], _Chunks], ...]] = (
@@ -130,7 +134,7 @@ def every_order_of_upload_chunks(board: BoardClient) -> None:
         name = order.__name__.strip("_").replace("_", " ")
         drives = [board.random.randbytes(count) for _ in range(frames)]
         data = b"".join(drives)
-        size = min(-(-len(data) // _PIECES), board.identity.max_chunk)
+        size = min(-(-len(data) // _PIECES), board.identity.max_chunk - _OVERLAP)
         chunks = [(at, min(at + size, len(data))) for at in range(0, len(data), size)]
         begin_upload(board, UploadKind.PHASES, _SEQUENCE, data)
         refused = send_upload_in_pieces(board, data, order(chunks))
