@@ -229,11 +229,11 @@ def board_without_a_line(mutant: str | None) -> MakeBoard:
     """
     import functools
 
-    from sim_device.driven.soak_board import SoakBoard
+    from sim_device.driven.soak_board import VirtualSoakBoard
     from sim_device.mutants import mutant_parts
 
     mutant_parts(mutant)
-    return functools.partial(SoakBoard, mutant=mutant)
+    return functools.partial(VirtualSoakBoard, mutant=mutant)
 
 
 def records_of_bytes(config: BoardConfig, data: bytes) -> list[dict[str, Any]]:

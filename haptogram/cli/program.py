@@ -168,4 +168,4 @@ def _add_options_of_command(name: str, parser: Parser) -> None:
         _BOARD: (boards.open_recording_of_board,),
     }
     module = importlib.import_module(COMMANDS[name][0], "haptogram.commands")
-    module.set_up(parser, *parts.get(name, ()))
+    getattr(module, f"set_up_{name}")(parser, *parts.get(name, ()))

@@ -15,8 +15,8 @@ from haptogram.settings.run.outputs import OutputConfig
 from .acting_options import refuse_idle_options
 from .shell.exit_status import USAGE
 from .shell.job import annotate_job, provenance_of_run
-from .shell.output_files import FILE_HELP, Outputs, write_picture_output
-from .shell.recording import is_command_recorded, recording
+from .shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
+from .shell.recording import command_recording, is_command_recorded
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.measure import BenchRun
@@ -52,7 +52,7 @@ class BenchFiles(Settings):
     compare: Path | None = option(None, unit="OLD.json", help="say what changed beyond the noise")
 
 
-def set_up(parser: Parser) -> None:
+def set_up_bench(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Stream to a board and measure, for every frame and from its intended time, "
@@ -62,14 +62,14 @@ def set_up(parser: Parser) -> None:
     parser.epilog = _EXAMPLES
     parser.rename(link_baud="baud")
     parser.refused["--goals"] = "is ci/timing-goals of a checkout now"
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_bench)
     add_command_options(parser, options_of(BenchConfig).values())
     parser.add_argument("--quiet", action="store_true", help="print changes and errors only")
     result = parser.add_argument_group("result", FILE_HELP)
     add_command_options(result, options_of(BenchFiles).values())
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_bench(arguments: argparse.Namespace) -> int:
     """Measure, print and write; return 0."""
     from haptogram.campaigns.bench.measure import run_bench
     from haptogram.campaigns.bench.result import bench_dict, read_bench_result
@@ -78,11 +78,11 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.report.formats.job_summary import write_job_summary
 
     refuse_idle_options("bench", arguments)
-    outputs = Outputs(arguments, "json", "html", "summary", "picture", "record")
+    outputs = CommandOutputs(arguments, "json", "html", "summary", "picture", "record")
     provenance = provenance_of_run(arguments)
     old = None if arguments.compare is None else read_bench_result(arguments.compare)
     config = config_from_options(BenchConfig, given_options(arguments, options_of(BenchConfig)))
-    with recording(arguments.record, "bench", config.as_dict()) as writer:
+    with command_recording(arguments.record, "bench", config.as_dict()) as writer:
         # Without a progress bar: it would draw between the ticks.
         found = run_bench(config, writer)
         result = bench_dict(found)

@@ -60,7 +60,7 @@ class BudgetConfig(Settings):
     boards: int = option(1, unit="N", low=1, high=16, help="boards on the line, with --dialect")
 
 
-def set_up(parser: Parser) -> None:
+def set_up_budget(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Say where the time of one frame goes, from the intended moment to the latch, "
@@ -70,12 +70,12 @@ def set_up(parser: Parser) -> None:
     )
     parser.epilog = _EXAMPLES
     parser.rename(rate="rate_hz")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_budget)
     baud = f"{BudgetConfig.baud}, with --dialect: that of its boards"
     add_setting_options(parser, options_of(BudgetConfig).values(), baud=baud)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_budget(arguments: argparse.Namespace) -> int:
     """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
     refuse_idle_options("budget", arguments)
     if arguments.dialect is not None:

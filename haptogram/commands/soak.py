@@ -22,8 +22,8 @@ from haptogram.settings.run.outputs import OutputConfig
 from .acting_options import refuse_idle_options
 from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE
 from .shell.job import annotate_job, provenance_of_run
-from .shell.output_files import FILE_HELP, Outputs, announce_output_file
-from .shell.recording import is_command_recorded, recording
+from .shell.output_files import FILE_HELP, CommandOutputs, announce_output_file
+from .shell.recording import command_recording, is_command_recorded
 
 if TYPE_CHECKING:
     from haptogram.campaigns.soak.campaign import Progress, SoakCampaign
@@ -68,7 +68,7 @@ class SittingConfig(Settings):
     )
 
 
-def set_up(
+def set_up_soak(
     parser: Parser,
     board_maker: Callable[[str | None], MakeBoard],
 ) -> None:
@@ -80,26 +80,26 @@ def set_up(
     )
     parser.epilog = _EPILOG
     parser.refused["--virtual-time"] = "does nothing: a soak has no other time; leave it out"
-    parser.set_defaults(run=functools.partial(run, board_maker=board_maker))
+    parser.set_defaults(run=functools.partial(run_soak, board_maker=board_maker))
     add_command_options(parser, options_of(SoakSetup).values())
     sitting = parser.add_argument_group("sitting and result", FILE_HELP)
     add_command_options(sitting, options_of(SittingConfig).values())
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
-def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
+def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
     """Run what is left of the soak, print the account, and return the exit status."""
     from haptogram.campaigns.soak.campaign import Interrupted
     from haptogram.report.soak.text import soak_text
 
     refuse_idle_options("soak", arguments)
-    outputs = Outputs(arguments, "json", "junit", "html", "summary", "resume", "record")
+    outputs = CommandOutputs(arguments, "json", "junit", "html", "summary", "resume", "record")
     if outputs.paths.get("--resume") == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
     provenance = provenance_of_run(arguments)
     campaign = _soak_campaign(arguments)
     interrupted = False
-    with recording(arguments.record, "soak", campaign.setup.as_dict()) as writer:
+    with command_recording(arguments.record, "soak", campaign.setup.as_dict()) as writer:
         try:
             with _soak_progress(campaign, quiet=arguments.quiet) as progress:
                 campaign.run(
@@ -126,7 +126,7 @@ def run(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeB
 def _write_soak_results(
     arguments: argparse.Namespace,
     campaign: SoakCampaign,
-    outputs: Outputs,
+    outputs: CommandOutputs,
     provenance: Provenance,
 ) -> None:
     from haptogram.report.formats.job_summary import write_job_summary

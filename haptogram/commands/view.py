@@ -18,11 +18,11 @@ from haptogram.settings.parser import checked_option_type, file_name_option
 
 from .acting_options import refuse_idle_options
 from .shell.exit_status import PASS
-from .shell.output_files import Outputs
+from .shell.output_files import CommandOutputs
 
 if TYPE_CHECKING:
     from haptogram.evidence.backdoor_stream import BackdoorReader
-    from haptogram.report.viewer.live import LiveScene
+    from haptogram.report.viewer.live import LiveViewerScene
     from haptogram.report.viewer.server import ViewServer
     from haptogram.settings.parser import Parser
 
@@ -49,7 +49,7 @@ exit status:
 """
 
 
-def set_up(parser: Parser) -> None:
+def set_up_view(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Show in a browser what a virtual board radiates, or has radiated in a recording: the "
@@ -59,7 +59,7 @@ def set_up(parser: Parser) -> None:
         "1 kHz loop disturbs it: time in CI, look elsewhere."
     )
     parser.epilog = _EXAMPLES
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_view)
     parser.add_argument(
         "source",
         metavar="SOURCE",
@@ -92,12 +92,12 @@ def set_up(parser: Parser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_view(arguments: argparse.Namespace) -> int:
     """Serve or write the page; return the exit status."""
     from haptogram.report.formats.html import check_html_page
 
     refuse_idle_options("view", arguments)
-    outputs = Outputs(arguments, "html")
+    outputs = CommandOutputs(arguments, "html")
     check_html_page(pictures=False)
     if arguments.html is not None and arguments.source.startswith("unix:"):
         raise ConfigurationError(
@@ -109,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
     return _view_board(arguments, outputs)
 
 
-def _view_recording(arguments: argparse.Namespace, outputs: Outputs) -> int:
+def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
     from haptogram.machine.provenance import Provenance
     from haptogram.report.viewer.page import view_page, write_view
     from haptogram.report.viewer.recorded import viewer_scene_of_recording
@@ -128,16 +128,16 @@ def _view_recording(arguments: argparse.Namespace, outputs: Outputs) -> int:
     return PASS
 
 
-def _view_board(arguments: argparse.Namespace, outputs: Outputs) -> int:
+def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
     from haptogram.evidence.backdoor_stream import BackdoorReader
     from haptogram.machine.provenance import Provenance
-    from haptogram.report.viewer.live import LiveScene
+    from haptogram.report.viewer.live import LiveViewerScene
     from haptogram.report.viewer.page import view_page, write_view
 
     provenance = Provenance.of_run(arguments.command_line, None)
     with BackdoorReader(arguments.source) as stream:
         first, *others = _first_viewed_records(arguments.source, stream)
-        scene = LiveScene(first)
+        scene = LiveViewerScene(first)
         scene.take(others)
         if arguments.html is None:
             lead = [f"{scene.firmware}, {scene.model.array.count} transducers."]
@@ -167,7 +167,9 @@ def _first_viewed_records(source: str, stream: BackdoorReader) -> list[dict[str,
 
 
 def _serve_view(
-    arguments: argparse.Namespace, page: str, live: tuple[LiveScene, BackdoorReader] | None = None
+    arguments: argparse.Namespace,
+    page: str,
+    live: tuple[LiveViewerScene, BackdoorReader] | None = None,
 ) -> int:
     from haptogram.report.viewer.server import ViewServer
 
@@ -191,7 +193,7 @@ def _serve_view(
 
 
 def _follow_view(
-    server: ViewServer, scene: LiveScene, stream: BackdoorReader, starter: _ViewStarter | None
+    server: ViewServer, scene: LiveViewerScene, stream: BackdoorReader, starter: _ViewStarter | None
 ) -> None:
     """Hand on what has come; a board that has ended can still be looked at."""
     if scene.ended:

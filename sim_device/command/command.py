@@ -18,7 +18,7 @@ from haptogram.settings.board import BoardConfig
 from haptogram.settings.line import LineSettings
 from haptogram.settings.parser import Parser
 
-from .options import SERIAL_BAUD, board_config_of, pin_capture_config_of, set_up
+from .options import SERIAL_BAUD, board_config_of, pin_capture_config_of, set_up_board
 from .output_files import SOCKET, check_board_outputs, make_board_folders
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def main(
         Opens the recording of ``--record``; without it there is no such option.
     """
     parser = Parser(prog=program)
-    set_up(parser, open_recording)
+    set_up_board(parser, open_recording)
     try:
         options = parser.parse_args(words)
         _start_board_log(options)

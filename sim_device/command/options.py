@@ -54,7 +54,7 @@ exit status:
 """
 
 
-def set_up(parser: Parser, open_recording: OpenRecording | None = None) -> None:
+def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) -> None:
     """Describe the command and add its options."""
     parser.description = "A virtual ultrasonic phased array at the far end of a serial line."
     parser.epilog = _board_epilog(parser.prog)

@@ -25,7 +25,7 @@ Verdict: TypeAlias = int | str
 REQUEST: Final = "request"
 
 
-class SoakBoard:
+class VirtualSoakBoard:
     """A board from its power-up on; times are nanoseconds since then.
 
     Parameters

@@ -18,7 +18,7 @@ class BoardUnderSoak(Protocol):
     carrier_us: int
 
     @property
-    def session(self) -> int: ...  # noqa: D102  see sim_device.driven.soak_board.SoakBoard
+    def session(self) -> int: ...  # noqa: D102  see sim_device.driven.soak_board.VirtualSoakBoard
     @property
     def counters(self) -> dict[str, int]: ...  # noqa: D102
     @property

@@ -49,7 +49,7 @@ Progress = Callable[[float], None]
 
 
 class MakeBoard(Protocol):
-    """Powers a board up; see ``sim_device.driven.soak_board.SoakBoard``."""
+    """Powers a board up; see ``sim_device.driven.soak_board.VirtualSoakBoard``."""
 
     def __call__(self, *, seed: int, baud: int, plan: FaultPlan, running_us: int) -> BoardUnderSoak:
         """Return it."""

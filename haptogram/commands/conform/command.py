@@ -18,8 +18,8 @@ from haptogram.settings.option import options_of
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import USAGE
 from ..shell.job import annotate_job, provenance_of_run
-from ..shell.output_files import Outputs, announce_interrupted_output, announce_output_file
-from ..shell.recording import is_command_recorded, recording
+from ..shell.output_files import CommandOutputs, announce_interrupted_output, announce_output_file
+from ..shell.recording import command_recording, is_command_recorded
 from .captures import conform_captures_at_port, conform_recorded_captures
 from .options import (
     EXAMPLES,
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 Virtual: TypeAlias = "Callable[[str | None, int, int, RecordedBoards | None], Access]"
 
 
-def set_up(parser: Parser, virtual: Virtual) -> None:
+def set_up_conform(parser: Parser, virtual: Virtual) -> None:
     """Describe the command and add its options; *virtual* makes a board inside this program."""
     from haptogram.conformance.verdict import suite_verdict_meaning_table
 
@@ -63,11 +63,11 @@ def set_up(parser: Parser, virtual: Virtual) -> None:
         "  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)\n"
     )
     parser.rename(link_baud="baud")
-    parser.set_defaults(run=functools.partial(run, virtual=virtual))
+    parser.set_defaults(run=functools.partial(run_conform, virtual=virtual))
     add_conform_options(parser)
 
 
-def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
+def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
     """Run the cases, write and print the result, and return the exit status."""
     from haptogram.conformance.cases import all_cases, select
     from haptogram.errors import ConfigurationError
@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
     cases = tuple(select(all_cases(), arguments.clause))
     if arguments.list:
         return _list_conform_cases(cases)
-    outputs = Outputs(
+    outputs = CommandOutputs(
         arguments,
         "json",
         "junit",
@@ -103,7 +103,7 @@ def run(arguments: argparse.Namespace, virtual: Virtual) -> int:
         outputs.print(suite_text(suite, verbose=arguments.verbose))
         _write_conform_results(arguments, suite, outputs, provenance)
         return suite.exit_status
-    with recording(arguments.record, "conform", _conform_options(arguments)) as writer:
+    with command_recording(arguments.record, "conform", _conform_options(arguments)) as writer:
         status = _run_conform(arguments, cases, captures, virtual, outputs, provenance, writer)
         return status if is_command_recorded("conform", writer) else USAGE
 
@@ -118,7 +118,7 @@ def _run_conform(
     cases: tuple[Case, ...],
     captures: PinConfig,
     virtual: Virtual,
-    outputs: Outputs,
+    outputs: CommandOutputs,
     provenance: Provenance,
     writer: RecordingWriter | None,
 ) -> int:
@@ -270,7 +270,7 @@ def _compare_conform_results(arguments: argparse.Namespace) -> int:
 
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
-    outputs = Outputs(arguments, "html", pictures=False)
+    outputs = CommandOutputs(arguments, "html", pictures=False)
     suites = [read_suite_json(path) for path in arguments.compare]
     write_conformance_comparison_page(
         arguments.html, suites, provenance=provenance_of_run(arguments)
@@ -280,7 +280,10 @@ def _compare_conform_results(arguments: argparse.Namespace) -> int:
 
 
 def _write_conform_results(
-    arguments: argparse.Namespace, suite: SuiteResult, outputs: Outputs, provenance: Provenance
+    arguments: argparse.Namespace,
+    suite: SuiteResult,
+    outputs: CommandOutputs,
+    provenance: Provenance,
 ) -> None:
     from haptogram.conformance.run.baseline import write_suite_baseline
     from haptogram.report.conformance.junit import write_conformance_junit

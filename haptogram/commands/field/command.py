@@ -18,7 +18,7 @@ from haptogram.settings.shape import ModulationConfig
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options
 from ..shell.exit_status import PASS
-from ..shell.output_files import FILE_HELP, Outputs, write_picture_output
+from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
 from ..shell.positions import Position, position_argument_mm
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class FieldConfig(Settings):
 _PICTURE: Final = ("view", "plane", "quantity", "decibels", "half_width_mm", "step_mm", "picture")
 
 
-def set_up(parser: Parser) -> None:
+def set_up_field(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Draw the sound field of a focus, of a tactile object or of a drive: |p|, its "
@@ -101,7 +101,7 @@ def set_up(parser: Parser) -> None:
     add_array_options(parser.add_argument_group("array and air"))
     _add_field_picture(parser)
     parser.rename(output="picture")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_field)
 
 
 def _add_field_source(parser: Parser) -> None:
@@ -143,17 +143,17 @@ def _add_field_picture(parser: Parser) -> None:
     group.add_argument("--quiet", action="store_true", help="no progress and no text")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_field(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
     from .levels import describe_field_levels
-    from .scene import Scene
+    from .scene import FieldScene
     from .views import check_field_view_size, describe_field_scene, draw_scene
 
     refuse_idle_options("field", arguments)
-    outputs = Outputs(arguments, "picture")
+    outputs = CommandOutputs(arguments, "picture")
     if arguments.picture is not None:
         check_field_view_size(arguments)
-    scene = Scene.from_arguments(arguments)
+    scene = FieldScene.from_arguments(arguments)
     levels = [] if arguments.quiet else list(describe_field_levels(arguments, scene))
     lines = [] if arguments.quiet else [*describe_field_scene(scene), *levels]
     for line in lines:

@@ -21,12 +21,12 @@ from haptogram.acoustics.solvers.focus import MIN_TARGET_DISTANCE_M
 from haptogram.errors import ConfigurationError
 
 from ..shell.positions import metres_of_position, position_text
-from .scene import Scene, modulated_field_scene
+from .scene import FieldScene, modulated_field_scene
 
 _LISTENER_M: Final = 0.5
 
 
-def describe_field_levels(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
+def describe_field_levels(arguments: argparse.Namespace, scene: FieldScene) -> Iterator[str]:
     """Yield the levels at the loudest place half a metre away and, if asked for, at an ear."""
     engine = choose_engine(scene.model)
     worst = worst_exposure(engine, scene.weights, _LISTENER_M, scene.frame_s)
@@ -39,7 +39,7 @@ def describe_field_levels(arguments: argparse.Namespace, scene: Scene) -> Iterat
         yield from _describe_ear_in_field(arguments, scene)
 
 
-def _describe_ear_in_field(arguments: argparse.Namespace, scene: Scene) -> Iterator[str]:
+def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> Iterator[str]:
     engine, lag = choose_engine(scene.model), Resonator.from_bandwidth()
     ear = metres_of_position(arguments.ear_mm)
     distance_m = math.dist(ear, scene.model.array.centre_m)
@@ -66,7 +66,9 @@ def _describe_ear_in_field(arguments: argparse.Namespace, scene: Scene) -> Itera
     )
 
 
-def _sequence_of_scene(arguments: argparse.Namespace, scene: Scene) -> tuple[ComplexArray, str]:
+def _sequence_of_scene(
+    arguments: argparse.Namespace, scene: FieldScene
+) -> tuple[ComplexArray, str]:
     """Return the drives that are repeated, and what they are."""
     if scene.is_sequence or not len(scene.targets_m):
         count = len(scene.weights)

@@ -31,7 +31,7 @@ _PATH_STEP_M: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Scene:
+class FieldScene:
     """One model and what drives it.
 
     Attributes
@@ -55,7 +55,7 @@ class Scene:
     frame_s: float
 
     @classmethod
-    def from_arguments(cls, arguments: argparse.Namespace) -> Scene:
+    def from_arguments(cls, arguments: argparse.Namespace) -> FieldScene:
         """Return the scene that the command line asks for."""
         model = array_model(arguments)
         frame_s = 1.0 / arguments.rate_hz
@@ -81,7 +81,7 @@ class Scene:
         return len(self.weights) > 1
 
 
-def modulated_field_scene(arguments: argparse.Namespace, scene: Scene) -> FocusFrames:
+def modulated_field_scene(arguments: argparse.Namespace, scene: FieldScene) -> FocusFrames:
     """Return a pass of the focus as it is modulated.
 
     Raises

@@ -39,7 +39,7 @@ from haptogram.report.figures.planes import MAX_POINTS
 from haptogram.settings.arguments import Progress
 
 from ..shell.positions import metres_of_position, position_text
-from .scene import Scene
+from .scene import FieldScene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,7 +79,9 @@ def check_field_view_size(arguments: argparse.Namespace) -> None:
         )
 
 
-def draw_scene(arguments: argparse.Namespace, scene: Scene, progress: Progress | None) -> Figure:
+def draw_scene(
+    arguments: argparse.Namespace, scene: FieldScene, progress: Progress | None
+) -> Figure:
     """Return the picture that the command line asks for.
 
     Raises
@@ -119,7 +121,7 @@ def draw_scene(arguments: argparse.Namespace, scene: Scene, progress: Progress |
 
 
 def _draw_field_view(
-    arguments: argparse.Namespace, scene: Scene, progress: Progress | None
+    arguments: argparse.Namespace, scene: FieldScene, progress: Progress | None
 ) -> Figure:
     engine = choose_engine(scene.model)
     plane = _scene_plane(arguments, scene)
@@ -141,7 +143,7 @@ def _draw_field_view(
     )
 
 
-def _scene_plane(arguments: argparse.Namespace, scene: Scene) -> PicturePlane:
+def _scene_plane(arguments: argparse.Namespace, scene: FieldScene) -> PicturePlane:
     """Return the plane around the place to look at, along the axes of the world.
 
     Over a place above all elements it starts 5 mm above them.
@@ -159,7 +161,7 @@ def _scene_plane(arguments: argparse.Namespace, scene: Scene) -> PicturePlane:
     )
 
 
-def _scene_title(arguments: argparse.Namespace, scene: Scene) -> str:
+def _scene_title(arguments: argparse.Namespace, scene: FieldScene) -> str:
     """Return a line that names the drive or the object."""
     array = arguments.preset or f"{scene.model.array.count} elements"
     if arguments.drive:
@@ -170,7 +172,7 @@ def _scene_title(arguments: argparse.Namespace, scene: Scene) -> str:
     return f"{array}, focus at ({position_text(scene.targets_m[0])}) mm"
 
 
-def describe_field_scene(scene: Scene) -> Iterator[str]:
+def describe_field_scene(scene: FieldScene) -> Iterator[str]:
     """Yield the figures of the focus, or of the sequence, line by line."""
     engine = NumpyEngine(scene.model)
     yield f"array: {scene.model.array.count} elements, k = {scene.model.wavenumber:.2f} rad/m"
@@ -189,7 +191,7 @@ def describe_field_scene(scene: Scene) -> Iterator[str]:
         yield _describe_field_drive(scene)
 
 
-def _describe_field_drive(scene: Scene) -> str:
+def _describe_field_drive(scene: FieldScene) -> str:
     """Return a line about the focus that the phases of a drive from a file make."""
     found = Reconstructor(scene.model).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
@@ -199,7 +201,7 @@ def _describe_field_drive(scene: Scene) -> str:
     return f"{what} ({place}) mm: {found.pressure_rms_pa:.0f} Pa RMS there"
 
 
-def _describe_field_focus(engine: NumpyEngine, scene: Scene) -> Iterator[str]:
+def _describe_field_focus(engine: NumpyEngine, scene: FieldScene) -> Iterator[str]:
     target, weights = scene.targets_m[0], scene.weights[0]
     rms = float(np.abs(engine.pressure(weights, [target])[0])) / math.sqrt(2.0)
     yield f"target ({position_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"

@@ -18,7 +18,7 @@ from haptogram.settings.shape import ModulationConfig, ShapeConfig
 from ..acting_options import refuse_idle_options
 from ..array_options import add_array_options, array_model
 from ..shell.exit_status import PASS
-from ..shell.output_files import FILE_HELP, Outputs, write_picture_output
+from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
 from ..shell.positions import metres_of_position, position_argument_mm
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class ModulationResultConfig(Settings):
     json: Path | None = option_of(OutputConfig, "json", help="figures and spectrum as JSON")
 
 
-def set_up(parser: Parser) -> None:
+def set_up_modulation(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Sample a modulation to frames and print what they make at a point on the "
@@ -89,7 +89,7 @@ def set_up(parser: Parser) -> None:
     _add_modulation_skin(parser)
     _add_modulation_outputs(parser)
     parser.rename(output="picture", frames="csv")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_modulation)
 
 
 def _add_modulation_object(parser: Parser) -> None:
@@ -122,7 +122,7 @@ def _add_modulation_outputs(parser: Parser) -> None:
     add_command_options(result, [rows[name] for name in _OUTPUTS])
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_modulation(arguments: argparse.Namespace) -> int:
     """Compute, print and write; return the exit status."""
     from haptogram.acoustics import NumpyEngine, Resonator
     from haptogram.machine.files import write_file_atomically
@@ -131,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     from .result import ModulationResult, describe_felt, draw_felt, felt_csv, felt_dict
 
     refuse_idle_options("modulation", arguments)
-    outputs = Outputs(arguments, *_OUTPUTS)
+    outputs = CommandOutputs(arguments, *_OUTPUTS)
     config = _modulation_config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)
     frames = frames_of_run(config.shape, config.pace, config.modulation)

@@ -12,7 +12,7 @@ from haptogram.settings.parser import file_name_option
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import FAIL, PASS
 from ..shell.job import provenance_of_run
-from ..shell.output_files import Outputs
+from ..shell.output_files import CommandOutputs
 
 if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
@@ -36,7 +36,7 @@ exit status:
 """
 
 
-def set_up(parser: Parser) -> None:
+def set_up_paper(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Reproduce the simulation of the paper 'Haptogram: aerial display of 3D "
@@ -70,10 +70,10 @@ def set_up(parser: Parser) -> None:
         help="date that --html states (ISO 8601; UTC without a zone) [now]",
     )
     parser.rename(report="html")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_paper)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_paper(arguments: argparse.Namespace) -> int:
     """Compute, write and print; return the exit status."""
     from haptogram.published.paper.document import reproduce_paper
     from haptogram.published.presets import PRESETS, compare_preset
@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
     return PASS if paper.averages_reproduced else FAIL
 
 
-def _paper_outputs(arguments: argparse.Namespace) -> Outputs:
+def _paper_outputs(arguments: argparse.Namespace) -> CommandOutputs:
     """Return the files, after a check that they can be written."""
     from haptogram.report.paper.page import check_paper_report
 
@@ -106,7 +106,7 @@ def _paper_outputs(arguments: argparse.Namespace) -> Outputs:
     if page is not None and not is_standard_output(page):
         check_paper_report(page)
         page = page if page.suffix else page / "index.html"
-    return Outputs(argparse.Namespace(json=arguments.json, html=page), "json", "html")
+    return CommandOutputs(argparse.Namespace(json=arguments.json, html=page), "json", "html")
 
 
 def _write_paper_report(

@@ -10,7 +10,7 @@ from haptogram.machine.files import write_json_file
 from haptogram.settings.parser import file_name_option
 
 from ..shell.exit_status import PASS
-from ..shell.output_files import Outputs
+from ..shell.output_files import CommandOutputs
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -29,7 +29,7 @@ exit status:
 """
 
 
-def set_up(parser: Parser) -> None:
+def set_up_presets(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "List the systems behind the Haptogram paper and open boards: what each is, "
@@ -46,15 +46,15 @@ def set_up(parser: Parser) -> None:
         metavar="FILE",
         help="write the figures as JSON instead of text; - is standard output [none]",
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_presets)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_presets(arguments: argparse.Namespace) -> int:
     """Compute and print; return the exit status."""
     from haptogram.published.presets import PRESETS, compare_preset, find_preset
     from haptogram.report.presets import presets_text
 
-    Outputs(arguments, "json")
+    CommandOutputs(arguments, "json")
     chosen = [find_preset(name) for name in arguments.names] or PRESETS
     compared = [(preset, compare_preset(preset)) for preset in chosen]
     if arguments.json:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from haptogram.settings.parser import file_name_option
 
 from ..shell.exit_status import INCONCLUSIVE
-from ..shell.output_files import Outputs
+from ..shell.output_files import CommandOutputs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,14 +36,14 @@ exit status:
 """
 
 
-def set_up(parser: Parser) -> None:
+def set_up_capture(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Measure the drive pins in a capture of a logic analyser (VCD, or .sr of sigrok and "
         "PulseView): phase, duty, period and jitter of each channel, and each latch."
     )
     parser.epilog = _EPILOG
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_capture)
     parser.add_argument("file", type=file_name_option, metavar="FILE", help="the capture")
     parser.add_argument(
         "--map", type=file_name_option, required=True, metavar="FILE", help="TOML of its channels"
@@ -54,7 +54,7 @@ def set_up(parser: Parser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no table, only what is wrong")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_capture(arguments: argparse.Namespace) -> int:
     """Measure the capture, print it, and return the exit status."""
     from haptogram.evidence.captures import findings as told
     from haptogram.evidence.captures.channel_map import ChannelMap
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     from haptogram.evidence.captures.measure import measure_capture
     from haptogram.machine.files import write_json_file
 
-    outputs = Outputs(arguments, "json")
+    outputs = CommandOutputs(arguments, "json")
     mapped = ChannelMap.from_file(Path(arguments.map))
     found = measure_capture(read_capture(Path(arguments.file)), mapped)
     wrong = told.findings_of_capture(found, active_low=mapped.settings.active_low)

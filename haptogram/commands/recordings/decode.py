@@ -40,14 +40,14 @@ exit status:
 """
 
 
-def set_up(parser: Parser) -> None:
+def set_up_decode(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Print the bytes of a recording, a dump or hex text as annotated frames: of Haptogram's "
         "wire, or of the wire of another board."
     )
     parser.epilog = _EPILOG
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_decode)
     parser.add_argument(
         "file", type=file_name_option, metavar="FILE", help="what is read; - is stdin"
     )
@@ -74,7 +74,7 @@ def set_up(parser: Parser) -> None:
     parser.add_argument("--json", action="store_true", help="print a line of JSON for each frame")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_decode(arguments: argparse.Namespace) -> int:
     """Print what was read; return 0."""
     with open_recorded_source(arguments.file, arguments.input) as source:
         name, doubt = (arguments.dialect, "") if arguments.dialect else _recognised_source(source)

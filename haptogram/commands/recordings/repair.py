@@ -25,19 +25,19 @@ exit status:
 """
 
 
-def set_up(parser: Parser) -> None:
+def set_up_repair(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Copy what can be read of a recording that was cut off or damaged into a whole file, with "
         "its index.  The commands of haptogram read a recording that was cut off as it is."
     )
     parser.epilog = _EPILOG
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_repair)
     parser.add_argument("file", type=file_name_option, metavar="FILE", help="what is read")
     parser.add_argument("copy", type=file_name_option, metavar="COPY", help="what is written")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_repair(arguments: argparse.Namespace) -> int:
     """Copy the recording; return 0."""
     from haptogram.evidence.recordings.repair import repair_recording
 

@@ -19,7 +19,7 @@ from haptogram.settings.run.link import LinkConfig
 from haptogram.settings.run.outputs import OutputConfig
 
 from ..acting_options import refuse_idle_options
-from ..shell.output_files import FILE_HELP, Outputs, announce_output_file
+from ..shell.output_files import FILE_HELP, CommandOutputs, announce_output_file
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.replay import ReplayBoard, ReplayResult
@@ -63,14 +63,14 @@ class ReplayConfig(Settings):
     show: int = option(20, unit="N", low=0, high=1000, help="differences that are printed")
 
 
-def set_up(parser: Parser, make_board: MakeBoard) -> None:
+def set_up_replay(parser: Parser, make_board: MakeBoard) -> None:
     """Describe the command and add its options; *make_board* powers up virtual boards."""
     parser.description = (
         "Feed the bytes of a recording to a board, and compare its frames and latches with those "
         "of the recording."
     )
     parser.epilog = _EPILOG
-    parser.set_defaults(run=functools.partial(run, make_board=make_board))
+    parser.set_defaults(run=functools.partial(run_replay, make_board=make_board))
     parser.add_argument("file", type=file_name_option, metavar="FILE", help="the recording")
     board = parser.add_argument_group("board")
     rows = options_of(ReplayConfig)
@@ -83,12 +83,12 @@ def set_up(parser: Parser, make_board: MakeBoard) -> None:
     add_command_options(result, [rows["json"], rows["show"]])
 
 
-def run(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
+def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
     """Replay the recording, print the differences, and return the exit status."""
     from haptogram.evidence.recordings.reader import Recording
 
     refuse_idle_options("replay", arguments)
-    outputs = Outputs(arguments, "json")
+    outputs = CommandOutputs(arguments, "json")
     recording = Recording(arguments.file)
     if arguments.port is not None:
         from haptogram.evidence.recordings.real_time import replay_to_port

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
     from haptogram.report.formats.job_summary import JobSummary
 
-    from .output_files import Outputs
+    from .output_files import CommandOutputs
 
 
 def provenance_of_run(arguments: Namespace) -> Provenance:
@@ -27,7 +27,7 @@ def provenance_of_run(arguments: Namespace) -> Provenance:
     return Provenance.of_run(arguments.command_line, arguments.stamp)
 
 
-def annotate_job(summary: JobSummary, outputs: Outputs) -> None:
+def annotate_job(summary: JobSummary, outputs: CommandOutputs) -> None:
     """Print the findings of *summary* as annotations, in a job of GitHub."""
     if is_terminal_of_github_job():
         from haptogram.report.formats.job_summary import github_job_annotations

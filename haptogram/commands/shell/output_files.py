@@ -36,7 +36,7 @@ INPUTS: Final[Mapping[str, Callable[[str], bool]]] = {
 _POSITIONAL: Final = ("file", "source")
 
 
-class Outputs:
+class CommandOutputs:
     """The files that the options of a command name.
 
     Parameters

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @contextlib.contextmanager
-def recording(
+def command_recording(
     path: Path | None, command: str, configuration: Mapping[str, Any]
 ) -> Iterator[RecordingWriter | None]:
     """Give the recording of a run; None if none was asked for.

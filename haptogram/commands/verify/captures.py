@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from haptogram.verification import RunVerdict
     from haptogram.verification.pins.joined import JoinedCaptureVerdict
 
-    from ..shell.output_files import Outputs
+    from ..shell.output_files import CommandOutputs
 
 
 def verify_run_by_captures(
@@ -60,7 +60,7 @@ def verified_captures_at_port(
     found: RunRecord,
     result: dict[str, object],
     since_s: float,
-    outputs: Outputs,
+    outputs: CommandOutputs,
 ) -> dict[str, object] | None:
     """Return *result* with the verdict of the captures of a run at a port, and print that.
 
@@ -83,7 +83,9 @@ def verified_captures_at_port(
     return report.run_result_with_captures(result, verdict, is_run_judged=True)
 
 
-def verify_recorded_captures(config: VerifyConfig, outputs: Outputs, provenance: Provenance) -> int:
+def verify_recorded_captures(
+    config: VerifyConfig, outputs: CommandOutputs, provenance: Provenance
+) -> int:
     """Judge captures by the frames of a recording, and return the exit status."""
     from haptogram.evidence.recordings.reader import Recording
     from haptogram.evidence.recordings.recorded_run import recorded_run

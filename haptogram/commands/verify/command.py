@@ -26,8 +26,8 @@ from haptogram.settings.run.verify_file import load_verify_config, read_settings
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
 from ..shell.job import provenance_of_run
-from ..shell.output_files import Outputs, announce_interrupted_output
-from ..shell.recording import is_command_recorded, recording
+from ..shell.output_files import CommandOutputs, announce_interrupted_output
+from ..shell.recording import command_recording, is_command_recorded
 from .boards import (
     BehindUrl,
     InVirtualTime,
@@ -80,7 +80,7 @@ examples:
 """
 
 
-def set_up(
+def set_up_verify(
     parser: Parser,
     prepare: Prepare,
     in_virtual_time: InVirtualTime,
@@ -95,11 +95,11 @@ def set_up(
     )
     parser.epilog = _EXAMPLES + "\n" + EXIT_STATUS
     parser.rename(link_baud="baud", report="html")
-    parser.set_defaults(run=functools.partial(run, made=made))
+    parser.set_defaults(run=functools.partial(run_verify, made=made))
     add_verify_options(parser)
 
 
-def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
+def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     """Check the settings, run the job, and return the exit status."""
     from haptogram.report.formats.html import check_html_page
 
@@ -114,7 +114,9 @@ def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         command_line=arguments.command_line,
     )
     refuse_idle_options("verify", arguments, settings, file, in_file)
-    outputs = Outputs(settings, *(name for name in options_of(OutputConfig) if name != "stamp"))
+    outputs = CommandOutputs(
+        settings, *(name for name in options_of(OutputConfig) if name != "stamp")
+    )
     provenance = provenance_of_run(settings)
     if config.captures.recording is not None:
         return verify_recorded_captures(config, outputs, provenance)
@@ -124,7 +126,9 @@ def run(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         check_html_page(pictures=False)
     with (
         live_view(wanted=arguments.view) as view,
-        recording(config.outputs.record, "verify", boards.config.result_options()) as writer,
+        command_recording(
+            config.outputs.record, "verify", boards.config.result_options()
+        ) as writer,
     ):
         status = _run_verify(arguments, boards, view, outputs, provenance, writer)
         return status if is_command_recorded("verify", writer) else USAGE
@@ -134,7 +138,7 @@ def _run_verify(
     arguments: argparse.Namespace,
     boards: RunBoards,
     view: LiveView,
-    outputs: Outputs,
+    outputs: CommandOutputs,
     provenance: Provenance,
     writer: RecordingWriter | None,
 ) -> int:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from haptogram.settings.run.verify import VerifyConfig
     from haptogram.verification import RunVerdict
 
-    from ..shell.output_files import Outputs
+    from ..shell.output_files import CommandOutputs
 
 
 def write_run_files(
@@ -30,7 +30,7 @@ def write_run_files(
     model: AcousticModel,
     seen: Mapping[int, Observation],
     provenance: Provenance,
-    outputs: Outputs,
+    outputs: CommandOutputs,
 ) -> bool:
     """Write every file that was asked for; return False if one could not be written.
 

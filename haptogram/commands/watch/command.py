@@ -23,7 +23,7 @@ from haptogram.settings.tolerance import ToleranceConfig
 
 from ..acting_options import refuse_idle_options
 from ..shell.job import annotate_job, provenance_of_run
-from ..shell.output_files import FILE_HELP, Outputs, announce_interrupted_output
+from ..shell.output_files import FILE_HELP, CommandOutputs, announce_interrupted_output
 from ..shell.positions import position_argument_mm
 from .expected import Foci, expected_frames_mm, make_watch_expectation
 from .lines import LatchLines
@@ -59,7 +59,7 @@ exit status:
 """
 
 
-def set_up(parser: Parser, replay: Replay) -> None:
+def set_up_watch(parser: Parser, replay: Replay) -> None:
     """Describe the command and add its options; *replay* hands bytes to a board."""
     parser.description = (
         "Tell what a board radiates, latch by latch, while any program drives it: one focus and "
@@ -68,7 +68,7 @@ def set_up(parser: Parser, replay: Replay) -> None:
         "gets the verdict of haptogram verify, for the steps that the board has."
     )
     parser.epilog = _EXAMPLES
-    parser.set_defaults(run=functools.partial(run, replay=replay))
+    parser.set_defaults(run=functools.partial(run_watch, replay=replay))
     parser.add_argument(
         "source",
         nargs="?",
@@ -102,10 +102,10 @@ def set_up(parser: Parser, replay: Replay) -> None:
     parser.add_argument("--quiet", action="store_true", help="no line for each latch")
 
 
-def run(arguments: argparse.Namespace, replay: Replay) -> int:
+def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
     """Watch until the end, and return the exit status."""
     refuse_idle_options("watch", arguments)
-    outputs = Outputs(arguments, *_FILES, "frames", pictures=False)
+    outputs = CommandOutputs(arguments, *_FILES, "frames", pictures=False)
     provenance = provenance_of_run(arguments)
     _check_watch_source(arguments)
     frames_mm = expected_frames_mm(arguments)
@@ -229,7 +229,7 @@ class _WatchRun:
             }
             self._frames(json.dumps(line, allow_nan=False) + "\n")
 
-    def finish(self, outputs: Outputs, provenance: Provenance) -> int:
+    def finish(self, outputs: CommandOutputs, provenance: Provenance) -> int:
         """Print the summary, write the files, and return the exit status."""
         from haptogram.report.formats.job_summary import write_job_summary
         from haptogram.report.watch import watch_summary, write_watch_junit

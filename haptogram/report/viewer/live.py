@@ -16,7 +16,7 @@ from haptogram.machine.terminal import printable_on_terminal
 from haptogram.records.frame import FrameKey, Intended, Observation
 
 from .frames import LATE, TIMELY, Place, ViewerFrame, found_fields_of_viewer
-from .scene import Scene, other_axes_of_viewer
+from .scene import ViewerScene, other_axes_of_viewer
 
 KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
 _OF_THE_WATCH: Final = frozenset({"wire_compared", "client_left"})  # nothing for a reader
@@ -31,7 +31,7 @@ def viewer_target_line(intended: Intended) -> bytes:
     return json.dumps(fields).encode() + b"\n"
 
 
-class LiveScene:
+class LiveViewerScene:
     """Keeps the last frames that a board radiated; a page asks for what it has not drawn yet.
 
     Parameters
@@ -107,9 +107,9 @@ class LiveScene:
         """Return the scene of the frames after the first *frames*, the newest if they are many."""
         scene = self._newest(min(self.shown - frames, _AT_ONCE))
         header = {**scene.header, "shown": self.shown, "ended": self.ended}
-        return Scene(header, scene.columns).pack()
+        return ViewerScene(header, scene.columns).pack()
 
-    def whole(self) -> Scene:
+    def whole(self) -> ViewerScene:
         """Return the scene of all frames that are kept."""
         return self._newest(len(self._frames))
 
@@ -120,9 +120,11 @@ class LiveScene:
         last = f", the last of {self.shown}" if dropped else ""
         return [f"{self.model.array.count} transducers, {len(self._frames)} latches{last}."]
 
-    def _newest(self, count: int) -> Scene:
+    def _newest(self, count: int) -> ViewerScene:
         newest = list(islice(reversed(self._frames), max(0, count)))[::-1]
-        return Scene.of(self.model, newest, counters=self._told(), client_axes=self._client_axes)
+        return ViewerScene.of(
+            self.model, newest, counters=self._told(), client_axes=self._client_axes
+        )
 
     def _latch(self, seen: Observation) -> None:
         self._counters["late"] += seen.late

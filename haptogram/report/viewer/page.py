@@ -8,14 +8,14 @@ from typing import Any, Final
 from haptogram.machine.provenance import UNSTATED, Provenance
 
 from ..formats.html import render_html_page, write_html_page
-from .scene import Scene
+from .scene import ViewerScene
 
 #: Colour of a page by the verdict of the run that it shows.
 _TONES: Final = {"pass": "good", "fail": "bad", "inconclusive": "doubt"}
 
 
 def view_page(
-    scene: Scene | None,
+    scene: ViewerScene | None,
     *,
     title: str,
     lead: list[str],
@@ -45,7 +45,7 @@ def view_page(
 
 def write_view(
     path: Path,
-    scene: Scene,
+    scene: ViewerScene,
     *,
     title: str,
     lead: list[str],
@@ -62,7 +62,9 @@ def write_view(
     write_html_page(path, "view.html", provenance, **_view_content(scene, title, lead, verdict))
 
 
-def _view_content(scene: Scene | None, title: str, lead: list[str], verdict: str) -> dict[str, Any]:
+def _view_content(
+    scene: ViewerScene | None, title: str, lead: list[str], verdict: str
+) -> dict[str, Any]:
     return {
         "title": f"Haptogram: {title}",
         "heading": f"{verdict.upper()}: {title}" if verdict else title,

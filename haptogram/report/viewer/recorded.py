@@ -22,8 +22,8 @@ from haptogram.evidence.recordings.sent_frames import (
 from haptogram.records.frame import FrameKey
 
 from .frames import SENT, ViewerFrame, found_fields_of_viewer, judged_viewer_frame
-from .live import LiveScene
-from .scene import Scene
+from .live import LiveViewerScene
+from .scene import ViewerScene
 
 _MOST_FRAMES: Final = 20_000  # of one page: 10 MB
 _MOST_SEARCHES: Final = 20  # in vain: of a drive without a focus each takes a tenth of a second
@@ -35,14 +35,14 @@ class RecordedScene:
 
     Attributes
     ----------
-    scene : Scene
+    scene : ViewerScene
     lead : list of str
         Sentences that say what was recorded.
     verdict : str
         Verdict of the recorded run; empty: it has none.
     """
 
-    scene: Scene
+    scene: ViewerScene
     lead: list[str]
     verdict: str
 
@@ -65,7 +65,7 @@ def viewer_scene_of_recording(path: Path) -> RecordedScene:
             board_model_of_evidence(board), list(judged.values()), path, "judged frames"
         )
     else:
-        live = LiveScene(board, _MOST_FRAMES)
+        live = LiveViewerScene(board, _MOST_FRAMES)
         live.take(record for record in recording.records() if record["kind"] != "board")
         scene, lead = live.whole(), live.lead
     end = [] if recording.is_whole else ["The recording was cut off."]
@@ -92,15 +92,15 @@ def _verdict_in_viewer(recording: Recording) -> str:
 
 def _viewer_scene_of(
     model: AcousticModel, frames: list[ViewerFrame], path: Path, what: str
-) -> tuple[Scene, list[str]]:
+) -> tuple[ViewerScene, list[str]]:
     more = f", the first {_MOST_FRAMES} of {path.name}" if len(frames) == _MOST_FRAMES else ""
-    scene = Scene.of(model, frames, counters=Counter(frame.status for frame in frames))
+    scene = ViewerScene.of(model, frames, counters=Counter(frame.status for frame in frames))
     return scene, [f"{model.array.count} transducers, {len(frames)} {what}{more}."]
 
 
 def _viewer_scene_of_the_line(
     recording: Recording, judged: dict[FrameKey, ViewerFrame]
-) -> tuple[Scene, list[str]]:
+) -> tuple[ViewerScene, list[str]]:
     """Return the scene of a board whose output nobody recorded, with the drives that were sent."""
     path = recording.path
     model = model_of_recorded_answers(recording)

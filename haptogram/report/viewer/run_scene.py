@@ -10,12 +10,12 @@ from haptogram.records.frame import Observation
 from haptogram.verification import RunVerdict
 
 from .frames import judged_viewer_frame
-from .scene import Scene
+from .scene import ViewerScene
 
 
 def viewer_scene_of_run(
     run: RunVerdict, model: AcousticModel, observations: Mapping[int, Observation]
-) -> Scene:
+) -> ViewerScene:
     """Return the scene of *run*.
 
     Parameters
@@ -25,7 +25,7 @@ def viewer_scene_of_run(
     observations : mapping of int to Observation
         Latches whose drive was observed, by frame number.
     """
-    return Scene.of(
+    return ViewerScene.of(
         model,
         [
             judged_viewer_frame(partial(getattr, frame), str(frame)).observed(

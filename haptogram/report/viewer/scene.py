@@ -32,7 +32,7 @@ _TYPES: Final = {"u1": np.uint8, "u4": np.uint32, "f4": np.float32, "f8": np.flo
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class ViewerScene:
     """One scene.
 
     Attributes

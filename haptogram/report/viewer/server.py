@@ -21,7 +21,7 @@ from urllib.parse import parse_qs
 
 from haptogram.errors import ConfigurationError, plain_reason
 
-from .live import LiveScene
+from .live import LiveViewerScene
 
 _DEFAULT_PORT: Final = 80  # which a browser leaves out of the Host header
 _PATIENCE_S: Final = 1.0  # of a page that waits for frames, before it is told that there are none
@@ -37,7 +37,7 @@ class ViewServer:
     ----------
     page : str
         The page.
-    scene : LiveScene, optional
+    scene : LiveViewerScene, optional
         The running board that the page shows, if it has no scene of its own.
     host : str
         Address to listen on.
@@ -56,7 +56,11 @@ class ViewServer:
     """
 
     def __init__(
-        self, page: str, scene: LiveScene | None = None, host: str = "127.0.0.1", port: int = 0
+        self,
+        page: str,
+        scene: LiveViewerScene | None = None,
+        host: str = "127.0.0.1",
+        port: int = 0,
     ) -> None:
         self.news = threading.Condition()
         self.scene = scene
@@ -85,7 +89,7 @@ class ViewServer:
 
     def take(
         self,
-        scene: LiveScene,
+        scene: LiveViewerScene,
         records: list[dict[str, Any]],
         *,
         ended: bool,

@@ -21,7 +21,7 @@ from haptogram.verification.watch import Defect, WatchedLatch, WatchResult
 
 from ..formats.html import write_html_page
 from ..viewer.frames import ViewerFrame, judged_viewer_frame
-from ..viewer.scene import Scene, other_axes_of_viewer
+from ..viewer.scene import ViewerScene, other_axes_of_viewer
 from .words import watched_pattern_text, watched_place_text
 
 _KEPT: Final = 5_000  # latches of the view: some 3 MB of a page
@@ -108,7 +108,7 @@ class WatchPage:
         if not frames:
             return None
         axes = other_axes_of_viewer(self._board.client_axes)
-        return Scene.of(self._board.model, frames, client_axes=axes).embedded()
+        return ViewerScene.of(self._board.model, frames, client_axes=axes).embedded()
 
     def _lead(self, result: WatchResult) -> list[str]:
         sentences = [f"The board is {self._board.dialect}."]

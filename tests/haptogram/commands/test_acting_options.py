@@ -196,7 +196,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         "bench",
         "published.paper",
     ):
-        monkeypatch.setattr(f"haptogram.commands.{module}.Outputs", stop)
+        monkeypatch.setattr(f"haptogram.commands.{module}.CommandOutputs", stop)
     monkeypatch.setattr("haptogram.commands.budget._run_dialect_budget", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._list_conform_cases", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._compare_conform_results", stop)

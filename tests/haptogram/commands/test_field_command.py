@@ -19,7 +19,7 @@ from haptogram.acoustics import (
 )
 from haptogram.acoustics.field.engines.engine import why_not_compiled
 from haptogram.cli import command_parser, main
-from haptogram.commands.field.scene import Scene
+from haptogram.commands.field.scene import FieldScene
 from haptogram.errors import ConfigurationError
 from haptogram.objects.modulation import Modulation
 
@@ -119,7 +119,7 @@ def test_a_drive_of_a_turned_array_is_looked_at_where_it_is_loudest(tmp_path, wh
     codes = Drive.from_weights(np.exp(1j * focus_phases(model, focus))).phase_codes
     lines = ["phase,amplitude", *(f"{code},255" for code in codes)]
     (tmp_path / "drive.csv").write_text("\n".join(lines))
-    scene = Scene.from_arguments(
+    scene = FieldScene.from_arguments(
         parse("--array", tmp_path / "array.csv", "--drive", tmp_path / "drive.csv")
     )
     assert np.linalg.norm(np.array(scene.look_m) - focus) < 8e-3
@@ -171,7 +171,7 @@ def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path, capsys):
     assert "focus (20, 0, 120) mm: 4126 Pa RMS" in capsys.readouterr().out
     assert run("--drive", "drive.csv", "--view", "cuts", "--picture", "drive.svg") == 0
     assert "target" not in (tmp_path / "drive.svg").read_text()
-    scene = Scene.from_arguments(parse("--drive", "drive.csv"))
+    scene = FieldScene.from_arguments(parse("--drive", "drive.csv"))
     assert np.linalg.norm(np.subtract(scene.look_m, (0.02, 0.0, 0.12))) < 0.02
 
 

@@ -28,7 +28,7 @@ def listening(option):
 def named_places():
     """Return every option of the board whose value is a place: by its name in the help."""
     parser = Parser(prog="board")
-    options.set_up(parser, open_recording_of_board)
+    options.set_up_board(parser, open_recording_of_board)
     actions = [a for a in parser._actions if isinstance(a, argparse._StoreAction)]  # noqa: SLF001
     return [a.option_strings[0] for a in actions if a.metavar and is_place(a.metavar)]
 

@@ -25,7 +25,7 @@ from haptogram.acoustics import (
 )
 from haptogram.report.viewer.frames import LATE, ViewerFrame
 from haptogram.report.viewer.page import write_view
-from haptogram.report.viewer.scene import Scene
+from haptogram.report.viewer.scene import ViewerScene
 
 _FIELD = """(points) => {
   const { scene, picture: { field } } = haptogramViewer;
@@ -87,7 +87,7 @@ def _calibrated() -> AcousticModel:
 _MODELS["calibrated"] = _calibrated()
 
 
-def _scene_page(tmp_path: Path, scene: Scene) -> str:
+def _scene_page(tmp_path: Path, scene: ViewerScene) -> str:
     path = tmp_path / "view.html"
     write_view(path, scene, title="A view", lead=["Of a test."])
     return path.as_uri()
@@ -103,7 +103,9 @@ def test_field_of_the_page_is_that_of_the_reference(
     drive = Drive(
         rng.integers(0, 256, count, dtype=np.uint8), rng.integers(0, 256, count, dtype=np.uint8)
     )
-    page = open_page(_scene_page(tmp_path, Scene.of(model, [ViewerFrame(number=0, drive=drive)])))
+    page = open_page(
+        _scene_page(tmp_path, ViewerScene.of(model, [ViewerFrame(number=0, drive=drive)]))
+    )
     centre, facing = model.array.centre_m, model.array.facing
     points = centre + 0.1 * facing + rng.uniform(-0.08, 0.08, (200, 3))
     expected = np.abs(pressure(model, drive.weights(), points)) / np.sqrt(2.0)
@@ -112,7 +114,7 @@ def test_field_of_the_page_is_that_of_the_reference(
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-3 * expected.max())
 
 
-def _run_of_four() -> Scene:
+def _run_of_four() -> ViewerScene:
     """Two frames on target, one lost, one late."""
     model = AcousticModel.default(8, 8)
     drives = [Drive(np.full(64, code, np.uint8), np.full(64, 255, np.uint8)) for code in range(4)]
@@ -136,7 +138,7 @@ def _run_of_four() -> Scene:
         ViewerFrame(**common[2], status="lost", text="frame 2: lost <b>x</b>"),
         ViewerFrame(**common[3], **seen[3], status="on target", timing=LATE),
     ]
-    return Scene.of(model, frames, counters={"lost": 1})
+    return ViewerScene.of(model, frames, counters={"lost": 1})
 
 
 @pytest.fixture
@@ -150,7 +152,7 @@ def test_a_scene_without_a_focus_reaches_before_the_array(
     tmp_path: Path, open_page: Callable[..., Any]
 ) -> None:
     drive = Drive(np.zeros(24, np.uint8), np.full(24, 255, np.uint8))
-    scene = Scene.of(_MODELS["facing down, pistons"], [ViewerFrame(number=0, drive=drive)])
+    scene = ViewerScene.of(_MODELS["facing down, pistons"], [ViewerFrame(number=0, drive=drive)])
     page = open_page(_scene_page(tmp_path, scene))
     bounds = page.evaluate("() => haptogramViewer.picture.bounds")
     assert bounds["low"][2] < 250.0 - 50.0  # the array lies at 250 mm and looks down
@@ -338,7 +340,7 @@ def test_all_that_there_is_fills_the_picture_and_lies_in_it(
 ) -> None:
     drive = Drive(np.zeros(array.count, np.uint8), np.full(array.count, 255, np.uint8))
     frame = ViewerFrame(number=0, drive=drive, target_m=(0.0, 0.0, 0.12))
-    scene = Scene.of(AcousticModel(array, Medium.air(20.0), _PISTON), [frame])
+    scene = ViewerScene.of(AcousticModel(array, Medium.air(20.0), _PISTON), [frame])
     view = {"width": size[0], "height": size[1]}
     page = open_page(_scene_page(tmp_path, scene), viewport=view)
     corners, canvas = page.evaluate(

@@ -28,7 +28,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence
 from haptogram.evidence.backdoor_stream import BackdoorReader
 from haptogram.records.frame import Focus, FrameKey, Intended
-from haptogram.report.viewer.live import KEPT, LiveScene, viewer_target_line
+from haptogram.report.viewer.live import KEPT, LiveViewerScene, viewer_target_line
 from haptogram.report.viewer.page import view_page
 from haptogram.report.viewer.server import ViewServer
 
@@ -51,8 +51,8 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
 
 
 @pytest.fixture
-def scene(records: list[dict[str, Any]]) -> LiveScene:
-    live = LiveScene(records[0])
+def scene(records: list[dict[str, Any]]) -> LiveViewerScene:
+    live = LiveViewerScene(records[0])
     live.take(records[1:])
     return live
 
@@ -60,7 +60,7 @@ def scene(records: list[dict[str, Any]]) -> LiveScene:
 @pytest.fixture
 def server(records: list[dict[str, Any]]) -> Iterator[ViewServer]:
     page = view_page(None, title="Live view", lead=[])
-    started = ViewServer(page, LiveScene(records[0]))
+    started = ViewServer(page, LiveViewerScene(records[0]))
     yield started
     started.close()
 
@@ -91,7 +91,7 @@ def ask(
 # --- records ------------------------------------------------------------------------------------
 
 
-def test_scene_holds_what_the_board_radiated(scene: LiveScene) -> None:
+def test_scene_holds_what_the_board_radiated(scene: LiveViewerScene) -> None:
     header, columns = unpack(scene.since(0))
     assert header["shown"] == scene.shown == len(columns["number"]) >= len(PLACES)
     found = columns["found_mm"][: len(PLACES)]
@@ -101,14 +101,14 @@ def test_scene_holds_what_the_board_radiated(scene: LiveScene) -> None:
     assert header["counters"]["state"].startswith("MUTED")
 
 
-def test_only_new_frames_are_told(scene: LiveScene) -> None:
+def test_only_new_frames_are_told(scene: LiveViewerScene) -> None:
     every = unpack(scene.since(0))[1]["number"].tolist()
     for shown in range(scene.shown + 3):
         assert unpack(scene.since(shown))[1]["number"].tolist() == every[shown:]
 
 
 def test_memory_is_bounded(records: list[dict[str, Any]]) -> None:
-    live = LiveScene(records[0])
+    live = LiveViewerScene(records[0])
     latches = [record for record in records if record["kind"] == "latch"]
     while live.shown <= KEPT:
         live.take(latches * 500)
@@ -135,7 +135,7 @@ def test_other_files_are_refused_in_one_line(lines: bytes, tmp_path: Path) -> No
     path = tmp_path / "records"
     path.write_bytes(lines)
     with BackdoorReader(str(path)) as stream, pytest.raises(ConfigurationError) as refused:
-        LiveScene(stream.read()[0])
+        LiveViewerScene(stream.read()[0])
     assert "\n" not in str(refused.value)
 
 
@@ -147,7 +147,7 @@ def test_other_files_are_refused_in_one_line(lines: bytes, tmp_path: Path) -> No
 def test_strange_records_are_refused_in_one_line(
     strange: dict[str, Any], records: list[dict[str, Any]]
 ) -> None:
-    live = LiveScene(records[0])
+    live = LiveViewerScene(records[0])
     if "cut" in strange:
         strange = next(record for record in records if record["kind"] == "latch")
         strange = strange | dict.fromkeys(("phase_codes", "amplitude_codes"), "AAAA")
@@ -220,7 +220,7 @@ def test_a_page_shows_the_name_of_a_board_and_does_not_obey_it(
 
 
 def test_other_machines_need_the_token(records: list[dict[str, Any]]) -> None:
-    server = ViewServer("<p>page</p>", LiveScene(records[0]), "0.0.0.0")
+    server = ViewServer("<p>page</p>", LiveViewerScene(records[0]), "0.0.0.0")
     try:
         token = re.fullmatch(r"http://0\.0\.0\.0:\d+(/[\w-]{22}/)", server.address)
         assert token
@@ -397,7 +397,7 @@ def _frames(connection: http.client.HTTPConnection) -> tuple[dict[str, Any], dic
 def test_targets_that_are_told_stand_beside_what_was_latched(
     records: list[dict[str, Any]],
 ) -> None:
-    live = LiveScene(records[0])
+    live = LiveViewerScene(records[0])
     latches = [record for record in records if record["kind"] == "latch"]
     keys = [FrameKey(*(r[n] for n in ("session", "sequence", "loop", "index"))) for r in latches]
     told = [
@@ -413,7 +413,7 @@ def test_targets_that_are_told_stand_beside_what_was_latched(
 
 
 @pytest.mark.parametrize("line", [b"", b"x", b"{}", b"[1, 0, 0, 5]", b"[1, 0, 0, 5, [1, null, 2]]"])
-def test_a_line_that_is_no_target_is_refused(line: bytes, scene: LiveScene) -> None:
+def test_a_line_that_is_no_target_is_refused(line: bytes, scene: LiveViewerScene) -> None:
     with pytest.raises(ConfigurationError, match="not a line with key and target"):
         scene.expect([line])
 
@@ -459,7 +459,7 @@ def test_pulses_of_another_board_are_shown(tmp_path: Path) -> None:
     assert port.read(1) == b""  # the board never answers; the line takes its time
     port.close()
     first, *others = [json.loads(line) for line in path.read_text().splitlines()]
-    live = LiveScene(first)
+    live = LiveViewerScene(first)
     live.take(others)
     header, columns = unpack(live.since(0))
     # The client means (20, 150, -15) mm, y up; its rows begin 2 mm off the centre of the array.

@@ -13,14 +13,14 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.recordings.writer import RecordingWriter
 from haptogram.report.viewer.frames import STATUSES
 from haptogram.report.viewer.recorded import RecordedScene, viewer_scene_of_recording
-from haptogram.report.viewer.scene import Scene
+from haptogram.report.viewer.scene import ViewerScene
 
 from .test_scene import unpack
 
 pytest.importorskip("mcap")
 
 
-def scene_and_lead(recorded: RecordedScene) -> tuple[Scene, list[str]]:
+def scene_and_lead(recorded: RecordedScene) -> tuple[ViewerScene, list[str]]:
     return recorded.scene, recorded.lead
 
 

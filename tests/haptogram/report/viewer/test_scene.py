@@ -15,7 +15,7 @@ from haptogram.acoustics import AcousticModel, Drive
 from haptogram.records.frame import Evidence, Observation
 from haptogram.report.viewer.frames import EARLY, LATE, STATUSES, TIMELY, ViewerFrame
 from haptogram.report.viewer.run_scene import viewer_scene_of_run
-from haptogram.report.viewer.scene import Scene
+from haptogram.report.viewer.scene import ViewerScene
 from haptogram.verification import FrameStatus
 from judged_runs import make_run, targets
 
@@ -64,7 +64,7 @@ def test_a_scene_comes_back_as_it_was_packed(bits: int) -> None:
         ViewerFrame(number=9, timing=EARLY, drive=drives[1], received_us=70, latched_us=50),
         ViewerFrame(number=10, timing=TIMELY, drive=drives[2]),
     ]
-    header, columns = unpack(Scene.of(model, frames, counters={"lost": 1}).pack())
+    header, columns = unpack(ViewerScene.of(model, frames, counters={"lost": 1}).pack())
     assert header["counters"] == {"lost": 1}
     assert header["statuses"] == list(STATUSES)
     assert columns["number"].tolist() == [7, 8, 9, 10]
@@ -93,7 +93,7 @@ def test_equal_amplitudes_are_said_once() -> None:
     model = AcousticModel.default(2, 2)
     full = np.full(4, 255, dtype=np.uint8)
     frames = [ViewerFrame(number=n, drive=Drive(full * 0 + n, full)) for n in range(5)]
-    _, columns = unpack(Scene.of(model, [*frames, ViewerFrame(number=5)]).pack())
+    _, columns = unpack(ViewerScene.of(model, [*frames, ViewerFrame(number=5)]).pack())
     assert columns["amplitudes"].tolist() == [full.tolist()]
 
 
@@ -106,7 +106,7 @@ def test_texts_are_those_of_the_first_500_frames_that_want_attention() -> None:
         ViewerFrame(number=4, status=str(FrameStatus.LOST)),
         *(ViewerFrame(number=n, status=str(FrameStatus.LOST), text="lost") for n in range(5, 700)),
     ]
-    header, _ = unpack(Scene.of(AcousticModel.default(2, 2), frames).pack())
+    header, _ = unpack(ViewerScene.of(AcousticModel.default(2, 2), frames).pack())
     assert list(header["texts"]) == [str(number) for number in (1, 2, *range(5, 503))]
     assert header["texts"]["1"] == "late"
 
