@@ -28,6 +28,8 @@ REPLACED: Final = 3
 UPLOADED: Final = (STORED_PHASES, STORED_POINTS, REPLACED, 4, 5)
 ABSENT: Final = 60_000
 STORED_FRAMES: Final = 3
+POINT_BYTES: Final = 16
+MOST_POINTS: Final = 3  # in a frame that is uploaded
 _LONG_NOISE: Final = 70_000  # bytes: more than 16 bits count
 
 
@@ -106,6 +108,12 @@ class DialogueHost:
             self.sessions.append(self.session)
             self.session, self.stream_next = message.nonce, FIRST_STREAM_SEQ
         return body
+
+
+def has_room_in_dialogue(identity: HelloReply) -> bool:
+    """Return True if a board has room for the sequences of a dialogue, and one more."""
+    frame = max(identity.transducers, MOST_POINTS * POINT_BYTES)
+    return (len(UPLOADED) + 1) * STORED_FRAMES * frame <= identity.max_upload_bytes
 
 
 def _named_drive(key: LatchKey) -> tuple[int, int]:

@@ -87,7 +87,7 @@ class DialogueGenerator:
         self._seen = self._random.choice(_SEEN)
         self._is_configurable = bool(identity.features & Feature.CONFIG)
         self._weights = [weight * self._random.choice(_SWARM) for weight in _WEIGHTS]
-        self._weights[_LONG] *= self._has_long
+        self._weights[_LONG] *= self._has_long and not timed
         self._last = ""
         self._is_armed = False
         self._script: list[MadeAction] = []

@@ -38,7 +38,7 @@ _SHARES: Final = 3  # every third frame
 _PIECES: Final = 5  # every fifth slot's bytes come in pieces
 _TAIL: Final = 6  # slots after the last frame: timers end
 _END_US: Final = 2000  # before the end of a slot the board has said everything
-_SETTLED_US: Final = 1000  # after which a frame that was to be latched at once is
+_SETTLED_US: Final = 1000  # a latch and what is said of it
 _IDLE_US: Final = 400_000  # a model that does nothing for so long need not be waited for
 _LONGEST_US: Final = 2_000_000  # of a dialogue whose slots are cut short: no timer ends
 _MISSED_US: Final = 150_000  # how long a frame that is missing is waited for
@@ -166,8 +166,14 @@ class Lockstep:
         next_us = self._model.next_us() if may_cut else slot_us
         if next_us is not None and next_us < slot_us + _IDLE_US:
             return slot_us + SLOT_US
-        soon_us = clock.device_estimate_us() + _SETTLED_US
-        return clock.on_carrier(min(max(soon_us, slot_us + _SETTLED_US), slot_us + SLOT_US))
+        soon_us = max(clock.device_estimate_us(), slot_us + self._settled_us()) + _SETTLED_US
+        return clock.on_carrier(min(soon_us, slot_us + SLOT_US))
+
+    def _settled_us(self) -> int:
+        """Return the time after which a frame that was to be latched at once is."""
+        board = self._board
+        ready_us = board.ready_after_us(board.identity.max_points) + _SETTLED_US
+        return min(ready_us, SLOT_US - _END_US)
 
     def _wait_until(self, t_us: int) -> None:
         self._board.wire.idle(max(0, t_us - self._board.clock.device_estimate_us()))
@@ -191,8 +197,7 @@ class Lockstep:
         for piece in _pieces_in_lockstep(data):
             board.link.send(piece)
         due = self._model.receive(at_us, data)
-        lead_us = board.ready_after_us(board.identity.max_points)
-        due += self._model.advance(at_us + min(lead_us + _SETTLED_US, SLOT_US - _END_US))
+        due += self._model.advance(at_us + self._settled_us())
         next_us = self._model.next_us() if may_cut else at_us
         is_cut = next_us is None or next_us >= at_us + _IDLE_US
         if not is_cut:

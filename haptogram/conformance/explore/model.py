@@ -16,6 +16,7 @@ from .comparison import FrameInDialogue
 from .stepped_process import LockstepProcess
 
 _MODEL: Final = "sim_device.driven.stepped_board"
+_STORE_BYTES: Final = 1 << 20  # more than a dialogue stores
 #: Limits that the model takes from HELLO_REPLY.
 _LIMITS: Final = (
     "grid_nx",
@@ -54,7 +55,7 @@ class DialogueModel:
     def __init__(self, identity: HelloReply) -> None:
         limits = {name: int(getattr(identity, name)) for name in _LIMITS}
         limits["features"] &= int(sum(Feature))
-        limits["max_stored_bytes"] = 2 * limits["max_upload_bytes"]
+        limits["max_stored_bytes"] = _STORE_BYTES + limits["max_upload_bytes"]
         self._process = LockstepProcess(
             [sys.executable, "-m", _MODEL, json.dumps(limits)], _dialogue_model_failure
         )

@@ -36,6 +36,7 @@ from .actions import (
     STORED_POINTS,
     UPLOADED,
     DialogueHost,
+    has_room_in_dialogue,
 )
 from .comparison import DialogueBase
 from .model import DialogueModel
@@ -135,12 +136,13 @@ class DialogueOpening:
         found: list[Message] = []
         if can & Feature.CONFIG:
             found.append(SetConfig(config))
-        if can & Feature.SEQUENCE_PHASES:
+        has_room = has_room_in_dialogue(identity)
+        if can & Feature.SEQUENCE_PHASES and has_room:
             data = bytes((seed + 37 * n) & 0xFF for n in range(count * STORED_FRAMES))
             found += self._upload(UploadKind.PHASES, STORED_PHASES, data, 0)
             for target in UPLOADED[2:]:
                 found += self._upload(UploadKind.PHASES, target, data[target : count + target], 0)
-        if can & Feature.SEQUENCE_POINTS:
+        if can & Feature.SEQUENCE_POINTS and has_room:
             points = (
                 FocalPoint(9000, 5000 * n - 4000, 150_000, 50_000, 0) for n in range(STORED_FRAMES)
             )

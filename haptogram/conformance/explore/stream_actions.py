@@ -34,6 +34,7 @@ WRONG_SESSIONS: Final = (0x0100, 0x0001, 0x8000, 0x2222)
 _STEPS: Final = (1, 0, -1, -2, 300, 0x2000, 0x7FF0, -0x7FF0)
 _STEP_WEIGHTS: Final = (14, 1, 0.6, 0.3, 0.3, 0.2, 0.4, 0.1)
 _FAR_US: Final = 4_000_000  # later than any dialogue ends
+_FRAMES: Final = 8  # in a slot, at most
 _BURST: Final = 40  # frames sent in one slot, at most
 
 
@@ -59,6 +60,10 @@ class RandomStream:
         self._random = source
         self._can = Feature(identity.features & sum(Feature))
         self._count = identity.transducers
+        # The points of a slot are computed before its middle.
+        fitting = SLOT_US // 4 // (_FRAMES * identity.point_time_us or 1)
+        has_points = bool(self._can & Feature.POINTS)
+        self._most_points = min(identity.max_points, fitting) * has_points
         self._aheads: list[Any] = [None, None, None, 0.5, 0.5, "far", "late", "too late", "beyond"]
         self._aheads += [0.5, 1.5, 1.5, 2.5, 3.5, 6.5] if timed else ["far"]
         self._aheads += ["at a limit"] if exact else []
@@ -75,7 +80,8 @@ class RandomStream:
         number = pick((self._random.randint(3, _BURST), self._identity.queue_depth + 1))
         number = min(number, _BURST)
         first_us = pick((_FAR_US, SLOT_US // 2)) if may_latch else _FAR_US
-        shortest = min((make() for make in self._kinds()), key=lambda one: len(one.serialize()))
+        makers = self._kinds()[: -1 if self._most_points and self._identity.point_time_us else None]
+        shortest = min((make() for make in makers), key=lambda one: len(one.serialize()))
         step_us = pick((10, 25, 30, 100))
         step, wrong = pick(((1, 0), (1, 0), (1, 0), (-1, 0), (1, 1)))  # new, seen before, foreign
         return [
@@ -170,7 +176,7 @@ class RandomStream:
             kinds.append(
                 lambda: Drives(PhaseFormat.BITS_8, 0, self._random.randbytes(2 * self._count))
             )
-        if self._can & Feature.POINTS:
+        if self._most_points:
             kinds.append(self._points)
         return kinds
 
@@ -179,7 +185,7 @@ class RandomStream:
         return Phases(bits, 0, pack_phases(codes, bits))
 
     def _points(self) -> Message:
-        most = self._identity.max_points
+        most = self._most_points
         number = self._random.choice((1, 1, min(2, most), most))
         return Points(tuple(self._point() for _ in range(number)))
 

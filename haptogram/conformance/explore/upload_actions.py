@@ -18,11 +18,16 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from .actions import REPLACED, STORED_FRAMES, UPLOADED, DialogueHost
+from .actions import (
+    MOST_POINTS,
+    REPLACED,
+    STORED_FRAMES,
+    UPLOADED,
+    DialogueHost,
+    has_room_in_dialogue,
+)
 from .stream_actions import MadeAction
 
-_POINT_BYTES: Final = 16
-_MOST_POINTS: Final = 3  # in a frame that is uploaded
 _LONGEST_CHUNK: Final = 512
 
 
@@ -46,8 +51,7 @@ class RandomUploads:
 
     def _kinds(self) -> list[UploadKind]:
         kinds = []
-        frame = max(self._count, _MOST_POINTS * _POINT_BYTES)
-        has_room = (len(UPLOADED) + 1) * STORED_FRAMES * frame <= self._identity.max_upload_bytes
+        has_room = has_room_in_dialogue(self._identity)
         if self._can & Feature.SEQUENCE_PHASES and has_room:
             kinds += [UploadKind.PHASES] * 3
         if self._can & Feature.SEQUENCE_POINTS and has_room:
@@ -64,7 +68,7 @@ class RandomUploads:
         pick = self._random.choice
         kind = pick(kinds)
         target = 0 if kind is UploadKind.CORRECTION else pick(UPLOADED)
-        points = self._random.randint(1, min(_MOST_POINTS, self._identity.max_points))
+        points = self._random.randint(1, min(MOST_POINTS, self._identity.max_points))
         data = self._data(kind, points)
         crc = zlib.crc32(data)
         begin = UploadBegin(

@@ -43,6 +43,8 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
     largest = len(board.flat_phases().serialize()) + 40
     if board.wire.line_us(largest) > SLOT_US // 8:
         not_observed("this line carries too few frames in the time between two of them")
+    if board.ready_after_us() > SLOT_US // 20:
+        not_observed("this board latches later than the time between two frames allows")
     lockstep = Lockstep(board)
     late = number = 0
     coverage = DialogueCoverage()
