@@ -90,7 +90,7 @@ def write_file_atomically(path: Path, content: bytes) -> None:
         elif kind in (Kind.PIPE, Kind.DEVICE):
             target.write_bytes(content)
         else:
-            target.parent.mkdir(parents=True, exist_ok=True)
+            _make_folder(target.parent)
             _replace_file(target, content)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
         raise unwritable_file(path, error) from error
@@ -192,8 +192,15 @@ def make_folder_of(path: Path, purpose: str = "what is written") -> None:
     import logging  # not for --help
 
     if not (folder := path.parent).exists():
-        folder.mkdir(parents=True, exist_ok=True)  # another process may make it meanwhile
+        _make_folder(folder)
         logging.getLogger(__name__).info("%s: a new folder, made for %s", folder, purpose)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)  # another process may make it meanwhile
+    except FileExistsError as error:
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from error
 
 
 def check_distinct_files(

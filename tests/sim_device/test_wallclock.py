@@ -328,5 +328,5 @@ def test_a_client_waits_without_spinning_while_descriptors_have_run_out():
     assert told[3:] == ["True", "after", "True"]
     assert 2 <= refused <= 9  # tried again every 0.2 s for 1.5 s
     assert turns <= 4 * refused + 4
-    assert sum("no client can be taken in: Too many open files" in line for line in lines) == 1
+    assert sum("no client can be taken in: too many open files" in line for line in lines) == 1
     assert sum("clients are taken in again" in line for line in lines) == 1

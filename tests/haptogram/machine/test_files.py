@@ -34,7 +34,7 @@ def test_a_folder_that_another_process_makes_meanwhile_is_taken(
     monkeypatch.setattr(Path, "exists", lambda _: False)  # as it was a moment ago
     make_folder_of(tmp_path / "result")
     (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(FileExistsError):
+    with pytest.raises(NotADirectoryError):
         make_folder_of(tmp_path / "file" / "result")
 
 
