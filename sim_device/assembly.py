@@ -11,7 +11,7 @@ from haptogram_protocol.connection import BoardConnection, BoardEvent
 from haptogram_protocol.framing import FrameDecoder, fastest_cobs
 
 from .board.board import Board, BoardParts
-from .board.clock import DeviceClock
+from .board.clock import BoardClock
 from .board.output import BoardOutput
 from .board.registers import BoardFocuser
 from .board.settings import BoardSettings
@@ -36,7 +36,7 @@ class BoardAssembly:
     dialect: type[VirtualHaptogramDialect] = VirtualHaptogramDialect
     connection: type[BoardConnection] = BoardConnection
     decoder: type[FrameDecoder] = FrameDecoder
-    clock: type[DeviceClock] = DeviceClock
+    clock: type[BoardClock] = BoardClock
 
     def assemble(
         self,
@@ -63,7 +63,7 @@ class Assembly(Protocol):
     """Parts of a board with its end of the line."""
 
     @property
-    def clock(self) -> type[DeviceClock]:
+    def clock(self) -> type[BoardClock]:
         """The clock of the board."""
         ...
 
@@ -86,7 +86,7 @@ class ForeignAssembly:
 
     emulation: Emulation
     options: Settings
-    clock: type[DeviceClock] = DeviceClock
+    clock: type[BoardClock] = BoardClock
 
     def assemble(self, settings: BoardSettings, description_hash: int) -> VirtualDialect:  # noqa: ARG002  it describes Haptogram's wire
         """Return the boards at the end of their line, powered up."""

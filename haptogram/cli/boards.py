@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from ..conformance.run.access import VirtualAccess
     from ..driver.line.port import Transport
     from ..evidence.boards import BoardUnderTest
-    from ..evidence.dialect_run import DialectBoards
-    from ..evidence.recordings.replay import ReplayBoard
+    from ..evidence.dialect_run import DialectBoardsUnderTest
+    from ..evidence.recordings.replay import RecordingReplayBoard
     from ..evidence.recordings.tap import RecordedBoards
     from ..evidence.recordings.writer import RecordingWriter
     from ..settings.board import BoardConfig
@@ -98,15 +98,17 @@ def _board_in_program(config: PortConfig, label: str) -> Iterator[BoardUnderTest
     from sim_device.protocol_haptogram import open_virtual_port
 
     from ..driver.line.port import PyserialTransport
-    from ..evidence.boards import InProcessBoard
+    from ..evidence.boards import InProcessBoardUnderTest
 
     with contextlib.closing(open_virtual_port(config)) as port:
         model = port.simulation.settings.truth
         transport = PyserialTransport(port, label)
-        yield InProcessBoard(transport, lambda: port.records, port.wait_until_ns, model, label)
+        yield InProcessBoardUnderTest(
+            transport, lambda: port.records, port.wait_until_ns, model, label
+        )
 
 
-def boards_of_dialect(config: VerifyConfig) -> DialectBoards:
+def boards_of_dialect(config: VerifyConfig) -> DialectBoardsUnderTest:
     """Return the boards of the dialect that *config* names, of ours or of another package.
 
     Raises
@@ -117,7 +119,7 @@ def boards_of_dialect(config: VerifyConfig) -> DialectBoards:
     from sim_device.assembly import ForeignAssembly
     from sim_device.blueprint import blueprint_of
 
-    from ..evidence.dialect_run import DialectBoards
+    from ..evidence.dialect_run import DialectBoardsUnderTest
     from ..settings.board import BoardConfig
 
     pitch_mm = config.array.pitch_mm
@@ -125,7 +127,7 @@ def boards_of_dialect(config: VerifyConfig) -> DialectBoards:
     settings, parts = blueprint.settings, blueprint.parts
     if settings.wiring is None or not isinstance(parts, ForeignAssembly):
         raise ConfigurationError(f"dialect is {config.link.dialect!r}, whose boards have no wiring")
-    return DialectBoards(
+    return DialectBoardsUnderTest(
         parts.emulation.dialect,
         settings.model.array,
         settings.wiring.channels,
@@ -191,7 +193,7 @@ def access_in_program(
     )
 
 
-def replayed_board(options: Mapping[str, Any], paced: bool) -> ReplayBoard:
+def replayed_board(options: Mapping[str, Any], paced: bool) -> RecordingReplayBoard:
     """Return a virtual board that recorded bytes are fed to.
 
     Raises

@@ -17,7 +17,7 @@ from haptogram.driver.line.link import NS_PER_S, Link
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
-from haptogram.driver.trace import TraceReader
+from haptogram.driver.trace import DriverTraceReader
 from haptogram.errors import HaptogramError, LinkError, WrongProtocolError
 from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import KeptRecords
@@ -81,7 +81,7 @@ class DriverSession:
         self.warnings = list(link.connection.warnings)
         self.clock = ClockEstimate(self.identity.clock_ppm)
         self.pinger = Pinger(link, self.clock)
-        self._traces = TraceReader(nonce, self.identity.transducers, self.clock)
+        self._traces = DriverTraceReader(nonce, self.identity.transducers, self.clock)
         self.observations = KeptRecords[Observation](keep, sink)
         self.events = KeptRecords[EventReceived](keep)
         self.last_status: Status | None = None
@@ -156,7 +156,7 @@ class DriverSession:
             self.link.close()
 
     def read_drive(self, kind: DriveKind) -> Observation:
-        """Return the present drive at the transducers; see :class:`TraceReader`."""
+        """Return the present drive at the transducers; see :class:`DriverTraceReader`."""
         check_argument_kind("kind", kind, DriveKind, "a DriveKind")
         return self._traces.read_drive(self.link, kind)
 

@@ -32,7 +32,7 @@ _READ_TRIES = 3  # of a drive that is replaced while it is read
 _RING_READ = 0xFFFF  # latches asked for at a time; the board sends as many as fit
 
 
-class TraceReader:
+class DriverTraceReader:
     """Turns the reports of the board into observations.
 
     Parameters

@@ -31,7 +31,7 @@ _LONGEST_QUEUE_NS: Final = 2_000_000_000  # a sequence may go on for as long as 
 _DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board
 
 
-class DriverRecords(Protocol):
+class DriverEvidence(Protocol):
     """The records that a driver of any wire leaves of a run."""
 
     @property
@@ -85,7 +85,7 @@ class BoardUnderTest(Protocol):
         ...
 
     def observations(
-        self, driver: DriverRecords, progress: Progress | None = None, *, skip_fields: bool = False
+        self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
     ) -> Sequence[Observation]:
         """Return the latches of the session of *driver*, which is closed by now.
 
@@ -124,7 +124,7 @@ class BoardUnderTest(Protocol):
         ...
 
 
-class ProcessBoard:
+class ProcessBoardUnderTest:
     """The virtual board in a process of its own, on a pty, seen through its back door."""
 
     is_in_process = False
@@ -157,7 +157,7 @@ class ProcessBoard:
         return ran
 
     def observations(
-        self, driver: DriverRecords, progress: Progress | None = None, *, skip_fields: bool = False
+        self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
     ) -> list[Observation]:
         """End the board, and return everything that came out of its back door."""
         expected = driver.intended.total
@@ -183,7 +183,7 @@ class ProcessBoard:
         return self._board.fault_counts
 
 
-class InProcessBoard:
+class InProcessBoardUnderTest:
     """A virtual board in this program, in virtual time, seen through its back door.
 
     Parameters
@@ -233,7 +233,7 @@ class InProcessBoard:
 
     def observations(
         self,
-        driver: DriverRecords,
+        driver: DriverEvidence,
         progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
         *,
         skip_fields: bool = False,  # noqa: ARG002  nor to leave out
@@ -262,7 +262,7 @@ def _last_latch_of_run_ns(driver: Driver, now_ns: int) -> int:
     return min(due_ns, now_ns + _LONGEST_QUEUE_NS)
 
 
-class PortBoard:
+class PortBoardUnderTest:
     """A board at a port, judged by its own word: trace events, trace ring, or a last read-back.
 
     One of another dialect has no word, and is neither prepared nor finished: all that there is of
@@ -372,7 +372,7 @@ class PortBoard:
 
     def observations(
         self,
-        driver: DriverRecords,
+        driver: DriverEvidence,
         progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
         *,
         skip_fields: bool = False,  # noqa: ARG002  nor to leave out

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class DialectBoards:
+class DialectBoardsUnderTest:
     """The boards on a line, as their own programs have them.
 
     Attributes
@@ -68,7 +68,7 @@ class DialectBoards:
 
 def measure_run_of_dialect(
     config: VerifyConfig,
-    boards: DialectBoards,
+    boards: DialectBoardsUnderTest,
     board: BoardUnderTest,
     progress: Progress | None,
     settling: Progress | None = None,

@@ -37,7 +37,7 @@ class ClockChange:
 
 
 @dataclass(frozen=True, slots=True)
-class DeviceClock:
+class BoardClock:
     """A clock that is fast by ``ppm``, and changes on its way; it never runs backwards.
 
     Attributes

@@ -41,7 +41,10 @@ class VirtualReplayBoard:
         self.boot_us = blueprint.settings.boot_us
 
     def write(self, t_ns: int, data: bytes, waited_ns: int) -> None:
-        """Put bytes on the line; see :class:`haptogram.evidence.recordings.replay.ReplayBoard`."""
+        """Put bytes on the line.
+
+        See :class:`haptogram.evidence.recordings.replay.RecordingReplayBoard`.
+        """
         simulation = self._simulation
         t_ns = max(t_ns, simulation.now_ns)
         taken = simulation.host_write(data, t_ns, waited_ns=waited_ns)

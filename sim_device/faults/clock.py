@@ -10,13 +10,13 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.faults.checks import FOR_EVER_NS
 from haptogram.settings.faults.plan import Fault, FaultPlan
 
-from ..board.clock import ClockChange, DeviceClock
+from ..board.clock import BoardClock, ClockChange
 
 _MILLION: Final = 1_000_000
 _WRAP_US: Final = 1 << 32
 
 
-def faulty_clock(plan: FaultPlan, healthy: DeviceClock) -> DeviceClock:
+def faulty_clock(plan: FaultPlan, healthy: BoardClock) -> BoardClock:
     """Return *healthy* with the faults of *plan*.
 
     Raises
@@ -42,7 +42,7 @@ def faulty_clock(plan: FaultPlan, healthy: DeviceClock) -> DeviceClock:
     return dataclasses.replace(healthy, boot_us=boot_us, changes=tuple(changes))
 
 
-def clock_fault_changes(plan: FaultPlan, clock: DeviceClock) -> Iterator[tuple[str, int]]:
+def clock_fault_changes(plan: FaultPlan, clock: BoardClock) -> Iterator[tuple[str, int]]:
     """Yield each fault that changes *clock*, which has the faults, and when its change begins."""
     for fault in plan.faults:
         if fault.name == "clock.wrap":

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from haptogram.settings.faults.kinds import is_transducer_fault
 from haptogram.settings.faults.plan import Fault, FaultPlan
 
-from ..board.clock import DeviceClock, earliest_board_time
+from ..board.clock import BoardClock, earliest_board_time
 from ..board.events import AnyLatch, FaultsCounted
 from ..board.settings import BoardSettings
 from .clock import clock_fault_changes
@@ -77,7 +77,7 @@ class FaultInjector:
         What goes wrong.
     settings : BoardSettings
         The board.
-    clock : DeviceClock
+    clock : BoardClock
         Its clock, with the faults of *plan*.
 
     Raises
@@ -86,7 +86,7 @@ class FaultInjector:
         If a fault is to be in a place that the array does not have.
     """
 
-    def __init__(self, plan: FaultPlan, settings: BoardSettings, clock: DeviceClock) -> None:
+    def __init__(self, plan: FaultPlan, settings: BoardSettings, clock: BoardClock) -> None:
         self.plan = plan
         self._counts = {fault.name: 0 for fault in plan.faults}
         self._on_clock = list(clock_fault_changes(plan, clock))

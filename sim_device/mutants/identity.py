@@ -8,7 +8,7 @@ from typing import Any, Final
 from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import Element, GeometryReply, HelloReply
 
-from ..board.clock import DeviceClock
+from ..board.clock import BoardClock
 from ..board.output import BoardOutput
 from .mutant import Mutant
 from .replies import LyingMutant
@@ -104,7 +104,7 @@ class WindowBeyondTheBuffer(LyingMutant):
         return {"upload_window": message.rx_window // message.max_chunk}
 
 
-class ClockFromTheWrap(DeviceClock):
+class ClockFromTheWrap(BoardClock):
     """Starts its clock at 2^32: no run crosses the wrap."""
 
     def device_us(self, t_ns: int) -> int:

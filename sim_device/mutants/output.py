@@ -17,7 +17,7 @@ from haptogram_protocol.messages import Config
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ..board.board import Board
-from ..board.clock import DeviceClock
+from ..board.clock import BoardClock
 from ..board.events import StateChange
 from ..board.output import BoardOutput
 from ..board.registers import radiated_drive_of_registers
@@ -222,13 +222,13 @@ class ClockLosesTheWrap(VirtualHaptogramDialect):
 
 
 @dataclass(frozen=True, slots=True)
-class ClockFast(DeviceClock):
+class ClockFast(BoardClock):
     """Its clock is fast by 500 ppm; it says 50 at most."""
 
     ppm: int = 500
 
 
-class ClockSteps(DeviceClock):
+class ClockSteps(BoardClock):
     """Its clock jumps ahead by 2 ms every 500 ms."""
 
     def device_us(self, t_ns: int) -> int:

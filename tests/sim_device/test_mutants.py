@@ -14,7 +14,7 @@ from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence
-from sim_device.board.clock import ClockChange, DeviceClock
+from sim_device.board.clock import BoardClock, ClockChange
 from sim_device.command.command import main
 from sim_device.mutants import MUTANTS, mutant_parts
 
@@ -97,11 +97,11 @@ def test_an_unknown_mutant_is_refused_with_what_is_like_it(capsys, tmp_path):
 @pytest.mark.parametrize(
     "clock",
     [
-        DeviceClock(7),
-        DeviceClock(7, ppm=500),
-        DeviceClock(7, ppm=-999),
-        DeviceClock(7, changes=(ClockChange(300_000, step_us=50), ClockChange(300_500, ppm=9_000))),
-        DeviceClock(7, -300, (ClockChange(0, step_us=5), ClockChange(900_001, -900_000, 70))),
+        BoardClock(7),
+        BoardClock(7, ppm=500),
+        BoardClock(7, ppm=-999),
+        BoardClock(7, changes=(ClockChange(300_000, step_us=50), ClockChange(300_500, ppm=9_000))),
+        BoardClock(7, -300, (ClockChange(0, step_us=5), ClockChange(900_001, -900_000, 70))),
         mutant_parts("clock-steps").clock(7),
     ],
 )

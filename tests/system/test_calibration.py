@@ -22,7 +22,7 @@ from haptogram.cli import main
 from haptogram.driver.driver import Driver
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.boards import PortBoard
+from haptogram.evidence.boards import PortBoardUnderTest
 from haptogram.evidence.run_record import measure_run
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.settings.run.verify import VerifyConfig
@@ -165,7 +165,7 @@ def test_a_board_at_a_port_is_judged_by_the_calibration(tmp_path: Path, compensa
         object="circle", radius_mm=20, resolution_mm=4, port="virtual://", calibration=path,
         compensate=compensate,
     )  # fmt: skip
-    board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
+    board = PortBoardUnderTest("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort()  # of equal elements: it shows what it latched, nothing else counts
     found = measure_run(config, board, None)
     run = found.verdict()
@@ -178,7 +178,7 @@ def test_a_board_at_a_port_is_judged_by_the_calibration(tmp_path: Path, compensa
 def test_a_calibration_of_another_array_leaves_the_port_closed(tmp_path: Path) -> None:
     path = file_of(tmp_path, equal(ARRAYS["8x8"]))
     for compensate in (False, True):
-        board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
+        board = PortBoardUnderTest("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
         board.port = port = BoardPort()
         config = VerifyConfig.of(port="virtual://", calibration=path, compensate=compensate)
         with pytest.raises(ConfigurationError, match="element 64 is missing; the array has the"):

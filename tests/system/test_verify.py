@@ -15,7 +15,7 @@ import pytest
 
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.boards import PortBoard, ProcessBoard
+from haptogram.evidence.boards import PortBoardUnderTest, ProcessBoardUnderTest
 from haptogram.evidence.run_record import measure_run
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.settings.run.verify import VerifyConfig
@@ -140,7 +140,7 @@ def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
             if done * 2 >= total:
                 board.kill()
 
-        found = measure_run(config, ProcessBoard(board), kill_at_half)
+        found = measure_run(config, ProcessBoardUnderTest(board), kill_at_half)
     assert found.cut is not None
     run = found.verdict()
     assert run.verdict is Verdict.INCONCLUSIVE
@@ -161,7 +161,7 @@ def test_a_board_at_a_port_is_judged_by_its_own_word(tmp_path: Path, mode: str) 
 def test_a_board_without_trace_is_read_back_and_the_rest_is_not_verified() -> None:
     traces = Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING
     config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, seed=3)
-    board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
+    board = PortBoardUnderTest("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=ALL_FEATURES & ~traces)
     found = measure_run(config, board, None)
     run = found.verdict()
@@ -176,7 +176,7 @@ def test_a_board_without_trace_is_read_back_and_the_rest_is_not_verified() -> No
 
 def test_a_board_that_can_show_nothing_is_refused() -> None:
     config = VerifyConfig.of(object="point")
-    board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
+    board = PortBoardUnderTest("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=Feature.AMPLITUDE)
     with pytest.raises(ConfigurationError, match="neither trace nor read-back"):
         measure_run(config, board, None)

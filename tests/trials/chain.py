@@ -34,7 +34,7 @@ from haptogram.driver.driver import Driver
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import ConfigurationError, HaptogramError, LinkError
-from haptogram.evidence.boards import InProcessBoard
+from haptogram.evidence.boards import InProcessBoardUnderTest
 from haptogram.records import frame as records
 from haptogram.verification import Cut, RunVerdict, Tolerance, verify_run
 from haptogram.verification.frame.verdict import FrameVerdict
@@ -297,7 +297,7 @@ def _broken(ran: Ran, program: Program, random: Random) -> tuple[list[str], Acou
     return [], program.model()
 
 
-class _Board(InProcessBoard):
+class _Board(InProcessBoardUnderTest):
     """As the program makes it for ``verify --virtual-time``, with its records at hand."""
 
     port_records: list[dict[str, Any]]

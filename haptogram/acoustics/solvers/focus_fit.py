@@ -123,7 +123,7 @@ def fit_focus(
     if model.calibration is not None:
         phases = phases + model.calibration.phase_rad
         used = _as_fit_mask(used & model.calibration.heard, model.array.count)
-    problem = _PhaseProblem(model, phases, used)
+    problem = _FocusPhaseProblem(model, phases, used)
     position, steps, converged = problem.solve(as_coordinates("start_m", start_m))
     residual, phase, slopes = problem.residual_of_all(position)
     step = phase_step_rad(phase_bits) if step_rad is None else step_rad
@@ -156,7 +156,7 @@ def focus_phase_response(
     used = _as_fit_mask(active, model.array.count)
     if model.calibration is not None:
         used = _as_fit_mask(used & model.calibration.heard, model.array.count)
-    problem = _PhaseProblem(model, np.zeros(model.array.count), used)
+    problem = _FocusPhaseProblem(model, np.zeros(model.array.count), used)
     response = np.zeros((3, model.array.count))
     response[:, used], observable = problem.response(as_coordinates("position_m", position_m))
     return response, observable
@@ -168,7 +168,7 @@ def wrapped_phases(phases_rad: FloatArray) -> FloatArray:
     return wrapped
 
 
-class _PhaseProblem:
+class _FocusPhaseProblem:
     """The least-squares problem of one fit, with psi eliminated: three unknowns remain."""
 
     def __init__(self, model: AcousticModel, phases: FloatArray, used: BoolArray) -> None:
@@ -228,7 +228,7 @@ class _PhaseProblem:
         """Return (J^T J)^-1 within the directions that are seen, and which coordinates are."""
         values, vectors, kept = _focus_fit_spectrum(slopes)
         # A coordinate is lost if the directions that were dropped contain any of it.
-        observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _coordinates_told_apart(
+        observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _fitted_coordinates_told_apart(
             self._positions
         )
         return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T, observable
@@ -265,12 +265,12 @@ def _focus_fit_spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, Boo
     return values, vectors, kept
 
 
-def _coordinates_told_apart(positions: FloatArray) -> BoolArray:
+def _fitted_coordinates_told_apart(positions: FloatArray) -> BoolArray:
     """Return a mask of the coordinates that the symmetry of a line mixes with no other.
 
     Elements on one line see a whole circle around it alike, even where the slope along z is not 0.
     """
-    if _are_points_off_line(
+    if _are_fitted_points_off_line(
         *positions[[0, len(positions) // 2, -1]].tolist()
     ):  # most arrays, at a glance
         return np.ones(3, dtype=np.bool_)
@@ -284,7 +284,7 @@ def _coordinates_told_apart(positions: FloatArray) -> BoolArray:
     return along
 
 
-def _are_points_off_line(a: list[float], b: list[float], c: list[float]) -> bool:
+def _are_fitted_points_off_line(a: list[float], b: list[float], c: list[float]) -> bool:
     """Return True if three points, (3,) each, lie well off a common line."""
     u, v = [q - p for p, q in zip(a, b, strict=True)], [q - p for p, q in zip(a, c, strict=True)]
     uu, vv, uv = math.hypot(*u) ** 2, math.hypot(*v) ** 2, sum(map(operator.mul, u, v))

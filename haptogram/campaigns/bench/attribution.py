@@ -42,7 +42,7 @@ CAUSES: Final = tuple(Cause)
 
 
 @dataclass(frozen=True, slots=True)
-class LatenessParts:
+class BenchLatenessParts:
     """The lateness of n frames in nanoseconds, beyond their own time on the line.
 
     Attributes
@@ -77,13 +77,15 @@ class LatenessParts:
         """Time that each frame waited for the line, (n,)."""
         return self.room + self.queue
 
-    def at_port(self) -> LatenessParts:
+    def at_port(self) -> BenchLatenessParts:
         """Return the parts up to the port: without queue and board."""
         nothing = np.zeros_like(self.board)
         return dataclasses.replace(self, queue=nothing, board=nothing)
 
 
-def split_bench_lateness(ticks: TickLog, transmission_ns: Times, board_ns: Times) -> LatenessParts:
+def split_bench_lateness(
+    ticks: TickLog, transmission_ns: Times, board_ns: Times
+) -> BenchLatenessParts:
     """Split the lateness of every tick into its parts.
 
     Parameters
@@ -108,7 +110,7 @@ def split_bench_lateness(ticks: TickLog, transmission_ns: Times, board_ns: Times
     unsent_ns = np.maximum(transmission_ns, BURST_NS - transmission_ns)
     free_before = np.concatenate([room[:1] + unsent_ns[:1], line_free[:-1]])
     overslept = room - np.clip(free_before - unsent_ns, ready, room)
-    return LatenessParts(
+    return BenchLatenessParts(
         before=begun - deadline,
         scheduling=np.maximum(wake, deadline) - begun + overslept,
         work=(ready - wake) + (done - room),
@@ -119,7 +121,7 @@ def split_bench_lateness(ticks: TickLog, transmission_ns: Times, board_ns: Times
     )
 
 
-def bench_lateness_shares(parts: LatenessParts) -> Times:
+def bench_lateness_shares(parts: BenchLatenessParts) -> Times:
     """Return the (n, causes) nanoseconds of each frame's lateness by cause."""
     behind = parts.before > 0
     # In a backlog the line is busy with the previous frame: that wait is the backlog's.
@@ -148,7 +150,7 @@ def _lateness_proportions(before: NDArray[np.float64] | None) -> NDArray[np.floa
     return proportions
 
 
-def attribute_bench_lateness(parts: LatenessParts) -> NDArray[np.int64]:
+def attribute_bench_lateness(parts: BenchLatenessParts) -> NDArray[np.int64]:
     """Return the (n,) indices into :data:`CAUSES` of the cause of each frame."""
     causes: NDArray[np.int64] = np.argmax(bench_lateness_shares(parts), axis=1)
     return causes

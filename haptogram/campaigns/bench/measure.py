@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from haptogram.campaigns.bench.attribution import (
     MISS_LIMITS_US,
+    BenchLatenessParts,
     LatenessMisses,
-    LatenessParts,
     attribute_bench_lateness,
     count_late_bench_frames,
     split_bench_lateness,
@@ -26,7 +26,7 @@ from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import frame_bytes_on_line, line_transmission_ns
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.driver.stream import StreamReport
-from haptogram.evidence.boards import PortBoard
+from haptogram.evidence.boards import PortBoardUnderTest
 from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.machine.fingerprint import (
@@ -129,7 +129,7 @@ _Board: TypeAlias = tuple[str, str | Transport, Callable[[Driver], None], _Colle
 def _bench_board(config: BenchConfig, writer: RecordingWriter | None) -> Iterator[_Board]:
     """Yield a board: its name, its port, how it is prepared, and how its latches are read."""
     if config.port is not None:
-        told = PortBoard(
+        told = PortBoardUnderTest(
             config.port, baudrate=config.baud, rate_hz=config.rate_hz, board_computes=False
         )
         tap = None if writer is None else _tapped_bench_url(config.port, config, writer)
@@ -210,7 +210,7 @@ def _bench_run_of(
 
 
 def _bench_stages(
-    parts: LatenessParts,
+    parts: BenchLatenessParts,
     lateness_us: NDArray[np.float64],
     line_transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
@@ -227,7 +227,7 @@ def _bench_stages(
 
 
 def _bench_misses(
-    parts: LatenessParts, stalled: NDArray[np.bool_]
+    parts: BenchLatenessParts, stalled: NDArray[np.bool_]
 ) -> dict[str, list[LatenessMisses]]:
     return {
         place: [

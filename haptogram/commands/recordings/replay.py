@@ -22,11 +22,11 @@ from ..acting_options import refuse_idle_options
 from ..shell.output_files import FILE_HELP, CommandOutputs, announce_output_file
 
 if TYPE_CHECKING:
-    from haptogram.evidence.recordings.replay import ReplayBoard, ReplayResult
+    from haptogram.evidence.recordings.replay import RecordingReplayBoard, ReplayResult
     from haptogram.settings.parser import Parser
 
 #: Given the options of a virtual board, and whether a simulated line carries its bytes.
-MakeBoard: TypeAlias = "Callable[[Mapping[str, Any], bool], ReplayBoard]"
+MakeBoard: TypeAlias = "Callable[[Mapping[str, Any], bool], RecordingReplayBoard]"
 
 _FAULTY: Final = ("mutant", "fault", "fault_plan", "fault_seed")
 _EPILOG: Final = """\
@@ -97,7 +97,7 @@ def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
     else:
         from haptogram.evidence.recordings.replay import replay_recording
 
-        def make(options: Mapping[str, Any], *, paced: bool) -> ReplayBoard:
+        def make(options: Mapping[str, Any], *, paced: bool) -> RecordingReplayBoard:
             return make_board(_changed_replay_options(options, arguments), paced)
 
         result = replay_recording(recording, make)

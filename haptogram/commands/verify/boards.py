@@ -21,7 +21,7 @@ from haptogram.settings.run.verify_file import load_verify_config, read_settings
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
-    from haptogram.evidence.dialect_run import DialectBoards
+    from haptogram.evidence.dialect_run import DialectBoardsUnderTest
     from haptogram.settings.board import BoardConfig
 
 _LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
@@ -34,7 +34,7 @@ InVirtualTime: TypeAlias = "Callable[[BoardConfig], AbstractContextManager[Board
 #: Gives the board in this program that a ``haptogram://`` URL describes.
 BehindUrl: TypeAlias = "Callable[[str], AbstractContextManager[BoardUnderTest]]"
 #: Returns the boards of the dialect that the settings name.
-OfDialect: TypeAlias = "Callable[[VerifyConfig], DialectBoards]"
+OfDialect: TypeAlias = "Callable[[VerifyConfig], DialectBoardsUnderTest]"
 #: Shows a back door in a browser, if that is wanted.
 Show: TypeAlias = "Callable[[Path], None]"
 
@@ -57,12 +57,12 @@ class RunBoards:
     ----------
     config : VerifyConfig
         The settings, with the rates that these boards have where the user named none.
-    dialect : DialectBoards or None
+    dialect : DialectBoardsUnderTest or None
         The boards, if they speak another wire.
     """
 
     config: VerifyConfig
-    dialect: DialectBoards | None
+    dialect: DialectBoardsUnderTest | None
     _made: ProgramBoards
 
     @classmethod
@@ -120,7 +120,7 @@ class RunBoards:
     @contextlib.contextmanager
     def open(self, show: Show) -> Iterator[BoardUnderTest]:
         """Give the board at a port, else the virtual one, and clean up after it."""
-        from haptogram.evidence.boards import PortBoard, ProcessBoard
+        from haptogram.evidence.boards import PortBoardUnderTest, ProcessBoardUnderTest
         from haptogram.evidence.virtual_board import VirtualBoard
 
         config, port = self.config, self.config.link.port
@@ -128,7 +128,7 @@ class RunBoards:
             with self._made.behind_url(port) as board:
                 yield board
         elif port is not None:
-            yield PortBoard(
+            yield PortBoardUnderTest(
                 port,
                 baudrate=config.link.baud,
                 rate_hz=config.pace.rate_hz,
@@ -141,7 +141,7 @@ class RunBoards:
             with VirtualBoard.of(self.virtual) as process:
                 show(process.backdoor)
                 try:
-                    yield ProcessBoard(process)
+                    yield ProcessBoardUnderTest(process)
                 except LinkError as error:
                     if (fate := process.how_it_ended(_LAST_MOMENTS_S)) is None:
                         raise
@@ -154,7 +154,7 @@ def given_verify_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name, value in vars(arguments).items() if name in names}
 
 
-def _usual_dialect_rates(config: VerifyConfig, boards: DialectBoards) -> dict[str, Any]:
+def _usual_dialect_rates(config: VerifyConfig, boards: DialectBoardsUnderTest) -> dict[str, Any]:
     """Return the rate of the line, and the highest whole rate of frames that it carries."""
     from haptogram.driver.line.budget import highest_line_rate_hz
 

@@ -39,7 +39,7 @@ from .boards import (
 )
 from .captures import verified_captures_at_port, verify_recorded_captures
 from .files import verify_seen_by_number, write_run_files
-from .live_view import LiveView, live_view
+from .live_view import VerifyLiveView, live_view
 from .options import add_verify_options
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
 def _run_verify(
     arguments: argparse.Namespace,
     boards: RunBoards,
-    view: LiveView,
+    view: VerifyLiveView,
     outputs: CommandOutputs,
     provenance: Provenance,
     writer: RecordingWriter | None,

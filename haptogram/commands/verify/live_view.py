@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from haptogram.records.frame import Intended, Observation
 
 
-class LiveView:
+class VerifyLiveView:
     """Shows a board in a browser while it runs.
 
     Parameters
@@ -61,8 +61,8 @@ class LiveView:
 
 
 @contextlib.contextmanager
-def live_view(*, wanted: bool) -> Iterator[LiveView]:
+def live_view(*, wanted: bool) -> Iterator[VerifyLiveView]:
     """Give the view of a run; on a terminal it stays after the run, until Ctrl-C."""
-    with contextlib.closing(LiveView(wanted=wanted)) as view:
+    with contextlib.closing(VerifyLiveView(wanted=wanted)) as view:
         yield view
         view.stay()

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.pins import PinRecord
-from haptogram.verification.pins.shown_frames import CaptureLimits
+from haptogram.verification.pins.shown_frames import PinCaptureLimits
 
 from .findings import PinClauseFindings, duration_by_pins, names_of_pins, time_by_pins
-from .latch_pulses import LONGEST, SHORTEST, LatchPulses
+from .latch_pulses import LONGEST, SHORTEST, LatchClausePulses
 from .told_latches import ToldLatch
 
 _FULL: Final = 255
@@ -24,10 +24,10 @@ _SILENT: Final = 2.5  # periods without a pulse
 
 
 @dataclass
-class LatchDriveJudge:
+class LatchDriveClauseJudge:
     """Judges the drives of latches by the pins: HG-5.2/1, HG-5.3/1 and HG-5.8/5."""
 
-    pulses: LatchPulses
+    pulses: LatchClausePulses
     _shared: dict[float, float] = field(default_factory=dict, init=False)
 
     @property
@@ -36,9 +36,9 @@ class LatchDriveJudge:
         return self.pulses.record
 
     @cached_property
-    def limits(self) -> CaptureLimits:
+    def limits(self) -> PinCaptureLimits:
         """Errors that the samples may hide."""
-        return CaptureLimits.of(self.record)
+        return PinCaptureLimits.of(self.record)
 
     def judge(self, latch: ToldLatch, settled: float, findings: PinClauseFindings) -> None:
         """Compare the drives with the codes, from *settled* periods behind the latch on."""

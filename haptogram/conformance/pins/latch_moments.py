@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from .findings import PinClauseFindings, duration_by_pins, names_of_pins, time_by_pins
-from .latch_pulses import LONGEST, SETTLED, SHORTEST, LatchPulses
+from .latch_pulses import LONGEST, SETTLED, SHORTEST, LatchClausePulses
 from .told_latches import ToldLatch
 
 _SEARCHED: Final = 8.0  # periods on both sides of a latch in which it is sought
@@ -19,10 +19,10 @@ _LEAST_STEP: Final = 0.06  # of full drive: drives nearer than that are not told
 
 
 @dataclass(frozen=True)
-class LatchMomentJudge:
+class LatchMomentClauseJudge:
     """Judges the times of latches by the pins: HG-5.8/1, HG-5.8/2 and HG-8.3/1."""
 
-    pulses: LatchPulses
+    pulses: LatchClausePulses
 
     def judge(self, latch: ToldLatch, before: float, findings: PinClauseFindings) -> None:
         """Judge when the pins change in a latch; *before* is the time of the latch before it."""

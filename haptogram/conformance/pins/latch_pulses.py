@@ -22,7 +22,7 @@ _Pulses: TypeAlias = tuple[FloatArray, ComplexArray]
 
 
 @dataclass
-class LatchPulses:
+class LatchClausePulses:
     """Centre and fundamental of each pulse of a capture."""
 
     record: PinRecord

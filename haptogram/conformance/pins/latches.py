@@ -7,9 +7,9 @@ from typing import Final
 
 from .dialogue import PinDialogue
 from .findings import PinClauseFindings
-from .latch_drives import LatchDriveJudge
-from .latch_moments import LatchMomentJudge
-from .latch_pulses import SETTLED, LatchPulses
+from .latch_drives import LatchDriveClauseJudge
+from .latch_moments import LatchMomentClauseJudge
+from .latch_pulses import SETTLED, LatchClausePulses
 from .told_latches import latches_of_pin_dialogue
 
 _LATE: Final = 20.0  # periods after a latch until the old drive is gone, where pins latch late
@@ -22,8 +22,8 @@ def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> N
             findings.missing[clause] = "no PING was answered: the device clock is not known"
         return
     told = list(latches_of_pin_dialogue(dialogue))
-    pulses = LatchPulses(dialogue.record)
-    moments, drives = LatchMomentJudge(pulses), LatchDriveJudge(pulses)
+    pulses = LatchClausePulses(dialogue.record)
+    moments, drives = LatchMomentClauseJudge(pulses), LatchDriveClauseJudge(pulses)
     for number, latch in enumerate(told):
         moments.judge(latch, told[number - 1].at if number else -math.inf, findings)
     # Pins that latch at another time than the board tells show an old drive for a while.

@@ -95,7 +95,7 @@ def check_dialect_rate(
         )
 
 
-class LineModel:
+class LineBudget:
     """When the bytes that were handed to a port have left it, at a given rate.
 
     A port takes kilobytes at once (60 ms of a 3 Mbaud line), and few tell how many are still in it;

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from haptogram.driver.line.budget import LineModel
-from haptogram.driver.line.port import ClosedPort, Transport
+from haptogram.driver.line.budget import LineBudget
+from haptogram.driver.line.port import ClosedTransport, Transport
 from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
 from haptogram_protocol.dialects.codec import Dialect, Display, Operation, Reply
 
@@ -45,7 +45,7 @@ class DialectLine:
         self._host = dialect.host(**display.options)
         # What left the host is read back from its bytes, as a board would read it.
         self._as_board = dialect.board(**display.options)
-        self._line = None if baudrate is None else LineModel(baudrate)
+        self._line = None if baudrate is None else LineBudget(baudrate)
         self._timeout_ns = round(timeout_s * _NS_PER_S)
         self._replies: list[Reply] = []
 
@@ -90,7 +90,7 @@ class DialectLine:
     def close(self) -> None:
         """Close the port; never raises."""
         self._transport.close()
-        self._transport = ClosedPort(self._transport)
+        self._transport = ClosedTransport(self._transport)
 
     def _send(self, operations: Sequence[Operation]) -> list[Operation]:
         """Send *operations* in one piece, or up to each answer, and return what a board reads."""

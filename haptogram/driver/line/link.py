@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, TypeAlias, TypeVar
 
-from haptogram.driver.line.budget import LineModel, line_transmission_ns
-from haptogram.driver.line.port import ClosedPort, Transport
+from haptogram.driver.line.budget import LineBudget, line_transmission_ns
+from haptogram.driver.line.port import ClosedTransport, Transport
 from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
 from haptogram_protocol import NEED_DATA, HostConnection
 from haptogram_protocol.connection import (
@@ -62,7 +62,7 @@ class Link:
         self, transport: Transport, connection: HostConnection, *, baudrate: int, timeout_s: float
     ) -> None:
         self.connection = connection
-        self.line = LineModel(baudrate)
+        self.line = LineBudget(baudrate)
         self._burst_bytes = self.line.bytes_in(BURST_NS)
         self.handler: Handler = _ignore_link_event
         self.stalls = 0
@@ -273,11 +273,11 @@ class Link:
     def close(self) -> None:
         """Close the port, and forget what waits for it; never raises."""
         self._transport.close()
-        self._transport = ClosedPort(self._transport)
+        self._transport = ClosedTransport(self._transport)
         self.connection.port_closed()
 
     def _check_open(self) -> None:
-        if isinstance(self._transport, ClosedPort):
+        if isinstance(self._transport, ClosedTransport):
             raise self._transport.error()
 
 

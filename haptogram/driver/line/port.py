@@ -193,7 +193,7 @@ class PyserialTransport:
         _close_port(self._port)
 
 
-class ClosedPort:
+class ClosedTransport:
     """A port that its driver has closed: using it is an error that says so.
 
     Parameters

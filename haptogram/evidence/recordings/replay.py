@@ -34,7 +34,7 @@ _AFTER_LAST_NS: Final = 12_000_000_000  # as far ahead as a frame can lie in a q
 _WRAP: Final = 1 << 32
 
 
-class ReplayBoard(Protocol):
+class RecordingReplayBoard(Protocol):
     """A board that takes recorded bytes; times are nanoseconds since its power-up."""
 
     @property
@@ -66,7 +66,7 @@ class ReplayBoard(Protocol):
 class MakeReplayBoard(Protocol):
     """Powers up the board of a recording."""
 
-    def __call__(self, options: Mapping[str, Any], *, paced: bool) -> ReplayBoard:
+    def __call__(self, options: Mapping[str, Any], *, paced: bool) -> RecordingReplayBoard:
         """Return the board with these options."""
         ...
 
@@ -292,7 +292,11 @@ class _ReplayLine:
     """Feeds one board, and hands both accounts to the comparison."""
 
     def __init__(
-        self, board: ReplayBoard, comparison: ReplayComparison, facts: LineFacts, start_ns: int
+        self,
+        board: RecordingReplayBoard,
+        comparison: ReplayComparison,
+        facts: LineFacts,
+        start_ns: int,
     ) -> None:
         self.comparison = comparison
         self.to_board = self.to_host = 0

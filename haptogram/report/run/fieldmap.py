@@ -27,7 +27,7 @@ _Range: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PanelFieldMap:
+class RunFieldMap:
     """RMS pressure on a grid in one plane.
 
     Attributes
@@ -53,7 +53,7 @@ class PanelFieldMap:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FieldPicture:
+class RunFieldPicture:
     """The field around one focus, in two planes.
 
     Attributes
@@ -64,19 +64,19 @@ class FieldPicture:
         Whether the field is that of the latched drive; if not, of the ideal drive of the target.
     phase_bits : int
         Number of bits of each phase of that drive.
-    level, upright : PanelFieldMap
+    level, upright : RunFieldMap
         The plane z = target, and the vertical one through the target along the array's longer side.
-    close_level, close_upright : PanelFieldMap
+    close_level, close_upright : RunFieldMap
         The same around the target.
     """
 
     frame: FrameVerdict
     latched: bool
     phase_bits: int
-    level: PanelFieldMap
-    upright: PanelFieldMap
-    close_level: PanelFieldMap
-    close_upright: PanelFieldMap
+    level: RunFieldMap
+    upright: RunFieldMap
+    close_level: RunFieldMap
+    close_upright: RunFieldMap
 
     @property
     def most_kpa(self) -> float:
@@ -96,7 +96,7 @@ def frame_field_picture(
     model: AcousticModel,
     drives: Mapping[int, Drive] | None,
     phase_bits: int,
-) -> FieldPicture | None:
+) -> RunFieldPicture | None:
     """Return the field of one frame of *run*, of a wrong frame if its drive is known.
 
     Parameters
@@ -107,7 +107,7 @@ def frame_field_picture(
 
     Returns
     -------
-    FieldPicture or None
+    RunFieldPicture or None
         None if no frame was sent.
     """
     frame = _choose_pictured_frame(run, drives or {})
@@ -118,7 +118,7 @@ def frame_field_picture(
     if drive is None:
         phases_rad = focus_phases(model, np.array(frame.target_m))
         drive = Drive.from_weights(np.exp(1j * phases_rad), phase_bits)
-    return FieldPicture(
+    return RunFieldPicture(
         frame, latched, drive.phase_bits, *_panel_maps(model, drive, frame.target_m)
     )
 
@@ -133,7 +133,7 @@ def _choose_pictured_frame(run: RunVerdict, drives: Mapping[int, Drive]) -> Fram
     return shown[0] if shown else None
 
 
-def _panel_maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[PanelFieldMap]:
+def _panel_maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[RunFieldMap]:
     """Yield the level and the upright plane, then both close up."""
     half_extent = model.array.half_extent_m
     side = 1 if half_extent[1] > half_extent[0] else 0
@@ -173,8 +173,8 @@ def _panel_range(middle_mm: float, side_mm: float) -> _Range:
     return 1e-3 * (middle_mm - side_mm / 2.0), 1e-3 * (middle_mm + side_mm / 2.0)
 
 
-def _panel_map(model: AcousticModel, drive: Drive, plane: PicturePlane) -> PanelFieldMap:
+def _panel_map(model: AcousticModel, drive: Drive, plane: PicturePlane) -> RunFieldMap:
     field = sample_picture_plane(NumpyEngine(model), drive.weights(), plane)
     across_m, up_m = plane.coordinates_m()
     rms_kpa = np.abs(field.values) / math.sqrt(2.0) / 1e3
-    return PanelFieldMap(plane.axes, 1e3 * across_m, 1e3 * up_m, rms_kpa)
+    return RunFieldMap(plane.axes, 1e3 * across_m, 1e3 * up_m, rms_kpa)

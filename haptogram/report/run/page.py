@@ -21,7 +21,7 @@ from ..viewer.run_scene import viewer_scene_of_run
 from . import pictures, prose
 from .check import CheckOutcome
 from .checks import NAMED_FRAMES, run_checks_of_result
-from .fieldmap import FieldPicture, frame_field_picture
+from .fieldmap import RunFieldPicture, frame_field_picture
 from .frame_rows import run_frame_place_text, run_frame_table
 from .pins import run_capture_figures, run_result_sentence
 from .wording import NOTHING, run_figure_wording
@@ -177,7 +177,7 @@ def _run_circumstances(result: Mapping[str, Any]) -> dict[str, list[tuple[str, s
 
 
 def _run_page_pictures(
-    run: RunVerdict, model: AcousticModel, shown: FieldPicture | None, steps: int | None
+    run: RunVerdict, model: AcousticModel, shown: RunFieldPicture | None, steps: int | None
 ) -> Iterator[PagePicture]:
     yield embed_picture(
         pictures.draw_run_foci(run, model),
@@ -224,7 +224,7 @@ def _pictures_of_errors(run: RunVerdict, model: AcousticModel) -> Iterator[PageP
     )
 
 
-def _run_field_caption(shown: FieldPicture | None, steps: int | None) -> str:
+def _run_field_caption(shown: RunFieldPicture | None, steps: int | None) -> str:
     """Return the caption; *steps* are those of boards whose steps are no bits."""
     if shown is None:
         return "There is none: no frame was sent."

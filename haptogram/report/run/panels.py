@@ -13,7 +13,7 @@ from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
 
 from ..figures.style import BLUE, ERROR_MAP, GREY, VERMILION, draw_figure_mark
 from ..figures.surroundings import draw_array_in_figure
-from .fieldmap import FieldPicture, PanelFieldMap
+from .fieldmap import RunFieldMap, RunFieldPicture
 from .series import (
     ErrorSeries,
     plotted_focus_mm,
@@ -162,7 +162,7 @@ def error_panel(axes: Axes, series: ErrorSeries) -> None:
 
 
 def map_panel(
-    axes: Axes, field: PanelFieldMap, shown: FieldPicture, model: AcousticModel, *, close: bool
+    axes: Axes, field: RunFieldMap, shown: RunFieldPicture, model: AcousticModel, *, close: bool
 ) -> Any:
     """Draw |p| in one plane, return the image.
 
@@ -191,7 +191,7 @@ def map_panel(
     return image
 
 
-def _mark_panel_window(axes: Axes, window: PanelFieldMap) -> None:
+def _mark_panel_window(axes: Axes, window: RunFieldMap) -> None:
     from matplotlib.patches import Rectangle
 
     left, bottom = window.across_mm[0], window.up_mm[0]
@@ -199,7 +199,7 @@ def _mark_panel_window(axes: Axes, window: PanelFieldMap) -> None:
     axes.add_patch(Rectangle((left, bottom), *sides, fill=False, ec="white", lw=0.8))
 
 
-def _mark_panel_foci(axes: Axes, field: PanelFieldMap, shown: FieldPicture) -> None:
+def _mark_panel_foci(axes: Axes, field: RunFieldMap, shown: RunFieldPicture) -> None:
     first, second = field.axes
     target, measured = shown.marks_mm
     draw_figure_mark(axes, target[first], target[second], "target")

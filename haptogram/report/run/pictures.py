@@ -13,7 +13,7 @@ from haptogram.acoustics import AcousticModel
 from haptogram.verification import FrameVerdict, RunVerdict
 
 from ..figures.style import BLACK, BLUE, ERROR_MAP, GREY, VERMILION, figure_legend, new_figure
-from .fieldmap import FieldPicture
+from .fieldmap import RunFieldPicture
 from .panels import (
     LEAST_ERROR_MM,
     LEAST_RATIO,
@@ -61,7 +61,7 @@ def draw_run_errors(run: RunVerdict, model: AcousticModel) -> Figure:
     return figure
 
 
-def draw_run_field(shown: FieldPicture | None, model: AcousticModel) -> Figure:
+def draw_run_field(shown: RunFieldPicture | None, model: AcousticModel) -> Figure:
     """Draw |p| in two planes through one focus, and below them close-ups with the marks."""
     with new_figure(_WIDTH_IN, 7.5) as figure:
         if shown is None:

@@ -23,7 +23,7 @@ from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase, wrapped_pin_angles
 from .run_drives import Bools, PinRunDrives
 from .shared_phase import clock_turns_of_pins
-from .shown_frames import FIT_SHARE, CaptureLimits, FramesShownByPins, frames_shown_by_pins
+from .shown_frames import FIT_SHARE, FramesShownByPins, PinCaptureLimits, frames_shown_by_pins
 from .silence import EndOfSound, end_of_sound_on_pins
 
 _HALF: Final = 0.5
@@ -257,8 +257,8 @@ class _PinJudge:
             )
 
     @cached_property
-    def _limits(self) -> CaptureLimits:
-        return CaptureLimits.of(self.record)
+    def _limits(self) -> PinCaptureLimits:
+        return PinCaptureLimits.of(self.record)
 
     def _check_carrier(self) -> None:
         drift = self.record.drift_ppm

@@ -33,7 +33,7 @@ _GOOD_SHARE: Final = 0.98  # of right drives: no other shift is tried
 
 
 @dataclass(frozen=True, slots=True)
-class CaptureLimits:
+class PinCaptureLimits:
     """The largest errors that the samples of a capture may hide.
 
     Attributes
@@ -51,7 +51,7 @@ class CaptureLimits:
     amplitude: float
 
     @classmethod
-    def of(cls, record: PinRecord) -> CaptureLimits:
+    def of(cls, record: PinRecord) -> PinCaptureLimits:
         """Return the limits of a capture."""
         resolution = math.tau / record.samples
         return cls(
@@ -100,7 +100,7 @@ class FramesShownByPins:
 
 def frames_shown_by_pins(record: PinRecord, run: PinRunDrives) -> FramesShownByPins:
     """Return the frames of a run that a capture shows."""
-    limits = CaptureLimits.of(record)
+    limits = PinCaptureLimits.of(record)
     found = _best_pin_alignment(record, run, limits)
     starts, ends = found.starts(run), found.ends(run)
     lost, before = _frames_lost_on_pins(record, _pin_drives(record, run, found, limits, each=False))
@@ -113,7 +113,7 @@ def frames_shown_by_pins(record: PinRecord, run: PinRunDrives) -> FramesShownByP
 
 
 def _best_pin_alignment(
-    record: PinRecord, run: PinRunDrives, limits: CaptureLimits
+    record: PinRecord, run: PinRunDrives, limits: PinCaptureLimits
 ) -> PinAlignment:
     """Return the alignment in which most drives are right."""
 
@@ -146,7 +146,7 @@ def _pin_drives(
     record: PinRecord,
     run: PinRunDrives,
     found: PinAlignment,
-    limits: CaptureLimits,
+    limits: PinCaptureLimits,
     steps: PinSteps | None = None,
     before: NDArray[np.int64] | None = None,
     *,

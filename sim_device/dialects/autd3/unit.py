@@ -20,13 +20,13 @@ import numpy as np
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.autd3.messages import (
     Accepted,
+    Autd3Refused,
+    Autd3States,
     Close,
     Hello,
     Open,
     Pose,
     Read,
-    Refused,
-    States,
     Undecodable,
     Update,
     Write,
@@ -103,9 +103,9 @@ class Autd3Unit:
         if isinstance(operation, Write):
             return [self._write(operation, t_us)]
         if isinstance(operation, Read):
-            return [States(tuple(device.state for device in self._devices))]
+            return [Autd3States(tuple(device.state for device in self._devices))]
         if isinstance(operation, Undecodable):
-            return [Refused(operation.reason)]
+            return [Autd3Refused(operation.reason)]
         self.counters["operations_unknown"] += 1
         return []
 
@@ -143,11 +143,11 @@ class Autd3Unit:
         self._asked = self._period_at(t_us) + 1
         return Accepted()
 
-    def _refuse_number(self, asked: int) -> Refused | None:
+    def _refuse_number(self, asked: int) -> Autd3Refused | None:
         if asked == len(self._devices):
             return None
         self.counters["devices_differ"] += 1
-        return Refused(f"{asked} devices are opened, this board has {len(self._devices)}")
+        return Autd3Refused(f"{asked} devices are opened, this board has {len(self._devices)}")
 
     def _look(self, period: int, cause: str | None = None) -> None:
         """Take down what the devices radiate in *period*."""

@@ -19,7 +19,7 @@ from haptogram_protocol.dialects.ultraino.arduino.operations import (
     SetPattern,
     Swap,
 )
-from haptogram_protocol.dialects.ultraino.arduino.slots import SlotLayout
+from haptogram_protocol.dialects.ultraino.arduino.slots import ArduinoSlotLayout
 
 from ...board.events import PulseLatch
 from ..unit import LatchingUnit
@@ -36,7 +36,7 @@ class Outputs:
     ----------
     firmware : ArduinoFirmware
         What it has room for.
-    layout : SlotLayout
+    layout : ArduinoSlotLayout
         Where the bit of a channel stands in the bytes of a slot.
     connected : bytes
         For each port the outputs that are set up as such; empty: all.
@@ -46,7 +46,7 @@ class Outputs:
     """
 
     firmware: ArduinoFirmware
-    layout: SlotLayout
+    layout: ArduinoSlotLayout
     connected: bytes = b""
     shows_one: bool = False
 

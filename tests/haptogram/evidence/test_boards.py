@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from haptogram.cli.boards import board_in_virtual_time
-from haptogram.evidence.boards import PortBoard
+from haptogram.evidence.boards import PortBoardUnderTest
 from haptogram.evidence.run_record import RunRecord, measure_run
 from haptogram.records.frame import Evidence
 from haptogram.settings.run.verify import VerifyConfig
@@ -20,7 +20,7 @@ TRACES = Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING
 
 def run_on(port: BoardPort) -> tuple[RunRecord, RunVerdict]:
     """Run the job on *port*, and judge it by the board's own word."""
-    board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
+    board = PortBoardUnderTest("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = port
     found = measure_run(CONFIG, board, None)
     return found, found.verdict()
@@ -87,7 +87,7 @@ def test_the_ring_is_read_after_an_interrupt() -> None:
 
     features = ALL_FEATURES ^ (Feature.TRACE | Feature.TRACE_DRIVE)
     config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, repeat=4)
-    board = PortBoard("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
+    board = PortBoardUnderTest("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=features, trace_ring=1024)
     found = measure_run(config, board, interrupt)
     assert found.cut is not None

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel
 from haptogram.driver.driver import Driver
-from haptogram.evidence.boards import PortBoard
+from haptogram.evidence.boards import PortBoardUnderTest
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import FrameKey, Intended, Observation
 from haptogram.records.kept import MOST_KEPT, KeptRecords, only_kept_records
@@ -189,7 +189,7 @@ def test_warnings_do_not_pile_up():
 
 def test_a_board_at_a_port_says_that_its_word_was_not_kept():
     transport = BoardPort(model=MODEL)
-    board = PortBoard("x", baudrate=3_000_000, rate_hz=1000.0, board_computes=False)
+    board = PortBoardUnderTest("x", baudrate=3_000_000, rate_hz=1000.0, board_computes=False)
     with Driver(transport, keep=30) as driver:
         board.prepare(driver)
         driver.arm()

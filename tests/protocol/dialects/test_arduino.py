@@ -19,8 +19,8 @@ from haptogram_protocol.dialects.ultraino.arduino.slots import (
     MEGA64_LAYOUT,
     NANO8_LAYOUT,
     NANO16_LAYOUT,
+    ArduinoSlotLayout,
     Pulse,
-    SlotLayout,
 )
 from haptogram_protocol.errors import LocalProtocolError
 
@@ -160,7 +160,7 @@ def test_a_chain_forwards_as_its_boards_do_one_after_the_other(boards: int) -> N
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @given(data=st.data())
-def test_pulses_come_back_from_their_slots(layout: SlotLayout, data: st.DataObject) -> None:
+def test_pulses_come_back_from_their_slots(layout: ArduinoSlotLayout, data: st.DataObject) -> None:
     widths = st.integers(1, layout.steps - 1)
     pulse = st.builds(Pulse, st.integers(0, layout.steps - 1), widths)
     ends = st.sampled_from([Pulse(0, 0), Pulse(0, layout.steps)])

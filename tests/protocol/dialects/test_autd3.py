@@ -16,13 +16,13 @@ from haptogram_protocol.dialects.autd3.frame import (
 from haptogram_protocol.dialects.autd3.link import MAX_UNANSWERED, Autd3BoardEnd, Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import (
     Accepted,
+    Autd3Refused,
+    Autd3States,
     Close,
     Hello,
     Open,
     Pose,
     Read,
-    Refused,
-    States,
     Undecodable,
     Update,
     Write,
@@ -120,7 +120,7 @@ def test_the_session_of_a_client_is_these_bytes() -> None:
     replies = bytes.fromhex("00 00 00 00a1 35 00 00".replace("00a1 35", "00 a135"))
     assert host.receive_data(replies) == [
         *[Accepted()] * 3,
-        States((Autd3DeviceState(5, 3, 0xA1),)),
+        Autd3States((Autd3DeviceState(5, 3, 0xA1),)),
         *[Accepted()] * 2,
     ]
 
@@ -260,8 +260,8 @@ def test_replies_come_back_from_their_bytes(
     host.send(Open((AT_ORIGIN, AT_ORIGIN)))
     for _ in asked:
         host.send(Read())
-    replies: list[Any] = [Accepted(), Accepted(), *map(States, asked)]
-    replies = [Refused(text) if at in refused else reply for at, reply in enumerate(replies)]
+    replies: list[Any] = [Accepted(), Accepted(), *map(Autd3States, asked)]
+    replies = [Autd3Refused(text) if at in refused else reply for at, reply in enumerate(replies)]
     line = b"".join(map(board.send, replies))
     chunks = data.draw(chunkings(line))
     assert [reply for chunk in chunks for reply in host.receive_data(chunk)] == replies
@@ -288,9 +288,9 @@ def test_the_text_of_a_refusal_is_bounded() -> None:
     host = Autd3HostEnd()
     host.send(Hello())
     (reply,) = host.receive_data(b"\xff" + struct.pack("<I", 2**32 - 1))
-    assert isinstance(reply, Refused)
+    assert isinstance(reply, Autd3Refused)
     assert "4294967295 bytes" in reply.reason
-    assert len(Autd3BoardEnd().send(Refused("x" * 10_000))) == 5 + 4096
+    assert len(Autd3BoardEnd().send(Autd3Refused("x" * 10_000))) == 5 + 4096
 
 
 def test_answers_that_are_due_are_bounded() -> None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from haptogram_protocol.dialects.autd3.frame import Autd3DeviceState
 from haptogram_protocol.dialects.autd3.link import Autd3HostEnd
-from haptogram_protocol.dialects.autd3.messages import Accepted, Hello, Refused, States
+from haptogram_protocol.dialects.autd3.messages import Accepted, Autd3Refused, Autd3States, Hello
 from haptogram_protocol.dialects.autd3.operations import ErrorCode
 from haptogram_protocol.dialects.codec import Display, OneWayHostEnd
 from haptogram_protocol.dialects.sonicsurface import TACTILE_CORRECTION, TACTILE_STEPS
@@ -92,8 +92,10 @@ def test_a_device_that_has_not_acknowledged_is_asked_again() -> None:
     display = DIALECTS["autd3"].display(2)
     (written, asked) = display.frame([None] * display.channels)
     (frame, _) = written.frames
-    behind = States((Autd3DeviceState(frame.message_id), Autd3DeviceState(frame.message_id - 1)))
-    done = States((Autd3DeviceState(frame.message_id),) * 2)
+    behind = Autd3States(
+        (Autd3DeviceState(frame.message_id), Autd3DeviceState(frame.message_id - 1))
+    )
+    done = Autd3States((Autd3DeviceState(frame.message_id),) * 2)
     assert display.unfinished([Accepted(), behind]) == [asked]
     assert display.unfinished([behind, done]) == []
     assert display.unfinished([]) == []
@@ -101,11 +103,11 @@ def test_a_device_that_has_not_acknowledged_is_asked_again() -> None:
 
 def test_replies_say_why_they_refuse() -> None:
     assert Accepted().refusal is None
-    assert Refused("no such device").refusal == "no such device"
+    assert Autd3Refused("no such device").refusal == "no such device"
     error = ErrorCode.INVALID_SEGMENT_TRANSITION
-    states = States((Autd3DeviceState(1), Autd3DeviceState(1, error)))
+    states = Autd3States((Autd3DeviceState(1), Autd3DeviceState(1, error)))
     assert states.refusal == "device 1 answers error 5, INVALID_SEGMENT_TRANSITION"
-    assert States((Autd3DeviceState(1, 15),)).refusal == "device 0 answers error 15"
+    assert Autd3States((Autd3DeviceState(1, 15),)).refusal == "device 0 answers error 15"
 
 
 def test_answers_are_due_where_boards_answer() -> None:

@@ -13,7 +13,7 @@ from haptogram.settings.faults.plan import FaultPlan, faults_of_toml
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import GetStatus, Ping, build_body, parse_body
 from haptogram_protocol.state import OutputState
-from sim_device.board.clock import DeviceClock
+from sim_device.board.clock import BoardClock
 from sim_device.command.command import main
 from sim_device.faults.clock import faulty_clock
 from sim_device.faults.injector import inject_on_line
@@ -143,8 +143,7 @@ def test_a_clock_that_is_told_wrong_while_the_board_latches_right(open_host):
 
 def test_the_clock_may_wrap_soon(open_host):
     assert (
-        faulty_clock(FaultPlan.parse(["clock.wrap us=1000"]), DeviceClock(5)).boot_us
-        == 2**32 - 1000
+        faulty_clock(FaultPlan.parse(["clock.wrap us=1000"]), BoardClock(5)).boot_us == 2**32 - 1000
     )
     host = open_host(url_of("clock.wrap us=500000"))
     start_us = host.greet().t_device_us

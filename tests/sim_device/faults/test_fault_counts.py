@@ -26,7 +26,7 @@ from haptogram_protocol.messages import (
     Ping,
     build_body,
 )
-from sim_device.board.clock import DeviceClock
+from sim_device.board.clock import BoardClock
 from sim_device.board.settings import board_settings
 from sim_device.faults.clock import faulty_clock
 from sim_device.simulation import Simulation
@@ -342,11 +342,11 @@ def test_a_phase_that_is_wrong_where_nothing_is_radiated_is_not_counted():
 def test_an_offset_is_kept_beside_a_wrap_in_any_order():
     texts = ["clock.wrap us=1000", "clock.offset us=-7"]
     for order in (texts, texts[::-1]):
-        assert faulty_clock(FaultPlan.parse(order), DeviceClock(5)).boot_us == 2**32 - 1007
+        assert faulty_clock(FaultPlan.parse(order), BoardClock(5)).boot_us == 2**32 - 1007
 
 
 def test_a_rate_ends_with_its_window():
-    clock = faulty_clock(FaultPlan.parse(["clock.ppm ppm=1000 from=1s until=2s"]), DeviceClock(0))
+    clock = faulty_clock(FaultPlan.parse(["clock.ppm ppm=1000 from=1s until=2s"]), BoardClock(0))
     times_ns = (0, 1_000 * MS, 1_500 * MS, 2_000 * MS, 3_000 * MS)
     assert [clock.device_us(t_ns) - t_ns // 1000 for t_ns in times_ns] == [0, 0, 500, 1000, 1000]
 
@@ -367,5 +367,5 @@ def test_clocks_that_cannot_be(texts, problem):
 
 def test_rates_that_follow_each_other_are_not_added():
     texts = ["clock.ppm ppm=-600000 until=1s", "clock.ppm ppm=-600000 from=1s"]
-    clock = faulty_clock(FaultPlan.parse(texts), DeviceClock(0))
+    clock = faulty_clock(FaultPlan.parse(texts), BoardClock(0))
     assert clock.device_us(2_000 * MS) == 800_000

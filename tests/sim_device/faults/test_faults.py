@@ -10,7 +10,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.faults.plan import Fault, FaultPlan
 from haptogram_protocol.messages import GetStatus, Ping
 from haptogram_protocol.state import OutputState
-from sim_device.board.clock import ClockChange, DeviceClock
+from sim_device.board.clock import BoardClock, ClockChange
 from sim_device.command.command import main
 from sim_device.faults.clock import faulty_clock
 from sim_device.faults.injector import inject_on_line
@@ -148,7 +148,7 @@ def test_a_session_survives_a_bad_line_and_every_flip_is_counted(open_host):
 def test_a_plan_changes_the_clock_of_the_board(open_host):
     plan = FaultPlan.parse(["clock.ppm ppm=200", "clock.offset us=-7", "clock.step us=9 from=1s"])
     changes = (ClockChange(0, ppm=200), ClockChange(1_000_000_000, step_us=9))
-    assert faulty_clock(plan, DeviceClock(100)) == DeviceClock(93, 0, changes)
+    assert faulty_clock(plan, BoardClock(100)) == BoardClock(93, 0, changes)
     host = open_host(f"{VIRTUAL}&fault=clock.ppm+ppm=1000&fault=clock.offset+us=-500")
     start_us = host.greet().t_device_us
     host.port.wait_until_ns(host.now_ns() + 1_000_000_000)

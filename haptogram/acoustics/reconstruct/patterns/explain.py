@@ -10,7 +10,7 @@ import numpy as np
 from haptogram.acoustics.arrays import BoolArray, FloatArray
 from haptogram.acoustics.reconstruct.patterns.fit import (
     PatternPhases,
-    PointFit,
+    PatternPointFit,
     fit_pattern_point,
     pattern_azimuths,
     pattern_residual_rms,
@@ -40,7 +40,7 @@ class Explanation:
     ----------
     charge : int
         Turns of the phase around the axis.
-    fit : PointFit
+    fit : PatternPointFit
         Point, axis and speed of sound; the residuals of all elements.
     used : (A,) numpy.ndarray of bool
         The elements that it explains.
@@ -51,7 +51,7 @@ class Explanation:
     """
 
     charge: int
-    fit: PointFit
+    fit: PatternPointFit
     used: BoolArray
     added_rad: FloatArray
     normal: FloatArray | None = None
@@ -89,7 +89,7 @@ def explain_turning_pattern(
         return None
     free = charge != 0
 
-    def refit(part: PatternPhases, point: PointFit) -> PointFit:
+    def refit(part: PatternPhases, point: PatternPointFit) -> PatternPointFit:
         axis = point.axis_m if free else None
         return fit_pattern_point(
             part,
@@ -212,7 +212,7 @@ def _pattern_by_more_elements(
 
 
 def _pattern_residual_of_all(
-    phases: PatternPhases, point: PointFit, used: BoolArray, charge: int
+    phases: PatternPhases, point: PatternPointFit, used: BoolArray, charge: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the residual of every element, and what the pattern adds to a focus."""
     distance = np.linalg.norm(point.position_m - phases.positions_m, axis=1)
@@ -227,8 +227,8 @@ def _pattern_residual_of_all(
     return wrapped_phases(residual - residual[used].mean()), added
 
 
-def _pattern_with_residual(point: PointFit, residual: FloatArray) -> PointFit:
-    return PointFit(point.position_m, point.axis_m, point.speed_share, residual)
+def _pattern_with_residual(point: PatternPointFit, residual: FloatArray) -> PatternPointFit:
+    return PatternPointFit(point.position_m, point.axis_m, point.speed_share, residual)
 
 
 def _twin_trap_halves(phases: PatternPhases, position_m: FloatArray) -> BoolArray:

@@ -52,7 +52,7 @@ class PatternPhases:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PointFit:
+class PatternPointFit:
     """A point that explains phases.
 
     Attributes
@@ -98,7 +98,7 @@ def fit_pattern_point(
     axis_m: FloatArray | None = None,
     free_axis: bool = False,
     free_speed: bool = False,
-) -> PointFit:
+) -> PatternPointFit:
     """Return the point next to *start_m* that explains the phases best.
 
     Gauss-Newton with Levenberg-Marquardt damping.
@@ -158,7 +158,7 @@ class _PatternProblem:
         self._free_axis = free_axis and charge != 0
         self._free_speed = free_speed
 
-    def solve(self, start_m: FloatArray) -> PointFit:
+    def solve(self, start_m: FloatArray) -> PatternPointFit:
         unknown = self._start(start_m)
         residual, cost = self._residual(unknown)
         slopes, damping = self._jacobian(unknown), 0.0
@@ -176,7 +176,7 @@ class _PatternProblem:
                 if damping > _MAX_DAMPING:
                     break
         speed = float(unknown[-1]) if self._free_speed else 0.0
-        return PointFit(unknown[:3], self._axis_at(unknown), speed, residual)
+        return PatternPointFit(unknown[:3], self._axis_at(unknown), speed, residual)
 
     def _start(self, start_m: FloatArray) -> FloatArray:
         axis = start_m[:2] if self._axis is None else self._axis

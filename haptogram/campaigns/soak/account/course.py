@@ -10,7 +10,7 @@ _NS_PER_S: Final = 1_000_000_000
 
 
 @dataclass(slots=True)
-class SoakInterval:
+class SoakCourseInterval:
     """Counts of one interval of virtual time.
 
     Attributes
@@ -33,20 +33,20 @@ class SoakInterval:
     latest_us: int = 0
     violations: int = 0
 
-    def plus(self, other: SoakInterval) -> SoakInterval:
+    def plus(self, other: SoakCourseInterval) -> SoakCourseInterval:
         """Return the counts of both."""
-        both = SoakInterval(*map(sum, zip(astuple(self), astuple(other), strict=True)))
+        both = SoakCourseInterval(*map(sum, zip(astuple(self), astuple(other), strict=True)))
         both.latest_us = max(self.latest_us, other.latest_us)
         return both
 
 
 #: Intervals of which something was counted, by number.
-SoakCourse = dict[int, SoakInterval]
+SoakCourse = dict[int, SoakCourseInterval]
 
 
 def joined_course(one: SoakCourse, other: SoakCourse) -> SoakCourse:
     """Return the course of both; an interval that two segments share has the counts of both."""
-    nothing = SoakInterval()
+    nothing = SoakCourseInterval()
     numbers = sorted(one.keys() | other.keys())
     return {n: one.get(n, nothing).plus(other.get(n, nothing)) for n in numbers}
 
@@ -69,13 +69,13 @@ class CourseTaker:
     def __init__(
         self,
         course: SoakCourse,
-        count: Callable[[], SoakInterval],
+        count: Callable[[], SoakCourseInterval],
         start_s: float,
         interval_s: float,
     ) -> None:
         self._course, self._count = course, count
         self._start_ns, self._interval_ns = round(start_s * _NS_PER_S), interval_s * _NS_PER_S
-        self._before = SoakInterval()
+        self._before = SoakCourseInterval()
         self._open(0)
 
     def advance_to(self, now_ns: int) -> None:
@@ -87,9 +87,11 @@ class CourseTaker:
     def close(self) -> None:
         """Count for the open interval what came since the last one."""
         now, before = self._count(), self._before
-        grown = SoakInterval(*(a - b for a, b in zip(astuple(now), astuple(before), strict=True)))
+        grown = SoakCourseInterval(
+            *(a - b for a, b in zip(astuple(now), astuple(before), strict=True))
+        )
         grown.latest_us, now.latest_us = now.latest_us, 0
-        if grown != SoakInterval():
+        if grown != SoakCourseInterval():
             self._course.update(joined_course(self._course, {self._number: grown}))
         self._before = now
 

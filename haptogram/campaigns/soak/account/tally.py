@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from .course import SoakCourse, SoakInterval, joined_course
+from .course import SoakCourse, SoakCourseInterval, joined_course
 
 if TYPE_CHECKING:
     from ..excerpts import SoakExcerpt
@@ -129,11 +129,11 @@ class SoakTally:
         else:
             self.violate(UNEXPLAINED, f"{hit.kind}: its frame vanished and nobody noticed")
 
-    def take_counts(self) -> SoakInterval:
+    def take_counts(self) -> SoakCourseInterval:
         """Return the counts until now, and begin anew with the latest frame."""
         ends = ("the board", "the host")
         latest_us, self.latest_us = self.latest_us, 0
-        return SoakInterval(
+        return SoakCourseInterval(
             frames=self.totals["frames"],
             damaged=sum(self.totals[f"{end}: {found}"] for end in ends for found in DAMAGE),
             lost=self.totals["gap"],
@@ -168,7 +168,9 @@ class SoakTally:
             totals=Counter(data["totals"]),
             violations=Counter(data["violations"]),
             examples=list(data["examples"]),
-            course={one.pop("interval"): SoakInterval(**one) for one in map(dict, data["course"])},
+            course={
+                one.pop("interval"): SoakCourseInterval(**one) for one in map(dict, data["course"])
+            },
         )
         for kind, row in data["faults"].items():
             tally.injected[kind] = row["injected"]

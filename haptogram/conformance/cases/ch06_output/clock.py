@@ -24,7 +24,7 @@ _BOOTED_US: Final = 9_000_000  # by when a board that was reset has been asked f
 host_subtracts = case_about_host("HG-6.9/3")
 
 
-class _ClockWatch:
+class _OutputClockWatch:
     """Compares the device clock with that of the transport, PING by PING."""
 
     def __init__(self, board: BoardClient) -> None:
@@ -62,7 +62,7 @@ class _ClockWatch:
 )
 def output_clock_keeps_time(board: BoardClient) -> None:
     duration_us = 2_000_000 if board.wire.limits.slack_us else 10_000_000
-    watch = _ClockWatch(board)
+    watch = _OutputClockWatch(board)
     for _ in range(_SAMPLES + 1):
         watch.look()
         board.wire.idle(duration_us // _SAMPLES)
@@ -78,7 +78,7 @@ def output_clock_keeps_time(board: BoardClient) -> None:
 )
 def output_clock_crosses_the_wrap(board: BoardClient) -> None:
     board.prepare()
-    watch = _ClockWatch(board)
+    watch = _OutputClockWatch(board)
     watch.look()
     board.wire.idle(max(0, _clock_to_the_wrap_us(board) - 200_000))
     for _ in range(_SAMPLES):

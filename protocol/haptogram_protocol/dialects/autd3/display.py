@@ -7,7 +7,7 @@ from typing import Final
 
 from ..codec import Codes, Display, Operation, Reply
 from .frame import MAX_MESSAGE_ID, Autd3DeviceFrame
-from .messages import Close, Hello, Open, Pose, Read, States, Write
+from .messages import Autd3States, Close, Hello, Open, Pose, Read, Write
 from .operations import CHANNELS, Clear, Gain
 
 __all__ = ["Autd3Display"]
@@ -60,7 +60,7 @@ class Autd3Display(Display):
 
     def unfinished(self, replies: Sequence[Reply]) -> list[Operation]:
         """Return the question again, if a device acknowledges the frame before only."""
-        states = [reply for reply in replies if isinstance(reply, States)]
+        states = [reply for reply in replies if isinstance(reply, Autd3States)]
         if not states or all(d.message_id == self._message_id for d in states[-1].devices):
             return []
         return [Read()]

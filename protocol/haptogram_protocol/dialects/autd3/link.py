@@ -33,13 +33,13 @@ from .frame import DEVICE_FRAME_BYTES, Autd3DeviceReader, Autd3DeviceState
 from .messages import (
     VERSION,
     Accepted,
+    Autd3Refused,
+    Autd3States,
     Close,
     Hello,
     Open,
     Pose,
     Read,
-    Refused,
-    States,
     Undecodable,
     Update,
     Write,
@@ -112,9 +112,9 @@ class Autd3BoardEnd:
         """Return the bytes of a reply."""
         if isinstance(message, Accepted):
             return bytes([_OK])
-        if isinstance(message, States):
+        if isinstance(message, Autd3States):
             return bytes([_OK]) + b"".join(state.pack() for state in message.devices)
-        if isinstance(message, Refused):
+        if isinstance(message, Autd3Refused):
             text = message.reason.encode("utf-8", "replace")[:MAX_TEXT_BYTES]
             return struct.pack("<BI", _ERROR, len(text)) + text
         raise no_dialect_bytes_for(message, _WIRE)
@@ -312,7 +312,7 @@ class Autd3HostEnd:
             Autd3DeviceState.parse(received[start : start + _STATE_BYTES])
             for start in range(at + 1, end, _STATE_BYTES)
         )
-        return States(tuple(states)), end - at
+        return Autd3States(tuple(states)), end - at
 
     def _read_refusal(self, received: bytes, at: int) -> tuple[Reply | None, int]:
         if len(received) < at + _COUNT.size:
@@ -320,11 +320,15 @@ class Autd3HostEnd:
         (size,) = _COUNT.unpack_from(received, at)
         if size > MAX_TEXT_BYTES:
             self.counters["bytes_unexpected"] += size
-            return Refused(f"a text of {size} bytes; up to {MAX_TEXT_BYTES} are read"), _COUNT.size
+            return Autd3Refused(
+                f"a text of {size} bytes; up to {MAX_TEXT_BYTES} are read"
+            ), _COUNT.size
         start = at + _COUNT.size
         if len(received) < start + size:
             return None, 0
-        return Refused(received[start : start + size].decode("utf-8", "replace")), start + size - at
+        return Autd3Refused(
+            received[start : start + size].decode("utf-8", "replace")
+        ), start + size - at
 
 
 AUTD3: Final = Dialect(

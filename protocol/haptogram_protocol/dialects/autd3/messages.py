@@ -12,13 +12,13 @@ from .operations import autd3_error_text
 __all__ = [
     "VERSION",
     "Accepted",
+    "Autd3Refused",
+    "Autd3States",
     "Close",
     "Hello",
     "Open",
     "Pose",
     "Read",
-    "Refused",
-    "States",
     "Undecodable",
     "Update",
     "Write",
@@ -75,7 +75,7 @@ class Close(Operation):
 
 @dataclass(frozen=True, slots=True)
 class Undecodable(Operation):
-    """Nothing can be understood from here on; *reason* is for a :class:`Refused`."""
+    """Nothing can be understood from here on; *reason* is for a :class:`Autd3Refused`."""
 
     reason: str
 
@@ -86,7 +86,7 @@ class Accepted(Reply):
 
 
 @dataclass(frozen=True, slots=True)
-class Refused(Reply):
+class Autd3Refused(Reply):
     """The board did not, and says why."""
 
     reason: str
@@ -98,7 +98,7 @@ class Refused(Reply):
 
 
 @dataclass(frozen=True, slots=True)
-class States(Reply):
+class Autd3States(Reply):
     """Answers of all devices."""
 
     devices: tuple[Autd3DeviceState, ...]

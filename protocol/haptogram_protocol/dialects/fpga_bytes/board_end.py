@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ..codec import Operation, Reply, no_dialect_bytes_for
-from .cursor import ChannelCursor
+from .cursor import FpgaChannelCursor
 from .operations import Begin, BeginAmplitudes, Select, SetAmplitudes, SetPhases, Swap
 from .rules import FpgaByteRules, FpgaCodes
 
@@ -68,7 +68,7 @@ class FpgaBoardEnd:
     def __init__(self, rules: FpgaByteRules, boards: int = 1) -> None:
         self.counters: Counter[str] = Counter()
         self._rules = rules
-        self._cursor = ChannelCursor(boards)
+        self._cursor = FpgaChannelCursor(boards)
         self._run = bytearray()
         self._frames = _FramesSinceSwap([0] * boards)
         self._fitting: dict[FpgaCodes, bytes] = {

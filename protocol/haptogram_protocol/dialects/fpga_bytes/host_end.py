@@ -6,7 +6,7 @@ from typing import Final
 
 from ...errors import LocalProtocolError
 from ..codec import OneWayHostEnd, Operation, no_dialect_bytes_for
-from .cursor import ChannelCursor
+from .cursor import FpgaChannelCursor
 from .operations import SetAmplitudes, SetPhases
 from .rules import FpgaByteRules
 
@@ -27,7 +27,7 @@ class FpgaHostEnd(OneWayHostEnd):
     def __init__(self, rules: FpgaByteRules, boards: int = 1) -> None:
         super().__init__()
         self._rules = rules
-        self._cursor = ChannelCursor(boards)
+        self._cursor = FpgaChannelCursor(boards)
         self._bytes: Final = {operation: byte for byte, operation in rules.commands.items()}
 
     def send(self, message: Operation) -> bytes:

@@ -6,8 +6,8 @@ from hypothesis.extra import numpy as hnp
 
 from haptogram.campaigns.bench.attribution import (
     CAUSES,
+    BenchLatenessParts,
     Cause,
-    LatenessParts,
     attribute_bench_lateness,
     bench_lateness_shares,
     count_late_bench_frames,
@@ -132,7 +132,7 @@ COLUMN = hnp.arrays(np.int64, 12, elements=st.integers(0, 5 * MS))
 
 @given(COLUMN, COLUMN, COLUMN, COLUMN, COLUMN, COLUMN, st.floats(0, 5000), st.data())
 def test_every_miss_has_exactly_one_cause(before, sleep, work, room, queue, board, limit, data):
-    parts = LatenessParts(before, sleep, work, room, queue, board, np.full(12, WIRE_NS))
+    parts = BenchLatenessParts(before, sleep, work, room, queue, board, np.full(12, WIRE_NS))
     stalled = np.array(data.draw(st.lists(st.booleans(), min_size=12, max_size=12)))
     found = count_late_bench_frames(
         parts.total_ns, attribute_bench_lateness(parts), limit_us=limit, stalled=stalled

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.driver.line.budget import (
-    LineModel,
+    LineBudget,
     check_line_rate,
     frame_bytes_on_line,
     highest_line_rate_hz,
@@ -51,7 +51,7 @@ def test_transmission_is_never_shorter_than_the_bits(size, baudrate):
 
 
 def test_a_line_empties_at_its_rate():
-    line = LineModel(1_000_000)  # 10 µs a byte
+    line = LineBudget(1_000_000)  # 10 µs a byte
     line.add(100, now_ns=5_000)
     assert line.free_ns == 1_005_000
     assert line.unsent_bytes(5_000) == 100
@@ -65,6 +65,6 @@ def test_a_line_empties_at_its_rate():
 
 @given(st.integers(1, 1000), st.integers(0, 1000), st.integers(9600, 3_000_000))
 def test_room_comes_when_no_more_than_asked_is_left(size, unsent, baudrate):
-    line = LineModel(baudrate)
+    line = LineBudget(baudrate)
     line.add(size, now_ns=0)
     assert line.unsent_bytes(max(0, line.room_at_ns(unsent))) <= unsent

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from haptogram_protocol.dialects.autd3.frame import Autd3DeviceFrame, Autd3DeviceState
 from haptogram_protocol.dialects.autd3.messages import (
     Accepted,
+    Autd3Refused,
+    Autd3States,
     Close,
     Hello,
     Open,
     Pose,
     Read,
-    Refused,
-    States,
     Undecodable,
     Write,
 )
@@ -51,7 +51,7 @@ JUMP = Silencer(True, False, 0xFFFF, 0xFFFF)
 def answered(unit: Autd3Unit, *operations, message_id=1, t_us=100) -> Autd3DeviceState:
     unit.take(Write((Autd3DeviceFrame(message_id, operations),)), t_us)
     (states,) = unit.take(Read(), t_us)
-    assert isinstance(states, States)
+    assert isinstance(states, Autd3States)
     return states.devices[0]
 
 
@@ -113,7 +113,7 @@ def test_a_frame_with_the_id_of_the_last_changes_nothing() -> None:
     unit = Autd3Unit(0)
     answered(unit, GAIN)
     unit.take(Write((Autd3DeviceFrame(1, (), repeated=True),)), 150)
-    assert unit.take(Read(), 150) == [States((Autd3DeviceState(1),))]
+    assert unit.take(Read(), 150) == [Autd3States((Autd3DeviceState(1),))]
 
 
 def test_firmware_is_v12_1_0() -> None:
@@ -127,15 +127,15 @@ def test_the_link_is_answered() -> None:
     for operation in (Hello(), Open((AT_ORIGIN,)), Close()):
         assert unit.take(operation, 5) == [Accepted()]
     assert unit.poses == (AT_ORIGIN,)
-    assert unit.take(Undecodable("why"), 6) == [Refused("why")]
+    assert unit.take(Undecodable("why"), 6) == [Autd3Refused("why")]
 
 
 def test_another_number_of_devices_is_refused() -> None:
     unit = Autd3Unit(0)
     (reply,) = unit.take(Open((AT_ORIGIN, AT_ORIGIN)), 1)
-    assert reply == Refused("2 devices are opened, this board has 1")
+    assert reply == Autd3Refused("2 devices are opened, this board has 1")
     (reply,) = unit.take(Write((Autd3DeviceFrame(1, (GAIN,)), Autd3DeviceFrame(1, (GAIN,)))), 2)
-    assert isinstance(reply, Refused)
+    assert isinstance(reply, Autd3Refused)
     assert unit.counters == {"devices_differ": 2}
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from haptogram_protocol.dialects.autd3.frame import Autd3DeviceState
 from haptogram_protocol.dialects.autd3.link import Autd3BoardEnd
-from haptogram_protocol.dialects.autd3.messages import Accepted, States
+from haptogram_protocol.dialects.autd3.messages import Accepted, Autd3States
 from sim_device.dialects.autd3.silenced import Autd3SilencedUnit
 from sim_device.dialects.autd3.unit import Autd3Unit
 
@@ -99,8 +99,8 @@ def test_latches_on_the_way_come_every_250_us_and_the_last_one_has_the_cause() -
 def test_every_frame_is_acknowledged_by_its_id(name: str) -> None:
     """What is refused has its error; the recording server had accepted it."""
     _, _, replies, _ = played(name)
-    states = [reply.devices[0] for reply in replies if isinstance(reply, States)]
-    assert all(isinstance(reply, Accepted | States) for reply in replies)
+    states = [reply.devices[0] for reply in replies if isinstance(reply, Autd3States)]
+    assert all(isinstance(reply, Accepted | Autd3States) for reply in replies)
     ids = [state.message_id for state in states]
     assert all(b in (a, (a + 1) % 16) for a, b in itertools.pairwise(ids))
     errors = [int(state.error) for state in states if state.error]

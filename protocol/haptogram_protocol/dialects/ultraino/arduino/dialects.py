@@ -13,7 +13,7 @@ from .firmware import MEGA64_FIRMWARE, NANO8_FIRMWARE, NANO16_FIRMWARE, ArduinoF
 from .host_end import ArduinoHostEnd
 from .line_bytes import BYTES_OF_DURATION, COMMAND, DURATION_BYTES, OTHER_HOPS, PARTS, SWAP
 from .operations import CommitDurations, SetDurations, SetPattern, Swap
-from .slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_CONNECTED, NANO16_LAYOUT, SlotLayout
+from .slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_CONNECTED, NANO16_LAYOUT, ArduinoSlotLayout
 
 __all__ = ["MEGA64", "NANO8", "NANO16", "mega64_frame"]
 
@@ -35,7 +35,7 @@ def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
 
 
 def _arduino_dialect(
-    firmware: ArduinoFirmware, title: str, layout: SlotLayout, connected: bytes = b""
+    firmware: ArduinoFirmware, title: str, layout: ArduinoSlotLayout, connected: bytes = b""
 ) -> Dialect:
     def board(*, boards: int = 1) -> ArduinoBoardEnd:
         return ArduinoBoardEnd(firmware, boards)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ...codec import Codes, Display, Operation
 from .operations import CommitDurations, SetDurations, SetPattern, Swap
-from .slots import Pulse, SlotLayout
+from .slots import ArduinoSlotLayout, Pulse
 
 __all__ = ["ONE_PATTERN", "SlotDisplay"]
 
@@ -18,7 +18,7 @@ class SlotDisplay(Display):
 
     Parameters
     ----------
-    layout : SlotLayout
+    layout : ArduinoSlotLayout
         Positions of the channels in the slot bytes.
     boards : int
         Boards of the chain.
@@ -29,7 +29,12 @@ class SlotDisplay(Display):
     """
 
     def __init__(
-        self, layout: SlotLayout, boards: int, *, durations: bytes = b"", connected: bytes = b""
+        self,
+        layout: ArduinoSlotLayout,
+        boards: int,
+        *,
+        durations: bytes = b"",
+        connected: bytes = b"",
     ) -> None:
         super().__init__(boards * len(layout.pins), layout.steps)
         self.options = {"boards": boards}

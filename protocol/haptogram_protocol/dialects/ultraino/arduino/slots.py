@@ -18,8 +18,8 @@ __all__ = [
     "NANO8_LAYOUT",
     "NANO16_CONNECTED",
     "NANO16_LAYOUT",
+    "ArduinoSlotLayout",
     "Pulse",
-    "SlotLayout",
 ]
 
 
@@ -40,7 +40,7 @@ class Pulse:
 
 
 @dataclass(frozen=True)
-class SlotLayout:
+class ArduinoSlotLayout:
     """Positions of the channels' bits in the bytes of a slot.
 
     Attributes
@@ -97,8 +97,8 @@ _PORT_MAPPING: Final = """
     51 52 53 54 28 29 30 31 47 46 45 44 43 42 41 40 56 57 58 59 48 49 72 69 39 38 37 36 35 34 33 32
     21 23 65 63  9 11 13 15 20 22 64 66  8 10 12 14 24 25 26 27 16 17 18 19  7  6  5  4  3  2  1  0
 """
-MEGA64_LAYOUT: Final = SlotLayout(10, 10, tuple(map(int, _PORT_MAPPING.split())))
-NANO16_LAYOUT: Final = SlotLayout(16, 2, tuple(range(16)))
+MEGA64_LAYOUT: Final = ArduinoSlotLayout(10, 10, tuple(map(int, _PORT_MAPPING.split())))
+NANO16_LAYOUT: Final = ArduinoSlotLayout(16, 2, tuple(range(16)))
 # DDRC = 0b00111111, DDRD = 0b11111100: 12 outputs of 16, DriverNano16.ino, 6411b27.
 NANO16_CONNECTED: Final = bytes([0b00111111, 0b11111100])
-NANO8_LAYOUT: Final = SlotLayout(24, 1, tuple(range(8)))
+NANO8_LAYOUT: Final = ArduinoSlotLayout(24, 1, tuple(range(8)))
