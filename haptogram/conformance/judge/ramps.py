@@ -9,7 +9,7 @@ from typing import Final
 from haptogram_protocol.messages import DriveKind, DriveReply, Ping, Pong, ReadDrive
 
 from ..client.board_client import BoardClient
-from ..client.latching import ClientDrive, client_drive_of_reply
+from ..client.latching import client_drive_of_reply
 from .timers import judge_in_time
 
 _MS: Final = 1000
@@ -40,15 +40,13 @@ def judged_ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampR
     start_us = board.clock.unwrap(board.status().last_latch_us) + hold_ms * _MS
     found: list[RampReading] = []
     while not found or found[-1].from_ms < 1.1 * ramp_ms:
-        from_us, to_us, shown = _judged_ramp_at(board)
-        from_ms, to_ms = ((t_us - start_us) / _MS for t_us in (from_us, to_us))
-        found.append(RampReading(from_ms, to_ms, shown.amplitudes))
+        found.append(judged_ramp_reading(board, start_us))
         board.wire.idle(ramp_ms * _MS // _READINGS)
     return found
 
 
-def _judged_ramp_at(board: BoardClient) -> tuple[int, int, ClientDrive]:
-    """Read back what is radiated; return the device times between which that was, and the drive."""
+def judged_ramp_reading(board: BoardClient, start_us: int) -> RampReading:
+    """Read back what is radiated in a ramp that begins at *start_us*."""
     ping, first = board.link.request_wire(Ping(0))
     read, seq = board.link.request_wire(
         ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
@@ -59,8 +57,9 @@ def _judged_ramp_at(board: BoardClient) -> tuple[int, int, ClientDrive]:
     answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
     assert answer.header is not None  # answer_to
     reply = board.link.reply_in(answer, DriveReply, ReadDrive.TYPE)
-    from_us, to_us = (board.clock.unwrap(t_us) for t_us in (pong.t_rx_us, answer.header.time_us))
-    return from_us, to_us, client_drive_of_reply(reply)
+    times_us = (board.clock.unwrap(t_us) for t_us in (pong.t_rx_us, answer.header.time_us))
+    from_ms, to_ms = ((t_us - start_us) / _MS for t_us in times_us)
+    return RampReading(from_ms, to_ms, client_drive_of_reply(reply).amplitudes)
 
 
 def judge_straight_ramp(

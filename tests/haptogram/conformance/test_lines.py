@@ -22,7 +22,7 @@ from haptogram.conformance.verdict import Behaviour
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.report.conformance.text import suite_text
 from haptogram_protocol.framing import FrameDecoder, cobs_encode
-from haptogram_protocol.messages import Disarm, Phases, Ping
+from haptogram_protocol.messages import Disarm, Phases, Ping, ReadDrive
 
 DEAF = Path(__file__).parents[2] / "deaf_board.py"
 AT_A_RESET = ("HG-4.1/4-reset", "HG-4.7/1", "HG-6.1/1", "HG-9.2/1")
@@ -119,6 +119,17 @@ def test_frames_that_came_too_late_fail_no_board(times):
     [result] = run(access, "HG-5.8/3-replaced").results
     assert result.behaviour is (Behaviour.OK if times == 1 else Behaviour.INCONCLUSIVE)
     assert times == 1 or result.detail.endswith("was held up: frames came too late")
+
+
+def test_a_read_back_that_comes_after_the_hold_judges_the_ramp_that_it_shows():
+    access = virtual(array="3x2", wrap=lambda inner: Halting(inner, 99, is_read_back))
+    [result] = run(access, "HG-6.11/4-latches").results
+    assert result.behaviour is Behaviour.OK, result.detail
+    assert result.seconds > 12 * 0.25
+
+
+def is_read_back(body):
+    return body[0] == ReadDrive.TYPE
 
 
 def is_timed(body):

@@ -1,5 +1,7 @@
 """Boards that are wrong, ports that are no boards: a clear verdict, and never a hang."""
 
+import dataclasses
+
 import pytest
 from boards import BAUD, Dying, Wrapped, port, run, virtual
 
@@ -11,7 +13,7 @@ from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour, CaseResult, suite_exit_status
 from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder, encode_frame
-from haptogram_protocol.messages import MessageType
+from haptogram_protocol.messages import DriveReply, MessageType, build_body, parse_body
 
 FEW = ("HG-2", "HG-4.3", "HG-6.2")
 
@@ -48,6 +50,22 @@ def test_a_failure_shows_its_bytes_and_what_they_mean():
     assert "state ARMED" in text
     assert "02 42" in text
     assert suite.exit_status == 1
+
+
+def test_a_latch_that_does_not_end_the_ramp_of_the_hold_fails():
+    def not_at_full_amplitude(body):
+        if body[0] != DriveReply.TYPE:
+            return body
+        header, reply = parse_body(body)
+        dimmed = dataclasses.replace(reply, data=reply.data.replace(b"\xff", b"\xe5"))
+        keys = {"seq": header.seq, "time_us": header.time_us, "session": header.session}
+        return build_body(dimmed, flags=0, **keys)
+
+    access = virtual(array="3x2", wrap=lambda inner: Rewritten(inner, not_at_full_amplitude))
+    [result] = run(access, "HG-6.11/4-latches").results
+    assert result.behaviour is Behaviour.FAILED
+    assert result.detail.startswith("a frame at once, ")
+    assert result.detail.endswith("the amplitude is 229; the straight line allows 254.0 to 256.0")
 
 
 class Drowsy(Wrapped):

@@ -27,6 +27,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now, read_back_radiated
 from ...client.playback import play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
+from ...judge.ramps import judge_straight_ramp, judged_ramp_reading
 from ...judge.refused_requests import requests_refused_by_link
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, fail, inconclusive
@@ -35,7 +36,8 @@ from .every_restart import SLOW_US, STORED, TIMER_MS, play_later_than_timer, wai
 
 _MS: Final = 1000
 _SILENT_MS: Final = 70
-_HELD_MS: Final = 120  # a hold that a read-back behind a latch does not outlast
+_HELD_MS: Final = 120  # a hold, and a ramp that lasts longer than a host is held up
+_FADING_MS: Final = 2000
 
 
 @case(
@@ -223,13 +225,14 @@ def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
+    full = bytes([FULL]) * board.identity.transducers
     ways = ["at once", "queued", "queued, with others behind it", "late"]
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_to_store(board, STORED, frames=2)
         ways += ["played", "played later"]
     for way in ways:
         board.hello()
-        board.configure(hold_ms=_HELD_MS, ramp_ms=2000, late_window_us=100_000)
+        board.configure(hold_ms=_HELD_MS, ramp_ms=_FADING_MS, late_window_us=100_000)
         board.arm()
         latch_now(board, board.flat_phases())
         start_us = board.clock.unwrap(board.status().last_latch_us)
@@ -257,7 +260,7 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
             play_now(board, STORED, loops=0, period_us=SLOW_US)
             board.clock.wait_latched(0, board.ready_after_us())
         latched_us = board.clock.unwrap(board.status().last_latch_us)
-        loudest = read_back_radiated(board).loudest
-        if board.clock.device_us() - latched_us > (_HELD_MS - 10) * _MS:
+        reading = judged_ramp_reading(board, latched_us + _HELD_MS * _MS)
+        if reading.to_ms > _FADING_MS - 100:  # the ramp that was to end would be over, too
             inconclusive("the host was held up after the latch")
-        check(loudest == FULL, f"a frame {way} leaves the ramp of the hold: {loudest} is radiated")
+        judge_straight_ramp(board, [reading], _FADING_MS, full, f"a frame {way}, ")
