@@ -128,6 +128,15 @@ def test_a_read_back_that_comes_after_the_hold_judges_the_ramp_that_it_shows():
     assert result.seconds > 12 * 0.25
 
 
+@pytest.mark.parametrize("case", ["HG-6.11/4-latches", "HG-12.3/1-latches"])
+def test_a_line_that_needs_long_for_a_drive_is_not_too_slow(case):
+    """A drive of 256 transducers takes 48 ms at 57600 baud, a read-back of it 92."""
+    access = virtual(baud=57_600)
+    access.virtual = False
+    [result] = run(access, case).results
+    assert result.behaviour is Behaviour.OK, result.detail
+
+
 def is_read_back(body):
     return body[0] == ReadDrive.TYPE
 

@@ -269,16 +269,18 @@ def _check_status_against_traces(
 )
 def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
     last = _stored_for_status(board)
-    board.configure(hold_ms=_HOLD_MS, late_window_us=_WINDOW_US)
+    # A path waits for two frames, twice as long as the line needs, behind a third of the hold.
+    hold_ms = _HOLD_MS + board.wire.line_us(8 * len(board.flat_phases().serialize())) // _MS
+    board.configure(hold_ms=hold_ms, late_window_us=_WINDOW_US)
     for name, path in _latch_paths_for_status(board):
         board.arm()
         since = board.link.mark()
         latch_now(board, board.flat_phases())
         begun_us = board.clock.unwrap(board.status().last_latch_us)
-        board.wire.idle(_HOLD_MS * _MS // 3)
+        board.wire.idle(hold_ms * _MS // 3)
         path(board, last)
         start_us = board.clock.unwrap(board.status().last_latch_us)
-        if start_us > begun_us + (_HOLD_MS - 50) * _MS:
+        if start_us > begun_us + (hold_ms - 50) * _MS:
             inconclusive("the line or the host is too slow to latch within the hold")
-        header, _ = judged_mute_by_timer(board, since, 3 * _HOLD_MS * _MS, MuteReason.HOLD_EXPIRED)
-        judge_mute_time(board, start_us, header, _HOLD_MS, f"hold_ms = {_HOLD_MS}, behind {name}")
+        header, _ = judged_mute_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
+        judge_mute_time(board, start_us, header, hold_ms, f"hold_ms = {hold_ms}, behind {name}")
