@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ from haptogram.machine.files import make_folder_of
 
 from ..line.socket_server import UnixListener
 
+_LOG: Final = logging.getLogger(__name__)
 UNIX_PREFIX: Final = "unix:"
 CLIENT_BUFFER: Final = 8 << 20  # bytes that a client may fall behind before it is dropped
 
@@ -113,12 +115,11 @@ class FileSink:
 class SocketSink:
     """Sends to every client the first record, and then all that come while it is connected.
 
-    A client that falls :data:`CLIENT_BUFFER` bytes behind is dropped and counted: the others, and
-    the board, must not wait for it.
+    A client that falls :data:`CLIENT_BUFFER` bytes behind is dropped, which the log says: the
+    others, and the board, must not wait for it.
     """
 
     def __init__(self, listener: UnixListener) -> None:
-        self.dropped_clients = 0
         self._listener = listener
         self._first = b""
         self._unsent: dict[int, bytearray] = {}
@@ -138,7 +139,7 @@ class SocketSink:
             if not _send_backdoor_records(client, unsent):
                 self._drop(client)
             elif len(unsent) > CLIENT_BUFFER:
-                self.dropped_clients += 1
+                _LOG.warning("a client of the back door is %d bytes behind: dropped", len(unsent))
                 self._drop(client)
 
     @property
