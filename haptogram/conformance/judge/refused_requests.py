@@ -102,7 +102,7 @@ def other_config_than_judged(board: BoardClient) -> Config:
         ramp_ms=board.config.ramp_ms + 1,
         host_timeout_ms=20,
         status_period_ms=board.quick_status_ms,
-        late_window_us=board.config.late_window_us + 1,
+        late_window_us=abs(board.config.late_window_us - 1),
         sound_speed_mm_s=board.config.sound_speed_mm_s + 1,
         trace_mode=other,
         amplitude_ceiling=board.config.amplitude_ceiling ^ 1,

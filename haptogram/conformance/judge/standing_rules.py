@@ -17,12 +17,15 @@ from haptogram_protocol.messages import (
     Config,
     ConfigReply,
     Counters,
+    DriveReply,
     Element,
     Flag,
     GeometryReply,
     HelloReply,
     Message,
+    PlaybackEnded,
     SetConfigReply,
+    StateChanged,
     Status,
     StatusReply,
     Trace,
@@ -40,6 +43,8 @@ from ..outcome import RuleFindings
 
 _WRAP: Final = 1 << 32
 _LONG_US: Final = 1_000_000_000  # beyond this two times of 32 bits tell no difference
+_REGISTER_BITS: Final = 8
+_SPARE_US: Final = 5_000_000  # what waits on its way is that old
 _TRACES: Final = (Trace, TracePlayback, TraceDrive)
 #: Fields of HELLO_REPLY that a new session may find changed.
 _OF_SESSION: Final = ("nonce", "state", "sound_speed_mm_s", "config_crc")
@@ -71,6 +76,7 @@ class _Since:
     session: int = 0
     next_event: int | None = None
     latch: tuple[int, int] | None = None  # time of the last traced latch, and of its trace
+    ended: tuple[int, int] | None = None  # session and time of the last PLAYBACK_ENDED
     response: tuple[int, int] | None = None  # the same of the newest response
 
 
@@ -95,6 +101,9 @@ class StandingRules:
             self._judge_geometry,
             self._judge_events,
             self._judge_traces,
+            self._judge_bits,
+            self._judge_order,
+            self._judge_times,
         )
 
     def begin_board(self) -> None:
@@ -201,6 +210,11 @@ class StandingRules:
                 wrong.append(f"transducer {number} was shown as {since.elements[number]}")
         yield "HG-7.5/1", "; ".join(wrong[:2])
 
+    def _judge_bits(self, _: ReceivedByClient, message: Message) -> Broken:
+        if isinstance(message, DriveReply | TraceDrive):
+            text = f"bits is {message.bits}; registers have 8"
+            yield "HG-5.2/7", text if message.bits != _REGISTER_BITS else ""
+
     # --- Events ----------------------------------------------------------------------------------
 
     def _judge_events(self, piece: ReceivedByClient, message: Message) -> Broken:
@@ -218,6 +232,27 @@ class StandingRules:
         allowed = Flag.LATE if isinstance(message, _TRACES) else 0
         wrong = header.flags & ~allowed
         yield "HG-3.4/3", f"flags {wrong:#04x} have no meaning here" if wrong else ""
+
+    def _judge_order(self, piece: ReceivedByClient, message: Message) -> Broken:
+        header, since = piece.header, self._since
+        assert header is not None  # take
+        if isinstance(message, StateChanged):
+            same = since.ended == (header.session, header.time_us)
+            yield "HG-4.11/5", "PLAYBACK_ENDED of the same moment came before" if same else ""
+        elif isinstance(message, PlaybackEnded):
+            since.ended = header.session, header.time_us
+
+    def _judge_times(self, piece: ReceivedByClient, _: Message) -> Broken:
+        """Judge times by that of the newest response, as far as the host's clock tells."""
+        header, newest = piece.header, self._since.response
+        assert header is not None  # take
+        if newest is None or piece.t_us - newest[1] > _LONG_US:
+            return
+        off_us = signed_difference(header.time_us, newest[0], 32)
+        most_us = piece.t_us - newest[1] + _SPARE_US
+        if piece.is_event:
+            text = f"its time is {off_us} µs behind that of the last response"
+            yield "HG-3.1/1", text if not -_SPARE_US <= off_us <= most_us else ""
 
     def _judge_traces(self, piece: ReceivedByClient, message: Message) -> Broken:
         header, since = piece.header, self._since

@@ -19,12 +19,15 @@ from haptogram_protocol.messages import (
     GeometryReply,
     Header,
     HelloReply,
+    LatchKey,
     Message,
+    PlaybackEnded,
     SetConfigReply,
     StateChanged,
     Status,
     StatusReply,
     Trace,
+    TraceDrive,
     TraceReply,
 )
 from haptogram_protocol.state import MuteReason, OutputState
@@ -78,6 +81,7 @@ def status(**changes: object) -> StatusReply:
 CONFIG_REPLY = ConfigReply(5, CONFIG)
 GEOMETRY = GeometryReply(2, 0, (ELEMENT, ELEMENT))
 TRACE = Trace(65_520, 1)
+MUTED = StateChanged(OutputState.MUTED, MuteReason.MUTE)
 OTHER = dataclasses.replace(CONFIG, hold_ms=201)
 
 
@@ -96,10 +100,13 @@ def test_a_reply_from_memory_tells_of_earlier():
 @pytest.mark.parametrize(
     ("clause", "messages"),
     [
-        ("HG-3.4/3", [HELLO, (StateChanged(OutputState.MUTED, MuteReason.MUTE), {"flags": 1})]),
+        ("HG-3.1/1", [HELLO, (TRACE, {"time_us": 6_000_000})]),
+        ("HG-3.4/3", [HELLO, (MUTED, {"flags": 1})]),
         ("HG-3.6/2", [HELLO, (TRACE, {"seq": 0}), (TRACE, {"seq": 2})]),
         ("HG-3.9/2", [status(frames=1)]),
         ("HG-4.3/1", [HELLO, dataclasses.replace(HELLO, firmware="two")]),
+        ("HG-4.11/5", [(PlaybackEnded(1, 1, 1), {"time_us": 9}), (MUTED, {"time_us": 9})]),
+        ("HG-5.2/7", [TraceDrive(LatchKey(0, 0, 1), 5, b"")]),
         ("HG-5.8/3", [HELLO, (TRACE, {"time_us": 50}), (TRACE, {"time_us": 60})]),
         ("HG-6.2/3", [status(reason=MuteReason.NONE)]),
         ("HG-7.1/3", [SetConfigReply(5, CONFIG), ConfigReply(5, OTHER)]),

@@ -1,7 +1,8 @@
-"""HG-3.4, HG-3.6, HG-3.9, HG-4.3, HG-5.8, HG-6.2, HG-7.1, HG-7.5, HG-8.5, HG-9.1, HG-9.2: always.
+"""HG-3.1, HG-3.4, HG-3.6, HG-3.9, HG-4.3, HG-4.11, HG-5.2, HG-5.8, HG-6.2, HG-7.1, HG-7.5, HG-8.5,
+HG-9.1, HG-9.2: what every frame of all other cases has shown.
 
-What every frame of all other cases has shown: rules that hold in each of them, whatever was asked.
-"""
+These rules hold in each frame, whatever was asked.
+"""  # noqa: D205 -- the sections take more than a line
 
 from __future__ import annotations
 
@@ -14,10 +15,13 @@ from ...client.board_client import BoardClient
 from ...outcome import SELF_REPORTED, WIRE, check, not_observed
 
 _RULES: Final[dict[str, tuple[str, Evidence]]] = {
+    "HG-3.1/1": ("an event tells a time near those of the responses", WIRE),
     "HG-3.4/3": ("no event has a flag, but LATE in a trace", WIRE),
     "HG-3.6/2": ("events of a session count up by 1 from 0", WIRE),
     "HG-3.9/2": ("frames is the sum of its parts in each status", SELF_REPORTED),
     "HG-4.3/1": ("HELLO_REPLY names the same board each time", WIRE),
+    "HG-4.11/5": ("of one moment STATE_CHANGED comes before PLAYBACK_ENDED", WIRE),
+    "HG-5.2/7": ("drives are shown with 8 bits a phase", SELF_REPORTED),
     "HG-5.8/3": ("no two latches are traced in one carrier period", SELF_REPORTED),
     "HG-6.2/3": ("the reason in a status suits its state", SELF_REPORTED),
     "HG-7.1/3": ("the configuration is the one that was set last", SELF_REPORTED),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Final
 
 from haptogram_protocol.framing import encode_frame
@@ -117,12 +118,13 @@ def every_header_type_has_its_session(board: BoardClient) -> None:
 )
 def every_header_type_has_its_flags(board: BoardClient) -> None:
     for message in _requests_of_every_type(board):
-        unknown = [0x20, 0x40, 0x80, 0xE0]
-        if not isinstance(message, Play):
-            unknown.append(int(Flag.IMMEDIATE))
-        with board.counting(unsupported=len(unknown)):
+        unknown = [0x20, 0x40, 0x80, 0xE0, 0x10, 0x30, 0xF0]
+        known = int(Flag.IMMEDIATE) if isinstance(message, Play) else 0
+        with board.counting(unsupported=len(unknown) - bool(known)):
             for flags in unknown:
-                board.link.refused(message, ErrorCode.UNSUPPORTED, flags, flags=flags)
+                if flags & ~known:
+                    detail = flags & ~known
+                    board.link.refused(message, ErrorCode.UNSUPPORTED, detail, flags=flags | 0x0A)
 
 
 @case(
@@ -220,11 +222,13 @@ def every_header_type_is_remembered(board: BoardClient) -> None:
     variant="sizes",
 )
 def mute_passes_with_every_header(board: BoardClient) -> None:
-    for size in (0, 1, 2, 30, 100, 255, 256, 1000, _LONG):
+    every_flag = itertools.cycle([0, *(1 << bit for bit in range(8)), 0xF0, 0xFF])
+    sizes = (0, 1, 2, 30, 100, 255, 256, 1000, _LONG)
+    before = board.status().counters
+    for size in sizes:
         for session in (0, board.link.session, board.link.session ^ 1):
             board.arm()
-            seq = board.link.next_seq()
-            flags = board.random.choice((0, 0x10, 0x20, 0xF0, 0xFF))
+            seq, flags = board.link.next_seq(), next(every_flag)
             body = board.link.body(
                 Mute.TYPE, board.random.randbytes(size), seq=seq, session=session, flags=flags
             )
@@ -233,6 +237,11 @@ def mute_passes_with_every_header(board: BoardClient) -> None:
             answer = board.link.answer_to(Mute.TYPE, seq, since, board.wire.line_us(size))
             state = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
             check(state.name == "MUTED", f"MUTE with {size} bytes: {state.name}")
+    counted = board.counted_since(before)
+    due = 2 * 3 * len(sizes)  # with an ARM each
+    moved = {name: number for name, number in counted.items() if number}
+    wanted = {"frames": due, "requests": due}
+    check(moved == wanted, f"{due // 2} ARM and MUTE are counted in {moved}, due is {wanted}")
 
 
 # --- Number and session of each reply ----------------------------------------------------------

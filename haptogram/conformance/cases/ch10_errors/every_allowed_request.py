@@ -16,6 +16,7 @@ from haptogram_protocol.messages import (
     Message,
     Play,
     SetConfig,
+    SetConfigReply,
     Stop,
     TraceMode,
     UploadBegin,
@@ -93,7 +94,8 @@ def an_allowed_setting_changes_only_itself(board: BoardClient) -> None:
         }
         usual = board.config
         for name, value in changed.items():
-            board.link.ask(SetConfig(dataclasses.replace(usual, **{name: value})))
+            wanted = SetConfig(dataclasses.replace(usual, **{name: value}))
+            board.link.call(wanted, SetConfigReply)
             after = held_after_refusals(board, last_us)
             held = {key: value for key, value in before.items() if key not in _BY_CONFIG}
             text = held_state_changes(before, {key: after[key] for key in held})

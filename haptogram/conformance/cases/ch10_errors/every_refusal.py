@@ -52,6 +52,8 @@ _AHEAD_US: Final = 8_000_000  # queued frames and a waiting playback are due the
 _FRESH_US: Final = 4_000_000  # a situation is brought about again after this time
 _PERIOD_US: Final = 9_000_000
 _QUEUED: Final = 3
+_GAP: Final = 40
+_UNKNOWN_FLAG: Final = 0x40
 #: Names of the situations.
 QUEUED: Final = "with frames queued"
 PLAYING: Final = "while a sequence plays"
@@ -85,6 +87,8 @@ class Situation:
 def _set_before_refusal(board: BoardClient) -> None:
     """Open a session, with settings away from the default, and an upload with a gap."""
     board.hello()
+    board.link.stream_next += _GAP  # numbers of more than 16 bits
+    board.link.send(board.link.stream_wire(board.shortest_stream(), flags=_UNKNOWN_FLAG))
     if board.has(Feature.CORRECTION) and not any(board.correction or b""):
         codes = board.random.randbytes(board.identity.transducers)
         upload_to_board(board, UploadKind.CORRECTION, 0, codes)
