@@ -64,7 +64,10 @@ def judge_focus(judge: FrameJudge, frame: Frame, shown: ClientDrive) -> None:
     fail(f"{named}: focus commanded to ({where}) mm, found {found} ({frame.phase_bits} bits)")
 
 
-def _judged_weights(model: AcousticModel, points: tuple[FocalPoint, ...]) -> NDArray[np.complex128]:
+def weights_of_points(
+    model: AcousticModel, points: tuple[FocalPoint, ...]
+) -> NDArray[np.complex128]:
+    """Return the (N,) drive of focal points before it is rounded to codes (HG-5.4)."""
     positions = np.array([(p.x_um, p.y_um, p.z_um) for p in points]) * 1e-6
     levels = np.array([p.amplitude for p in points]) / 65_535
     lags = np.array([p.phase for p in points]) * (2 * np.pi / 65_536)
@@ -80,7 +83,7 @@ def judged_phase_errors(
     """
     errors = []
     for points, shown in found:
-        weights = _judged_weights(model, points)
+        weights = weights_of_points(model, points)
         exact = np.angle(weights) / (2 * np.pi) * _STEPS
         codes = np.frombuffer(shown.phases, np.uint8).astype(np.float64)
         difference = (codes - exact + _STEPS / 2) % _STEPS - _STEPS / 2
@@ -94,6 +97,6 @@ def judged_amplitude_errors(
     """Return latched amplitude codes less the exact ones, of every transducer."""
     errors = []
     for points, shown in found:
-        exact = 255 * np.minimum(1.0, np.abs(_judged_weights(model, points)))
+        exact = 255 * np.minimum(1.0, np.abs(weights_of_points(model, points)))
         errors.append(np.frombuffer(shown.amplitudes, np.uint8) - exact)
     return np.concatenate(errors)

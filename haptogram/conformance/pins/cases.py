@@ -13,6 +13,7 @@ VARIANT: Final = "pins"
 _SUMMARIES: Final = {
     "HG-5.2/1": "from the latch of a PHASES frame on, each pin has the phase of its code",
     "HG-5.3/1": "from the latch of a DRIVES frame on, each pin has its phase and amplitude",
+    "HG-5.4/1": "from the latch of focal points on, each pin has the drive that they lead to",
     "HG-5.8/1": "the pins take a drive in the first carrier period from its t_apply on",
     "HG-5.8/2": "in a latch all pins change within one carrier period",
     "HG-5.8/5": "no pin falls silent between a latch and the next one, or the end of the output",
@@ -23,6 +24,9 @@ _SUMMARIES: Final = {
     "HG-6.11/1": "in a ramp no pin gets louder",
     "HG-6.11/2": "in a ramp the amplitude at the pins follows the straight line to 0",
     "HG-6.12/2": "from a reset until the first latch after ARM the pins are silent",
+    "HG-7.6/4": "in a playback each frame of the sequence is at the pins, and when it is due",
+    "HG-7.9/1": "the phases at the pins are those of the drive and the correction",
+    "HG-7.9/2": "no amplitude at the pins is above the ceiling, and those below it are as sent",
     "HG-8.3/1": "the pins change at the time that the trace of the latch tells",
     "HG-12.1/1": "the pins are silent once the board says that a playback was left unattended",
     "HG-12.2/1": "the pins are silent once the board says that the lease ended the output",

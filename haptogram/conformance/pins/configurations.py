@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import bisect
 import zlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import TypeVar
 
 from haptogram_protocol.messages import (
     Config,
     ConfigReply,
-    HelloReply,
     MessageType,
     SetConfigReply,
+    UploadCommit,
     UploadCommitReply,
+    UploadKind,
 )
 
 from .dialogue import PinDialogue
+from .told_drives import DrivesOfPinDialogue
 
-
-@dataclass(frozen=True, slots=True)
-class _Known:
-    since: float
-    config: Config | None
-    is_plain: bool
+_T = TypeVar("_T")
 
 
 class ConfigurationsByPins:
@@ -32,37 +30,47 @@ class ConfigurationsByPins:
     ----------
     dialogue : PinDialogue
         The capture.
+    asked : DrivesOfPinDialogue
+        The uploads in it.
     """
 
-    def __init__(self, dialogue: PinDialogue) -> None:
-        count = next((reply.transducers for _, reply in dialogue.said(HelloReply)), 0)
-        changes = MessageType.SET_CONFIG, MessageType.UPLOAD_COMMIT
+    def __init__(self, dialogue: PinDialogue, asked: DrivesOfPinDialogue) -> None:
+        taken = [one for one in asked.uploads if one.begin.kind is UploadKind.CORRECTION]
+        known = [bytes(asked.count), *(one.data for one in taken if one.data is not None)]
         read = {(f.header.session, f.header.seq) for f in dialogue.to_board}
-        found = [_Known(moment, None, False) for moment in dialogue.resets]
-        found += [
-            _Known(frame.arrival, None, False)
-            for frame in dialogue.to_board
-            if frame.header.type in changes
-        ]
+        configs: list[tuple[float, Config | None]] = [(t, None) for t in dialogue.resets]
+        corrections: list[tuple[float, bytes | None]] = [(t, None) for t in dialogue.resets]
+        for frame in dialogue.to_board:
+            if frame.header.type == MessageType.SET_CONFIG:
+                configs.append((frame.arrival, None))
+            elif isinstance(frame.message, UploadCommit) and frame.message.target == 0:
+                corrections.append((frame.arrival, None))
+        corrections += [(one.since, one.data) for one in taken]
         for frame in dialogue.to_host:
-            message, asked = frame.message, (frame.header.session, frame.header.seq)
-            if isinstance(message, UploadCommitReply) and asked not in read:
-                found.append(_Known(frame.begin, None, False))  # the analyser read it wrongly
+            message, request = frame.message, (frame.header.session, frame.header.seq)
+            if isinstance(message, UploadCommitReply) and request not in read:
+                corrections.append((frame.begin, None))  # the analyser read it wrongly
             if isinstance(message, ConfigReply | SetConfigReply):
-                crc = zlib.crc32(message.config.pack() + bytes(count))
-                found.append(_Known(frame.begin, message.config, crc == message.config_crc))
-        self._known = sorted(found, key=lambda one: one.since)
+                packed = message.config.pack()
+                fitting = (c for c in known if zlib.crc32(packed + c) == message.config_crc)
+                configs.append((frame.begin, message.config))
+                corrections.append((frame.begin, next(fitting, None)))
+        self._configs = sorted(configs, key=_begin_of_configuration)
+        self._corrections = sorted(corrections, key=_begin_of_configuration)
 
     def at(self, t: float) -> Config | None:
         """Return the configuration at a period of the capture; None: it is not known."""
-        known = self._last(t)
-        return None if known is None else known.config
+        return _last_configuration(self._configs, t)
 
-    def is_plain(self, t: float) -> bool:
-        """Return True if no phase correction is in force."""
-        known = self._last(t)
-        return known is not None and known.is_plain
+    def correction(self, t: float) -> bytes | None:
+        """Return the phase correction at a period of the capture; None: it is not known."""
+        return _last_configuration(self._corrections, t)
 
-    def _last(self, t: float) -> _Known | None:
-        place = bisect.bisect_right(self._known, t, key=lambda one: one.since) - 1
-        return self._known[place] if place >= 0 else None
+
+def _begin_of_configuration(item: tuple[float, object]) -> float:
+    return item[0]
+
+
+def _last_configuration(known: Sequence[tuple[float, _T | None]], t: float) -> _T | None:
+    place = bisect.bisect_right(known, t, key=_begin_of_configuration) - 1
+    return known[place][1] if place >= 0 else None

@@ -22,12 +22,18 @@ class PinClauseFindings:
         Occasions that look as if the pins did not, and that the capture itself may explain.
     missing : dict of str to str
         Why a clause could not be judged, where the capture itself is the reason.
+    paths : set of (str, str)
+        Clause and path of every drive that was compared with the pins.
+    offered : set of (str, str)
+        Clause and path of every drive that the board offers.
     """
 
     held: Counter[str] = field(default_factory=Counter)
     broken: dict[str, list[str]] = field(default_factory=dict)
     unclear: dict[str, list[str]] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
+    paths: set[tuple[str, str]] = field(default_factory=set)
+    offered: set[tuple[str, str]] = field(default_factory=set)
 
     def add(self, clause: str, broken: str) -> None:
         """Count an occasion; *broken* says what the pins did wrong, empty: nothing."""
@@ -35,6 +41,11 @@ class PinClauseFindings:
             self.broken.setdefault(clause, []).append(broken)
         else:
             self.held[clause] += 1
+
+    def paths_left_out(self, clause: str) -> str:
+        """Return the paths of a drive about which the capture says nothing; empty: none."""
+        left = sorted(path for one, path in self.offered - self.paths if one == clause)
+        return f"; no pin showed {', '.join(left)}" if left else ""
 
     def doubt(self, clause: str, text: str) -> None:
         """Note an occasion that looks wrong, and that the capture may explain."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Collection, Sequence
 from typing import Final
 
@@ -15,10 +16,16 @@ from ..verdict import Behaviour, CaseResult, SuiteResult
 from .cases import PIN_CASES
 from .dialogue import PinDialogue
 from .findings import PinClauseFindings
-from .latches import judge_latch_clauses
+from .latch_drives import LatchDriveClauseJudge
+from .latch_moments import LatchMomentClauseJudge
+from .latch_pulses import SETTLED, LatchClausePulses
 from .ramps import judge_ramp_clauses
 from .silences import judge_silence_clauses
+from .told_drives import DRIVE_CLAUSES, advertised_drive_paths
+from .told_latches import latches_of_pin_dialogue
 
+_LATE: Final = 20.0  # periods after a latch until the old drive is gone, where pins latch late
+_LATCH_CLAUSES: Final = ("HG-5.8/1", "HG-5.8/2", "HG-5.8/5", "HG-8.3/1", "HG-7.9/1", "HG-7.9/2")
 _NAMED: Final = 3  # occasions that are told
 _NEVER: Final = "the capture shows no occasion for it: no captured pin sounded then, or none came"
 
@@ -58,6 +65,25 @@ def judge_clauses_by_pins(
     return tuple(_clause_result_by_pins(clause, findings, cut, expected) for clause in PIN_CASES)
 
 
+def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
+    """Judge every latch that the board told, one event for each."""
+    for _, identity in dialogue.said(HelloReply):
+        findings.offered.update(advertised_drive_paths(identity))
+    if not dialogue.clocks:
+        for clause in (*_LATCH_CLAUSES, *DRIVE_CLAUSES.values()):
+            findings.missing[clause] = "no PING was answered: the device clock is not known"
+        return
+    told = list(latches_of_pin_dialogue(dialogue))
+    pulses = LatchClausePulses(dialogue.record)
+    moments, drives = LatchMomentClauseJudge(pulses), LatchDriveClauseJudge(pulses)
+    for number, latch in enumerate(told):
+        moments.judge(latch, told[number - 1].at if number else -math.inf, findings)
+    # Pins that latch at another time than the board tells show an old drive for a while.
+    is_late = any(findings.broken.get(clause) for clause in ("HG-5.8/1", "HG-5.8/2", "HG-8.3/1"))
+    for latch in told:
+        drives.judge(latch, _LATE if is_late else SETTLED, findings)
+
+
 def _check_elements_of_clauses(dialogue: PinDialogue) -> None:
     count = next((reply.transducers for _, reply in dialogue.said(HelloReply)), None)
     for element, pin in dialogue.record.pins.items():
@@ -80,7 +106,8 @@ def _clause_result_by_pins(
     elif unclear:
         behaviour, detail = Behaviour.INCONCLUSIVE, _occasions(unclear, every)
     elif held:
-        behaviour, detail = Behaviour.OK, f"seen {held} times"
+        left = findings.paths_left_out(clause)
+        behaviour, detail = Behaviour.OK, f"seen {held} times{left}"
     else:
         behaviour, detail = Behaviour.NOT_OBSERVED, findings.missing.get(clause, _NEVER)
     if cut and behaviour is not Behaviour.FAILED:

@@ -16,7 +16,7 @@ from haptogram.verification.pins.shown_frames import PinCaptureLimits
 
 from .findings import PinClauseFindings, duration_by_pins, names_of_pins, time_by_pins
 from .latch_pulses import LONGEST, SHORTEST, LatchClausePulses
-from .told_latches import ToldLatch
+from .told_latches import ShownDrive, ToldLatch
 
 _FULL: Final = 255
 _TURN: Final = 256
@@ -25,7 +25,7 @@ _SILENT: Final = 2.5  # periods without a pulse
 
 @dataclass
 class LatchDriveClauseJudge:
-    """Judges the drives of latches by the pins: HG-5.2/1, HG-5.3/1 and HG-5.8/5."""
+    """Judges the drives of latches by the pins: clauses of every path of a drive, and HG-5.8/5."""
 
     pulses: LatchClausePulses
     _shared: dict[float, float] = field(default_factory=dict, init=False)
@@ -43,15 +43,13 @@ class LatchDriveClauseJudge:
     def judge(self, latch: ToldLatch, settled: float, findings: PinClauseFindings) -> None:
         """Compare the drives with the codes, from *settled* periods behind the latch on."""
         settled += latch.within
-        if latch.codes is None or latch.until - latch.at <= settled + latch.within + SHORTEST:
+        shown = latch.drive
+        if shown is None or latch.until - latch.at <= settled + latch.within + SHORTEST:
             return
         record, where = self.record, time_by_pins(self.record, latch.at)
         elements = list(record.pins)
-        meant = (
-            latch.codes[1, elements]
-            / _FULL
-            * np.exp(2j * math.pi / _TURN * latch.codes[0, elements])
-        )
+        codes = shown.codes[:, elements]
+        meant = codes[1] / _FULL * np.exp(2j * math.pi / _TURN * codes[0])
         low, high = latch.at + settled, latch.until - 1.0 - latch.within
         seen = np.full(len(elements), np.nan, np.complex128)
         gone, sounding = [], False
@@ -73,12 +71,15 @@ class LatchDriveClauseJudge:
             lost = f"{names_of_pins(record, gone)} fall silent within {length} of the latch {where}"
         if sounding:
             findings.add("HG-5.8/5", lost)
-        wrong = [
-            e for e, bad in zip(elements, self._wrong(seen, meant, latch.boot), strict=True) if bad
-        ]
-        wrong = [element for element in wrong if element not in gone]
-        text = f"{names_of_pins(record, wrong)} show another drive after the latch {where}"
-        findings.add(latch.clause, text if wrong else "")
+        bad = self._wrong(seen, meant, shown, latch.boot)
+        wrong = [e for e, is_wrong in zip(elements, bad, strict=True) if is_wrong and e not in gone]
+        text = ""
+        if wrong:
+            names = names_of_pins(record, wrong)
+            text = f"{names} show another drive after the latch {where} ({shown.path})"
+        for clause in (shown.clause, *shown.clauses):
+            findings.add(clause, text)
+        findings.paths.add((shown.clause, shown.path))
 
     def _drift(self, low: float, high: float) -> FloatArray:
         """Return the polynomial by which the phase of the reference wanders behind *low*.
@@ -94,28 +95,36 @@ class LatchDriveClauseJudge:
         found: FloatArray = np.polyfit(times - low, phases - phases[0], 2)
         return found
 
-    def _wrong(self, seen: ComplexArray, meant: ComplexArray, boot: float) -> NDArray[np.bool_]:
+    def _wrong(
+        self, seen: ComplexArray, meant: ComplexArray, shown: ShownDrive, boot: float
+    ) -> NDArray[np.bool_]:
         """Return the pins that differ, on the phase that the pins share with their drives."""
         limits = self.limits
         turn = seen * np.conj(meant)
-        sizes = np.abs(np.abs(seen) - np.abs(meant)) > limits.amplitude
-        audible = np.minimum(np.abs(seen), np.abs(meant)) > limits.amplitude
+        size = limits.amplitude + shown.steps / _FULL
+        sizes = np.abs(np.abs(seen) - np.abs(meant)) > size
+        audible = np.minimum(np.abs(seen), np.abs(meant)) > size
+        audible &= ~shown.free[list(self.record.pins)]
         if self.record.reference_element is None:
-            offset = self._offset(turn, boot)
+            offset = self._offset(turn, boot, is_exact=not shown.steps)
         else:
             place = list(self.record.pins).index(self.record.reference_element)
             offset = float(np.angle(turn[place]))
             audible &= audible[place]  # a silent reference has no phase
         errors = np.abs(np.angle(turn * np.exp(-1j * offset)))
-        # The shared phase is known to a sample only.
-        bad: NDArray[np.bool_] = sizes | (audible & (errors > 2.0 * limits.phase_rad))
+        # The shared phase is known to a sample only, and that of a computed drive to a step.
+        limit = 2.0 * (limits.phase_rad + shown.steps * math.tau / _TURN)
+        bad: NDArray[np.bool_] = sizes | (audible & (errors > limit))
         return bad
 
-    def _offset(self, turn: ComplexArray, boot: float) -> float:
+    def _offset(self, turn: ComplexArray, boot: float, *, is_exact: bool) -> float:
         """Return the phase of the pins against their codes: one from a reset to the next."""
-        if boot not in self._shared and (np.abs(turn) > 0.0).any():
-            self._shared[boot] = _shared_angle_of_clause(np.angle(turn[np.abs(turn) > 0.0]))
-        return self._shared.get(boot, 0.0)
+        if boot in self._shared or not (np.abs(turn) > 0.0).any():
+            return self._shared.get(boot, 0.0)
+        found = _shared_angle_of_clause(np.angle(turn[np.abs(turn) > 0.0]))
+        if is_exact:
+            self._shared[boot] = found
+        return found
 
 
 def _shared_angle_of_clause(angles: FloatArray) -> float:

@@ -20,7 +20,7 @@ _LEAST_STEP: Final = 0.06  # of full drive: drives nearer than that are not told
 
 @dataclass(frozen=True)
 class LatchMomentClauseJudge:
-    """Judges the times of latches by the pins: HG-5.8/1, HG-5.8/2 and HG-8.3/1."""
+    """Judges the times of latches by the pins: HG-5.8/1, HG-5.8/2, HG-7.6/4, HG-8.3/1."""
 
     pulses: LatchClausePulses
 
@@ -83,7 +83,7 @@ class LatchMomentClauseJudge:
         self._judge_time(findings, "HG-8.3/1", middle - latch.at, latch.within, told)
         if latch.due is not None:
             told = f"than the frame of the latch {where} is due"
-            self._judge_time(findings, "HG-5.8/1", middle - latch.due, latch.within, told)
+            self._judge_time(findings, latch.due_clause, middle - latch.due, latch.within, told)
 
     def _judge_time(
         self, findings: PinClauseFindings, clause: str, late: float, within: float, than: str

@@ -15,6 +15,7 @@ from haptogram_protocol.state import MuteReason
 from .configurations import ConfigurationsByPins
 from .dialogue import PinDialogue
 from .findings import PinClauseFindings, names_of_pins, time_by_pins
+from .told_drives import DrivesOfPinDialogue
 
 #: Timers whose ramps are judged: during that of an unattended playback latches go on.
 _TIMERS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
@@ -29,7 +30,7 @@ def judge_ramp_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> No
     """Judge the ramp before every silence that a timer made."""
     if not any(reply.features & Feature.AMPLITUDE for _, reply in dialogue.said(HelloReply)):
         return
-    configs = ConfigurationsByPins(dialogue)
+    configs = ConfigurationsByPins(dialogue, DrivesOfPinDialogue(dialogue))
     per_ms = dialogue.record.carrier_hz * 1e-3
     for frame, changed in dialogue.said(StateChanged):
         end = dialogue.told(frame)

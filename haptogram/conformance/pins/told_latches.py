@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import bisect
 import math
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +16,53 @@ from haptogram.verification.pins.line_frames import LineFrame
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.messages import (
     EVENT_RANGE,
-    FIRST_STREAM_SEQ,
-    STREAM_RANGE,
-    Drives,
+    DriveReply,
+    Feature,
     Flag,
-    HelloReply,
+    LatchKey,
     MessageType,
+    Points,
     StateChanged,
     Trace,
     TraceDrive,
     TraceMode,
     TracePlayback,
-    drive_codes,
-    unwrap,
 )
 from haptogram_protocol.state import OutputState
 
 from .configurations import ConfigurationsByPins
 from .dialogue import PinDialogue
+from .told_drives import DrivesOfPinDialogue, ToldDrive
 
+#: Time in periods, what tells of it, and up to when no other latch can have followed.
+_Told: TypeAlias = tuple[float, LineFrame, float]
 _BEFORE_WORD_MS: Final = 1.0  # a board may be silent before it says so: HG-12.1/1
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ShownDrive:
+    """The drive that the pins have to show from a latch on.
+
+    Attributes
+    ----------
+    codes : (2, N) numpy.ndarray of uint8
+        Phases and amplitudes, after correction and ceiling.
+    free : (N,) numpy.ndarray of bool
+        Elements whose phase is free.
+    steps : int
+        By how many steps a code may differ: of a drive that the board computes.
+    clause, path : str
+        Clause that says so, and how the drive came to the registers.
+    clauses : tuple of str
+        Clauses about what correction and ceiling made of it.
+    """
+
+    codes: NDArray[np.uint8]
+    free: NDArray[np.bool_]
+    steps: int
+    clause: str
+    path: str
+    clauses: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +77,10 @@ class ToldLatch:
         Up to when nothing else can have changed the output.
     due : float or None
         When the frame was to be latched; None: at once, late, or not of the stream.
-    codes : (2, N) numpy.ndarray of uint8, or None
-        Phases and amplitudes that the pins show; None: not known.
-    clause : str
-        Clause that says so.
+    due_clause : str
+        Clause that says when.
+    drive : ShownDrive or None
+        What the pins show; None: not known.
     boot : float
         Begin of the device clock that told it.
     within : float
@@ -64,25 +90,43 @@ class ToldLatch:
     at: float
     until: float
     due: float | None
-    codes: NDArray[np.uint8] | None
-    clause: str
+    due_clause: str
+    drive: ShownDrive | None
     boot: float
     within: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Sent:
-    frame: LineFrame
-    index: int
-    codes: NDArray[np.uint8]
-
-
 def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ToldLatch]:
-    """Yield the latches of which an event of its own tells, in the order of their times."""
-    sent = _drives_of_pin_dialogue(dialogue)
-    configs = ConfigurationsByPins(dialogue)
+    """Yield the latches of which the board tells, in the order of their times."""
+    asked = DrivesOfPinDialogue(dialogue)
+    configs = ConfigurationsByPins(dialogue, asked)
     per_ms = dialogue.record.carrier_hz * 1e-3
     ends = _output_ends_of_pin_dialogue(dialogue)
+    told = [*_traced_latches(dialogue, configs), *_latches_read_back(dialogue, configs)]
+    for at, frame, limit in sorted(told, key=_time_of_told_latch):
+        known = configs.at(at)
+        if known is None:
+            continue
+        limit = min(limit, ends[bisect.bisect_right(ends, at)], at + known.hold_ms * per_ms)
+        found = asked.of(frame, at)
+        due = shown = None
+        if found is not None:
+            play = found.playing
+            alone_ms = known.host_timeout_ms if play is None else play.unattended_ms
+            limit = min(limit, found.frame.arrival + alone_ms * per_ms)
+            shown = _shown_drive(found, asked, configs, at)
+            due = _latch_due_in_pin_dialogue(dialogue, found, frame)
+        due_clause = "HG-5.8/1" if found is None or found.playing is None else "HG-7.6/4"
+        boot = next(c.begin for c in dialogue.clocks if c.begin <= frame.begin < c.end)
+        yield ToldLatch(at, limit, due, due_clause, shown, boot, dialogue.within(at))
+
+
+def _time_of_told_latch(told: _Told) -> float:
+    return told[0]
+
+
+def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Told]:
+    """Yield the latches of which an event of its own tells, while every latch has one."""
     events = []
     for frame in dialogue.to_host:
         is_told = isinstance(frame.message, Trace | TracePlayback | TraceDrive)
@@ -90,6 +134,7 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ToldLatch]:
             events.append((at, frame))
     events.sort(key=lambda event: event[0])
     lost = _lost_events_of_pin_dialogue(dialogue)
+    per_ms = dialogue.record.carrier_hz * 1e-3
     for place, (at, frame) in enumerate(events):
         known = configs.at(at)
         if known is None or known.trace_mode is not TraceMode.CRC:
@@ -99,53 +144,64 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ToldLatch]:
         until = events[place + 1][1].begin if place + 1 < len(events) else frame.begin + per_ms
         if any(since < moment <= until for moment in lost):
             continue  # the event of a latch next to it was damaged
-        limit = min(following, ends[bisect.bisect_right(ends, at)], at + known.hold_ms * per_ms)
-        found = _frame_of_pin_dialogue(sent, frame)
-        codes = due = None
-        clause = "HG-5.2/1"
-        if found is not None:
-            limit = min(limit, found.frame.arrival + known.host_timeout_ms * per_ms)
-            codes = found.codes.copy() if configs.is_plain(at) else None
-            if codes is not None:
-                codes[1] = np.minimum(codes[1], known.amplitude_ceiling)
-            clause = "HG-5.3/1" if isinstance(found.frame.message, Drives) else clause
-            due = _latch_due_in_pin_dialogue(dialogue, found, frame)
-        boot = next(c.begin for c in dialogue.clocks if c.begin <= frame.begin < c.end)
-        yield ToldLatch(at, limit, due, codes, clause, boot, dialogue.within(at))
+        yield at, frame, following
+
+
+def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Told]:
+    """Yield the latches that a read-back names, up to its request, where no events tell of them."""
+    requests = {
+        (frame.header.session, frame.header.seq): frame.arrival
+        for frame in dialogue.to_board
+        if frame.header.type == MessageType.READ_DRIVE
+    }
+    found: dict[tuple[int, LatchKey, int], _Told] = {}
+    for frame, reply in dialogue.said(DriveReply):
+        at = dialogue.told(frame, reply.t_latch_us)
+        asked_at = requests.get((frame.header.session, frame.header.seq))
+        if at is None or asked_at is None or reply.key == LatchKey(0, 0, 0):
+            continue
+        known = configs.at(at)
+        if known is not None and known.trace_mode is not TraceMode.CRC:
+            found[frame.header.session, reply.key, reply.t_latch_us] = (at, frame, asked_at)
+    yield from found.values()
 
 
 def _latch_due_in_pin_dialogue(
-    dialogue: PinDialogue, found: _Sent, told: LineFrame
+    dialogue: PinDialogue, found: ToldDrive, told: LineFrame
 ) -> float | None:
     """Return when the frame of a latch is due; None: at once, or late."""
-    header = found.frame.header
-    if header.flags & Flag.IMMEDIATE or told.header.flags & Flag.LATE:
-        return None
-    due = dialogue.told(told, header.time_us)
+    is_late = told.header.flags & Flag.LATE or isinstance(told.message, DriveReply)
+    if found.due_us is None or is_late:
+        return None  # a read-back does not say whether the latch was late
+    due = dialogue.told(told, found.due_us)
     return None if due is None else max(due, found.frame.arrival)
 
 
-def _drives_of_pin_dialogue(dialogue: PinDialogue) -> dict[tuple[int, int, int], _Sent]:
-    """Return the frames of the stream that hold a drive, by session, number and CRC-32."""
-    count = next((reply.transducers for _, reply in dialogue.said(HelloReply)), 0)
-    newest: dict[int, int] = {}
-    found = {}
-    for frame in dialogue.to_board:
-        header = frame.header
-        if header.type not in STREAM_RANGE or frame.message is None:
-            continue
-        index = unwrap(header.seq, newest.get(header.session, FIRST_STREAM_SEQ), 16)
-        newest[header.session] = max(index, newest.get(header.session, index))
-        try:
-            parts = drive_codes(frame.message, count)
-        except RemoteProtocolError:
-            continue
-        if parts is None or len(parts[0]) != count or len(parts[1]) != count:
-            continue
-        codes = np.array([np.frombuffer(part, np.uint8) for part in parts])
-        key = header.session, index, zlib.crc32(b"".join(parts))
-        found[key] = _Sent(frame, index, codes)
-    return found
+def _shown_drive(
+    found: ToldDrive, asked: DrivesOfPinDialogue, configs: ConfigurationsByPins, at: float
+) -> ShownDrive | None:
+    """Return what the pins show of a drive; None: array, configuration or correction is unknown."""
+    known, correction = configs.at(at), configs.correction(at)
+    if known is None or correction is None:
+        return None
+    model = asked.model(known.sound_speed_mm_s)
+    try:
+        codes = found.registers(model, asked.count)
+    except RemoteProtocolError:
+        return None
+    if codes is None or codes.shape[1] != asked.count:
+        return None
+    codes = codes.copy()
+    if asked.identity is not None and not asked.identity.features & Feature.AMPLITUDE:
+        codes[1] = 255
+    clauses = ["HG-7.9/1"] if any(correction) else []
+    if (codes[1] > known.amplitude_ceiling).any():
+        clauses.append("HG-7.9/2")
+    codes[0] += np.frombuffer(correction, np.uint8)
+    codes[1] = np.minimum(codes[1], known.amplitude_ceiling)
+    free = found.free_phases(model, asked.count)
+    steps = int(isinstance(found.message, Points))
+    return ShownDrive(codes, free, steps, found.clause, found.path, tuple(clauses))
 
 
 def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
@@ -158,15 +214,6 @@ def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
         and (after.header.seq - before.header.seq) % 2**16 != 1
     ]
     return [*missing, *dialogue.unread_to_host]
-
-
-def _frame_of_pin_dialogue(
-    sent: dict[tuple[int, int, int], _Sent], told: LineFrame
-) -> _Sent | None:
-    message = told.message
-    if not isinstance(message, Trace):
-        return None
-    return sent.get((told.header.session, message.index, message.crc))
 
 
 def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from boards import BAUD, run
+from boards import BAUD, run, virtual
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.conformance.case import Depth
+from haptogram.conformance.client.drive_paths import drive_paths
 from haptogram.conformance.pins.cases import PIN_CASES
 from haptogram.conformance.pins.dialogue import PinDialogue
 from haptogram.conformance.pins.judge import (
@@ -18,7 +19,9 @@ from haptogram.conformance.pins.judge import (
     judge_clauses_by_pins,
     suite_with_clauses_by_pins,
 )
+from haptogram.conformance.pins.told_drives import advertised_drive_paths
 from haptogram.conformance.run.access import VirtualAccess
+from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
@@ -55,7 +58,7 @@ class OnePort(VirtualAccess):
     can_reset = False
 
 
-def captured_suite(path, faults=(), **pins):
+def captured_suite(path, faults=(), cases=CASES, depth=Depth.DEFAULT, **pins):
     """Run some cases in virtual time; return their results and the capture."""
     config = PinCaptureConfig(capture=path, capture_ms=600_000.0, capture_elements="0,5,10", **pins)
     grid = TransducerArray.parse("4x4", pitch_m=0.01)
@@ -63,7 +66,7 @@ def captured_suite(path, faults=(), **pins):
     plan = FaultPlan.parse(list(faults)) if faults else None
     port = BoardPort(model=model, faults=plan, capture=config)
     access = OnePort("virtual://pins", lambda _: port, baudrate=BAUD, virtual=True)
-    suite = run(access, *CASES, depth=Depth.DEFAULT)
+    suite = run(access, *cases, depth=depth)
     port.simulation.power_down()
     port.pins.close()
     return suite, pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", MAP))
@@ -140,7 +143,7 @@ def bent(record, by):
 
 
 def seen(result):
-    return int(re.fullmatch(r"seen (\d+) times", result.detail)[1])
+    return int(re.match(r"seen (\d+) times", result.detail)[1])
 
 
 def with_three_pings(record):
@@ -351,3 +354,46 @@ def test_a_capture_that_was_cut_off_passes_nothing(healthy):
     _, record = healthy
     results = judge_clauses_by_pins([dataclasses.replace(record, cut="too short")])
     assert not any(r.behaviour is Behaviour.OK for r in results)
+
+
+PATHS = {"cases": ("HG-5.2/6-paths", "HG-7.9/1-paths", "HG-7.9/2-paths")}
+OF_PATHS = {"HG-5.2/1", "HG-5.3/1", "HG-5.4/1", "HG-7.6/4", "HG-7.9/1", "HG-7.9/2"}
+
+
+def test_the_drives_of_every_path_are_compared_with_the_pins(tmp_path):
+    """Streamed, at once and at its time, computed by the board, stored and played."""
+    suite, record = captured_suite(tmp_path / "pins.vcd", **PATHS)
+    assert {r.behaviour for r in suite.results} == {Behaviour.OK}
+    results = by_clause(judge_clauses_by_pins([record]))
+    assert {r.detail for r in results.values() if r.behaviour is Behaviour.FAILED} == set()
+    for clause in OF_PATHS:
+        assert results[clause].behaviour is Behaviour.OK, clause
+        assert "no pin showed" not in results[clause].detail
+
+
+def test_the_paths_are_those_on_which_the_cases_latch():
+    access = virtual(array="4x4")
+    with SuiteRunner(access, SuiteOptions()) as runner:
+        board = runner.session()
+        board.arm()
+        latched = set()
+        for path in drive_paths(board):
+            path.latch()
+            name = path.name.replace("while they play", "played")
+            latched.add(re.sub(r" \(\d+\)", "", name))  # of focal points
+        offered = {path for _, path in advertised_drive_paths(board.identity)}
+    assert latched == offered
+
+
+def test_a_path_that_the_run_left_out_is_named(healthy):
+    results = by_clause(judge_clauses_by_pins([healthy[1]]))
+    left = "; no pin showed PHASES of 5 bits, at once, PHASES of 6 bits, at once"
+    assert results["HG-5.2/1"].detail.endswith(left)
+    assert results["HG-5.4/1"].behaviour is Behaviour.NOT_OBSERVED
+
+
+@pytest.mark.parametrize("fault", ["device.delayed code=6", "device.dead"])
+def test_a_pin_that_is_wrong_fails_on_every_path(fault, tmp_path):
+    _, record = captured_suite(tmp_path / "pins.vcd", [f"{fault} transducer=5"], **PATHS)
+    results = judge_clauses_by_pins([record])
+    assert {r.clause for r in results if r.behaviour is Behaviour.FAILED} == OF_PATHS
