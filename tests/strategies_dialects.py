@@ -207,7 +207,9 @@ WIRES = [
     *(Wire("ultraino-fpga", {"fb": fb}, of_fpga(rules), 255) for fb, rules in fpga.RULES.items()),
     Wire("ultraino-fpga-128", {}, of_fpga(fpga.RULES_128), 71),
     *(
-        Wire("ultraino-fpga-chained", {"boards": n}, of_fpga(fpga.chained_fpga_rules(n), n), 255)
+        Wire(
+            "ultraino-fpga-chained", {"boards": n}, of_fpga(fpga.chained_ultraino_rules(n), n), 255
+        )
         for n in (1, 4)
     ),
     *(arduinos("ultraino-mega64", arduino.MEGA64_FIRMWARE, boards) for boards in (1, 4)),

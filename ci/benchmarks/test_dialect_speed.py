@@ -13,7 +13,7 @@ from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
 from haptogram_protocol.dialects.ultraino.arduino.operations import SetPattern, Swap
-from haptogram_protocol.dialects.ultraino.fpga import chained_fpga_frame
+from haptogram_protocol.dialects.ultraino.fpga import chained_ultraino_frame
 from sim_device.blueprint import blueprint_of
 
 CHUNK = 4096  # bytes, as a pseudo-terminal hands them out
@@ -35,7 +35,7 @@ CLIENTS = {
         [],
         sonicsurface_frame(source.randbytes(72).translate(bytes(range(128)) * 2)),
     ),
-    "ultraino-fpga-chained": ({"boards": 2}, [], chained_fpga_frame([codes, codes])),
+    "ultraino-fpga-chained": ({"boards": 2}, [], chained_ultraino_frame([codes, codes])),
     "ultraino-mega64": ({}, [], mega64_frame([source.randbytes(100)])),
     "ultraino-nano8": ({}, [], [SetPattern(0, 0, source.randbytes(24)), Swap()]),
     "ultraino-nano16": ({}, [], [SetPattern(0, 0, source.randbytes(32)), Swap()]),

@@ -97,11 +97,11 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
     if outputs.paths.get("--resume") == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
     provenance = provenance_of_run(arguments)
-    campaign = _soak_campaign(arguments)
+    campaign = _soak_campaign_of_arguments(arguments)
     interrupted = False
     with command_recording(arguments.record, "soak", campaign.setup.as_dict()) as writer:
         try:
-            with _soak_progress(campaign, quiet=arguments.quiet) as progress:
+            with _soak_command_progress(campaign, quiet=arguments.quiet) as progress:
                 campaign.run(
                     board_maker(arguments.mutant),
                     jobs=arguments.jobs,
@@ -114,8 +114,8 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
     # Before the file: a full disk must not cost the account.
     outputs.print(soak_text(campaign))
     if interrupted:
-        print(_how_to_resume_soak(arguments, campaign), file=sys.stderr)
-    _write_soak_results(arguments, campaign, outputs, provenance)
+        print(_how_to_resume_soak_command(arguments, campaign), file=sys.stderr)
+    _write_soak_command_results(arguments, campaign, outputs, provenance)
     if not is_command_recorded("soak", writer):
         return USAGE
     if campaign.failures:
@@ -123,7 +123,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
     return INTERRUPTED if interrupted else PASS
 
 
-def _write_soak_results(
+def _write_soak_command_results(
     arguments: argparse.Namespace,
     campaign: SoakCampaign,
     outputs: CommandOutputs,
@@ -148,7 +148,7 @@ def _write_soak_results(
             announce_output_file(path)
 
 
-def _soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:
+def _soak_campaign_of_arguments(arguments: argparse.Namespace) -> SoakCampaign:
     from haptogram.campaigns.soak.campaign import SoakCampaign
 
     setup = config_from_options(SoakSetup, given_options(arguments, options_of(SoakSetup)))
@@ -157,7 +157,7 @@ def _soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:
     return SoakCampaign.load(arguments.resume, setup)
 
 
-def _how_to_resume_soak(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:
+def _how_to_resume_soak_command(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:
     if not campaign.done:
         minutes = campaign.setup.segment_s / 60
         return (
@@ -170,19 +170,19 @@ def _how_to_resume_soak(arguments: argparse.Namespace, campaign: SoakCampaign) -
 
 
 @contextlib.contextmanager
-def _soak_progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[Progress | None]:
+def _soak_command_progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[Progress | None]:
     """Show the progress: a bar on a terminal, a line for each segment elsewhere."""
     if quiet:
         yield None
     elif sys.stderr.isatty():
-        with _soak_bar(campaign) as show:
+        with _soak_command_bar(campaign) as show:
             yield show
     else:
-        yield _soak_progress_lines(campaign)
+        yield _soak_command_lines(campaign)
 
 
 @contextlib.contextmanager
-def _soak_bar(campaign: SoakCampaign) -> Iterator[Progress]:
+def _soak_command_bar(campaign: SoakCampaign) -> Iterator[Progress]:
     from tqdm import tqdm
 
     tqdm.monitor_interval = 0
@@ -204,7 +204,7 @@ def _soak_bar(campaign: SoakCampaign) -> Iterator[Progress]:
         yield show
 
 
-def _soak_progress_lines(campaign: SoakCampaign) -> Progress:
+def _soak_command_lines(campaign: SoakCampaign) -> Progress:
     told = campaign.done
 
     def show(_: float) -> None:

@@ -164,7 +164,7 @@ def read_records(path: str | Path) -> Records:
     (1, 0)
     """
     check_argument_kind("path", path, (str, Path), "the name of a file")
-    reader = _RecordReader()
+    reader = _BoardRecordReader()
     try:
         with Path(path).open(encoding="utf-8") as file:
             for line in file:
@@ -181,7 +181,7 @@ def read_records(path: str | Path) -> Records:
     return reader.records
 
 
-class _RecordReader:
+class _BoardRecordReader:
     def __init__(self) -> None:
         self.records = Records()
         self.whole = False

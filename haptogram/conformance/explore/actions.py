@@ -71,11 +71,11 @@ class DialogueHost:
 
     def is_computed(self, key: LatchKey) -> bool:
         """Return True if the board may have computed the drive."""
-        return _named_drive(key) in self.computed
+        return _drive_named_in_dialogue(key) in self.computed
 
     def is_exact(self, key: LatchKey) -> bool:
         """Return True if the time of the latch does not depend on an arrival."""
-        return bool(key.sequence or key.index) and _named_drive(key) not in self.inexact
+        return bool(key.sequence or key.index) and _drive_named_in_dialogue(key) not in self.inexact
 
     def ramp_codes(self, apart_us: int) -> int:
         """Return by how many codes an amplitude may differ that is read so far apart."""
@@ -116,7 +116,7 @@ def has_room_in_dialogue(identity: HelloReply) -> bool:
     return (len(UPLOADED) + 1) * STORED_FRAMES * frame <= identity.max_upload_bytes
 
 
-def _named_drive(key: LatchKey) -> tuple[int, int]:
+def _drive_named_in_dialogue(key: LatchKey) -> tuple[int, int]:
     return key.sequence, 0 if key.sequence else key.index & 0xFFFF
 
 
@@ -154,7 +154,7 @@ class DialogueAction:
         source = random.Random(self.seed)
         body = self.body(host)
         if self.damage == 5:
-            return _short_run(source, body)
+            return _short_random_run(source, body)
         wire = encode_frame(body)
         if self.damage == 1:
             at = source.randrange(1, len(wire) - 1)
@@ -168,7 +168,7 @@ class DialogueAction:
         return wire
 
 
-def _short_run(source: random.Random, body: bytes) -> bytes:
+def _short_random_run(source: random.Random, body: bytes) -> bytes:
     """Return a frame shorter than header and CRC, the beginning of *body*, and bare delimiters."""
     data = body[: source.randrange(11)]
     if source.random() < 0.7:

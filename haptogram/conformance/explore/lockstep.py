@@ -127,7 +127,7 @@ class Lockstep:
             lines += [f"{shown_us:>8} µs  {a.text}: {wire.hex()}" for a, wire in batch]
             wires = [wire for _, wire in batch]
             if wires:
-                wires.append(_foreign_ping(host, slot))
+                wires.append(_foreign_ping_in_lockstep(host, slot))
             found = self._slot(host, b"".join(wires), base, may_cut=not timed)
             if found:
                 return Played(f"{shown_us} µs after the start {found}", tuple(lines))
@@ -258,7 +258,7 @@ class Lockstep:
         )
 
 
-def _foreign_ping(host: DialogueHost, slot: int) -> bytes:
+def _foreign_ping_in_lockstep(host: DialogueHost, slot: int) -> bytes:
     """Return a request of another session: its refusal shows that a slot's frames were read.
 
     It renews no lease, and uses no number up.

@@ -10,7 +10,7 @@ from typing import Final, TypeVar
 
 from haptogram.errors import ConfigurationError
 from haptogram.records.pins import PinRecord
-from haptogram.verification.pins.line_frames import LineFrame, read_line
+from haptogram.verification.pins.line_frames import LineFrame, read_captured_line
 from haptogram_protocol.messages import (
     STREAM_RANGE,
     HelloReply,
@@ -46,7 +46,7 @@ class PinDialogue:
                 "and says: name both lines of its UART in the map (docs/captures.md)"
             )
         self.record = record
-        down, up = read_line(record.to_board), read_line(record.to_host)
+        down, up = read_captured_line(record.to_board), read_captured_line(record.to_host)
         self.to_board, self.unread_to_board = down.frames, down.unread
         self.to_host, self.unread_to_host = up.frames, up.unread
         for name, frames, line in (

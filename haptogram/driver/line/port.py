@@ -121,7 +121,7 @@ class FdTransport:
                 return b""
             data = os.read(self._fd, _CHUNK)
         except _GONE as error:
-            raise _lost_port(self.url, error) from error
+            raise _lost_transport(self.url, error) from error
         if not data:
             raise LinkLostError(f"{self.url}: the other end closed the port")
         return data
@@ -133,12 +133,12 @@ class FdTransport:
         except BlockingIOError:
             return 0
         except _GONE as error:
-            raise _lost_port(self.url, error) from error
+            raise _lost_transport(self.url, error) from error
 
     def close(self) -> None:
         """Close the port."""
         self._fd = -1
-        _close_port(self._port)
+        _close_transport(self._port)
 
 
 class PyserialTransport:
@@ -168,7 +168,7 @@ class PyserialTransport:
 
     def read_available(self, deadline_ns: int) -> bytes:
         """Return received bytes; see :class:`Transport`."""
-        with _port_loss(self.url):
+        with _transport_loss(self.url):
             data = self._read(self._port.in_waiting)
             while not data and (wait_ns := deadline_ns - self.now_ns()) > 0:
                 self._port.timeout = wait_ns / 1e9
@@ -180,7 +180,7 @@ class PyserialTransport:
 
     def write_some(self, data: bytes) -> int:
         """Hand over as many bytes as the port takes; see :class:`Transport`."""
-        with _port_loss(self.url):
+        with _transport_loss(self.url):
             try:
                 # Some handlers return nothing, and mean that they took everything.
                 written = self._port.write(data)
@@ -190,7 +190,7 @@ class PyserialTransport:
 
     def close(self) -> None:
         """Close the port."""
-        _close_port(self._port)
+        _close_transport(self._port)
 
 
 class ClosedTransport:
@@ -245,8 +245,8 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
         *url* or *baudrate* make no sense.
     """
     check_whole("baudrate", baudrate, 1, _MOST_BAUDRATE)
-    _check_port_address(url)
-    port = _open_serial_port(url, baudrate)
+    _check_transport_address(url)
+    port = _open_serial_transport(url, baudrate)
     try:
         port.fileno()
     except (AttributeError, OSError):  # io.UnsupportedOperation is an OSError
@@ -254,7 +254,7 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
     return FdTransport(port, url)
 
 
-def _check_port_address(url: str) -> None:
+def _check_transport_address(url: str) -> None:
     """Refuse a URL of a network port without host and port; pyserial's own error is jargon."""
     parts = urlsplit(url)
     if parts.scheme not in _NETWORKED:
@@ -267,66 +267,66 @@ def _check_port_address(url: str) -> None:
         raise ConfigurationError(f"port {url!r}, must be {parts.scheme}://HOST:PORT")
 
 
-def _open_serial_port(url: str, baudrate: int) -> Any:
+def _open_serial_transport(url: str, baudrate: int) -> Any:
     try:
         # exclusive: a second program that asks for the lock gets PortBusyError, not half the bytes.
         return serial.serial_for_url(url, baudrate=baudrate, timeout=0, exclusive=True)
     except OSError as error:  # SerialException is one
-        raise _port_opening_error(url, error) from error
+        raise _transport_opening_error(url, error) from error
     except ConfigurationError:
         raise
     except ValueError as error:
         hint = _UNREGISTERED if url.startswith(SCHEME) else ""
         raise ConfigurationError(
-            f"port {url!r} at {baudrate} baud: {_port_error_line(error)}{hint}"
+            f"port {url!r} at {baudrate} baud: {_transport_error_line(error)}{hint}"
         ) from error
 
 
-def _port_opening_error(url: str, error: OSError) -> LinkError:
+def _transport_opening_error(url: str, error: OSError) -> LinkError:
     """Return the error that says why *url* did not open."""
-    codes = {found.errno for found in _port_error_chain(error) if isinstance(found, OSError)}
+    codes = {found.errno for found in _transport_error_chain(error) if isinstance(found, OSError)}
     if codes & _BUSY:
         return PortBusyError(f"{url}: another program holds this port")
     if errno.ECONNREFUSED in codes:
         return PortNotFoundError(f"{url}: nothing listens there: the connection was refused")
     if codes & _UNREACHED:
         return PortNotFoundError(f"{url}: that host cannot be reached")
-    if any(isinstance(found, socket.gaierror) for found in _port_error_chain(error)):
+    if any(isinstance(found, socket.gaierror) for found in _transport_error_chain(error)):
         return PortNotFoundError(f"{url}: there is no such host")
     if codes & _ABSENT:
         return PortNotFoundError(f"{url}: there is no such port")
     # termios.error is no OSError, and has its code as an argument.
-    if any(found.args[:1] == (errno.ENOTTY,) for found in _port_error_chain(error)):
+    if any(found.args[:1] == (errno.ENOTTY,) for found in _transport_error_chain(error)):
         return LinkError(f"{url}: it is no serial port; name one, such as /dev/ttyUSB0")
     return LinkError(f"{url}: the port cannot be opened: {plain_reason(error)}")
 
 
-def _port_error_chain(error: BaseException | None) -> Iterator[BaseException]:
+def _transport_error_chain(error: BaseException | None) -> Iterator[BaseException]:
     """Yield *error* and its causes: some handlers hide the cause in the context."""
     while error is not None:
         yield error
         error = error.__context__ if error.__cause__ is None else error.__cause__
 
 
-def _port_error_line(error: BaseException) -> str:
+def _transport_error_line(error: BaseException) -> str:
     return " ".join(str(error).split())
 
 
 @contextlib.contextmanager
-def _port_loss(url: str) -> Iterator[None]:
+def _transport_loss(url: str) -> Iterator[None]:
     """Raise the system's errors for a port that is gone as :class:`LinkLostError`."""
     try:
         yield
     except LinkError:
         raise
     except _GONE as error:
-        raise _lost_port(url, error) from error
+        raise _lost_transport(url, error) from error
 
 
-def _lost_port(url: str, error: BaseException) -> LinkLostError:
-    return LinkLostError(f"{url}: the port is gone: {_port_error_line(error)}")
+def _lost_transport(url: str, error: BaseException) -> LinkLostError:
+    return LinkLostError(f"{url}: the port is gone: {_transport_error_line(error)}")
 
 
-def _close_port(port: Any) -> None:
+def _close_transport(port: Any) -> None:
     with contextlib.suppress(OSError, ValueError):
         port.close()

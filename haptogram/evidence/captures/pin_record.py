@@ -63,7 +63,9 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         edge_pairs = edges.pulses(active_low=settings.active_low)
         begins, ends = _captured_edges_without_spikes(*edge_pairs, sample, nominal)
         pulses = clock.periods(begins), clock.periods(ends)
-        longest = _longest_driven_ticks(edges, settings.active_low, capture.end) / clock.period
+        longest = (
+            _longest_captured_drive_ticks(edges, settings.active_low, capture.end) / clock.period
+        )
         defects = tuple(_defects_of_captured_edges(edges, *pulses, settings.active_low, longest))
         defects = () if silent else defects
         begin = 0.0
@@ -157,7 +159,7 @@ def _defects_of_captured_edges(
     return found
 
 
-def _longest_driven_ticks(edges: ChannelEdges, active_low: bool, end: int) -> float:
+def _longest_captured_drive_ticks(edges: ChannelEdges, active_low: bool, end: int) -> float:
     """Return for how many ticks a pin is at its driven level on end, at most."""
     bounds = np.concatenate([[edges.defined_from], edges.times, [end]])
     skipped = int(edges.first_level is active_low)

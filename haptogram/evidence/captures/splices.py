@@ -31,7 +31,7 @@ def capture_to_first_splice(capture: Capture, rises: _Floats, sample: float) -> 
     sample : float
         Ticks of a sample.
     """
-    at = _first_jump(rises, sample)
+    at = _first_jump_in_capture(rises, sample)
     if at is None:
         return capture
     end = int(at)
@@ -51,7 +51,7 @@ def capture_to_first_splice(capture: Capture, rises: _Floats, sample: float) -> 
     return dataclasses.replace(capture, channels=channels, end=end, cut=why)
 
 
-def _first_jump(rises: _Floats, sample: float) -> float | None:
+def _first_jump_in_capture(rises: _Floats, sample: float) -> float | None:
     """Return the tick of the last pulse before the first lasting jump of the phase."""
     steps = np.diff(rises)
     if len(steps) < 2 * _AROUND:

@@ -152,7 +152,7 @@ class FrameJudge:
             return dataclasses.replace(
                 seen,
                 status=FrameStatus.CORRUPT,
-                faults=(_judged_frame_crc_fault(intended, observation),),
+                faults=(_crc_fault_of_frame(intended, observation),),
             )
         latched, note = self._latched_drive(intended, observation)
         seen = dataclasses.replace(seen, note=note)
@@ -281,7 +281,7 @@ def lost_frame_verdict(intended: Intended) -> FrameVerdict:
     )
 
 
-def _judged_frame_crc_fault(intended: Intended, observation: Observation) -> str:
+def _crc_fault_of_frame(intended: Intended, observation: Observation) -> str:
     return (
         f"another drive was latched: its CRC is {observation.drive_crc:08x}, that of the intended "
         f"one {intended.drive.digest():08x}"

@@ -108,11 +108,11 @@ def judge_several_foci(
     levels = IdealFociLevels.of(intended, latched.weights(), targets)
     ideal = min(ideals, key=lambda one: one.distance(latched, active))
     error_rad = ideal.phase_error_rad(latched, active)
-    found = _judge_foci_strictly(ideal, intended, latched, active, error_rad)
+    found = _judge_frame_foci_strictly(ideal, intended, latched, active, error_rad)
     if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
-        found = _judge_foci_tolerantly(ideal, intended, latched, active, tolerance)
+        found = _judge_frame_foci_tolerantly(ideal, intended, latched, active, tolerance)
     status = frame_status_of(found.verdicts, faults, focused=False, tolerance=tolerance)
-    unseen = [*found.unseen, *_judged_levels_not_made(levels, intended)]
+    unseen = [*found.unseen, *_frame_foci_levels_not_made(levels, intended)]
     notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
     if status is FrameStatus.ON_TARGET and unseen:
         status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
@@ -131,7 +131,7 @@ def judge_several_foci(
         faults=faults,
         note="; ".join(notes),
         phase_error_rad=error_rad,
-        bound_mm=None if worst_m is None else _judged_foci_mm(worst_m),
+        bound_mm=None if worst_m is None else _frame_foci_mm(worst_m),
         smallest_miss_mm=smallest_mm,
         uncertainty_mm=ideal.place_uncertainty(known),
         balance=levels.balance,
@@ -141,7 +141,7 @@ def judge_several_foci(
     )
 
 
-def _judge_foci_strictly(
+def _judge_frame_foci_strictly(
     ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools, error_rad: float
 ) -> _Findings:
     """Return the findings about a drive that may differ from the ideal one by rounding only."""
@@ -161,16 +161,16 @@ def _judge_foci_strictly(
         del verdicts["S2"]
     # Foci without a pressure peak of their own still have a place in the phases.
     unseen = list(_frame_without_place(ideal)) or [_NOT_THESE]
-    fit = _fit_judged_foci(ideal, intended, latched, active)
+    fit = _fit_frame_foci(ideal, intended, latched, active)
     if fit is None or fit.residual_rad > ideal.targets[0].phase_limit_rad:
         return _Findings(verdicts, unseen, offsets_m, None)
-    limits_m = _judged_foci_limits_m(ideal, fit)
-    if limits_m is None or not _are_judged_foci_within(fit, limits_m, 0.0):
+    limits_m = _frame_foci_limits_m(ideal, fit)
+    if limits_m is None or not _are_frame_foci_within(fit, limits_m, 0.0):
         return _Findings(verdicts, unseen, list(fit.offsets_m), None)
     return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
 
 
-def _judge_foci_tolerantly(
+def _judge_frame_foci_tolerantly(
     ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools, tolerance: Tolerance
 ) -> _Findings:
     """Return the findings about a drive for these foci in other air, or a little off.
@@ -187,17 +187,17 @@ def _judge_foci_tolerantly(
         "S5": s5 and ideal.amplitudes_ok(latched, tolerant=True),
     }
     unseen = [_OTHER_LEVELS] if excess > 0.0 else []
-    fit = _fit_judged_foci(ideal, intended, latched, active)
+    fit = _fit_frame_foci(ideal, intended, latched, active)
     if fit is None:
         return _Findings(verdicts, [*unseen, _NOT_THESE], [], None)
     blurred = fit
     if fit.residual_rad > limit_rad:  # what is left unexplained may have moved the foci as well
         blurred = fit._replace(bound_m=3.0 * fit.residual_rad / limit_rad * fit.bound_m)
         unseen.append(_NOT_THESE)
-    limits_m = _judged_foci_limits_m(ideal, blurred)
+    limits_m = _frame_foci_limits_m(ideal, blurred)
     if limits_m is None:
         return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
-    within = _are_judged_foci_within(fit, limits_m, tolerance.miss_mm)
+    within = _are_frame_foci_within(fit, limits_m, tolerance.miss_mm)
     if not within and not _are_frame_peaks_sharp(ideal, limits_m):
         return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
     verdicts["S2"] = within
@@ -206,7 +206,7 @@ def _judge_foci_tolerantly(
     return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
 
 
-def _fit_judged_foci(
+def _fit_frame_foci(
     ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools
 ) -> FociFit | None:
     """Return the fit of the foci to the phases, or None."""
@@ -223,12 +223,12 @@ def _fit_judged_foci(
     )
 
 
-def _judged_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
+def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
     """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
     limits = []
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
         limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)
-        if not _judged_foci_length(limits[-1]) < LOST * target.distance_m:
+        if not _frame_foci_length(limits[-1]) < LOST * target.distance_m:
             return None
     return limits
 
@@ -240,7 +240,7 @@ def _frame_peaks_follow(
     offsets_m = ideal.offsets_m(latched.weights())
     return all(
         offset_m is not None
-        and _judged_foci_length(offset_m) <= _judged_foci_length(limit_m) + tolerance.miss_mm / _MM
+        and _frame_foci_length(offset_m) <= _frame_foci_length(limit_m) + tolerance.miss_mm / _MM
         for offset_m, limit_m in zip(offsets_m, limits_m, strict=True)
     )
 
@@ -253,7 +253,7 @@ def _are_frame_peaks_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray
     )
 
 
-def _are_judged_foci_within(fit: FociFit, limits_m: Sequence[FloatArray], miss_mm: float) -> bool:
+def _are_frame_foci_within(fit: FociFit, limits_m: Sequence[FloatArray], miss_mm: float) -> bool:
     pairs = zip(fit.offsets_m, limits_m, strict=True)
     return all(
         criteria.within_frame_limit(offset_m, limit_m, miss_mm) for offset_m, limit_m in pairs
@@ -268,7 +268,7 @@ def _farthest_from_frame_target_mm(
     if len(offsets) < len(targets) or not targets or found.limits_m is None:
         return {}
     target, offset_m = max(
-        zip(targets, offsets, strict=True), key=lambda pair: _judged_foci_length(pair[1])
+        zip(targets, offsets, strict=True), key=lambda pair: _frame_foci_length(pair[1])
     )
     across_m, along_m = target.split(offset_m)
     return {
@@ -287,7 +287,7 @@ def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
         )
 
 
-def _judged_levels_not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
+def _frame_foci_levels_not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
     """Yield reasons for foci that are missing although the drive is as it should be."""
     if intended.solver != "naive" and not levels.made:
         yield (
@@ -297,10 +297,10 @@ def _judged_levels_not_made(levels: IdealFociLevels, intended: Intended) -> Iter
         )
 
 
-def _judged_foci_length(vector: FloatArray) -> float:
+def _frame_foci_length(vector: FloatArray) -> float:
     return float(np.linalg.norm(vector))
 
 
-def _judged_foci_mm(values: FloatArray) -> Vector:
+def _frame_foci_mm(values: FloatArray) -> Vector:
     x, y, z = (float(_MM * value) for value in values)
     return x, y, z

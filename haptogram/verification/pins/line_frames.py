@@ -52,10 +52,10 @@ class LineReading:
 
 def frames_on_captured_line(line: LineBytes) -> list[LineFrame]:
     """Return the frames of one direction, in order; what is no frame is left out."""
-    return read_line(line).frames
+    return read_captured_line(line).frames
 
 
-def read_line(line: LineBytes) -> LineReading:
+def read_captured_line(line: LineBytes) -> LineReading:
     """Return the frames of one direction, and the pieces that are none.
 
     Examples
@@ -66,7 +66,7 @@ def read_line(line: LineBytes) -> LineReading:
     >>> from haptogram_protocol.messages import Mute, build_body
     >>> data = encode_frame(build_body(Mute(), flags=0, seq=1, time_us=0, session=0))
     >>> line = np.frombuffer(data + b"?" + data, np.uint8)
-    >>> read = read_line(LineBytes(line, np.arange(len(line)) * 0.13))
+    >>> read = read_captured_line(LineBytes(line, np.arange(len(line)) * 0.13))
     >>> [(frame.message, round(frame.arrival, 2)) for frame in read.frames]
     [(Mute(), 2.08), (Mute(), 4.42)]
     >>> [round(begin, 2) for begin in read.unread]
@@ -106,7 +106,7 @@ def mute_on_captured_line(line: LineBytes, begin: float, end: float) -> tuple[fl
     That is with the next ARM, with bytes that are no frame and may have been one, or at the *end*
     of the capture; times in periods. None: there is no MUTE.
     """
-    read = read_line(line)
+    read = read_captured_line(line)
     arrivals = (f.arrival for f in read.frames if f.header.type == MessageType.MUTE)
     mute = next((arrival for arrival in arrivals if arrival >= begin), None)
     if mute is None:

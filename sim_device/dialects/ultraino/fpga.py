@@ -46,7 +46,7 @@ def _simple_ultraino_unit(options: Amplitudes, now_us: int) -> DoubleBuffer:
 
 
 def _chained_ultraino_unit(options: FpgaChain, now_us: int) -> DoubleBuffer:
-    registers = Registers(wire.chained_fpga_rules(options.boards), 32, _WIDTH)
+    registers = Registers(wire.chained_ultraino_rules(options.boards), 32, _WIDTH)
     return DoubleBuffer(registers, options.boards, now_us)
 
 

@@ -16,8 +16,8 @@ from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
 from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
 from haptogram_protocol.dialects.ultraino.arduino.slots import MEGA64_LAYOUT, Pulse
-from haptogram_protocol.dialects.ultraino.fpga import chained_fpga_frame
-from haptogram_protocol.dialects.ultraino.fpga import fpga_frame as fpga_frame
+from haptogram_protocol.dialects.ultraino.fpga import chained_ultraino_frame
+from haptogram_protocol.dialects.ultraino.fpga import ultraino_fpga_frame as ultraino_fpga_frame
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
 EXPECTED: dict[str, Any] = json.loads((DATA / "expected.json").read_text())
@@ -147,14 +147,14 @@ def test_frames_are_what_the_clients_send() -> None:
     codes = {name: bytes(of["codes"]) for name, of in EXPECTED.items() if "codes" in of}
     rows = {
         "sonicsurface/focus_0_120_0": lambda c: sonicsurface_frame(c),
-        "ultraino/simplefpga_ss_focus_0_120_0": lambda c: fpga_frame(c),
-        "ultraino/simplefpga_ss_amp50_0_120_0": lambda c: fpga_frame(c, bytes([8] * 256)),
+        "ultraino/simplefpga_ss_focus_0_120_0": lambda c: ultraino_fpga_frame(c),
+        "ultraino/simplefpga_ss_amp50_0_120_0": lambda c: ultraino_fpga_frame(c, bytes([8] * 256)),
         "ultraino/simplefpga128_ss_focus_0_120_0": lambda c: [
             Begin(),
             SetPhases((0,), 0, c[:72]),
             Swap(),
         ],
-        "ultraino/chainedfpga_512_ramp": lambda c: chained_fpga_frame([c[:256], c[256:]]),
+        "ultraino/chainedfpga_512_ramp": lambda c: chained_ultraino_frame([c[:256], c[256:]]),
         "ultraino/mega_flat8x8_focus": lambda c: mega64_frame(
             [MEGA64_LAYOUT.slots([Pulse(code, 5) for code in c])]
         ),

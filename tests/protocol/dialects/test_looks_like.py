@@ -27,7 +27,7 @@ from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
 from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
-from haptogram_protocol.dialects.ultraino.fpga import chained_fpga_frame
+from haptogram_protocol.dialects.ultraino.fpga import chained_ultraino_frame
 from haptogram_protocol.export.vectors.samples import vector_sample
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import HelloReply, build_body
@@ -56,7 +56,7 @@ ROWS: list[tuple[str, dict[str, int], list[Operation]]] = [
     ("sonicsurface-tactile", {}, [ModulationStep(7), *sonicsurface_frame(CODES)]),
     ("ultraino-fpga", {}, sonicsurface_frame(CODES)),
     ("ultraino-fpga-128", {}, sonicsurface_frame(bytes(range(57, 129)))),
-    ("ultraino-fpga-chained", {"boards": 3}, chained_fpga_frame([CODES] * 3)),
+    ("ultraino-fpga-chained", {"boards": 3}, chained_ultraino_frame([CODES] * 3)),
     ("ultraino-mega64", {}, mega64_frame([bytes(range(100))])),
     ("ultraino-mega64", {"boards": 4}, mega64_frame([bytes(range(100))] * 4)),
     ("ultraino-nano8", {}, [pattern(0, 24), nibbles.Swap()]),

@@ -55,9 +55,9 @@ __all__ = [
     "RULES_128",
     "SIMPLE",
     "SIMPLE_128",
-    "chained_fpga_frame",
-    "chained_fpga_rules",
-    "fpga_frame",
+    "chained_ultraino_frame",
+    "chained_ultraino_rules",
+    "ultraino_fpga_frame",
 ]
 
 CHANNELS: Final = 256
@@ -82,7 +82,7 @@ RULES_128: Final = FpgaByteRules(
 )
 
 
-def fpga_frame(codes: bytes, amplitudes: bytes | None = None) -> list[Operation]:
+def ultraino_fpga_frame(codes: bytes, amplitudes: bytes | None = None) -> list[Operation]:
     """Return the operations of SimpleFPGA's frame; with *amplitudes* for ``fb="amplitude"``."""
     operations: list[Operation] = [Begin(), SetPhases((0,), 0, codes)]
     if amplitudes is not None:
@@ -90,7 +90,7 @@ def fpga_frame(codes: bytes, amplitudes: bytes | None = None) -> list[Operation]
     return [*operations, Swap()]
 
 
-def chained_fpga_frame(codes: list[bytes]) -> list[Operation]:
+def chained_ultraino_frame(codes: list[bytes]) -> list[Operation]:
     """Return the operations of ChainedFPGA's frame, from the codes of each board."""
     operations: list[Operation] = []
     for number, of_board in enumerate(codes):
@@ -98,33 +98,33 @@ def chained_fpga_frame(codes: list[bytes]) -> list[Operation]:
     return [*operations, Swap()]
 
 
-def _fpga_board_end(*, fb: str = FALLS_THROUGH) -> FpgaBoardEnd:
+def _ultraino_board_end(*, fb: str = FALLS_THROUGH) -> FpgaBoardEnd:
     """Return the end of a board that takes FB as *fb* says."""
-    return FpgaBoardEnd(_simple_fpga_dialect(fb))
+    return FpgaBoardEnd(_simple_ultraino_dialect(fb))
 
 
-def _fpga_host_end(*, fb: str = FALLS_THROUGH) -> FpgaHostEnd:
+def _ultraino_host_end(*, fb: str = FALLS_THROUGH) -> FpgaHostEnd:
     """Return the host's end for a board that takes FB as *fb* says."""
-    return FpgaHostEnd(_simple_fpga_dialect(fb))
+    return FpgaHostEnd(_simple_ultraino_dialect(fb))
 
 
-def _simple_fpga_dialect(fb: str) -> FpgaByteRules:
+def _simple_ultraino_dialect(fb: str) -> FpgaByteRules:
     if fb not in RULES:
         raise LocalProtocolError(f"fb={fb!r}; it is one of {', '.join(map(repr, RULES))}")
     return RULES[fb]
 
 
-def _chained_fpga_board_end(*, boards: int = 2) -> FpgaBoardEnd:
+def _chained_ultraino_board_end(*, boards: int = 2) -> FpgaBoardEnd:
     """Return the end of a chain of *boards*, 1 to 16."""
-    return FpgaBoardEnd(chained_fpga_rules(boards), boards)
+    return FpgaBoardEnd(chained_ultraino_rules(boards), boards)
 
 
-def _chained_fpga_host_end(*, boards: int = 2) -> FpgaHostEnd:
+def _chained_ultraino_host_end(*, boards: int = 2) -> FpgaHostEnd:
     """Return the host's end for a chain of *boards*, 1 to 16."""
-    return FpgaHostEnd(chained_fpga_rules(boards), boards)
+    return FpgaHostEnd(chained_ultraino_rules(boards), boards)
 
 
-def chained_fpga_rules(boards: int) -> FpgaByteRules:
+def chained_ultraino_rules(boards: int) -> FpgaByteRules:
     """Return the rules of a chain of *boards*, 1 to 16."""
     if not 1 <= boards <= MAX_BOARDS:
         raise LocalProtocolError(f"a chain of {boards} boards; it has 1 to {MAX_BOARDS}")
@@ -147,8 +147,8 @@ SIMPLE: Final = Dialect(
     steps=32,
     channels=CHANNELS,
     frame_bytes=lambda boards: (CHANNELS + 2) * boards,
-    board=_fpga_board_end,
-    host=_fpga_host_end,
+    board=_ultraino_board_end,
+    host=_ultraino_host_end,
     signature=re.compile(rb"(?<![\xa0-\xbf])\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
     display=lambda _: FpgaDisplay(RULES[FALLS_THROUGH], 32),
 )
@@ -171,8 +171,8 @@ CHAINED: Final = Dialect(
     steps=32,
     channels=CHANNELS,
     frame_bytes=lambda boards: (CHANNELS + 1) * boards + 1,
-    board=_chained_fpga_board_end,
-    host=_chained_fpga_host_end,
+    board=_chained_ultraino_board_end,
+    host=_chained_ultraino_host_end,
     signature=re.compile(rb"(?<!\xfe)(?:[\xc0-\xcf][\x00-\x20]{256})+\xfd"),
-    display=lambda boards: FpgaDisplay(chained_fpga_rules(boards), 32, boards),
+    display=lambda boards: FpgaDisplay(chained_ultraino_rules(boards), 32, boards),
 )
