@@ -6,6 +6,7 @@
     at TIME       time passes
     until TIME    time passes until the board sends something, at most up to TIME
     fault TIME    the hardware fails
+    mute TIME     an interrupt has found a MUTE, whose bytes come with a later rx
     reset         power down and up again
 
 The answer holds the bytes that the board sent in hex, ``-`` for none; that of ``until`` begins with
@@ -78,6 +79,10 @@ class LockstepProcess:
     def fault(self, at_us: int) -> bytes:
         """Let the hardware of the board fail; return the bytes that the board sent."""
         return _bytes_of_lockstep_answer(self.step(f"fault {at_us}"))
+
+    def find_mute(self, at_us: int) -> bytes:
+        """Let an interrupt find a MUTE ahead of bytes that come later; return what was sent."""
+        return _bytes_of_lockstep_answer(self.step(f"mute {at_us}"))
 
     def reset(self) -> None:
         """Switch the board off and on; its time begins at 0 again."""

@@ -79,7 +79,7 @@ void board_receive(struct board *board, const uint8_t *data, size_t length, int6
 void board_mute_ahead(struct board *board)
 {
     shutdown_by_mute(board);
-    board->muting.ahead = 1;
+    board->muting.ahead++;
     ahead_load(board);
 }
 

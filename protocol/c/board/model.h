@@ -81,9 +81,9 @@ struct playback {
     uint64_t played;
 };
 
-/* A MUTE that is carried out, and not answered yet: with what it led to. */
+/* MUTE that is carried out, and not answered yet: with what the first of them led to. */
 struct muting {
-    int ahead; /* 1: the frames that come next arrived before it (HG-3.8/4) */
+    uint32_t ahead; /* MUTE that arrived behind the frames that come next (HG-3.8/4) */
     int changed; /* 1: it changed the output state */
     int played; /* 1: it ended a playback */
     struct hg_playback_ended ended;

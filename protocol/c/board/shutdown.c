@@ -35,7 +35,9 @@ void shutdown_mute_answered(struct board *board, int in_session)
         output_send_state(board); /* HG-6.8/2: MUTE of another session */
     if (muting->played)
         playback_send_ended(board, &muting->ended);
-    memset(muting, 0, sizeof *muting);
+    muting->changed = muting->played = 0;
+    if (muting->ahead > 0)
+        muting->ahead--; /* what comes next may still be ahead of another one */
 }
 
 void shutdown_by_timer(struct board *board)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -151,8 +152,8 @@ def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
     plays = board.has(Feature.SEQUENCE_PHASES)
     if plays:
         send_phases_to_store(board, _SEQUENCE, frames=2)
-    for session in (board.link.session, 0):
-        for sounds in (False, True):
+    for _ in board.wire.ways_of_mute():
+        for session, sounds in itertools.product((board.link.session, 0), (False, True)):
             board.arm()
             if not sounds:
                 board.disarm()
@@ -170,9 +171,11 @@ def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
             state = _answer_to_checked_message(board, Mute(), mute_seq, since)
             check(state == MuteReply(OutputState.MUTED), f"MUTE behind other frames: {state}")
             for (message, _), (_, seq) in zip(ahead, wires, strict=True):
-                _check_overtaken(message, _answer_to_checked_message(board, message, seq, since))
+                judge_overtaken_request(
+                    message, _answer_to_checked_message(board, message, seq, since)
+                )
             board.clock.wait_latched()
-            _check_order_kept_silence(board)
+            judge_silence_behind_mute(board)
             counted = board.counted_since(before)
             found = counted["accepted"], counted["dropped_state"]
             check(
@@ -181,13 +184,13 @@ def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
             )
 
 
-def _check_overtaken(message: Message, answer: Message) -> None:
+def judge_overtaken_request(message: Message, answer: Message) -> None:
     """FAILED unless a request before a MUTE was carried out, or refused for being overtaken."""
     name = message.TYPE.name
     if isinstance(answer, Error):
         refused = (answer.code, answer.detail) == (ErrorCode.BAD_STATE, OutputState.MUTED)
         check(
-            refused and not isinstance(message, Ping),
+            refused and isinstance(message, Arm | Play),
             f"{name} right before MUTE is refused with code {answer.code}, detail {answer.detail}",
         )
         return
@@ -195,7 +198,8 @@ def _check_overtaken(message: Message, answer: Message) -> None:
     check(due == answer.TYPE, f"{name} right before MUTE is answered by {answer.TYPE.name}")
 
 
-def _check_order_kept_silence(board: BoardClient) -> None:
+def judge_silence_behind_mute(board: BoardClient) -> None:
+    """FAILED unless the board is MUTED, silent, and stays so."""
     found = board.status()
     got = found.state, found.reason, found.queued
     check(got == (OutputState.MUTED, MuteReason.MUTE, 0), f"behind MUTE: {got}")
