@@ -102,12 +102,14 @@ class ClockClient:
         line_us = max(self._wire.line_us(size), self._wire.backlog_us)
         self._wire.idle(line_us + boundary_us + slack_us // 10)
 
-    def require_in_time(self, t_device_us: int) -> None:
+    def require_in_time(self, t_device_us: int, came_us: int | None = None) -> None:
         """End the case as INCONCLUSIVE if the frames that were sent may have come after that.
 
-        In wall time the board itself tells when they were there: an emulator may be held up too.
+        They came by *came_us*. None: by now; in wall time the board itself tells when that is, as
+        an emulator may be held up too.
         """
-        now_us = self.device_us() if self._wire.limits.slack_us else self.device_estimate_us()
-        if now_us >= t_device_us:
+        if came_us is None:
+            came_us = self.device_us() if self._wire.limits.slack_us else self.device_estimate_us()
+        if came_us >= t_device_us:
             self._wire.note_held_up(self._wire.limits.lead_us)
             inconclusive("the host, its line or an emulator was held up: frames came too late")

@@ -22,7 +22,7 @@ from haptogram.conformance.verdict import Behaviour
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.report.conformance.text import suite_text
 from haptogram_protocol.framing import FrameDecoder, cobs_encode
-from haptogram_protocol.messages import Disarm, Phases, Ping, ReadDrive
+from haptogram_protocol.messages import Disarm, GetStatus, Phases, Ping, ReadDrive
 
 DEAF = Path(__file__).parents[2] / "deaf_board.py"
 AT_A_RESET = ("HG-4.1/4-reset", "HG-4.7/1", "HG-6.1/1", "HG-9.2/1")
@@ -125,7 +125,37 @@ def test_a_read_back_that_comes_after_the_hold_judges_the_ramp_that_it_shows():
     access = virtual(array="3x2", wrap=lambda inner: Halting(inner, 99, is_read_back))
     [result] = run(access, "HG-6.11/4-latches").results
     assert result.behaviour is Behaviour.OK, result.detail
-    assert result.seconds > 12 * 0.25
+
+
+class SecondTimed:
+    """True for the second stream frame with a time: it is 5 ms late where the board takes 100."""
+
+    count = 0
+
+    def __call__(self, body):
+        self.count += is_timed(body)
+        return is_timed(body) and self.count == 2
+
+
+class PingBeforeConfiguration:
+    """True for the PING that asks for the time, behind a drive and a GET_STATUS."""
+
+    last = ()
+
+    def __call__(self, body):
+        self.last = (*self.last, body[0])[-4:]
+        return self.last == (Phases.TYPE, Ping.TYPE, GetStatus.TYPE, Ping.TYPE)
+
+
+@pytest.mark.parametrize(
+    ("case", "is_late"),
+    [("HG-9.1/3-latches", SecondTimed), ("HG-7.1/3-hold", PingBeforeConfiguration)],
+)
+def test_a_frame_that_came_after_the_end_of_its_window_or_timer_fails_no_board(case, is_late):
+    access = virtual(array="3x2", wrap=lambda inner: Halting(inner, 1, is_late()))
+    access.virtual = False
+    [result] = run(access, case).results
+    assert result.behaviour is Behaviour.OK, result.detail
 
 
 @pytest.mark.parametrize("case", ["HG-6.11/4-latches", "HG-12.3/1-latches"])

@@ -82,6 +82,7 @@ def _hold_with_configuration(
     board.wire.idle(max(0, start_us + _BEFORE_MS * _MS - board.clock.device_estimate_us()))
     early_us = board.clock.device_us()
     late_us = _set_configuration_alone(board, **after)
+    board.clock.require_in_time(start_us + length_ms * _MS, late_us)
     longest_ms = 2 * max(length_ms, after["hold_ms"]) + after["ramp_ms"]
     header, _ = judged_mute_by_timer(board, since, longest_ms * _MS, MuteReason.HOLD_EXPIRED)
     muted_us = board.clock.unwrap(header.time_us)
