@@ -132,12 +132,18 @@ class DialogueAnswers:
     @classmethod
     def of(cls, frames: Iterable[FrameInDialogue], base: DialogueBase) -> Self:
         """Sort *frames*; a STATE_CHANGED of a MUTE is optional (HG-6.8/2) and left out."""
-        kept = [frame for frame in frames if not _is_optional_in_dialogue(frame.message)]
+        kept = [frame for frame in frames if not is_optional_in_dialogue(frame.message)]
         events = [frame for frame in kept if frame.header.type in EVENT_RANGE]
         return cls([f for f in kept if f.header.type not in EVENT_RANGE], events, base)
 
 
-def _is_optional_in_dialogue(message: Message) -> bool:
+def superfluous_in_dialogue(frames: Sequence[FrameInDialogue]) -> str:
+    """Return a sentence about the first of *frames*, which were never due; empty without any."""
+    return f"the board sends {_named_in_dialogue(frames[0].message)} as well" if frames else ""
+
+
+def is_optional_in_dialogue(message: Message) -> bool:
+    """Return True for a STATE_CHANGED of a MUTE, which a board SHOULD send (HG-6.8/2)."""
     return isinstance(message, StateChanged) and message.reason is MuteReason.MUTE
 
 
@@ -161,17 +167,23 @@ class DialogueComparison:
     near_us: int
 
     def difference(self) -> str:
-        """Return the first difference between board and model; empty if there is none."""
+        """Return the first difference between board and model; empty if there is none.
+
+        Frames beyond those that are due may be those of the next slot: see :meth:`early`.
+        """
         for kind in ("responses", "events"):
             one, other = getattr(self.ours, kind), getattr(self.theirs, kind)
             for place, (mine, due) in enumerate(zip(one, other, strict=False)):
                 if text := self._frame(mine, due):
                     return f"{kind[:-1]} {place}: {text}"
-            if len(one) != len(other):
-                rest = one[len(other) :] or other[len(one) :]
-                who = "the board sends" if len(one) > len(other) else "due is"
-                return f"{who} {_named_in_dialogue(rest[0].message)} as well"
+            if len(one) < len(other):
+                return f"due is {_named_in_dialogue(other[len(one)].message)} as well"
         return ""
+
+    def early(self) -> list[FrameInDialogue]:
+        """Return the frames of the board that were not due yet."""
+        answers, events = len(self.theirs.responses), len(self.theirs.events)
+        return self.ours.responses[answers:] + self.ours.events[events:]
 
     def _frame(self, mine: FrameInDialogue, due: FrameInDialogue) -> str:
         header, message, due_header = mine.header, mine.message, due.header

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -12,6 +12,7 @@ from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     Config,
     HelloReply,
+    Message,
     MessageType,
     Ping,
     build_body,
@@ -26,6 +27,8 @@ from .comparison import (
     DialogueComparison,
     DialogueMemory,
     FrameInDialogue,
+    is_optional_in_dialogue,
+    superfluous_in_dialogue,
 )
 from .model import DialogueModel
 from .opening import DialogueOpening
@@ -41,7 +44,7 @@ _END_US: Final = 2000  # before the end of a slot the board has said everything
 _SETTLED_US: Final = 1000  # a latch and what is said of it
 _IDLE_US: Final = 400_000  # a model that does nothing for so long need not be waited for
 _LONGEST_US: Final = 2_000_000  # of a dialogue whose slots are cut short: no timer ends
-_MISSED_US: Final = 150_000  # how long a frame that is missing is waited for
+_MISSED_US: Final = 1_000_000  # how long a frame that is missing is waited for
 _FOREIGN: Final = 0x5555  # session of the request that ends a slot, beside the open one
 
 
@@ -118,6 +121,7 @@ class Lockstep:
         self._memory = DialogueMemory(host.session)
         self._session = host.session
         self._near_us = 0
+        self._early: list[FrameInDialogue] = []
         lines: list[str] = []
         slots = max((action.slot for action in actions), default=0) + _TAIL * timed + 1
         start_us = host.slot_us = self._first_slot()
@@ -134,7 +138,9 @@ class Lockstep:
             host.slot_us = self._next_slot(host.slot_us, may_cut=not timed)
             if not timed and host.slot_us - start_us > _LONGEST_US:
                 break
-        return Played("", tuple(lines))
+        # What came early was due in the slot behind the last one, or never.
+        behind = self._model.advance(host.slot_us + SLOT_US)
+        return Played(superfluous_in_dialogue(self._early[len(behind) :]), tuple(lines))
 
     def _batch(
         self, host: DialogueHost, actions: Sequence[DialogueAction], *, timed: bool
@@ -203,15 +209,16 @@ class Lockstep:
         if not is_cut:
             due += self._model.advance(at_us + SLOT_US - _END_US)
             self._wait_until(at_us + SLOT_US - _END_US - 1000)
-        self._await_frames(since, len(due), SLOT_US if is_cut else 0)
+        self._await_frames(since, due, SLOT_US if is_cut else 0)
         return self._judge(host, board.wire.received[since:], due, base, line_us)
 
-    def _await_frames(self, since: int, number: int, usual_us: int) -> None:
-        """Wait for *number* frames; late ones have changed the dialogue, or are missing."""
+    def _await_frames(self, since: int, due: list[FrameInDialogue], usual_us: int) -> None:
+        """Wait for the frames that are due; late ones have changed the dialogue, or are missing."""
         wire = self._board.wire
+        number = _number_of_lockstep_frames(frame.message for frame in due) - len(self._early)
 
         def are_there() -> bool:
-            return len(wire.received) - since >= number
+            return _number_of_lockstep_frames(p.message for p in wire.received[since:]) >= number
 
         if not wire.wait(are_there, usual_us) and wire.wait(are_there, _MISSED_US):
             raise HostLateError
@@ -250,12 +257,19 @@ class Lockstep:
             raise HostLateError  # the board was held up, or its line
         # A status speaks of frames of earlier slots too.
         self._near_us = max(self._near_us, (self._late_us if slack_us else _NEAR_US) + line_us)
-        said, wanted = DialogueAnswers.of(ours, base[0]), DialogueAnswers.of(due, base[1])
+        said = DialogueAnswers.of([*self._early, *ours], base[0])
+        wanted = DialogueAnswers.of(due, base[1])
+        comparison = DialogueComparison(said, wanted, host, self._near_us)
+        self._early = comparison.early()
         return (
-            DialogueComparison(said, wanted, host, self._near_us).difference()
+            comparison.difference()
             or self._memory.first_wrong(ours)
             or self._memory.first_altered(said.responses, wanted.responses)
         )
+
+
+def _number_of_lockstep_frames(messages: Iterable[Message | None]) -> int:
+    return sum(message is None or not is_optional_in_dialogue(message) for message in messages)
 
 
 def _foreign_ping_in_lockstep(host: DialogueHost, slot: int) -> bytes:

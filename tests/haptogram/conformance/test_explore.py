@@ -34,9 +34,8 @@ def test_the_c_board_lives_like_the_model(tmp_path):
     status, output = make(tmp_path, tmp_path / "board_steps", CFLAGS="-O1 -w")
     assert status == 0, output
     access = SteppedAccess([str(tmp_path / "board_steps"), "3x2"])
-    for seed in range(2):
-        (result,) = run(access, CASE, seed=seed).results
-        assert (result.behaviour, result.detail) == (Behaviour.OK, "")
+    (result,) = run(access, CASE).results
+    assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 
 def test_a_wrong_board_is_found_by_a_short_dialogue_printed_as_bytes():
@@ -54,7 +53,7 @@ def test_the_same_seed_gives_the_same_dialogue():
     assert first.config() == second.config()
     texts = [[(a.slot, a.text, a.damage) for a in g.actions(20)] for g in (first, second)]
     assert texts[0] == texts[1]
-    assert {slot for slot, _, _ in texts[0]} <= set(range(20))
+    assert max(slot for slot, _, _ in texts[0]) < 20 + 9  # a scene may end later
 
 
 def test_limits_of_every_request_are_met():
