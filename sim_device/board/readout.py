@@ -146,12 +146,10 @@ def board_trace(board: Board, request: ReadTrace) -> TraceReply:
     ring = board.output.ring
     oldest = ring[0].number if ring else board.output.latches
     room = _room_of_readout(TraceReply) // TraceRecord.LAYOUT.size
-    start = max(request.first, oldest)
-    stop = min(request.first + request.count, start + room)
-    records = [_trace_readout_of(latch) for latch in ring if start <= latch.number < stop]
-    return TraceReply(
-        oldest=oldest & _U32, next=board.output.latches & _U32, records=tuple(records)
-    )
+    asked = range(request.first, request.first + request.count)
+    kept = [latch for latch in ring if latch.number in asked][:room]
+    records = tuple(map(_trace_readout_of, kept))
+    return TraceReply(oldest=oldest & _U32, next=board.output.latches & _U32, records=records)
 
 
 def register_codes(shown: Drive, first: int = 0, stop: int | None = None) -> bytes:

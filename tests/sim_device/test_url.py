@@ -253,6 +253,22 @@ def test_the_trace_ring_keeps_the_last_latches(open_host):
     assert [record.number for record in reply.records] == [7, 8, 9]
 
 
+def test_the_trace_ring_shows_what_it_holds_across_latches_that_it_has_not_kept(open_host):
+    host = open_host(VIRTUAL)
+    now_us = host.arm(trace_mode=TraceMode.RING, host_timeout_ms=10_000)
+    host.stream(bytes(16), now_us + 5_000)
+    let_pass(host, 0.02)
+    host.ask(SetConfig(Config(trace_mode=TraceMode.OFF, host_timeout_ms=10_000)))
+    for _ in range(300):  # more than one reply has room for
+        host.stream(bytes(16))
+        let_pass(host, 0.001)
+    host.ask(SetConfig(Config(trace_mode=TraceMode.RING, host_timeout_ms=10_000)))
+    host.stream(bytes(16))
+    let_pass(host, 0.02)
+    reply = host.ask(ReadTrace(0, 0xFFFF)).message
+    assert [record.number for record in reply.records] == [0, 301]
+
+
 def test_trace_drive_reports_every_kth_latch_and_nothing_of_the_others(open_host):
     host = open_host(VIRTUAL)
     now_us = host.arm(trace_mode=TraceMode.DRIVE, trace_divider=3)

@@ -41,6 +41,8 @@ from .actions import (
 from .comparison import DialogueBase
 from .model import DialogueModel
 
+_QUICK_US: Final = 3000  # round trip of a host that was not held up
+_TRIES: Final = 8
 _BEFORE_US: Final = 1_000_000  # the model is on for so long already
 
 
@@ -72,10 +74,7 @@ class DialogueOpening:
         """
         board = self._board
         board.hello()  # a board that differs may have another session open
-        sent_us = board.clock.device_estimate_us()
-        now_us = board.clock.device_us()
-        if not board.wire.limits.slack_us:
-            self.early_us = now_us - sent_us
+        now_us = self._learn_time()
         self._model.reset(board.clock.on_carrier(now_us) - _BEFORE_US)
         host = DialogueHost(board.identity, 0, board.link.seq, now_us)
         host.computed.add((STORED_POINTS, 0))
@@ -106,6 +105,18 @@ class DialogueOpening:
             stored = [0, 0]
         host.last = b""  # its reply, sent again, has a time before the dialogue
         return DialogueBase(ours.counters, stored[0]), DialogueBase(theirs.counters, stored[1])
+
+    def _learn_time(self) -> int:
+        """Return the device time; the estimate of it is off by less than the time of an answer."""
+        clock, wire = self._board.clock, self._board.wire
+        for _ in range(_TRIES):
+            estimate_us, sent_us = clock.device_estimate_us(), wire.now_us()
+            now_us = clock.device_us()
+            if wire.now_us() - sent_us < _QUICK_US:
+                break
+        if not wire.limits.slack_us:
+            self.early_us = now_us - estimate_us
+        return now_us
 
     def _hello(self, host: DialogueHost) -> None:
         """Open a session at both."""

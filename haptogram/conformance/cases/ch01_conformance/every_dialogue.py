@@ -115,11 +115,10 @@ def _judge_random_dialogue(
     if again is None or not _is_same_difference(again.difference, played.difference):
         return False  # once, and not again: the host may have been at fault
     short = shrink_dialogue(actions, differs, _REPLAYS)
-    played = play(short) or played
-    fail(
-        f"dialogue {seed}, {len(short)} frames: {played.difference or 'now and then another reply'}"
-        f" [{config}; {' | '.join(played.lines)}]"
-    )
+    last = play(short)
+    text = last.difference if last and last.difference else f"now and then {played.difference}"
+    lines = (last or played).lines
+    fail(f"dialogue {seed}, {len(short)} frames: {text} [{config}; {' | '.join(lines)}]")
 
 
 def _is_same_difference(one: str, other: str) -> bool:
