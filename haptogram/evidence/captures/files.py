@@ -27,6 +27,8 @@ def read_capture(path: Path) -> Capture:
             begin = file.read(len(_ZIP))
     except OSError as error:
         raise unreadable_file(path, error, "capture") from error
+    if not begin:
+        raise ConfigurationError(f"{path}: the file is empty; end the capture before it is read")
     capture = read_sigrok(path) if begin == _ZIP else read_vcd(path)
     if not capture.edges:
         after = f" (cut off: {capture.cut})" if capture.cut else ""

@@ -218,18 +218,26 @@ def checked_capture_period(
             f"{name} has {len(rises)} pulses, must have {_LEAST_PULSES} at least; "
             "name a channel that carries the carrier all the time"
         )
-    if period < LEAST_SAMPLES * sample:
-        raise ConfigurationError(
-            f"{capture.path}: {rate_hz:.6g} samples/s are {period / sample:.3g} in a period of the "
-            f"carrier, must be {LEAST_SAMPLES} at least; sample at "
-            f"{LEAST_SAMPLES * settings.carrier_hz:g} Hz or more, for 8-bit phases at "
-            f"{least_capture_rate_hz(settings.carrier_hz, 8):g} Hz"
-        )
     found_hz = 1.0 / (period * capture.tick_s)
     if not 0.9 < found_hz / settings.carrier_hz < 1.1:
         raise ConfigurationError(
             f"{name} has {found_hz:g} Hz, must have the carrier {settings.carrier_hz:g} Hz "
             "(carrier_hz of the map) within 10 %"
+        )
+    if period < LEAST_SAMPLES * sample:
+        is_estimated = capture.stated_rate_hz is None and settings.sample_rate_hz is None
+        moving = [name for name, edges in capture.channels.items() if len(edges.times)]
+        if is_estimated and moving == [mapped.reference]:
+            raise ConfigurationError(
+                f"{name} alone has edges, which tell no sampling rate: check that the board is "
+                "armed, and the probes of the pins; or state sample_rate_hz in the map"
+            )
+        source = ", estimated from its edges (sample_rate_hz of the map),"
+        raise ConfigurationError(
+            f"{capture.path}: {rate_hz:.6g} samples/s{source if is_estimated else ''} are "
+            f"{period / sample:.3g} in a period of the carrier, must be {LEAST_SAMPLES} at least; "
+            f"sample at {LEAST_SAMPLES * settings.carrier_hz:g} Hz or more, for 8-bit phases at "
+            f"{least_capture_rate_hz(settings.carrier_hz, 8):g} Hz"
         )
     return period
 

@@ -25,6 +25,7 @@ _FACTORS: Final = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
 _LOCAL: Final = struct.Struct("<4s5H3I2H")  # header of an entry, APPNOTE 4.3.7
 _LOCAL_MAGIC: Final = b"PK\x03\x04"
 _DEFLATED: Final = 8
+_MOST_BYTES: Final = 4 << 30
 _MOST_METADATA: Final = 1 << 20
 
 
@@ -68,11 +69,22 @@ def _read_whole_sigrok(path: Path, archive: zipfile.ZipFile) -> Capture:
     found = _sigrok_metadata(path, archive.read("metadata"))
     samples = _SigrokSamples(path, found)
     parts = [(_sigrok_part(found.prefix, name), name) for name in names]
+    size = sum(archive.getinfo(name).file_size for part, name in parts if part is not None)
+    _check_sigrok_size(path, size)
     for _, name in sorted((part, name) for part, name in parts if part is not None):
         with archive.open(name) as entry:
             while block := entry.read(_BLOCK // found.unit_size * found.unit_size):
                 samples.take(block)
     return samples.capture("")
+
+
+def _check_sigrok_size(path: Path, size: int) -> None:
+    """Raise ConfigurationError for more bytes of samples than are read in a minute."""
+    if size > _MOST_BYTES:
+        raise ConfigurationError(
+            f"{path}: {size / 2**30:.3g} GiB of samples, can be {_MOST_BYTES >> 30} GiB; capture "
+            "a shorter time, fewer channels, or at a lower rate"
+        )
 
 
 def _read_cut_sigrok(path: Path, file: BinaryIO, why: str) -> Capture:
@@ -175,6 +187,7 @@ class _SigrokSamples:
             self._firsts = self._last = samples[0].copy()
         for byte in range(size):
             self._take_byte(byte, samples[:, byte])
+        _check_sigrok_size(self._path, self._taken * size)
         self._last = samples[-1].copy()
         self._taken += len(samples)
         if self._edges > MOST_EDGES:

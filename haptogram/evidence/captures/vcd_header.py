@@ -56,7 +56,8 @@ def read_vcd_header(path: Path, file: BinaryIO) -> tuple[VcdHeader, bytes]:
         more = file.read(1 << 16)
         if not more or len(data) > _LONGEST_HEADER:
             raise ConfigurationError(
-                f"{path}: no $enddefinitions: it is no VCD, or was cut off in its header"
+                f"{path}: no $enddefinitions: it is neither a VCD nor a session of sigrok (.sr), "
+                "or was cut off in its header"
             )
         data += more
     words = data[: end.start()].decode("utf-8", "replace").split()

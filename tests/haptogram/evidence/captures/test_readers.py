@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures import sigrok, vcd
+from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
+from haptogram.evidence.captures.measure import measure_capture
 
 HEAD = '$timescale 1 ns $end\n$var wire 1 ! A $end\n$var wire 1 " B $end\n$enddefinitions $end\n'
 #: File -> first level and times of the edges by channel, counted by hand.
@@ -264,7 +266,8 @@ def test_a_session_cut_anywhere_is_read_or_refused_in_one_line(cut_at, tmp_path)
 
 
 REFUSED = {
-    "a.vcd": (b"", "no $enddefinitions"),
+    "a.vcd": (b"", "the file is empty; end the capture"),
+    "a.sr": (b"no zip", "neither a VCD nor a session of sigrok"),
     "b.vcd": (b"$enddefinitions $end", "no $timescale"),
     "c.vcd": (b"$timescale 3 ns $end $enddefinitions $end", "must be 1, 10 or 100"),
     "d.vcd": (b"$timescale 1 ns $end $enddefinitions $end", "0 channels, must be 1 to 2048"),
@@ -304,3 +307,24 @@ def test_a_session_with_bad_metadata_is_refused(change, words, tmp_path):
             archive.writestr("metadata", "[device 1]\ncapturefile=x\nsamplerate=1 MHz\nprobe1=a\n")
     with pytest.raises(ConfigurationError, match=words):
         sigrok.read_sigrok(file)
+
+
+def test_a_session_that_unpacks_to_gigabytes_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    file = tmp_path / "session.sr"
+    write_session(file, np.arange(900), size=1, chunks=2)
+    monkeypatch.setattr(sigrok, "_MOST_BYTES", 400)
+    for kept in (None, -30):  # a file without its directory does not tell its size before
+        file.write_bytes(file.read_bytes()[:kept])
+        with pytest.raises(ConfigurationError, match="GiB of samples, can be 0 GiB; capture a sho"):
+            sigrok.read_sigrok(file)
+
+
+def test_a_clock_without_pins_tells_no_sampling_rate(tmp_path):
+    file = tmp_path / "clock.vcd"
+    edges = "".join(f"#{12_500 * n} {n % 2}!\n" for n in range(1, 80))
+    file.write_text(f'{HEAD}#0 0! 0"\n{edges}')
+    mapped = {"reference": "A", "elements": {"B": 0}}
+    with pytest.raises(ConfigurationError, match="reference A alone has edges, which"):
+        measure_capture(read_capture(file), ChannelMap.of("map.toml", mapped))
+    stated = ChannelMap.of("map.toml", mapped | {"sample_rate_hz": 24e6})
+    assert measure_capture(read_capture(file), stated).samples == 600
