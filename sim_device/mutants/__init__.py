@@ -15,11 +15,11 @@ from haptogram.settings.arguments import did_you_mean
 
 from ..assembly import HEALTHY, BoardAssembly
 from . import (
+    effects,
     framing,
     identity,
     latching,
     output,
-    overtaking,
     points,
     readiness,
     repetition,
@@ -41,7 +41,7 @@ _PARTS: Final = (
     readiness,
     points,
     output,
-    overtaking,
+    effects,
     single_types,
     single_moments,
     single_timers,

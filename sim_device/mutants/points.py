@@ -18,6 +18,8 @@ from ..board.stream_queue import StreamFrame
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
+_FAR_UM: Final = 500_000
+
 
 class PointsOfOppositePhase(VirtualHaptogramDialect):
     """Computes the drive of focal points with the opposite sign of the phase."""
@@ -58,10 +60,20 @@ class PointsTwoStepsOff(BoardFocuser):
         return Drive(phases, exact.amplitude_codes)
 
 
+class FarPointsClamped(BoardFocuser):
+    """Takes a focal point more than 500 mm away for one at 500 mm."""
+
+    def drive(self, points: Sequence[FocalPoint]) -> Drive:
+        """Return the codes for points that are near."""
+        near = [dataclasses.replace(point, z_um=min(point.z_um, _FAR_UM)) for point in points]
+        return super().drive(near)
+
+
 _SELF: Final = Evidence.SELF_REPORTED
 
 MUTANTS: Final = (
     Mutant.of(PointsOfOppositePhase, "HG-5.4/1", _SELF),
     Mutant.of(PointsInTenths, "HG-5.4/1", _SELF),
     Mutant.of(PointsTwoStepsOff, "HG-5.4/3", _SELF),
+    Mutant.of(FarPointsClamped, "HG-5.4/3", _SELF),
 )

@@ -16,10 +16,10 @@ from ...client import malformed_frames
 from ...client.board_client import PARTS_OF_FRAMES, BoardClient
 from ...outcome import SELF_REPORTED, check
 
-_JUNK_BYTES: Final = 2 << 20
+_JUNK_BYTES: Final = 1 << 20
 _JUNK_S: Final = 20
 _JUNK_PIECES: Final = 50  # between two PINGs
-_NOISE: Final = 2000
+_NOISE: Final = 500
 _STALE: Final = 0x0F0F
 _UNKNOWN_STREAM: Final = 0x3D
 
@@ -44,7 +44,7 @@ def junk_headers_are_survived(board: BoardClient) -> None:
 
 @case(
     "HG-3.9/4",
-    "2 MiB of junk, or 20 s of it: PINGs are answered, and free_bytes is as before",
+    "1 MiB of junk, or 20 s of it: PINGs are answered, and free_bytes is as before",
     depth=Depth.DEFAULT,
 )
 def junk_headers_leak_no_memory(board: BoardClient) -> None:

@@ -1,4 +1,7 @@
-"""Boards that let MUTE overtake, and mishandle what it has overtaken.  SPEC.md HG-3.8, HG-4.10."""
+"""Boards in which an event touches what it has to leave alone, or MUTE what it has overtaken.
+
+SPEC.md HG-3.8 and chapters 4 to 9.
+"""
 # ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
 
 from __future__ import annotations
@@ -7,9 +10,13 @@ from typing import Any, Final
 
 from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder
-from haptogram_protocol.messages import MessageType
+from haptogram_protocol.messages import Config, MessageType, TraceMode, UploadBegin
+from haptogram_protocol.state import MuteReason
 
+from ..board.board import Board
 from ..board.clock import earliest_board_time
+from ..board.counters import BoardArrivalMargins
+from ..board.output import BoardOutput
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
@@ -73,9 +80,62 @@ class ArmBehindMuteDone(_Overtaking):
         self._link._control_newest = newest
 
 
+class ArmBringsBack(BoardOutput):
+    """Radiates the old drive again when ARM follows a mute by the hold."""
+
+    def arm(self) -> None:
+        """Allow output."""
+        held = self.reason is MuteReason.HOLD_EXPIRED
+        super().arm()
+        self._sounding = self._sounding or held
+
+
+class ArmClearsTimeouts(BoardOutput):
+    """Clears the counter of mutes by a timer when ARM comes."""
+
+    def arm(self) -> None:
+        """Allow output."""
+        super().arm()
+        self.counters.timeouts = 0
+
+
+class UntracedLatchesUnnumbered(BoardOutput):
+    """Gives a latch no number while no trace is on."""
+
+    def latch(self, *latch: Any, **more: Any) -> None:
+        """Swap the buffers."""
+        super().latch(*latch, **more)
+        self._latches -= self.config.trace_mode is TraceMode.OFF
+
+
+class WindowFlushes(Board):
+    """Flushes the queue when the late window changes."""
+
+    def configure(self, config: Config) -> None:
+        """Put *config* in force."""
+        changes = config.late_window_us != self.config.late_window_us
+        super().configure(config)
+        if changes:
+            self.output.counters.flushed += self._queue.flush()
+
+
+class UploadClearsMargins(Board):
+    """Begins the arrival margins anew when an upload begins."""
+
+    def begin_upload(self, begin: UploadBegin) -> None:
+        """Make room for an upload."""
+        super().begin_upload(begin)
+        self.margins = BoardArrivalMargins()
+
+
 _WIRE, _SELF = Evidence.WIRE, Evidence.SELF_REPORTED
 
 MUTANTS: Final = (
     Mutant.of(MuteOvertakesNumbers, "HG-4.10/1", _WIRE),
     Mutant.of(ArmBehindMuteDone, "HG-3.8/4", _SELF),
+    Mutant.of(ArmBringsBack, "HG-6.11/5", _SELF),
+    Mutant.of(ArmClearsTimeouts, "HG-9.2/1", _SELF),
+    Mutant.of(UntracedLatchesUnnumbered, "HG-8.5/1", _SELF),
+    Mutant.of(WindowFlushes, "HG-7.1/3", _SELF),
+    Mutant.of(UploadClearsMargins, "HG-7.4/1", _SELF),
 )
