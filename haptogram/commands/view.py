@@ -56,7 +56,7 @@ def set_up_view(parser: Parser) -> None:
         "phase and amplitude of each transducer, the field on a plane, the focus that was found "
         "and its trail, late latches, counters. Any number of browsers may look; one that is slow "
         "skips pictures, and none holds the board up. A browser that draws on the processors of a "
-        "1 kHz loop disturbs it: time in CI, look elsewhere."
+        "1 kHz loop disturbs it: measure times without one."
     )
     parser.epilog = _EXAMPLES
     parser.set_defaults(run=run_view)
@@ -81,7 +81,9 @@ def set_up_view(parser: Parser) -> None:
         help="open the page in a browser [where there is a desktop]",
     )
     parser.add_argument(
-        "--until-eof", action="store_true", help="end with standard input: with who started it"
+        "--until-eof",
+        action="store_true",
+        help="end when standard input ends: with the program that started this one",
     )
     parser.add_argument(
         "--html",

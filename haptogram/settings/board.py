@@ -55,8 +55,8 @@ class FaultWords(Settings):
         help="something that goes wrong with the virtual board's line, clock or transducers, such "
         'as "line.flip ber=1e-5" or "device.stuck column=3 from=2s"; may be repeated. from= and '
         "until= are times since power-up, a moment before the first frame: in virtual time the "
-        "session is up after some milliseconds, over a pty after a second or so. What there is "
-        "before it hits the handshake as well. All faults: docs/faults.md",
+        "session is up after some milliseconds, over a pty after a second or so. A fault that "
+        "is there sooner hits the handshake as well. All faults: docs/faults.md",
     )
     fault_plan: Path | None = option(
         None,
@@ -81,16 +81,16 @@ class PinCaptureConfig(Settings):
         unit="MS",
         low=0.1,
         high=600_000.0,
-        help="length of it, from the first latch on; with --baud from the first byte on",
+        help="length of the capture, from the first latch on; with --baud from the first byte on",
     )
     capture_elements: str | None = option(
         None, unit="N,N,...", help="elements whose pins are captured", absent="all"
     )
     capture_rate_hz: float = option(
-        24e6, unit="HZ", low=1e5, high=1e9, help="sampling rate of that analyser"
+        24e6, unit="HZ", low=1e5, high=1e9, help="sampling rate of the analyser"
     )
     capture_ppm: float = option(
-        0.0, unit="PPM", low=-1000.0, high=1000.0, help="error of the clock of that analyser"
+        0.0, unit="PPM", low=-1000.0, high=1000.0, help="error of the clock of the analyser"
     )
     capture_late: tuple[str, ...] = option(
         (),
@@ -219,7 +219,7 @@ class BoardConfig(Settings):
         low=0,
         high=MOST_FAULT_SEED,
         help="seed of the faults",
-        absent="that of fault_plan, else of the board",
+        absent="that of the plan, else of the board",
     )
     line: LineSettings = option_group(LineSettings)
     faults: tuple[Fault, ...] = ()

@@ -126,7 +126,7 @@ class Option:
             return "on" if self.default else "off"
         if self.count:
             return ",".join(f"{item:g}" for item in self.default)
-        return f"{self.default:g}" if self.kind is float else str(self.default)
+        return f"{self.default:.10g}" if self.kind is float else str(self.default)
 
     def checked(self, value: Any, shown: str | None = None) -> Any:
         """Return *value* in its own type; *shown* is what a user wrote, for a refusal.

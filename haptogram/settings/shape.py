@@ -57,8 +57,8 @@ class ModulationConfig(Settings):
     modulation: str | None = option(
         None,
         choices=MODULATIONS,
-        help="what makes the object felt: am, amplitude; lm, lateral; stm, along the object in "
-        "rounds, at constant speed; 'haptogram modulation' shows what arrives",
+        help="modulation by which the object is felt: am, amplitude; lm, lateral; stm, along the "
+        "object in rounds, at constant speed; 'haptogram modulation' shows what arrives",
     )
     modulation_hz: float = option(
         200.0,
@@ -72,15 +72,15 @@ class ModulationConfig(Settings):
         unit="SHARE",
         low=0.0,
         high=1.0,
-        help="of am: 1 swings between full force and none, 0 not at all; a sine in the force, not "
-        "in the pressure",
+        help="depth of am: 1 swings between full force and none, 0 not at all; the force is the "
+        "sine, not the pressure",
     )
     shift_mm: tuple[float, float, float] = option(
         (3.0, 0.0, 0.0),
         unit="X,Y,Z",
         low=-MOST_MM,
         high=MOST_MM,
-        help="of lm: how far and which way the focus swings to both sides",
+        help="vector of lm by which the focus swings to both sides",
     )
     dwell_ms: float | None = option(
         None,

@@ -46,7 +46,8 @@ class ToleranceConfig(Settings):
         unit="PERCENT",
         low=0.0,
         high=MOST_OFF_HUMIDITY_PERCENT,
-        help="the same of the relative humidity",
+        help="difference between the relative humidity that the host assumes and that over the "
+        "board",
     )
 
 
@@ -67,7 +68,7 @@ class UncertaintyConfig(Settings):
         unit="PERCENT",
         low=0.0,
         high=MOST_OFF_HUMIDITY_PERCENT,
-        help="of the relative humidity",
+        help="standard uncertainty of the relative humidity",
         absent=f"{_REAL} {GUESS_HUMIDITY_PERCENT:g}",
     )
     uncertainty_position_mm: float | None = option(
@@ -75,7 +76,7 @@ class UncertaintyConfig(Settings):
         unit="MM",
         low=0.0,
         high=MOST_OFF_POSITION_MM,
-        help="of each coordinate of each element",
+        help="standard uncertainty of each coordinate of each element",
         absent=f"{_REAL} {GUESS_POSITION_MM:g}",
     )
     uncertainty_phase_rad: float | None = option(
@@ -83,6 +84,6 @@ class UncertaintyConfig(Settings):
         unit="RAD",
         low=0.0,
         high=MOST_OFF_PHASE_RAD,
-        help="of the phase that each element adds",
+        help="standard uncertainty of the phase that each element adds",
         absent=f"{_REAL} {GUESS_PHASE_RAD:g}",
     )

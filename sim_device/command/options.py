@@ -109,7 +109,9 @@ def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) ->
         help="show what is radiated, live, in a browser (see haptogram view)",
     )
     parser.add_argument(
-        "--until-eof", action="store_true", help="end with standard input: with who started it"
+        "--until-eof",
+        action="store_true",
+        help="end when standard input ends: with the program that started this one",
     )
     log = parser.add_mutually_exclusive_group()
     log.add_argument("--quiet", action="store_true", help="log warnings only")

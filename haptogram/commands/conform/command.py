@@ -56,10 +56,10 @@ def set_up_conform(parser: Parser, virtual: Virtual) -> None:
     )
     parser.epilog = (
         f"{EXAMPLES}\nverdicts:\n{suite_verdict_meaning_table()}\n\nexit status:\n"
-        "  0    no case says 1 or 3\n"
-        "  1    a case says so\n"
+        "  0    no verdict has 1 or 3 in the table above\n"
+        "  1    a verdict has 1\n"
         "  2    usage or environment error\n"
-        "  3    no case says 1, one says 3\n"
+        "  3    no verdict has 1, and one has 3\n"
         "  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)\n"
     )
     parser.rename(link_baud="baud")

@@ -50,7 +50,9 @@ class BoardUnderTestConfig(Settings):
         LinkConfig, "port", help="any pyserial URL", absent="the virtual board, in virtual time"
     )
     baud: int = option_of(LinkConfig, "baud")
-    spawn: str | None = option(None, unit="CMD", help="start this program; it says its port")
+    spawn: str | None = option(
+        None, unit="CMD", help="program that is started, and prints its port"
+    )
     port_regex: str | None = option(
         None, unit="REGEX", help="finds the port in what --spawn prints, first group"
     )
@@ -59,7 +61,11 @@ class BoardUnderTestConfig(Settings):
         None, unit="CMD", help="shell command that lets its hardware fail ($BOARD_PID: --spawn)"
     )
     boot_timeout: float = option(
-        10.0, unit="S", low=0.0, high=3600.0, help="until its port is there"
+        10.0,
+        unit="S",
+        low=0.0,
+        high=3600.0,
+        help="longest time until the port of the board is there",
     )
     dtr: str | None = option(
         None, choices=_LEVELS, help="state of DTR; pulse: a pulse of it restarts the board"
@@ -84,9 +90,9 @@ class ChoiceConfig(Settings):
         unit="MINUTES",
         low=0.0,
         high=100_000.0,
-        help="go on with random dialogues, beside a model",
+        help="time of random dialogues that are compared with a model of the board",
     )
-    timeout: float = option(1.0, unit="S", low=0.001, high=60.0, help="how long an answer may take")
+    timeout: float = option(1.0, unit="S", low=0.001, high=60.0, help="longest time to an answer")
     seed: int | None = option_of(
         LimitConfig,
         "seed",
@@ -143,7 +149,7 @@ def add_conform_options(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     board = parser.add_argument_group("board and port")
     add_command_options(board, options_of(BoardUnderTestConfig).values())
-    _add_conform_choice(parser.add_argument_group("what is run, and how"))
+    _add_conform_choice(parser.add_argument_group("cases and depth"))
     pins = parser.add_argument_group("drive pins", _PINS)
     add_command_options(pins, options_of(PinConfig).values())
     _add_conform_results(parser.add_argument_group("result", FILE_HELP))

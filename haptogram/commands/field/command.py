@@ -105,7 +105,7 @@ def set_up_field(parser: Parser) -> None:
 
 
 def _add_field_source(parser: Parser) -> None:
-    group = parser.add_argument_group("what sounds")
+    group = parser.add_argument_group("source of the field")
     source = group.add_mutually_exclusive_group()
     source.add_argument(
         "--focus-mm",

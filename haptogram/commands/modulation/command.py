@@ -93,7 +93,7 @@ def set_up_modulation(parser: Parser) -> None:
 
 
 def _add_modulation_object(parser: Parser) -> None:
-    shape = parser.add_argument_group("what is modulated")
+    shape = parser.add_argument_group("object that is modulated")
     rows = options_of(VerifyConfig)
     add_setting_options(
         shape,

@@ -20,7 +20,8 @@ examples:
   haptogram presets                            all of them
   haptogram presets tactile-display autd3      these two
   haptogram presets --json -                   as JSON on standard output
-  haptogram field --preset tactile-display     the field of its typical focus, as a picture
+  haptogram field --preset tactile-display --picture field.png
+                                               the field of its typical focus, as a picture
 
 exit status:
   0    the figures were printed

@@ -51,7 +51,7 @@ def set_up_capture(parser: Parser) -> None:
     parser.add_argument(
         "--json", type=file_name_option, metavar="FILE", help="write every drive as JSON"
     )
-    parser.add_argument("--quiet", action="store_true", help="no table, only what is wrong")
+    parser.add_argument("--quiet", action="store_true", help="no table, findings only")
 
 
 def run_capture(arguments: argparse.Namespace) -> int:

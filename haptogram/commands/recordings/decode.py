@@ -49,7 +49,10 @@ def set_up_decode(parser: Parser) -> None:
     parser.epilog = _EPILOG
     parser.set_defaults(run=run_decode)
     parser.add_argument(
-        "file", type=file_name_option, metavar="FILE", help="what is read; - is stdin"
+        "file",
+        type=file_name_option,
+        metavar="FILE",
+        help="recording, dump or hex text; - is standard input",
     )
     parser.add_argument(
         "--dialect",

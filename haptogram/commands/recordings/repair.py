@@ -33,8 +33,12 @@ def set_up_repair(parser: Parser) -> None:
     )
     parser.epilog = _EPILOG
     parser.set_defaults(run=run_repair)
-    parser.add_argument("file", type=file_name_option, metavar="FILE", help="what is read")
-    parser.add_argument("copy", type=file_name_option, metavar="COPY", help="what is written")
+    parser.add_argument(
+        "file", type=file_name_option, metavar="FILE", help="the recording that is read"
+    )
+    parser.add_argument(
+        "copy", type=file_name_option, metavar="COPY", help="the whole file that is written"
+    )
 
 
 def run_repair(arguments: argparse.Namespace) -> int:

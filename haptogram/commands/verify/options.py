@@ -28,7 +28,7 @@ _TOLERANCE: Final = (
 )
 #: The names of the options by group, in the order of the help text.
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
-    "what is displayed": (
+    "tactile object": (
         *options_of(ShapeConfig),
         *("rate_hz", "repeat"),
         *options_of(ModulationConfig),
