@@ -21,6 +21,7 @@ _LEAST_STEP: Final = 4.0  # ticks: a finer grid is not told from none
 _MOST_STEPS: Final = 20_000.0  # in a distance whose steps are counted: a longer one is a silence
 _LEAST_COUNT: Final = 4.0
 _SURE_SHARE: Final = 0.4
+_FINER: Final = 10  # times finer, a unit of time
 _ROUNDING: Final = 1.5  # ticks by which two rounded times may miss their distance
 
 
@@ -133,7 +134,8 @@ class Capture:
 def estimated_capture_step(times: NDArray[np.int64]) -> float:
     """Return the step of the grid that *times* lie on, in their unit; 1 if they lie on none.
 
-    An analyser whose step is no whole number of ticks rounds each time to the next tick.
+    An analyser whose step is no whole number of ticks rounds each time to the next tick, or to ten,
+    a hundred, ... of them where its program writes finer ticks than it counts.
 
     Examples
     --------
@@ -142,9 +144,15 @@ def estimated_capture_step(times: NDArray[np.int64]) -> float:
     >>> round(1e3 / estimated_capture_step(np.round(samples * 1e3 / 24).astype(np.int64)), 1)
     24.0
     """
-    distances = np.unique(np.diff(times)).astype(np.float64)
-    if not len(distances):
+    whole = np.unique(np.diff(times))
+    if not len(whole):
         return 1.0
+    if not int(divisor := np.gcd.reduce(whole)) % _FINER:
+        finer = _FINER
+        while not int(divisor) % (finer * _FINER):
+            finer *= _FINER
+        return finer * estimated_capture_step(times // finer)
+    distances = whole.astype(np.float64)
     for share in range(1, _MOST_SHARES + 1):
         step = _refined_capture_step(distances, float(distances[0]) / share)
         every = np.diff(times)
@@ -156,7 +164,7 @@ def estimated_capture_step(times: NDArray[np.int64]) -> float:
         rest = short - np.rint(short / step) * step
         if np.abs(rest).max() < _ROUNDING:
             return step
-    return float(np.gcd.reduce(distances.astype(np.int64)))
+    return float(divisor)
 
 
 def _refined_capture_step(distances: NDArray[np.float64], step: float) -> float:

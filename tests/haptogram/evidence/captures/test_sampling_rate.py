@@ -20,6 +20,15 @@ def test_a_silence_in_a_capture_leaves_the_rate_alone(rate_hz, silence_s, ppm):
     assert found == pytest.approx(rate_hz, rel=1e-5)
 
 
+@pytest.mark.parametrize("rate_hz", [7.3e6, 10e6, 12.5e6, 24e6])
+@pytest.mark.parametrize("finer", [1, 10, 1000])
+def test_ticks_that_are_finer_than_what_is_written_tell_the_same_rate(rate_hz, finer):
+    random = np.random.default_rng(1)
+    samples = np.cumsum(random.integers(3, 400, 4000))
+    times = finer * np.rint(samples * 1e9 / rate_hz).astype(np.int64) + 3 * finer
+    assert finer * 1e9 / estimated_capture_step(times) == pytest.approx(rate_hz, rel=1e-5)
+
+
 @pytest.mark.parametrize("rate_hz", [4e6, 7.3e6, 12.5e6, 24e6])
 @pytest.mark.parametrize("seed", range(6))
 def test_a_tick_of_a_quarter_of_a_sample_tells_the_rate(rate_hz, seed):
