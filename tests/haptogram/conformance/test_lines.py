@@ -127,6 +127,22 @@ def test_a_read_back_that_comes_after_the_hold_judges_the_ramp_that_it_shows():
     assert result.behaviour is Behaviour.OK, result.detail
 
 
+class Oversleeping(Wrapped):
+    """Wakes up 100 ms late."""
+
+    def read_available(self, deadline_ns):
+        end_ns, data = deadline_ns + 100_000_000, b""
+        while self.now_ns() < end_ns:
+            data += super().read_available(end_ns)
+        return data
+
+
+def test_a_host_that_oversleeps_blames_no_status_that_came_in_its_time():
+    access = virtual(array="3x2", wrap=Oversleeping)
+    [result] = run(access, "HG-9.1/1-lengths").results
+    assert result.behaviour is Behaviour.OK, result.detail
+
+
 class SecondTimed:
     """True for the second stream frame with a time: it is 5 ms late where the board takes 100."""
 

@@ -42,7 +42,8 @@ from ...client.stream_kinds import stream_kinds
 from ...client.uploads import send_upload_chunks, upload_to_board
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
-from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ...judge.timers import judge_in_time
+from ...outcome import SELF_REPORTED, CaseEndedError
 from ..ch05_stream.every_drop import DROPS
 from ..ch05_stream.every_state import BEFORE_STATE
 from ..ch10_errors.every_refusal import (
@@ -440,7 +441,7 @@ def _judge_effects(board: BoardClient, effects: tuple[Effect, ...], situation: S
         held = _held_after_effect(board, last_us, effect)
         due = effect.due(board, before)
         text = held_state_changes(before, held, due)
-        check(not text, f"{effect.name}: {text}")
+        judge_in_time(board, not text, f"{effect.name}: {text}")
         leaves = all(name.startswith("the counter") for name in due)
         before = held if leaves else None
         if _state_before_effect(held)[0] is OutputState.FAULT:
@@ -454,7 +455,7 @@ def _judge_arm_behind_effect(board: BoardClient, effect: Effect, before: Held) -
     arm = Effect("", "", "ARM", _arm_for_effect, _effect_of_input(OutputInput.ARM))
     due = arm.due(board, before) | {"events": ANYTHING, "the arrival margins": ANYTHING}
     text = held_state_changes(before, _held_after_effect(board, 0, arm), due)
-    check(not text, f"{effect.name}, then ARM: {text}")
+    judge_in_time(board, not text, f"{effect.name}, then ARM: {text}")
 
 
 def _effect_case(clause: str, variant: str, effects: tuple[Effect, ...]) -> Case:
