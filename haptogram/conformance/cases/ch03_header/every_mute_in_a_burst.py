@@ -31,6 +31,7 @@ from .checks import judge_overtaken_request, judge_silence_behind_mute
 _SEQUENCE: Final = 4
 _STALE: Final = 0x0F0F
 _AHEAD_US: Final = 60  # of a frame's t_apply: it would be latched between two MUTE
+_LONGEST: Final = 4096
 _STAGES: Final = (1, 2)  # frames between how many pairs of MUTE
 
 #: A frame of a burst: its bytes, and of a request the message and its number.
@@ -110,6 +111,7 @@ def _judge_burst_of_mutes(
     latch_now(board, board.flat_phases())
     sessions = itertools.cycle((0, board.link.session ^ _STALE) if others else (None,))
     before = board.status().counters
+    at_one_moment = _is_burst_at_one_moment(board)
     burst = [_request_in_burst(board, Mute(), **_session_of_mute(next(sessions)))]
     for _ in range(stages):
         burst += make()
@@ -122,7 +124,6 @@ def _judge_burst_of_mutes(
     board.clock.wait_latched()
     judge_silence_behind_mute(board)
     latched = board.counted_since(before)["latched"]
-    at_one_moment = board.wire.line_us(len(burst[-1][0])) < board.clock.carrier_us
     check(
         latched == 0 or not at_one_moment,
         f"{name}, which came at one moment: {latched} frames of before MUTE were latched",
@@ -130,6 +131,15 @@ def _judge_burst_of_mutes(
     board.arm()
     with board.counting(latched=1):
         latch_now(board, board.flat_phases())
+
+
+def _is_burst_at_one_moment(board: BoardClient) -> bool:
+    """Return whether bytes take no time; wait then for a moment at which nothing is latched."""
+    if board.wire.limits.slack_us or board.wire.line_us(_LONGEST) >= board.clock.carrier_us:
+        return False
+    carrier_us = board.clock.carrier_us
+    board.wire.idle((carrier_us // 2 - board.clock.device_us()) % carrier_us)
+    return True
 
 
 def _session_of_mute(session: int | None) -> dict[str, int]:
