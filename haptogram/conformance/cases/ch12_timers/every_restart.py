@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final
@@ -15,6 +16,7 @@ from haptogram_protocol.messages import (
     Flag,
     Hello,
     Message,
+    Ping,
     Play,
     PlayReply,
     SetConfig,
@@ -28,7 +30,12 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_now, send_phases_to_store, send_phases_to_store_if_supported
-from ...client.stream_kinds import StreamKind, stream_kinds, valid_requests_to_send
+from ...client.stream_kinds import (
+    StreamKind,
+    refused_requests_to_send,
+    stream_kinds,
+    valid_requests_to_send,
+)
 from ...judge.refused_requests import Refusal, requests_refused_by_value
 from ...judge.timers import judge_in_time, judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import check
@@ -152,7 +159,7 @@ def waits_unattended(board: BoardClient) -> None:
 
 @case(
     "HG-6.7/1",
-    "frames of every type, good and bad, each renew the lease: it runs out behind the last of them",
+    "frames of every type, good, bad and repeated, each renew the lease: it runs out behind them",
     variant="types",
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
@@ -163,7 +170,7 @@ def every_type_renews_the_lease(board: BoardClient) -> None:
 
 @case(
     "HG-6.7/1",
-    "during a playback frames of every type, good and bad, each renew the unattended time",
+    "in a playback frames of every type, good, bad and repeated, each renew the unattended time",
     variant="playing",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     depth=Depth.DEFAULT,
@@ -193,16 +200,18 @@ def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = Fal
     timer = "unattended time" if plays else "lease"
     send_phases_to_store_if_supported(board, STORED, frames=2)
     line_ms = 2 * board.wire.line_us(2 * 2 * board.identity.transducers) // _MS
-    for name, make in _renewals(board, plays=plays):
+    repeated = _repeated_renewals(board, plays=plays)
+    at_once = ((name, make, None) for name, make in _renewals(board, plays=plays))
+    in_time = ramps and board.wire.limits.slack_us  # repetitions in a ramp take too long there
+    for name, make, first in itertools.chain(at_once, () if in_time else repeated):
         for least_ms, wait_ms in _LEASES_IN_RAMPS_MS if ramps else _LEASES_MS:
             lasts_ms = least_ms + line_ms
             ramp_ms = least_ms // 2 if ramps else 0
             host_timeout_ms = lasts_ms - ramp_ms + (_OTHER_MS if plays else 0)
             if board.config.host_timeout_ms != host_timeout_ms:
                 board.configure(host_timeout_ms=host_timeout_ms, hold_ms=10_000, ramp_ms=ramp_ms)
-            off_ms = (
-                _muted_by_lease_after_ms(board, make, lasts_ms, wait_ms, plays=plays) - lasts_ms
-            )
+            took_ms = _muted_by_lease_after_ms(board, make, lasts_ms, wait_ms, first, plays=plays)
+            off_ms = took_ms - lasts_ms
             if wait_ms / 2 < off_ms < wait_ms + _OTHER_MS / 2:
                 break
         else:
@@ -213,16 +222,26 @@ def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = Fal
 
 
 def _muted_by_lease_after_ms(
-    board: BoardClient, make: Callable[[], bytes], lasts_ms: int, wait_ms: int, *, plays: bool
+    board: BoardClient,
+    make: Callable[[], bytes],
+    lasts_ms: int,
+    wait_ms: int,
+    first: Message | None,
+    *,
+    plays: bool,
 ) -> float:
-    """Return the time in ms from the start of the timer to its mute, with a frame meanwhile."""
+    """Return the time in ms from the start of the timer to its mute, with a frame meanwhile.
+
+    The request *first*, if there is one, starts the timer anew, and is the remembered one.
+    """
     since = board.link.mark()
     answer = board.link.ask(Arm())
     if plays:
         alone_ms = min(lasts_ms, board.identity.max_unattended_ms)
         answer = board.link.ask(Play(STORED, SLOW_US, 0, alone_ms), flags=Flag.IMMEDIATE)
     board.link.reply_in(answer, *((PlayReply, Play.TYPE) if plays else (ArmReply, Arm.TYPE)))
-    assert answer.header is not None  # reply_in
+    answer = board.link.ask(first) if first else answer
+    assert answer.header is not None  # reply_in, ask
     start_us = board.clock.unwrap(answer.header.time_us)
     board.wire.idle(wait_ms * _MS)
     board.link.send(make())
@@ -252,6 +271,28 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
     for refusal in requests_refused_by_value(board) if not board.wire.limits.slack_us else ():
         if refusal.kind != Hello.TYPE:  # which is of no session
             yield refusal.name, partial(_refused_request_that_renews, board, refusal)
+
+
+def _repeated_renewals(
+    board: BoardClient, *, plays: bool
+) -> Iterator[tuple[str, Callable[[], bytes], Message]]:
+    """Yield requests by name, what makes them again with the number of the last, and themselves.
+
+    The same bytes are answered from memory, others are refused.
+    """
+    valid = valid_requests_to_send(board, STORED + plays)
+    for message in (*valid, *refused_requests_to_send(board)):
+        if message.TYPE.name in ("DISARM", "PLAY", *(["STOP"] if plays else [])):
+            continue
+        wire = partial(_request_that_renews_again, board, message)
+        yield f"{message.TYPE.name}, and the same again", wire, message
+    for name, back in (("its number in another PING", 0), ("an old number", 1)):
+        other = partial(_request_that_renews_again, board, Ping(1), back)
+        yield f"PING, and {name}", other, Ping(0)
+
+
+def _request_that_renews_again(board: BoardClient, message: Message, back: int = 0) -> bytes:
+    return board.link.request_wire(message, seq=board.link.seq - back)[0]
 
 
 def _stream_frame_that_renews(board: BoardClient, kind: StreamKind) -> bytes:

@@ -1,0 +1,177 @@
+"""HG-4.6: what belongs to a session does not outlive it, nor come back when it is reopened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from haptogram_protocol.messages import (
+    ErrorCode,
+    Feature,
+    Flag,
+    GetGeometry,
+    Message,
+    Mute,
+    Play,
+    ReadTrace,
+    Trace,
+    TraceDrive,
+    TraceMode,
+    TraceReply,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+)
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now, read_back
+from ...client.playback import send_phases_to_store_if_supported
+from ...client.stream_kinds import refused_requests_to_send, valid_requests_to_send
+from ...client.uploads import begin_upload
+from ...outcome import SELF_REPORTED, check
+
+_SEQUENCE: Final = 4
+_UPLOADED: Final = 5
+_LATCHES: Final = 3
+_IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10: nothing remembers them
+_APART_US: Final = 500
+
+#: The sessions that follow session A.
+_PATHS: Final = {"B": "the next session", "BA": "A behind B", "BCA": "A behind B and C"}
+
+
+def _open_sessions_in_turn(board: BoardClient, path: str, number: int) -> None:
+    """Open the sessions of *path* one after the other, each by a HELLO of this number."""
+    nonces = {"A": board.link.session}
+    for name in path:
+        if name not in nonces:
+            nonces[name] = board.new_nonce()
+        board.hello(nonces[name], seq=number & 0xFFFF)
+    board.link.seq = number
+
+
+def _remembered_of_a_session(board: BoardClient) -> Iterator[Message]:
+    """Yield a request of every type whose reply is remembered, carried out or refused."""
+    for message in (*valid_requests_to_send(board, _SEQUENCE), *refused_requests_to_send(board)):
+        if not isinstance(message, _IDEMPOTENT):
+            yield message
+    yield GetGeometry(0, 0xFFFF)
+
+
+@case(
+    "HG-4.6/4",
+    "a reply of every type, refusals too, is forgotten in the next session, and in A behind B",
+    variant="replies",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def remembered_replies_do_not_outlive_a_session(board: BoardClient) -> None:
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    for path, name in _PATHS.items():
+        for message in _remembered_of_a_session(board):
+            board.arm()
+            before = board.status().counters
+            flags = int(Flag.IMMEDIATE) if isinstance(message, Play) else 0
+            first = board.link.ask(message, flags=flags)
+            seq = board.link.seq
+            _open_sessions_in_turn(board, path, seq - 1)
+            board.wire.idle(_APART_US)
+            again = board.link.ask(message, flags=flags)  # the same bytes, if the session is A
+            counted = board.counted_since(before)
+            found = counted["requests"], counted["repeated"], counted["bad_value"]
+            due = len(path) + 2, 0, 0
+            text = f"{message.TYPE.name}, and again in {name}"
+            check(
+                found == due, f"{text}: requests, repeated, bad_value count {found}, due is {due}"
+            )
+            assert first.header is not None  # ask
+            assert again.header is not None
+            check(again.header.time_us != first.header.time_us, f"{text}: the time is the first's")
+
+
+# --- Everything else that a session owns -------------------------------------------------------
+
+
+def _no_drive_in_session(board: BoardClient) -> None:
+    if not board.has(Feature.READ_LATCHED):
+        return
+    shown = read_back(board)
+    key = shown.reply.key
+    codes = any(shown.phases + shown.amplitudes)
+    found = (codes, key.sequence, key.loop, key.index)
+    check(found == (False, 0, 0, 0), f"a drive is latched, of frame {key}")
+
+
+def _no_latch_in_session(board: BoardClient) -> None:
+    status = board.status()
+    found = status.last_seq, status.last_latch_us, status.queued
+    check(found == (0, 0, 0), f"last_seq, last_latch_us, queued are {found}")
+
+
+def _no_ring_in_session(board: BoardClient) -> None:
+    if board.has(Feature.TRACE_RING):
+        reply = board.link.call(ReadTrace(0, 100), TraceReply)
+        found = reply.oldest, reply.next, len(reply.records)
+        check(found == (0, 0, 0), f"oldest, next and records of the ring are {found}")
+
+
+def _no_upload_in_session(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
+        board.link.refused(UploadCommit(_UPLOADED), ErrorCode.BAD_STATE)
+
+
+def _numbers_of_session_anew(board: BoardClient) -> None:
+    """FAILED unless frames count from 0xFFF0, events from 0, and the division begins anew."""
+    mode, kind = next(
+        (
+            (mode, kind)
+            for feature, mode, kind in (
+                (Feature.TRACE_DRIVE, TraceMode.DRIVE, TraceDrive),
+                (Feature.TRACE, TraceMode.CRC, Trace),
+            )
+            if board.has(feature | Feature.CONFIG)
+        ),
+        (TraceMode.OFF, None),
+    )
+    if kind is not None:
+        board.configure(trace_mode=mode)
+    board.arm()
+    since = board.link.mark()
+    with board.counting(latched=1):
+        latch_now(board, board.flat_phases())
+    numbers = [header.seq for header, _ in board.link.events(kind, since)] if kind else [0]
+    check(numbers == [0], f"the first events of the session have the numbers {numbers}")
+
+
+_OWNED: Final[dict[str, Callable[[BoardClient], None]]] = {
+    "the latched drive": _no_drive_in_session,
+    "latch and queue of the status": _no_latch_in_session,
+    "the trace ring": _no_ring_in_session,
+    "the upload": _no_upload_in_session,
+    "the numbers": _numbers_of_session_anew,
+}
+
+
+@case(
+    "HG-4.6/4",
+    "drive, latches, ring, upload and numbers of a session are gone in the next, and in A behind B",
+    variant="owned",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def nothing_owned_outlives_a_session(board: BoardClient) -> None:
+    for path in _PATHS:
+        for judge in _OWNED.values():
+            if board.has(Feature.TRACE_RING | Feature.CONFIG):
+                board.configure(trace_mode=TraceMode.RING)
+            if board.has(Feature.SEQUENCE_PHASES):
+                begin_upload(board, UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
+            board.arm()
+            for number in range(_LATCHES):
+                latch_now(board, board.flat_phases(0x20 + number))
+            waiting_us = board.clock.soon_us(bytes(2000)) + 5_000_000
+            board.link.send(board.link.stream_wire(board.flat_phases(), waiting_us))
+            _open_sessions_in_turn(board, path, board.link.seq - 20)
+            judge(board)
