@@ -109,6 +109,9 @@ class BoardClient:
         What all frames of the run have shown so far; None: nobody judges them.
     raise_fault : callable or None
         Lets the hardware of the board fail; None: nothing can.
+    restart : callable or None
+        Switches the board off and on and returns the client of the board that has just started,
+        in place of this one; None: nothing can.
     last_boot_id, last_config
         Boot id and configuration before the board was reset.
     nonces : set of int
@@ -122,6 +125,7 @@ class BoardClient:
     correction: bytes | None = None
     standing: RuleFindings | None = None
     raise_fault: Callable[[], None] | None = None
+    restart: Callable[[], BoardClient] | None = None
     last_boot_id: int | None = None
     last_config: Config | None = None
 

@@ -186,6 +186,7 @@ class SuiteConnection:
         self.rules.begin_board()
         self._board.explore_us = self._explore_us
         self._board.raise_fault = self._access.raise_fault
+        self._board.restart = self.reset if self._access.can_reset else None
         return self._board
 
     def _drop(self) -> None:

@@ -10,10 +10,14 @@ from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
     Config,
     ConfigReply,
+    DriveKind,
     ErrorCode,
     Feature,
+    FocalPoint,
     GetConfig,
+    Points,
     SetConfig,
+    SetConfigReply,
     StateChanged,
     Status,
     StatusReply,
@@ -24,9 +28,9 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now
+from ...client.latching import latch_now, read_back
 from ...client.uploads import upload_to_board
-from ...judge.refused_requests import OUT_OF_BOUNDS
+from ...judge.refused_requests import OUT_OF_BOUNDS, other_config_than_judged
 from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, informational, not_observed
 
@@ -37,6 +41,7 @@ _JUST_RIGHT: Final[tuple[dict[str, Any], ...]] = (
     {"hold_ms": 10_000, "ramp_ms": 2000, "host_timeout_ms": 10_000, "late_window_us": 100_000},
     {"sound_speed_mm_s": 380_000, "trace_divider": 0xFFFF, "status_period_ms": 65_535},
 )
+_FOCUS: Final = FocalPoint(11_000, -7_000, 120_000, 0xFFFF, 0x1234)
 _MODES: Final = {
     TraceMode.CRC: Feature.TRACE,
     TraceMode.DRIVE: Feature.TRACE_DRIVE,
@@ -184,6 +189,61 @@ def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
     if config.status_period_ms and config.status_period_ms < longest_ms // 3:
         check(len(times) > 1, "no STATUS comes after a reset, without SET_CONFIG")
         judge_status_steps(board, times, config.status_period_ms)
+
+
+@case(
+    "HG-7.1/4",
+    "every field and the correction, set to other values, are the default again after a reset",
+    variant="fields",
+    needs_reset=True,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def no_value_outlives_a_reset(board: BoardClient) -> None:
+    first = board.hello()
+    board.need(Feature.CONFIG)
+    board.config = default = _configuration_in_force(board)
+    shown = _drives_as_configured(board)
+    other = board.link.call(SetConfig(other_config_than_judged(board)), SetConfigReply)
+    count, crc = board.identity.transducers, other.config_crc
+    if board.has(Feature.CORRECTION):
+        codes = bytes(1 + board.random.randrange(255) for _ in range(count))
+        upload_to_board(board, UploadKind.CORRECTION, 0, codes)
+        crc = zlib.crc32(other.config.pack() + codes)
+    assert board.restart is not None  # the case needs a reset
+    board = board.restart()
+    again = board.hello()
+    found = _configuration_in_force(board)
+    kept = board.has(Feature.CONFIG_KEPT)
+    due, due_crc = (other.config, crc) if kept else (default, first.config_crc)
+    wrong = [name for name in Config.WIRE if getattr(found, name) != getattr(due, name)]
+    how = "CONFIG_KEPT is advertised" if kept else "CONFIG_KEPT is not advertised"
+    check(not wrong, f"after a reset {', '.join(wrong)} are those of {found}, due is {due}: {how}")
+    told = again.config_crc, again.sound_speed_mm_s
+    check(
+        told == (due_crc, due.sound_speed_mm_s),
+        f"after a reset HELLO_REPLY tells (config_crc, speed) {told}, due is "
+        f"{(due_crc, due.sound_speed_mm_s)}: {how}",
+    )
+    if not kept:
+        check(_drives_as_configured(board) == shown, f"after a reset the drives are others: {how}")
+
+
+def _drives_as_configured(board: BoardClient) -> list[bytes]:
+    """Return the drives latched and radiated for a point, or for phases: they tell the settings."""
+    board.arm()
+    has_points = board.has(Feature.POINTS)
+    latch_now(board, Points((_FOCUS,)) if has_points else board.flat_phases(0x40))
+    found = []
+    for feature, kind in (
+        (Feature.READ_LATCHED, DriveKind.LATCHED),
+        (Feature.READ_RADIATED, DriveKind.RADIATED),
+    ):
+        if board.has(feature):
+            drive = read_back(board, kind)
+            found.append(drive.phases + drive.amplitudes)
+    board.disarm()
+    return found
 
 
 @case(
