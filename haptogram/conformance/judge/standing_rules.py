@@ -241,6 +241,8 @@ class StandingRules:
             yield "HG-4.11/5", "PLAYBACK_ENDED of the same moment came before" if same else ""
         elif isinstance(message, PlaybackEnded):
             since.ended = header.session, header.time_us
+        elif piece.is_response:
+            since.ended = None  # what comes next is of another request
 
     def _judge_times(self, piece: ReceivedByClient, _: Message) -> Broken:
         """Judge times by that of the newest response, as far as the host's clock tells."""
