@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import BoardConnection
-from haptogram_protocol.messages import Hello, HelloReply, Mute
+from haptogram_protocol.messages import Config, Hello, HelloReply, Mute
 
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
@@ -130,6 +130,51 @@ class MinorEchoed(VirtualHaptogramDialect):
         self._link.reply = answer  # type: ignore[method-assign]
 
 
+class RepliesReturn(BoardConnection):
+    """Keeps the remembered reply over a new session, until its own session is opened again."""
+
+    def open_session(self, nonce: int) -> None:
+        """Open a session, and leave the reply of the one before."""
+        answered = self._answered
+        super().open_session(nonce)
+        self._answered = answered
+
+    def reply(self, request: Any, message: Any, now_us: int) -> None:
+        """Answer, and leave it as it is for a HELLO."""
+        answered = self._answered
+        super().reply(request, message, now_us)
+        if isinstance(message, HelloReply):
+            self._answered = answered
+
+
+class RepetitionsRenewNothing(BoardConnection):
+    """Answers a repeated request from memory without renewing the lease."""
+
+    def _drop(self, frame: Any, reason: str, detail: str) -> Any:
+        event = super()._drop(frame, reason, detail)
+        return dataclasses.replace(event, renews_lease=False) if reason == "repeated" else event
+
+
+class ConfigurationLeftInMemory(VirtualHaptogramDialect):
+    """Finds ceiling and speed of sound of before a reset, which start-up leaves in its memory."""
+
+    _left: ClassVar[Config | None] = None
+
+    def __init__(self, *parts: Any) -> None:
+        super().__init__(*parts)
+        if (left := type(self)._left) is not None:
+            speed, ceiling = left.sound_speed_mm_s, left.amplitude_ceiling
+            config = dataclasses.replace(
+                self.board.config, sound_speed_mm_s=speed, amplitude_ceiling=ceiling
+            )
+            self.board.configure(config)
+
+    def _set_config(self, message: Any, request: Any) -> Any:
+        reply = super()._set_config(message, request)
+        type(self)._left = message.config
+        return reply
+
+
 _WIRE: Final = Evidence.WIRE
 
 MUTANTS: Final = (
@@ -142,4 +187,7 @@ MUTANTS: Final = (
     Mutant.of(GreetingOfNow, "HG-4.6/1", _WIRE),
     Mutant.of(SessionZeroIsOpen, "HG-4.12/1", _WIRE),
     Mutant.of(MinorEchoed, "HG-4.2/1", _WIRE),
+    Mutant.of(RepliesReturn, "HG-4.6/4", Evidence.SELF_REPORTED),
+    Mutant.of(RepetitionsRenewNothing, "HG-6.7/1", _WIRE),
+    Mutant.of(ConfigurationLeftInMemory, "HG-7.1/4", Evidence.SELF_REPORTED),
 )

@@ -202,8 +202,8 @@ def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = Fal
     line_ms = 2 * board.wire.line_us(2 * 2 * board.identity.transducers) // _MS
     repeated = _repeated_renewals(board, plays=plays)
     at_once = ((name, make, None) for name, make in _renewals(board, plays=plays))
-    in_time = ramps and board.wire.limits.slack_us  # repetitions in a ramp take too long there
-    for name, make, first in itertools.chain(at_once, () if in_time else repeated):
+    is_long = (ramps or plays) and board.wire.limits.slack_us  # at a wall clock
+    for name, make, first in itertools.chain(at_once, () if is_long else repeated):
         for least_ms, wait_ms in _LEASES_IN_RAMPS_MS if ramps else _LEASES_MS:
             lasts_ms = least_ms + line_ms
             ramp_ms = least_ms // 2 if ramps else 0
