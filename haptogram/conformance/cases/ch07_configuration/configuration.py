@@ -167,7 +167,8 @@ def starts_with_the_default_configuration(board: BoardClient) -> None:
 def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
     board.hello()
     config = board.link.call(GetConfig(), ConfigReply).config
-    longest_ms = max(config.hold_ms, config.host_timeout_ms) + config.ramp_ms
+    ramp_ms = config.ramp_ms if board.has(Feature.AMPLITUDE) else 0  # HG-6.11/3
+    longest_ms = max(config.hold_ms, config.host_timeout_ms) + ramp_ms
     if longest_ms > _DEFAULT_MS:
         not_observed(f"the timers of this configuration take {longest_ms} ms")
     since = board.link.mark()
@@ -179,7 +180,7 @@ def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
         (MuteReason.HOST_SILENT, config.host_timeout_ms),
     ):
         if reason is MuteReason.HOST_SILENT or config.hold_ms < config.host_timeout_ms:
-            due_ms = length_ms + config.ramp_ms
+            due_ms = length_ms + ramp_ms
             header, _ = judged_mute_by_timer(board, since, 2 * due_ms * _MS, reason)
             judge_mute_time(board, start_us, header, due_ms, f"{reason.name} after a reset")
         board.arm()
