@@ -21,6 +21,8 @@ from .told_latches import ShownDrive, ToldLatch
 _FULL: Final = 255
 _TURN: Final = 256
 _SILENT: Final = 2.5  # periods without a pulse
+_ALONE: Final = "the phase of a pin shows beside another sounding pin, and none was captured"
+_BY_SILENCE: Final = frozenset({"HG-7.9/2"})  # clauses that no phase is needed for
 
 
 @dataclass
@@ -71,15 +73,19 @@ class LatchDriveClauseJudge:
             lost = f"{names_of_pins(record, gone)} fall silent within {length} of the latch {where}"
         if sounding:
             findings.add("HG-5.8/5", lost)
-        bad = self._wrong(seen, meant, shown, latch.boot)
+        bad, compared = self._wrong(seen, meant, shown, latch.boot)
         wrong = [e for e, is_wrong in zip(elements, bad, strict=True) if is_wrong and e not in gone]
         text = ""
         if wrong:
             names = names_of_pins(record, wrong)
             text = f"{names} show another drive after the latch {where} ({shown.path})"
         for clause in (shown.clause, *shown.clauses):
-            findings.add(clause, text)
-        findings.paths.add((shown.clause, shown.path))
+            if text or compared or clause in _BY_SILENCE:
+                findings.add(clause, text)
+            elif sounding:
+                findings.missing[clause] = _ALONE
+        if text or compared:
+            findings.paths.add((shown.clause, shown.path))
 
     def _drift(self, low: float, high: float) -> FloatArray:
         """Return the polynomial by which the phase of the reference wanders behind *low*.
@@ -97,14 +103,18 @@ class LatchDriveClauseJudge:
 
     def _wrong(
         self, seen: ComplexArray, meant: ComplexArray, shown: ShownDrive, boot: float
-    ) -> NDArray[np.bool_]:
-        """Return the pins that differ, on the phase that the pins share with their drives."""
+    ) -> tuple[NDArray[np.bool_], bool]:
+        """Return the pins that differ, and whether any phase was compared with another one.
+
+        Phases are compared on the one that the pins share with their drives.
+        """
         limits = self.limits
         turn = seen * np.conj(meant)
         size = limits.amplitude + shown.steps / _FULL
         sizes = np.abs(np.abs(seen) - np.abs(meant)) > size
         audible = np.minimum(np.abs(seen), np.abs(meant)) > size
         audible &= ~shown.free[list(self.record.pins)]
+        others = int(self.record.reference_element is None and boot in self._shared)
         if self.record.reference_element is None:
             offset = self._offset(turn, boot, is_exact=not shown.steps)
         else:
@@ -115,7 +125,7 @@ class LatchDriveClauseJudge:
         # The shared phase is known to a sample only, and that of a computed drive to a step.
         limit = 2.0 * (limits.phase_rad + shown.steps * math.tau / _TURN)
         bad: NDArray[np.bool_] = sizes | (audible & (errors > limit))
-        return bad
+        return bad, int(audible.sum()) + others > 1
 
     def _offset(self, turn: ComplexArray, boot: float, *, is_exact: bool) -> float:
         """Return the phase of the pins against their codes: one from a reset to the next."""

@@ -236,6 +236,22 @@ def test_an_element_that_is_the_reference_may_be_silent(healthy):
     assert {r.clause for r in results if r.behaviour is Behaviour.OK} == SEEN
 
 
+def test_a_phase_that_nothing_is_compared_with_proves_nothing(healthy):
+    own = of_own_reference(healthy)
+    alone = dataclasses.replace(own, pins={0: own.pins[0]})
+    results = by_clause(judge_clauses_by_pins([alone]))
+    for clause in ("HG-5.2/1", "HG-5.3/1"):
+        assert results[clause].behaviour is Behaviour.NOT_OBSERVED
+        assert "beside another sounding pin" in results[clause].detail
+    one = dataclasses.replace(healthy[1], pins={5: healthy[1].pins[5]})  # beside the carrier
+    assert 0 < latches_seen(one) < latches_seen(healthy[1])  # the first is compared with nothing
+
+
+def latches_seen(record):
+    results = by_clause(judge_clauses_by_pins([record]))
+    return sum(seen(results[clause]) for clause in ("HG-5.2/1", "HG-5.3/1"))
+
+
 def test_a_fault_of_the_hardware_ends_a_drive_by_right(tmp_path):
     path = tmp_path / "pins.vcd"
     config = PinCaptureConfig(capture=path, capture_ms=10_000.0, capture_elements="0,5")
