@@ -6,10 +6,11 @@ import subprocess
 import sys
 
 import pytest
-from boards import run, virtual
+from boards import Wrapped, run, virtual
 from hypothesis import given
 from hypothesis import strategies as st
 
+from haptogram.conformance.cases.ch01_conformance import every_dialogue
 from haptogram.conformance.explore.actions import SLOT_US
 from haptogram.conformance.explore.comparison import DialogueMemory, FrameInDialogue
 from haptogram.conformance.explore.coverage import DialogueCoverage
@@ -45,6 +46,26 @@ def test_a_wrong_board_is_found_by_a_short_dialogue_printed_as_bytes():
     number = int(re.search(r", (\d+) frames", result.detail)[1])
     assert 2 <= number <= 6
     assert len(re.findall(r"\d+ µs  [A-Z].*?: (?:00)?[0-9a-f]+00", result.detail)) == number
+
+
+class WrongOnce(Wrapped):
+    """A board that sends one wrong byte, in a dialogue."""
+
+    reads = 0
+
+    def read_available(self, deadline_ns):
+        data = self.inner.read_available(deadline_ns)
+        self.reads += bool(data)
+        if data and self.reads == 200:
+            return data[:-2] + bytes([data[-2] ^ 0x40 or 1]) + data[-1:]
+        return data
+
+
+def test_a_difference_that_does_not_come_again_passes_no_board_in_virtual_time(monkeypatch):
+    monkeypatch.setattr(every_dialogue, "_DIALOGUES", 6)
+    (result,) = run(virtual(array="3x2", wrap=WrongOnce), CASE, seed=3).results
+    assert result.behaviour is Behaviour.INCONCLUSIVE
+    assert re.match("1 of 6 dialogues differ, and not again: dialogue [0-9]+: ", result.detail)
 
 
 def test_the_same_seed_gives_the_same_dialogue():
