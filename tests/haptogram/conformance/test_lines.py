@@ -12,9 +12,11 @@ from boards import Wrapped, run, virtual
 
 import sim_device
 from haptogram.conformance.cases import all_cases, select
+from haptogram.conformance.cases.ch06_output import every_effect
 from haptogram.conformance.client import malformed_frames
 from haptogram.conformance.client.request_client import RequestClient
 from haptogram.conformance.client.wire import ClientWaitLimits, RawFrameClient
+from haptogram.conformance.judge.held_state import judged_held_state
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.run.spawning import SpawnAccess
@@ -56,6 +58,18 @@ def test_a_line_slower_than_stated_is_measured(baud):
     assert suite.settings["measured_baudrate"] == pytest.approx(baud, rel=0.02)
     assert {r.behaviour for r in suite.results} == {Behaviour.OK}
     assert f"{suite.settings['measured_baudrate']} Bd as measured" in suite_text(suite)
+
+
+def test_readings_may_take_longer_than_the_timers_of_an_event(monkeypatch):
+    """A line on which 30 ms pass before each reading: ARM behind the event outlives its lease."""
+
+    def read_slowly(board, since):
+        board.wire.idle(30_000)
+        return judged_held_state(board, since)
+
+    monkeypatch.setattr(every_effect, "judged_held_state", read_slowly)
+    (result,) = run(virtual(array="3x2"), "HG-6.11/5-alone").results
+    assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 
 def test_the_verdict_names_what_a_reset_would_add():
