@@ -85,6 +85,8 @@ def every_format_is_streamed_late(board: BoardClient) -> None:
                         ready_us = board.ready_after_us(points_of_stream_kind(frame))
                         at_us = board.clock.device_us() + ready_us - late_us
                     board.link.send(board.link.stream_wire(frame, at_us))
+                    if at_us is not None:
+                        board.clock.require_in_time(at_us + _WINDOW_US)
                     board.clock.wait_latched(4000)
             if mode is TraceMode.OFF:
                 continue
