@@ -58,10 +58,10 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
             number += 1
     finally:
         lockstep.close()
-    if late == number:
-        inconclusive(f"the host was late in each of {number} dialogues")
     if once and not board.wire.limits.slack_us:
         inconclusive(f"{len(once)} of {number} dialogues differ, and not again: {once[0]}")
+    if 2 * late > number:
+        inconclusive(f"{number - late} of {number} dialogues were compared: the host was late")
 
 
 def _goes_on_after_dialogue(board: BoardClient, number: int, start_us: int) -> bool:
