@@ -138,10 +138,10 @@ def _is_of_every(case: Case) -> bool:
 def spoken(
     case: Case, limits: dict[str, int], peer: VirtualBoard | None
 ) -> list[dict[str, Any]] | None:
-    """Return the steps of *case* at a board with *limits*; None unless it came to OK."""
+    """Return the steps of *case* at a board with *limits*; None unless OK in one life of it."""
     board = PythonBoard(**BOARD, **limits)
     ports: list[LockstepPort] = []
-    span = [0, 0]
+    span, lives = [0, 0], [0, 0]
 
     def start(_: int) -> LockstepPort:
         ports.append(LockstepPort(board, peer))
@@ -149,17 +149,17 @@ def spoken(
 
     def body(client: BoardClient) -> None:
         assert case.body is not None
-        span[0] = len(ports[-1].steps)
+        span[0], lives[0] = len(ports[-1].steps), len(ports)
         case.body(client)
         ports[-1].look()
-        span[1] = len(ports[-1].steps)
+        span[1], lives[1] = len(ports[-1].steps), len(ports)
 
     access = VirtualAccess(LockstepPort.url, start, baudrate=_BAUDRATE, virtual=True)
     runner = SuiteRunner(access, SuiteOptions(seed=_SEED))
     (result,) = runner.run([dataclasses.replace(case, body=body)]).results
     if different := next((port.disagreement for port in ports if port.disagreement), ""):
         raise ValueError(f"{case.id}: {different}")
-    if result.behaviour is not Behaviour.OK:
+    if result.behaviour is not Behaviour.OK or lives[0] != lives[1]:
         return None
     return _written(ports[-1].steps[: span[1]], first=span[0])
 

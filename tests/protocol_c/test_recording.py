@@ -26,7 +26,7 @@ def test_boards_that_need_time_to_make_a_frame_ready_live_alike(tmp_path):
     program = tmp_path / "board_steps"
     status, output = make(tmp_path, program, CC=compiler(), CFLAGS=f"-O0 {defines}")
     assert (status, output) == (0, "")
-    cases = [case for case in select(all_cases(), ABOUT_TIME) if case.body is not None]
+    cases = [c for c in select(all_cases(), ABOUT_TIME) if c.body is not None and not c.judges_all]
     with CBoard(tmp_path) as board:
         found = {case.id: spoken(case, LIMITS | NEEDS_TIME, board) for case in cases}
     assert [name for name, steps in found.items() if steps is None] == []

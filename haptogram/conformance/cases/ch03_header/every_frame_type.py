@@ -21,7 +21,7 @@ from haptogram_protocol.messages import (
     UploadChunk,
 )
 
-from ...case import case
+from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.capabilities import UPLOADS, requests_that_board_takes, session_for_request
@@ -150,6 +150,7 @@ def every_header_type_ignores_low_flags(board: BoardClient) -> None:
     "HG-3.2/4",
     "requests of every type and 11 wrong lengths: the detail is the right one, 0 where it varies",
     variant="requests",
+    depth=Depth.DEFAULT,
 )
 def every_header_type_has_its_length(board: BoardClient) -> None:
     kinds: list[tuple[type[Message], int]] = []

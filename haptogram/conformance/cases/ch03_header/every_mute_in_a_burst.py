@@ -1,4 +1,4 @@
-"""HG-3.8, HG-6.6: MUTE several times in one burst, with all that may switch on between them."""
+"""HG-3.8: MUTE several times in one burst, with all that may switch on between them."""
 
 from __future__ import annotations
 

@@ -25,6 +25,7 @@ _WORST_STEPS: Final = 1.5 + 1e-6  # one step beyond the rounding, which is half 
     variant="paths",
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def every_path_of_streamed_codes(board: BoardClient) -> None:
     board.arm()

@@ -97,6 +97,7 @@ def holds_of_every_length_do_not_wrap(board: BoardClient) -> None:
     "unattended times just above every power of two of 1 µs to 1 ms do not run out at once",
     variant="lengths",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    depth=Depth.DEFAULT,
 )
 def unattended_times_of_every_length_do_not_wrap(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=2)
