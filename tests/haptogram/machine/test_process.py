@@ -50,13 +50,15 @@ def locked_kb():
 
 @linux
 def test_what_is_permitted_holds_inside_and_is_put_back():
-    before = (os.sched_getscheduler(0), gc.get_freeze_count(), locked_kb())
+    before = (os.sched_getscheduler(0), locked_kb())
+    frozen = gc.get_freeze_count()  # not 0: Python 3.12 freezes objects of its own as it starts
     with real_time_process(strict=True) as refused:
-        assert gc.get_freeze_count() > before[1]
+        assert gc.get_freeze_count() > frozen
         fixed = os.sched_getscheduler(0) == os.SCHED_FIFO
         assert fixed != any("SCHED_FIFO" in line for line in refused)
-        assert (locked_kb() > before[2]) != any("memory lock" in line for line in refused)
-    assert (os.sched_getscheduler(0), gc.get_freeze_count(), locked_kb()) == before
+        assert (locked_kb() > before[1]) != any("memory lock" in line for line in refused)
+    assert (os.sched_getscheduler(0), locked_kb()) == before
+    assert gc.get_freeze_count() <= frozen
 
 
 @linux
