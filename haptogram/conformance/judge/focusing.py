@@ -13,13 +13,15 @@ from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.frames.targets import as_frame_foci
 from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram.verification import FrameJudge, FrameStatus
-from haptogram_protocol.messages import FocalPoint, HelloReply
+from haptogram_protocol.messages import Feature, FocalPoint, HelloReply
 
+from ..client.board_client import BoardClient
 from ..client.latching import ClientDrive
-from ..outcome import fail
+from ..outcome import check, fail
 
 _STEPS = 256
 _LATCHED_US = 0
+_WORST_STEPS = 1.5 + 1e-6  # one step beyond the rounding, which is half of one
 
 
 def judged_host_frames(
@@ -100,3 +102,19 @@ def judged_amplitude_errors(
         exact = 255 * np.minimum(1.0, np.abs(weights_of_points(model, points)))
         errors.append(np.frombuffer(shown.amplitudes, np.uint8) - exact)
     return np.concatenate(errors)
+
+
+def judge_drive_of_points(
+    board: BoardClient,
+    model: AcousticModel,
+    points: tuple[FocalPoint, ...],
+    shown: ClientDrive,
+    name: str,
+) -> None:
+    """FAILED if a phase or an amplitude of *shown* is off by more than one step."""
+    found = [(points, shown)]
+    worst = float(abs(judged_phase_errors(model, found)).max(initial=0.0))
+    check(worst <= _WORST_STEPS, f"{name}: a phase is off by {worst:.2f} steps")
+    if board.has(Feature.AMPLITUDE):
+        worst = float(abs(judged_amplitude_errors(model, found)).max())
+        check(worst <= _WORST_STEPS, f"{name}: an amplitude is off by {worst:.2f} steps")

@@ -16,7 +16,6 @@ from ...outcome import SELF_REPORTED, check
 _SPEEDS_MM_S: Final = (300_000, 331_300, 380_000)  # HG-7.1: least, 0 C, most
 _CEILINGS: Final = (1, 100, 254)
 _SHOWN: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
-_WORST_STEPS: Final = 1.5 + 1e-6  # one step beyond the rounding, which is half of one
 
 
 @case(
@@ -57,15 +56,10 @@ def every_path_of_streamed_points(board: BoardClient) -> None:
 
 def _check_streamed_points(board: BoardClient, name: str, message: Points) -> None:
     from ...judge.array_model import judged_model_of_board
-    from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
+    from ...judge.focusing import judge_drive_of_points
 
-    found = [(tuple(message.points), read_back(board))]
     model = judged_model_of_board(board)
-    worst = float(abs(judged_phase_errors(model, found)).max(initial=0.0))
-    check(worst <= _WORST_STEPS, f"{name}: a phase is off by {worst:.1f} steps")
-    if board.has(Feature.AMPLITUDE):
-        worst = float(abs(judged_amplitude_errors(model, found)).max())
-        check(worst <= _WORST_STEPS, f"{name}: an amplitude is off by {worst:.1f} steps")
+    judge_drive_of_points(board, model, tuple(message.points), read_back(board), name)
 
 
 @case(

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 _TARGETS_M: Final = ((0.017, 0.031, 0.150), (-0.026, 0.012, 0.120), (0.009, -0.024, 0.180))
 _ROUNDING: Final = 0.25  # of a step: the mean error is 0 when rounded, 0.5 when cut off
 _MANY: Final = 24
-_WORST: Final = 1.5 + 1e-6  # one step beyond the rounding, which is half of one
 _SIGNS: Final = (-1, 1)
 #: Signs of coordinates: every octant, each plane, and the axis of emission.
 _SIDES: Final[tuple[tuple[int, int, int], ...]] = (
@@ -222,15 +221,10 @@ def _latch_and_judge_points(
     board: BoardClient, model: AcousticModel, group: tuple[FocalPoint, ...], name: str
 ) -> None:
     """FAILED if a phase or an amplitude of a frame is off by more than one step."""
-    from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
+    from ...judge.focusing import judge_drive_of_points
 
     latch_now(board, Points(group))
-    found = [(group, read_back(board))]
-    worst = float(abs(judged_phase_errors(model, found)).max(initial=0.0))
-    check(worst <= _WORST, f"{name}: a phase is off by {worst:.2f} steps")
-    if board.has(Feature.AMPLITUDE):
-        worst = float(abs(judged_amplitude_errors(model, found)).max())
-        check(worst <= _WORST, f"{name}: an amplitude is off by {worst:.2f} steps")
+    judge_drive_of_points(board, model, group, read_back(board), name)
 
 
 @case(
