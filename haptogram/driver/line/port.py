@@ -251,7 +251,18 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
         port.fileno()
     except (AttributeError, OSError):  # io.UnsupportedOperation is an OSError
         return PyserialTransport(port, url)
+    _send_at_once(port)
     return FdTransport(port, url)
+
+
+def _send_at_once(port: Any) -> None:
+    """Let a TCP port send every write at once.
+
+    Nagle's algorithm keeps a small write back until the last one is acknowledged, which takes a
+    Linux host up to 40 ms.
+    """
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(port.fileno())) as line:
+        line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # OSError: it is not TCP
 
 
 def _check_transport_address(url: str) -> None:

@@ -190,6 +190,20 @@ def test_tcp(listener):
     port.close()
 
 
+def test_tcp_sends_small_writes_at_once(listener, monkeypatch):
+    opened, open_serial = [], serial.serial_for_url
+
+    def note_opened(*arguments, **options):
+        opened.append(open_serial(*arguments, **options))
+        return opened[-1]
+
+    monkeypatch.setattr(serial, "serial_for_url", note_opened)
+    port = open_transport(f"socket://127.0.0.1:{listener.getsockname()[1]}")
+    with socket.socket(fileno=os.dup(opened[0].fileno())) as line:
+        assert line.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+    port.close()
+
+
 def test_a_port_without_a_descriptor_waits_and_fails_alike():
     port = open_transport("loop://")
     assert isinstance(port, PyserialTransport)
