@@ -97,7 +97,9 @@ def verify_recorded_captures(
     recording = Recording(path)
     recorded = recorded_run(recording)
     verdict = verify_run_by_captures(config, recorded.model, recorded.intended, recorded.incomplete)
-    run = verdict.run or _verify_without_field(verdict, recorded.model)
+    run = verdict.run
+    if run is None:  # a run that FAILs is false, too
+        run = _verify_without_field(verdict, recorded.model)
     result = report.run_result_dict(
         run,
         configuration=config.result_options(),

@@ -75,13 +75,16 @@ def test_a_part_of_the_pins_is_judged_and_the_rest_is_counted(fault, status, cap
     assert all("3 of 16 elements were captured, and " in line for line in lines)
 
 
-def test_all_pins_give_the_whole_verdict(capsys):
-    captured()
-    assert main([*f"{JUDGED} map.toml --json run.json".split()]) == 0
+@pytest.mark.parametrize(("fault", "status"), [(None, 0), ("device.delayed transducer=9", 1)])
+def test_all_pins_give_the_whole_verdict(fault, status, capsys):
+    captured(faults=[fault] if fault else [])
+    assert main([*f"{JUDGED} map.toml --json run.json".split()]) == status
     result = json.loads(Path("run.json").read_text())
-    assert result["frames"]["on_target"] == 12
+    assert result["frames"]["verified"] == 12
+    assert result["frames"]["not_verified"] == 0
+    assert (result["frames"]["on_target"] == 12) is not bool(status)
     assert result["captures"]["no_field"] is None
-    assert "the smallest miss that shows" in capsys.readouterr().out
+    assert "12 sent, 12 latched, 12 verified" in capsys.readouterr().out
 
 
 def test_captures_of_several_passes_are_joined(capsys):
