@@ -80,8 +80,7 @@ def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> N
         moments.judge(latch, told[number - 1].at if number else -math.inf, findings)
     # Pins that latch at another time than the board tells show an old drive for a while.
     is_late = any(findings.broken.get(clause) for clause in ("HG-5.8/1", "HG-5.8/2", "HG-8.3/1"))
-    for latch in told:
-        drives.judge(latch, _LATE if is_late else SETTLED, findings)
+    drives.judge(told, _LATE if is_late else SETTLED, findings)
 
 
 def _check_elements_of_clauses(dialogue: PinDialogue) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.pins import PinRecord
+from haptogram.verification.pins.pin_weights import pins_phase
 from haptogram.verification.pins.shown_frames import PinCaptureLimits
 
 from .findings import PinClauseFindings, duration_by_pins, names_of_pins, time_by_pins
@@ -21,16 +23,51 @@ from .told_latches import ShownDrive, ToldLatch
 _FULL: Final = 255
 _TURN: Final = 256
 _SILENT: Final = 2.5  # periods without a pulse
+_FEWEST: Final = 2  # phases of which one is compared with another
 _ALONE: Final = "the phase of a pin shows beside another sounding pin, and none was captured"
 _BY_SILENCE: Final = frozenset({"HG-7.9/2"})  # clauses that no phase is needed for
 
 
-@dataclass
+@dataclass(frozen=True, eq=False, slots=True)
+class DriveBehindLatch:
+    """Drives that the captured pins show behind a latch.
+
+    Attributes
+    ----------
+    latch : ToldLatch
+        The latch.
+    shown : ShownDrive
+        Drive that they have to show.
+    seen, meant : (E,) numpy.ndarray of complex
+        The drives that they show and those of the codes.
+    gone : tuple of int
+        Elements that fall silent meanwhile.
+    is_sounding : bool
+        Whether an element sounds that has to.
+    length : float
+        Periods that were looked at.
+    """
+
+    latch: ToldLatch
+    shown: ShownDrive
+    seen: ComplexArray
+    meant: ComplexArray
+    gone: tuple[int, ...]
+    is_sounding: bool
+    length: float
+
+    @property
+    def turn(self) -> ComplexArray:
+        """The (E,) drives that are seen, relative to those of the codes."""
+        turn: ComplexArray = self.seen * np.conj(self.meant)
+        return turn
+
+
+@dataclass(frozen=True)
 class LatchDriveClauseJudge:
     """Judges the drives of latches by the pins: clauses of every path of a drive, and HG-5.8/5."""
 
     pulses: LatchClausePulses
-    _shared: dict[float, float] = field(default_factory=dict, init=False)
 
     @property
     def record(self) -> PinRecord:
@@ -42,39 +79,36 @@ class LatchDriveClauseJudge:
         """Errors that the samples may hide."""
         return PinCaptureLimits.of(self.record)
 
-    def judge(self, latch: ToldLatch, settled: float, findings: PinClauseFindings) -> None:
-        """Compare the drives with the codes, from *settled* periods behind the latch on."""
-        settled += latch.within
-        shown = latch.drive
-        if shown is None or latch.until - latch.at <= settled + latch.within + SHORTEST:
-            return
-        record, where = self.record, time_by_pins(self.record, latch.at)
-        elements = list(record.pins)
-        codes = shown.codes[:, elements]
-        meant = codes[1] / _FULL * np.exp(2j * math.pi / _TURN * codes[0])
-        low, high = latch.at + settled, latch.until - 1.0 - latch.within
-        seen = np.full(len(elements), np.nan, np.complex128)
-        gone, sounding = [], False
-        drift = self._drift(low, high)
-        for place, element in enumerate(elements):
-            times, vectors = self.pulses.between(element, low, high)
-            pulses = vectors * np.exp(-1j * np.polyval(drift, times - low))
-            seen[place] = pulses.sum() / max(1, round(high - low)) if len(times) else 0
-            edges = np.concatenate([[low], times, [high]])
-            has_gap = len(times) > 0 and np.diff(edges).max() > _SILENT
-            sounding |= abs(meant[place]) > self.limits.amplitude and len(times) > 0
-            if abs(meant[place]) > self.limits.amplitude and has_gap:
-                gone.append(element)
-            elif len(times):
-                seen[place] = pulses.mean()
+    def judge(
+        self, latches: Iterable[ToldLatch], settled: float, findings: PinClauseFindings
+    ) -> None:
+        """Compare the drives with the codes, from *settled* periods behind each latch on."""
+        by_boot: dict[float, list[DriveBehindLatch]] = {}
+        for latch in latches:
+            found = self._behind(latch, settled + latch.within)
+            if found is not None:
+                by_boot.setdefault(latch.boot, []).append(found)
+        for drives in by_boot.values():
+            offset, steps = self._offset(drives)
+            for one in drives:
+                self._judge(one, offset, steps, findings)
+
+    def _judge(
+        self, one: DriveBehindLatch, offset: float | None, steps: int, findings: PinClauseFindings
+    ) -> None:
+        record, shown, elements = self.record, one.shown, list(self.record.pins)
+        where = time_by_pins(record, one.latch.at)
         lost = ""
-        if gone:
-            length = duration_by_pins(record, high - low)
-            lost = f"{names_of_pins(record, gone)} fall silent within {length} of the latch {where}"
-        if sounding:
+        if one.gone:
+            length = duration_by_pins(record, one.length)
+            lost = f"{names_of_pins(record, list(one.gone))} fall silent within {length} of the "
+            lost += f"latch {where}"
+        if one.is_sounding:
             findings.add("HG-5.8/5", lost)
-        bad, compared = self._wrong(seen, meant, shown, latch.boot)
-        wrong = [e for e, is_wrong in zip(elements, bad, strict=True) if is_wrong and e not in gone]
+        bad, compared = self._wrong(one, offset, steps)
+        wrong = [
+            e for e, is_wrong in zip(elements, bad, strict=True) if is_wrong and e not in one.gone
+        ]
         text = ""
         if wrong:
             names = names_of_pins(record, wrong)
@@ -82,10 +116,35 @@ class LatchDriveClauseJudge:
         for clause in (shown.clause, *shown.clauses):
             if text or compared or clause in _BY_SILENCE:
                 findings.add(clause, text)
-            elif sounding:
+            elif one.is_sounding:
                 findings.missing[clause] = _ALONE
         if text or compared:
             findings.paths.add((shown.clause, shown.path))
+
+    def _behind(self, latch: ToldLatch, settled: float) -> DriveBehindLatch | None:
+        """Return what the pins show behind a latch; None: for too short a time."""
+        shown = latch.drive
+        if shown is None or latch.until - latch.at <= settled + latch.within + SHORTEST:
+            return None
+        elements = list(self.record.pins)
+        codes = shown.codes[:, elements]
+        meant = codes[1] / _FULL * np.exp(2j * math.pi / _TURN * codes[0])
+        low, high = latch.at + settled, latch.until - 1.0 - latch.within
+        seen = np.full(len(elements), np.nan, np.complex128)
+        gone, is_sounding = [], False
+        drift = self._drift(low, high)
+        for place, element in enumerate(elements):
+            times, vectors = self.pulses.between(element, low, high)
+            pulses = vectors * np.exp(-1j * np.polyval(drift, times - low))
+            seen[place] = pulses.sum() / max(1, round(high - low)) if len(times) else 0
+            edges = np.concatenate([[low], times, [high]])
+            has_gap = len(times) > 0 and np.diff(edges).max() > _SILENT
+            is_sounding |= abs(meant[place]) > self.limits.amplitude and len(times) > 0
+            if abs(meant[place]) > self.limits.amplitude and has_gap:
+                gone.append(element)
+            elif len(times):
+                seen[place] = pulses.mean()
+        return DriveBehindLatch(latch, shown, seen, meant, tuple(gone), is_sounding, high - low)
 
     def _drift(self, low: float, high: float) -> FloatArray:
         """Return the polynomial by which the phase of the reference wanders behind *low*.
@@ -102,44 +161,53 @@ class LatchDriveClauseJudge:
         return found
 
     def _wrong(
-        self, seen: ComplexArray, meant: ComplexArray, shown: ShownDrive, boot: float
+        self, one: DriveBehindLatch, offset: float | None, steps: int
     ) -> tuple[NDArray[np.bool_], bool]:
         """Return the pins that differ, and whether any phase was compared with another one.
 
-        Phases are compared on the one that the pins share with their drives.
+        Phases are compared on the one that the pins share with their drives: *offset*, which is
+        known to *steps* of a code, or that of the reference.
         """
-        limits = self.limits
-        turn = seen * np.conj(meant)
-        size = limits.amplitude + shown.steps / _FULL
-        sizes = np.abs(np.abs(seen) - np.abs(meant)) > size
-        audible = np.minimum(np.abs(seen), np.abs(meant)) > size
-        audible &= ~shown.free[list(self.record.pins)]
-        others = int(self.record.reference_element is None and boot in self._shared)
-        if self.record.reference_element is None:
-            offset = self._offset(turn, boot, is_exact=not shown.steps)
-        else:
+        size = self._amplitude_limit(one)
+        sizes = np.abs(np.abs(one.seen) - np.abs(one.meant)) > size
+        audible = self._audible(one)
+        if self.record.reference_element is not None:
             place = list(self.record.pins).index(self.record.reference_element)
-            offset = float(np.angle(turn[place]))
+            offset, steps = float(np.angle(one.turn[place])), one.shown.steps
             audible &= audible[place]  # a silent reference has no phase
-        errors = np.abs(np.angle(turn * np.exp(-1j * offset)))
+            is_compared = int(audible.sum()) > 1
+        else:
+            is_compared = offset is not None and bool(audible.any())
+        errors = np.abs(np.angle(one.turn * np.exp(-1j * (offset or 0.0))))
         # The shared phase is known to a sample only, and that of a computed drive to a step.
-        limit = 2.0 * (limits.phase_rad + shown.steps * math.tau / _TURN)
+        step_rad = (one.shown.steps + steps) * math.tau / _TURN
+        limit = 2.0 * self.limits.phase_rad + step_rad
         bad: NDArray[np.bool_] = sizes | (audible & (errors > limit))
-        return bad, int(audible.sum()) + others > 1
+        return bad, is_compared
 
-    def _offset(self, turn: ComplexArray, boot: float, *, is_exact: bool) -> float:
-        """Return the phase of the pins against their codes: one from a reset to the next."""
-        if boot in self._shared or not (np.abs(turn) > 0.0).any():
-            return self._shared.get(boot, 0.0)
-        found = _shared_angle_of_clause(np.angle(turn[np.abs(turn) > 0.0]))
-        if is_exact:
-            self._shared[boot] = found
-        return found
+    def _amplitude_limit(self, one: DriveBehindLatch) -> float:
+        return self.limits.amplitude + one.shown.steps / _FULL
 
+    def _audible(self, one: DriveBehindLatch) -> NDArray[np.bool_]:
+        """Return the (E,) pins whose phase has to be that of its code."""
+        audible: NDArray[np.bool_] = np.minimum(
+            np.abs(one.seen), np.abs(one.meant)
+        ) > self._amplitude_limit(one)
+        return audible & ~one.shown.free[list(self.record.pins)]
 
-def _shared_angle_of_clause(angles: FloatArray) -> float:
-    """Return the angle that most of *angles* are next to."""
-    apart = np.abs(np.angle(np.exp(1j * (angles[:, None] - angles[None, :]))))
-    near = apart <= math.tau / _TURN
-    best = near[near.sum(axis=1).argmax()]
-    return float(np.angle(np.exp(1j * angles[best]).sum()))
+    def _offset(self, drives: Sequence[DriveBehindLatch]) -> tuple[float | None, int]:
+        """Return the phase of the pins against their codes, one from a reset to the next.
+
+        It is known to so many steps: a drive that the board computed may be off by one. None:
+        there is one phase alone, with which nothing can be compared.
+        """
+        angles: dict[int, list[FloatArray]] = {}
+        for one in drives:
+            found = angles.setdefault(one.shown.steps, [])
+            found.append(np.angle(one.turn[self._audible(one)]))
+        known = {steps: np.concatenate(found) for steps, found in angles.items()}
+        if sum(map(len, known.values())) < _FEWEST:
+            return None, 0
+        steps = min(steps for steps, found in known.items() if len(found))
+        limit = self.limits.phase_rad + steps * math.tau / _TURN
+        return pins_phase(known[steps], limit), steps

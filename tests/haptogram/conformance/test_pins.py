@@ -28,6 +28,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record_of_capture
+from haptogram.records.frame import Focus
 from haptogram.report.conformance.text import suite_text
 from haptogram.settings.board import PinCaptureConfig
 from haptogram.settings.faults.plan import FaultPlan
@@ -250,6 +251,42 @@ def test_a_phase_that_nothing_is_compared_with_proves_nothing(healthy):
 def latches_seen(record):
     results = by_clause(judge_clauses_by_pins([record]))
     return sum(seen(results[clause]) for clause in ("HG-5.2/1", "HG-5.3/1"))
+
+
+def turned_between(record, periods, begin, end):
+    """Return *record* with all pulses from *begin* to *end* later by a part of a period."""
+    pins = {}
+    for element, pin in record.pins.items():
+        later = periods * ((pin.rises >= begin) & (pin.rises < end))
+        pins[element] = dataclasses.replace(pin, rises=pin.rises + later, falls=pin.falls + later)
+    return dataclasses.replace(record, pins=pins)
+
+
+@pytest.mark.parametrize("elements", [(0, 5, 10), (5,)])
+def test_focal_points_that_all_pins_turn_together_in_one_latch_fail(elements, tmp_path):
+    """Nothing but focal points, whose codes the host does not know to a step."""
+    path = tmp_path / "pins.vcd"
+    config = PinCaptureConfig(capture=path, capture_ms=10_000.0)
+    model = AcousticModel(
+        TransducerArray.parse("4x4", pitch_m=0.01), Medium.air(20.0), Transducer()
+    )
+    port = BoardPort(model=model, capture=config)
+    with Driver(port, seed=1) as driver:
+        driver.configure(trace_mode=TraceMode.CRC)
+        driver.arm()
+        places = [(0.004 * n, 0.0, 0.15) for n in range(6)]
+        driver.stream(driver.frames([Focus.at(place) for place in places], mode="points"), 100.0)
+    port.simulation.power_down()
+    port.pins.close()
+    own = MAP | {"latch": "latch", "elements": {f"e{n}": n for n in elements}}
+    record = pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", own))
+    result = by_clause(judge_clauses_by_pins([record]))["HG-5.4/1"]
+    assert (result.behaviour, seen(result)) == (Behaviour.OK, 6)
+    begin, end = record.latches[2:4]
+    turned = turned_between(record, 0.05, begin, end)
+    result = by_clause(judge_clauses_by_pins([turned]))["HG-5.4/1"]
+    assert result.behaviour is Behaviour.FAILED
+    assert result.detail.startswith("1 of 6 times: element")
 
 
 def test_a_fault_of_the_hardware_ends_a_drive_by_right(tmp_path):
