@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -69,15 +70,28 @@ def write_run_files(
 def verify_seen_by_number(
     intended: Iterable[Intended], observations: Iterable[Observation]
 ) -> dict[int, Observation]:
-    """Return the latches with a drive by the numbers of their frames.
+    """Return the latches with a known drive by the numbers of their frames.
 
-    What is only known to have left the host is no latch.
+    A CRC that is that of the intended drive makes the drive known. What is only known to have left
+    the host is no latch.
     """
     from haptogram.records.frame import Evidence
 
-    latches = (seen for seen in observations if seen.evidence is not Evidence.WIRE)
-    by_key = {seen.key: seen for seen in latches if seen.output is not None}
-    return {frame.number: by_key[frame.key] for frame in intended if frame.key in by_key}
+    by_key = {seen.key: seen for seen in observations if seen.evidence is not Evidence.WIRE}
+    known = {
+        frame.number: _verify_drive_by_crc(frame, by_key[frame.key])
+        for frame in intended
+        if frame.key in by_key
+    }
+    return {number: seen for number, seen in known.items() if seen.output is not None}
+
+
+def _verify_drive_by_crc(intended: Intended, seen: Observation) -> Observation:
+    """Return *seen* with the intended drive if only a CRC was seen and is that of this drive."""
+    if seen.output is not None or intended.board_computed:
+        return seen
+    is_intended = seen.drive_crc == intended.drive.digest()
+    return dataclasses.replace(seen, drive=intended.drive) if is_intended else seen
 
 
 def _is_verify_file_written(path: Path, write: Callable[[Path], None]) -> bool:
