@@ -124,9 +124,9 @@ class CBoard:
         """Let the hardware fail; return the bytes that the board sent."""
         return self._step(f"fault {at_us}")
 
-    def overtake(self, at_us: int) -> bytes:
-        """Let MUTE arrive behind bytes that come later; return the bytes that the board sent."""
-        return self._step(f"mute {at_us}")
+    def overtake(self, at_us: int, count: int) -> bytes:
+        """Let MUTE arrive, the last of *count* bytes that come later; return what was sent."""
+        return self._step(f"mute {at_us} {count}")
 
     def reset(self) -> None:
         """Switch the board off and on; time begins at 0 again."""

@@ -227,7 +227,7 @@ static void read_input(struct board *board, int master, int64_t origin_us)
         return;
     for (i = 0; i < length; i++)
         if (mute_watch_take(&watch, data[i]))
-            board_mute_ahead(board); /* as an interrupt finds it, before the frames ahead of it */
+            board_mute_ahead(board, (size_t)i + 1); /* as an interrupt finds it, before the frames ahead of it */
     board_receive(board, data, (size_t)length, monotonic_us() - origin_us);
 }
 

@@ -106,23 +106,26 @@ def test_a_mute_that_overtakes_switches_off_for_good_what_came_before_it(c_board
     for seq, message in enumerate((begin, UploadChunk(0, sequence), UploadCommit(1), Arm()), 2):
         c_board(1000, frame(message, seq))
     c_board(1004, frame(Play(1, 1000, 0, 500), 6, flags=0x10))
-    silent = c_board.overtake(4000)
-    assert silent == b""  # the reply comes first, with the frame
-    behind = [PlaybackEnded(1, 3, 3)]
-    if first:  # an answer to one MUTE lets nothing pass that another has overtaken
-        assert c_board.overtake(4000) == b""
-        reply, *behind = messages(c_board(4000, frame(Mute(), 6)))
-        assert (reply.state, behind) == (OutputState.MUTED, [PlaybackEnded(1, 3, 3)])
-        behind = []
     t_us = (BOOT_US + 4000) & 0xFFFFFFFF
     due = [
         (frame(Arm(), 7), Error(Arm.TYPE, ErrorCode.BAD_STATE, OutputState.MUTED)),
         (frame(Ping(9), 8), Pong(9, t_us, t_us)),
         (frame(Phases(PhaseFormat.BITS_8, 0, sequence), FIRST_STREAM_SEQ, flags=0x10), None),
     ]
+    sooner, mute = frame(Mute(), 6), frame(Mute(), 9, session=session)
+    length = len(sooner) * first + sum(len(data) for data, _ in due) + len(mute)
+    behind = [PlaybackEnded(1, 3, 3)]
+    if first:  # an answer to one MUTE lets nothing pass that another has overtaken
+        assert c_board.overtake(4000, len(sooner)) == b""
+    assert c_board.overtake(4000, length) == b""  # the reply comes first, with the frame
+    assert c_board.overtake(4000, length) == b""  # an interrupt that tells twice of one MUTE
+    if first:
+        reply, *behind = messages(c_board(4000, sooner))
+        assert (reply.state, behind) == (OutputState.MUTED, [PlaybackEnded(1, 3, 3)])
+        behind = []
     for data, answer in due:
         assert messages(c_board(4000, data)) == ([] if answer is None else [answer])
-    reply, *events = messages(c_board(4000, frame(Mute(), 9, session=session)))
+    reply, *events = messages(c_board(4000, mute))
     if not session and not first:
         behind.insert(0, StateChanged(OutputState.MUTED, MuteReason.MUTE))
     assert (reply.state, events) == (OutputState.MUTED, behind)
@@ -131,6 +134,28 @@ def test_a_mute_that_overtakes_switches_off_for_good_what_came_before_it(c_board
     assert (counters.latched, counters.dropped_state, counters.accepted) == (3, 1, 0)
     (armed,) = messages(c_board(9000, frame(Arm(), 11)))  # what comes behind MUTE counts again
     assert armed.state is OutputState.ARMED
+
+
+def test_what_was_taken_for_a_mute_and_is_none_refuses_nothing_behind_it(c_board):
+    c_board(1000, frame(Hello(1, 0, SESSION, 0), 1, session=0))
+    c_board(1000, frame(Arm(), 2))
+    overtaken, found = frame(Arm(), 3), frame(Ping(9), 4)
+    assert c_board.overtake(2000, len(overtaken) + len(found)) == b""
+    (refused,) = messages(c_board(2000, overtaken))
+    assert refused == Error(Arm.TYPE, ErrorCode.BAD_STATE, OutputState.MUTED)
+    pong, changed = messages(c_board(2000, found))
+    assert (pong.echo, changed) == (9, StateChanged(OutputState.MUTED, MuteReason.MUTE))
+    (armed,) = messages(c_board(2000, frame(Arm(), 5)))
+    assert armed.state is OutputState.ARMED
+
+
+def test_mute_that_overtakes_disarm_in_fault_ends_as_behind_it(c_board):
+    c_board(1000, frame(Hello(1, 0, SESSION, 0), 1, session=0))
+    c_board.raise_hardware_fault(1000)
+    disarm, mute = frame(Disarm(), 2), frame(Mute(), 3)
+    c_board.overtake(2000, len(disarm) + len(mute))
+    replies = messages(c_board(2000, disarm + mute))
+    assert [reply.state for reply in replies] == [OutputState.DISARMED, OutputState.MUTED]
 
 
 def test_what_waits_for_the_line_is_bounded_and_trace_gives_way(programs):

@@ -80,9 +80,9 @@ class LockstepProcess:
         """Let the hardware of the board fail; return the bytes that the board sent."""
         return _bytes_of_lockstep_answer(self.step(f"fault {at_us}"))
 
-    def find_mute(self, at_us: int) -> bytes:
-        """Let an interrupt find a MUTE ahead of bytes that come later; return what was sent."""
-        return _bytes_of_lockstep_answer(self.step(f"mute {at_us}"))
+    def find_mute(self, at_us: int, count: int) -> bytes:
+        """Let an interrupt find a MUTE, the last of *count* bytes to come; return what was sent."""
+        return _bytes_of_lockstep_answer(self.step(f"mute {at_us} {count}"))
 
     def reset(self) -> None:
         """Switch the board off and on; its time begins at 0 again."""

@@ -62,8 +62,9 @@ class SteppedAccessTransport:
 
     def _overtake(self, mutes: Sequence[int], parts: Sequence[bytes]) -> None:
         """Let the MUTE among *parts* be found now, and come to the main loop in their places."""
-        for _ in mutes:
-            self._unread += self._process.find_mute(self._now_ns // 1000)
+        for mute in mutes:
+            length = sum(map(len, parts[: mute + 1]))
+            self._unread += self._process.find_mute(self._now_ns // 1000, length)
         for at, part in enumerate(parts):
             self._unread += self._process.receive(self._now_ns // 1000, part)
             if part != DELIMITER and at < mutes[-1]:

@@ -58,6 +58,16 @@ void board_start(struct board *board, const struct array *array, const struct ma
     hg_parser_reset(&board->link.parser);
 }
 
+/* The end of what a MUTE has overtaken; of one that was found and is none, what it did is told here. */
+static void pass(struct board *board, size_t length)
+{
+    struct muting *muting = &board->muting;
+
+    if (muting->ahead > 0 && length >= muting->ahead)
+        shutdown_mute_answered(board, 0);
+    muting->ahead -= length < muting->ahead ? length : muting->ahead;
+}
+
 void board_receive(struct board *board, const uint8_t *data, size_t length, int64_t t_us)
 {
     board_advance(board, t_us);
@@ -72,14 +82,17 @@ void board_receive(struct board *board, const uint8_t *data, size_t length, int6
             link_count(board, frame.reason);
         else if (what == HG_PARSED_FRAME)
             judge_frame(board, &frame, t_us);
+        pass(board, taken);
         board_advance(board, board->now_us); /* the frame may have made an event due now */
     }
 }
 
-void board_mute_ahead(struct board *board)
+void board_mute_ahead(struct board *board, size_t bytes)
 {
+    if (bytes <= board->muting.ahead)
+        return; /* this MUTE is known */
+    board->muting.ahead = bytes;
     shutdown_by_mute(board);
-    board->muting.ahead++;
     ahead_load(board);
 }
 

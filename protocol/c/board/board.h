@@ -20,9 +20,10 @@
 void board_start(struct board *board, const struct array *array, const struct machine *machine);
 /* Bytes whose last one arrived at `t_us`: cut behind each zero where the times are known. */
 void board_receive(struct board *board, const uint8_t *data, size_t length, int64_t t_us);
-/* A MUTE has arrived, behind bytes that board_receive gets later: switch off now.  What arrived
-   before it does not switch on again (HG-3.8/4).  To be called once for each MUTE. */
-void board_mute_ahead(struct board *board);
+/* A MUTE has arrived, the last of `bytes` that board_receive gets later: switch off now.  What is
+   among them does not switch on again (HG-3.8/4), what comes behind them does.  To be called as often
+   as one likes. */
+void board_mute_ahead(struct board *board, size_t bytes);
 void board_advance(struct board *board, int64_t t_us);
 int64_t board_next_event(const struct board *board); /* BOARD_NEVER: nothing by itself */
 const uint8_t *board_output(const struct board *board, size_t *length); /* bytes for the line */

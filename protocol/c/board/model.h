@@ -81,9 +81,9 @@ struct playback {
     uint64_t played;
 };
 
-/* MUTE that is carried out, and not answered yet: with what the first of them led to. */
+/* MUTE that is carried out, and not answered yet: with what it led to. */
 struct muting {
-    uint32_t ahead; /* MUTE that arrived behind the frames that come next (HG-3.8/4) */
+    size_t ahead; /* bytes to come up to the end of the last one that has arrived (HG-3.8/4) */
     int changed; /* 1: it changed the output state */
     int played; /* 1: it ended a playback */
     struct hg_playback_ended ended;

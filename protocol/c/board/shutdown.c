@@ -18,11 +18,9 @@ void shutdown_by_mute(struct board *board)
     struct muting *muting = &board->muting;
     uint8_t before = board->state;
 
-    if (muting->ahead)
-        return;
     output_enter(board, MUTE, HG_REASON_MUTE);
-    muting->changed = board->state != before;
-    muting->played = playback_clear(board, &muting->ended);
+    muting->changed |= board->state != before;
+    muting->played |= playback_clear(board, &muting->ended);
     stream_flush(board);
     output_off(board);
 }
@@ -36,8 +34,6 @@ void shutdown_mute_answered(struct board *board, int in_session)
     if (muting->played)
         playback_send_ended(board, &muting->ended);
     muting->changed = muting->played = 0;
-    if (muting->ahead > 0)
-        muting->ahead--; /* what comes next may still be ahead of another one */
 }
 
 void shutdown_by_timer(struct board *board)

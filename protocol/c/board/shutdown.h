@@ -6,7 +6,7 @@
 #include "model.h"
 
 void shutdown_output(struct board *board);
-/* Carry MUTE out, its reply and events excepted; nothing if it has overtaken this frame already. */
+/* Carry MUTE out, its reply and events excepted: where it arrives, and again where its frame is. */
 void shutdown_by_mute(struct board *board);
 void shutdown_mute_answered(struct board *board, int in_session); /* the events behind the reply */
 void shutdown_by_timer(struct board *board);

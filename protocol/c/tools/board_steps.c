@@ -4,7 +4,7 @@
    at TIME       let everything happen up to then
    until TIME    the same, but stop as soon as the board sends something
    fault TIME    a hardware fault
-   mute TIME     an interrupt has found a MUTE, whose bytes come with a later rx
+   mute TIME N   an interrupt has found a MUTE, the last of N bytes that come with a later rx
    reset         power down and up again
 
    After each step the bytes that the board sent, in hex, on a line of their own ("-": none); after
@@ -110,7 +110,7 @@ static void step(struct board *board, const char *word, int64_t t_us, const char
         if (strcmp(word, "fault") == 0)
             board_raise_hardware_fault(board);
         else if (strcmp(word, "mute") == 0)
-            board_mute_ahead(board);
+            board_mute_ahead(board, strtoul(hex, NULL, 10));
     }
     output = board_output(board, &length);
     hex_print(output, length);

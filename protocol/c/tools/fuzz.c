@@ -132,9 +132,11 @@ static void check_board(const uint8_t *data, size_t length)
         t_us += data[at] * 64;
         for (i = 0; i < part; i++)
             if (mute_watch_take(&watch, data[at + i]) && (data[at] & 2))
-                board_mute_ahead(&board); /* before the frames ahead of it, or in their order */
+                board_mute_ahead(&board, i + 1); /* before the frames ahead of it, or in their order */
+        if (data[at] % 8 == 5) /* something else than the watch takes what comes for a MUTE */
+            board_mute_ahead(&board, part);
         board_receive(&board, data + at, part, t_us);
-        DEMAND(!board.muting.ahead); /* the MUTE was among these bytes */
+        DEMAND(!board.muting.ahead && !board.muting.changed && !board.muting.played);
         DEMAND(board.queued <= BOARD_QUEUE && board.output_length <= BOARD_OUTPUT);
         DEMAND(explained(&board) == board.counters[HG_COUNTER_FRAMES]);
         if (board.stored == 0) /* latches of a playback are no frames */

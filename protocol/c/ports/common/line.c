@@ -25,7 +25,6 @@ static volatile uint32_t stamped, stamps_taken;
 static struct mute_watch watch;
 static volatile uint32_t muted_end;
 static volatile uint8_t muted;
-static volatile uint32_t mutes;
 static uint8_t sending[SENDING];
 static volatile uint32_t queued, sent;
 
@@ -56,7 +55,6 @@ void line_received(uint8_t byte, uint32_t ticks)
         transducers_shut();
         muted_end = arrived;
         muted = 1;
-        mutes++;
     }
 }
 
@@ -99,7 +97,7 @@ void line_taken(size_t length)
 
 int line_is_muted(void) { return muted; }
 
-uint32_t line_mutes(void) { return mutes; }
+size_t line_until_unmuted(void) { return muted ? muted_end - taken : 0; }
 
 int line_has_received(void) { return arrived != taken; }
 

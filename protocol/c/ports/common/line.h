@@ -9,7 +9,6 @@
    | times of delimiters          | the same as of the received bytes                            |
    | watch for MUTE               | interrupt   | nobody else reads it                           |
    | muted, and up to which byte  | both        | the main loop writes it with interrupts off    |
-   | count of MUTE found          | interrupt   | one word                                       |
    | bytes to send, their count   | main loop   | one word, written after the bytes              |
    | count of bytes sent          | interrupt   | one word                                       |
 
@@ -34,7 +33,7 @@ int line_next_byte(uint8_t *byte); /* the next byte to send; 0: there is none */
 size_t line_take(const uint8_t **data, int64_t *t_us);
 void line_taken(size_t length); /* the board has seen them: a MUTE among them too */
 int line_is_muted(void);        /* 1: a MUTE arrived that the board has not seen yet */
-uint32_t line_mutes(void);      /* how many MUTE arrived; those to come make it more */
+size_t line_until_unmuted(void); /* bytes to take up to the end of the last of them; 0: there is none */
 int line_has_received(void);
 size_t line_send(const uint8_t *data, size_t length); /* how many bytes found room */
 int line_has_room(void);                              /* for a byte to send */

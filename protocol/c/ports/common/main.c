@@ -95,7 +95,6 @@ static uint32_t wait_us(int64_t until_us)
    order of arrivals and events, however late this loop is.  A MUTE that waits overtakes it. */
 static void turn(void)
 {
-    static uint32_t mutes; /* that the board knows */
     const uint8_t *data;
     int64_t t_us;
     size_t length = line_take(&data, &t_us);
@@ -104,8 +103,7 @@ static void turn(void)
         board_advance(&board, clock_now_us());
         return;
     }
-    for (; mutes != line_mutes(); mutes++)
-        board_mute_ahead(&board);
+    board_mute_ahead(&board, line_until_unmuted());
     board_receive(&board, data, length, t_us);
     line_taken(length);
 }
