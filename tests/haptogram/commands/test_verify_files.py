@@ -18,7 +18,7 @@ def run():
         intended = driver.focus((0.0, 0.0, 0.1))
         driver.hold(0.01)
         seen = driver.read_drive()
-    return intended, dataclasses.replace(seen, drive=None, radiated=None)
+    return intended, dataclasses.replace(seen, key=intended.key, drive=None, radiated=None)
 
 
 def test_the_crc_of_the_intended_drive_makes_the_drive_known(run):
