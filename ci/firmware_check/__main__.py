@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -32,7 +33,7 @@ def main(words: list[str] | None = None) -> int:
             return _refuse(why)
         chosen = [PORTS[name] for name in arguments.port or PORTS]
         return worst_status([_judge(port, arguments.out, quick=arguments.quick) for port in chosen])
-    except (HaptogramError, OSError) as error:
+    except (HaptogramError, OSError) as error:  # of --install
         return _refuse(str(error))
     except KeyboardInterrupt:
         sys.stderr.write("ci/firmware: interrupted\n")
@@ -77,26 +78,32 @@ def _refuse(why: str) -> int:
 
 
 def _judge(port: Port, out: Path, *, quick: bool) -> int:
-    """Build, start and judge one firmware; print a line for each step; return the worst status."""
-    folder = out / port.name
+    """Judge one firmware; print a line for each step; return the worst status."""
+    found = []
+    try:
+        for step in _steps(port, out / port.name, quick=quick):
+            print(f"  {step.name:<8} {step.summary} ({step.seconds:.0f} s; {step.log})", flush=True)
+            found.append(step.status)
+    except (
+        HaptogramError,
+        OSError,
+    ) as error:  # what was judged before stands, and so do other ports
+        found.append(_refuse(f"{port.name}: {error}"))
+    return worst_status(found)
+
+
+def _steps(port: Port, folder: Path, *, quick: bool) -> Iterator[Step]:
+    """Build and start the firmware, and judge it step by step."""
     firmware = build(port, folder)
     with Emulator(port.machine, firmware) as emulator:
         board = emulator.wait_for_board(BOOT_S)
         print(f"{port.name}: {board.transducers} transducers, QEMU {port.machine}", flush=True)
         depth = QUICK if quick else ()
-        found = [conform(port, emulator.url, emulator.reset_command, folder, depth)]
-        _show(found[0])
-        found.append(verify(port, emulator.url, folder, quick=quick))
-        _show(found[1])
+        yield conform(port, emulator.url, emulator.reset_command, folder, depth)
+        yield verify(port, emulator.url, folder, quick=quick)
         print(f"  memory   {_measure(firmware, emulator)}", flush=True)
-    for step in (pins(port, folder), hang(port, firmware, folder)):
-        _show(step)
-        found.append(step)
-    return worst_status([step.status for step in found])
-
-
-def _show(step: Step) -> None:
-    print(f"  {step.name:<8} {step.summary} ({step.seconds:.0f} s; {step.log})", flush=True)
+    yield pins(port, folder)
+    yield hang(port, firmware, folder)
 
 
 def _measure(firmware: Path, emulator: Emulator) -> str:

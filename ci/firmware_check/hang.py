@@ -77,5 +77,10 @@ def _endless_loop(emulator: Emulator, firmware: Path) -> int:
     address, size = symbol(firmware, "fault_handler")
     start = address & ~1
     code = emulator.memory(start, size)
-    place = next(at for at in range(0, size, 2) if code[at : at + 2] == _ENDLESS)
-    return start + place
+    for at in range(0, size, 2):
+        if code[at : at + 2] == _ENDLESS:
+            return start + at
+    raise ConfigurationError(
+        f"{firmware}: fault_handler holds no branch to itself ({_ENDLESS.hex()}), where the main "
+        "loop would hang: build it with the CFLAGS of protocol/c/ports/Makefile"
+    )

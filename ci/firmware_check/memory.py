@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from haptogram.errors import ConfigurationError
+
 from .emulator import Emulator
 
 _UNUSED: Final = b"\xc5"  # startup.c fills the stack with it
@@ -47,10 +49,12 @@ def footprint(firmware: Path, emulator: Emulator) -> Footprint:
 
 
 def symbol(firmware: Path, name: str) -> tuple[int, int]:
-    """Return address and size in bytes of a variable of *firmware*."""
+    """Return address and size in bytes of a variable or function of *firmware*."""
     lines = _output("arm-none-eabi-nm", "--print-size", str(firmware)).splitlines()
-    fields = next(fields for fields in map(str.split, lines) if fields[-1] == name)
-    return int(fields[0], 16), int(fields[1], 16)
+    for fields in map(str.split, lines):
+        if fields[-1] == name and len(fields) == 4:
+            return int(fields[0], 16), int(fields[1], 16)
+    raise ConfigurationError(f"{firmware}: has no symbol {name} with a size; is it stripped?")
 
 
 def _symbols(firmware: Path) -> dict[str, int]:
@@ -66,4 +70,8 @@ def _sections(firmware: Path) -> tuple[int, int, int]:
 
 
 def _output(*command: str) -> str:
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        said = " ".join(done.stderr.split()) or "it says nothing"
+        raise ConfigurationError(f"{command[0]} failed: {said}")
+    return done.stdout

@@ -23,6 +23,9 @@ _HEADER: Final = struct.Struct("<IHH")  # protocol/c/ports/common/pin_trace.h
 _TICKS: Final = 2**32
 _PINS: Final = 16  # as an analyser has
 _LONGEST_MS: Final = 600_000.0
+#: A record comes every 10 s; ticks of 40 MHz come again after 107 s.
+_LONGEST_GAP_S: Final = 30.0
+_LATEST_S: Final = 5.0
 
 
 def write_capture(records: Path, count: int, path: Path) -> str:
@@ -48,7 +51,8 @@ def write_capture(records: Path, count: int, path: Path) -> str:
     Raises
     ------
     ConfigurationError
-        If *records* holds none: the firmware was built without them, or drove nothing.
+        If *records* holds none: the firmware was built without them, or drove nothing.  If two of
+        them are further apart than their clock can tell.
     """
     data = records.read_bytes() if records.exists() else b""
     size = _HEADER.size + 2 * count
@@ -57,22 +61,37 @@ def write_capture(records: Path, count: int, path: Path) -> str:
             f"{records}: no record of the drive registers; the firmware is built with "
             "DEFINES=-DPORT_TRACES_PINS=1"
         )
+    told = _times_us(records, data, size)
     settings = BoardSettings(model=AcousticModel.default(count, 1))
     captured = ",".join(map(str, np.unique(np.linspace(0, count - 1, _PINS).astype(int))))
     config = PinCaptureConfig(capture=path, capture_ms=_LONGEST_MS, capture_elements=captured)
     capture = BackdoorPinCapture(path, config, settings)
-    elapsed = newest = 0
-    for number in range(len(data) // size):
-        ticks, ticks_per_us, is_open = _HEADER.unpack_from(data, number * size)
-        step = (ticks - newest + _TICKS // 2) % _TICKS - _TICKS // 2  # what was due may come late
-        elapsed, newest = elapsed + step, ticks
-        t_us = settings.boot_us + elapsed // ticks_per_us
+    for at, (after_us, is_open) in zip(range(0, len(data), size), told, strict=False):
+        t_us = settings.boot_us + after_us
         if is_open:
-            codes = np.frombuffer(data, np.uint8, 2 * count, number * size + _HEADER.size)
+            codes = np.frombuffer(data, np.uint8, 2 * count, at + _HEADER.size)
             drive = Drive(codes[:count], codes[count:])
             on_carrier_us = -(-t_us // settings.carrier_us) * settings.carrier_us
-            key = LatchKey(0, 0, number)
-            capture.latch(Latch(key, 0, number, on_carrier_us, False, drive, 8, drive, False))
+            key = LatchKey(0, 0, at // size)
+            capture.latch(Latch(key, 0, key.index, on_carrier_us, False, drive, 8, drive, False))
         else:
             capture.notice(StateChange(t_us, OutputState.MUTED, MuteReason.MUTE, requested=True))
     return capture.close()
+
+
+def _times_us(records: Path, data: bytes, size: int) -> list[tuple[int, bool]]:
+    """Return the time of every record since the start of the chip, and whether the gate is open."""
+    told = []
+    elapsed = newest = _HEADER.unpack_from(data)[0]
+    for number in range(len(data) // size):
+        ticks, ticks_per_us, is_open = _HEADER.unpack_from(data, number * size)
+        step = (ticks - newest + _TICKS // 2) % _TICKS - _TICKS // 2  # what was due may come late
+        if not -_LATEST_S <= step / ticks_per_us / 1e6 <= _LONGEST_GAP_S:
+            raise ConfigurationError(
+                f"{records}: record {number} comes {step / ticks_per_us / 1e6:.1f} s after the one "
+                f"before it, where its clock, which wraps, tells {-_LATEST_S:g} to "
+                f"{_LONGEST_GAP_S:g} s: the emulator was held up; run it with less beside it"
+            )
+        elapsed, newest = elapsed + step, ticks
+        told.append((elapsed // ticks_per_us, bool(is_open)))
+    return told

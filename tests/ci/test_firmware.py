@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -54,6 +55,8 @@ PAGE = ROOT / "docs" / "firmware.md"
 SESSION = 0xC41F
 PATIENCE_S = 60
 QUICK = {"CFLAGS": "-O1"}
+TRACES = "-DPORT_TRACES_PINS=1"
+RECORD = 8 + 2 * 256
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 
@@ -121,7 +124,7 @@ def test_what_the_registers_hold_is_judged_as_a_capture_of_the_pins(tmp_path, mo
     assert step.summary == "PASS: 16 of 256 elements: every captured pin does what was intended"
     records, recording = tmp_path / "pins.records", tmp_path / "pins.mcap"
     told = bytearray(records.read_bytes())
-    for phase in range(8 + 17, len(told), 8 + 512):
+    for phase in range(8 + 17, len(told), RECORD):
         told[phase] ^= 0x80
     records.write_bytes(told)
     step = steps.judge_pins(records, 256, recording, tmp_path)
@@ -132,6 +135,30 @@ def test_what_the_registers_hold_is_judged_as_a_capture_of_the_pins(tmp_path, mo
 def test_firmware_that_tells_nothing_of_its_drives_is_named(tmp_path):
     with pytest.raises(ConfigurationError, match="no record of the drive registers; the firmware"):
         pins.write_capture(tmp_path / "none", 256, tmp_path / "pins.vcd")
+
+
+def test_a_record_of_the_drives_comes_though_nothing_changes(firmware, tmp_path):
+    records, elf = tmp_path / "records", firmware("musca_b1", f"{TRACES} -DPIN_TRACE_LONGEST_S=1")
+    with running("musca_b1", elf, pins=records):
+        end_s = time.monotonic() + PATIENCE_S
+        while (size := records.stat().st_size) < 3 * RECORD and time.monotonic() < end_s:
+            time.sleep(0.05)
+    assert size >= 3 * RECORD
+
+
+@pytest.mark.parametrize("after_s", [-6, 31, 53, 100])
+def test_records_further_apart_than_their_clock_can_tell_are_named(after_s, tmp_path):
+    records, capture = tmp_path / "records", tmp_path / "pins.vcd"
+    seconds = (80, 79, 109, 109 + after_s)  # what was due a second before comes late
+    ticks = [40_000_000 * second % 2**32 for second in seconds]
+    told = [struct.pack("<IHH", at, 40, 0) + bytes(RECORD - 8) for at in ticks]
+    records.write_bytes(b"".join(told[:3]))
+    assert pins.write_capture(records, 256, capture)
+    records.write_bytes(b"".join(told))
+    with pytest.raises(
+        ConfigurationError, match=r"record 3 comes -?\d+\.\d s after the one before"
+    ):
+        pins.write_capture(records, 256, capture)
 
 
 class Board:
@@ -185,6 +212,16 @@ def test_the_pin_is_off_from_the_start_on_at_a_latch_and_off_at_mute(name, firmw
         assert pin.wait_for(level=True, patience_s=PATIENCE_S)
         board.send(Mute(), 2)
         assert pin.wait_for(level=False, patience_s=PATIENCE_S)
+
+
+def test_firmware_without_the_loop_that_it_is_to_hang_in_is_named(firmware, tmp_path, monkeypatch):
+    monkeypatch.setattr("firmware_check.hang._ENDLESS", b"\xde\xad")
+    with pytest.raises(
+        ConfigurationError, match=r"fault_handler holds no branch to itself \(dead\)"
+    ):
+        hang(PORTS["musca_b1"], firmware("musca_b1"), tmp_path)
+    with pytest.raises(ConfigurationError, match=r"musca_b1\.elf: has no symbol gone with a size"):
+        memory.symbol(firmware("musca_b1"), "gone")
 
 
 HANGS = "-DPORT_HANGS_AFTER_LATCH=1"
@@ -539,6 +576,18 @@ def test_a_missing_tool_is_named_with_the_packages(monkeypatch, capsys):
     assert complaint.startswith("ci/firmware: qemu-system-arm is not installed; Debian, Ubuntu: ")
     assert "gcc-arm-none-eabi" in complaint
     assert len(complaint.splitlines()) == 1
+
+
+def test_a_port_that_cannot_be_judged_does_not_stop_the_next_one(tmp_path, monkeypatch, capsys):
+    tools = {"qemu-system-arm": "", "arm-none-eabi-gcc": "echo /nano.specs", "make": "exit 2"}
+    for name, text in tools.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert command.main(["--out", str(tmp_path / "out")]) == 2
+    _, complaint = capsys.readouterr()
+    starts = [f"ci/firmware: {name}: the firmware {name} does not compile: see " for name in PORTS]
+    assert [line.partition(str(tmp_path))[0] for line in complaint.splitlines()] == starts
 
 
 @pytest.mark.parametrize(

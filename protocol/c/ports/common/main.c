@@ -8,6 +8,7 @@
 #include "clock.h"
 #include "cortex_m.h"
 #include "line.h"
+#include "pin_trace.h"
 #include "transducers.h"
 
 #ifndef PORT_GRID_NX
@@ -165,6 +166,7 @@ int main(void)
         chip_watchdog_feed();
         turn();
         send();
+        pin_trace_again();
         sleep();
         while (PORT_HANGS_AFTER_LATCH && board.has_latched)
             ;

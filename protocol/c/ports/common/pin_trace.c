@@ -3,6 +3,7 @@
 #include "pin_trace.h"
 
 #include "chip.h"
+#include "cortex_m.h"
 
 enum { SYS_OPEN = 1, SYS_WRITE = 5, SYS_GET_CMDLINE = 21, MODE_WRITE_BINARY = 5 };
 
@@ -39,12 +40,33 @@ static void write(const volatile void *data, size_t length)
     semihosting(SYS_WRITE, (uintptr_t[]){file, (uintptr_t)data, length});
 }
 
+static struct {
+    int is_open;
+    uint32_t ticks;
+    const volatile struct drive *driving;
+} newest;
+
 void pin_trace(int is_open, uint32_t ticks, const volatile struct drive *driving)
 {
     if (PORT_TRACES_PINS) {
         struct record record = {ticks, CHIP_TICKS_PER_US, (uint16_t)is_open};
 
+        newest.is_open = is_open;
+        newest.ticks = ticks;
+        newest.driving = driving;
         write(&record, sizeof record);
         write(driving, sizeof *driving);
     }
+}
+
+void pin_trace_again(void)
+{
+    const int32_t longest = PIN_TRACE_LONGEST_S * 1000000 * CHIP_TICKS_PER_US;
+
+    if (!PORT_TRACES_PINS)
+        return;
+    interrupts_off();
+    if (newest.driving != NULL && (int32_t)(chip_ticks() - newest.ticks) > longest)
+        pin_trace(newest.is_open, chip_ticks(), newest.driving);
+    interrupts_on();
 }
