@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
+from haptogram_protocol.framing import MAX_ENCODED_BYTES
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
     GROWING_COUNTERS,
@@ -50,7 +51,7 @@ from haptogram_protocol.state import OutputState
 
 from ..outcome import CaseEndedError, RuleFindings, check, fail, inconclusive, unimplemented
 from .board_clock import ClockClient
-from .request_client import RequestClient
+from .request_client import PROCESSED_US, RequestClient
 from .wire import RawFrameClient
 
 #: Counters that grow although a host did nothing wrong.
@@ -172,9 +173,11 @@ class BoardClient:
         if reply.nonce != self.link.session:
             self.link.stream_next = FIRST_STREAM_SEQ
         self.link.session, self.identity = reply.nonce, reply
+        self.link.rx_window = max(reply.rx_window, MAX_ENCODED_BYTES + 2)  # judged by HG-4.3/8
         self.clock.carrier_us = 1_000_000 // max(1, reply.carrier_hz)
         self.clock.point_time_us = reply.point_time_us
         self.clock.lead_us = self.ready_after_us(reply.max_points)
+        self.link.processed_us = PROCESSED_US + reply.queue_depth * self.clock.lead_us
 
     def ready_after_us(self, points: int = 0) -> int:
         """Return the time from the arrival of a frame of so many points until it is ready."""
@@ -340,9 +343,11 @@ class BoardClient:
         ``frames`` and ``requests`` are judged where they are named, less the GET_STATUS of this
         method.
         """
-        before = self.status().counters
+        before, pauses = self.status().counters, self.link.pauses
         yield
         counted = self.counted_since(before)
+        counted["frames"] -= self.link.pauses - pauses
+        counted["requests"] -= self.link.pauses - pauses
         differs = {
             name: number
             for name, number in counted.items()

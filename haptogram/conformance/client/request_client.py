@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import random
+from collections import deque
+from collections.abc import Sequence
 from typing import Any, Final, TypeVar
 
 from haptogram_protocol.annotation.words import annotated_message_text, annotated_type_name
-from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame, encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
+    REQUEST_RANGE,
     Error,
     ErrorCode,
     Flag,
     Header,
     Message,
     MessageType,
+    Mute,
     Ping,
     Pong,
 )
@@ -23,8 +28,12 @@ from ..outcome import check, fail
 from .wire import RawFrameClient, ReceivedByClient
 
 _M = TypeVar("_M", bound=Message)
+#: Five times the time in which a board answers (HG-4.11/3).
+PROCESSED_US: Final = 50_000
 _ECHO_BITS: Final = 64
 _KNOCK_US: Final = 100_000  # how soon a board that boots is asked again
+_PING_BYTES: Final = 26  # on the line, at most
+_PAUSES_KEPT: Final = 256
 
 
 class RequestClient:
@@ -47,6 +56,12 @@ class RequestClient:
         Unwrapped number of the next stream frame.
     knocks : int
         How often the first request after a restart was repeated: the board was deaf meanwhile.
+    rx_window : int
+        Encoded bytes that the board takes without an answer (HG-2.7/2).
+    processed_us : int
+        Time after which the board has processed what it has received.
+    pauses : int
+        How often :meth:`send` waited for the board.
     """
 
     def __init__(self, wire: RawFrameClient, random_source: random.Random) -> None:
@@ -56,6 +71,12 @@ class RequestClient:
         self.seq = 0
         self.stream_next = FIRST_STREAM_SEQ
         self.knocks = 0
+        self.rx_window = MAX_ENCODED_BYTES + 2  # the least of HG-4.3/8
+        self.processed_us = PROCESSED_US
+        self.pauses = 0
+        self._unanswered: list[tuple[bytes, int, int]] = []  # with the mark before, and the time
+        self._unanswered_bytes = 0
+        self._answers_of_pauses: deque[ReceivedByClient] = deque(maxlen=_PAUSES_KEPT)
         self._boots_until_us: int | None = None
 
     def expect_boot(self, timeout_s: float) -> None:
@@ -121,8 +142,64 @@ class RequestClient:
         return self.seq & 0xFFFF
 
     def send(self, *wires: bytes) -> None:
-        """Send frames, or bytes that are no frames, without a pause."""
-        self.wire.send(b"".join(wires))
+        """Send frames, or bytes that are no frames, without a pause.
+
+        Where more than ``rx_window`` bytes would be unanswered at the board, which need not take
+        them (HG-2.7/2), a PING goes in between, and its answer is awaited.
+        """
+        size = sum(map(len, wires))
+        self._make_room(size)
+        if size <= self.rx_window:
+            self._put(wires)
+            return
+        run: list[bytes] = []
+        for wire in wires:
+            if run and sum(map(len, run)) + len(wire) > self.rx_window - _PING_BYTES:
+                self._put(run)
+                self._make_room(self.rx_window)
+                run = []
+            run.append(wire)
+        self._put(run)
+
+    def _put(self, wires: Sequence[bytes]) -> None:
+        """Write *wires*; a run that no window holds comes at the rate of the line."""
+        mark, data = self.mark(), b"".join(wires)
+        self._unanswered_bytes += len(data)
+        self.wire.send(data, paced=len(data) > self.rx_window)
+        sent_us = self.wire.now_us() + self.wire.backlog_us
+        self._unanswered += [(wire, mark, sent_us) for wire in wires]
+
+    def _make_room(self, size: int) -> None:
+        """Wait until the board has answered a PING, unless *size* bytes more fit in its window."""
+        if self._unanswered_bytes + size <= self.rx_window - _PING_BYTES:
+            return
+        self._forget_answered()
+        fits = self._unanswered_bytes + size <= self.rx_window - _PING_BYTES
+        if fits or not self._unanswered or not self._unanswered[-1][0].endswith(DELIMITER):
+            return
+        self.pauses += 1
+        seq, since = self.next_seq(), self.mark()
+        ping = Ping(self.random.getrandbits(_ECHO_BITS))
+        self._put([encode_frame(self.body(ping.TYPE, ping.serialize(), seq=seq))])
+        self._answers_of_pauses.append(self.answer_to(ping.TYPE, seq, since))
+        self._forget_unanswered()
+
+    def _forget_answered(self) -> None:
+        """Forget what was sent before the last request that was answered, or long ago."""
+        for place in reversed(range(len(self._unanswered))):
+            wire, since, sent_us = self._unanswered[place]
+            is_old = self.wire.now_us() - sent_us >= self.processed_us
+            if is_old or self._is_answered(_number_of_request(wire), since):
+                self._unanswered = self._unanswered[place + 1 :]
+                self._unanswered_bytes = sum(len(wire) for wire, _, _ in self._unanswered)
+                return
+
+    def _is_answered(self, seq: int | None, since: int) -> bool:
+        answers = self.wire.received[since:] if seq is not None else ()
+        return any(p.is_response and p.header is not None and p.header.seq == seq for p in answers)
+
+    def _forget_unanswered(self) -> None:
+        self._unanswered, self._unanswered_bytes = [], 0
 
     # --- requests and answers ------------------------------------------------------------------
 
@@ -134,12 +211,17 @@ class RequestClient:
         self, kind: int, payload: bytes = b"", *, seq: int | None = None, **header: Any
     ) -> ReceivedByClient:
         """Send any request and return its answer; FAILED if none comes."""
+        if seq is None:
+            self._make_room(len(payload) + _PING_BYTES)
         seq = self.next_seq() if seq is None else seq & 0xFFFF
         wire = encode_frame(self.body(kind, payload, seq=seq, **header))
         since = self.mark()
-        self.send(wire)
+        self._put([wire])
         self.knock(wire, seq, since)
-        return self.answer_to(kind, seq, since, self.wire.line_us(len(wire)))
+        answer = self.answer_to(kind, seq, since, self.wire.line_us(len(wire)))
+        if kind != Mute.TYPE:  # which may overtake what was sent before (HG-3.8/2)
+            self._forget_unanswered()
+        return answer
 
     def knock(self, wire: bytes, seq: int, since: int) -> None:
         """Repeat the first request after a restart until it is answered, or the boot time is over.
@@ -276,8 +358,10 @@ class RequestClient:
         ]
 
     def responses(self, since: int) -> list[ReceivedByClient]:
-        """Return the responses from piece *since* on."""
-        return [piece for piece in self.wire.received[since:] if piece.is_response]
+        """Return the responses from piece *since* on, but for those of :meth:`send` itself."""
+        pauses = set(map(id, self._answers_of_pauses))
+        pieces = self.wire.received[since:]
+        return [piece for piece in pieces if piece.is_response and id(piece) not in pauses]
 
     def unanswered(self, frames: str, *wires: bytes) -> None:
         """Send *wires*, called *frames* in the message; FAILED if the board answers them."""
@@ -300,3 +384,12 @@ class RequestClient:
     def type_of(self, answer: ReceivedByClient) -> int:
         """Return the type byte of an answer."""
         return answer.header.type if answer.header is not None else MessageType.ERROR
+
+
+def _number_of_request(wire: bytes) -> int | None:
+    """Return the number of a request that is answered in its turn; None if *wire* is none."""
+    try:
+        header = Header.unpack(decode_frame(wire.strip(DELIMITER))[: Header.LAYOUT.size])
+    except RemoteProtocolError:
+        return None
+    return header.seq if header.type in REQUEST_RANGE and header.type != Mute.TYPE else None

@@ -189,8 +189,10 @@ class RawFrameClient:
 
     # --- out -----------------------------------------------------------------------------------
 
-    def send(self, data: bytes) -> None:
+    def send(self, data: bytes, *, paced: bool = False) -> None:
         """Send all of *data*; read meanwhile if the port takes *data* in pieces.
+
+        With *paced* a port without a rate of its own (TCP) gets it no faster than the line has it.
 
         Raises
         ------
@@ -203,6 +205,7 @@ class RawFrameClient:
         patience_us = self.limits.answer_us + self.backlog_us
         stuck_us = self.now_us() + patience_us
         rest = memoryview(data)
+        end_us = self.now_us() + self.line_us(len(data))
         while rest:
             written = self._transport.write_some(bytes(rest[:MAX_ENCODED_BYTES]))
             rest = rest[written:]
@@ -212,6 +215,8 @@ class RawFrameClient:
                 raise LinkLostError(f"the port took no byte for {patience_us / 1e6:g} s")
             if rest:
                 self._read(self._transport.now_ns() + (_RETRY_NS if not written else 0))
+            if paced and self.limits.slack_us:
+                self.idle(end_us - self.line_us(len(rest)) - self.now_us())
         self._leave(self.now_us())
 
     # --- in ------------------------------------------------------------------------------------

@@ -210,7 +210,7 @@ class Lockstep:
         if board.clock.device_estimate_us() - at_us > self._late_us:
             raise HostLateError
         for piece in _pieces_in_lockstep(data):
-            board.link.send(piece)
+            board.wire.send(piece)  # a frame a slot, which the board has time for
         due = self._model.receive(at_us, data)
         due += self._model.advance(at_us + self._settled_us())
         next_us = self._model.next_us() if may_cut else at_us

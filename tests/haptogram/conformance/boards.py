@@ -1,5 +1,7 @@
 """Boards, and things that are no boards, for tests of the suite."""
 
+import contextlib
+
 import serial
 
 import sim_device
@@ -8,6 +10,9 @@ from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import LinkLostError
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, FrameDecoder, decode_frame
+from haptogram_protocol.messages import REQUEST_RANGE, RESPONSE_RANGE, Mute
 
 BAUD = 3_000_000
 
@@ -33,7 +38,11 @@ def virtual(*, baud=BAUD, wrap=lambda transport: transport, **options):
 
 
 def run(access, *clauses, **options):
-    return SuiteRunner(access, SuiteOptions(**options)).run(list(select(all_cases(), clauses)))
+    def progress(_, __, case):
+        WindowWatch.case = case
+
+    runner = SuiteRunner(access, SuiteOptions(**options), progress)
+    return runner.run(list(select(all_cases(), clauses)))
 
 
 class Wrapped:
@@ -54,6 +63,50 @@ class Wrapped:
 
     def close(self):
         self.inner.close()
+
+
+class WindowWatch(Wrapped):
+    """Notes how many bytes of frames the board had to hold at most, by the case that sent them.
+
+    A board has processed what was sent before a request that it has answered, other than MUTE,
+    which overtakes, and what was sent 50 ms ago (HG-2.7/2, HG-4.11/3).  A run that is longer than
+    any frame is discarded as it comes.
+    """
+
+    case = "HELLO"
+
+    def __init__(self, inner, most):
+        super().__init__(inner)
+        self.most = most
+        self.sent = []
+        self.begun = b""
+        self.decoder = FrameDecoder()
+
+    def write_some(self, data):
+        count = super().write_some(data)
+        *ended, self.begun = (self.begun + data[:count]).split(DELIMITER)
+        pieces = [piece for piece in ended if piece and len(piece) <= MAX_ENCODED_BYTES]
+        self.sent += [(self.now_ns(), piece) for piece in pieces]
+        old_ns = self.now_ns() - 50_000_000
+        self.sent = [(t_ns, piece) for t_ns, piece in self.sent if t_ns > old_ns]
+        held = sum(len(piece) + 2 for _, piece in self.sent)
+        self.most[WindowWatch.case] = max(self.most.get(WindowWatch.case, 0), held)
+        return count
+
+    def read_available(self, deadline_ns):
+        data = super().read_available(deadline_ns)
+        for body in self.decoder.feed(data):
+            if isinstance(body, bytes) and body[0] in RESPONSE_RANGE:
+                self.forget_before(body[2:4])
+        return data
+
+    def forget_before(self, seq):
+        for place, (_, piece) in enumerate(self.sent):
+            with contextlib.suppress(RemoteProtocolError):
+                body = decode_frame(piece)
+                if body[0] in REQUEST_RANGE and body[0] != Mute.TYPE and body[2:4] == seq:
+                    del self.sent[: place + 1]
+                    return
 
 
 class Dying(Wrapped):

@@ -5,7 +5,7 @@ import functools
 from typing import ClassVar
 
 import pytest
-from boards import Wrapped, run, virtual
+from boards import WindowWatch, run, virtual
 
 from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases
@@ -54,14 +54,20 @@ NOT_HERE = {"HG-1.2/2", "HG-1.2/3", "HG-7.1/2"}
 SMALL = {"HG-2.2/1"}
 
 
+#: Of the virtual board.
+RX_WINDOW = 16_384
 #: High byte of the sequences of the case that fills the store.
 FILLING = 0x60
 
 
-class Stored(Wrapped):
+class Stored(WindowWatch):
     """Notes the sequences that the board took."""
 
     targets: ClassVar[set[int]] = set()
+    held: ClassVar[dict[str, int]] = {}
+
+    def __init__(self, inner):
+        super().__init__(inner, self.held)
 
     def write_some(self, data):
         for body in bodies(data):
@@ -114,6 +120,7 @@ def test_the_healthy_board_passes_everything(array, baud, not_here, depth):
     others = {r.behaviour for r in suite.results}
     assert others == {Behaviour.OK, Behaviour.NOT_OBSERVED}
     assert suite.exit_status == 0
+    assert {case: held for case, held in Stored.held.items() if held > RX_WINDOW} == {}
     assert suite.device["firmware"] == "haptogram-sim 1"
     correction = {0}
     stored = {target for target in Stored.targets - correction if target >> 8 != FILLING}

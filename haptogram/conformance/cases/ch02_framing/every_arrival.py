@@ -17,6 +17,7 @@ _PAUSE_US: Final = 120_000
 _BYTE_US: Final = 1_000
 _OVER_8_BITS: Final = 300
 _OVER_16_BITS: Final = 66_000
+_BLOCK: Final = 256
 _LONGEST: Final = 40  # bytes of such a frame on the line
 
 
@@ -61,7 +62,8 @@ def longest_frame_lengths_count_once(board: BoardClient) -> None:
         if 2 * board.wire.line_us(size) > board.wire.limits.case_us // 5:
             not_observed(f"{size} bytes take too long on this line")
         with board.counting(oversize=1):
-            board.link.send(b"\x00", malformed_frames.malformed_noise(board.random, size), b"\x00")
+            noise = malformed_frames.malformed_noise(board.random, size)
+            board.link.send(b"\x00" + noise + b"\x00")
             board.wire.idle(board.wire.line_us(size))
             board.link.barrier()
 
@@ -95,14 +97,8 @@ def _count_much_junk(board: BoardClient, number: int) -> None:
     board.link.barrier()
     for counter, make in _counts_of_junk(board):
         with board.counting(**{counter: number}):
-            left = number
-            while left:
-                some = min(left, max(1, board.identity.rx_window // 2 // _LONGEST))
-                block = b"".join(make() for _ in range(some))
-                board.link.send(block)
-                board.wire.idle(board.wire.line_us(len(block)))
-                board.link.barrier()
-                left -= some
+            for left in range(number, 0, -_BLOCK):
+                board.link.send(*(make() for _ in range(min(left, _BLOCK))))
 
 
 @case(

@@ -51,11 +51,10 @@ def junk_headers_leak_no_memory(board: BoardClient) -> None:
     before = board.status()
     left = min(_JUNK_BYTES, board.wire.baudrate // 10 * _JUNK_S)
     while left > 0:
-        block = b"".join(_counted_junk_headers(board) for _ in range(_JUNK_PIECES))
-        board.link.send(block)
-        board.wire.idle(board.wire.line_us(len(block)))
+        junk = [_counted_junk_headers(board) for _ in range(_JUNK_PIECES)]
+        board.link.send(*junk)
         board.link.call(Ping(left), Pong)
-        left -= len(block)
+        left -= sum(map(len, junk))
     after = board.status()
     check(
         after.free_bytes == before.free_bytes,

@@ -95,7 +95,7 @@ def latches_renew_no_lease(board: BoardClient) -> None:
         start_us = board.clock.device_us()
         for part in (1, 2, 3, 4, 5):  # the later ones during the ramp
             wait_for_timer(board, start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
-            board.wire.send(hello_again_during_timers(board))
+            board.link.send(hello_again_during_timers(board))
         header, _ = judged_mute_by_timer(board, since, 3 * (TIMER_MS + ramp_ms) * _MS, reason)
         judge_mute_time(board, start_us, header, TIMER_MS + ramp_ms, f"{reason.name}, latches")
 
