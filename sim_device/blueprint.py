@@ -109,7 +109,7 @@ def _check_blueprint(config: BoardConfig, name: str) -> None:
     for fault in config.faults:
         if fault.name.startswith("frame.") or fault.name in _OF_HAPTOGRAM:
             raise ConfigurationError(
-                f"fault {fault.name} acts on what only Haptogram's own wire has; "
+                f"{fault.option} {fault.name} acts on what only Haptogram's own wire has; "
                 f"leave it out with dialect {name}"
             )
 

@@ -97,6 +97,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
     tap = _start_line_tap(options, config, settings, open_recording)
     port: BoardPort | None = None
     worker: ReconstructionWorker | None = None
+    ends: list[HaptogramError] = []
     with contextlib.ExitStack() as signals:  # heard until everything is closed
         if options.as_device:
             options.link = _private_board_path(signals, "board")
@@ -126,19 +127,27 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             if options.as_device:
                 client = _start_board_client(options, heartbeat)
             _serve_board(heartbeat, port.description if client is None else client.device)
+        except HaptogramError as error:
+            ends.append(error)
         finally:
             if port is not None:
                 port.close()
-            failed = client is not None and client.close()
+            if client is not None and (failed := client.close()):
+                ends.append(HaptogramError(f"{options.client[0]} ended with status {failed}"))
             failures = [_end_board_worker(worker) if worker is not None else ""]
             if pins is not None and port is not None:
                 failures.append(_end_pin_capture(pins))
             if tap is not None:
                 failures.append(tap.close())
-            if any(failures):
-                raise ConfigurationError("; ".join(filter(None, failures)))
-    if failed:
-        raise HaptogramError(f"{options.client[0]} ended with status {failed}")
+    ends += [ConfigurationError(failure) for failure in failures if failure]
+    if ends:
+        raise _end_of_board(ends) from ends[0]
+
+
+def _end_of_board(ends: Sequence[HaptogramError]) -> HaptogramError:
+    """Return one error for all that went wrong; an output that failed hides no lost port."""
+    is_refusal = all(isinstance(error, ConfigurationError) for error in ends)
+    return (ConfigurationError if is_refusal else HaptogramError)("; ".join(map(str, ends)))
 
 
 def _start_line_tap(

@@ -147,8 +147,8 @@ def fault_place(fault: Fault, settings: BoardSettings) -> slice:
     if number >= places:
         must = f"must be 0 to {places - 1}" if places else f"the array has no {name}: it is no grid"
         raise ConfigurationError(
-            f"fault {fault.name} {name}={number}, {must} ({count} transducers, {columns} columns, "
-            f"banks of {BANK})"
+            f"{fault.option} {fault.name} {name}={number}, {must} ({count} transducers, "
+            f"{columns} columns, banks of {BANK})"
         )
     first = number * width
     return slice(first, min(first + width, limit))

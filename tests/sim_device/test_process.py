@@ -304,6 +304,29 @@ def test_at_the_far_end_of_a_cable_until_it_is_pulled(start):
     assert "the other side is gone" in board.text() or "error" in board.text()
 
 
+def test_an_output_that_fails_does_not_hide_a_lost_port(start, tmp_path):
+    master, slave = os.openpty()
+    port, capture = os.ttyname(slave), tmp_path / "pins.vcd"
+    board = start("--serial", port, "--capture", capture)
+    assert board.url == port
+    os.close(slave)
+    capture.mkdir()
+    os.close(master)
+    assert board.process.wait(PATIENCE_S) == 1
+    lost, unwritten = board.text().splitlines()[-1].split("; ", 1)
+    assert f": {port}: " in lost
+    assert unwritten.startswith(f"--capture '{capture}' cannot be written: it is a folder")
+
+
+def test_an_output_that_fails_alone_is_an_error_of_the_arguments(start, tmp_path):
+    capture = tmp_path / "pins.vcd"
+    board = start("--link", tmp_path / "board", "--capture", capture)
+    assert board.url == str(tmp_path / "board")
+    capture.mkdir()
+    assert board.end() == 2
+    assert f"--capture '{capture}' cannot be written: it is a folder" in board.text()
+
+
 def test_the_log_has_one_line_per_event(start, tmp_path, open_host):
     board = start("--link", tmp_path / "board")
     host = open_host(board.url)

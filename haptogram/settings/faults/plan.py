@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,6 +50,8 @@ class Fault:
         Bytes that it acts on: ``down`` to the board, ``up`` from it, or ``both``.
     written : str
         The text that a user wrote, for reports.
+    option : str
+        What a refusal of the fault begins with: ``fault``, or ``fault_plan`` and the file.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Fault:
     until_ns: int = FOR_EVER_NS
     direction: str = _BOTH
     written: str = field(default="", compare=False)
+    option: str = field(default="fault", compare=False)
 
     def __post_init__(self) -> None:
         """Check name, values, direction and times, and set the text if none was written."""
@@ -216,9 +220,10 @@ def read_faults(
     if file is None:
         return added, None
     text = read_text_file(Path(file), "fault_plan")
-    with _named_fault_option(f"fault_plan '{file}':"):
+    option = f"fault_plan '{file}':"
+    with _named_fault_option(option):
         faults, seed = faults_of_toml(text)
-    return faults + added, seed
+    return tuple(dataclasses.replace(fault, option=option) for fault in faults) + added, seed
 
 
 @contextlib.contextmanager

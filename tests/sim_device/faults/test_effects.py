@@ -275,3 +275,20 @@ def test_it_is_one_line_wherever_a_fault_is_given(text, toml, problem, tmp_path,
         assert said.count(problem) == said.count("\n") == 2
     assert verify(["verify", "--port", url_of(text)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("dialect", "fault"),
+    [((), "device.off column=16"), (("--dialect", "ultraino"), "frame.crc p=1")],
+    ids=["place", "dialect"],
+)
+def test_a_fault_that_a_board_cannot_have_is_refused_by_the_option_that_holds_it(
+    dialect, fault, tmp_path, capsys
+):
+    plan = tmp_path / "plan.toml"
+    plan.write_text(FaultPlan.parse([fault]).as_toml())
+    name = fault.partition(" ")[0]
+    options = {f"--fault={fault}": "--fault", f"--fault-plan={plan}": f"--fault-plan '{plan}':"}
+    for word, option in options.items():
+        assert main(["--link", str(tmp_path / "board"), *dialect, word]) == 2
+        assert f": {option} {name} " in capsys.readouterr().err
