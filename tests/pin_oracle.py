@@ -21,7 +21,8 @@ class Analyser:
     rate_hz: float = 24e6
     ppm: float = 0.0  # of its clock
     jitter_ns: float = 0.0
-    glitches: int = 0  # pulses of one sample, anywhere
+    glitches: int = 0  # pulses, anywhere
+    glitch_samples: int = 1
     skew_ns: float = 0.0  # between channels
     lost: tuple = ()  # (first, count) of samples that never reach the file
     begin_ms: float = -0.5  # of the capture, from the first frame on
@@ -118,7 +119,7 @@ def _sampled(pulses, analyser, random, skew_s, begin_s, end_s):
     np.add.at(change, inside[:, 1], -1)
     levels = np.cumsum(change)[:total] > 0
     for place in random.integers(1, total - 1, analyser.glitches):
-        levels[place] = ~levels[place]
+        levels[place : place + analyser.glitch_samples] ^= True
     for first, count in analyser.lost:
         levels = np.delete(levels, slice(first, first + count))
     edges = np.flatnonzero(np.diff(levels)) + 1

@@ -20,7 +20,9 @@ from .uart import LEAST_SAMPLES_A_BIT, decoded_uart_bytes
 _Floats: TypeAlias = NDArray[np.float64]
 #: Pulses of the reference that make one point of its clock: the mean of so many has no samples.
 _BLOCK: Final = 64
-_SPIKE: Final = 1.5  # samples: a shorter pulse alone is taken for a disturbance of the capture
+#: A pulse alone that is shorter is taken for a disturbance of the capture, and so is a gap.
+_SPIKE_SAMPLES: Final = 2.5
+_SPIKE_PERIODS: Final = 0.004
 _NEIGHBOUR: Final = 0.1  # periods by which a pulse of the same drive may be off its place
 _ESTIMATED: Final = 0.99  # of a rate: an estimate from edges may be so much off
 _FULL_DUTY: Final = 0.5
@@ -120,11 +122,11 @@ def _uart_bytes_of_capture(
 def _captured_edges_without_spikes(
     rises: _Floats, falls: _Floats, sample: float, period: float
 ) -> tuple[_Floats, _Floats]:
-    """Return pulses without dips and spikes of one sample; times in ticks.
+    """Return pulses without dips and spikes, of two samples or 0.1 us; times in ticks.
 
     Pulses of a small amplitude are as short, but each has a neighbour as short a period away.
     """
-    spike = _SPIKE * sample
+    spike = max(_SPIKE_SAMPLES * sample, _SPIKE_PERIODS * period)
     apart = np.concatenate([[True], rises[1:] - falls[:-1] > spike])
     lasting = np.concatenate([apart[1:], [True]])
     if not len(rises):

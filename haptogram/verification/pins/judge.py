@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import AcousticModel
+from haptogram.acoustics import AcousticModel, phase_step_rad
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
@@ -28,6 +28,9 @@ from .silence import EndOfSound, end_of_sound_on_pins
 
 _HALF: Final = 0.5
 _NEARLY_ALL: Final = 0.9
+_NEAR_RAD: Final = 2.0 * phase_step_rad(8)  # a board may be off by, which shows this run
+_FITTING_SHARE: Final = 0.25  # of the pins that show this run in nearly all frames: no chance
+_FEWEST_FITTING: Final = 3
 _LATE_PERIODS: Final = 2.0  # one for the boundary that is awaited, one for where its pulse lies
 _TORN_PERIODS: Final = 1.25  # a period, and what a pulse that a latch cut may seem to be off
 _MOST_DRIFT_PPM: Final = 1000.0
@@ -167,7 +170,7 @@ class _PinJudge:
         if not judged.any():
             self.missing.append("no frame of the run is in the capture as a whole")
             return False
-        if right[judged].mean() >= FIT_SHARE:
+        if self._share_near(judged) >= FIT_SHARE or self._pins_that_fit(judged) is not None:
             return True
         wrong = np.flatnonzero(~right[judged].all(axis=0)).tolist()
         kinds = [fault.kind for fault in faults_of_pins(drives, wrong, judged).values()]
@@ -184,6 +187,18 @@ class _PinJudge:
         )
         return False
 
+    def _share_near(self, judged: Bools) -> float:
+        """Return the share of drives that no other run shows: right, or off by a step or two."""
+        drives = self.shown.drives
+        wider = dataclasses.replace(drives, limit_rad=drives.limit_rad + _NEAR_RAD)
+        return float(wider.all_right()[judged].mean())
+
+    def _pins_that_fit(self, judged: Bools) -> Bools | None:
+        """Return the (E,) pins that show this run; None: too few to be no chance."""
+        fitting: Bools = self.shown.right[judged].mean(axis=0) >= _NEARLY_ALL
+        fewest = max(_FEWEST_FITTING, _FITTING_SHARE * len(fitting))
+        return fitting if fitting.sum() >= fewest else None
+
     def _shows_opposite_signs(self) -> bool:
         """Return True if the pins show this run with phases of the opposite sign."""
         turned = dataclasses.replace(self.run, phases=np.negative(self.run.phases))
@@ -194,7 +209,9 @@ class _PinJudge:
         """Name what is wrong; return the frames that single pins were judged in."""
         drives, right = self.shown.drives, self.shown.right
         count = len(self.run.elements)
-        mixed = judged & (right.mean(axis=1) < _HALF) & (count > 2)
+        fitting = self._pins_that_fit(judged)
+        shares = (right if fitting is None else right[:, fitting]).mean(axis=1)
+        mixed = judged & (shares < _HALF) & (count > 2)
         if mixed.sum() > _HALF * judged.sum():
             mixed = np.zeros_like(judged)  # most frames: then it is the pins
         for frame in np.flatnonzero(mixed):

@@ -18,7 +18,6 @@ _BEFORE_NEXT: Final = 1.0
 _LEAST_WINDOW: Final = 1.0
 _SAMPLED: Final = 0.1  # periods by which samples and jitter may move pulses at both ends of it
 _MOST_ERRORS: Final = 4.0  # standard errors of a mean that jitter may make
-_DEGREES_OF_MODE: Final = 360  # bins in which the phase is sought that most pins share
 _FEWEST: Final = 3  # pins among which a majority tells which one is wrong
 
 
@@ -104,31 +103,25 @@ def common_turns_of_pins(
     product = weights * np.conj(run.weights)
     sounding = np.isfinite(product) & (np.abs(product) > 0.0)
     errors = np.where(sounding, np.angle(product), np.nan)
+    counts = sounding.sum(axis=1)
+    is_majority = len(run.elements) >= _FEWEST and each
     if record.reference_element is None:
-        turn = pins_phase(errors[sounding], limit_rad)
-        common = np.full(run.count, turn)
+        common = np.full(run.count, pins_phase(errors[sounding], limit_rad))
     else:
         common = _filled_pin_weights(errors[:, run.elements.index(record.reference_element)])
-    if len(run.elements) < _FEWEST or not each:
+        for frame in np.flatnonzero(counts >= _FEWEST) if is_majority else ():
+            # The phase of the reference alone is known to a sample only.
+            found = errors[frame][sounding[frame]]
+            common[frame] = pins_phase(found, limit_rad, near=float(common[frame]))
+    if not is_majority:
         return common
-    agreeing = _agreeing_pins(errors, common, limit_rad)
-    doubtful = (2 * agreeing.sum(axis=1) < sounding.sum(axis=1)) & (sounding.sum(axis=1) >= _FEWEST)
-    for frame in np.flatnonzero(doubtful):
-        shared = pins_phase(errors[frame][sounding[frame]], limit_rad)
-        near = np.abs(wrapped_pin_angles(errors[frame] - shared)) <= 2.0 * limit_rad
-        if 2 * near.sum() > sounding[frame].sum():
+    agreeing = _agreeing_pins(errors, common, limit_rad).sum(axis=1)
+    for frame in np.flatnonzero((2 * agreeing < counts) & (counts >= _FEWEST)):
+        found = errors[frame][sounding[frame]]
+        shared = pins_phase(found, limit_rad)
+        if 2 * (np.abs(wrapped_pin_angles(found - shared)) <= 2.0 * limit_rad).sum() > len(found):
             common[frame] = shared
-    # The mean of those that agree: the phase of the reference alone is known to a sample only.
-    agreeing = _agreeing_pins(errors, common, limit_rad)
-    rest = np.where(agreeing, np.exp(1j * (errors - common[:, None])), 0.0)
-    if record.reference_element is None:
-        shift = np.full(run.count, np.angle(rest.sum()))
-        own = common != common[0]
-        shift[own] = np.angle(rest.sum(axis=1))[own]
-    else:
-        shift = np.angle(rest.sum(axis=1))
-    moved: FloatArray = common + np.where(agreeing.any(axis=1), shift, 0.0)
-    return moved
+    return common
 
 
 def _agreeing_pins(errors: FloatArray, common: FloatArray, limit_rad: float) -> Bools:
@@ -137,18 +130,33 @@ def _agreeing_pins(errors: FloatArray, common: FloatArray, limit_rad: float) -> 
     return near
 
 
-def pins_phase(errors: FloatArray, limit_rad: float) -> float:
-    """Return the phase near which most of *errors* (K,) lie."""
-    if not len(errors):
-        return 0.0
-    bins = np.rint(errors / (2.0 * np.pi) * _DEGREES_OF_MODE).astype(np.int64) % _DEGREES_OF_MODE
-    counts = np.bincount(bins, minlength=_DEGREES_OF_MODE).astype(np.float64)
-    width = max(1, int(np.ceil(limit_rad / (2.0 * np.pi) * _DEGREES_OF_MODE)))
-    near = sum(np.roll(counts, shift) for shift in range(-width, width + 1))
-    centre = 2.0 * np.pi * float(np.argmax(near)) / _DEGREES_OF_MODE
-    rest = wrapped_pin_angles(errors - centre)
-    close = np.abs(rest) <= 2.0 * limit_rad + 2.0 * np.pi / _DEGREES_OF_MODE
-    return centre + float(rest[close].mean()) if close.any() else centre
+def pins_phase(errors: FloatArray, limit_rad: float, *, near: float | None = None) -> float:
+    """Return the mean of the most of *errors* (K,) that lie within *limit_rad* of one phase.
+
+    With *near*, they lie within *limit_rad* of one phase together with this one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> phases = np.array([0.1, 3.13, -3.13, 3.14, 3.2])
+    >>> round(pins_phase(phases, 0.02) % (2.0 * np.pi), 2)
+    3.14
+    >>> round(pins_phase(phases, 0.02, near=0.11), 2)
+    0.1
+    """
+    width = 2.0 * limit_rad
+    middle = 0.0 if near is None else near
+    ordered = np.sort(wrapped_pin_angles(errors - middle))
+    if near is None:
+        firsts, ordered = ordered, np.concatenate([ordered, ordered + 2.0 * np.pi])
+    else:
+        ordered = ordered[np.abs(ordered) <= width]
+        firsts = ordered[ordered <= 0.0]
+    if not len(firsts):
+        return middle + float(ordered.mean()) if len(ordered) else middle
+    ends = np.searchsorted(ordered, firsts + width, side="right")
+    best = int((ends - np.arange(len(firsts))).argmax())
+    return middle + float(ordered[best : ends[best]].mean())
 
 
 def _filled_pin_weights(values: FloatArray) -> FloatArray:

@@ -250,3 +250,31 @@ def test_a_mute_that_was_not_seen_is_told_as_not_verified(end_ms, told, tmp_path
     pins = judged(board, Analyser(end_ms=end_ms), tmp_path / "pins.vcd", random)
     assert pins.mute_periods is None
     assert pins.not_judged["mute"].startswith(f"not verified: {told}")
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "pins", "seed", "reference"),
+    [(24e6, 8, 0, "clk"), (24e6, 6, 1, "p0"), (50e6, 8, 1, "clk"), (50e6, 6, 0, "p0")],
+)
+def test_a_step_of_many_pins_fails_where_the_sampling_rate_shows_it(
+    rate_hz, pins, seed, reference, tmp_path
+):
+    random, board = drawn(seed)
+    board.amplitudes[:] = 1.0
+    board.shifted = dict.fromkeys(range(pins), 1 / 256)
+    found = judged(board, Analyser(rate_hz), tmp_path / "pins.vcd", random, reference=reference)
+    assert found.verdict is Verdict.FAIL, found.reasons
+    assert "phases" in found.findings
+
+
+@pytest.mark.parametrize("reference", ["clk", "p0"])
+@pytest.mark.parametrize(("rate_hz", "samples"), [(8e6, 2), (50e6, 4)])
+def test_spikes_and_gaps_of_two_samples_or_a_tenth_of_a_microsecond_are_disturbances(
+    rate_hz, samples, reference, tmp_path
+):
+    for seed in range(2):
+        random, board = drawn(seed)
+        analyser = Analyser(rate_hz, glitches=8, glitch_samples=samples)
+        pins = judged(board, analyser, tmp_path / "pins.vcd", random, reference=reference)
+        assert pins.findings == {}
+        assert pins.counts["right"] == 10
