@@ -1,4 +1,4 @@
-"""The same dialogue at the board under test and at the model: what each says, slot by slot."""
+"""The same dialogue at the board under test and at its models: what each says, slot by slot."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
-from haptogram.errors import HaptogramError
+from haptogram.machine.process import time_without_processor_us
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     Config,
+    Error,
     HelloReply,
     Message,
     MessageType,
     Ping,
     build_body,
+    unwrap,
 )
 
 from ..client.board_client import BoardClient
@@ -31,13 +33,14 @@ from .comparison import (
     is_optional_in_dialogue,
     superfluous_in_dialogue,
 )
-from .model import DialogueModel
+from .model import DialogueModels
 from .opening import DialogueOpening
 
-#: Bytes that arrive later than this have changed a dialogue with timers, or one without.
-_LATE_US: Final = {True: SLOT_US // 8, False: SLOT_US // 4}
-_NEAR_US: Final = 200  # error of times in virtual time
+_AHEAD_US: Final = SLOT_US // 8  # a slot is planned so long before it begins
+_NEAR_US: Final = 200  # error of times that a host knows
 _SHARE: Final = 6  # of a slot may pass while its frames are on the line
+_WAITING: Final = 20  # this part of the time a process may wait for a processor on an idle machine
+_AROUND: Final = 24  # bytes of the line that a body may add: checksum, stuffing, delimiters
 _SHARES: Final = 3  # every third frame
 _PIECES: Final = 5  # every fifth slot's bytes come in pieces
 _TAIL: Final = 6  # slots after the last frame: timers end
@@ -45,12 +48,9 @@ _END_US: Final = 2000  # before the end of a slot the board has said everything
 _SETTLED_US: Final = 1000  # a latch and what is said of it
 _IDLE_US: Final = 400_000  # a model that does nothing for so long need not be waited for
 _LONGEST_US: Final = 2_000_000  # of a dialogue whose slots are cut short: no timer ends
-_MISSED_US: Final = 1_000_000  # how long a frame that is missing is waited for
+_MISSED_US: Final = 1_500_000  # how long a frame that is missing is waited for, at a wall clock
 _FOREIGN: Final = 0x5555  # session of the request that ends a slot, beside the open one
-
-
-class HostLateError(HaptogramError):
-    """Bytes came too late for a comparison."""
+_FOREIGN_SEQ: Final = 0x2000  # and its number: no other request has one near it
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +63,20 @@ class Played:
         First difference between board and model; empty if there is none.
     lines : tuple of str
         The dialogue: time, description and bytes of each frame sent.
+    slot : int
+        Slot of the difference.
+    held_up_us : int
+        How long host, board or line were held up, or may have been; 0 in virtual time.
     """
 
     difference: str
     lines: tuple[str, ...]
+    slot: int = 0
+    held_up_us: int = 0
 
 
 class Lockstep:
-    """A board under test, and the model beside it.
+    """A board under test, and its models beside it.
 
     Parameters
     ----------
@@ -80,41 +86,39 @@ class Lockstep:
     Raises
     ------
     CaseEndedError
-        INCONCLUSIVE, from every step: the model's process has ended.
+        INCONCLUSIVE, from every step: the process of a model has ended.
     """
 
     def __init__(self, board: BoardClient) -> None:
         self._board = board
-        self._model = DialogueModel(board.identity)
-        self._opening = DialogueOpening(board, self._model)
+        self._is_virtual = not board.wire.limits.slack_us
+        self._models = DialogueModels(board.identity, knows_time=self._is_virtual)
+        self._opening = DialogueOpening(board, self._models)
         self._session = self._near_us = 0
-        self._late_us = _LATE_US[True]
 
     def close(self) -> None:
-        """End the model's process."""
-        self._model.close()
+        """End the processes of the models."""
+        self._models.close()
 
     def play(
         self, actions: Sequence[DialogueAction], config: Config, seed: int, *, timed: bool
     ) -> Played:
-        """Play a dialogue at both boards and compare; without timers slots are cut short.
+        """Play a dialogue at all boards and compare; without timers slots are cut short.
 
         Raises
         ------
         HostLateError
-            If bytes came late: nothing was compared.
+            If bytes may have come so late that a healthy board says something else.
         """
         board = self._board
         board.wire.begin_case()
-        self._late_us = _LATE_US[timed]
+        self._begun_us, self._waited_us = board.wire.now_us(), time_without_processor_us()
         try:
             host = self._opening.open(config, seed)
         except CaseEndedError:
-            if not board.wire.limits.slack_us:
+            if self._is_virtual:
                 raise
-            board.wire.idle(
-                _MISSED_US
-            )  # a board that was held up answers now; one that hangs fails
+            board.wire.idle(_MISSED_US)  # a board that was held up answers now
             host = self._opening.open(config, seed)
         try:
             return self._compare(host, actions, timed=timed)
@@ -129,8 +133,9 @@ class Lockstep:
         base = self._opening.baseline(host)
         self._memory = DialogueMemory(host.session)
         self._session = host.session
-        self._near_us = 0
+        self._near_us = _NEAR_US
         self._early: list[FrameInDialogue] = []
+        self._since = self._board.link.mark()
         lines: list[str] = []
         slots = max((action.slot for action in actions), default=0) + _TAIL * timed + 1
         start_us = host.slot_us = self._first_slot()
@@ -140,16 +145,28 @@ class Lockstep:
             lines += [f"{shown_us:>8} µs  {a.text}: {wire.hex()}" for a, wire in batch]
             wires = [wire for _, wire in batch]
             if wires:
-                wires.append(_foreign_ping_in_lockstep(host, slot))
+                wires.append(_foreign_ping_in_lockstep(host))
             found = self._slot(host, b"".join(wires), base, may_cut=not timed)
             if found:
-                return Played(f"{shown_us} µs after the start {found}", tuple(lines))
+                text = f"{shown_us} µs after the start {found}"
+                return Played(text, tuple(lines), slot, self._held_up())
             host.slot_us = self._next_slot(host.slot_us, may_cut=not timed)
             if not timed and host.slot_us - start_us > _LONGEST_US:
                 break
         # What came early was due in the slot behind the last one, or never.
-        behind = self._model.advance(host.slot_us + SLOT_US)
-        return Played(superfluous_in_dialogue(self._early[len(behind) :]), tuple(lines))
+        self._models.advance(host.slot_us + SLOT_US)
+        behind = self._models.due(host, base[1], self._near_us)
+        text = superfluous_in_dialogue(self._early[len(behind) :])
+        return Played(text, tuple(lines), slots, self._held_up())
+
+    def _held_up(self) -> int:
+        """Return how long something was held up that is not the board: it explains a difference."""
+        if self._is_virtual:
+            return 0
+        wire = self._board.wire
+        waited_us = time_without_processor_us() - self._waited_us
+        usual_us = (wire.now_us() - self._begun_us) // _WAITING
+        return max(wire.held_up_us, waited_us - usual_us)
 
     def _batch(
         self, host: DialogueHost, actions: Sequence[DialogueAction], *, timed: bool
@@ -173,22 +190,34 @@ class Lockstep:
     def _first_slot(self) -> int:
         """Return the device time of slot 0."""
         clock = self._board.clock
-        return clock.on_carrier(clock.device_estimate_us() + _LATE_US[True])
+        return clock.on_carrier(clock.device_estimate_us() + _AHEAD_US)
 
     def _next_slot(self, slot_us: int, *, may_cut: bool) -> int:
-        """Return the time of the next slot: at once where nothing is due for long."""
+        """Return the time of the next slot: at once where nothing is due for long.
+
+        A host that is late leaves out whole slots.
+        """
         clock = self._board.clock
-        next_us = self._model.next_us() if may_cut else slot_us
-        if next_us is not None and next_us < slot_us + _IDLE_US:
-            return slot_us + SLOT_US
-        soon_us = max(clock.device_estimate_us(), slot_us + self._settled_us()) + _SETTLED_US
-        return clock.on_carrier(min(soon_us, slot_us + SLOT_US))
+        now_us = max(clock.device_estimate_us(), self._models.now_us)
+        if may_cut and self._is_idle(slot_us):
+            return clock.on_carrier(max(now_us, slot_us + self._settled_us()) + _SETTLED_US)
+        late_us = max(0, now_us + self._early_us(0) - slot_us - SLOT_US)
+        return slot_us + SLOT_US * (1 - (-late_us // SLOT_US))
+
+    def _is_idle(self, slot_us: int) -> bool:
+        """Return True if the models do nothing by themselves for long."""
+        next_us = self._models.next_us()
+        return next_us is None or next_us >= slot_us + _IDLE_US
 
     def _settled_us(self) -> int:
         """Return the time after which a frame that was to be latched at once is."""
         board = self._board
         ready_us = board.ready_after_us(board.identity.max_points) + _SETTLED_US
         return min(ready_us, SLOT_US - _END_US)
+
+    def _early_us(self, line_us: int) -> int:
+        """Return how long before their time bytes are sent."""
+        return self._opening.early_us or line_us
 
     def _wait_until(self, t_us: int) -> None:
         self._board.wire.idle(max(0, t_us - self._board.clock.device_estimate_us()))
@@ -203,45 +232,71 @@ class Lockstep:
         *,
         may_cut: bool,
     ) -> str:
-        board, at_us = self._board, host.slot_us
+        board, models, at_us = self._board, self._models, host.slot_us
         line_us = board.wire.line_us(len(data))
-        self._wait_until(at_us - (self._opening.early_us or line_us))
-        since = board.link.mark()
-        if board.clock.device_estimate_us() - at_us > self._late_us:
-            raise HostLateError
+        self._wait_until(max(at_us - self._early_us(line_us), models.now_us))
+        sent_us = board.clock.device_estimate_us()
         for piece in _pieces_in_lockstep(data):
             board.wire.send(piece)  # a frame a slot, which the board has time for
-        due = self._model.receive(at_us, data)
-        due += self._model.advance(at_us + self._settled_us())
-        next_us = self._model.next_us() if may_cut else at_us
-        is_cut = next_us is None or next_us >= at_us + _IDLE_US
-        if not is_cut:
-            due += self._model.advance(at_us + SLOT_US - _END_US)
+        if self._is_virtual:
+            models.receive(at_us, at_us, data)
+        elif data:
+            heard_us = self._heard_us(host, sent_us)
+            board.wire.note_held_up(heard_us - sent_us - line_us)
+            self._near_us = max(self._near_us, heard_us - sent_us + _NEAR_US)
+            models.receive(sent_us, heard_us, data)
+        models.advance(max(at_us, models.now_us) + self._settled_us())
+        if not (may_cut and self._is_idle(at_us)):
+            models.advance(at_us + SLOT_US - _END_US)
             self._wait_until(at_us + SLOT_US - _END_US - 1000)
-        self._await_frames(since, due, SLOT_US if is_cut else 0)
-        return self._judge(host, board.wire.received[since:], due, base, line_us)
+        due = models.due(host, base[1], self._near_us)
+        self._await_frames(due, at_us + SLOT_US)
+        return self._judge(host, due, base, line_us)
 
-    def _await_frames(self, since: int, due: list[FrameInDialogue], usual_us: int) -> None:
-        """Wait for the frames that are due; late ones have changed the dialogue, or are missing."""
+    def _heard_us(self, host: DialogueHost, sent_us: int) -> int:
+        """Wait for the refusal that ends a slot; return when the board has heard all bytes.
+
+        That is no later than its answer begins, by its own word, or has come.
+        """
+        board = self._board
+        seq = _foreign_seq_in_lockstep(host)
+
+        def ends_slot(piece: ReceivedByClient) -> bool:
+            is_refusal = isinstance(piece.message, Error) and piece.message.request == Ping.TYPE
+            return is_refusal and piece.header is not None and piece.header.seq == seq
+
+        found = board.wire.wait_for(ends_slot, self._since, _MISSED_US)
+        if found is None or found.header is None:
+            return sent_us  # a difference
+        behind_us = board.clock.device_estimate_us() - board.wire.now_us()
+        came_us = found.t_us + behind_us + self._opening.unsure_us
+        said_us = unwrap(found.header.time_us, came_us, 32)
+        return said_us if sent_us <= said_us <= came_us else max(sent_us, came_us)
+
+    def _await_frames(self, due: list[FrameInDialogue], end_us: int) -> None:
+        """Wait for the frames that are due; in virtual time no longer than the slot lasts."""
         wire = self._board.wire
         number = _number_of_lockstep_frames(frame.message for frame in due) - len(self._early)
 
         def are_there() -> bool:
-            return _number_of_lockstep_frames(p.message for p in wire.received[since:]) >= number
+            pieces = wire.received[self._since :]
+            return _number_of_lockstep_frames(piece.message for piece in pieces) >= number
 
-        if not wire.wait(are_there, usual_us) and wire.wait(are_there, _MISSED_US):
-            raise HostLateError
+        left_us = max(0, end_us - self._board.clock.device_estimate_us())
+        left_us += wire.line_us(sum(len(frame.body) + _AROUND for frame in due))
+        wire.wait(are_there, left_us if self._is_virtual else left_us + _MISSED_US)
 
     def _judge(
         self,
         host: DialogueHost,
-        pieces: Sequence[ReceivedByClient],
         due: list[FrameInDialogue],
         base: tuple[DialogueBase, DialogueBase],
         line_us: int,
     ) -> str:
         """Return the first difference in what both said in a slot."""
         board = self._board
+        pieces = board.wire.received[self._since :]
+        self._since += len(pieces)
         broken = [piece.fault for piece in pieces if piece.message is None]
         if broken:
             return f"the board sent {broken[0]}"
@@ -255,17 +310,8 @@ class Lockstep:
                 self._session = frame.message.nonce
         host.session = self._session  # a HELLO that was damaged has opened none
         line_us += board.wire.line_us(sum(len(piece.piece) + 2 for piece in pieces))
-        answered = [piece.t_us for piece in pieces if piece.is_response]
-        behind_us = board.clock.device_estimate_us() - board.wire.now_us()
-        slack_us = board.wire.limits.slack_us
-        if (
-            slack_us
-            and answered
-            and answered[-1] + behind_us - host.slot_us > self._late_us + line_us
-        ):
-            raise HostLateError  # the board was held up, or its line
         # A status speaks of frames of earlier slots too.
-        self._near_us = max(self._near_us, (self._late_us if slack_us else _NEAR_US) + line_us)
+        self._near_us = max(self._near_us, _NEAR_US + line_us)
         said = DialogueAnswers.of([*self._early, *ours], base[0])
         wanted = DialogueAnswers.of(due, base[1])
         comparison = DialogueComparison(said, wanted, host, self._near_us)
@@ -281,13 +327,17 @@ def _number_of_lockstep_frames(messages: Iterable[Message | None]) -> int:
     return sum(message is None or not is_optional_in_dialogue(message) for message in messages)
 
 
-def _foreign_ping_in_lockstep(host: DialogueHost, slot: int) -> bytes:
+def _foreign_seq_in_lockstep(host: DialogueHost) -> int:
+    return (host.seq + _FOREIGN_SEQ) & 0xFFFF
+
+
+def _foreign_ping_in_lockstep(host: DialogueHost) -> bytes:
     """Return a request of another session: its refusal shows that a slot's frames were read.
 
     It renews no lease, and uses no number up.
     """
-    session = host.session ^ _FOREIGN or _FOREIGN
-    return encode_frame(build_body(Ping(slot), flags=0, seq=slot, time_us=0, session=session))
+    session, seq = host.session ^ _FOREIGN or _FOREIGN, _foreign_seq_in_lockstep(host)
+    return encode_frame(build_body(Ping(seq), flags=0, seq=seq, time_us=0, session=session))
 
 
 def _pieces_in_lockstep(data: bytes) -> list[bytes]:

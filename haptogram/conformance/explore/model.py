@@ -1,4 +1,9 @@
-"""The virtual board as a model, in a process of its own, at the device times of a board."""
+"""The virtual board as a model, in a process of its own, at the device times of a board.
+
+When the board under test hears bytes, a host at a wall clock knows within an interval only: between
+the sending and the answer to the last of them.  So there are two models, of which one hears them as
+early as that may be, and the other as late.  Where both live alike, so does a healthy board.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +11,15 @@ import json
 import sys
 from typing import Final
 
+from haptogram.errors import HaptogramError
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.messages import Feature, HelloReply, parse_body
 
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
-from .comparison import FrameInDialogue
+from .actions import DialogueHost
+from .comparison import DialogueAnswers, DialogueBase, DialogueComparison, FrameInDialogue
 from .stepped_process import LockstepProcess
 
 _MODEL: Final = "sim_device.driven.stepped_board"
@@ -36,6 +43,10 @@ _LIMITS: Final = (
     "upload_window",
     "max_chunk",
 )
+
+
+class HostLateError(HaptogramError):
+    """The host does not know when the board heard its bytes, and what is due depends on that."""
 
 
 class DialogueModel:
@@ -87,6 +98,96 @@ class DialogueModel:
         """Return when the model does something by itself; None: never."""
         answer = self._process.step("next")
         return None if answer == "-" else int(answer) + self._boot_us
+
+
+class DialogueModels:
+    """Models that hear the same bytes as early, and as late, as the board may have.
+
+    Parameters
+    ----------
+    identity : HelloReply
+        The board under test.
+    knows_time : bool
+        Whether the host knows when the board hears bytes, as in virtual time: one model will do.
+
+    Attributes
+    ----------
+    now_us : int
+        Device time of the later one.
+
+    Raises
+    ------
+    CaseEndedError
+        INCONCLUSIVE, from every step: a process has ended.
+    """
+
+    def __init__(self, identity: HelloReply, *, knows_time: bool) -> None:
+        self._early = DialogueModel(identity)
+        self._late = None if knows_time else DialogueModel(identity)
+        self._due: list[FrameInDialogue] = []
+        self._later: list[FrameInDialogue] = []
+        self._ahead: list[FrameInDialogue] = []
+        self.now_us = 0
+
+    @property
+    def _all(self) -> list[DialogueModel]:
+        return [self._early] if self._late is None else [self._early, self._late]
+
+    def close(self) -> None:
+        """End the processes."""
+        for model in self._all:
+            model.close()
+
+    def reset(self, boot_us: int) -> None:
+        """Power the models up at a device time."""
+        self.now_us = boot_us
+        self._due, self._later, self._ahead = [], [], []
+        for model in self._all:
+            model.reset(boot_us)
+
+    def ask(self, at_us: int, data: bytes) -> FrameInDialogue:
+        """Let a request arrive before the dialogue; return the answer."""
+        self.now_us = at_us
+        answers = [model.receive(at_us, data)[-1] for model in self._all]
+        return answers[0]
+
+    def receive(self, early_us: int, late_us: int, data: bytes) -> None:
+        """Let *data* arrive, at two times."""
+        self.now_us = late_us
+        self._due += self._early.receive(early_us, data)
+        if self._late is not None:
+            self._later += self._late.receive(late_us, data)
+
+    def advance(self, end_us: int) -> None:
+        """Let time pass."""
+        self.now_us = max(self.now_us, end_us)
+        self._due += self._early.advance(end_us)
+        if self._late is not None:
+            self._later += self._late.advance(end_us)
+
+    def next_us(self) -> int | None:
+        """Return when a model does something by itself; None: never."""
+        found = [next_us for model in self._all if (next_us := model.next_us()) is not None]
+        return min(found, default=None)
+
+    def due(self, host: DialogueHost, base: DialogueBase, near_us: int) -> list[FrameInDialogue]:
+        """Return the frames that are due since the last call, those of the early model.
+
+        Raises
+        ------
+        HostLateError
+            If the late model has sent something else, beyond times that differ by *near_us*.
+        """
+        due, later = self._due, self._later
+        self._due, self._later = [], []
+        if self._late is None:
+            return due
+        mine = DialogueAnswers.of([*self._ahead, *due], base)
+        comparison = DialogueComparison(mine, DialogueAnswers.of(later, base), host, near_us)
+        self._ahead = comparison.early()
+        if text := comparison.difference():
+            raise HostLateError(f"if the board has heard its bytes {near_us} µs later: {text}")
+        return due
 
 
 def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:

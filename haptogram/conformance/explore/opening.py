@@ -39,7 +39,7 @@ from .actions import (
     has_room_in_dialogue,
 )
 from .comparison import DialogueBase
-from .model import DialogueModel
+from .model import DialogueModels
 
 _QUICK_US: Final = 3000  # round trip of a host that was not held up
 _TRIES: Final = 8
@@ -53,18 +53,20 @@ class DialogueOpening:
     ----------
     board : BoardClient
         Client of the board.
-    model : DialogueModel
-        The model.
+    models : DialogueModels
+        The models.
 
     Attributes
     ----------
     early_us : int
         In virtual time, how long before the time that a host reckons with its bytes arrive.
+    unsure_us : int
+        At a wall clock, by how much the device clock may be ahead of the host's estimate.
     """
 
-    def __init__(self, board: BoardClient, model: DialogueModel) -> None:
-        self._board, self._model = board, model
-        self.early_us = 0
+    def __init__(self, board: BoardClient, models: DialogueModels) -> None:
+        self._board, self._models = board, models
+        self.early_us = self.unsure_us = 0
 
     def open(self, config: Config, seed: int) -> DialogueHost:
         """Open a session at both, with stored sequences and *config*; return the host.
@@ -75,7 +77,7 @@ class DialogueOpening:
         board = self._board
         board.hello()  # a board that differs may have another session open
         now_us = self._learn_time()
-        self._model.reset(board.clock.on_carrier(now_us) - _BEFORE_US)
+        self._models.reset(board.clock.on_carrier(now_us) - _BEFORE_US)
         host = DialogueHost(board.identity, 0, board.link.seq, now_us)
         host.computed.add((STORED_POINTS, 0))
         host.note_config(config)
@@ -112,7 +114,8 @@ class DialogueOpening:
         for _ in range(_TRIES):
             estimate_us, sent_us = clock.device_estimate_us(), wire.now_us()
             now_us = clock.device_us()
-            if wire.now_us() - sent_us < _QUICK_US:
+            self.unsure_us = wire.now_us() - sent_us
+            if self.unsure_us < _QUICK_US:
                 break
         if not wire.limits.slack_us:
             self.early_us = now_us - estimate_us
@@ -136,9 +139,9 @@ class DialogueOpening:
         return ours, theirs
 
     def _tell_model(self, body: bytes) -> Message:
-        """Return the model's answer to a request before slot 0."""
+        """Return the models' answer to a request before slot 0."""
         now_us = self._board.clock.device_estimate_us()
-        return self._model.receive(now_us, encode_frame(body))[-1].message
+        return self._models.ask(now_us, encode_frame(body)).message
 
     def _preamble(self, config: Config, seed: int) -> list[Message]:
         """Return the requests before slot 0: what a dialogue finds."""

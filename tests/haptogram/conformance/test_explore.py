@@ -16,6 +16,7 @@ from haptogram.conformance.explore.comparison import DialogueMemory, FrameInDial
 from haptogram.conformance.explore.coverage import DialogueCoverage
 from haptogram.conformance.explore.generator import DialogueGenerator
 from haptogram.conformance.explore.limit_requests import random_limit_requests
+from haptogram.conformance.explore.lockstep import Played
 from haptogram.conformance.explore.shrinking import shrink_dialogue
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
@@ -55,17 +56,64 @@ class WrongOnce(Wrapped):
 
     def read_available(self, deadline_ns):
         data = self.inner.read_available(deadline_ns)
-        self.reads += bool(data)
-        if data and self.reads == 200:
+        self.reads += len(data) > 4
+        if self.reads == 200 and len(data) > 4:
             return data[:-2] + bytes([data[-2] ^ 0x40 or 1]) + data[-1:]
         return data
 
 
-def test_a_difference_that_does_not_come_again_passes_no_board_in_virtual_time(monkeypatch):
-    monkeypatch.setattr(every_dialogue, "_DIALOGUES", 6)
+def test_a_difference_that_does_not_come_again_fails_in_virtual_time():
     (result,) = run(virtual(array="3x2", wrap=WrongOnce), CASE, seed=3).results
-    assert result.behaviour is Behaviour.INCONCLUSIVE
-    assert re.match("1 of 6 dialogues differ, and not again: dialogue [0-9]+: ", result.detail)
+    assert result.behaviour is Behaviour.FAILED
+    assert re.match("dialogue [0-9]+, seen once, not again: [0-9]+ µs after", result.detail)
+
+
+class LateAnswers(Wrapped):
+    """A board that sends 0.2 s late what it says from some time on."""
+
+    FROM_NS, LATE_NS = 3_000_000_000, 200_000_000
+
+    def __init__(self, inner):
+        super().__init__(inner)
+        self.held = []
+
+    def read_available(self, deadline_ns):
+        while not self.held or self.held[0][0] > self.now_ns():
+            until_ns = min([deadline_ns, *(ready_ns for ready_ns, _ in self.held[:1])])
+            data = self.inner.read_available(until_ns)
+            late_ns = self.LATE_NS if self.now_ns() > self.FROM_NS else 0
+            if data:
+                self.held.append((self.now_ns() + late_ns, data))
+            elif self.now_ns() >= deadline_ns:
+                return b""
+        return self.held.pop(0)[1]
+
+
+def test_a_board_whose_answers_are_late_fails_in_virtual_time():
+    (result,) = run(virtual(array="3x2", wrap=LateAnswers), CASE, seed=3).results
+    assert result.behaviour is Behaviour.FAILED
+    assert re.search("due is [A-Z_()]+.* as well", result.detail)
+
+
+def played(text, *, slot=7, held_up_us=0):
+    return Played(text, (), slot, held_up_us)
+
+
+@pytest.mark.parametrize(
+    ("first", "again", "is_of_board"),
+    [
+        (played("a 1"), [], True),
+        (played("a 1", held_up_us=9000), [None], False),
+        (played("a 1", held_up_us=9000), [played("")], False),
+        (played("a 1", held_up_us=9000), [played("b", held_up_us=9000)], False),
+        (played("a 1", held_up_us=9000), [played("a 2", held_up_us=9000, slot=8)], False),
+        (played("a 1", held_up_us=9000), [played("b")], True),
+        (played("a 1", held_up_us=9000), [played("a 2", held_up_us=9000)] * 4, True),
+    ],
+)
+def test_a_board_is_blamed_for_a_difference_that_nothing_else_explains(first, again, is_of_board):
+    replays = iter(again)
+    assert every_dialogue.is_difference_of_board(first, lambda: next(replays)) is is_of_board
 
 
 def test_the_same_seed_gives_the_same_dialogue():
