@@ -27,6 +27,7 @@ from .board_client import BoardClient
 
 PLAYBACK: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 UPLOADS: Final = PLAYBACK | Feature.CORRECTION
+TRACES: Final = Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING
 #: Capabilities of which a request needs one; without any, every board takes the request.
 _NEEDS_ANY: Final[dict[type[Message], Feature]] = {
     Hello: Feature(0),

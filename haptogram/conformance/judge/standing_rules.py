@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
@@ -17,6 +18,7 @@ from haptogram_protocol.messages import (
     Config,
     ConfigReply,
     Counters,
+    DriveKind,
     DriveReply,
     Element,
     Flag,
@@ -40,6 +42,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ..client.board_client import PARTS_OF_FRAMES
 from ..client.wire import ReceivedByClient
 from ..outcome import RuleFindings
+from .sent_drives import SentDrives
 
 _WRAP: Final = 1 << 32
 _LONG_US: Final = 1_000_000_000  # beyond this two times of 32 bits tell no difference
@@ -87,10 +90,16 @@ class StandingRules:
     ----------
     findings : RuleFindings
         Where the result is noted.
+
+    Attributes
+    ----------
+    sent : SentDrives
+        What the host has sent.
     """
 
     def __init__(self, findings: RuleFindings) -> None:
         self._findings = findings
+        self.sent = SentDrives()
         self._since = _Since()
         self._case = ""
         self._rules: tuple[Callable[[ReceivedByClient, Message], Broken], ...] = (
@@ -104,11 +113,13 @@ class StandingRules:
             self._judge_bits,
             self._judge_order,
             self._judge_times,
+            self._judge_drives,
         )
 
     def begin_board(self) -> None:
         """Note that a board has started, or that its port was opened anew."""
         self._since = _Since()
+        self.sent.forget()
 
     def begin_case(self, name: str) -> None:
         """Note the case whose frames come now."""
@@ -268,6 +279,25 @@ class StandingRules:
             if before is not None and piece.t_us - before[1] < _LONG_US:
                 yield "HG-5.8/3", self._wrong_steps((before[0], header.time_us))
 
+    def _judge_drives(self, piece: ReceivedByClient, message: Message) -> Broken:
+        """Judge what was latched of the stream by what was sent with this number."""
+        session, identity = piece.header.session if piece.header else 0, self._since.identity
+        if identity is None:
+            return
+        number = identity.transducers
+        for clause, index, crc in _crcs_of_stream(message, number):
+            sent = self.sent.codes_of(session, index, number)
+            text = f"frame {index} was latched as another drive than it was sent"
+            due = [zlib.crc32(phases + amplitudes) for phases, amplitudes in sent]
+            yield clause, text if due and crc not in due else ""
+        if isinstance(message, DriveReply) and message.kind is DriveKind.LATCHED:
+            key, half = message.key, len(message.data) // 2
+            part = slice(message.first, message.first + half)
+            sent = [] if key.sequence else self.sent.codes_of(session, key.index, number)
+            due_codes = [phases[part] + amplitudes[part] for phases, amplitudes in sent]
+            text = f"frame {key.index} is shown as another drive than it was sent"
+            yield "HG-8.6/3", text if due_codes and message.data not in due_codes else ""
+
     def _wrong_steps(self, times: Iterable[int]) -> str:
         """Return in words which two latches are in one carrier period; empty if there are none."""
         identity = self._since.identity
@@ -279,6 +309,19 @@ class StandingRules:
             if 2 * step_us < carrier_us:
                 return f"latches at {one} and {two} µs, the carrier period is {carrier_us} µs"
         return ""
+
+
+def _crcs_of_stream(message: Message, transducers: int) -> Iterator[tuple[str, int, int]]:
+    """Yield clause, number and CRC-32 of each drive of the stream that a message tells of."""
+    if isinstance(message, Trace):
+        yield "HG-8.3/2", message.index, message.crc
+    elif isinstance(message, TraceDrive):
+        if not message.key.sequence and len(message.data) == 2 * transducers:
+            yield "HG-8.3/2", message.key.index, zlib.crc32(message.data)
+    elif isinstance(message, TraceReply):
+        for item in message.records:
+            if not item.key.sequence:
+                yield "HG-8.3/2", item.key.index, item.crc
 
 
 def _contradictions(status: Status | StatusReply) -> Iterator[str]:

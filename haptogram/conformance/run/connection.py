@@ -183,6 +183,7 @@ class SuiteConnection:
         self._board.nonces = self.nonces
         self._board.thorough = self._thorough
         self._board.standing, wire.on_piece = self._findings, self.rules.take
+        wire.on_sent = self.rules.sent.take
         self.rules.begin_board()
         self._board.explore_us = self._explore_us
         self._board.raise_fault = self._access.raise_fault

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import zlib
 
 import pytest
 
@@ -15,19 +16,28 @@ from haptogram_protocol.messages import (
     Config,
     ConfigReply,
     Counters,
+    DriveKind,
+    DriveReply,
+    Drives,
     Element,
+    FocalPoint,
     GeometryReply,
     Header,
     HelloReply,
     LatchKey,
     Message,
+    PhaseFormat,
+    Phases,
+    Ping,
     PlaybackEnded,
+    Points,
     SetConfigReply,
     StateChanged,
     Status,
     StatusReply,
     Trace,
     TraceDrive,
+    TraceRecord,
     TraceReply,
 )
 from haptogram_protocol.state import MuteReason, OutputState
@@ -56,10 +66,13 @@ CONFIG = Config(200, 50, 500, 0, 0, 343_200, 0, 255, 1)
 ELEMENT = Element(0, 0, 0, 0, 0, 32_767)
 
 
-def findings(*messages: Message | tuple[Message, dict[str, int]]) -> dict[str, str]:
+def findings(
+    *messages: Message | tuple[Message, dict[str, int]], sent: bytes = b""
+) -> dict[str, str]:
     """Return what rules find in frames of one session, a millisecond apart."""
     found = RuleFindings()
     rules = StandingRules(found)
+    rules.sent.take(sent)
     events = itertools.count()
     for number, item in enumerate(messages):
         message, header = item if isinstance(item, tuple) else (item, {})
@@ -120,3 +133,46 @@ def test_a_reply_from_memory_tells_of_earlier():
 )
 def test_each_rule_is_broken_by_the_frame_that_breaks_it(clause, messages):
     assert list(findings(*messages)) == [clause]
+
+
+def sent_frame(message: Message, seq: int = 65_520) -> bytes:
+    """Return the bytes of a stream frame of the session."""
+    return encode_frame(Header(message.TYPE, 0, seq, 0, SESSION).pack() + message.serialize())
+
+
+def latches_of(*codes: int) -> list[Message]:
+    """Return every message that tells of one latch of these codes: phases, then amplitudes."""
+    data, key = bytes(codes), LatchKey(0, 0, 65_520)
+    crc = zlib.crc32(data)
+    return [
+        Trace(65_520, crc),
+        TraceDrive(key, 8, data),
+        TraceReply(0, 1, (TraceRecord(0, key, 1, crc, 0),)),
+        DriveReply(DriveKind.LATCHED, 8, key, 1, 0, data),
+        DriveReply(DriveKind.LATCHED, 8, key, 1, 1, data[1::2]),
+    ]
+
+
+def test_a_latch_of_the_codes_that_were_sent_breaks_nothing():
+    drives = sent_frame(Drives(PhaseFormat.BITS_8, 0, bytes([1, 2, 3, 4])))
+    assert findings(HELLO, *latches_of(1, 2, 3, 4), sent=drives) == {}
+    points = sent_frame(Points((FocalPoint(0, 0, 100_000, 1000, 0),)))
+    assert findings(HELLO, *latches_of(9, 9, 9, 9), sent=points) == {}
+    assert findings(HELLO, *latches_of(9, 9, 9, 9), sent=sent_frame(Ping(1))) == {}
+    of_another = sent_frame(Phases(PhaseFormat.BITS_8, 0, bytes(2)), seq=5)
+    assert findings(HELLO, *latches_of(9, 9, 9, 9), sent=of_another) == {}
+
+
+@pytest.mark.parametrize("place", range(5))
+def test_a_latch_of_codes_that_were_not_sent_is_found_wherever_it_is_told(place):
+    drives = sent_frame(Drives(PhaseFormat.BITS_8, 0, bytes([1, 2, 3, 4])))
+    clause = "HG-8.3/2" if place < 3 else "HG-8.6/3"
+    wrong = latches_of(1, 2, 3, 5)[place]
+    assert list(findings(HELLO, wrong, sent=drives)) == [clause]
+
+
+def test_of_frames_with_one_number_any_may_be_latched():
+    one, two = (Phases(PhaseFormat.BITS_8, 0, bytes([code, 7])) for code in (1, 2))
+    sent = sent_frame(one) + sent_frame(two)
+    assert findings(HELLO, latches_of(2, 7, 255, 255)[0], sent=sent) == {}
+    assert findings(HELLO, latches_of(3, 7, 255, 255)[0], sent=sent) != {}

@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 import itertools
+import zlib
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from haptogram_protocol.messages import Disarm, Feature, Flag, Mute, Play, Stop
+from haptogram_protocol.messages import (
+    Disarm,
+    Feature,
+    Flag,
+    Mute,
+    Play,
+    Stop,
+    TraceMode,
+    drive_codes,
+)
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import ask_for_board_latches, latches_received_from_board
+from ...client.capabilities import TRACES
+from ...client.latching import (
+    ask_for_board_latches,
+    full_client_drive,
+    latch_now,
+    latches_received_from_board,
+)
 from ...client.playback import (
     PERIOD_US,
     play_at,
+    play_out,
     send_phases_to_store,
     send_phases_to_store_if_supported,
 )
@@ -123,16 +140,36 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
     if board.clock.carrier_us < 3:
         not_observed("a carrier period of this board has no room for two times")
     kinds = stream_kinds(board)
+    traced = board.has(Feature.CONFIG) and board.identity.features & TRACES
+    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
     board.arm()
     room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
     for turn in range(len(kinds)) if board.thorough else range(1):
         pairs = list(zip(kinds, kinds[turn:] + kinds[:turn], strict=True))
         for first in range(0, len(pairs), room):
-            _replace_in_burst(board, pairs[first : first + room])
+            _replace_in_burst(board, pairs[first : first + room], mode)
+    if mode is not TraceMode.OFF and board.has(Feature.SEQUENCE_PHASES):
+        for kind in kinds:
+            _replace_by_playback(board, kind, mode)
 
 
-def _replace_in_burst(board: BoardClient, pairs: list[tuple[StreamKind, StreamKind]]) -> None:
-    """FAILED unless the later frame of each pair for one carrier period is latched."""
+def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: TraceMode) -> None:
+    """FAILED unless the frames of a playback that flushes a queued frame are those stored."""
+    stored = send_phases_to_store(board, _SEQUENCE, frames=2)
+    board.link.send(board.link.stream_wire(kind.make(), _time_behind_burst_us(board)))
+    since = board.link.mark()
+    play_out(board, _SEQUENCE, 2)
+    due = [zlib.crc32(full_client_drive(codes)) for codes in stored]
+    seen = latches_received_from_board(board, since, mode)
+    got = [latch.crc for latch in seen if latch.sequence == _SEQUENCE][-2:]
+    check(got == due, f"PHASES, played, flush {kind.name}: latched as other drives than stored")
+
+
+def _replace_in_burst(
+    board: BoardClient, pairs: list[tuple[StreamKind, StreamKind]], mode: TraceMode
+) -> None:
+    """FAILED unless the later frame of each pair for one carrier period is latched, as sent."""
+    since, number = board.link.mark(), board.link.stream_next
     frames = [(first.make(), second.make()) for first, second in pairs]
     messages = [one for pair in frames for one in pair]
     size = sum(len(one.serialize()) + 20 for one in messages)
@@ -147,6 +184,19 @@ def _replace_in_burst(board: BoardClient, pairs: list[tuple[StreamKind, StreamKi
         board.clock.wait_until(start_us + 1000 * len(frames))
     last, due = board.status().last_seq, board.link.stream_next - 1
     check(last == due, f"{pairs[-1][1].name}, in one period: latched was {last}, not {due}")
+    if mode is TraceMode.OFF:
+        return
+    alone = {}
+    for place, (_, message) in enumerate(frames):
+        if points_of_stream_kind(message):  # whose drive is that of the same points alone
+            alone[place] = latch_now(board, message)
+    seen = {x.index: x.crc for x in latches_received_from_board(board, since, mode)}
+    for place, (_, message) in enumerate(frames):
+        got = seen.get(number + 2 * place + 1)
+        registers = drive_codes(message, board.identity.transducers)
+        due_crc = seen.get(alone[place]) if registers is None else zlib.crc32(b"".join(registers))
+        text = f"{pairs[place][1].name} that replaces {pairs[place][0].name} is latched as "
+        check(got == due_crc, text + ("nothing" if got is None else "another drive"))
 
 
 def _burst_arriving_at(board: BoardClient, t_us: int, wires: bytes) -> None:

@@ -8,6 +8,7 @@ from haptogram_protocol.messages import Feature
 
 from ...case import case
 from ...client.board_client import BoardClient
+from ...client.capabilities import TRACES
 from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
 from ...client.stream_kinds import points_of_stream_kind
 from ...outcome import SELF_REPORTED, check, not_observed
@@ -137,8 +138,7 @@ def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def latches_frames_within_the_late_window(board: BoardClient) -> None:
-    traced = board.identity.features & (Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING)
-    mode = ask_for_board_latches(board) if traced else None
+    mode = ask_for_board_latches(board) if board.identity.features & TRACES else None
     board.configure(late_window_us=_MAX_LATE_US, **({"trace_mode": mode} if mode else {}))
     board.arm()
     since = board.link.mark()

@@ -1,4 +1,4 @@
-"""HG-6.2: the state and its reason, after every input in every state, whatever led there."""
+"""HG-6.2, HG-6.4: the state and its reason, after every input in every state."""
 
 from __future__ import annotations
 
@@ -6,7 +6,19 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import Arm, Disarm, Feature, Flag, Message, Mute, Play, Stop
+from haptogram_protocol.messages import (
+    Arm,
+    Counters,
+    Disarm,
+    Feature,
+    Flag,
+    Message,
+    Mute,
+    Play,
+    PlaybackEnded,
+    StateChanged,
+    Stop,
+)
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
 from ...case import Depth, case
@@ -20,6 +32,8 @@ from ...outcome import SELF_REPORTED, check
 _MS: Final = 1000
 _SEQUENCE: Final = 5
 _SHORT_MS: Final = 20
+_FOREIGN: Final = 0x0440
+_NO_SESSION: Final = -1
 
 Found: TypeAlias = tuple[OutputState, MuteReason]
 #: Reasons that inputs give to the state that they lead to.
@@ -51,23 +65,86 @@ def every_input_in_every_output_state(board: BoardClient) -> None:
     for bring, due in _origins_of_output_states(board):
         for name, event, happen in _inputs_to_output_states(board):
             bring()
-            before = _found_state_and_reason(board)
-            check(
-                before == due,
-                f"{_state_text(before)} where {_state_text(due)} is due",
-            )
-            happen()
-            after = _found_state_and_reason(board)
-            wanted = before if event is None else state_and_reason_after(before, event)
-            check(
-                after == wanted,
-                f"{name} in {_state_text(before)}: {_state_text(after)}, due {_state_text(wanted)}",
-            )
+            _judge_input_to_output_state(board, due, name, event, happen)
+
+
+@case(
+    "HG-6.4/4",
+    "MUTE of every session or none, once and twice, behind each reason: state, events, counters",
+    variant="origins",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_mute_in_every_output_state(board: BoardClient) -> None:
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    for bring, due in _origins_of_output_states(board):
+        for way in board.wire.ways_of_mute():
+            for name, sessions in _sessions_of_mutes():
+                bring()
+                mute_all = partial(_mute_of_sessions, board, sessions)
+                text = f"{name} {way}".strip()
+                since, before = board.link.mark(), board.status().counters
+                _judge_input_to_output_state(board, due, text, OutputInput.MUTE, mute_all)
+                _judge_rest_behind_mutes(board, since, before, f"{text} in {_state_text(due)}")
+
+
+def _judge_input_to_output_state(
+    board: BoardClient,
+    due: Found,
+    name: str,
+    event: OutputInput | None,
+    happen: Callable[[], object],
+) -> None:
+    """FAILED unless the board is in the state *due*, and an input leads where it has to."""
+    before = _found_state_and_reason(board)
+    check(before == due, f"{_state_text(before)} where {_state_text(due)} is due")
+    happen()
+    after = _found_state_and_reason(board)
+    wanted = before if event is None else state_and_reason_after(before, event)
+    check(
+        after == wanted,
+        f"{name} in {_state_text(before)}: {_state_text(after)}, due {_state_text(wanted)}",
+    )
 
 
 def _found_state_and_reason(board: BoardClient) -> Found:
     status = board.status()
     return status.state, status.reason
+
+
+def _sessions_of_mutes() -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield names of MUTE, or of two of them in a row, and how the session of each differs."""
+    for name, foreign in (
+        ("MUTE", 0),
+        ("MUTE of another session", _FOREIGN),
+        ("MUTE without a session", _NO_SESSION),
+    ):
+        yield name, (foreign,)
+        yield f"{name}, then of the session", (foreign, 0)
+
+
+def _mute_of_sessions(board: BoardClient, sessions: tuple[int, ...]) -> None:
+    for foreign in sessions:
+        board.link.ask(
+            Mute(), session=0 if foreign == _NO_SESSION else board.link.session ^ foreign
+        )
+
+
+def _judge_rest_behind_mutes(board: BoardClient, since: int, before: Counters, name: str) -> None:
+    """FAILED if MUTE, with nothing queued, counts or reports what did not happen."""
+    grown = board.counted_since(before)
+    wrong = {
+        counter: number
+        for counter, number in grown.items()
+        if number and counter not in ("frames", "requests")
+    }
+    check(not wrong, f"{name} counts {wrong}")
+    ended = board.link.events(PlaybackEnded, since)
+    check(not ended, f"{name}: PLAYBACK_ENDED, and nothing has played")
+    muted = OutputState.MUTED, MuteReason.MUTE
+    told = [(event.state, event.reason) for _, event in board.link.events(StateChanged, since)]
+    others = [_state_text(found) for found in told if found != muted]
+    check(not others and len(told) <= 1, f"{name}: {len(told)} STATE_CHANGED, of {others}")
 
 
 def _state_text(found: Found) -> str:
@@ -136,7 +213,6 @@ def _inputs_to_output_states(
     }
     for event, message in inputs.items():
         yield event.name, event, partial(board.link.ask, message)
-    yield "MUTE without a session", OutputInput.MUTE, partial(board.link.ask, Mute(), session=0)
     yield "a new session", OutputInput.NEW_SESSION, board.hello
     yield "HELLO again", None, lambda: board.hello(board.link.session)
     yield "a stream frame", None, lambda: latch_now(board, board.flat_phases())
