@@ -80,7 +80,9 @@ class CBoard:
     bytes_per_s : int, keyword-only
         Rate of its line, with *late_us*; 0: as fast as any.
     store_bytes : int, keyword-only
-        Memory for its sequences, with *late_us*.
+        Memory for its sequences, with *late_us* or *keeps*.
+    keeps : bool, keyword-only
+        Whether configuration and correction outlive a reset.
 
     Attributes
     ----------
@@ -98,8 +100,12 @@ class CBoard:
         late_us: int | None = None,
         bytes_per_s: int = 0,
         store_bytes: int = 96 << 20,
+        keeps: bool = False,
     ) -> None:
-        machine = () if late_us is None else (late_us, bytes_per_s, store_bytes)
+        machine: tuple[int | str, ...] = ()
+        if late_us is not None or keeps:
+            machine = (-1 if late_us is None else late_us, bytes_per_s, store_bytes)
+        machine += ("keep",) * keeps
         self.radiated: list[str] = []
         self._process = subprocess.Popen(
             [folder / "board_steps", f"{grid_nx}x{grid_ny}", *map(str, machine)],

@@ -1,8 +1,9 @@
 /* A board in C99 on a pseudo-terminal: the whole protocol, no transducers.
 
-   reference_board [--link PATH] [--grid NXxNY] [--pitch-um N] [--boot-id N]
+   reference_board [--link PATH] [--grid NXxNY] [--pitch-um N] [--boot-id N] [--keep FILE]
 
    The first line of its output is `listening on PATH`, without --link `listening on /dev/pts/N`.
+   With --keep, configuration and correction are in FILE, and outlive the process (CONFIG_KEPT).
    SIGUSR1 is a hardware fault. */
 
 #define _XOPEN_SOURCE 700 /* pseudo-terminals, CLOCK_MONOTONIC, sigaction */
@@ -14,6 +15,7 @@
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/mman.h>
 #include <termios.h>
 #include <time.h>
 #include <unistd.h>
@@ -48,7 +50,8 @@ static void usage(const char *option, const char *value, const char *demand)
 {
     fprintf(stderr,
             "reference_board: %s%s%s: %s\n"
-            "usage: reference_board [--link PATH] [--grid NXxNY] [--pitch-um N] [--boot-id N]\n",
+            "usage: reference_board [--link PATH] [--grid NXxNY] [--pitch-um N] [--boot-id N] "
+            "[--keep FILE]\n",
             option, value != NULL ? " " : "", value != NULL ? value : "", demand);
     exit(USAGE);
 }
@@ -58,6 +61,7 @@ static void usage(const char *option, const char *value, const char *demand)
 struct options {
     struct array array;
     const char *link;
+    const char *keep;
 };
 
 /* Return 1 if the text begins with a whole number within the limits. */
@@ -97,7 +101,7 @@ static void take_grid(struct array *array, const char *text)
 
 static struct options take_options(int count, char **values)
 {
-    struct options options = {{16, 16, 10000, 0}, NULL};
+    struct options options = {{16, 16, 10000, 0}, NULL, NULL};
     int i;
 
     options.array.boot_id = (uint32_t)time(NULL) ^ (uint32_t)getpid() << 16;
@@ -108,6 +112,8 @@ static struct options take_options(int count, char **values)
             usage(values[i], NULL, "the option takes a value");
         else if (strcmp(values[i], "--link") == 0)
             options.link = value;
+        else if (strcmp(values[i], "--keep") == 0)
+            options.keep = value;
         else if (strcmp(values[i], "--grid") == 0)
             take_grid(&options.array, value);
         else if (strcmp(values[i], "--pitch-um") == 0)
@@ -175,6 +181,21 @@ static void make_link(const char *path, const char *target)
         die(path);
     if (symlink(target, path) != 0)
         die(path);
+}
+
+/* --- Memory that outlives the board ------------------------------------------------------------- */
+
+static struct kept *open_kept(const char *path)
+{
+    int file = open(path, O_RDWR | O_CREAT, 0666);
+    void *memory = MAP_FAILED;
+
+    if (file >= 0 && ftruncate(file, sizeof(struct kept)) == 0)
+        memory = mmap(NULL, sizeof(struct kept), PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    if (memory == MAP_FAILED)
+        die(path);
+    close(file);
+    return memory;
 }
 
 /* --- Time ------------------------------------------------------------------------------------- */
@@ -278,6 +299,8 @@ int main(int count, char **values)
     catch_signal(SIGINT, on_end);
     catch_signal(SIGTERM, on_end);
     catch_signal(SIGUSR1, on_fault);
+    if (options.keep != NULL)
+        machine.kept = open_kept(options.keep);
     open_line(&line);
     if (options.link != NULL)
         make_link(options.link, line.name);

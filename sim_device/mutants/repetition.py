@@ -175,6 +175,21 @@ class ConfigurationLeftInMemory(VirtualHaptogramDialect):
         return reply
 
 
+class SequencesOutliveAReset(VirtualHaptogramDialect):
+    """Finds the sequences of before a reset in its memory."""
+
+    _left: ClassVar[dict[int, Any]] = {}
+
+    def __init__(self, *parts: Any) -> None:
+        super().__init__(*parts)
+        self.board._sequences.update(type(self)._left)
+
+    def _commit_upload(self, message: Any, request: Any) -> Any:
+        reply = super()._commit_upload(message, request)
+        type(self)._left = dict(self.board._sequences)
+        return reply
+
+
 _WIRE: Final = Evidence.WIRE
 
 MUTANTS: Final = (
@@ -190,4 +205,5 @@ MUTANTS: Final = (
     Mutant.of(RepliesReturn, "HG-4.6/4", Evidence.SELF_REPORTED),
     Mutant.of(RepetitionsRenewNothing, "HG-6.7/1", _WIRE),
     Mutant.of(ConfigurationLeftInMemory, "HG-7.1/4", Evidence.SELF_REPORTED),
+    Mutant.of(SequencesOutliveAReset, "HG-7.4/5", _WIRE),
 )

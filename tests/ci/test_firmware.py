@@ -386,6 +386,16 @@ def test_a_board_that_is_deaf_while_it_starts_passes_what_is_asked_after_a_reset
     assert step.status == 0, step.log.read_text("utf-8")
 
 
+def test_firmware_that_keeps_its_configuration_passes_what_is_asked_of_it(firmware, tmp_path):
+    port, elf = PORTS["musca_b1"], firmware("musca_b1", "-DPORT_KEEPS_CONFIG=1")
+    clauses = [f"--clause=HG-{clause}" for clause in ("7.1/3-fields", "7.1/4", "7.4/5")]
+    with running("musca_b1", elf) as emulator:
+        step = steps.conform(port, emulator.url, emulator.reset_command, tmp_path, clauses)
+    assert step.status in (0, 3), step.log.read_text("utf-8")
+    assert "UNIMPLEMENTED" not in step.summary
+    assert "NOT-OBSERVED" not in step.summary
+
+
 @pytest.mark.parametrize("name", PORTS)
 def test_a_reset_by_the_monitor_starts_another_life(name, firmware):
     with running(name, firmware(name)) as emulator:

@@ -17,6 +17,7 @@ from haptogram_protocol.messages import (
     Drives,
     Error,
     ErrorCode,
+    Feature,
     Flag,
     FocalPoint,
     GetConfig,
@@ -156,6 +157,32 @@ def test_mute_that_overtakes_disarm_in_fault_ends_as_behind_it(c_board):
     c_board.overtake(2000, len(disarm) + len(mute))
     replies = messages(c_board(2000, disarm + mute))
     assert [reply.state for reply in replies] == [OutputState.DISARMED, OutputState.MUTED]
+
+
+@pytest.mark.parametrize("keeps", [False, True])
+def test_a_reset_keeps_configuration_and_correction_where_the_board_has_memory_for_it(
+    programs, keeps
+):
+    codes, other = b"\1\2\3\4", Config(hold_ms=77, sound_speed_mm_s=350_000)
+    asked = (Hello(1, 0, SESSION, 0), 1), (GetConfig(), 2)
+    seen = []
+    with contextlib.closing(CBoard(programs, keeps=keeps)) as board:
+        for _ in range(3):
+            (hello, config) = [
+                messages(board(1000, frame(message, seq, session=SESSION * (seq > 1))))[0]
+                for message, seq in asked
+            ]
+            assert (Feature.CONFIG_KEPT in Feature(hello.features)) is keeps
+            assert hello.config_crc == config.config_crc
+            seen.append((config.config.hold_ms, hello.sound_speed_mm_s, config.config_crc))
+            if len(seen) == 1:
+                begin = UploadBegin(UploadKind.CORRECTION, 0, 0, COUNT, zlib.crc32(codes))
+                upload = (begin, UploadChunk(0, codes), UploadCommit(0), SetConfig(other))
+                for seq, message in enumerate(upload, 3):
+                    board(2000, frame(message, seq))
+            board.reset()
+    kept = (77, 350_000, zlib.crc32(other.pack() + codes))
+    assert seen[1:] == [kept if keeps else seen[0]] * 2
 
 
 def test_what_waits_for_the_line_is_bounded_and_trace_gives_way(programs):

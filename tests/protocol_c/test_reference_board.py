@@ -3,11 +3,13 @@
 import collections
 import contextlib
 import itertools
+import json
 import os
 import re
 import select
 import signal
 import subprocess
+import sys
 import time
 import zlib
 
@@ -286,6 +288,20 @@ def test_it_makes_its_link_and_takes_it_away(programs, tmp_path):
         assert not link.is_symlink()
 
 
+def test_what_the_suite_asks_of_a_configuration_that_is_kept(programs, tmp_path):
+    command = f"{programs / 'reference_board'} --grid 4x3 --keep {tmp_path / 'kept'}"
+    result = tmp_path / "result.json"
+    words = ["conform", "--spawn", command, "--clause", "HG-7.1/4", "--clause", "HG-7.4/5"]
+    program = [sys.executable, "-m", "haptogram", *words, "--quiet", "--json", result]
+    subprocess.run(program, capture_output=True, check=False, timeout=3 * PATIENCE_S)
+    judged = {found["case"]: found for found in json.loads(result.read_text())["results"]}
+    assert judged.keys() >= {"HG-7.1/4", "HG-7.1/4-fields", "HG-7.1/4-timers", "HG-7.4/5"}
+    for found in judged.values():  # no case but the first is without a reset to look at
+        first = found["case"] == "HG-7.1/4" and found["behaviour"] == "NOT-OBSERVED"
+        held_up = found["behaviour"] == "INCONCLUSIVE" and "error" not in found["detail"]
+        assert first or held_up or found["behaviour"] == "OK", found
+
+
 def test_a_link_left_behind_is_replaced_and_a_file_is_not(programs, tmp_path):
     link = tmp_path / "board"
     link.symlink_to("nowhere")
@@ -316,6 +332,7 @@ def test_a_link_left_behind_is_replaced_and_a_file_is_not(programs, tmp_path):
         (["--boot-id", "-1"], "--boot-id -1: takes a whole number, 0 to 4294967295"),
         (["--boot-id", "9" * 30], "takes a whole number, 0 to 4294967295"),
         (["--help", "me"], "--help me: unknown option"),
+        (["--keep", "/nowhere/x"], "/nowhere/x: No such file or directory"),
     ],
 )
 def test_a_wrong_argument_is_named_with_its_limits(programs, arguments, complaint):

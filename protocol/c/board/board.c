@@ -4,6 +4,7 @@
 
 #include "ahead.h"
 #include "judge.h"
+#include "kept.h"
 #include "link.h"
 #include "output.h"
 #include "playback.h"
@@ -55,6 +56,7 @@ void board_start(struct board *board, const struct array *array, const struct ma
     board->state = HG_STATE_DISARMED;
     board->reason = HG_REASON_NEVER_ARMED;
     set_default_config(board);
+    kept_take(board);
     hg_parser_reset(&board->link.parser);
 }
 
@@ -83,6 +85,7 @@ void board_receive(struct board *board, const uint8_t *data, size_t length, int6
         else if (what == HG_PARSED_FRAME)
             judge_frame(board, &frame, t_us);
         pass(board, taken);
+        kept_give(board);
         board_advance(board, board->now_us); /* the frame may have made an event due now */
     }
 }

@@ -9,7 +9,7 @@
    board.  What an interrupt may do with the bytes as they arrive is in mute_watch.h.
 
    The parts include each other one way only, from the top to the bottom of this list:
-   board > judge, ahead > requests > shutdown, readout > playback > stream, uploads > output > trace >
+   board > judge, ahead, kept > requests > shutdown, readout > playback > stream, uploads > output > trace >
    link, points > model > limits. */
 
 #ifndef BOARD_H

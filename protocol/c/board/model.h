@@ -18,11 +18,19 @@ struct drive {
     uint8_t amplitude[BOARD_ELEMENTS];
 };
 
+/* What outlives a reset, if the board has memory for it: battery-backed, or copied from and to flash. */
+struct kept {
+    uint32_t seal;
+    uint8_t config[HG_SIZE_CONFIG];
+    uint8_t correction[BOARD_ELEMENTS];
+};
+
 /* The machine around the board.  Any function may be NULL, as for a board without transducers in
    virtual time.  All are called from the functions of board.h, in no interrupt. */
 struct machine {
     uint8_t *store; /* memory of sequences and uploads */
     uint32_t store_bytes;
+    struct kept *kept; /* as the last life left it; NULL: a reset brings back the defaults */
     uint32_t line_bytes_per_s; /* 0: no UART, and faster than any board */
     void *context; /* given to the functions */
     /* Drive the transducers; NULL: switch them off.  Return the time at which the drive took effect:
@@ -132,6 +140,7 @@ struct board {
     struct hg_config config;
     uint8_t correction[BOARD_ELEMENTS];
     uint32_t settings; /* counts changes of both */
+    uint32_t given;    /* those that are in the memory that outlives a reset */
 
     uint8_t state, reason;
     int sounding; /* 1: a drive was latched since the output was last off */

@@ -27,6 +27,8 @@ void readout_identity(const struct board *board, struct hg_hello_reply *reply)
                       | HG_FEATURE_SEQUENCE_POINTS | HG_FEATURE_CONFIG | HG_FEATURE_CORRECTION
                       | HG_FEATURE_READ_LATCHED | HG_FEATURE_READ_RADIATED | HG_FEATURE_TRACE
                       | HG_FEATURE_TRACE_DRIVE | HG_FEATURE_TRACE_RING;
+    if (board->machine.kept != NULL)
+        reply->features |= HG_FEATURE_CONFIG_KEPT;
     reply->clock_hz = 1000000;
     reply->clock_ppm = 50;
     reply->carrier_hz = BOARD_CARRIER_HZ;

@@ -10,10 +10,10 @@
    After each step the bytes that the board sent, in hex, on a line of their own ("-": none); after
    `until` the time precedes them.
 
-   board_steps [NXxNY [LATE_US [RATE [STORE]]]]: the grid, 16x16 unless told.  With LATE_US a machine whose
+   board_steps [NXxNY [LATE_US [RATE [STORE [keep]]]]]: the grid, 16x16 unless told.  With LATE_US a machine whose
    drives take effect so much later, and each line goes on with what it radiated: time due, phase and
    amplitude of transducer 0 ("off": none), "ahead" if the board had loaded that drive before.  RATE: bytes a second of its line; STORE: bytes for
-   sequences. */
+   sequences; `keep`: configuration and correction outlive a reset.  LATE_US -1: no transducers. */
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -38,6 +38,7 @@ static void advance_until_sent(struct board *board, int64_t t_us)
     printf("%" PRId64 " ", board->now_us - BOARD_BOOT_US);
 }
 
+static struct kept kept;
 static struct drive loaded;
 static int64_t loaded_us;
 static int64_t hardware_us; /* how far the time of the hardware is ahead of a board that is late */
@@ -134,7 +135,7 @@ int main(int count, char **values)
         array.nx = (uint16_t)nx;
         array.ny = (uint16_t)ny;
     }
-    if (count > 2 && sscanf(values[2], "%" SCNd64, &late_us) == 1) {
+    if (count > 2 && sscanf(values[2], "%" SCNd64, &late_us) == 1 && late_us >= 0) {
         machine.context = &late_us;
         machine.radiate = radiate;
         machine.load = load;
@@ -143,6 +144,8 @@ int main(int count, char **values)
         machine.line_bytes_per_s = (uint32_t)strtoul(values[3], NULL, 10);
     if (count > 4)
         machine.store_bytes = (uint32_t)strtoul(values[4], NULL, 10) % (STORE_BYTES + 1);
+    if (count > 5 && strcmp(values[5], "keep") == 0)
+        machine.kept = &kept;
     board_start(board, &array, &machine);
     while (fgets(text, sizeof text, stdin) != NULL) {
         char word[8] = "";

@@ -279,7 +279,7 @@ def test_it_is_one_line_wherever_a_fault_is_given(text, toml, problem, tmp_path,
 
 @pytest.mark.parametrize(
     ("dialect", "fault"),
-    [((), "device.off column=16"), (("--dialect", "ultraino"), "frame.crc p=1")],
+    [((), "device.off column=16"), (("--dialect", "sonicsurface"), "frame.crc p=1")],
     ids=["place", "dialect"],
 )
 def test_a_fault_that_a_board_cannot_have_is_refused_by_the_option_that_holds_it(

@@ -1,4 +1,4 @@
-"""HG-4.6, HG-7.2, HG-7.6: several sequences in the store, replaced in every order."""
+"""HG-4.6, HG-7.2, HG-7.4, HG-7.6: several sequences in the store, replaced in every order."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from haptogram_protocol.messages import (
     Error,
     ErrorCode,
     Feature,
+    Flag,
+    FocalPoint,
     Mute,
     Play,
     PlayReply,
@@ -20,19 +22,21 @@ from haptogram_protocol.messages import (
     TraceMode,
     UploadBegin,
     UploadBeginReply,
+    UploadChunk,
     UploadKind,
 )
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import full_client_drive, latches_received_from_board
-from ...client.playback import play_now, play_out
-from ...client.uploads import SEQUENCES, upload_to_board
+from ...client.playback import UNATTENDED_MS, period_to_play, play_now, play_out
+from ...client.uploads import SEQUENCES, begin_upload, upload_to_board
 from ...outcome import SELF_REPORTED, check
 
 _IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
 _ABSENT: Final = 0x6000  # of no sequence; those behind it are stored
 _MANY: Final = 40
+_FOCUS: Final = FocalPoint(0, 0, 100_000, 0xFFFF, 0)
 _AHEAD_US: Final = 5_000_000
 _SIZES: Final = ((3, 1, 2), (1, 3, 2), (2, 2, 2))
 
@@ -137,6 +141,34 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     check(len(got) > 4, f"{len(got)} latches while others are uploaded")
     check(got == due[: len(got)], "the sequence that plays changes while others are uploaded")
     store.check_all("uploaded while another one played")
+
+
+@case(
+    "HG-7.4/5",
+    "after a reset no sequence of either kind is stored, and no upload is under way",
+    needs_reset=True,
+)
+def no_sequence_outlives_a_reset(board: BoardClient) -> None:
+    board.hello()
+    board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
+    frames = {
+        UploadKind.PHASES: (Feature.SEQUENCE_PHASES, bytes(board.identity.transducers)),
+        UploadKind.POINTS: (Feature.SEQUENCE_POINTS, _FOCUS.pack()),
+    }
+    stored = [kind for kind, (feature, _) in frames.items() if board.has(feature)]
+    for kind in stored:
+        points = int(kind is UploadKind.POINTS)
+        upload_to_board(board, kind, SEQUENCES[kind], frames[kind][1], points)
+        begin_upload(board, kind, SEQUENCES[0], frames[kind][1], points)
+    assert board.restart is not None  # the case needs a reset
+    board = board.restart()
+    board.hello()
+    board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
+    unattended_ms = min(UNATTENDED_MS, board.identity.max_unattended_ms)
+    board.arm()
+    for kind in stored:
+        play = Play(SEQUENCES[kind], period_to_play(board, 1), 1, unattended_ms)
+        board.link.refused(play, ErrorCode.NOT_FOUND, 0, flags=Flag.IMMEDIATE)
 
 
 @case(

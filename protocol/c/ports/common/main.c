@@ -18,6 +18,10 @@
 #ifndef PORT_STORE_BYTES
 #define PORT_STORE_BYTES 32768
 #endif
+/* 1: configuration and correction outlive a reset (CONFIG_KEPT). */
+#ifndef PORT_KEEPS_CONFIG
+#define PORT_KEEPS_CONFIG 0
+#endif
 /* Faults on purpose: to try interrupt and watchdog without a main loop, and a slow start. */
 #ifndef PORT_HANGS_AFTER_LATCH
 #define PORT_HANGS_AFTER_LATCH 0
@@ -36,6 +40,8 @@ static struct board board;
 static uint8_t store[PORT_STORE_BYTES];
 /* Not cleared at a reset: a count of starts, from whatever the memory held at power-up. */
 static uint32_t starts __attribute__((section(".noinit")));
+/* Nor this: it outlives a reset, though no loss of power. */
+static struct kept kept __attribute__((section(".noinit"), unused));
 
 static uint32_t mixed(uint32_t number)
 {
@@ -71,6 +77,7 @@ static void start_board(void)
     static const struct machine machine = {
         .store = store,
         .store_bytes = PORT_STORE_BYTES,
+        .kept = PORT_KEEPS_CONFIG ? &kept : NULL,
         .line_bytes_per_s = CHIP_LINE_BYTES_PER_S,
         .radiate = transducers_radiate,
         .load = transducers_load,
