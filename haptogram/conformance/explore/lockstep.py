@@ -12,10 +12,12 @@ from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     Config,
     Error,
+    GetStatus,
     HelloReply,
     Message,
     MessageType,
     Ping,
+    StatusReply,
     build_body,
     unwrap,
 )
@@ -33,7 +35,7 @@ from .comparison import (
     is_optional_in_dialogue,
     superfluous_in_dialogue,
 )
-from .model import DialogueModels
+from .model import DialogueModels, HostLateError
 from .opening import DialogueOpening
 
 _AHEAD_US: Final = SLOT_US // 8  # a slot is planned so long before it begins
@@ -146,7 +148,9 @@ class Lockstep:
             wires = [wire for _, wire in batch]
             if wires:
                 wires.append(_foreign_ping_in_lockstep(host))
-            found = self._slot(host, b"".join(wires), base, may_cut=not timed)
+            found = self._slot(host, wires, base, may_cut=not timed)
+            if found and not self._is_virtual and self._has_dropped_traces(host, base[0]):
+                raise HostLateError("the line of the board had no room for traces: HG-8.7/2")
             if found:
                 text = f"{shown_us} µs after the start {found}"
                 return Played(text, tuple(lines), slot, self._held_up())
@@ -227,24 +231,25 @@ class Lockstep:
     def _slot(
         self,
         host: DialogueHost,
-        data: bytes,
+        wires: Sequence[bytes],
         base: tuple[DialogueBase, DialogueBase],
         *,
         may_cut: bool,
     ) -> str:
         board, models, at_us = self._board, self._models, host.slot_us
-        line_us = board.wire.line_us(len(data))
+        line_us = board.wire.line_us(sum(map(len, wires)))
         self._wait_until(max(at_us - self._early_us(line_us), models.now_us))
         sent_us = board.clock.device_estimate_us()
-        for piece in _pieces_in_lockstep(data):
+        for piece in _pieces_in_lockstep(b"".join(wires)):
             board.wire.send(piece)  # a frame a slot, which the board has time for
         if self._is_virtual:
-            models.receive(at_us, at_us, data)
-        elif data:
-            heard_us = self._heard_us(host, sent_us)
+            models.receive(at_us, wires)
+        elif wires:
+            answered_us = self._answered_us(host, sent_us)
+            heard_us = max([sent_us, *answered_us])
             board.wire.note_held_up(heard_us - sent_us - line_us)
             self._near_us = max(self._near_us, heard_us - sent_us + _NEAR_US)
-            models.receive(sent_us, heard_us, data)
+            models.receive(sent_us, wires, answered_us)
         models.advance(max(at_us, models.now_us) + self._settled_us())
         if not (may_cut and self._is_idle(at_us)):
             models.advance(at_us + SLOT_US - _END_US)
@@ -253,10 +258,10 @@ class Lockstep:
         self._await_frames(due, at_us + SLOT_US)
         return self._judge(host, due, base, line_us)
 
-    def _heard_us(self, host: DialogueHost, sent_us: int) -> int:
-        """Wait for the refusal that ends a slot; return when the board has heard all bytes.
+    def _answered_us(self, host: DialogueHost, sent_us: int) -> list[int]:
+        """Wait for the refusal that ends a slot; return when the board began each of its answers.
 
-        That is no later than its answer begins, by its own word, or has come.
+        That is no later than it says, or than the answer has come.  Empty: the slot has no end.
         """
         board = self._board
         seq = _foreign_seq_in_lockstep(host)
@@ -265,13 +270,17 @@ class Lockstep:
             is_refusal = isinstance(piece.message, Error) and piece.message.request == Ping.TYPE
             return is_refusal and piece.header is not None and piece.header.seq == seq
 
-        found = board.wire.wait_for(ends_slot, self._since, _MISSED_US)
-        if found is None or found.header is None:
-            return sent_us  # a difference
-        behind_us = board.clock.device_estimate_us() - board.wire.now_us()
-        came_us = found.t_us + behind_us + self._opening.unsure_us
-        said_us = unwrap(found.header.time_us, came_us, 32)
-        return said_us if sent_us <= said_us <= came_us else max(sent_us, came_us)
+        if board.wire.wait_for(ends_slot, self._since, _MISSED_US) is None:
+            return []
+        ahead_us = board.clock.device_estimate_us() - board.wire.now_us() + self._opening.unsure_us
+        found: list[int] = []
+        for piece in board.link.responses(self._since):
+            assert piece.header is not None  # it is a response
+            came_us = piece.t_us + ahead_us
+            said_us = unwrap(piece.header.time_us, came_us, 32)
+            is_possible = sent_us <= said_us <= came_us
+            found.append(said_us if is_possible else max(sent_us, came_us))
+        return found
 
     def _await_frames(self, due: list[FrameInDialogue], end_us: int) -> None:
         """Wait for the frames that are due; in virtual time no longer than the slot lasts."""
@@ -285,6 +294,18 @@ class Lockstep:
         left_us = max(0, end_us - self._board.clock.device_estimate_us())
         left_us += wire.line_us(sum(len(frame.body) + _AROUND for frame in due))
         wire.wait(are_there, left_us if self._is_virtual else left_us + _MISSED_US)
+
+    def _has_dropped_traces(self, host: DialogueHost, base: DialogueBase) -> bool:
+        """Return True if the board has dropped traces in the dialogue, as it may."""
+        link = self._board.link
+        host.seq += 1
+        since = link.mark()
+        wire, seq = link.request_wire(GetStatus(), seq=host.seq, session=host.session)
+        link.send(wire)
+        answer = link.try_answer(seq, since)
+        status = None if answer is None else answer.message
+        dropped = status.counters.trace_dropped if isinstance(status, StatusReply) else 0
+        return dropped not in (0, base.counters.trace_dropped)
 
     def _judge(
         self,

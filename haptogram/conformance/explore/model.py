@@ -1,7 +1,7 @@
 """The virtual board as a model, in a process of its own, at the device times of a board.
 
-When the board under test hears bytes, a host at a wall clock knows within an interval only: between
-the sending and the answer to the last of them.  So there are two models, of which one hears them as
+A host at a wall clock knows within an interval only when the board under test hears a frame:
+between the sending and the next answer.  So there are two models, of which one hears all frames as
 early as that may be, and the other as late.  Where both live alike, so does a healthy board.
 """
 
@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from typing import Final
 
 from haptogram.errors import HaptogramError
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import FrameDecoder
-from haptogram_protocol.messages import Feature, HelloReply, parse_body
+from haptogram_protocol.messages import RESPONSE_RANGE, Feature, HelloReply, parse_body
 
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
@@ -151,12 +152,31 @@ class DialogueModels:
         answers = [model.receive(at_us, data)[-1] for model in self._all]
         return answers[0]
 
-    def receive(self, early_us: int, late_us: int, data: bytes) -> None:
-        """Let *data* arrive, at two times."""
-        self.now_us = late_us
-        self._due += self._early.receive(early_us, data)
-        if self._late is not None:
-            self._later += self._late.receive(late_us, data)
+    def receive(
+        self, early_us: int, wires: Sequence[bytes], answered_us: Sequence[int] = ()
+    ) -> None:
+        """Let *wires* arrive: all at once, or each when the board has sent the next answer.
+
+        Parameters
+        ----------
+        early_us : int
+            Device time before which none can have arrived.
+        wires : sequence of bytes
+            What was sent, in pieces of which each brings one answer at most.
+        answered_us : sequence of int
+            When the board has sent its answers.
+        """
+        self._due += self._early.receive(early_us, b"".join(wires))
+        self.now_us = max([early_us, *answered_us])
+        if self._late is None:
+            return
+        answers = 0
+        for wire in wires:
+            at_us = max([early_us, *answered_us[: answers + 1]])
+            self._later += self._late.advance(at_us)
+            said = self._late.receive(at_us, wire)
+            answers += sum(frame.header.type in RESPONSE_RANGE for frame in said)
+            self._later += said
 
     def advance(self, end_us: int) -> None:
         """Let time pass."""
