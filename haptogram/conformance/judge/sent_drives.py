@@ -1,23 +1,37 @@
-"""The drives that a host has sent in a run, by session and number of their frames."""
+"""The drives that a host has sent in a run: frames of the stream, and of stored sequences."""
 
 from __future__ import annotations
 
 import contextlib
+import zlib
 from collections import defaultdict, deque
 from typing import Final, TypeAlias
 
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
-from haptogram_protocol.messages import FIRST_STREAM_SEQ, STREAM_RANGE, drive_codes, parse_body
+from haptogram_protocol.messages import (
+    FIRST_STREAM_SEQ,
+    STREAM_RANGE,
+    Message,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+    drive_codes,
+    parse_body,
+)
 
 #: Phase codes and amplitude codes of all transducers, in registers of 8 bits.
 Codes: TypeAlias = tuple[bytes, bytes]
 
 _KEPT: Final = 4096  # stream frames
+_LONGEST_UPLOAD: Final = 1 << 20
+_FULL: Final = b"\xff"  # amplitude of a stored phase: HG-5.2/6
+_UPLOADS: Final = (UploadBegin.TYPE, UploadChunk.TYPE, UploadCommit.TYPE)
 
 
 class SentDrives:
-    """Codes of the stream frames that a host has sent.
+    """Codes of the stream frames and of the stored sequences that a host has sent.
 
     Frames are decoded when a board tells of a latch: most runs of frames are never asked for.
     """
@@ -26,12 +40,17 @@ class SentDrives:
         self._pieces: deque[bytes] = deque(maxlen=_KEPT)
         self._begun = b""
         self._codes: defaultdict[tuple[int, int], list[Codes | None]] = defaultdict(list)
+        self._begin: UploadBegin | None = None
+        self._upload = bytearray()
+        self._target = 0  # of the last UPLOAD_COMMIT
+        self._stored: defaultdict[int, list[bytes]] = defaultdict(list)  # by age; empty: unknown
 
     def forget(self) -> None:
         """Forget all frames: another board answers now."""
         self._pieces.clear()
         self._codes.clear()
-        self._begun = b""
+        self._stored.clear()
+        self._begin, self._begun = None, b""
 
     def take(self, data: bytes) -> None:
         """Note bytes that are sent."""
@@ -40,7 +59,50 @@ class SentDrives:
             ended[0] = self._begun + ended[0]
             self._begun = b""
         self._begun = (self._begun + rest)[: MAX_ENCODED_BYTES + 1]
-        self._pieces += (piece for piece in ended if piece[1:2] and piece[1] in STREAM_RANGE)
+        for piece in ended:
+            if piece[1:2] and piece[1] in STREAM_RANGE:
+                self._pieces.append(piece)
+            elif piece[1:2] and piece[1] in _UPLOADS:
+                with contextlib.suppress(RemoteProtocolError):
+                    self._note_upload(parse_body(decode_frame(piece))[1])
+
+    def _note_upload(self, message: Message) -> None:
+        """Follow an upload as if the board took every part of it: its CRC tells whether it did."""
+        if isinstance(message, UploadBegin):
+            is_kept = message.kind is UploadKind.PHASES and message.size <= _LONGEST_UPLOAD
+            self._begin = message if is_kept else None
+            self._upload = bytearray(message.size if is_kept else 0)
+        elif isinstance(message, UploadChunk) and self._begin is not None:
+            part = slice(message.offset, message.offset + len(message.data))
+            if part.stop <= len(self._upload):
+                self._upload[part] = message.data
+        elif isinstance(message, UploadCommit):
+            self._target = message.target
+            self._stored[self._target].append(b"")  # until the board has answered
+
+    def note_commit(self) -> None:
+        """Note that the board has taken an upload: what it stored is known if the CRC is right."""
+        begin, data = self._begin, bytes(self._upload)
+        is_known = begin and (begin.target, begin.crc) == (self._target, zlib.crc32(data))
+        if is_known and self._stored[self._target]:
+            self._stored[self._target][-1] = data
+
+    def begin_session(self) -> None:
+        """Note that a session begins: its ring tells of no sequence that was replaced before."""
+        for versions in self._stored.values():
+            del versions[:-1]
+
+    def stored_crcs(self, sequence: int, index: int, transducers: int) -> list[int]:
+        """Return the CRC-32 of each drive that a frame of a sequence was in this session.
+
+        Empty if that is not known.
+        """
+        versions = self._stored.get(sequence, [])
+        part = slice(index * transducers, (index + 1) * transducers)
+        frames = [data[part] for data in versions]
+        if not all(len(frame) == transducers for frame in frames):
+            return []
+        return [zlib.crc32(frame + _FULL * transducers) for frame in frames]
 
     def codes_of(self, session: int, index: int, transducers: int) -> list[Codes]:
         """Return the codes of every frame that was sent with the unwrapped number *index*.

@@ -24,6 +24,7 @@ from haptogram_protocol.messages import (
     Flag,
     GeometryReply,
     HelloReply,
+    LatchKey,
     Message,
     PlaybackEnded,
     SetConfigReply,
@@ -234,7 +235,8 @@ class StandingRules:
         if header.session and header.session != since.session:
             # Behind the first session that is seen it is not known how many events went before.
             since.next_event = 0 if since.session and isinstance(message, HelloReply) else None
-            since.session, since.latch = header.session, None
+            since.session = header.session
+            self.sent.begin_session()
         if not piece.is_event:
             return
         due = header.seq if since.next_event is None else since.next_event
@@ -285,11 +287,18 @@ class StandingRules:
         if identity is None:
             return
         number = identity.transducers
-        for clause, index, crc in _crcs_of_stream(message, number):
-            sent = self.sent.codes_of(session, index, number)
-            text = f"frame {index} was latched as another drive than it was sent"
+        if isinstance(message, UploadCommitReply):
+            self.sent.note_commit()
+        for key, crc in _crcs_of_latches(message, number):
+            if key.sequence:
+                stored = self.sent.stored_crcs(key.sequence, key.index, number)
+                text = f"frame {key.index} of a sequence was latched as another one than stored"
+                yield "HG-7.6/4", text if stored and crc not in stored else ""
+                continue
+            sent = self.sent.codes_of(session, key.index, number)
+            text = f"frame {key.index} was latched as another drive than it was sent"
             due = [zlib.crc32(phases + amplitudes) for phases, amplitudes in sent]
-            yield clause, text if due and crc not in due else ""
+            yield "HG-8.3/2", text if due and crc not in due else ""
         if isinstance(message, DriveReply) and message.kind is DriveKind.LATCHED:
             key, half = message.key, len(message.data) // 2
             part = slice(message.first, message.first + half)
@@ -311,17 +320,18 @@ class StandingRules:
         return ""
 
 
-def _crcs_of_stream(message: Message, transducers: int) -> Iterator[tuple[str, int, int]]:
-    """Yield clause, number and CRC-32 of each drive of the stream that a message tells of."""
+def _crcs_of_latches(message: Message, transducers: int) -> Iterator[tuple[LatchKey, int]]:
+    """Yield key and CRC-32 of each drive that a message tells of."""
     if isinstance(message, Trace):
-        yield "HG-8.3/2", message.index, message.crc
+        yield LatchKey(0, 0, message.index), message.crc
+    elif isinstance(message, TracePlayback):
+        yield message.key, message.crc
     elif isinstance(message, TraceDrive):
-        if not message.key.sequence and len(message.data) == 2 * transducers:
-            yield "HG-8.3/2", message.key.index, zlib.crc32(message.data)
+        if len(message.data) == 2 * transducers:
+            yield message.key, zlib.crc32(message.data)
     elif isinstance(message, TraceReply):
         for item in message.records:
-            if not item.key.sequence:
-                yield "HG-8.3/2", item.key.index, item.crc
+            yield item.key, item.crc
 
 
 def _contradictions(status: Status | StatusReply) -> Iterator[str]:

@@ -37,8 +37,14 @@ from haptogram_protocol.messages import (
     StatusReply,
     Trace,
     TraceDrive,
+    TracePlayback,
     TraceRecord,
     TraceReply,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadCommitReply,
+    UploadKind,
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -176,3 +182,34 @@ def test_of_frames_with_one_number_any_may_be_latched():
     sent = sent_frame(one) + sent_frame(two)
     assert findings(HELLO, latches_of(2, 7, 255, 255)[0], sent=sent) == {}
     assert findings(HELLO, latches_of(3, 7, 255, 255)[0], sent=sent) != {}
+
+
+STORED = bytes([5, 6, 7, 8])  # two frames
+
+
+def uploaded(*chunks: UploadChunk, commits: int = 3) -> bytes:
+    """Return the bytes of an upload of :data:`STORED` as the sequence 3."""
+    begin = UploadBegin(UploadKind.PHASES, 0, 3, len(STORED), zlib.crc32(STORED))
+    return b"".join(map(sent_frame, (begin, *chunks, UploadCommit(commits))))
+
+
+def played(index: int, *codes: int) -> Message:
+    """Return the trace of a frame of the sequence 3."""
+    return TracePlayback(LatchKey(3, 0, index), zlib.crc32(bytes([*codes, 255, 255])))
+
+
+def test_a_played_frame_is_one_that_was_stored():
+    whole = UploadChunk(0, STORED)
+    taken = HELLO, UploadCommitReply(2)
+    assert findings(*taken, played(1, 7, 8), sent=uploaded(whole)) == {}
+    assert list(findings(*taken, played(1, 5, 6), sent=uploaded(whole))) == ["HG-7.6/4"]
+    parts = UploadChunk(2, STORED[2:]), UploadChunk(0, STORED[:2])
+    assert list(findings(*taken, played(0, 7, 8), sent=uploaded(*parts))) == ["HG-7.6/4"]
+
+
+def test_of_an_upload_that_was_not_taken_as_it_was_sent_nothing_is_known():
+    assert findings(HELLO, played(1, 0, 0), sent=uploaded(UploadChunk(0, STORED))) == {}
+    wrong = (UploadChunk(0, STORED[:2]),), (UploadChunk(0, bytes(4)),), (UploadChunk(9, b"1"),)
+    taken = HELLO, UploadCommitReply(2), played(1, 0, 0)
+    assert all(findings(*taken, sent=uploaded(*chunks)) == {} for chunks in wrong)
+    assert findings(*taken, sent=uploaded(UploadChunk(0, STORED), commits=4)) == {}

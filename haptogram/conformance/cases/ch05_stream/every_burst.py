@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import itertools
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from haptogram_protocol.messages import (
+    FIRST_STREAM_SEQ,
+    Arm,
     Disarm,
     Feature,
     Flag,
+    Message,
     Mute,
     Play,
     Stop,
@@ -41,6 +44,13 @@ _SEQUENCE: Final = 5
 _WINDOW_US: Final = 100_000
 _AHEAD_US: Final = 400_000
 _TRIES: Final = 3
+_HELLO: Final = "HELLO"
+#: Requests that switch the output off, beside HELLO of a new session.
+_OFFS_OF_BURST: Final[dict[str, Message]] = {
+    "MUTE": Mute(),
+    "MUTE without a session": Mute(),
+    "DISARM": Disarm(),
+}
 #: By how much a moment is missed at most: the host's estimate and the line are rounded.
 _ROUNDED_US: Final = range(4)
 
@@ -235,6 +245,62 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     times = sorted(latch.t_us for latch in latches_received_from_board(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     check(not near, f"of {len(times)} latches {len(near)} are in the carrier period of another")
+
+
+@case(
+    "HG-5.8/3",
+    "a latch, the output off, ARM and a latch at one moment, on a latch: one in a period",
+    variant="off",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,  # where no frame arrives to the microsecond
+)
+def an_output_off_between_two_latches_of_a_burst(board: BoardClient) -> None:
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    mode = ask_for_board_latches(board)
+    played = (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,)
+    for _ in board.wire.ways_of_mute():
+        for name, *plays in itertools.product((*_OFFS_OF_BURST, _HELLO), played, played):
+            for off_us in _moments_of_burst(board):
+                _judge_latches_around_off(board, name, plays, off_us, mode)
+
+
+def _judge_latches_around_off(
+    board: BoardClient, name: str, plays: Sequence[bool], off_us: int, mode: TraceMode
+) -> None:
+    """FAILED if both latches of such a burst are in one carrier period."""
+    board.hello()
+    board.arm()
+    since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))
+    wires = _latch_again_in_a_burst(board, name, plays)
+    _burst_arriving_at(board, boundary_us + off_us, wires)
+    board.clock.wait_latched(len(wires))
+    times = [latch.t_us for latch in latches_received_from_board(board, since, mode)]
+    near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
+    check(not near, f"latch, {name}, ARM, latch at once: latches at {times[:2]} µs")
+    board.link.ask(Stop())
+
+
+def _latch_again_in_a_burst(board: BoardClient, name: str, plays: Sequence[bool]) -> bytes:
+    """Return a latch, the request *name*, ARM and a latch, each of the stream or played."""
+    wires = [_latch_in_a_burst(board, is_played=plays[0])]
+    if name == _HELLO:
+        nonce = board.new_nonce()
+        wires.append(board.link.request_wire(board.hello_message(nonce), session=0)[0])
+        board.link.session, board.link.stream_next = nonce, FIRST_STREAM_SEQ
+    else:
+        session = 0 if name == "MUTE without a session" else board.link.session
+        wires.append(board.link.request_wire(_OFFS_OF_BURST[name], session=session)[0])
+    wires.append(board.link.request_wire(Arm())[0])
+    return b"".join([*wires, _latch_in_a_burst(board, is_played=plays[1])])
+
+
+def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
+    if not is_played:
+        return board.link.stream_wire(board.flat_phases())
+    play = Play(_SEQUENCE, PERIOD_US, 1, min(2000, board.identity.max_unattended_ms))
+    return board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
 
 
 def _next_latch_boundary_us(board: BoardClient) -> int:

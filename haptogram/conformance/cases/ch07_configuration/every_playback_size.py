@@ -7,6 +7,7 @@ from typing import Final
 from haptogram_protocol.messages import (
     Feature,
     Flag,
+    FocalPoint,
     ReadTrace,
     TraceDrive,
     TraceMode,
@@ -41,6 +42,10 @@ _SHAPES: Final = (
     (2, 1, 70_000),
 )
 _MANY: Final = 66_000  # frames in a playback: more than 16 bits
+_OVER_16_BITS: Final = 66_000  # bytes of a sequence
+_SHAPES_MIXED: Final = 5  # different frames of it
+_TELLING: Final = 4  # transducers: the codes of fewer may be the same for different points
+_BEHIND: Final = 0x0101  # stored behind the other one
 _DIVIDER: Final = 260
 _WINDOW_US: Final = 100_000
 
@@ -108,6 +113,52 @@ def every_playback_size_is_played(board: BoardClient) -> None:
             check(len(got) == len(due), f"{name}: {len(got)} latches, {len(due)} were due")
             told = (event.sequence, event.loops, event.frames)
             check(told == (_SEQUENCE, loops, frames * loops), f"{name}: PLAYBACK_ENDED {told}")
+
+
+@case(
+    "HG-7.6/4",
+    "two sequences of more than 64 KiB, of phases and points: each frame latched is the one stored",
+    variant="offsets",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def frames_of_long_playback_are_those_stored(board: BoardClient) -> None:
+    count = board.identity.transducers
+    for kind in _kinds_of_playback(board):
+        size = count if kind is UploadKind.PHASES else FocalPoint.LAYOUT.size
+        room = min(board.identity.max_sequence_frames, board.identity.max_upload_bytes // size)
+        frames = min(_OVER_16_BITS // size + 2, room)
+        for sequence in (_SEQUENCE, _BEHIND):
+            if kind is UploadKind.PHASES:
+                shapes = [board.random.randbytes(size) for _ in range(_SHAPES_MIXED)]
+            else:
+                shapes = [random_point_to_send(board).pack() for _ in range(_SHAPES_MIXED)]
+            stored = [board.random.choice(shapes) for _ in range(frames)]
+            upload_to_board(board, kind, sequence, b"".join(stored), int(kind is UploadKind.POINTS))
+            name = f"{kind.name}, {frames} frames of {size} bytes"
+            _judge_frames_of_long_playback(board, sequence, stored, name)
+
+
+def _judge_frames_of_long_playback(
+    board: BoardClient, sequence: int, stored: list[bytes], name: str
+) -> None:
+    """FAILED unless stored frames that are alike, and only these, are latched alike."""
+    board.hello()
+    board.configure(trace_mode=TraceMode.RING)
+    board.arm()
+    since = board.link.mark()
+    play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
+    seen = latches_received_from_board(board, since, TraceMode.RING)
+    crcs: dict[bytes, int] = {}
+    for latch in seen:
+        due = crcs.setdefault(stored[latch.index], latch.crc)
+        check(latch.crc == due, f"{name}: frame {latch.index} is latched as another one")
+    different = len(set(crcs.values())) == len(crcs)
+    check(
+        different or board.identity.transducers < _TELLING,
+        f"{name}: frames that differ are latched as one",
+    )
 
 
 @case(
