@@ -93,7 +93,10 @@ def explain_silent_board(board: BoardClient) -> str:
     """Return why HELLO was not answered, judged by the bytes that came instead."""
     wire = board.wire
     if not wire.heard:
-        return "the port is silent: nothing came back to HELLO"
+        return (
+            "the port is silent: nothing came back to HELLO; the board hangs at its start, needs "
+            "longer for it (boot timeout), or its line has another rate (baud)"
+        )
     if not any(piece.header is not None for piece in wire.received):
         return f"{wire.heard} bytes came, but no frame: not a board, or another line rate"
     if not any(piece.is_response or piece.is_event for piece in wire.received):

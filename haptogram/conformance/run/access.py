@@ -59,6 +59,10 @@ class Access(Protocol):
         """Restart the board and open its port; the caller has closed the old one."""
         ...
 
+    def last_words(self) -> str:
+        """Return the end of the program of the board, with its last words; empty if it runs."""
+        ...
+
     def close(self) -> None:
         """End the processes that :meth:`open` started."""
         ...
@@ -104,6 +108,10 @@ class VirtualAccess:
         """Power up another board, in the state of a board after a reset."""
         return self.open()
 
+    def last_words(self) -> str:
+        """Return an empty string: its end is that of this program."""
+        return ""
+
     def close(self) -> None:
         """Do nothing: a board whose port is closed has no power."""
 
@@ -136,6 +144,10 @@ class RecordedAccess:
     def _taken(self, transport: Transport) -> Transport:
         self.url = self._access.url  # of a program that names its port when it starts
         return self._wrap(transport)
+
+    def last_words(self) -> str:
+        """Return the last words of the board that is recorded."""
+        return self._access.last_words()
 
     def close(self) -> None:
         """End what the access has started."""
@@ -212,6 +224,10 @@ class PortAccess:
                         setattr(port, name, state)
         except (OSError, ValueError) as error:
             raise LinkError(f"{self.url}: modem lines cannot be set: {error}") from error
+
+    def last_words(self) -> str:
+        """Return an empty string: the board is no program of this run."""
+        return ""
 
     def close(self) -> None:
         """Do nothing: the run did not start the board."""

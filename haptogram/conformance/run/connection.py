@@ -213,4 +213,5 @@ class SuiteConnection:
             self.lost = explain_silent_board(self.board)
         except (LinkError, CaseEndedError) as error:
             self.lost = f"the board is gone: {error}" if self.device else str(error)
+            self.lost = "; ".join(filter(None, (self.lost, self._access.last_words())))
         return False

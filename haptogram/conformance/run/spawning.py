@@ -95,6 +95,7 @@ class SpawnAccess:
         self.url, self.baudrate = command, baudrate
         self.boot_timeout_s = boot_timeout_s
         self._process: subprocess.Popen[bytes] | None = None
+        self._output: _SpawnAccessOutput | None = None
 
     def open(self) -> Transport:
         """Open its port, starting it if it does not run."""
@@ -105,7 +106,8 @@ class SpawnAccess:
     def reset(self) -> Transport:
         """Start the process anew and open its port."""
         self.close()
-        self.url = self._wait_for_port(self._start())
+        self._output = self._start()
+        self.url = self._wait_for_port(self._output)
         return open_access_port(
             lambda: open_transport(self.url, baudrate=self.baudrate), self.boot_timeout_s
         )
@@ -144,6 +146,18 @@ class SpawnAccess:
                     "is named, --boot-timeout how long it may take"
                 )
             time.sleep(_POLL_S)
+
+    def last_words(self) -> str:
+        """Return the end of the process, with the last that it printed; empty if it runs."""
+        process, output = self._process, self._output
+        if process is None or output is None:
+            return ""
+        try:
+            status = process.wait(_LAST_WORDS_S)  # it may be on its way to its end
+        except subprocess.TimeoutExpired:
+            return ""
+        last = output.end(_LAST_WORDS_S) or "nothing"
+        return f"{self._arguments[0]} ended with status {status}; it printed: {last}"
 
     def close(self) -> None:
         """End the process and everything that it started."""

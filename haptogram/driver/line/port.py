@@ -339,5 +339,8 @@ def _lost_transport(url: str, error: BaseException) -> LinkLostError:
 
 
 def _close_transport(port: Any) -> None:
+    held = getattr(port, "_socket", None)  # pyserial leaves one open that was reset
     with contextlib.suppress(OSError, ValueError):
         port.close()
+    if held is not None:
+        held.close()

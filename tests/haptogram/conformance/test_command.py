@@ -132,6 +132,26 @@ def test_devices_side_by_side(tmp_path):
     assert text.count("haptogram-sim 1") >= 2
 
 
+#: An emulator that listens, says so, and then finds that it cannot start.
+NO_EMULATOR = """
+import socket, sys
+server = socket.create_server(("127.0.0.1", 0))
+print(f"listening on socket://127.0.0.1:{server.getsockname()[1]}", flush=True)
+server.accept()
+sys.exit("emulator: no such machine")
+"""
+
+
+def test_the_last_words_of_a_spawned_board_are_told(tmp_path, capsys):
+    program = tmp_path / "emulator.py"
+    program.write_text(NO_EMULATOR)
+    assert main(["conform", "--spawn", f"{sys.executable} {program}", "--boot-timeout", "60"]) == 2
+    err = capsys.readouterr().err
+    assert err.endswith(" emulator: no such machine\n")
+    assert f"; {sys.executable} ended with status 1; it printed: listening on " in err
+    assert err.count("\n") == 1
+
+
 @pytest.mark.pty
 def test_a_spawned_board_is_restarted_for_the_clauses_about_a_reset(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{ROOT / 'protocol'}")
