@@ -4,7 +4,8 @@ LIMITS is a JSON object of fields of :class:`~sim_device.board.settings.BoardSet
 ``grid_nx``, ``grid_ny`` and ``pitch_um`` of the array.  Steps and answers are those of
 ``protocol/c/tools/board_steps.c``; times are microseconds after power-up.  ``reset US`` starts the
 device clock at US instead of 2^32 - 10 s.  ``next`` is answered by the time at which the board does
-something by itself, ``-`` if never.
+something by itself, ``-`` if never.  ``through TIME`` lets time pass while somebody reads: its
+answer holds all that the board sends up to then.
 """
 
 from __future__ import annotations
@@ -57,6 +58,19 @@ class VirtualSteppedBoard:
             sent = self.receive(max(self._now_us, min(due_us, limit_us)), b"")
         return self._now_us, sent
 
+    def advance_through(self, end_us: int) -> bytes:
+        """Let time pass, with a host that reads; return the bytes that the board sends."""
+        said = b""
+        while self._now_us < end_us:
+            said += self.advance_until_sent(end_us)[1]
+        return said
+
+    def raise_fault(self, at_us: int) -> bytes:
+        """Let the hardware fail; return the bytes that the board sends."""
+        said = self.receive(at_us, b"")
+        self._dialect.raise_hardware_fault()
+        return said + self._dialect.take_output()
+
     def step(self, line: str) -> str:
         """Carry out one line of input and return the line that answers it."""
         word, *rest = line.split()
@@ -69,6 +83,10 @@ class VirtualSteppedBoard:
         if word == "until":
             at_us, sent = self.advance_until_sent(int(rest[0]))
             return f"{at_us} {sent.hex() or '-'}"
+        if word == "through":
+            return self.advance_through(int(rest[0])).hex() or "-"
+        if word == "fault":
+            return self.raise_fault(int(rest[0])).hex() or "-"
         data = bytes.fromhex(rest[1]) if word == "rx" else b""
         return self.receive(int(rest[0]), data).hex() or "-"
 

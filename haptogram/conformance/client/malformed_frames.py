@@ -32,7 +32,7 @@ def malformed_with_wrong_crc(body: bytes, flip: int = 1) -> bytes:
 
 def malformed_noise(source: random.Random, size: int) -> bytes:
     """Return random bytes without a zero, so that they end no frame."""
-    return bytes(source.randrange(1, 256) for _ in range(size))
+    return source.randbytes(size).replace(b"\x00", b"\x01")
 
 
 def _malformed_mute(link: RequestClient, payload: bytes) -> tuple[bytes, int]:

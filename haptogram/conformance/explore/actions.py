@@ -21,6 +21,7 @@ from haptogram_protocol.messages import (
 from ..client.malformed_frames import malformed_frame, malformed_noise, malformed_with_crc
 
 SLOT_US: Final = 40_000
+LATE_WINDOWS_US: Final = (0, 30_000, 70_000, 100_000)
 #: Sequences that every dialogue finds stored; it uploads others, and never the last one.
 STORED_PHASES: Final = 1
 STORED_POINTS: Final = 2
@@ -30,6 +31,10 @@ ABSENT: Final = 60_000
 STORED_FRAMES: Final = 3
 POINT_BYTES: Final = 16
 MOST_POINTS: Final = 3  # in a frame that is uploaded
+#: Damages of a frame that only a host in virtual time does: two parts with time between them, and
+#: no frame but a fault of the hardware.
+PARTS: Final = 6
+FAULT: Final = 7
 _LONG_NOISE: Final = 70_000  # bytes: more than 16 bits count
 
 
@@ -55,6 +60,8 @@ class DialogueHost:
         The same of drives that are latched when their frame has arrived.
     least_ramp_us : int
         The shortest ramp of all configurations; 0: none had any.
+    unsent : bytes
+        The rest of a frame that was begun.
     """
 
     identity: HelloReply
@@ -68,6 +75,8 @@ class DialogueHost:
     computed: set[tuple[int, int]] = field(default_factory=set)
     inexact: set[tuple[int, int]] = field(default_factory=set)
     least_ramp_us: int = 0
+    unsent: bytes = b""
+    _of_session: dict[int, bytes] = field(default_factory=dict)
 
     def is_computed(self, key: LatchKey) -> bool:
         """Return True if the board may have computed the drive."""
@@ -80,6 +89,20 @@ class DialogueHost:
     def ramp_codes(self, apart_us: int) -> int:
         """Return by how many codes an amplitude may differ that is read so far apart."""
         return -(-255 * apart_us // self.least_ramp_us) if self.least_ramp_us else 0
+
+    def take_unsent(self) -> bytes:
+        """Return the rest of a frame that was begun."""
+        unsent, self.unsent = self.unsent, b""
+        return unsent
+
+    def remember(self, body: bytes) -> None:
+        """Note a request that the board remembers with its reply."""
+        self.remembered = body
+        self._of_session.setdefault(self.session, body)
+
+    def earlier(self) -> bytes:
+        """Return the first request of the open nonce, which may be one of a session before."""
+        return self._of_session.get(self.session, b"")
 
     def note_config(self, config: Config) -> None:
         """Note the ramp of a configuration that is sent."""
@@ -134,7 +157,7 @@ class DialogueAction:
         Given the host, returns header and payload.
     damage : int
         0: none; 1: a bit of the frame inverted; 2: cut; 3: noise instead; 4: noise of 70 000 bytes;
-        5: a run of up to 14 bytes, with a right CRC or none.
+        5: a run of up to 14 bytes, with a right CRC or none; :data:`PARTS`, :data:`FAULT`.
     seed : int
         Of the damage.
     ends_slot : bool
@@ -153,9 +176,15 @@ class DialogueAction:
         """Return the bytes on the line."""
         source = random.Random(self.seed)
         body = self.body(host)
+        if self.damage == FAULT:
+            return b""
         if self.damage == 5:
             return _short_random_run(source, body)
         wire = encode_frame(body)
+        if self.damage == PARTS:
+            cut = source.randrange(1, len(wire))
+            host.unsent = wire[cut:]
+            return wire[:cut]
         if self.damage == 1:
             at = source.randrange(1, len(wire) - 1)
             flipped = wire[at] ^ (1 << source.randrange(8)) or wire[at] ^ 0xFF

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
-from typing import Final
+from typing import Any, Final
 
 from haptogram_protocol.messages import Config, Feature, HelloReply, TraceMode
 
-from .actions import SLOT_US
+from .actions import LATE_WINDOWS_US, SLOT_US
+from .tables.limit_requests import REFUSED_CONFIG
 
 _SLOT_MS: Final = SLOT_US // 1000
 #: Lengths that no dialogue outlasts; a board that keeps too few bits of them ends early.
 _NEVER_MS: Final = (6600, 8200, 10_000)
 _UNATTENDED_NEVER_MS: Final = (6600, 10_000, 65_600, 66_000)
-_STATUS_MS: Final = round(11.8 * _SLOT_MS)
+#: Parts of a slot at which timers end.
+_HOLD_PART: Final = 0.2
+_LEASE_PART: Final = 0.35
+_UNATTENDED_PART: Final = 0.85
+_UNATTENDED_SLOTS: Final = 4
+_TRIES: Final = 4
+_STATUS_MS: Final = round(6.85 * _SLOT_MS)
 #: A ramp that begins with a frame, as its hold is over already, ends at 0.45 of a slot.
 _RAMPS_MS: Final = (58, 418, 2000)
+_LONGEST_RAMP_MS: Final = 418  # in a scene
 
 
 class RandomConfigs:
@@ -23,7 +32,8 @@ class RandomConfigs:
 
     Frames arrive at the beginning of a slot and are latched there or in its middle, so that the
     hold ends at 0.2 or 0.7 of one; the lease at 0.35, behind a playback that ends at up to 0.58 at
-    0.93; an unattended playback at 0.85; a STATUS is sent at 0.8 and 0.6.
+    0.93; an unattended playback at 0.85; a STATUS is sent at 0.85, 0.7 and
+    so on.
 
     Parameters
     ----------
@@ -40,6 +50,10 @@ class RandomConfigs:
     ----------
     with_status : bool
         Whether boards send STATUS in the dialogue.
+    with_timers : bool
+        Whether hold and lease end in the dialogue.
+    last : Config
+        The configuration that was made last.
     """
 
     def __init__(
@@ -50,39 +64,85 @@ class RandomConfigs:
         self._most_unattended_ms = identity.max_unattended_ms
         self._drives = drives
         self.with_status = timed and source.random() < 0.3
-        self._with_timers = timed and not self.with_status
+        self.with_timers = timed and not self.with_status
         self._ramps = source.choice(((0,), (0, *_RAMPS_MS[:1]), (0, *_RAMPS_MS[1:])))
+        self.last = Config()
 
     def config(self) -> Config:
         """Return a configuration."""
         pick = self._random.choice
-        return Config(
-            hold_ms=pick(self._lengths((2, 2, 4, 20), 0.2)),
+        self.last = Config(
+            hold_ms=pick(self._lengths((2, 2, 4, 20), _HOLD_PART)),
             ramp_ms=pick(self._ramps),
-            host_timeout_ms=pick(self._lengths((3, 5, 50), 0.35)),
+            host_timeout_ms=pick(self._lengths((3, 5, 50), _LEASE_PART)),
             status_period_ms=_STATUS_MS if self.with_status and pick((0, 1, 1)) else 0,
-            late_window_us=pick((0, 30_000, 30_000, 70_000, 100_000)),
+            late_window_us=pick(LATE_WINDOWS_US),
             sound_speed_mm_s=pick((343_200, 331_000, 352_000, 300_000, 380_000)),
-            trace_mode=pick(self._modes()),
+            trace_mode=pick(self.modes()),
             amplitude_ceiling=pick((255, 255, 255, 100, 1, 0)),
             trace_divider=pick((1, 1, 2, 3, 257, 0xFFFF)),
         )
+        return self.last
+
+    def timed_config(
+        self, lease: int | None, hold: int | None, ramp_ms: int | None = None
+    ) -> Config:
+        """Return a configuration with timers of so many slots and a part; None: they never end."""
+        never = self._random.choice(_NEVER_MS)
+        ramps = [length for length in self._ramps if length <= _LONGEST_RAMP_MS]
+        self.last = dataclasses.replace(
+            self.config(),
+            hold_ms=never if hold is None else _in_slots_ms(hold, _HOLD_PART),
+            host_timeout_ms=never if lease is None else _in_slots_ms(lease, _LEASE_PART),
+            ramp_ms=self._random.choice(ramps) if ramp_ms is None else ramp_ms,
+            amplitude_ceiling=self._random.choice((255, 100)),
+            status_period_ms=0,
+        )
+        return self.last
+
+    def traced_config(self) -> Config:
+        """Return a configuration that traces every second or third latch, and no timer ends."""
+        modes = [mode for mode in self.modes() if mode not in (TraceMode.OFF, TraceMode.DRIVE)]
+        mode = self._random.choice(modes or [TraceMode.OFF])
+        divider = self._random.choice((2, 3))
+        config = self.timed_config(None, None)
+        self.last = dataclasses.replace(config, trace_mode=mode, trace_divider=divider)
+        return self.last
+
+    def changed(self, name: str) -> Config:
+        """Return the last configuration with another value of one field."""
+        last = self.last
+        others = [getattr(self.config(), name) for _ in range(_TRIES)]
+        value = next((other for other in others if other != getattr(last, name)), others[0])
+        self.last = dataclasses.replace(last, **{name: value})
+        return self.last
+
+    def refused(self, name: str) -> Config:
+        """Return the last configuration with a value of one field that no board takes."""
+        changes: dict[str, Any] = {name: self._random.choice(dict(REFUSED_CONFIG)[name])}
+        return dataclasses.replace(self.last, **changes)
 
     def unattended_ms(self) -> int:
         """Return the time that a playback may go on without a frame of the host."""
         lengths = list(_UNATTENDED_NEVER_MS)
-        if self._with_timers:
-            lengths += [0, *[4 * _SLOT_MS + 85 * _SLOT_MS // 100] * 3]
+        if self.with_timers:
+            lengths += [0, *[self.short_unattended_ms] * 3]
         length = self._random.choice(lengths)
         return min(length, self._most_unattended_ms)
 
+    @property
+    def short_unattended_ms(self) -> int:
+        """An unattended time that ends in a dialogue."""
+        return min(_in_slots_ms(_UNATTENDED_SLOTS, _UNATTENDED_PART), self._most_unattended_ms)
+
     def _lengths(self, slots: tuple[int, ...], part: float) -> list[int]:
         never = [self._random.choice(_NEVER_MS)]
-        if not self._with_timers:
+        if not self.with_timers:
             return never
-        return [round(_SLOT_MS * (number + part)) for number in slots] + never
+        return [_in_slots_ms(number, part) for number in slots] + never
 
-    def _modes(self) -> list[TraceMode]:
+    def modes(self) -> list[TraceMode]:
+        """Return the modes of the trace, as often as they are to be likely."""
         modes = [TraceMode.OFF]
         for feature, mode, weight in (
             (Feature.TRACE, TraceMode.CRC, 2),
@@ -92,3 +152,7 @@ class RandomConfigs:
             may = mode is not TraceMode.DRIVE or self._drives
             modes += [mode] * weight if self._can & feature and may else []
         return modes
+
+
+def _in_slots_ms(number: int, part: float) -> int:
+    return round(_SLOT_MS * (number + part))

@@ -10,9 +10,10 @@ from haptogram_protocol.messages import Arm, Config, Feature, HelloReply, Mute, 
 
 from .actions import DialogueAction
 from .configurations import RandomConfigs
-from .coverage import DialogueCoverage
 from .request_actions import RandomRequests
+from .scenes.scenes import RandomScenes
 from .stream_actions import MadeAction, RandomStream
+from .tables.coverage import DialogueCoverage
 
 #: In the text of an action whose latch may follow at once.
 _AT_ONCE: Final = ("at once", "for late", "for too late", "for at a limit", "PLAY", "again")
@@ -21,7 +22,13 @@ _QUIET: Final = (3, 4, 6)  # slots in which nothing is sent, so that timers end
 _QUIET_SHARE: Final = 0.15  # of the slots of a dialogue with timers
 _LONG_QUIET: Final = 12  # slots of a long playback
 _SCENE_SHARE: Final = 0.3  # of the slots of a dialogue with timers
+#: Of the slots, with a scene out of the tables: of a dialogue with timers and of one without; where
+#: bytes arrive to the microsecond no slot has to be waited for.
+_TABLE_SHARES: Final = {(True, True): 0.5, (True, False): 0.3, (False, True): 0.1}
+_TABLE_SHARE: Final = 0.06
+_GREETING_SHARE: Final = 0.4  # of the dialogues, with numbers that wrap
 _SCENE: Final = (5, 6, 6, 8)  # slots in which timers run
+_PAIR_SHARE: Final = 0.12
 _CANDIDATES: Final = 3
 _DISARMING: Final = ("MUTE", "DISARM", "HELLO last", "HELLO earlier", "HELLO new", "HELLO near")
 #: Kinds of actions, how often they are sent, and by what a dialogue multiplies that: dialogues that
@@ -39,6 +46,8 @@ _DAMAGE_TEXT: Final = (
     ": noise instead",
     ": long noise instead",
     ": a short run instead",
+    ", in two parts",
+    "",
 )
 
 
@@ -83,6 +92,16 @@ class DialogueGenerator:
         self._requests = RandomRequests(
             identity, self._random, coverage, self._configs, timed=timed, fast=fast
         )
+        self._scenes = RandomScenes(
+            identity,
+            self._random,
+            coverage,
+            self._configs,
+            self._stream,
+            self._requests,
+            exact=exact,
+        )
+        self._table_share = _TABLE_SHARES.get((timed, exact), _TABLE_SHARE)
         self._timed, self._exact = timed, exact
         self._seen = self._random.choice(_SEEN)
         self._is_configurable = bool(identity.features & Feature.CONFIG)
@@ -103,8 +122,18 @@ class DialogueGenerator:
         if self._configs.with_status:
             made.append(self._whole(slot, self._requests.new_config()))
             slot = 1
+        elif self._random.random() < _GREETING_SHARE:
+            made.append(self._whole(slot, self._requests.greeting()))
+            slot = 1
         while slot < slots:
-            if self._timed and self._random.random() < _SCENE_SHARE:
+            chance = self._random.random()
+            if chance < self._table_share:
+                for told in self._scenes.scene():
+                    made += [self._named(slot, one, damage) for one, damage in told]
+                    slot += 1
+                self._is_armed = False
+                continue
+            if self._timed and chance < self._table_share + _SCENE_SHARE:
                 made += self._scene(slot)
                 slot = made[-1].slot + 1
                 continue
@@ -136,6 +165,9 @@ class DialogueGenerator:
         steps = self._random.choice((0, 1, 2, 2, 8))
         found += [self._whole(slot, step) for step in self._script[:steps]]
         self._script = self._script[steps:]
+        if self._random.random() < _PAIR_SHARE:
+            pair = [self._whole(slot, made) for made in self._stream.pair()]
+            found += pair
         number = self._random.choice((0, 1, 2, 2, 3, 4, 6))
         for _ in range(number):
             found += self._rarest(slot)

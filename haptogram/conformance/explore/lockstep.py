@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -25,7 +25,7 @@ from haptogram_protocol.messages import (
 from ..client.board_client import BoardClient
 from ..client.wire import ReceivedByClient
 from ..outcome import CaseEndedError
-from .actions import SLOT_US, DialogueAction, DialogueHost
+from .actions import FAULT, SLOT_US, DialogueAction, DialogueHost
 from .comparison import (
     DialogueAnswers,
     DialogueBase,
@@ -141,20 +141,27 @@ class Lockstep:
         lines: list[str] = []
         slots = max((action.slot for action in actions), default=0) + _TAIL * timed + 1
         start_us = host.slot_us = self._first_slot()
-        for slot in range(slots):
-            batch = self._batch(host, [a for a in actions if a.slot == slot], timed=timed)
+        by_slot: dict[int, list[DialogueAction]] = {}
+        for action in actions:
+            by_slot.setdefault(action.slot, []).append(action)
+        slot = 0
+        while slot < slots:
+            batch = self._batch(host, by_slot.get(slot, []), timed=timed)
             shown_us = host.slot_us - start_us
             lines += [f"{shown_us:>8} µs  {a.text}: {wire.hex()}" for a, wire in batch]
             wires = [wire for _, wire in batch]
-            if wires:
+            if wires and not host.unsent:
                 wires.append(_foreign_ping_in_lockstep(host))
-            found = self._slot(host, wires, base, may_cut=not timed)
+            fails = any(action.damage == FAULT for action, _ in batch)
+            silent = self._silent_slots(slot, slots, by_slot) if timed else 0
+            found = self._slot(host, wires, base, may_cut=not timed, fails=fails, silent=silent)
             if found and not self._is_virtual and self._has_dropped_traces(host, base[0]):
                 raise HostLateError("the line of the board had no room for traces: HG-8.7/2")
             if found:
                 text = f"{shown_us} µs after the start {found}"
                 return Played(text, tuple(lines), slot, self._held_up())
-            host.slot_us = self._next_slot(host.slot_us, may_cut=not timed)
+            host.slot_us = self._next_slot(host.slot_us + silent * SLOT_US, may_cut=not timed)
+            slot += 1 + silent
             if not timed and host.slot_us - start_us > _LONGEST_US:
                 break
         # What came early was due in the slot behind the last one, or never.
@@ -162,6 +169,16 @@ class Lockstep:
         behind = self._models.due(host, base[1], self._near_us)
         text = superfluous_in_dialogue(self._early[len(behind) :])
         return Played(text, tuple(lines), slots, self._held_up())
+
+    def _silent_slots(self, slot: int, slots: int, by_slot: Container[int]) -> int:
+        """Return how many slots behind one pass together: nothing is sent in them.
+
+        A host at a wall clock looks at each by itself: it may be late.
+        """
+        if not self._is_virtual:
+            return 0
+        behind = range(slot + 1, slots)
+        return next((n for n, other in enumerate(behind) if other in by_slot), len(behind))
 
     def _held_up(self) -> int:
         """Return how long something was held up that is not the board: it explains a difference."""
@@ -179,7 +196,7 @@ class Lockstep:
         found: list[tuple[DialogueAction, bytes]] = []
         room_us = SLOT_US // _SHARE if timed else SLOT_US // 2
         for action in actions:
-            wire = action.wire(host)
+            wire = host.take_unsent() + action.wire(host)
             size = len(wire) + sum(len(data) for _, data in found)
             if self._board.wire.line_us(size) > room_us:
                 break
@@ -235,6 +252,8 @@ class Lockstep:
         base: tuple[DialogueBase, DialogueBase],
         *,
         may_cut: bool,
+        fails: bool = False,
+        silent: int = 0,
     ) -> str:
         board, models, at_us = self._board, self._models, host.slot_us
         line_us = board.wire.line_us(sum(map(len, wires)))
@@ -244,6 +263,9 @@ class Lockstep:
             board.wire.send(piece)  # a frame a slot, which the board has time for
         if self._is_virtual:
             models.receive(at_us, wires)
+            if fails and board.raise_fault is not None:
+                board.raise_fault()
+                models.fault(at_us)
         elif wires:
             answered_us = self._answered_us(host, sent_us)
             heard_us = max([sent_us, *answered_us])
@@ -252,6 +274,7 @@ class Lockstep:
             models.receive(sent_us, wires, answered_us)
         models.advance(max(at_us, models.now_us) + self._settled_us())
         if not (may_cut and self._is_idle(at_us)):
+            at_us += silent * SLOT_US
             models.advance(at_us + SLOT_US - _END_US)
             self._wait_until(at_us + SLOT_US - _END_US - 1000)
         due = models.due(host, base[1], self._near_us)

@@ -88,12 +88,11 @@ class DialogueModel:
 
     def advance(self, end_us: int) -> list[FrameInDialogue]:
         """Let time pass; return the frames of the model, each event at its time."""
-        said = b""
-        now_us = -1
-        while now_us < end_us - self._boot_us:
-            now_us, more = self._process.advance_until_sent(end_us - self._boot_us)
-            said += more
-        return _frames_in_dialogue(said)
+        return _frames_in_dialogue(self._process.advance_through(end_us - self._boot_us))
+
+    def fault(self, at_us: int) -> list[FrameInDialogue]:
+        """Let the hardware fail; return the frames of the model."""
+        return _frames_in_dialogue(self._process.fault(at_us - self._boot_us))
 
     def next_us(self) -> int | None:
         """Return when the model does something by itself; None: never."""
@@ -184,6 +183,10 @@ class DialogueModels:
         self._due += self._early.advance(end_us)
         if self._late is not None:
             self._later += self._late.advance(end_us)
+
+    def fault(self, at_us: int) -> None:
+        """Let the hardware fail, at a time that the host knows."""
+        self._due += self._early.fault(at_us)
 
     def next_us(self) -> int | None:
         """Return when a model does something by itself; None: never."""

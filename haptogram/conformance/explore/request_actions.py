@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
@@ -31,9 +31,9 @@ from haptogram_protocol.messages import (
 
 from .actions import ABSENT, SLOT_US, STORED_PHASES, UPLOADED, DialogueHost
 from .configurations import RandomConfigs
-from .coverage import DialogueCoverage
-from .limit_requests import random_limit_requests
 from .stream_actions import ODD_FLAGS, WRONG_SESSIONS, MadeAction
+from .tables.coverage import DialogueCoverage
+from .tables.limit_requests import random_limit_requests
 from .upload_actions import RandomUploads
 
 _MOST_U16: Final = 0xFFFF
@@ -42,6 +42,21 @@ _BACK: Final = (0, 1, 2, 5, 0x7FFF)  # 0: the next number; 1: the last one
 _BACK_WEIGHTS: Final = (20, 2, 1, 1, 0.3)
 _JUMPS: Final = (0, 300, 0x7FF0)  # numbers that are left out
 _JUMP_WEIGHTS: Final = (60, 1, 1)
+#: Defects of a request, of which each has its place in the order of the checks (HG-3.8).
+DEFECTS: Final[dict[str, dict[str, int]]] = {
+    "IMMEDIATE": {"flags": Flag.IMMEDIATE},
+    "a flag that must be understood": {"flags": 0x40},
+    "a flag that may be ignored": {"flags": 0x02},
+    "another session": {"other": WRONG_SESSIONS[0]},
+    "no session": {"other": WRONG_SESSIONS[-1]},
+    "a byte less": {"cut": -1},
+    "a byte more": {"cut": 1},
+    "300 bytes more": {"cut": 300},
+    "no payload": {"cut": -9999},
+    "the last number": {"back": 1},
+    "an old number": {"back": 5},
+}
+_FIRST_NUMBERS: Final = (0xFFFF, 0x7FFF, 0xFF, 0x100FE)
 _LONG_PERIOD_US: Final = 450  # 100 loops of 1 to 3 frames, and 300, end where no bytes arrive
 
 
@@ -127,7 +142,33 @@ class RandomRequests:
             flags |= pick((0, Flag.IMMEDIATE))  # later frames of it end before the next slot
         elif isinstance(message, Play):
             flags &= ~Flag.IMMEDIATE
-        later = pick(self._starts)
+        return self._built(message, flags=flags, other=other, cut=cut, back=back, jump=jump)
+
+    def defective(self, message: Message, defects: Iterable[str]) -> MadeAction:
+        """Return a request with some of :data:`DEFECTS`."""
+        some = list(defects)
+        merged = {key: value for defect in some for key, value in DEFECTS[defect].items()}
+        if isinstance(message, Mute):
+            merged["cut"] = max(0, merged.get("cut", 0))
+        made = self._built(message, **merged)
+        return f"{made[0]} with {' and '.join(some)}", *made[1:]
+
+    def _built(
+        self,
+        message: Message,
+        *,
+        flags: int = 0,
+        other: int = 0,
+        cut: int = 0,
+        back: int = 0,
+        jump: int = 0,
+    ) -> MadeAction:
+        """Return a request with flags, another session, bytes more or less, and its number.
+
+        A number of another session is any, and none of the open one is left out for it.
+        """
+        later = self._random.choice(self._starts)
+        apart = self._random.randrange(1 << 16) if other and self._random.random() < 0.5 else 0
 
         def body(host: DialogueHost) -> bytes:
             if isinstance(message, SetConfig):
@@ -137,7 +178,11 @@ class RandomRequests:
             host.seq += jump
             us = host.slot_us + round(later * SLOT_US)
             wrong = host.session if other == WRONG_SESSIONS[-1] else other
+            seq = host.seq
+            host.seq += apart
             whole = host.request(message, back=back, flags=flags, time_us=us, other=wrong)
+            if apart:
+                host.seq = seq
             host.last = whole[: max(HEADER_BYTES, len(whole) + cut)] + bytes(max(0, cut))
             return host.last[:MAX_BODY_BYTES]
 
@@ -194,9 +239,9 @@ class RandomRequests:
         period_us, loops = pick(self._periods)
         return Play(pick(sequences), period_us, loops, self._configs.unattended_ms())
 
-    def long_play(self) -> MadeAction:
+    def long_play(self, loops: int = 0) -> MadeAction:
         """Return PLAY of hundreds of frames within a few slots."""
-        loops = self._random.choice((100, 100, 300))
+        loops = loops or self._random.choice((100, 100, 300))
         play = Play(STORED_PHASES, _LONG_PERIOD_US, loops, self._configs.unattended_ms() or 6000)
         name, text, body = self._made(0, play, is_odd=False)
         return f"{name} long", text, body
@@ -204,6 +249,10 @@ class RandomRequests:
     def upload(self) -> list[MadeAction]:
         """Return the requests of an upload; empty if the board has no room for one."""
         return self._uploads.upload()
+
+    def long_upload(self) -> list[MadeAction]:
+        """Return the requests of an upload of more than 64 KiB, if there is much more room."""
+        return self._uploads.long_upload()
 
     # --- what makes a dialogue go on, or shows what it did -------------------------------------
 
@@ -215,7 +264,7 @@ class RandomRequests:
                 host.note_config(message.config)
             whole = host.request(message)
             if not isinstance(message, UploadChunk):
-                host.remembered = whole
+                host.remember(whole)
             return whole
 
         return message.TYPE.name, f"{message}"[:200], body
@@ -246,6 +295,12 @@ class RandomRequests:
         text = "the remembered request once more"
         return text, text, lambda host: host.remembered or host.request(ping)
 
+    def of_earlier_session(self) -> MadeAction:
+        """Return a request of the session before that of the same nonce, if there was one."""
+        ping = Ping(1)
+        text = "a request of an earlier session once more"
+        return text, text, lambda host: host.earlier() or host.request(ping)
+
     def keeping(self) -> MadeAction:
         """Return a request that changes nothing and renews the lease."""
         count = self._identity.transducers
@@ -254,21 +309,40 @@ class RandomRequests:
         messages += [make() for make in self.reads()]
         return self.plain(self._random.choice(messages))
 
-    def start(self) -> MadeAction:
+    def start(
+        self,
+        *,
+        later: float | None = None,
+        loops: int | None = None,
+        unattended_ms: int | None = None,
+    ) -> MadeAction:
         """Return PLAY as it should be, from the middle of a slot on until something ends it."""
         pick = self._random.choice
-        loops = pick((0, 0, 1, 2))
-        play = Play(pick(UPLOADED), SLOT_US, loops, self._configs.unattended_ms() or 1)
-        later = pick((0.5, 0.5, 1.5, 8.5))
+        loops = pick((0, 0, 1, 2)) if loops is None else loops
+        unattended_ms = unattended_ms or self._configs.unattended_ms() or 1
+        play = Play(pick(UPLOADED), SLOT_US, loops, unattended_ms)
+        later = later or pick((0.5, 0.5, 1.5, 8.5))
 
         def body(host: DialogueHost) -> bytes:
             return host.request(play, time_us=host.slot_us + round(later * SLOT_US))
 
         return "PLAY", f"{play} in {later} slots", body
 
+    def greeting(self) -> MadeAction:
+        """Return a HELLO of a new session, whose numbers soon wrap, or pass the middle."""
+        across, pick = self._random.randrange, self._random.choice
+        nonce, seq = across(1, 0x10000), pick(_FIRST_NUMBERS) - across(6)
+        hello = Hello(1, 0, nonce, self._identity.description_hash)
+
+        def body(host: DialogueHost) -> bytes:
+            host.seq = seq
+            return host.hello(hello)
+
+        return "HELLO new", f"HELLO with the number {seq + 1:#x}", body
+
     # --- sessions ------------------------------------------------------------------------------
 
-    def hello(self) -> MadeAction:
+    def hello(self, which: str = "") -> MadeAction:
         """Return a HELLO: with the open nonce, one of sessions before, a new one or none."""
         across, pick = self._random.randrange, self._random.choice
         whiches = (
@@ -283,7 +357,7 @@ class RandomRequests:
             "near",
             "largest",
         )
-        which = pick((*whiches, "0", "major 2"))
+        which = which or pick((*whiches, "0", "major 2"))
         new, near = across(1, 0x10000), pick(WRONG_SESSIONS)
         table = pick((self._identity.description_hash, across(2**32)))
         minor, back = pick((0, 0, 1, 0xFF)), pick((0, 0, 0, 1, 5, 0x4000))

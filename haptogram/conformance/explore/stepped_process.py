@@ -5,6 +5,7 @@
     rx TIME HEX   bytes whose last one is complete TIME microseconds after power-up
     at TIME       time passes
     until TIME    time passes until the board sends something, at most up to TIME
+    through TIME  time passes, and what the board sends is read at once: the model only
     fault TIME    the hardware fails
     mute TIME     an interrupt has found a MUTE, whose bytes come with a later rx
     reset         power down and up again
@@ -75,6 +76,10 @@ class LockstepProcess:
         """Let time pass until the board sends something; return the time and the bytes."""
         at_us, sent = self.step(f"until {limit_us}").split()
         return int(at_us), _bytes_of_lockstep_answer(sent)
+
+    def advance_through(self, end_us: int) -> bytes:
+        """Let time pass while somebody reads; return the bytes that the board sent."""
+        return _bytes_of_lockstep_answer(self.step(f"through {end_us}"))
 
     def fault(self, at_us: int) -> bytes:
         """Let the hardware of the board fail; return the bytes that the board sent."""

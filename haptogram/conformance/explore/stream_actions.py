@@ -22,7 +22,7 @@ from haptogram_protocol.messages import (
     pack_phases,
 )
 
-from .actions import SLOT_US, DialogueHost
+from .actions import LATE_WINDOWS_US, SLOT_US, DialogueHost
 
 #: What an action is made of: its name, its text and the body.
 MadeAction = tuple[str, str, Callable[[DialogueHost], bytes]]
@@ -31,11 +31,15 @@ MadeAction = tuple[str, str, Callable[[DialogueHost], bytes]]
 ODD_FLAGS: Final = (0x20, 0x40, 0x80, 0x01, 0x02, 0x04, 0x08, 0xFF & ~Flag.IMMEDIATE)
 #: Of a session that is not the open one: low byte the same, high byte the same, none.
 WRONG_SESSIONS: Final = (0x0100, 0x0001, 0x8000, 0x2222)
-_STEPS: Final = (1, 0, -1, -2, 300, 0x2000, 0x7FF0, -0x7FF0)
-_STEP_WEIGHTS: Final = (14, 1, 0.6, 0.3, 0.3, 0.2, 0.4, 0.1)
+_STEPS: Final = (1, 0, -1, -2, 300, 0x2000, 0x7FF0, -0x7FF0, 0x7FFF, -0x8000, -0x7FFF)
+_STEP_WEIGHTS: Final = (14, 1, 0.6, 0.3, 0.3, 0.2, 0.4, 0.1, 0.2, 0.3, 0.1)
 _FAR_US: Final = 4_000_000  # later than any dialogue ends
 _FRAMES: Final = 8  # in a slot, at most
 _BURST: Final = 40  # frames sent in one slot, at most
+_LONG_BURST: Final = 300  # where bytes take no time: more than 8 bits count
+_EDGES_UM: Final = (0, 1, -1, 1_000_000, -1_000_000)  # of a point: accuracy is demanded within 1 m
+_EDGE_SHARE: Final = 0.3  # of the points
+_EDGES_U16: Final = (0, 1, 0x4000, 0x7FFF, 0x8000, 0xFFFF)
 
 
 class RandomStream:
@@ -66,51 +70,92 @@ class RandomStream:
         self._most_points = min(identity.max_points, fitting) * has_points
         self._aheads: list[Any] = [None, None, None, 0.5, 0.5, "far", "late", "too late", "beyond"]
         self._aheads += [0.5, 1.5, 1.5, 2.5, 3.5, 6.5] if timed else ["far"]
-        self._aheads += ["at a limit"] if exact else []
+        self._aheads += ["at a limit", "at a limit"] if exact else []
+        self._exact = exact
 
     def frame(self, slot: int) -> MadeAction:
         """Return a frame: at once, in half a slot or some slots and a half, late, or far ahead."""
         del slot
         pick = self._random.choice
-        return self._made(self._drive(), pick(self._aheads), pick((0, 0, 10, 25, 26, 1000, 3000)))
+        odd = self._random.random()
+        return self.of(
+            pick(self._aheads),
+            self._drive(),
+            apart_us=pick((0, 0, 10, 25, 26, 1000, 3000)),
+            step=self._random.choices(_STEPS, _STEP_WEIGHTS)[0],
+            flags=pick(ODD_FLAGS) if odd > 0.93 else 0,
+            wrong=pick(WRONG_SESSIONS) if 0.88 < odd <= 0.93 else 0,
+            cut=pick((-1, -16, -9999, 1, 300)) if 0.85 < odd <= 0.88 else 0,
+        )
 
     def burst(self, *, may_latch: bool) -> list[MadeAction]:
         """Return so many short frames that a queue fills or a counter of few bits wraps."""
         pick = self._random.choice
         number = pick((self._random.randint(3, _BURST), self._identity.queue_depth + 1))
-        number = min(number, _BURST)
+        number = pick((min(number, _BURST), _LONG_BURST if self._exact else _BURST))
         first_us = pick((_FAR_US, SLOT_US // 2)) if may_latch else _FAR_US
-        makers = self._kinds()[: -1 if self._most_points and self._identity.point_time_us else None]
-        shortest = min((make() for make in makers), key=lambda one: len(one.serialize()))
         step_us = pick((10, 25, 30, 100))
         step, wrong = pick(((1, 0), (1, 0), (1, 0), (-1, 0), (1, 1)))  # new, seen before, foreign
+        return self.row(number, first_us, step_us, step=step, wrong=wrong)
+
+    def full_queue(self) -> list[MadeAction]:
+        """Return frames, far ahead, that fill the queue."""
+        return self.row(min(self._identity.queue_depth, _BURST), _FAR_US)
+
+    def row(
+        self, number: int, first_us: int, step_us: int = 100, *, step: int = 1, wrong: int = 0
+    ) -> list[MadeAction]:
+        """Return so many frames, of a format that is short."""
+        makers = self._kinds()[: -1 if self._most_points and self._identity.point_time_us else None]
+        shortest = min((make() for make in makers), key=lambda one: len(one.serialize()))
         return [
-            self._made(shortest, first_us / SLOT_US, n * step_us, plain=(step, wrong))
+            self.of(first_us / SLOT_US, shortest, apart_us=n * step_us, step=step, wrong=wrong)
             for n in range(number)
         ]
 
-    def plain(self, ahead: float | None) -> MadeAction:
+    def pair(self) -> list[MadeAction]:
+        """Return two frames, often of two formats, for one carrier period or two neighbours.
+
+        Or, where bytes arrive to the microsecond, for any two times.
+        """
+        pick = self._random.choice
+        if self._exact and self._random.random() < 0.5:
+            times = (None, None, "late", 0.0, 0.5)
+            return [self.of(pick(times)), self.of(pick(times))]
+        ahead = pick((0.5, 0.5, 1.5))
+        return [self.of(ahead), self.of(ahead, apart_us=pick((1, 10, 24, 25)))]
+
+    def plain(self, ahead: float | str | None) -> MadeAction:
         """Return a frame as it should be, to be latched so many slots from now; None: at once."""
-        return self._made(self._random.choice(self._kinds())(), ahead, 0, plain=(1, 0))
+        return self.of(ahead)
+
+    def refused(self) -> MadeAction:
+        """Return a frame in time, of a kind or with a value that no board takes."""
+        return self.of(0.5, self._refused(self._random.choice(self._kinds())()))
 
     def foreign(self) -> MadeAction:
         """Return a frame of another session."""
-        made = self._random.choice(self._kinds())()
-        return self._made(made, 0.5, 0, plain=(1, self._random.choice(WRONG_SESSIONS[:-1])))
+        return self.of(0.5, wrong=self._random.choice(WRONG_SESSIONS[:-1]))
 
-    def _made(
-        self, message: Message, ahead: Any, apart_us: int, plain: tuple[int, int] | None = None
+    def of(
+        self,
+        ahead: Any,
+        message: Message | None = None,
+        *,
+        apart_us: int = 0,
+        step: int = 1,
+        wrong: int = 0,
+        flags: int = 0,
+        cut: int = 0,
     ) -> MadeAction:
-        pick = self._random.choice
-        step = self._random.choices(_STEPS, _STEP_WEIGHTS)[0]
-        odd = self._random.random()
-        flags = pick(ODD_FLAGS) if odd > 0.93 else 0
-        wrong = pick(WRONG_SESSIONS) if 0.88 < odd <= 0.93 else 0
-        cut = pick((-1, -16, -9999, 1, 300)) if 0.85 < odd <= 0.88 else 0
-        if plain is not None:
-            flags = cut = 0
-            step, wrong = plain
+        """Return a frame so many slots ahead; None: at once; else a name of a time.
+
+        *step* is added to the number, *cut* to the length, *wrong* combined with the session.
+        """
+        message = message or self._random.choice(self._kinds())()
         limit_us = self._limit_us() if ahead == "at a limit" else 0
+        if ahead is None:  # its time counts for nothing
+            limit_us = self._random.choice((0, 0, -3, 8)) * SLOT_US
         kind = message.TYPE
         is_computed = isinstance(message, Points)
 
@@ -149,14 +194,15 @@ class RandomStream:
             "too late": -SLOT_US * 3 // 2,
             "beyond": 2 * horizon_us,
             "far": min(_FAR_US, horizon_us // 2),
-            "at a limit": limit_us,
         }
-        return named.get(str(ahead), 0)
+        return named.get(str(ahead), limit_us)
 
     def _limit_us(self) -> int:
         """Return a time ahead at which a board's answer changes, to the microsecond."""
         horizon_us = self._identity.max_horizon_us
-        edges = (-30_000, -70_000, -100_000, 0, 1, 2**31 - 1, -(2**31))
+        lead_us = self._identity.latch_lead_us
+        windows = [lead_us - window_us for window_us in LATE_WINDOWS_US]
+        edges = (*windows, *windows, *windows, 1, 2**31 - 1, -(2**31))
         return self._random.choice(
             (horizon_us, horizon_us + 1, *(edge + apart for edge in edges for apart in (0, -1)))
         )
@@ -190,10 +236,25 @@ class RandomStream:
         return Points(tuple(self._point() for _ in range(number)))
 
     def _point(self) -> FocalPoint:
-        across = self._random.randrange
-        level = across(30_000, 65_536)
+        across, pick = self._random.randrange, self._random.choice
+        level, phase = across(30_000, 65_536), across(65_536)
         x_um, y_um = across(-40_000, 40_000), across(-40_000, 40_000)
-        return FocalPoint(x_um, y_um, across(80_000, 200_000), level, across(65_536))
+        place = [x_um, y_um, across(80_000, 200_000)]
+        if self._random.random() < _EDGE_SHARE:
+            for n in range(len(place)):
+                place[n] = pick((place[n], *_EDGES_UM))
+            if self._random.random() < _EDGE_SHARE:
+                place[:2] = self._element()
+                place[2] = 0
+            level, phase = pick((level, *_EDGES_U16)), pick((phase, *_EDGES_U16))
+        return FocalPoint(place[0], place[1], place[2], level, phase)
+
+    def _element(self) -> tuple[int, int]:
+        """Return where a transducer of the grid is, or its centre, in whole micrometres."""
+        identity, across = self._identity, self._random.randrange
+        sides = (identity.grid_nx, identity.grid_ny)
+        x_um, y_um = ((2 * across(n) - n + 1) * identity.pitch_um // 2 for n in sides)
+        return self._random.choice(((x_um, y_um), (0, 0)))
 
     def _refused(self, made: Message) -> Message:
         """Return *made* with one value or length that its type does not allow."""

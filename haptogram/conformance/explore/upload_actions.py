@@ -29,6 +29,13 @@ from .actions import (
 from .stream_actions import MadeAction
 
 _LONGEST_CHUNK: Final = 512
+_WAYS: Final = (
+    *("plain", "plain", "plain", "shuffled", "gap", "mismatch", "target", "odd"),
+    *("overlap", "overlap", "again"),
+)
+_PIECES: Final = 6
+_LONG_BYTES: Final = 70_000  # more than 16 bits count
+_ROOM: Final = 8  # uploads of so many bytes fit into the store at least
 
 
 class RandomUploads:
@@ -76,7 +83,7 @@ class RandomUploads:
         )
         commit = UploadCommit(target)
         chunks = self._chunks(data)
-        how = pick(("plain", "plain", "plain", "shuffled", "gap", "mismatch", "target", "odd"))
+        how = pick(_WAYS)
         if how == "shuffled":
             self._random.shuffle(chunks)
         steps: list[Message] = [begin, *chunks, commit]
@@ -90,10 +97,27 @@ class RandomUploads:
             steps[-1:] = [wrong, commit, UploadChunk(at, data[at : at + 1]), commit]
         elif how == "target":
             steps[-1:] = [UploadCommit(target + 1), commit]
+        elif how == "overlap":  # pieces that lie over each other, and gaps between them
+            steps[1:-1] = [*self._pieces(data), commit, *chunks]
+        elif how == "again":  # announced once more, and nothing of it has come
+            some = self._random.randrange(len(chunks) + 1)
+            steps = [begin, *chunks[:some], begin, *chunks[some:], commit, *chunks, commit]
         elif how == "odd":
             end = UploadChunk(len(data), b"")
             steps[-1:] = [end, pick(chunks), UploadChunk(len(data), b"x"), commit, commit]
         return [self._plain(step, how) for step in steps]
+
+    def long_upload(self) -> list[MadeAction]:
+        """Return the requests of an upload of more than 64 KiB, if there is much more room."""
+        identity = self._identity
+        frames = min(_LONG_BYTES // self._count + 1, identity.max_sequence_frames)
+        data = self._random.randbytes(frames * self._count)
+        if _ROOM * len(data) > identity.max_upload_bytes:
+            return self.upload()
+        begin = UploadBegin(UploadKind.PHASES, 0, REPLACED, len(data), zlib.crc32(data))
+        edges = range(0, len(data), identity.max_chunk)
+        chunks = [UploadChunk(at, data[at : at + identity.max_chunk]) for at in edges]
+        return [self._plain(step, "long") for step in (begin, *chunks, UploadCommit(REPLACED))]
 
     def _data(self, kind: UploadKind, points: int) -> bytes:
         across = self._random.randrange
@@ -126,6 +150,15 @@ class RandomUploads:
             edges = range(0, len(data), self._largest)
             return [UploadChunk(at, data[at : at + self._largest]) for at in edges]
         return chunks
+
+    def _pieces(self, data: bytes) -> list[Message]:
+        """Return some chunks from anywhere to anywhere in *data*."""
+        pieces: list[Message] = []
+        for _ in range(_PIECES):
+            start = self._random.randrange(len(data))
+            size = self._random.randint(1, min(self._largest, len(data) - start))
+            pieces.append(UploadChunk(start, data[start : start + size]))
+        return pieces
 
     def _plain(self, message: Message, how: str) -> MadeAction:
         name = message.TYPE.name

@@ -1,6 +1,7 @@
 """Random dialogues beside a model: a healthy board lives like it, a wrong one does not."""
 
 import json
+import random
 import re
 import subprocess
 import sys
@@ -13,11 +14,17 @@ from hypothesis import strategies as st
 from haptogram.conformance.cases.ch01_conformance import every_dialogue
 from haptogram.conformance.explore.actions import SLOT_US
 from haptogram.conformance.explore.comparison import DialogueMemory, FrameInDialogue
-from haptogram.conformance.explore.coverage import DialogueCoverage
+from haptogram.conformance.explore.configurations import RandomConfigs
 from haptogram.conformance.explore.generator import DialogueGenerator
-from haptogram.conformance.explore.limit_requests import random_limit_requests
 from haptogram.conformance.explore.lockstep import Played
+from haptogram.conformance.explore.request_actions import RandomRequests
+from haptogram.conformance.explore.scenes.inputs import SceneInputs
+from haptogram.conformance.explore.scenes.scenes import RandomScenes
+from haptogram.conformance.explore.scenes.states import SceneStates
 from haptogram.conformance.explore.shrinking import shrink_dialogue
+from haptogram.conformance.explore.stream_actions import RandomStream
+from haptogram.conformance.explore.tables.coverage import DialogueCoverage
+from haptogram.conformance.explore.tables.limit_requests import random_limit_requests
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
 from haptogram_protocol.messages import Arm, Config, Header, HelloReply
@@ -122,7 +129,7 @@ def test_the_same_seed_gives_the_same_dialogue():
     assert first.config() == second.config()
     texts = [[(a.slot, a.text, a.damage) for a in g.actions(20)] for g in (first, second)]
     assert texts[0] == texts[1]
-    assert max(slot for slot, _, _ in texts[0]) < 20 + 9  # a scene may end later
+    assert max(slot for slot, _, _ in texts[0]) < 20 + 16  # a scene may end later
 
 
 def test_limits_of_every_request_are_met():
@@ -130,9 +137,32 @@ def test_limits_of_every_request_are_met():
     due, coverage = random_limit_requests(identity, Config()), DialogueCoverage()
     assert 50 < len(due) < 120
     for seed in range(40):
-        DialogueGenerator(identity, seed, coverage).actions(16)
+        DialogueGenerator(identity, seed, coverage, timed=False).actions(16)
     met = {first for pair in coverage.pairs for first in pair}
     assert {f"{message.TYPE.name} at a limit" for message in due} <= met
+
+
+@pytest.mark.parametrize("timed", [False, True])
+def test_each_state_meets_each_group_of_inputs_before_any_does_again(timed):
+    identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 9) | {"features": 2047, "firmware": "x"})
+    source, coverage = random.Random(1), DialogueCoverage()
+    configs = RandomConfigs(identity, source, timed=timed, drives=False)
+    configs.with_timers = timed
+    stream = RandomStream(identity, source, timed=timed, exact=True)
+    requests = RandomRequests(identity, source, coverage, configs, timed=timed, fast=True)
+    parts = identity, source, configs, stream, requests
+    states, inputs = SceneStates(*parts), SceneInputs(*parts, exact=True)
+    names = states.timed if timed else states.quick
+    assert len(names) > (20 if timed else 8)
+    assert {"a fault", "foreign MUTE", "HELLO", "another ", "nothing"} < set(inputs.groups)
+    scenes = RandomScenes(identity, source, coverage, configs, stream, requests, exact=True)
+    kind = "states with timers" if timed else "states"
+    due = met = 0
+    while not met or due:
+        assert scenes.scene()[-1]
+        met, due = met or kind in coverage.scenes, len(coverage.scenes.get(kind, "not yet"))
+    assert coverage.scenes[kind] == []
+    assert sum(map(len, inputs.groups.values())) == len(inputs.names) > 60
 
 
 def hello_reply(nonce, **changes):
@@ -192,7 +222,8 @@ def model():
 def test_the_model_answers_each_step_with_a_line(model):
     hello = "0002400101010101010101020108ed5e04030201"  # cut off: counted, not answered
     steps = ["at 1000", f"rx 2000 {hello}00", f"until {SLOT_US}", "reset 77", "until 5", "next"]
+    steps += ["through 9", "fault 10"]
     model.stdin.write("\n".join(steps) + "\n")
     model.stdin.flush()
     answers = [model.stdout.readline().strip() for _ in steps]
-    assert answers == ["-", "-", f"{SLOT_US} -", "-", "5 -", "-"]
+    assert answers == ["-", "-", f"{SLOT_US} -", "-", "5 -", "-", "-", "-"]

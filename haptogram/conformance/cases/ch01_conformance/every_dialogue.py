@@ -11,16 +11,17 @@ from haptogram_protocol.messages import Feature
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...explore.actions import SLOT_US, DialogueAction
-from ...explore.coverage import DialogueCoverage
 from ...explore.generator import DialogueGenerator
 from ...explore.lockstep import Lockstep, Played
 from ...explore.model import HostLateError, identity_suits_lockstep_model
 from ...explore.shrinking import shrink_dialogue
+from ...explore.tables.coverage import DialogueCoverage
 from ...judge.timers import HELD_UP_US
 from ...outcome import SELF_REPORTED, fail, inconclusive, not_observed
 
 _SLOTS: Final = 20
 _SLOTS_UNTIMED: Final = 40
+_SLOTS_VIRTUAL: Final = 60
 _TIMED: Final = 6  # every sixth dialogue has timers that end: it takes as long as others together
 _TIMED_VIRTUAL: Final = 2
 _DIALOGUES: Final = 60  # without --explore
@@ -97,7 +98,8 @@ def _judge_random_dialogue(
         slow=line_us(_LATCHES * 2 * board.identity.transducers) > SLOT_US // 2,
     )
     config = generator.config()
-    actions = generator.actions(_SLOTS if timed else _SLOTS_UNTIMED)
+    slots = _SLOTS_VIRTUAL if is_virtual else _SLOTS
+    actions = generator.actions(slots if timed else _SLOTS_UNTIMED)
 
     def play(part: Sequence[DialogueAction], tries: int = _LATE) -> Played | None:
         for _ in range(tries):

@@ -10,7 +10,7 @@ from haptogram_protocol.messages import Message
 
 @dataclass(slots=True)
 class DialogueCoverage:
-    """Pairs of actions sent so far, and requests at limits still to be sent.
+    """Pairs of actions sent so far; requests at limits and scenes that are still to come.
 
     Attributes
     ----------
@@ -18,7 +18,10 @@ class DialogueCoverage:
         Names of two actions, one after the other: how often they were sent so.
     limits : list of Message
         Requests at limits that are still to be sent.
+    scenes : dict of str to list of tuple of str
+        Scenes of each kind that are still to be played, by the names of their parts.
     """
 
     pairs: Counter[tuple[str, str]] = field(default_factory=Counter)
     limits: list[Message] = field(default_factory=list)
+    scenes: dict[str, list[tuple[str, ...]]] = field(default_factory=dict)

@@ -21,13 +21,15 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from .actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES
+from ..actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES
 
 _POINT_BYTES: Final = 16
 _NO_VALUE: Final = 9  # of no enumeration
 _MOST: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}  # by bytes
+#: Loops, of which 2 or 3 frames wrap a product of 32 bits.
+MANY_LOOPS: Final = (0x80000000, 0x55555556, 0xAAAAAAAB, _MOST[4])
 #: Fields of the configuration, with values outside their bounds (HG-7.1).
-_REFUSED_CONFIG: Final = (
+REFUSED_CONFIG: Final[tuple[tuple[str, tuple[int, ...]], ...]] = (
     ("hold_ms", (0, 10_001)),
     ("ramp_ms", (2001,)),
     ("host_timeout_ms", (19, 10_001)),
@@ -48,7 +50,7 @@ def random_limit_requests(identity: HelloReply, config: Config) -> list[Message]
         for number in (0, 1, _MOST[2])
     ]
     if can & Feature.CONFIG:
-        for name, values in _REFUSED_CONFIG:
+        for name, values in REFUSED_CONFIG:
             found += map(SetConfig, _limit_request_with(config, **{name: values}))
     for feature, kind in (
         (Feature.READ_LATCHED, DriveKind.LATCHED),
@@ -65,6 +67,7 @@ def random_limit_requests(identity: HelloReply, config: Config) -> list[Message]
         least_us = -(-1_000_000 // max(1, identity.max_playback_rate_hz))
         play = Play(STORED_PHASES, SLOT_US, 1, SLOT_US // 100)
         found += _limit_request_with(play, period_us=(0, least_us - 1), sequence=(0, ABSENT))
+        found += _limit_request_with(play, loops=MANY_LOOPS)
         found += _limit_request_with(
             play, unattended_ms=(0, identity.max_unattended_ms + 1, _MOST[4])
         )

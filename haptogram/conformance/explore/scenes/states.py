@@ -1,0 +1,182 @@
+"""States that a board is brought into, each by the frames of some slots."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+from collections.abc import Callable
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Arm,
+    Disarm,
+    Feature,
+    HelloReply,
+    Mute,
+    SetConfig,
+    TraceMode,
+)
+
+from ..actions import SLOT_US
+from ..configurations import RandomConfigs
+from ..request_actions import RandomRequests
+from ..stream_actions import MadeAction, RandomStream
+from ..tables.limit_requests import MANY_LOOPS
+
+#: Frames of one slot after the other.
+Slots = list[list[MadeAction]]
+
+#: Of a playback that goes on: 0 for ever; 2 or 3 frames wrap a product of 32 bits.
+_LOOPS: Final = (0, 0, *MANY_LOOPS)
+_RAMP_MS: Final = 178  # ends some slots later, at the same part of one as other ramps
+
+
+class SceneStates:
+    """Brings a board into a state.
+
+    Parameters
+    ----------
+    identity : HelloReply
+        The board, with its capabilities and limits.
+    source : random.Random
+        Chance.
+    configs : RandomConfigs
+        Makes configurations.
+    stream : RandomStream
+        Makes stream frames.
+    requests : RandomRequests
+        Makes requests.
+    """
+
+    def __init__(
+        self,
+        identity: HelloReply,
+        source: random.Random,
+        configs: RandomConfigs,
+        stream: RandomStream,
+        requests: RandomRequests,
+    ) -> None:
+        self._random = source
+        self._configs, self._stream, self._requests = configs, stream, requests
+        self._is_configurable = bool(identity.features & Feature.CONFIG)
+        self._quick: dict[str, Callable[[], Slots]] = {
+            "disarmed": lambda: [[self._plain(Disarm())]],
+            "armed": lambda: [[self._plain(Arm())]],
+            "sounding": lambda: [[*self._begun(), self._frame()]],
+            "with a frame in the queue": lambda: [[*self._begun(), stream.plain("far")]],
+            "with a full queue": lambda: [self._begun(), stream.full_queue()],
+            "muted": lambda: [[*self._begun(), self._frame()], [self._plain(Mute())]],
+            "muted by another host": lambda: [[*self._begun(), self._frame()], [self._foreign()]],
+        }
+        if self._is_configurable:
+            self._quick["with latches of which some are traced"] = lambda: [self._traced()]
+        self._timed: dict[str, Callable[[], Slots]] = {}
+        if requests.plays:
+            self._quick |= {
+                "with a playback that waits": lambda: [[*self._begun(), self._play(100.0, _LOOPS)]],
+                "in an upload": lambda: [requests.upload()[:2]],
+            }
+            self._timed |= {
+                "in a playback": lambda: [[*self._begun(), self._play(0.5, 0)], []],
+                "behind a playback": lambda: [[*self._begun(3), self._play(0.5, 1)], []],
+                "in a playback, unattended": lambda: [*self._unattended(), []],
+                "muted as unattended": lambda: [*self._unattended(), *[[]] * 5],
+                "with a playback that soon begins": lambda: [[*self._begun(2), self._play(4.5, 1)]],
+            }
+        if self._is_configurable:
+            if requests.plays:
+                self._timed["in the hold, before a playback"] = lambda: [
+                    [*self._begun(hold=4), self._play(7.5, 1), self._frame()],
+                    [],
+                ]
+            self._timed |= {
+                "with a lease that runs": lambda: [[*self._begun(1)]],
+                "in the hold": lambda: [[*self._begun(hold=4), self._frame()], []],
+                "in the ramp of the hold": lambda: [
+                    [*self._begun(hold=2, ramp_ms=_RAMP_MS), self._frame()],
+                    *[[]] * 3,
+                ],
+                "in the ramp of the lease": lambda: [
+                    [*self._begun(1, ramp_ms=_RAMP_MS), self._frame()],
+                    *[[]] * 2,
+                ],
+                "in both ramps": lambda: [
+                    [*self._begun(3, hold=2, ramp_ms=_RAMP_MS), self._frame()],
+                    *[[]] * 4,
+                ],
+                "in both ramps, that of the lease first": lambda: [
+                    [*self._begun(1, hold=2, ramp_ms=_RAMP_MS), self._frame()],
+                    *[[]] * 3,
+                ],
+                "muted by the hold": lambda: [
+                    [*self._begun(hold=2, ramp_ms=0), self._frame()],
+                    *[[]] * 3,
+                ],
+                "muted by the lease": lambda: [
+                    [*self._begun(1, ramp_ms=0), self._frame()],
+                    *[[]] * 2,
+                ],
+            }
+
+    @property
+    def quick(self) -> list[str]:
+        """Names of the states in which no timer runs that ends soon."""
+        return list(self._quick)
+
+    @property
+    def timed(self) -> list[str]:
+        """Names of all states."""
+        return [*self._timed, *self._quick]
+
+    def slots(self, state: str) -> Slots:
+        """Return the frames that bring a board into *state*, slot by slot."""
+        return (self._quick | self._timed)[state]()
+
+    def lease(self) -> list[MadeAction]:
+        """Return the requests that let a lease of little more than a slot run."""
+        return self._begun(1)
+
+    def traced(self, mode: TraceMode) -> list[MadeAction]:
+        """Return requests after which each latch is traced, and no timer ends."""
+        config = dataclasses.replace(
+            self._configs.timed_config(None, None), trace_mode=mode, trace_divider=1
+        )
+        if not self._is_configurable or mode not in self._configs.modes():
+            return self._begun()
+        return [self._plain(Disarm()), self._plain(SetConfig(config)), self._plain(Arm())]
+
+    # --- steps ---------------------------------------------------------------------------------
+
+    def _begun(
+        self, lease: int | None = None, *, hold: int | None = None, ramp_ms: int | None = None
+    ) -> list[MadeAction]:
+        """Return SET_CONFIG, if lengths in slots are given, and ARM."""
+        if (lease is None and hold is None) or not self._is_configurable:
+            return [self._plain(Arm())]
+        config = self._configs.timed_config(lease, hold, ramp_ms)
+        return [self._plain(Disarm()), self._plain(SetConfig(config)), self._plain(Arm())]
+
+    def _traced(self) -> list[MadeAction]:
+        """Return SET_CONFIG with a divider, and frames of which not all are traced."""
+        config = self._configs.traced_config()
+        frames = self._stream.row(self._random.randint(1, 5), SLOT_US // 2)
+        return [self._plain(SetConfig(config)), self._plain(Arm()), *frames]
+
+    def _unattended(self) -> Slots:
+        return [[*self._begun(3), self._play(0.5, _LOOPS, self._configs.short_unattended_ms)]]
+
+    def _plain(self, message: Arm | Disarm | Mute | SetConfig) -> MadeAction:
+        return self._requests.plain(message)
+
+    def _foreign(self) -> MadeAction:
+        return self._requests.defective(Mute(), ["another session"])
+
+    def _frame(self) -> MadeAction:
+        return self._stream.plain(None)
+
+    def _play(
+        self, later: float, loops: int | tuple[int, ...], unattended_ms: int | None = None
+    ) -> MadeAction:
+        if isinstance(loops, tuple):
+            loops = self._random.choice(loops)
+        return self._requests.start(later=later, loops=loops, unattended_ms=unattended_ms)
