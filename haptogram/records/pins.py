@@ -6,7 +6,7 @@ Times in periods of the board's own carrier have no analyser's clock in them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -39,6 +39,12 @@ class PinPulses:
     begin: float = 0.0
     is_dead: bool = False
 
+    def between(self, begin: float, end: float) -> PinPulses:
+        """Return the whole pulses from *begin* to *end*, in periods."""
+        kept = (self.rises >= begin) & (self.falls <= end)
+        later = max(self.begin, begin)
+        return replace(self, rises=self.rises[kept], falls=self.falls[kept], begin=later)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineBytes:
@@ -57,6 +63,11 @@ class LineBytes:
     values: NDArray[np.uint8]
     times: NDArray[np.float64]
     damaged: int = 0
+
+    def between(self, begin: float, end: float) -> LineBytes:
+        """Return the bytes from *begin* to *end*, in periods."""
+        kept = (self.times >= begin) & (self.times <= end)
+        return replace(self, values=self.values[kept], times=self.times[kept])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,3 +133,22 @@ class PinRecord:
     def drift_ppm(self) -> float:
         """Carrier against the one that is meant, on the analyser's clock."""
         return (1.0 / (self.period_s * self.carrier_hz) - 1.0) * 1e6
+
+    def between(self, begin: float, end: float, cut: str) -> PinRecord:
+        """Return the capture from *begin* to *end*, in periods, that *cut* says why it is shorter.
+
+        Periods are counted as before. The lines of the UART and the latch pin end with it.
+        """
+        pins = {element: pin.between(begin, end) for element, pin in self.pins.items()}
+        latches = self.latches
+        if latches is not None:
+            latches = latches[(latches >= begin) & (latches <= end)]
+        return replace(
+            self,
+            pins=pins,
+            end=end,
+            latches=latches,
+            cut=cut,
+            to_board=self.to_board and self.to_board.between(begin, end),
+            to_host=self.to_host and self.to_host.between(begin, end),
+        )

@@ -19,11 +19,19 @@ from haptogram.records.pins import PinRecord
 
 from ..frame.verdict import Verdict
 from .element_faults import PinFaultKind, exchanged_pin_orders, faults_of_pins, grouped_pin_faults
+from .lost_samples import frames_before_lost_samples
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase, wrapped_pin_angles
 from .run_drives import Bools, PinRunDrives
-from .shared_phase import clock_turns_of_pins
-from .shown_frames import FIT_SHARE, FramesShownByPins, PinCaptureLimits, frames_shown_by_pins
+from .shared_phase import shared_turns_of_pins
+from .shown_frames import (
+    FIT_SHARE,
+    LATE_PERIODS,
+    TORN_PERIODS,
+    FramesShownByPins,
+    PinCaptureLimits,
+    frames_shown_by_pins,
+)
 from .silence import EndOfSound, end_of_sound_on_pins
 
 _HALF: Final = 0.5
@@ -31,8 +39,6 @@ _NEARLY_ALL: Final = 0.9
 _NEAR_RAD: Final = 2.0 * phase_step_rad(8)  # a board may be off by, which shows this run
 _FITTING_SHARE: Final = 0.25  # of the pins that show this run in nearly all frames: no chance
 _FEWEST_FITTING: Final = 3
-_LATE_PERIODS: Final = 2.0  # one for the boundary that is awaited, one for where its pulse lies
-_TORN_PERIODS: Final = 1.25  # a period, and what a pulse that a latch cut may seem to be off
 _MOST_DRIFT_PPM: Final = 1000.0
 _SAMPLES_OF_8_BITS: Final = 512.0  # of a period: one is half a step
 
@@ -67,7 +73,8 @@ def verify_captured_pins(
                 f"{model.array.count - 1}"
             )
     run = PinRunDrives.of(intended, sorted(record.pins), record.carrier_hz)
-    return _PinJudge(record, run, model, frames_shown_by_pins(record, run)).judge()
+    record, shown = frames_before_lost_samples(record, run)
+    return _PinJudge(record, run, model, shown).judge()
 
 
 @dataclass
@@ -109,7 +116,7 @@ class _PinJudge:
 
     @cached_property
     def _late_frames(self) -> NDArray[np.intp]:
-        return np.flatnonzero((self.shown.late > _LATE_PERIODS) & self.shown.seen)
+        return np.flatnonzero((self.shown.late > LATE_PERIODS) & self.shown.seen)
 
     @property
     def _period_us(self) -> float:
@@ -119,26 +126,22 @@ class _PinJudge:
 
     def _check_torn(self) -> int:
         """Find the latches of which some pins are late; return how many there are."""
-        steps, lost = self.shown.steps, self.shown.lost
-        usable = steps.is_inside & ~lost[:, None]
-        after = np.where(usable, steps.after, -np.inf).max(axis=1)
-        before = np.where(usable, steps.before, np.inf).min(axis=1)
-        apart = after - before
-        torn = np.flatnonzero((usable.sum(axis=1) > 1) & (apart > _TORN_PERIODS))
+        steps, usable = self.shown.steps, self.shown.latched
+        torn = np.flatnonzero(self.shown.torn)
         us = self._period_us
         for frame in torn:
-            first = before[frame]
+            first = steps.before[frame][usable[frame]].min()
             behind = [
                 str(self.run.elements[e])
                 for e in np.flatnonzero(usable[frame])
-                if steps.after[frame, e] - first > _TORN_PERIODS
+                if steps.after[frame, e] - first > TORN_PERIODS
             ]
             shown = ", ".join(behind[:4]) + (", ..." if len(behind) > 4 else "")
             self._find(
                 "torn",
                 f"frame {frame}: {len(behind)} of {int(usable[frame].sum())} pins (element "
-                f"{shown}) latch {apart[frame] * us:.0f} µs or more after the first, may be "
-                f"{us:.0f} µs",
+                f"{shown}) latch {self.shown.apart[frame] * us:.0f} µs or more after the first, "
+                f"may be {us:.0f} µs",
             )
         if not usable.any(axis=1).any():
             self.not_judged["torn"] = "no two drives that the pins tell apart follow each other"
@@ -253,7 +256,10 @@ class _PinJudge:
 
     @cached_property
     def _turns_rad(self) -> FloatArray | None:
-        return clock_turns_of_pins(self.record, self.run, self.shown)
+        """The phase that the pins share against a clock of the carrier; None: there is none."""
+        if self.record.reference_element is not None:
+            return None
+        return shared_turns_of_pins(self.record, self.run, self.shown)
 
     def _check_turns(self, judged: Bools) -> None:
         """Find frames in which all pins are turned together against the clock of the carrier.

@@ -80,15 +80,13 @@ def why_pin_phases_are_apart(
     return "; ".join(_pin_phase_lines(pins, len(frames), apart, worst_rad))
 
 
-def clock_turns_of_pins(
+def shared_turns_of_pins(
     record: PinRecord, run: PinRunDrives, shown: FramesShownByPins
-) -> FloatArray | None:
-    """Return the (F,) common phase of the pins against the clock of the carrier, in radians.
+) -> FloatArray:
+    """Return the (F,) phase that the pins share, on the clock of the capture, in radians.
 
-    NaN: the frame is not seen. None: the reference of the capture is an element.
+    NaN: the frame is not seen.
     """
-    if record.reference_element is not None:
-        return None
     steps, shape = shown.steps, (run.count, len(run.elements))
     lows = np.broadcast_to(shown.starts[:, None], shape) + SETTLED
     highs = np.broadcast_to(shown.ends[:, None], shape) - 1.0

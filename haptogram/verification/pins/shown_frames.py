@@ -22,6 +22,10 @@ from .run_drives import Bools, PinRunDrives
 
 #: Share of the captured drives that are right in a capture of this run.
 FIT_SHARE: Final = 0.5
+#: From the first to the last pin of a latch: a period, and what a cut pulse may seem to be off.
+TORN_PERIODS: Final = 1.25
+#: A frame is late from here on: one for the boundary that is awaited, one for its pulse in it.
+LATE_PERIODS: Final = 2.0
 _HALF: Final = 0.5
 _LAST_PERIODS: Final = 7.0  # of a frame: a latch so late shows nothing that can be judged
 _LATCH_PERIODS: Final = 1.5  # in which all pins latch: one, and a pulse that the latch cut
@@ -97,6 +101,26 @@ class FramesShownByPins:
         """(F, E) whether a pin does what was intended."""
         return self.drives.all_right()
 
+    @cached_property
+    def latched(self) -> Bools:
+        """(F, E) whether a pin shows when it latched a frame that was not lost."""
+        latched: Bools = self.steps.is_inside & ~self.lost[:, None]
+        return latched
+
+    @cached_property
+    def apart(self) -> FloatArray:
+        """(F,) periods from the first new to the last old pulse of the pins that latched."""
+        after = np.where(self.latched, self.steps.after, -np.inf).max(axis=1)
+        before = np.where(self.latched, self.steps.before, np.inf).min(axis=1)
+        apart: FloatArray = after - before
+        return apart
+
+    @cached_property
+    def torn(self) -> Bools:
+        """(F,) whether the pins did not latch within one period."""
+        torn: Bools = (self.latched.sum(axis=1) > 1) & (self.apart > TORN_PERIODS)
+        return torn
+
 
 def frames_shown_by_pins(record: PinRecord, run: PinRunDrives) -> FramesShownByPins:
     """Return the frames of a run that a capture shows."""
@@ -130,8 +154,10 @@ def _best_pin_alignment(
     for place in [best.shifted(shift * run.gap) for shift in _SHIFTS]:
         if (found := share(place)) > most:
             most, best = found, place
-    onset = align_pins_by_onset(record, run) if most < FIT_SHARE else None
-    return best if onset is None else onset
+    drives = _pin_drives(record, run, best, limits)
+    if _share_of_right_pins(drives) < FIT_SHARE * _share_of_seen_frames(drives):
+        return align_pins_by_onset(record, run) or best
+    return best
 
 
 def _share_of_right_pins(drives: PinDrives) -> float:
@@ -139,7 +165,12 @@ def _share_of_right_pins(drives: PinDrives) -> float:
     seen = np.isfinite(drives.weights).all(axis=1)
     if not seen.any():
         return 0.0
-    return float(drives.all_right()[seen].mean()) * math.sqrt(float(seen.mean()))
+    return float(drives.all_right()[seen].mean()) * _share_of_seen_frames(drives)
+
+
+def _share_of_seen_frames(drives: PinDrives) -> float:
+    """Return the root of the share of frames that are seen: the worth of a place in a capture."""
+    return math.sqrt(float(np.isfinite(drives.weights).all(axis=1).mean()))
 
 
 def _pin_drives(

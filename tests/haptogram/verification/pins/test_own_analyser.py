@@ -158,6 +158,32 @@ def test_what_comes_behind_lost_samples_is_not_judged(count, form, tmp_path):
     assert pins.verdict is Verdict.FAIL
 
 
+@pytest.mark.parametrize(
+    ("first", "count"),
+    [(120_000, 100), (50_000, 12_000), (132_000, 24_100)],
+)
+def test_samples_lost_beside_a_reference_that_is_an_element_fail_no_board(first, count, tmp_path):
+    random, board = drawn(0)
+    analyser = Analyser(ppm=60.0, lost=((first, count),))
+    pins = judged(board, analyser, tmp_path / "pins.vcd", random, reference="p0")
+    assert pins.findings == {}
+    assert pins.verdict is Verdict.INCONCLUSIVE
+    assert any("cut off: samples are missing behind" in reason for reason in pins.reasons)
+    assert pins.counts["right"] >= first // 24_000 - 3
+    board.shifted = {3: 0.25}
+    pins = judged(board, analyser, tmp_path / "pins.vcd", random, reference="p0")
+    assert pins.verdict is Verdict.FAIL
+
+
+def test_a_frame_of_which_a_pin_is_wrong_is_no_loss_of_samples(tmp_path):
+    """Nor is one that all pins take late, nor one that they never take."""
+    random, board = drawn(0)
+    board.kept, board.late_ms, board.lost = {3: (4,)}, {6: 0.4}, (8,)
+    pins = judged(board, Analyser(ppm=60.0), tmp_path / "pins.vcd", random, reference="p0")
+    assert pins.verdict is Verdict.FAIL
+    assert not any("cut off" in reason for reason in pins.reasons)
+
+
 @pytest.mark.parametrize("reference", ["clk", "p0"])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_lost_and_late_frames_are_named(seed, reference, tmp_path):

@@ -1,0 +1,122 @@
+"""Samples that an analyser lost, where the reference of the capture is an element.
+
+Such a reference counts no periods: each latch moves it. Samples that are missing then turn all pins
+together, and bring all later frames forward. No board does the one, and none is ahead of its time.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.records.pins import PinRecord
+
+from .pin_weights import wrapped_pin_angles
+from .run_drives import Bools, PinRunDrives
+from .shared_phase import shared_turns_of_pins
+from .shown_frames import LATE_PERIODS, FramesShownByPins, PinCaptureLimits, frames_shown_by_pins
+
+_MOST: Final = 8  # places at which samples are missing that are sought
+_BEFORE: Final = 0.5  # periods of a frame that its drive is not judged in
+_HALF: Final = 0.5
+_LEAST_SHIFT: Final = 1.25  # periods by which a part of the run is ahead of the other
+_FEWEST_DRIVES: Final = 8  # of pins in frames that show such a part
+_MOST_SPREADS: Final = 6.0  # of the phase from frame to frame, beyond which it jumps
+_NEAR: Final = 3  # frames behind a wrong one in which the phase is right again
+
+
+def frames_before_lost_samples(
+    record: PinRecord, run: PinRunDrives
+) -> tuple[PinRecord, FramesShownByPins]:
+    """Return a capture up to where samples are missing, and the frames that it shows.
+
+    A capture with a clock of the carrier is returned as it is: there the clock itself jumps.
+    """
+    shown = frames_shown_by_pins(record, run)
+    for _ in range(_MOST):
+        end = _end_before_lost_samples(record, run, shown)
+        if end is None:
+            break
+        at_ms = end * record.period_s * 1e3
+        why = (
+            f"samples are missing behind {at_ms:.3f} ms, where all pins jump together or the "
+            "frames go on too early: capture at a lower rate, fewer channels, or with another cable"
+        )
+        record = record.between(0.0, end, why)
+        shown = frames_shown_by_pins(record, run)
+    return record, shown
+
+
+def _end_before_lost_samples(
+    record: PinRecord, run: PinRunDrives, shown: FramesShownByPins
+) -> float | None:
+    """Return the period up to which no sample is missing; None: none is, or nobody knows."""
+    judged = shown.seen & ~shown.lost
+    if record.reference_element is None or not judged.any():
+        return None
+    fitting = shown.right[judged].mean(axis=0) >= _HALF
+    right = shown.right[:, fitting].all(axis=1) & judged & ~shown.torn
+    right &= shown.late <= LATE_PERIODS
+    wrong = np.flatnonzero(judged & ~right)
+    if not fitting.any() or not len(wrong):
+        return None
+    first, last = int(wrong[0]), int(wrong[-1])
+    if _turns_jump_at(record, run, shown, right, first):
+        return float(shown.starts[first]) - _BEFORE
+    end = float(shown.starts[first])
+    behind = frames_shown_by_pins(record.between(end, record.end, ""), run)
+    if _shows_part_of_run(behind, fitting) and _is_ahead(behind, shown):
+        return end - _BEFORE
+    is_late = shown.late[last] > LATE_PERIODS  # the samples before its latch are those that lack
+    end = float(shown.starts[last] + shown.late[last] if is_late else shown.ends[last])
+    before = frames_shown_by_pins(record.between(0.0, end, ""), run)
+    if _shows_part_of_run(before, fitting) and _is_ahead(shown, before):
+        seen = np.flatnonzero(before.seen & before.right[:, fitting].all(axis=1))
+        return float(before.ends[seen[-1]]) - _BEFORE
+    return None
+
+
+def _shows_part_of_run(part: FramesShownByPins, fitting: Bools) -> bool:
+    """Return True if a part of a capture shows frames of the run, nearly all of them right."""
+    judged = part.seen & ~part.lost
+    if judged.sum() * fitting.sum() < _FEWEST_DRIVES:
+        return False
+    return float(part.right[judged][:, fitting].all(axis=1).mean()) >= _HALF
+
+
+def _is_ahead(part: FramesShownByPins, other: FramesShownByPins) -> bool:
+    return float(other.starts[0] - part.starts[0]) > _LEAST_SHIFT
+
+
+def _turns_jump_at(
+    record: PinRecord, run: PinRunDrives, shown: FramesShownByPins, right: Bools, frame: int
+) -> bool:
+    """Return True if the phase that all pins share is another one behind a wrong *frame*.
+
+    The analyser's clock turns it too, but by as much in every period.
+    """
+    turns = shared_turns_of_pins(record, run, shown)
+    right = right & np.isfinite(turns)
+    before = np.flatnonzero(right[:frame])
+    after = frame + np.flatnonzero(right[frame : frame + 1 + _NEAR])
+    if not len(before) or not len(after):
+        return False
+
+    def turned(first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
+        return wrapped_pin_angles(turns[second] - turns[first])
+
+    def lasting(first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
+        return shown.starts[second] - shown.starts[first]
+
+    firsts = np.flatnonzero(right[1:] & right[:-1])
+    drift, spread = 0.0, 0.0
+    if len(firsts):
+        drift = float(np.median(turned(firsts, firsts + 1) / lasting(firsts, firsts + 1)))
+        rest = turned(firsts, firsts + 1) - drift * lasting(firsts, firsts + 1)
+        spread = float(np.median(np.abs(rest)))
+    limit = max(2.0 * PinCaptureLimits.of(record).phase_rad, _MOST_SPREADS * spread)
+    jump = turned(before[-1:], after[:1]) - drift * lasting(before[-1:], after[:1])
+    return bool(np.abs(wrapped_pin_angles(jump))[0] > limit)
