@@ -1,7 +1,8 @@
-"""HG-8.1, HG-8.2, HG-8.5: READ_TRACE of every span, and keys of every width."""
+"""HG-8.1, HG-8.5: READ_TRACE of every span, over holes too; traces that no divider thins."""
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator
 from typing import Final
 
@@ -9,7 +10,10 @@ from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
 from haptogram_protocol.messages import (
     Feature,
     LatchKey,
+    Mute,
     ReadTrace,
+    Stop,
+    StopReply,
     TraceMode,
     TraceRecord,
     TraceReply,
@@ -17,7 +21,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now, latches_received_from_board
+from ...client.latching import full_client_drive, latch_now, latches_received_from_board
 from ...client.playback import play_out, send_phases_to_store, shortest_period_to_play_us
 from ...outcome import SELF_REPORTED, check
 
@@ -26,7 +30,13 @@ _FRAMES: Final = 3
 _LATCHES: Final = 402
 _LAST: Final = 0xFFFFFFFF
 _FIT: Final = (MAX_BODY_BYTES - HEADER_BYTES - TraceReply.LAYOUT.size) // TraceRecord.LAYOUT.size
-_LOOPS: Final = 66_000
+_OTHER_MODES: Final = (
+    (Feature(0), TraceMode.OFF),
+    (Feature.TRACE, TraceMode.CRC),
+    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
+)
+#: What happens between two trace modes.
+_BETWEEN: Final = ("nothing", "a playback", "MUTE", "an upload", "DISARM")
 _NEEDS: Final = Feature.TRACE_RING | Feature.CONFIG | Feature.SEQUENCE_PHASES
 
 
@@ -82,24 +92,105 @@ def _trace_key(number: int, index: int) -> LatchKey:
     return LatchKey(_SEQUENCE, loop, frame)
 
 
+class _RingWithHoles:
+    """Latches of one session in several trace modes: the ring lacks those of some.
+
+    Whether it keeps, over the modes between, what it held before is the board's own choice.
+    """
+
+    def __init__(self, board: BoardClient) -> None:
+        self.board = board
+        self.due: list[tuple[LatchKey, int]] = []  # key and CRC of each latch of the session
+        self.registers = send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+
+    def latch(self) -> None:
+        """Latch a random drive of the stream."""
+        registers = self.board.random_registers()
+        index = latch_now(self.board, self.board.phases(registers))
+        self._add(LatchKey(0, 0, index), registers)
+
+    def _add(self, key: LatchKey, registers: bytes) -> None:
+        self.due.append((key, zlib.crc32(full_client_drive(registers))))
+
+    def play(self) -> None:
+        """Play the sequence to its end, and stop what plays no longer."""
+        play_out(self.board, _SEQUENCE, _FRAMES)
+        for index, registers in enumerate(self.registers):
+            self._add(LatchKey(_SEQUENCE, 0, index), registers)
+        self.board.link.call(Stop(), StopReply)
+
+    def go_through(self, event: str) -> None:
+        """Let something happen between two trace modes."""
+        if event == "MUTE":
+            self.board.link.ask(Mute())
+        elif event == "DISARM":
+            self.board.disarm()
+        elif event == "an upload":
+            self.registers = send_phases_to_store(self.board, _SEQUENCE, frames=_FRAMES)
+        elif event == "a playback":
+            self.play()
+        self.board.arm()
+
+    def check_spans(self, name: str, least: int) -> None:
+        """FAILED unless each READ_TRACE shows what the ring holds: the latches from *least* on."""
+        total = len(self.due)
+        whole = self._read(name, 0, 0xFFFF)
+        held = [record.number for record in whole.records]
+        check(
+            held == sorted(set(held)) and held[-(total - least) :] == list(range(least, total)),
+            f"{name}: the ring holds the latches {held}, due are {least} to {total - 1}, each once",
+        )
+        check(whole.oldest == held[0], f"{name}: oldest is {whole.oldest}, held are {held}")
+        for record in whole.records:
+            got = (record.key, record.crc)
+            check(
+                got == self.due[record.number],
+                f"{name}: latch {record.number} is told as (key, crc) {got}, it was "
+                f"{self.due[record.number]}",
+            )
+        for first in range(total + 2):
+            for count in (1, 2, total - least, total):
+                numbers = [record.number for record in self._read(name, first, count).records]
+                due = [number for number in held if first <= number < first + count]
+                text = f"{name}: READ_TRACE of {count} from {first} shows {numbers}"
+                check(numbers == due, f"{text}; of {held} these are {due}")
+
+    def _read(self, name: str, first: int, count: int) -> TraceReply:
+        reply = self.board.link.call(ReadTrace(first, count), TraceReply)
+        following = len(self.due)
+        check(reply.next == following, f"{name}: {following} latches, next is {reply.next}")
+        return reply
+
+
 @case(
-    "HG-8.2/1",
-    "in a playback of 66000 passes the keys count on: loops of more than 16 bits",
-    variant="loops",
+    "HG-8.5/2",
+    "READ_TRACE before, in, over and behind latches of other modes, MUTE, DISARM, playback, upload",
+    variant="holes",
     needs=_NEEDS,
     evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
 )
-def loops_are_counted_on_in_trace_keys(board: BoardClient) -> None:
-    board.configure(trace_mode=TraceMode.RING)
-    send_phases_to_store(board, _SEQUENCE, frames=1)
-    board.arm()
-    play_out(board, _SEQUENCE, 1, loops=_LOOPS, period_us=shortest_period_to_play_us(board))
-    reply = board.link.call(ReadTrace(_LOOPS - 3, 3), TraceReply)
-    got = [(record.number, record.key.loop, record.key.index) for record in reply.records]
-    due = [(number, number, 0) for number in range(_LOOPS - 3, _LOOPS)]
-    check(got == due, f"(number, loop, index) of the last latches are {got}, due {due}")
+def every_span_of_a_ring_with_holes(board: BoardClient) -> None:
+    others = [mode for feature, mode in _OTHER_MODES if board.has(feature)]
+    for turn in range(len(_BETWEEN) if board.thorough else 1):
+        board.hello()
+        ring, name = _RingWithHoles(board), "RING"
+        board.configure(trace_mode=TraceMode.RING)
+        board.arm()
+        ring.latch()
+        ring.latch()
+        for number, mode in enumerate(others):
+            event = _BETWEEN[(turn + number) % len(_BETWEEN)]
+            board.configure(trace_mode=mode)
+            ring.latch()
+            ring.go_through(event)
+            least = len(ring.due)
+            board.configure(trace_mode=TraceMode.RING)
+            ring.latch()
+            if number % 2 == 0:
+                ring.go_through(_BETWEEN[turn - number])
+                ring.latch()
+            name += f", {mode.name} with {event}, RING"
+            ring.check_spans(name, least)
 
 
 @case(
