@@ -6,7 +6,7 @@ import random
 from collections.abc import Callable
 from typing import Any, Final
 
-from haptogram_protocol.framing import HEADER_BYTES
+from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
 from haptogram_protocol.messages import (
     PHASE_FORMAT_BIT,
     Drives,
@@ -175,7 +175,8 @@ class RandomStream:
                 time_us=(host.slot_us + us) & 0xFFFFFFFF,
                 session=0 if wrong == WRONG_SESSIONS[-1] else host.session ^ wrong,
             )
-            return whole[: max(HEADER_BYTES, len(whole) + cut)] + bytes(max(0, cut))
+            made = whole[: max(HEADER_BYTES, len(whole) + cut)] + bytes(max(0, cut))
+            return made[:MAX_BODY_BYTES]
 
         when = "at once" if ahead is None else f"for {ahead} slots ahead"
         text = f"{kind.name} {when}, {apart_us} µs, step {step}, flags {flags:#x}"
