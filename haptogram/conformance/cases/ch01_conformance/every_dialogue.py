@@ -49,7 +49,7 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
     largest = len(board.flat_phases().serialize()) + 40
     if board.wire.line_us(largest) > SLOT_US // 3:
         not_observed("this line carries too few frames in the time between two of them")
-    if board.ready_after_us() > SLOT_US // 20:
+    if board.ready_after_us() > SLOT_US // 5:
         not_observed("this board latches later than the time between two frames allows")
     lockstep = Lockstep(board)
     number = compared = 0
