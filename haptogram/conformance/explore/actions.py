@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final
 
-from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
     Config,
@@ -15,6 +16,8 @@ from haptogram_protocol.messages import (
     HelloReply,
     LatchKey,
     Message,
+    MessageType,
+    Ping,
     build_body,
 )
 
@@ -35,6 +38,10 @@ MOST_POINTS: Final = 3  # in a frame that is uploaded
 #: no frame but a fault of the hardware.
 PARTS: Final = 6
 FAULT: Final = 7
+_SHARED: Final = 3  # every third frame shares a delimiter with the one before
+_PIECES: Final = 5  # every fifth slot's bytes come in pieces
+_FOREIGN: Final = 0x5555  # session of the request that ends a slot, beside the open one
+_FOREIGN_SEQ: Final = 0x2000  # and its number: no other request has one near it
 _LONG_NOISE: Final = 70_000  # bytes: more than 16 bits count
 
 
@@ -203,3 +210,50 @@ def _short_random_run(source: random.Random, body: bytes) -> bytes:
     if source.random() < 0.7:
         data = malformed_with_crc(data[:9])
     return b"\x00" * source.randrange(3) + malformed_frame(data)
+
+
+def frames_of_slot(
+    host: DialogueHost, actions: Sequence[DialogueAction], room_bytes: int
+) -> list[tuple[DialogueAction, bytes]]:
+    """Return *actions* with their frames, as many as have room on the line."""
+    found: list[tuple[DialogueAction, bytes]] = []
+    for action in actions:
+        wire = host.take_unsent() + action.wire(host)
+        if len(wire) + sum(len(data) for _, data in found) > room_bytes:
+            break
+        if found and _is_mute_in_slot(wire):
+            break  # it may overtake what is sent with it: HG-3.8/2
+        shares = found and action.seed % _SHARED == 0
+        found.append((action, wire[1:] if shares else wire))
+    return found
+
+
+def end_of_slot(host: DialogueHost) -> bytes:
+    """Return a request of another session: its refusal shows that a slot's frames were read.
+
+    It renews no lease, and uses no number up.
+    """
+    session, seq = host.session ^ _FOREIGN or _FOREIGN, number_at_end_of_slot(host)
+    return encode_frame(build_body(Ping(seq), flags=0, seq=seq, time_us=0, session=session))
+
+
+def number_at_end_of_slot(host: DialogueHost) -> int:
+    """Return the number of the request that ends a slot."""
+    return (host.seq + _FOREIGN_SEQ) & 0xFFFF
+
+
+def pieces_of_slot(data: bytes) -> list[bytes]:
+    """Return *data* whole, or now and then its first bytes one by one and the rest in pieces."""
+    if not data:
+        return []
+    if sum(data) % _PIECES:
+        return [data]
+    edges = [*range(min(_PIECES, len(data))), *range(_PIECES, len(data), 97), len(data)]
+    return [data[a:b] for a, b in pairwise(edges) if a < b]
+
+
+def _is_mute_in_slot(wire: bytes) -> bool:
+    return any(
+        isinstance(body, bytes) and body[0] == MessageType.MUTE
+        for body in FrameDecoder().feed(wire)
+    )

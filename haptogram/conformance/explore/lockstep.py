@@ -4,28 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 from haptogram.machine.process import time_without_processor_us
-from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     Config,
     Error,
     GetStatus,
     HelloReply,
     Message,
-    MessageType,
     Ping,
     StatusReply,
-    build_body,
     unwrap,
 )
 
 from ..client.board_client import BoardClient
 from ..client.wire import ReceivedByClient
 from ..outcome import CaseEndedError
-from .actions import FAULT, SLOT_US, DialogueAction, DialogueHost
+from .actions import (
+    FAULT,
+    SLOT_US,
+    DialogueAction,
+    DialogueHost,
+    end_of_slot,
+    frames_of_slot,
+    number_at_end_of_slot,
+    pieces_of_slot,
+)
 from .comparison import (
     DialogueAnswers,
     DialogueBase,
@@ -40,19 +45,15 @@ from .opening import DialogueOpening
 
 _AHEAD_US: Final = SLOT_US // 8  # a slot is planned so long before it begins
 _NEAR_US: Final = 200  # error of times that a host knows
-_SHARE: Final = 6  # of a slot may pass while its frames are on the line
+_SHARES: Final = {True: 6, False: 2}  # of a slot may pass while its frames are on the line
 _WAITING: Final = 20  # this part of the time a process may wait for a processor on an idle machine
 _AROUND: Final = 24  # bytes of the line that a body may add: checksum, stuffing, delimiters
-_SHARES: Final = 3  # every third frame
-_PIECES: Final = 5  # every fifth slot's bytes come in pieces
 _TAIL: Final = 6  # slots after the last frame: timers end
 _END_US: Final = 2000  # before the end of a slot the board has said everything
 _SETTLED_US: Final = 1000  # a latch and what is said of it
 _IDLE_US: Final = 400_000  # a model that does nothing for so long need not be waited for
 _LONGEST_US: Final = 2_000_000  # of a dialogue whose slots are cut short: no timer ends
 _MISSED_US: Final = 1_500_000  # how long a frame that is missing is waited for, at a wall clock
-_FOREIGN: Final = 0x5555  # session of the request that ends a slot, beside the open one
-_FOREIGN_SEQ: Final = 0x2000  # and its number: no other request has one near it
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +140,7 @@ class Lockstep:
         self._early: list[FrameInDialogue] = []
         self._since = self._board.link.mark()
         lines: list[str] = []
+        room_bytes = self._board.wire.baudrate * SLOT_US // _SHARES[timed] // 10_000_000
         slots = max((action.slot for action in actions), default=0) + _TAIL * timed + 1
         start_us = host.slot_us = self._first_slot()
         by_slot: dict[int, list[DialogueAction]] = {}
@@ -146,12 +148,12 @@ class Lockstep:
             by_slot.setdefault(action.slot, []).append(action)
         slot = 0
         while slot < slots:
-            batch = self._batch(host, by_slot.get(slot, []), timed=timed)
+            batch = frames_of_slot(host, by_slot.get(slot, []), room_bytes)
             shown_us = host.slot_us - start_us
             lines += [f"{shown_us:>8} µs  {a.text}: {wire.hex()}" for a, wire in batch]
             wires = [wire for _, wire in batch]
             if wires and not host.unsent:
-                wires.append(_foreign_ping_in_lockstep(host))
+                wires.append(end_of_slot(host))
             fails = any(action.damage == FAULT for action, _ in batch)
             silent = self._silent_slots(slot, slots, by_slot) if timed else 0
             found = self._slot(host, wires, base, may_cut=not timed, fails=fails, silent=silent)
@@ -188,23 +190,6 @@ class Lockstep:
         waited_us = time_without_processor_us() - self._waited_us
         usual_us = (wire.now_us() - self._begun_us) // _WAITING
         return max(wire.held_up_us, waited_us - usual_us)
-
-    def _batch(
-        self, host: DialogueHost, actions: Sequence[DialogueAction], *, timed: bool
-    ) -> list[tuple[DialogueAction, bytes]]:
-        """Return the frames of a slot with their actions: as many as the line carries in time."""
-        found: list[tuple[DialogueAction, bytes]] = []
-        room_us = SLOT_US // _SHARE if timed else SLOT_US // 2
-        for action in actions:
-            wire = host.take_unsent() + action.wire(host)
-            size = len(wire) + sum(len(data) for _, data in found)
-            if self._board.wire.line_us(size) > room_us:
-                break
-            if found and _is_mute_in_lockstep(wire):
-                break  # it may overtake what is sent with it: HG-3.8/2
-            shares = found and action.seed % _SHARES == 0  # one delimiter between two frames
-            found.append((action, wire[1:] if shares else wire))
-        return found
 
     # --- time ----------------------------------------------------------------------------------
 
@@ -259,7 +244,7 @@ class Lockstep:
         line_us = board.wire.line_us(sum(map(len, wires)))
         self._wait_until(max(at_us - self._early_us(line_us), models.now_us))
         sent_us = board.clock.device_estimate_us()
-        for piece in _pieces_in_lockstep(b"".join(wires)):
+        for piece in pieces_of_slot(b"".join(wires)):
             board.wire.send(piece)  # a frame a slot, which the board has time for
         if self._is_virtual:
             models.receive(at_us, wires)
@@ -287,7 +272,7 @@ class Lockstep:
         That is no later than it says, or than the answer has come.  Empty: the slot has no end.
         """
         board = self._board
-        seq = _foreign_seq_in_lockstep(host)
+        seq = number_at_end_of_slot(host)
 
         def ends_slot(piece: ReceivedByClient) -> bool:
             is_refusal = isinstance(piece.message, Error) and piece.message.request == Ping.TYPE
@@ -369,33 +354,3 @@ class Lockstep:
 
 def _number_of_lockstep_frames(messages: Iterable[Message | None]) -> int:
     return sum(message is None or not is_optional_in_dialogue(message) for message in messages)
-
-
-def _foreign_seq_in_lockstep(host: DialogueHost) -> int:
-    return (host.seq + _FOREIGN_SEQ) & 0xFFFF
-
-
-def _foreign_ping_in_lockstep(host: DialogueHost) -> bytes:
-    """Return a request of another session: its refusal shows that a slot's frames were read.
-
-    It renews no lease, and uses no number up.
-    """
-    session, seq = host.session ^ _FOREIGN or _FOREIGN, _foreign_seq_in_lockstep(host)
-    return encode_frame(build_body(Ping(seq), flags=0, seq=seq, time_us=0, session=session))
-
-
-def _pieces_in_lockstep(data: bytes) -> list[bytes]:
-    """Return *data* whole, or now and then its first bytes one by one and the rest in pieces."""
-    if not data:
-        return []
-    if sum(data) % _PIECES:
-        return [data]
-    edges = [*range(min(_PIECES, len(data))), *range(_PIECES, len(data), 97), len(data)]
-    return [data[a:b] for a, b in pairwise(edges) if a < b]
-
-
-def _is_mute_in_lockstep(wire: bytes) -> bool:
-    return any(
-        isinstance(body, bytes) and body[0] == MessageType.MUTE
-        for body in FrameDecoder().feed(wire)
-    )
