@@ -7,6 +7,6 @@
 #define CHIP_TICKS_PER_US 40
 #define CHIP_LINE_BYTES_PER_S 0
 #define CHIP_MEASURES_LATCH 0
-#define CHIP_WATCHDOG_MS 2000
+#define CHIP_WATCHDOG_MS 1900 /* within the 2 s of HG-6.12/1 */
 
 #endif
