@@ -171,11 +171,15 @@ class RawFrameClient:
 
     def begin_case(self) -> None:
         """Forget the pieces received so far, and start the time of the next case."""
-        self.received, self.heard = [], 0
+        self.forget_received()
         self.held_up_us = 0
         self._leave(self.now_us())
-        self.recording = DialogueRecording()
         self._deadline_us = self.now_us() + self.limits.case_us
+
+    def forget_received(self) -> None:
+        """Forget the pieces received so far: more may come than one case may have."""
+        self.received, self.heard = [], 0
+        self.recording = DialogueRecording()
 
     def now_us(self) -> int:
         """Return the time of the transport."""
@@ -264,6 +268,7 @@ class RawFrameClient:
         """
         if isinstance(self._transport, UnreadClientTime):
             self._transport.skip_ns(duration_us * 1000)
+            self._leave(self.now_us())  # meant to be away: the host was not held up
             return
         if not self.limits.slack_us:
             self.idle(duration_us)

@@ -6,15 +6,28 @@ import itertools
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.messages import FIRST_STREAM_SEQ, Feature, Ping, Pong, Status
+from haptogram_protocol.messages import (
+    FIRST_STREAM_SEQ,
+    Feature,
+    Ping,
+    Pong,
+    Status,
+    TraceMode,
+    TracePlayback,
+)
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
-from ...outcome import SELF_REPORTED, check
+from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
+from ...outcome import SELF_REPORTED, check, not_observed
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
+_EVENTS: Final = 66_000
+_PART: Final = 8_000  # events between two readings
+_TRACE_BYTES: Final = 34  # of TRACE_PLAYBACK on the line
+_SEQUENCE: Final = 2
 _WRAP_US: Final = 2**32
 _JUMPS: Final = (2, 255, 256, 300, 20_000, 30_000, 32_000, 0x7FFF)
 
@@ -84,6 +97,41 @@ def numbers_three_header_sequences(board: BoardClient) -> None:
         for number in range(8):
             board.link.send(board.link.stream_wire(board.flat_phases()))
             board.link.call(Ping(number), Pong)
+
+
+@case(
+    "HG-3.6/2",
+    "66 000 events of a session: their numbers, and the loops that they tell, go on across 65 535",
+    variant="wrap",
+    needs=Feature.TRACE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def event_sequence_numbers_wrap(board: BoardClient) -> None:
+    line_us = 2 * board.wire.line_us(_TRACE_BYTES)
+    period_us = board.clock.on_carrier(shortest_period_to_play_us(board, line_us))
+    if period_us < line_us + board.clock.carrier_us and not board.wire.limits.slack_us:
+        not_observed("a simulated line takes long for so many events")
+    send_phases_to_store(board, _SEQUENCE, frames=1)
+    board.hello()
+    board.configure(trace_mode=TraceMode.CRC)
+    board.arm()
+    alone_ms = min(10_000, board.identity.max_unattended_ms)
+    part_us = min(_PART * period_us, alone_ms * 500)
+    last, count = -1, 0
+    play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
+    while count < _EVENTS:
+        since = board.link.mark()
+        board.wire.idle(part_us)
+        board.link.barrier()
+        for header, event in board.link.events(TracePlayback, since):
+            count += 1
+            loop = event.key.loop
+            text = f"behind event {last & 0xFFFF} comes event {header.seq}, of loop {loop}"
+            check(last < 0 or header.seq == (last + 1) & 0xFFFF, text)
+            check(loop >= last, text)  # traces that were dropped had loops, not numbers
+            last = last + 1 if last >= 0 else header.seq
+        board.wire.forget_received()
 
 
 @case(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 from haptogram_protocol.messages import (
@@ -11,6 +12,7 @@ from haptogram_protocol.messages import (
     Feature,
     GetConfig,
     Hello,
+    HelloReply,
     Mute,
     Ping,
     PlaybackEnded,
@@ -70,6 +72,31 @@ def the_same_nonce_at_another_time(board: BoardClient) -> None:
             check(answer.message == first.message, "a repeated HELLO has another reply")
     steps = [signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
     check(min(steps) >= 0, f"times of PONG, HELLO_REPLY and PONG in a row: {times}")
+
+
+@case(
+    "HG-4.6/1",
+    "HELLO with the open nonce, another minor version, description or number: the same greeting",
+    variant="fields",
+)
+def the_same_nonce_with_other_fields(board: BoardClient) -> None:
+    first = board.hello()
+    board.arm()
+    index = latch_now(board, board.flat_phases())
+    same = board.hello_message(board.link.session)
+    others = (
+        {"minor": same.minor + 1},
+        {"minor": 255},
+        {"description_hash": same.description_hash ^ 1},
+        {"description_hash": 0},
+    )
+    with board.counting(repeated=len(others)):
+        for fields in others:
+            again = board.link.call(dataclasses.replace(same, **fields), HelloReply, session=0)
+            check(again == first, f"HELLO with {fields}: {again}, the first one was {first}")
+    status = board.status()
+    found = (status.state, status.last_seq)
+    check(found == (OutputState.ARMED, index), f"HELLO of the open session has led to {found}")
 
 
 @case("HG-4.6/2", "a new nonce: ARMED becomes DISARMED (NEW_SESSION), MUTED stays MUTED")

@@ -44,6 +44,7 @@ _SEQUENCE: Final = 5
 _WINDOW_US: Final = 100_000
 _AHEAD_US: Final = 400_000
 _TRIES: Final = 3
+_LONGEST: Final = 4096
 _HELLO: Final = "HELLO"
 #: Requests that switch the output off, beside HELLO of a new session.
 _OFFS_OF_BURST: Final[dict[str, Message]] = {
@@ -245,6 +246,38 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     times = sorted(latch.t_us for latch in latches_received_from_board(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     check(not near, f"of {len(times)} latches {len(near)} are in the carrier period of another")
+
+
+@case(
+    "HG-5.7/2",
+    "a frame for before and behind an IMMEDIATE one that waits for its carrier period, every kind",
+    variant="immediate",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def frames_behind_immediate_ones_of_a_burst(board: BoardClient) -> None:
+    carrier_us = board.clock.carrier_us
+    if board.wire.limits.slack_us or board.wire.line_us(_LONGEST) >= carrier_us // 4:
+        not_observed("no two frames come within one carrier period of this line")
+    board.configure(late_window_us=_WINDOW_US)
+    board.arm()
+    for first, second in itertools.product(stream_kinds(board), repeat=2):
+        for later_us in (-1000, -1, 0, 1):
+            message = first.make()
+            ready_us = board.ready_after_us(points_of_stream_kind(message))
+            board.wire.idle((carrier_us // 2 - board.clock.device_us() - ready_us) % carrier_us)
+            t_us = board.clock.device_us() + ready_us + later_us
+            wires = board.link.stream_wire(message) + board.link.stream_wire(second.make(), t_us)
+            before = board.status().counters
+            board.link.send(wires)
+            board.clock.wait_latched(len(wires))
+            counted = board.counted_since(before)
+            names = ("latched", "dropped_order", "flushed")
+            got = tuple(counted[name] for name in names)
+            due = (1, 0, 1) if later_us > 0 else (1, 1, 0)
+            text = f"{first.name}, IMMEDIATE, and {second.name} for {later_us} µs later: "
+            check(got == due, text + f"{', '.join(names)} count {got}, due is {due}")
 
 
 @case(

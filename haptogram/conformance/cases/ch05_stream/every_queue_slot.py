@@ -16,9 +16,10 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.drive_paths import registers_asked_for
-from ...client.latching import ask_for_board_latches, latches_received_from_board
+from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, not_observed
+from .every_drop import fill_queue
 
 _WINDOW_US: Final = 100_000
 _WAITING: Final = 3
@@ -60,6 +61,30 @@ def every_format_is_streamed_at_once(board: BoardClient) -> None:
                 )
                 board.clock.wait_latched(4000)
         check(board.status().queued == 0, f"{kind.name}: frames wait behind IMMEDIATE")
+
+
+@case(
+    "HG-5.9/1",
+    "IMMEDIATE frames of every message and format flush a full queue, and are latched",
+    variant="full",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_format_flushes_a_full_queue(board: BoardClient) -> None:
+    depth = board.identity.queue_depth
+    if depth > _DEEPEST:
+        not_observed(f"a queue of {depth} frames is not filled")
+    board.arm()
+    for kind in stream_kinds(board):
+        last_us = fill_queue(board, depth)
+        waiting = board.status().queued
+        board.clock.require_in_time(last_us - 1000 * depth)
+        check(waiting == depth, f"{depth} frames wait, queued is {waiting}")
+        with board.counting(flushed=depth, latched=1):
+            index = latch_now(board, kind.make())
+        found = board.status()
+        told = (found.queued, found.last_seq)
+        check(told == (0, index), f"{kind.name}: queued and last_seq {told}, due are {(0, index)}")
 
 
 @case(

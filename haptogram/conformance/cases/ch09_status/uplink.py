@@ -13,8 +13,11 @@ from haptogram_protocol.messages import (
     Pong,
     StateChanged,
     Status,
+    TraceDrive,
     TraceMode,
+    TracePlayback,
 )
+from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -29,6 +32,9 @@ from ...outcome import SELF_REPORTED, check
 _ASKED: Final = 40
 _MS: Final = 1000
 _SEQUENCE: Final = 2
+_SILENT_MS: Final = 8000  # STATUS of 50 ms are more than a board has room for
+_TRACED_US: Final = 10_000
+_TRACES: Final = ((Feature.TRACE, TraceMode.CRC), (Feature.TRACE_DRIVE, TraceMode.DRIVE))
 _STATUS_TOLD: Final = 4  # STATUS while the uplink is full
 
 
@@ -70,7 +76,7 @@ def uplink_drops_no_event_numbers(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def only_traces_give_way_on_the_uplink(board: BoardClient) -> None:
-    for feature, mode in ((Feature.TRACE_DRIVE, TraceMode.DRIVE), (Feature.TRACE, TraceMode.CRC)):
+    for feature, mode in _TRACES:
         if board.has(feature):
             _flood_uplink(board, mode)
 
@@ -105,6 +111,61 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     numbers = [p.header.seq for p in board.wire.received[since:] if p.is_event and p.header]
     gaps = [(b - a) & 0xFFFF for a, b in itertools.pairwise(numbers) if (b - a) & 0xFFFF != 1]
     check(not gaps, f"{name}: steps of {gaps[:5]} between events")
+
+
+@case(
+    "HG-9.5/1",
+    "a host reads nothing until no event finds room: numbers of every kind go on without a gap",
+    variant="full",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,  # the buffers of an operating system take seconds to fill
+)
+def no_event_uses_a_number_while_the_uplink_is_full(board: BoardClient) -> None:
+    plays = board.has(Feature.SEQUENCE_PHASES)
+    if plays:
+        send_phases_to_store(board, _SEQUENCE, frames=2)
+    modes = [mode for feature, mode in _TRACES if plays and board.has(feature)]
+    for state in (OutputState.DISARMED, OutputState.ARMED):
+        _fill_uplink(board, state, TraceMode.OFF)
+    for mode in modes:
+        _fill_uplink(board, OutputState.ARMED, mode)
+
+
+def _fill_uplink(board: BoardClient, state: OutputState, mode: TraceMode) -> None:
+    """Let STATUS fill the uplink, then a timer mute the board; FAILED if a number is left out.
+
+    With a trace a sequence plays meanwhile.
+    """
+    period_ms, alone_ms = board.quick_status_ms, _SILENT_MS
+    if mode is not TraceMode.OFF:
+        alone_ms = min(alone_ms, board.identity.max_unattended_ms)
+    board.hello()
+    board.configure(trace_mode=mode, status_period_ms=period_ms, host_timeout_ms=alone_ms)
+    board.bring_to(state)
+    since, before = board.link.mark(), board.status().counters
+    if mode is not TraceMode.OFF:
+        play_now(board, _SEQUENCE, loops=0, period_us=_TRACED_US, unattended_ms=alone_ms)
+    board.wire.look_away((_SILENT_MS + 5 * period_ms) * _MS)
+    board.link.barrier()
+    board.wire.idle(3 * period_ms * _MS)
+    counted = board.counted_since(before)
+    events = [p for p in board.wire.received[since:] if p.is_event and p.header]
+    numbers = [p.header.seq for p in events if p.header]
+    gaps = [(b - a) & 0xFFFF for a, b in itertools.pairwise(numbers) if (b - a) & 0xFFFF != 1]
+    name = f"{state.name}, trace {mode.name}"
+    check(not gaps, f"{name}: steps of {gaps[:5]} between events when the host reads again")
+    traces = sum(isinstance(p.message, TracePlayback | TraceDrive) for p in events)
+    due = counted["latched"] - counted["trace_dropped"]
+    check(
+        mode is TraceMode.OFF or traces == due,
+        f"{name}: {counted['latched']} latches, {counted['trace_dropped']} traces dropped; "
+        f"{traces} traces came",
+    )
+    expected = OutputState.MUTED if state is OutputState.ARMED else state
+    found = board.status().state
+    check(found is expected, f"{name}: {found.name} behind a silence of {_SILENT_MS} ms")
 
 
 @case(
