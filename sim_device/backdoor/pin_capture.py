@@ -283,13 +283,11 @@ def _write_pin_edges(
     file: TextIO, times_ns: np.ndarray, channels: np.ndarray, levels: np.ndarray
 ) -> None:
     codes = [_pin_capture_code(number) for number in range(int(channels.max(initial=0)) + 1)]
-    last = -1
-    words = []
-    for t_ns, channel, level in zip(
-        times_ns.tolist(), channels.tolist(), levels.tolist(), strict=True
-    ):
-        if t_ns != last:
-            words.append(f"#{t_ns}\n")
-            last = t_ns
-        words.append(f"{int(level)}{codes[channel]}\n")
-    file.write("".join(words))
+    words = [[f"{level}{code}\n" for code in codes] for level in (0, 1)]
+    begun = np.concatenate([[True], times_ns[1:] != times_ns[:-1]])[: len(times_ns)]
+    file.writelines(
+        f"#{t_ns}\n{words[level][channel]}" if is_new else words[level][channel]
+        for t_ns, is_new, channel, level in zip(
+            times_ns.tolist(), begun.tolist(), channels.tolist(), levels.tolist(), strict=True
+        )
+    )

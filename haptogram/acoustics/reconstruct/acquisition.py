@@ -16,7 +16,7 @@ import numpy as np
 from haptogram.acoustics.arrays import BoolArray, FloatArray
 from haptogram.acoustics.model.geometry import MIN_SPACING_M
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells
+from haptogram.acoustics.reconstruct.cells import search_volume
 from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
 
 _SUBARRAY_COUNT: Final = 100
@@ -43,11 +43,10 @@ class FocusAcquisition:
         self._distance = np.linalg.norm(positions - positions[active].mean(axis=0), axis=1)
         self._radius_m = self._subarray_radius(active)
         self.subarray: BoolArray = active & (self._distance <= self._radius_m)
-        self._cells = search_cells(model, positions[self.subarray])
-        self._phasors = cell_phasors(model, self._cells, positions[self.subarray])
+        self._cells, self._phasors = search_volume(model, positions[self.subarray])
         if model.calibration is not None:
             lags_rad = model.calibration.phase_rad[self.subarray]
-            self._phasors *= np.exp(1j * lags_rad).astype(np.complex64)
+            self._phasors = self._phasors * np.exp(1j * lags_rad).astype(np.complex64)
 
     def _subarray_radius(self, active: BoolArray) -> float:
         nearest = np.sort(self._distance[active])

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.field.reference import points_in_front
+from haptogram.acoustics.arrays import FloatArray, read_only_array
+from haptogram.acoustics.field.reference import points_in_front, sounding_half_spaces
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import (
     MIN_TARGET_DISTANCE_M,
@@ -23,6 +24,67 @@ _CELL_SPREAD_RAD: Final = 1.2  # RMS phase change to a corner: coherence exp(-0.
 #: Of axes that spread alike the first one is halved, whatever the rounding says.
 _ORDER: Final = 1.0 - 1e-9 * np.arange(3)
 _CELLS_PER_CHUNK: Final = 32  # temporaries stay in the cache
+_VOLUMES_KEPT: Final = 4  # 15 MB each for 16 x 16 elements; board and judge often share a model
+
+
+class SearchVolume(NamedTuple):
+    """The cells of some elements, and the waves between both.
+
+    Attributes
+    ----------
+    cells_m : (M, 3) numpy.ndarray
+        The centres of the cells, in metres; read-only.
+    phasors : (M, N) numpy.ndarray of numpy.complex64
+        e^{j k r} from N elements to M cells; read-only.
+    """
+
+    cells_m: FloatArray
+    phasors: NDArray[np.complex64]
+
+
+def search_volume(model: AcousticModel, positions: FloatArray) -> SearchVolume:
+    """Return :func:`search_cells` and their :func:`cell_phasors`; the last volumes are kept.
+
+    Parameters
+    ----------
+    positions : (N, 3) numpy.ndarray
+        The elements that will be asked, in metres.
+
+    Raises
+    ------
+    ConfigurationError
+        As of :func:`search_cells`.
+    """
+    return _kept_search_volume(_VolumeOf(model, positions))
+
+
+class _VolumeOf:
+    """What a search volume depends on; equal if it gives the same volume."""
+
+    def __init__(self, model: AcousticModel, positions: FloatArray) -> None:
+        self.model, self.positions = model, positions
+        array = model.array
+        self._content = (
+            *(part.tobytes() for part in (positions, array.positions_m, array.normals, array.axes)),
+            sounding_half_spaces(model).tobytes(),
+            array.pitch_m,
+            model.wavenumber,
+        )
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _VolumeOf) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+
+@functools.lru_cache(_VOLUMES_KEPT)
+def _kept_search_volume(of: _VolumeOf) -> SearchVolume:
+    cells = search_cells(of.model, of.positions)
+    phasors = cell_phasors(of.model, cells, of.positions)
+    read_only_array(cells)
+    read_only_array(phasors)
+    return SearchVolume(cells, phasors)
 
 
 def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
@@ -75,8 +137,9 @@ def cell_phasors(
     In single precision, since only the order of the cells needs it.
     """
     phasors = np.empty((len(cells), len(positions)), dtype=np.complex64)
+    across = np.ascontiguousarray(cells.T)
     for n, position in enumerate(positions):
-        turns = np.linalg.norm(cells - position, axis=1) / model.wavelength_m
+        turns = _distances_m(across, position) / model.wavelength_m
         phasors[:, n] = np.exp(2j * np.pi * (turns - np.rint(turns)))
     return phasors
 
@@ -131,7 +194,14 @@ def _halve_search_cells(
 
 
 def _search_cell_clearance_m(cells: FloatArray, positions: FloatArray) -> FloatArray:
-    clearance = np.full(len(cells), np.inf)
+    clearance, across = np.full(len(cells), np.inf), np.ascontiguousarray(cells.T)
     for position in positions:
-        clearance = np.minimum(clearance, np.linalg.norm(cells - position, axis=1))
+        clearance = np.minimum(clearance, _distances_m(across, position))
     return clearance
+
+
+def _distances_m(across: FloatArray, position: FloatArray) -> FloatArray:
+    """Return the distances of points, given as (3, M) coordinates, from a position."""
+    x, y, z = (coordinate - at for coordinate, at in zip(across, position, strict=True))
+    distances: FloatArray = np.sqrt(x * x + y * y + z * z)
+    return distances

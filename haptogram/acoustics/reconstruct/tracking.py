@@ -18,7 +18,7 @@ from haptogram.acoustics.field.engines.layout import EngineLayout, as_single_pre
 from haptogram.acoustics.model.drive import MAX_PHASE_BITS, check_phase_bits, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.acquisition import HOPELESS_RAD
-from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells
+from haptogram.acoustics.reconstruct.cells import search_volume
 from haptogram.acoustics.solvers.focus import MAX_TARGET_DISTANCE_M, MIN_TARGET_DISTANCE_M
 from haptogram.errors import ConfigurationError, missing_extra
 
@@ -170,10 +170,9 @@ class FocusTracker:
     def _prepare(self) -> None:
         first = self._order[: self._counts[0]]
         positions = self._model.array.positions_m[first]
-        cells = search_cells(self._model, positions)
-        matrix = cell_phasors(self._model, cells, positions)
+        cells, matrix = search_volume(self._model, positions)
         if self._lags.any():
-            matrix *= np.exp(2j * np.pi * self._lags[: len(first)])
+            matrix = matrix * np.exp(2j * np.pi * self._lags[: len(first)])
         self._phasors = np.ascontiguousarray(np.stack([matrix.real.T, matrix.imag.T]))
         self._apart = _APART * np.linalg.norm(cells - self._model.array.centre_m, axis=1)
         self._cells = np.ascontiguousarray(cells.T)

@@ -15,8 +15,10 @@ from haptogram.acoustics import (
     AcousticModel,
     Drive,
     NumpyEngine,
+    PointSource,
     Reconstructor,
     SingleFocus,
+    Transducer,
     TransducerArray,
     check_focus_target,
     choose_engine,
@@ -33,7 +35,7 @@ from haptogram.acoustics import (
 from haptogram.acoustics.levels.spot import predict_spot_width_m
 from haptogram.acoustics.model.own_axes import array_axes
 from haptogram.acoustics.reconstruct.acquisition import FocusAcquisition
-from haptogram.acoustics.reconstruct.cells import search_cells
+from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells, search_volume
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.acoustics.solvers.focus import focus_steering_reach_m
 from haptogram.errors import ConfigurationError
@@ -219,6 +221,27 @@ def test_the_same_cells_are_searched(name, turn):
     assert abs(len(here) - len(there)) <= 0.01 * len(here)  # rounding at a limit
     if len(here) == len(there):
         assert np.median(np.linalg.norm(pose.points(here) - there, axis=1)) < 1e-9
+
+
+def test_a_search_volume_that_was_kept_is_that_of_this_model():
+    """Neighbours in this list differ in one thing."""
+    grid = TransducerArray.grid(4, 4)
+    loose = TransducerArray.from_positions(grid.positions_m)  # no pitch
+    tilted = TransducerArray.from_positions(
+        grid.positions_m, np.tile((0.6, 0.0, 0.8), (grid.count, 1))
+    )
+    air, piston = GRID.medium, GRID.transducer
+    models = [AcousticModel(array, air, piston) for array in (grid, loose, tilted)]
+    models += [AcousticModel(tilted, air, Transducer(PointSource()))]
+    models += [models[-1].with_sound_speed(400.0)]
+    for model in models:
+        for positions in (model.array.positions_m, model.array.positions_m[:9]):
+            kept, phasors = volume = search_volume(model, positions)
+            cells = search_cells(model, positions)
+            assert np.array_equal(kept, cells)
+            assert np.array_equal(phasors, cell_phasors(model, cells, positions))
+            assert not any(part.flags.writeable for part in volume)
+            assert search_volume(model, positions) is volume
 
 
 @settings(max_examples=12)

@@ -19,7 +19,7 @@ from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import points_in_front
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells
+from haptogram.acoustics.reconstruct.cells import cell_phasors, search_volume
 
 MAX_CHARGE: Final = 4
 CHARGES: Final = tuple(range(-MAX_CHARGE, MAX_CHARGE + 1))
@@ -84,10 +84,10 @@ class PatternSearch:
         distance = np.linalg.norm(own.positions_m - own.centre_m, axis=1)
         nearest = np.sort(np.argsort(distance, kind="stable")[:_SUBARRAY])
         self.elements: NDArray[np.intp] = np.flatnonzero(side)[nearest]
-        cells = search_cells(one_side, array.positions_m[self.elements])
-        self._cells = cells[_pattern_cells_between(model, cells, side)]
         positions = array.positions_m[self.elements]
-        self._phasors = cell_phasors(model, self._cells, positions)
+        cells, phasors = search_volume(one_side, positions)
+        between = _pattern_cells_between(model, cells, side)
+        self._cells, self._phasors = cells[between], phasors[between]
         self._local = (positions - self._centre) @ self._axes.T
         self._feet = ((self._cells - self._centre) @ self._axes.T)[:, :2]
         middle = self._local[:, :2].mean(axis=0)

@@ -457,8 +457,8 @@ def test_once_warm_nothing_is_compiled_or_searched_anew(monkeypatch):
 
     before = compiled()
     assert all(before.values())
-    monkeypatch.setattr("haptogram.acoustics.reconstruct.tracking.search_cells", must_not)
-    monkeypatch.setattr("haptogram.acoustics.reconstruct.acquisition.search_cells", must_not)
+    monkeypatch.setattr("haptogram.acoustics.reconstruct.tracking.search_volume", must_not)
+    monkeypatch.setattr("haptogram.acoustics.reconstruct.acquisition.search_volume", must_not)
     drives = [drive_for(MODEL, TARGET + np.array([0, 0, step])) for step in (0.0, 0.001, 0.06)]
     for drive in drives:
         assert reconstructor.reconstruct(drive).as_dict()["kind"] == "single_focus"
