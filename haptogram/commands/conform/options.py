@@ -108,7 +108,7 @@ class ChoiceConfig(Settings):
 
 
 _PINS: Final = (
-    "Evidence that is not the firmware's own word, by pins and both lines of the UART in one "
+    "Evidence that is not the firmware's own word, by pins and lines of the UART in one "
     "capture: docs/captures.md."
 )
 

@@ -8,10 +8,13 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Final, TypeVar
 
+import numpy as np
+
 from haptogram.errors import ConfigurationError
-from haptogram.records.pins import PinRecord
+from haptogram.records.pins import LineBytes, PinRecord
 from haptogram.verification.pins.line_frames import LineFrame, read_captured_line
 from haptogram_protocol.messages import (
+    RESPONSE_RANGE,
     STREAM_RANGE,
     HelloReply,
     Message,
@@ -26,39 +29,40 @@ from .device_clock import PinDialogueClock
 
 _AT_RESET_US: Final = 4_284_967_296  # HG-6.9/4
 _BITS: Final = 32
+_ANSWER_MS: Final = 10.0  # HG-4.11/3
 _M = TypeVar("_M", bound=Message)
 
 
 class PinDialogue:
-    """Frames of both directions in a capture with both lines of the UART.
+    """Frames of both directions in a capture with one line of the UART, or both.
+
+    Attributes
+    ----------
+    missing : str
+        Line that was not captured, in words; empty: both were.
 
     Raises
     ------
     ConfigurationError
-        A line that was not captured, or that carries no frame.
+        Neither line was captured, or one carries no frame.
     """
 
     def __init__(self, record: PinRecord) -> None:
-        if record.to_board is None or record.to_host is None:
-            missing = "to_board" if record.to_board is None else "to_host"
+        if record.to_board is None and record.to_host is None:
             raise ConfigurationError(
-                f"{record.name}: no line {missing}; clauses are judged by what the board was told "
-                "and says: name both lines of its UART in the map (docs/captures.md)"
+                f"{record.name}: neither line of the UART; clauses are judged by what the board "
+                "was told (to_board) and says (to_host): name both in the map, or one of them "
+                "(docs/captures.md)"
             )
         self.record = record
-        down, up = read_captured_line(record.to_board), read_captured_line(record.to_host)
-        self.to_board, self.unread_to_board = down.frames, down.unread
-        self.to_host, self.unread_to_host = up.frames, up.unread
-        for name, frames, line in (
-            ("to_board", self.to_board, record.to_board),
-            ("to_host", self.to_host, record.to_host),
-        ):
-            if not frames:
-                raise ConfigurationError(
-                    f"{record.name}: {name} carries {len(line.values)} bytes, "
-                    f"{line.damaged} characters without a stop bit and no frame; check channel "
-                    "and baud of the map"
-                )
+        self.missing = "to_board" if record.to_board is None else ""
+        self.missing = "to_host" if record.to_host is None else self.missing
+        self.to_board, self.unread_to_board = _read_line_of_pin_dialogue(
+            record, "to_board", record.to_board
+        )
+        self.to_host, self.unread_to_host = _read_line_of_pin_dialogue(
+            record, "to_host", record.to_host
+        )
 
     def sent(self, kind: type[_M]) -> Iterator[tuple[LineFrame, _M]]:
         """Yield the frames of the host with a message of this *kind*."""
@@ -99,6 +103,11 @@ class PinDialogue:
         lost = [f.begin for f in replies if (f.header.session, f.header.seq) not in read]
         return sorted([*self.arms, *lost])
 
+    @property
+    def longest_answer(self) -> float:
+        """Periods from a request to its answer, at the most."""
+        return _ANSWER_MS * 1e-3 * self.record.carrier_hz
+
     @cached_property
     def sources(self) -> list[float]:
         """Arrivals of frames that may bring sound: of the stream, and PLAY."""
@@ -110,7 +119,24 @@ class PinDialogue:
 
     def next_arm(self, t: float) -> float:
         """Return when the board may sound again from *t* on: by ARM; else the end."""
-        return _next_time_in_pin_dialogue(self._armings, t, self.record.end)
+        armed = _next_time_in_pin_dialogue(self._armings, t, self.record.end)
+        return max(t, self._earliest_requests.get(armed, armed))
+
+    @cached_property
+    def _earliest_requests(self) -> dict[float, float]:
+        """When the request of each response came at the earliest, by the begin of that response.
+
+        Where the board's line alone was captured: behind the response before it, as a host asks one
+        thing after the other, and no longer before than a board takes to answer.
+        """
+        if self.missing != "to_board":
+            return {}
+        found, before = {}, 0.0
+        for frame in self.to_host:
+            if frame.header.type in RESPONSE_RANGE:
+                found[frame.begin] = max(before, frame.begin - self.longest_answer)
+                before = frame.begin
+        return found
 
     def next_source(self, t: float) -> float:
         """Return the first arrival of a frame that may bring sound from *t* on, else the end."""
@@ -119,9 +145,11 @@ class PinDialogue:
     def next_unread(self, t: float) -> float:
         """Return when the first piece from *t* on begins that the host sent and that is no frame.
 
-        The board may have read it: then it may be anything.
+        The board may have read it: then it may be anything. Where the board's line alone was
+        captured, a piece of that may be the answer.
         """
-        return _next_time_in_pin_dialogue(self.unread_to_board, t, self.record.end)
+        line = self.unread_to_host if self.missing == "to_board" else self.unread_to_board
+        return _next_time_in_pin_dialogue(line, t, self.record.end)
 
     def is_due(self, begin: float, end: float) -> bool:
         """Return True if a frame that arrived before *begin* may be due between the two."""
@@ -179,7 +207,10 @@ class PinDialogue:
 
     @cached_property
     def clocks(self) -> list[PinDialogueClock]:
-        """The device clock between resets, by PING and PONG; without them there is none."""
+        """The device clock between resets, by PING and PONG; without them there is none.
+
+        Where the board's line alone was captured, the PONG tells when it left itself.
+        """
         bounds = [0.0, *self.resets, self.record.end]
         pings: dict[tuple[int, int, int], float] = {}
         for frame, ping in self.sent(Ping):
@@ -189,11 +220,21 @@ class PinDialogue:
             pairs = []
             for frame, pong in self.said(Pong):
                 key = frame.header.session, frame.header.seq, pong.echo
-                if begin <= frame.begin < end and key in pings:
+                if not begin <= frame.begin < end:
+                    continue
+                if self.missing == "to_board":
+                    pairs.append((frame.begin - self._first_bytes, pong.t_tx_us))
+                elif key in pings:
                     pairs.append((pings.pop(key), pong.t_rx_us))
             if pairs:
                 found.append(PinDialogueClock.of(begin, end, pairs, self.record.carrier_hz))
         return found
+
+    @cached_property
+    def _first_bytes(self) -> float:
+        """Periods from the first bit of a frame to the end of the byte behind its delimiter."""
+        assert self.record.to_host is not None  # it has a PONG
+        return 2.0 * float(np.diff(self.record.to_host.times).min())
 
     @property
     def dated_resets(self) -> Iterator[tuple[float, float]]:
@@ -218,6 +259,27 @@ class PinDialogue:
         if clock is None:
             return None
         return clock.periods(frame.header.time_us if t_us is None else t_us, frame.begin)
+
+
+def _read_line_of_pin_dialogue(
+    record: PinRecord, name: str, line: LineBytes | None
+) -> tuple[list[LineFrame], list[float]]:
+    """Return the frames of a line, and when pieces of it begin that are none.
+
+    Raises
+    ------
+    ConfigurationError
+        A line without a frame.
+    """
+    if line is None:
+        return [], []
+    read = read_captured_line(line)
+    if not read.frames:
+        raise ConfigurationError(
+            f"{record.name}: {name} carries {len(line.values)} bytes, {line.damaged} characters "
+            "without a stop bit and no frame; check channel and baud of the map"
+        )
+    return read.frames, read.unread
 
 
 def _next_time_in_pin_dialogue(times: Sequence[float], t: float, otherwise: float) -> float:

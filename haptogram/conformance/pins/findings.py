@@ -22,6 +22,8 @@ class PinClauseFindings:
         Occasions that look as if the pins did not, and that the capture itself may explain.
     missing : dict of str to str
         Why a clause could not be judged, where the capture itself is the reason.
+    partial : dict of str to str
+        The occasions of a clause that the captured lines show, where they do not show all.
     paths : set of (str, str)
         Clause and path of every drive that was compared with the pins.
     offered : set of (str, str)
@@ -32,6 +34,7 @@ class PinClauseFindings:
     broken: dict[str, list[str]] = field(default_factory=dict)
     unclear: dict[str, list[str]] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
+    partial: dict[str, str] = field(default_factory=dict)
     paths: set[tuple[str, str]] = field(default_factory=set)
     offered: set[tuple[str, str]] = field(default_factory=set)
 

@@ -1,4 +1,4 @@
-"""From a capture of the pins, and of both lines of the UART, to results of clauses."""
+"""From a capture of the pins, and of the lines of the UART, to results of clauses."""
 
 from __future__ import annotations
 
@@ -27,13 +27,33 @@ from .told_latches import latches_of_pin_dialogue
 _LATE: Final = 20.0  # periods after a latch until the old drive is gone, where pins latch late
 _LATCH_CLAUSES: Final = ("HG-5.8/1", "HG-5.8/2", "HG-5.8/5", "HG-8.3/1", "HG-7.9/1", "HG-7.9/2")
 _NAMED: Final = 3  # occasions that are told
+_LINE_TELLS: Final = {
+    "to_board": "what the board was told is not known",
+    "to_host": "what the board says, and its clock, are not known",
+}
+#: Clauses that can be judged without a line, and the occasions that are left; empty: all.
+_BY_ONE_LINE: Final = {
+    "to_host": {"HG-6.3/1": "", "HG-6.6/1": "MUTE", "HG-6.6/2": "the time after MUTE"},
+    "to_board": {
+        "HG-5.8/2": "",
+        "HG-6.6/1": "a fault",
+        "HG-6.6/2": "the time up to 10 ms before the answer to ARM",
+        "HG-6.10/1": "",
+        "HG-6.12/2": "",
+        "HG-8.3/1": "",
+        "HG-12.1/1": "",
+        "HG-12.2/1": "",
+    },
+}
 _NEVER: Final = "the capture shows no occasion for it: no captured pin sounded then, or none came"
 
 
 def judge_clauses_by_pins(
     records: Sequence[PinRecord], expected: dict[str, str] | None = None
 ) -> tuple[CaseResult, ...]:
-    """Judge clauses by captures of the drive pins and of both lines of the UART.
+    """Judge clauses by captures of the drive pins and of the lines of the UART.
+
+    One line alone shows a part: the commands, or the words of the board.
 
     Parameters
     ----------
@@ -50,13 +70,14 @@ def judge_clauses_by_pins(
     Raises
     ------
     ConfigurationError
-        A capture without a line of the UART, or an element that the board lacks.
+        A capture without any line of the UART, or an element that the board lacks.
     """
     findings = PinClauseFindings()
     cut = ""
     for record in records:
         dialogue = PinDialogue(record)
         _check_elements_of_clauses(dialogue)
+        _note_clauses_without_a_line(dialogue, findings)
         judge_silence_clauses(dialogue, findings)
         judge_latch_clauses(dialogue, findings)
         judge_ramp_clauses(dialogue, findings)
@@ -69,9 +90,13 @@ def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> N
     """Judge every latch that the board told, one event for each."""
     for _, identity in dialogue.said(HelloReply):
         findings.offered.update(advertised_drive_paths(identity))
+    if dialogue.missing == "to_host":
+        return
     if not dialogue.clocks:
         for clause in (*_LATCH_CLAUSES, *DRIVE_CLAUSES.values()):
-            findings.missing[clause] = "no PING was answered: the device clock is not known"
+            findings.missing.setdefault(
+                clause, "no PING was answered: the device clock is not known"
+            )
         return
     told = list(latches_of_pin_dialogue(dialogue))
     pulses = LatchClausePulses(dialogue.record)
@@ -81,6 +106,21 @@ def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> N
     # Pins that latch at another time than the board tells show an old drive for a while.
     is_late = any(findings.broken.get(clause) for clause in ("HG-5.8/1", "HG-5.8/2", "HG-8.3/1"))
     drives.judge(told, _LATE if is_late else SETTLED, findings)
+
+
+def _note_clauses_without_a_line(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
+    """Note which clauses the one line that was captured does not show, or not as a whole."""
+    if not dialogue.missing:
+        return
+    shown = _BY_ONE_LINE[dialogue.missing]
+    for clause in PIN_CASES:
+        if clause not in shown:
+            findings.missing[clause] = (
+                f"{dialogue.record.name} has no line {dialogue.missing} (name it in the map): "
+                f"{_LINE_TELLS[dialogue.missing]}"
+            )
+        elif shown[clause]:
+            findings.partial[clause] = f"; without {dialogue.missing} {shown[clause]} alone"
 
 
 def _check_elements_of_clauses(dialogue: PinDialogue) -> None:
@@ -106,7 +146,8 @@ def _clause_result_by_pins(
         behaviour, detail = Behaviour.INCONCLUSIVE, _occasions(unclear, every)
     elif held:
         left = findings.paths_left_out(clause)
-        behaviour, detail = Behaviour.OK, f"seen {held} times{left}"
+        part = findings.partial.get(clause, "")
+        behaviour, detail = Behaviour.OK, f"seen {held} times{part}{left}"
     else:
         behaviour, detail = Behaviour.NOT_OBSERVED, findings.missing.get(clause, _NEVER)
     if cut and behaviour is not Behaviour.FAILED:
@@ -163,8 +204,10 @@ def captured_share_of_run(record: PinRecord, nonces: Collection[int], run: str) 
     ConfigurationError
         It shows another run.
     """
-    frames = PinDialogue(record).to_board
-    shown = {frame.message.nonce for frame in frames if isinstance(frame.message, Hello)}
+    dialogue = PinDialogue(record)
+    frames = dialogue.to_board or dialogue.to_host
+    hellos = [frame.message for frame in frames if isinstance(frame.message, Hello | HelloReply)]
+    shown = {hello.nonce for hello in hellos}
     shown = shown or {frame.header.session for frame in frames} - {0}
     shared = len(shown & set(nonces))
     if not shared or 2 * shared < min(len(shown), len(nonces)):

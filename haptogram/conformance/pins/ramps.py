@@ -28,6 +28,8 @@ _SAMPLES: Final = 2.0
 
 def judge_ramp_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
     """Judge the ramp before every silence that a timer made."""
+    if dialogue.missing:
+        return
     if not any(reply.features & Feature.AMPLITUDE for _, reply in dialogue.said(HelloReply)):
         return
     configs = ConfigurationsByPins(dialogue, DrivesOfPinDialogue(dialogue))

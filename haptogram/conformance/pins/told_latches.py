@@ -36,6 +36,19 @@ from .told_drives import DrivesOfPinDialogue, ToldDrive
 
 #: Time in periods, what tells of it, and up to when no other latch can have followed.
 _Told: TypeAlias = tuple[float, LineFrame, float]
+#: Answers to requests that may change the output.
+_ANSWERS: Final = frozenset(
+    {
+        MessageType.HELLO_REPLY,
+        MessageType.ARM_REPLY,
+        MessageType.MUTE_REPLY,
+        MessageType.DISARM_REPLY,
+        MessageType.SET_CONFIG_REPLY,
+        MessageType.UPLOAD_COMMIT_REPLY,
+        MessageType.PLAY_REPLY,
+        MessageType.STOP_REPLY,
+    }
+)
 _BEFORE_WORD_MS: Final = 1.0  # a board may be silent before it says so: HG-12.1/1
 
 
@@ -230,6 +243,9 @@ def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
     }
     found = [f.arrival for f in dialogue.to_board if f.header.type in kinds]
     found += dialogue.unread_to_board  # it may have been one of them
+    if dialogue.missing == "to_board":
+        answers = (f for f in dialogue.to_host if f.header.type in _ANSWERS)
+        found += [f.begin - dialogue.longest_answer for f in answers]
     for frame, changed in dialogue.said(StateChanged):  # by a fault, which no request brings
         moment = dialogue.told(frame)
         if changed.state is not OutputState.ARMED and moment is not None:

@@ -350,6 +350,38 @@ def test_no_frame_that_the_analyser_read_wrongly_makes_a_board_fail(name, health
     assert {r.detail for r in results if r.behaviour is Behaviour.FAILED} == set()
 
 
+BY_ONE_LINE = {
+    "to_board": {"HG-5.8/2", "HG-6.6/2", "HG-6.10/1", "HG-6.12/2", "HG-8.3/1", "HG-12.2/1"},
+    "to_host": {"HG-6.3/1", "HG-6.6/1", "HG-6.6/2"},
+}
+
+
+@pytest.mark.parametrize("missing", BY_ONE_LINE)
+def test_one_line_alone_shows_a_part_of_the_clauses(missing, healthy):
+    suite, record = healthy
+    one = dataclasses.replace(record, **{missing: None})
+    results = by_clause(judge_clauses_by_pins([one]))
+    assert {r.clause: r.detail for r in results.values() if r.behaviour is Behaviour.FAILED} == {}
+    shown = {clause for clause, r in results.items() if r.behaviour is Behaviour.OK}
+    assert shown == BY_ONE_LINE[missing]
+    assert f" has no line {missing} (name it in the map): what" in results["HG-5.2/1"].detail
+    assert f"without {missing} " in results["HG-6.6/2"].detail
+    share = captured_share_of_run(one, suite.nonces, "the run")
+    assert f"shows {len(suite.nonces)} of {len(suite.nonces)} sessions" in share
+
+
+def test_pins_that_go_on_are_found_by_either_line_alone(tmp_path):
+    _, record = captured_suite(tmp_path / "pins.vcd", capture_lingers=("all=1e5",))
+    broken = {"to_board": {"HG-6.6/2", "HG-6.10/1", "HG-12.2/1"}, "to_host": {"HG-6.6/1"}}
+    for missing, clauses in broken.items():
+        one = dataclasses.replace(record, **{missing: None})
+        results = judge_clauses_by_pins([one])
+        assert {r.clause for r in results if r.behaviour is Behaviour.FAILED} == clauses
+    _, late = captured_suite(tmp_path / "late.vcd", capture_late=("all=100",))
+    results = judge_clauses_by_pins([dataclasses.replace(late, to_board=None)])
+    assert {r.clause for r in results if r.behaviour is Behaviour.FAILED} == {"HG-8.3/1"}
+
+
 def test_pins_that_never_sound_prove_nothing(healthy):
     """As where probes are off, or the map names other channels."""
     _, record = healthy
@@ -396,8 +428,8 @@ def test_a_reset_is_found_by_the_device_clock_and_its_pins_are_judged(healthy):
 
 def test_a_capture_without_the_lines_or_of_a_larger_board_is_refused(healthy):
     _, record = healthy
-    with pytest.raises(ConfigurationError, match="no line to_host; clauses are judged by"):
-        judge_clauses_by_pins([dataclasses.replace(record, to_host=None)])
+    with pytest.raises(ConfigurationError, match="neither line of the UART; clauses are judged by"):
+        judge_clauses_by_pins([dataclasses.replace(record, to_board=None, to_host=None)])
     pins = {99: record.pins[5]}
     with pytest.raises(ConfigurationError, match="the board has the elements 0 to 15"):
         judge_clauses_by_pins([dataclasses.replace(record, pins=pins)])
