@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, unwritable_file
 
 FOLDER: Final = Path(__file__).resolve().parents[2] / "protocol" / "c" / "ports"
 EMULATE: Final = FOLDER / "emulate"
@@ -108,9 +108,13 @@ def build(port: Port, folder: Path, **variables: str) -> Path:
     Raises
     ------
     ConfigurationError
-        If it does not compile; the output of make is in ``folder/build.log``.
+        If it does not compile; the output of make is in ``folder/build.log``.  If the folder
+        cannot be made.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable_file(folder, error, "--out") from error
     log = folder / "build.log"
     settings = [f"{name}={value}" for name, value in variables.items()]
     command = ["make", "-C", str(FOLDER), f"BUILD={folder.resolve()}", *settings, port.name]

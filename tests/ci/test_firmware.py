@@ -613,6 +613,12 @@ def test_a_port_that_cannot_be_judged_does_not_stop_the_next_one(tmp_path, monke
     _, complaint = capsys.readouterr()
     starts = [f"ci/firmware: {name}: the firmware {name} does not compile: see " for name in PORTS]
     assert [line.partition(str(tmp_path))[0] for line in complaint.splitlines()] == starts
+    assert command.main(["--port", "musca_b1", "--out", str(tmp_path / "make")]) == 2
+    _, complaint = capsys.readouterr()
+    unwritten = (
+        f"--out '{tmp_path}/make/musca_b1' cannot be written: a folder of its path is a file"
+    )
+    assert complaint == f"ci/firmware: musca_b1: {unwritten}\n"
 
 
 @pytest.mark.parametrize(
