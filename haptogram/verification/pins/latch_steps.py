@@ -20,6 +20,7 @@ from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 #: Drives nearer than that are not told apart pulse by pulse: samples, and a share of full drive.
 _SAMPLES: Final = 8.0
 _LEAST_DISTANCE: Final = 0.06
+_LATCH: Final = 1.25  # periods: a pulse that begins so long before a frame is none of it
 _LEAD: Final = 4.0  # periods by which the search begins and ends earlier
 
 
@@ -94,9 +95,23 @@ def pin_steps(
             wanted,
             (after[:, place], first[:, place], inside[:, place]),
         )
+    unknown = _frames_after_other_sound(record, run, lows, starts) & (before < 0)
+    inside[unknown] = False
     after -= starts[:, None]
     first -= starts[:, None]
     return PinSteps(after, first, inside)
+
+
+def _frames_after_other_sound(
+    record: PinRecord, run: PinRunDrives, lows: FloatArray, starts: FloatArray
+) -> Bools:
+    """Return the (F,) frames before which most pins sound."""
+    counts = np.zeros(run.count)
+    for element in run.elements:
+        rises = record.pins[element].rises
+        counts += np.searchsorted(rises, starts - _LATCH) > np.searchsorted(rises, lows)
+    sounding: Bools = 2 * counts > len(run.elements)
+    return sounding
 
 
 def _step_of_pin(

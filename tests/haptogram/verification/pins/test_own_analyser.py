@@ -304,3 +304,18 @@ def test_spikes_and_gaps_of_two_samples_or_a_tenth_of_a_microsecond_are_disturba
         pins = judged(board, analyser, tmp_path / "pins.vcd", random, reference=reference)
         assert pins.findings == {}
         assert pins.counts["right"] == 10
+
+
+def test_a_run_that_other_sound_precedes_has_no_torn_first_frame(tmp_path):
+    """As of an object that repeats: the capture shows the end of the pass before."""
+    random, board = drawn(2)
+    board.turns = np.tile(board.turns[:6], (2, 1))
+    board.amplitudes = np.ones((12, 16))
+    pins = judged(board, Analyser(), tmp_path / "pins.vcd", random)
+    assert pins.findings == {}
+    told = Board(board.turns[6:], board.amplitudes[6:])
+    shown = Board(np.roll(told.turns, 1, axis=0), told.amplitudes, offset_turn=0.3)
+    judged(shown, Analyser(), tmp_path / "pins.vcd", random)
+    pins = judged_file(told, tmp_path / "pins.vcd")
+    assert pins.findings == {}
+    assert pins.counts["right"] == 5
