@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -47,6 +48,7 @@ _SHAPES_MIXED: Final = 5  # different frames of it
 _TELLING: Final = 4  # transducers: the codes of fewer may be the same for different points
 _BEHIND: Final = 0x0101  # stored behind the other one
 _DIVIDER: Final = 260
+_MANY_DIVIDER: Final = 1000  # no divisor of 2^16
 _WINDOW_US: Final = 100_000
 
 
@@ -219,6 +221,27 @@ def wide_dividers_divide_playback(board: BoardClient) -> None:
     due = [(0, 0), *(divmod(n - 1, 3) for n in (_DIVIDER, 2 * _DIVIDER))]
     found = [(key.loop, 0 if key.sequence == 0 else key.index) for key in got]
     check(found == due, f"(loop, index) of the traced latches {found}, due are {due}")
+
+
+@case(
+    "HG-8.4/1",
+    "of 66000 latches since SET_CONFIG each 1000th is traced, those behind 2^16 too",
+    variant="many",
+    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def a_divider_divides_many_playback_latches(board: BoardClient) -> None:
+    send_phases_to_store(board, _SEQUENCE, frames=1)
+    board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_MANY_DIVIDER)
+    board.arm()
+    since = board.link.mark()
+    play_out(board, _SEQUENCE, 1, loops=_MANY, period_us=shortest_period_to_play_us(board))
+    got = [event.key.loop for _, event in board.link.events(TraceDrive, since)]
+    due = list(range(0, _MANY, _MANY_DIVIDER))
+    wrong = [pair for pair in itertools.zip_longest(got, due) if pair[0] != pair[1]]
+    check(not wrong, f"of {_MANY} latches {len(got)} are traced; seen and due {wrong[:1]}")
 
 
 @case(

@@ -1,4 +1,4 @@
-"""HG-4.6, HG-7.2, HG-7.4, HG-7.6: several sequences in the store, replaced in every order."""
+"""HG-7.2, HG-7.4, HG-7.6: several sequences in the store, replaced in every order."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _orders_of_stored_sequences() -> Iterator[tuple[int, ...]]:
 
 
 @case(
-    "HG-4.6/5",
+    "HG-7.4/1",
     "3 sequences, each replaced in every order by a longer or shorter one: all are played whole",
     variant="store",
     needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
