@@ -168,7 +168,7 @@ class Lockstep:
                 break
         # What came early was due in the slot behind the last one, or never.
         self._models.advance(host.slot_us + SLOT_US)
-        behind = self._models.due(host, base[1], self._near_us)
+        behind = self._models.due(host, base[1], self._near_us, is_last=True)
         text = superfluous_in_dialogue(self._early[len(behind) :])
         return Played(text, tuple(lines), slots, self._held_up())
 

@@ -15,12 +15,28 @@ from typing import Final
 from haptogram.errors import HaptogramError
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import FrameDecoder
-from haptogram_protocol.messages import RESPONSE_RANGE, Feature, HelloReply, parse_body
+from haptogram_protocol.messages import (
+    RESPONSE_RANGE,
+    STREAM_RANGE,
+    Feature,
+    Flag,
+    Header,
+    HelloReply,
+    MessageType,
+    parse_body,
+    unwrap,
+)
 
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
-from .actions import DialogueHost
-from .comparison import DialogueAnswers, DialogueBase, DialogueComparison, FrameInDialogue
+from .actions import LATE_WINDOWS_US, DialogueHost
+from .comparison import (
+    DialogueAnswers,
+    DialogueBase,
+    DialogueComparison,
+    FrameInDialogue,
+    superfluous_in_dialogue,
+)
 from .stepped_process import LockstepProcess
 
 _MODEL: Final = "sim_device.driven.stepped_board"
@@ -124,6 +140,7 @@ class DialogueModels:
     def __init__(self, identity: HelloReply, *, knows_time: bool) -> None:
         self._early = DialogueModel(identity)
         self._late = None if knows_time else DialogueModel(identity)
+        self._ready_us = identity.latch_lead_us + identity.max_points * identity.point_time_us
         self._due: list[FrameInDialogue] = []
         self._later: list[FrameInDialogue] = []
         self._ahead: list[FrameInDialogue] = []
@@ -164,18 +181,37 @@ class DialogueModels:
             What was sent, in pieces of which each brings one answer at most.
         answered_us : sequence of int
             When the board has sent its answers.
+
+        Raises
+        ------
+        HostLateError
+            If a stream frame may have been latched before the next one flushes it: the early model
+            flushes it then, and the late one drops it.
         """
         self._due += self._early.receive(early_us, b"".join(wires))
         self.now_us = max([early_us, *answered_us])
         if self._late is None:
             return
-        answers = 0
+        answers = doubtful = 0
         for wire in wires:
             at_us = max([early_us, *answered_us[: answers + 1]])
+            headers = _headers_in_dialogue(wire)
+            if doubtful and any(map(_flushes_in_dialogue, headers)):
+                raise HostLateError(f"within {doubtful} µs a frame was latched, flushed or late")
+            if any(self._is_in_time_or_late(header, early_us, at_us) for header in headers):
+                doubtful = at_us - early_us
             self._later += self._late.advance(at_us)
             said = self._late.receive(at_us, wire)
             answers += sum(frame.header.type in RESPONSE_RANGE for frame in said)
             self._later += said
+
+    def _is_in_time_or_late(self, header: Header, early_us: int, late_us: int) -> bool:
+        """Return True if a stream frame that came between two times may be in time, or late."""
+        if header.type not in STREAM_RANGE or header.flags & Flag.IMMEDIATE:
+            return False
+        t_us = unwrap(header.time_us, early_us, 32)
+        ends_us = (t_us + window_us for window_us in LATE_WINDOWS_US)
+        return any(early_us < end_us <= late_us + self._ready_us for end_us in ends_us)
 
     def advance(self, end_us: int) -> None:
         """Let time pass."""
@@ -193,24 +229,45 @@ class DialogueModels:
         found = [next_us for model in self._all if (next_us := model.next_us()) is not None]
         return min(found, default=None)
 
-    def due(self, host: DialogueHost, base: DialogueBase, near_us: int) -> list[FrameInDialogue]:
-        """Return the frames that are due since the last call, those of the early model.
+    def due(
+        self, host: DialogueHost, base: DialogueBase, near_us: int, *, is_last: bool = False
+    ) -> list[FrameInDialogue]:
+        """Return the frames that are due since the last call, with the times of the early model.
+
+        An event is due when both models have sent it.
 
         Raises
         ------
         HostLateError
-            If the late model has sent something else, beyond times that differ by *near_us*.
+            If the late model has sent something else, beyond times that differ by *near_us*, or at
+            last less.
         """
-        due, later = self._due, self._later
+        sent, later = [*self._ahead, *self._due], self._later
         self._due, self._later = [], []
         if self._late is None:
-            return due
-        mine = DialogueAnswers.of([*self._ahead, *due], base)
+            return sent
+        mine = DialogueAnswers.of(sent, base)
         comparison = DialogueComparison(mine, DialogueAnswers.of(later, base), host, near_us)
         self._ahead = comparison.early()
-        if text := comparison.difference():
+        text = comparison.difference()
+        if self._ahead and (is_last or self._ahead[0].header.type in RESPONSE_RANGE):
+            text = text or superfluous_in_dialogue(self._ahead)
+        if text:
             raise HostLateError(f"if the board has heard its bytes {near_us} µs later: {text}")
-        return due
+        return [frame for frame in sent if frame not in self._ahead]
+
+
+def _headers_in_dialogue(wire: bytes) -> list[Header]:
+    """Return the headers of the frames that *wire* ends."""
+    bodies = [body for body in FrameDecoder().feed(wire) if isinstance(body, bytes)]
+    return [Header.unpack(body[: Header.LAYOUT.size]) for body in bodies]
+
+
+def _flushes_in_dialogue(header: Header) -> bool:
+    """Return True if a frame may empty the queue."""
+    if header.type in STREAM_RANGE:
+        return bool(header.flags & Flag.IMMEDIATE)
+    return header.type in (MessageType.HELLO, MessageType.MUTE, MessageType.DISARM)
 
 
 def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:

@@ -12,11 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.conformance.cases.ch01_conformance import every_dialogue
-from haptogram.conformance.explore.actions import SLOT_US
-from haptogram.conformance.explore.comparison import DialogueMemory, FrameInDialogue
+from haptogram.conformance.explore.actions import SLOT_US, DialogueHost
+from haptogram.conformance.explore.comparison import (
+    DialogueBase,
+    DialogueMemory,
+    FrameInDialogue,
+)
 from haptogram.conformance.explore.configurations import RandomConfigs
 from haptogram.conformance.explore.generator import DialogueGenerator
 from haptogram.conformance.explore.lockstep import Played
+from haptogram.conformance.explore.model import DialogueModels, HostLateError
 from haptogram.conformance.explore.request_actions import RandomRequests
 from haptogram.conformance.explore.scenes.inputs import SceneInputs
 from haptogram.conformance.explore.scenes.scenes import RandomScenes
@@ -27,7 +32,21 @@ from haptogram.conformance.explore.tables.coverage import DialogueCoverage
 from haptogram.conformance.explore.tables.limit_requests import random_limit_requests
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
-from haptogram_protocol.messages import Arm, Config, Header, HelloReply
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    Arm,
+    Config,
+    Counters,
+    Flag,
+    GetStatus,
+    Header,
+    Hello,
+    HelloReply,
+    PhaseFormat,
+    Phases,
+    Ping,
+    build_body,
+)
 from protocol_c.building import compiler, make
 
 CASE = "HG-1.2/1-dialogues"
@@ -227,3 +246,55 @@ def test_the_model_answers_each_step_with_a_line(model):
     model.stdin.flush()
     answers = [model.stdout.readline().strip() for _ in steps]
     assert answers == ["-", "-", f"{SLOT_US} -", "-", "5 -", "-", "-", "-"]
+
+
+@pytest.fixture
+def models():
+    limits = {"grid_nx": 2, "grid_ny": 1, "pitch_um": 10_000, "features": 2047, "transducers": 2}
+    limits |= {"queue_depth": 16, "max_horizon_us": 10_000_000, "trace_ring": 64}
+    identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 1) | limits | {"firmware": "x"})
+    host = DialogueHost(identity, 0, 0, SLOT_US)
+    pair = DialogueModels(identity, knows_time=False)
+    pair.reset(0)
+    for body in (host.hello(Hello(1, 0, 7, 0)), host.request(Arm())):
+        pair.ask(10, encode_frame(body))
+    yield host, pair
+    pair.close()
+
+
+def phases(host, *, ahead_us=0, flags=0):
+    host.stream_next += 1
+    seq, time_us = host.stream_next & 0xFFFF, SLOT_US + ahead_us
+    message = Phases(PhaseFormat.BITS_8, 0, b"ab")
+    return encode_frame(
+        build_body(message, flags=flags, seq=seq, time_us=time_us, session=host.session)
+    )
+
+
+def test_what_no_delay_changes_is_due_and_the_rest_is_not_compared(models):
+    host, pair = models
+    base = DialogueBase(Counters(*[0] * len(Counters.WIRE)))
+    later_us = SLOT_US + 30_000
+    pair.receive(SLOT_US, [encode_frame(host.request(Ping(n))) for n in (1, 2)], [later_us] * 2)
+    pair.advance(2 * SLOT_US)
+    due = pair.due(host, base, 30_000)
+    assert [(frame.message.TYPE.name, frame.header.time_us) for frame in due] == [
+        ("PONG", SLOT_US),
+        ("PONG", SLOT_US),
+    ]
+    host.slot_us = 2 * SLOT_US
+    in_time = phases(host, ahead_us=SLOT_US + 20_000)
+    status = encode_frame(host.request(GetStatus()))
+    pair.receive(2 * SLOT_US, [in_time, status], [2 * SLOT_US + 25_000])
+    pair.advance(3 * SLOT_US)
+    with pytest.raises(HostLateError, match="STATUS_REPLY"):
+        pair.due(host, base, 30_000)
+
+
+def test_a_frame_that_is_latched_or_flushed_or_late_is_not_compared(models):
+    host, pair = models
+    wires = [phases(host, ahead_us=SLOT_US + 20_000), phases(host, flags=Flag.IMMEDIATE)]
+    pair.receive(SLOT_US, wires, [SLOT_US + 50_000])  # in time, whenever it came
+    wires = [phases(host, ahead_us=3 * SLOT_US), phases(host, flags=Flag.IMMEDIATE)]
+    with pytest.raises(HostLateError, match="flushed or late"):
+        pair.receive(3 * SLOT_US, wires, [4 * SLOT_US + 10])
