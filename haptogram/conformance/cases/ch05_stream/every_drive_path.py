@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Final
 
 from haptogram_protocol.messages import DriveKind, Feature, Message, Points, UploadKind
@@ -9,7 +10,8 @@ from haptogram_protocol.messages import DriveKind, Feature, Message, Points, Upl
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.drive_paths import drive_paths, registers_asked_for
-from ...client.latching import ClientDrive, read_back
+from ...client.latching import ClientDrive, latch_now, read_back
+from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check
 
@@ -38,7 +40,7 @@ def every_path_of_streamed_codes(board: BoardClient) -> None:
 
 @case(
     "HG-5.4/1",
-    "focal points streamed and played, at three speeds of sound: phases and amplitudes are right",
+    "focal points on every path at three speeds of sound, the same ones too: phases, amplitudes",
     variant="paths",
     needs=Feature.POINTS | Feature.READ_LATCHED | Feature.CONFIG,
     evidence=SELF_REPORTED,
@@ -52,6 +54,23 @@ def every_path_of_streamed_points(board: BoardClient) -> None:
             message = path.latch()
             if isinstance(message, Points):
                 _check_streamed_points(board, f"{path.name}, {speed / 1000:g} m/s", message)
+    if board.thorough:
+        _judge_same_points_streamed_again(board)
+
+
+def _judge_same_points_streamed_again(board: BoardClient) -> None:
+    """FAILED unless the same points give another drive where something else changes it."""
+    for number in sorted({1, board.identity.max_points}):
+        message = Points(tuple(random_point_to_send(board, number) for _ in range(number)))
+        board.configure(sound_speed_mm_s=_SPEEDS_MM_S[0])
+        board.arm()
+        for speed, between in itertools.product(_SPEEDS_MM_S, (False, True)):
+            if between:  # the drive that is latched is another one
+                latch_now(board, board.flat_phases())
+            board.configure(sound_speed_mm_s=speed)
+            latch_now(board, message)
+            name = f"the same {number} points again, {speed / 1000:g} m/s"
+            _check_streamed_points(board, name, message)
 
 
 def _check_streamed_points(board: BoardClient, name: str, message: Points) -> None:

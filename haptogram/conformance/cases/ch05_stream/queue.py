@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import Feature
+from haptogram_protocol.messages import Feature, Mute
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.capabilities import TRACES
 from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
 from ...client.stream_kinds import points_of_stream_kind
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, inconclusive, not_observed
 
 _DEEPEST: Final = 512
 _MAX_LATE_US: Final = 100_000  # HG-7.1
@@ -50,6 +50,57 @@ def queue_keeps_its_order(board: BoardClient) -> None:
         board.link.send(board.link.stream_wire(good, t_us + 1000))
         board.clock.require_in_time(t_us - 10_000)
         board.clock.wait_until(t_us + 2000)
+
+
+def _latched_before_order(board: BoardClient, t_us: int) -> None:
+    board.clock.wait_until(t_us + board.clock.carrier_us)
+
+
+def _replaced_before_order(board: BoardClient, _: int) -> None:
+    latch_now(board, board.flat_phases())  # flushes the queue
+
+
+def _muted_before_order(board: BoardClient, _: int) -> None:
+    board.link.barrier()  # or MUTE may overtake the frame
+    board.link.ask(Mute())
+    board.arm()
+
+
+def _disarmed_before_order(board: BoardClient, _: int) -> None:
+    board.disarm()
+    board.arm()
+
+
+@case(
+    "HG-5.7/2",
+    "behind a frame that is latched or flushed the queue is empty: no earlier time is out of order",
+    variant="empty",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def an_empty_queue_has_no_order(board: BoardClient) -> None:
+    board.configure(late_window_us=_MAX_LATE_US)
+    for name, empty in (
+        ("latched", _latched_before_order),
+        ("flushed by IMMEDIATE", _replaced_before_order),
+        ("flushed by MUTE", _muted_before_order),
+        ("flushed by DISARM", _disarmed_before_order),
+    ):
+        board.arm()
+        t_us = board.clock.soon_us(bytes(4000)) + 10_000
+        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        empty(board, t_us)
+        earlier_us = min(t_us - 50, board.clock.device_us() - 50)
+        before = board.status().counters
+        board.link.send(board.link.stream_wire(board.flat_phases(), earlier_us))
+        board.clock.wait_latched()
+        counted = board.counted_since(before)
+        got = tuple(counted[one] for one in ("late", "latched", "dropped_order"))
+        if counted["dropped_late"]:
+            inconclusive("the host was held up and sent its frame too late")
+        text = f"behind a frame that is {name}, one for an earlier time: late, latched, "
+        check(got == (1, 1, 0), f"{text}dropped_order count {got}, due are (1, 1, 0)")
 
 
 @case(

@@ -77,6 +77,7 @@ def _replace_upload(board: BoardClient, form: _Form) -> list[int]:
     | Feature.TRACE
     | Feature.CONFIG,
     evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
 )
 def a_replaced_upload_leaves_nothing(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.CRC)

@@ -1,4 +1,4 @@
-"""HG-2.4, HG-6.7: what renews no timer: damaged frames and frames of another session."""
+"""HG-2.4, HG-4.6, HG-6.3, HG-6.7: what renews no timer: damage, other sessions, HELLO, ARM."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
-from ...judge.timers import EXACT_US, judged_mute_by_timer
+from ...judge.timers import EXACT_US, judge_mute_time, judged_mute_by_timer
 from ...outcome import check, fail
 
 _MS: Final = 1000
@@ -168,3 +168,41 @@ def damaged_frames_renew_no_timer(board: BoardClient) -> None:
 )
 def frames_of_other_sessions_renew_no_timer(board: BoardClient) -> None:
     _judge_lease(board, _defect_renews_no_lease)
+
+
+@case(
+    "HG-4.6/1",
+    "HELLO with the open nonce renews no hold, lease or unattended time, nor in a ramp",
+    variant="timers",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def a_repeated_hello_renews_no_timer(board: BoardClient) -> None:
+    _judge_lease(board, _repeated_hello_renews_no_lease)
+
+
+def _repeated_hello_renews_no_lease(board: BoardClient) -> Frames:
+    hello = board.hello_message(board.link.session)
+    wires = [board.link.request_wire(hello, session=0)[0] for _ in range(2)]
+    return {"HELLO with the open nonce": wires}
+
+
+@case(
+    "HG-6.3/2",
+    "ARM while ARMED, before the end of the hold and in its ramp, leaves the hold as it runs",
+    variant="hold",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def arm_while_armed_renews_no_hold(board: BoardClient) -> None:
+    since = board.link.mark()
+    reason = MuteReason.HOLD_EXPIRED
+    start_us = _start_lease_for_reason(board, reason, _LENGTH_MS)
+    for moment in _MOMENTS:
+        due_us = start_us + round(moment * _LENGTH_MS * _MS)
+        board.wire.idle(max(0, due_us - board.clock.device_estimate_us()))
+        if board.config.ramp_ms or moment < 1:
+            board.arm()
+    header, _ = judged_mute_by_timer(board, since, 5 * _LENGTH_MS * _MS, reason)
+    length_ms = _LENGTH_MS + board.config.ramp_ms
+    judge_mute_time(board, start_us, header, length_ms, "the hold, with ARM meanwhile")

@@ -1,0 +1,183 @@
+"""HG-3.6, HG-7.6, HG-7.8: playbacks that are ended at every moment, and what comes behind them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Disarm,
+    Feature,
+    Mute,
+    Play,
+    PlaybackEnded,
+    PlayReply,
+    Status,
+    Stop,
+)
+from haptogram_protocol.state import MuteReason
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.latching import ask_for_board_latches, latches_received_from_board
+from ...client.playback import (
+    UNATTENDED_MS,
+    await_playback_end,
+    period_to_play,
+    play_now,
+    send_phases_to_store,
+)
+from ...judge.timers import judged_mute_by_timer
+from ...outcome import SELF_REPORTED, check
+
+_MS: Final = 1000
+_SEQUENCE: Final = 5
+_FRAMES: Final = 3
+_AHEAD_US: Final = 3_000_000
+_ALONE_MS: Final = 200
+_SHORT_LEASE_MS: Final = 60
+_NEEDS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
+
+_Act = Callable[[BoardClient], object]
+
+
+def _waiting_playback(board: BoardClient) -> None:
+    play = Play(_SEQUENCE, _MS, 0, min(UNATTENDED_MS, board.identity.max_unattended_ms))
+    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+
+
+def _playback_in_its_first_frame(board: BoardClient) -> None:
+    play_now(board, _SEQUENCE, loops=0, period_us=9_000_000)
+    board.clock.wait_latched()
+
+
+def _playback_in_a_later_frame(board: BoardClient) -> None:
+    period_us = period_to_play(board)
+    play_now(board, _SEQUENCE, loops=0, period_us=period_us)
+    board.wire.idle((_FRAMES + 2) * period_us)
+
+
+#: Moments of a playback, with the least number of frames that it has latched.
+_MOMENTS: Final[dict[str, tuple[_Act, int]]] = {
+    "that waits for its start": (_waiting_playback, 0),
+    "in its first frame": (_playback_in_its_first_frame, 1),
+    "in a later frame": (_playback_in_a_later_frame, _FRAMES + 1),
+}
+#: What ends a playback, but for its last frame and the timers.
+_ENDS: Final[dict[str, _Act]] = {
+    "STOP": lambda board: board.link.ask(Stop()),
+    "MUTE": lambda board: board.link.ask(Mute()),
+    "MUTE without a session": lambda board: board.link.ask(Mute(), session=0),
+    "DISARM": lambda board: board.link.ask(Disarm()),
+    "a new session": lambda board: board.hello(),
+}
+
+
+@case(
+    "HG-7.8/1",
+    "one PLAYBACK_ENDED tells of a playback that waits, in its first frame and later, by every end",
+    variant="moments",
+    needs=_NEEDS,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_playback_end_is_told(board: BoardClient) -> None:
+    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+    for (moment, (bring, least)), (name, end) in itertools.product(_MOMENTS.items(), _ENDS.items()):
+        board.arm()
+        since, before = board.link.mark(), board.status().counters.latched
+        bring(board)
+        end(board)
+        board.link.barrier()
+        text = f"a playback {moment}, ended by {name}"
+        events = [event for _, event in board.link.events(PlaybackEnded, since)]
+        check(len(events) == 1, f"{text}: {len(events)} PLAYBACK_ENDED, due is 1")
+        latched = (board.status().counters.latched - before) & 0xFFFFFFFF
+        told = (events[0].sequence, events[0].frames, events[0].loops)
+        due = (_SEQUENCE, latched, latched // _FRAMES)
+        check(told == due, f"{text}: sequence, frames and loops {told}, due are {due}")
+        check(latched >= least, f"{text}: {latched} latches")
+
+
+@case(
+    "HG-7.6/4",
+    "behind a playback that was ended at any moment, by every end, the next begins with frame 0",
+    variant="again",
+    needs=_NEEDS,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
+    mode = ask_for_board_latches(board)
+    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+    period_us = board.clock.on_carrier(period_to_play(board))
+    for (moment, (bring, _)), (name, end) in itertools.product(_MOMENTS.items(), _ENDS.items()):
+        board.arm()
+        bring(board)
+        end(board)
+        board.arm()
+        since, asked_us = board.link.mark(), board.clock.device_us()
+        play_now(board, _SEQUENCE, loops=1, period_us=period_us)
+        most_us = board.clock.on_carrier(board.clock.device_us() + board.ready_after_us())
+        await_playback_end(board, since, _FRAMES * period_us)
+        seen = latches_received_from_board(board, since, mode)[-_FRAMES:]
+        text = f"PLAY behind one {moment} that {name} has ended"
+        got = [(latch.loop, latch.index) for latch in seen]
+        due = [(0, index) for index in range(_FRAMES)]
+        check(got == due, f"{text}: (loop, index) of its latches are {got}, due {due}")
+        # The last latch before may be of the same carrier period (HG-5.8/3).
+        in_time = asked_us <= seen[0].t_us <= most_us + board.clock.carrier_us
+        check(in_time, f"{text}: its first frame is latched {seen[0].t_us - asked_us} µs later")
+
+
+@case(
+    "HG-3.6/4",
+    "the event that a new session causes by ending a playback has the number 0, the next one 1",
+    variant="playback",
+    needs=_NEEDS,
+    depth=Depth.DEFAULT,
+)
+def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
+    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+    period_ms = board.quick_status_ms
+    for moment, (bring, _) in _MOMENTS.items():
+        board.configure(status_period_ms=period_ms)
+        board.arm()
+        since = board.link.mark()
+        wait_us = 3 * period_ms * _MS + 2 * board.wire.limits.slack_us
+        board.link.await_event(Status, since, wait_us)  # this session has an event
+        bring(board)
+        since = board.link.mark()
+        board.hello()
+        board.link.await_event(Status, since, wait_us)
+        pieces = [piece for piece in board.wire.received[since:] if piece.is_event]
+        seen = [
+            (type(piece.message).__name__, piece.header.seq)
+            for piece in pieces
+            if piece.header is not None and piece.header.session == board.link.session
+        ]
+        due = [("PlaybackEnded", 0), ("Status", 1)]
+        check(seen[:2] == due, f"a new session and a playback {moment}: events {seen[:2]}")
+
+
+@case(
+    "HG-7.6/5",
+    "SET_CONFIG while a sequence plays or waits: unattended_ms still stands for host_timeout_ms",
+    variant="config",
+    needs=_NEEDS,
+)
+def a_configured_lease_leaves_the_playback_its_time(board: BoardClient) -> None:
+    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+    alone_ms = min(_ALONE_MS, board.identity.max_unattended_ms)
+    for is_waiting in (False, True) if board.thorough else (False,):
+        board.configure()
+        board.arm()
+        if is_waiting:
+            play = Play(_SEQUENCE, _MS, 0, alone_ms)
+            board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+        else:
+            play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=alone_ms)
+        since = board.link.mark()
+        board.configure(host_timeout_ms=_SHORT_LEASE_MS)
+        judged_mute_by_timer(board, since, 2 * alone_ms * _MS, MuteReason.UNATTENDED)
