@@ -1,6 +1,7 @@
 """Settings that every test shares: one numerical thread, and the Hypothesis profiles."""
 
 import os
+from collections import Counter
 
 from hypothesis import HealthCheck, settings
 
@@ -17,3 +18,16 @@ _UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("ci", derandomize=True, **_UNHURRIED)
 settings.register_profile("nightly", max_examples=1000, print_blob=True, **_UNHURRIED)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+def pytest_collection_modifyitems(items):
+    """With several processes, begin with the files of slow tests, then with the longest files.
+
+    Whole files are handed out in this order (`ci/test`): no process is left with a slow one at the
+    end.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    length = Counter(item.path for item in items)
+    items.sort(key=lambda item: (item.path not in slow, -length[item.path]))

@@ -32,6 +32,7 @@ def measured(tmp_path_factory):
     return written
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("report", "headings"),
     [

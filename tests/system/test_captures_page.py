@@ -16,6 +16,7 @@ def blocks(kind):
     return re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)
 
 
+@pytest.mark.slow
 def test_the_worked_example_runs(tmp_path):
     (tmp_path / "map.toml").write_text(blocks("toml")[0])
     folder = Path(sys.executable).parent

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from haptogram.cli.boards import access_in_program
 from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases
@@ -11,6 +13,7 @@ from haptogram.conformance.verdict import Behaviour
 OPTIONS = SuiteOptions(timeout_s=1.0, seed=0, repeat=1, strict=True, expected={}, depth=Depth.QUICK)
 
 
+@pytest.mark.slow
 def test_the_healthy_board_passes_everything_that_a_line_can_show() -> None:
     access = access_in_program("haptogram://?clock=virtual", baudrate=3_000_000, seed=0)
     found = SuiteRunner(access, OPTIONS, lambda *_: None).run(tuple(all_cases())).results

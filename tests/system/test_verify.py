@@ -93,6 +93,7 @@ def test_air_that_the_host_does_not_know_puts_the_focus_off_target(tmp_path: Pat
 _PATHS = {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
 
 
+@pytest.mark.slow
 @pytest.mark.pty
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_keeps_what_it_measured_and_leaves_nothing_behind(

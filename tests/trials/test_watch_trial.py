@@ -1,10 +1,13 @@
 """The labelled trial of a verdict without intent, in short; ci/watch-trial is the long form."""
 
+import pytest
+
 from trials.watch_trial import trial
 
 CASES = 24
 
 
+@pytest.mark.slow
 def test_no_name_is_wrong() -> None:
     tally = trial(CASES, seed=2)
     assert tally.wrong == []

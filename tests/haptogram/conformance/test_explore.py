@@ -52,6 +52,7 @@ from protocol_c.building import compiler, make
 CASE = "HG-1.2/1-dialogues"
 
 
+@pytest.mark.slow
 def test_the_virtual_board_lives_like_its_model():
     (result,) = run(virtual(array="3x2"), CASE, seed=3).results
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")

@@ -93,6 +93,7 @@ def result(array, baud=3_000_000, depth=Depth.QUICK):
     return run(virtual(array=array, baud=baud, wrap=Stored), depth=depth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("array", "baud", "not_here", "depth"),
     [

@@ -199,6 +199,7 @@ LIES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lie", LIES)
 def test_pins_that_do_not_do_what_the_board_says_are_found(lie, tmp_path):
     name, _, value = lie.partition("=")

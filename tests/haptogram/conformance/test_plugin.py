@@ -35,6 +35,7 @@ _INSTALLED = any(point.name == "haptogram" for point in entry_points(group="pyte
 _PLUGIN = [] if _INSTALLED else ["-p", "haptogram.conformance.pytest_plugin"]
 
 
+@pytest.mark.slow
 @pytest.mark.pty
 def test_in_a_foreign_repository(tmp_path):
     for folder in ("protocol", "tests"):

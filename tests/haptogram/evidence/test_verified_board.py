@@ -100,6 +100,7 @@ def run(folder, tests, *options):
     return outcomes, done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.pty
 @pytest.mark.realtime
 def test_a_driver_is_judged_by_what_the_board_radiated(tmp_path):

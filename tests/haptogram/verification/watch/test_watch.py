@@ -204,6 +204,7 @@ def test_foci_in_place_whose_codes_are_cut_off_are_a_hint_at_tolerances():
     assert run.result().hints == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("board", ["sonicsurface", "ultraino-flat8", "sonicsurface-stack"])
 def test_phases_of_the_opposite_sign_are_named_from_one_target_on(board):
     """A flat array radiates no focus then; nothing else would make the conjugate one."""
