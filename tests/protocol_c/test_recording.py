@@ -1,6 +1,7 @@
 """The command that records the dialogues, with the C board that it builds."""
 
 from haptogram.conformance.cases import all_cases, select
+from haptogram.conformance.run.stepping import NO_LINE_BAUD
 from protocol_c.building import compiler, make
 from protocol_vectors.vector_files import read
 from vector_recorder import __main__ as command
@@ -23,7 +24,8 @@ def test_the_command_records_what_was_frozen(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out == f"{path}: {len(frozen)} dialogues\n"
 
 
-def test_boards_that_need_time_to_make_a_frame_ready_live_alike(tmp_path):
+def test_boards_that_need_time_to_make_a_frame_ready_live_alike(tmp_path, monkeypatch):
+    monkeypatch.setattr("vector_recorder.recorder._BAUDRATE", NO_LINE_BAUD)  # for bursts
     defines = " ".join(f"-DBOARD_{name.upper()}={us}" for name, us in NEEDS_TIME.items())
     program = tmp_path / "board_steps"
     status, output = make(tmp_path, program, CC=compiler(), CFLAGS=f"-O0 {defines}")
