@@ -3,6 +3,7 @@
 import dataclasses
 import re
 
+import numpy as np
 import pytest
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
@@ -12,6 +13,7 @@ from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.verification import Verdict
 from haptogram.verification.pins.joined import verify_captures
 from pin_captures import MAP, captured_run
+from pin_oracle import Analyser, Board, edges_of, write_sr, write_vcd
 
 MODEL = AcousticModel(TransducerArray.parse("4x4", pitch_m=0.01), Medium.air(20.0), Transducer())
 
@@ -104,3 +106,70 @@ def test_each_element_must_be_seen_in_most_of_the_frames(tmp_path):
         assert found.reasons[0].startswith(told), found.reasons
         most = verify_captures([first, short], run.intended, model=MODEL, min_verified=0.25)
         assert most.verdict is Verdict.PASS
+
+
+def seen_by_analysers(run, path, parts, faults):
+    """Return captures of a repeating object by analysers of our own, one for each of *parts*.
+
+    Their clocks are 100 ppm apart; *faults* are those of the board or the analyser in the last.
+    """
+    turns = np.array([frame.drive.phase_codes for frame in run.intended]) / 256
+    board = Board(turns, np.ones(turns.shape), offset_turn=0.3)
+    records = []
+    for number, pins in enumerate(parts):
+        analyser, shown, names = Analyser(50e6, ppm=50.0 - 100.0 * number), board, {}
+        if number == len(parts) - 1:
+            names = {k: v for k, v in faults.items() if k == "elements"}
+            seen = {k: v for k, v in faults.items() if hasattr(analyser, k)}
+            done = {k: v for k, v in faults.items() if k not in names | seen}
+            analyser = dataclasses.replace(analyser, **seen)
+            shown = dataclasses.replace(board, **done)
+        file = path / f"{number}.{('vcd', 'sr')[number % 2]}"
+        found = edges_of(shown, analyser, pins, np.random.default_rng(number))
+        total_s = len(turns) * 1e-3 + (analyser.end_ms - analyser.begin_ms) * 1e-3
+        (write_sr if file.suffix == ".sr" else write_vcd)(file, found, analyser, total_s)
+        keys = {"reference": "clk", "elements": {f"p{pin}": pin for pin in pins}} | names
+        records.append(pin_record_of_capture(read_capture(file), ChannelMap.of("map.toml", keys)))
+    return records
+
+
+EXCHANGED = {f"p{n}": n for n in range(8, 16)} | {"p9": 10, "p10": 9}
+PARTS = [tuple(range(8)), tuple(range(8, 16))]
+OF_PARTS = {
+    "nothing": ({}, PARTS, Verdict.PASS),
+    "another rate": ({"rate_hz": 24e6}, PARTS, Verdict.PASS),
+    "from the middle on": ({"begin_ms": 6.3}, PARTS, Verdict.INCONCLUSIVE),
+    "a gap": ({"lost": ((300_000, 777),)}, PARTS, Verdict.INCONCLUSIVE),
+    "another phase of the carrier": ({"offset_turn": 0.4}, PARTS, Verdict.INCONCLUSIVE),
+    "an element that is missing": ({}, [PARTS[0], PARTS[1][1:]], Verdict.PASS),
+    "an element that is dead": ({"low": (11,)}, PARTS, Verdict.FAIL),
+    "a step of 8 bits": ({"shifted": {11: 1 / 256}}, PARTS, Verdict.FAIL),
+    "channels exchanged": ({"elements": EXCHANGED}, PARTS, Verdict.FAIL),
+    "an overlap that disagrees": (
+        {"shifted": {7: 0.02}},
+        [PARTS[0], (7, *PARTS[1])],
+        Verdict.FAIL,
+    ),
+    "a torn latch": ({"pin_late_ms": {12: 0.1, 13: 0.1}}, PARTS, Verdict.FAIL),
+}
+
+
+@pytest.mark.parametrize("fault", OF_PARTS)
+def test_what_is_wrong_with_one_of_two_captures_decides_their_verdict(fault, tmp_path):
+    faults, parts, verdict = OF_PARTS[fault]
+    run = captured_run(tmp_path / "pins.vcd", capture_elements="0")
+    found = verify_captures(
+        seen_by_analysers(run, tmp_path, parts, faults), run.intended, model=MODEL
+    )
+    assert found.verdict is verdict, str(found)
+    assert (found.run is not None) or verdict is not Verdict.PASS or len(found.elements) == 15
+
+
+def test_a_capture_of_another_object_passes_nothing(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd", capture_elements="0")
+    other = captured_run(tmp_path / "other.vcd", capture_elements="0", seed=2)
+    first = seen_by_analysers(run, tmp_path, PARTS[:1], {})
+    second = seen_by_analysers(other, tmp_path, PARTS[1:], {})
+    found = verify_captures([*first, *second], run.intended, model=MODEL)
+    assert found.verdict is Verdict.INCONCLUSIVE
+    assert "does not show this run" in found.reasons[0]
