@@ -100,11 +100,11 @@ class RandomConfigs:
         )
         return self.last
 
-    def traced_config(self) -> Config:
-        """Return a configuration that traces every second or third latch, and no timer ends."""
-        modes = [mode for mode in self.modes() if mode not in (TraceMode.OFF, TraceMode.DRIVE)]
-        mode = self._random.choice(modes or [TraceMode.OFF])
-        divider = self._random.choice((2, 3))
+    def traced_config(self, mode: TraceMode | None, divider: int) -> Config:
+        """Return a configuration that traces, if the board can in *mode*, and no timer ends."""
+        modes = {one for one in self.modes() if one not in (TraceMode.OFF, TraceMode.DRIVE)}
+        if mode not in modes:
+            mode = self._random.choice(sorted(modes) or [TraceMode.OFF])
         config = self.timed_config(None, None)
         self.last = dataclasses.replace(config, trace_mode=mode, trace_divider=divider)
         return self.last

@@ -24,7 +24,7 @@ _LONG_QUIET: Final = 12  # slots of a long playback
 _SCENE_SHARE: Final = 0.3  # of the slots of a dialogue with timers
 #: Of the slots, with a scene out of the tables: of a dialogue with timers and of one without; where
 #: bytes arrive to the microsecond no slot has to be waited for.
-_TABLE_SHARES: Final = {(True, True): 0.5, (True, False): 0.3, (False, True): 0.1}
+_TABLE_SHARES: Final = {(True, True): 0.7, (True, False): 0.3, (False, True): 0.1}
 _TABLE_SHARE: Final = 0.06
 _GREETING_SHARE: Final = 0.4  # of the dialogues, with numbers that wrap
 _SCENE: Final = (5, 6, 6, 8)  # slots in which timers run

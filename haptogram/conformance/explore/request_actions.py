@@ -29,7 +29,7 @@ from haptogram_protocol.messages import (
     UploadChunk,
 )
 
-from .actions import ABSENT, SLOT_US, STORED_PHASES, UPLOADED, DialogueHost
+from .actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES, UPLOADED, DialogueHost
 from .configurations import RandomConfigs
 from .stream_actions import ODD_FLAGS, WRONG_SESSIONS, MadeAction
 from .tables.coverage import DialogueCoverage
@@ -249,6 +249,16 @@ class RandomRequests:
     def upload(self) -> list[MadeAction]:
         """Return the requests of an upload; empty if the board has no room for one."""
         return self._uploads.upload()
+
+    def short_play(self) -> MadeAction:
+        """Return PLAY of a long sequence, once and as fast as the board can."""
+        period_us = -(-1_000_000 // max(1, self._identity.max_playback_rate_hz))
+        play = Play(REPLACED, period_us, 1, self._configs.unattended_ms() or 6000)
+
+        def body(host: DialogueHost) -> bytes:
+            return host.request(play, time_us=host.slot_us + SLOT_US // 2)
+
+        return "PLAY", f"{play} at once", body
 
     def long_upload(self) -> list[MadeAction]:
         """Return the requests of an upload of more than 64 KiB, if there is much more room."""

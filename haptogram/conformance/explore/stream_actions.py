@@ -269,7 +269,7 @@ class RandomStream:
         if chance == 0:
             bank = pick((1, 0xFF))
         elif chance == 1:
-            bits = pick((0, 5, 6, 7, 8, 9, 0xFF))
+            bits = pick((0, 5, 6, 7, 8, 9, 0xFF, *(bits | 1 << high for high in range(4, 8))))
         elif chance == 2:
             unit = 1 if isinstance(made, Phases) else 2
             data = pick((data[:-unit], data + bytes(unit), b"", data[: len(data) // 4 * 2]))

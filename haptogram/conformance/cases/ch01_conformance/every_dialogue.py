@@ -21,10 +21,11 @@ from ...outcome import SELF_REPORTED, fail, inconclusive, not_observed
 
 _SLOTS: Final = 20
 _SLOTS_UNTIMED: Final = 40
-_SLOTS_VIRTUAL: Final = 60
+_SLOTS_VIRTUAL: Final = 80
 _TIMED: Final = 6  # every sixth dialogue has timers that end: it takes as long as others together
 _TIMED_VIRTUAL: Final = 2
 _DIALOGUES: Final = 60  # without --explore
+_DIALOGUES_VIRTUAL: Final = 120
 _LONGEST_US: Final = 20_000_000  # without --explore, at a wall clock
 _REPLAYS: Final = 60
 _SHRINKING_US: Final = 15_000_000  # at a wall clock

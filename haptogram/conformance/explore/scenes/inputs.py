@@ -8,7 +8,7 @@ from dataclasses import fields
 from itertools import combinations
 from typing import Final
 
-from haptogram_protocol.framing import HEADER_BYTES
+from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
 from haptogram_protocol.messages import (
     STREAM_RANGE,
     Arm,
@@ -47,6 +47,7 @@ _GROUPS: Final = (
     *("any with", "HELLO", "type ", "another ", "refused ", "a frame", "a foreign frame", "damage"),
     *("GET_", "read ", "UPLOAD_"),
 )
+_LARGEST: Final = MAX_BODY_BYTES - HEADER_BYTES
 _AHEAD: Final = 4  # frames, each for a slot
 _DAMAGES: Final = (1, 2, 3, 5)
 
@@ -107,6 +108,9 @@ class SceneInputs:
         self._found["two frames at once"] = lambda: told_as_made(stream.pair())
         self._found["an upload"] = lambda: told_as_made(requests.upload())
         if exact:
+            self._found["off and on at once"] = lambda: told_as_made(
+                [stream.of(None), requests.plain(Disarm()), requests.plain(Arm()), stream.of(None)]
+            )
             self._found["a fault"] = lambda: [(_fault_told(), FAULT)]
         self.names = list(self._found)
         self.groups: dict[str, list[str]] = {}
@@ -207,7 +211,7 @@ class SceneInputs:
         }
 
     def _unknown(self, kind: int) -> MadeAction:
-        size = self._random.choice((0, 1, 20, 256, 1000, 3000))
+        size = self._random.choice((0, 1, 20, 256, 1000, _LARGEST - 1, _LARGEST))
         text = f"type {kind:#x} with {size} bytes"
         made = self._stream.of(0.5) if kind in STREAM_RANGE else self._requests.plain(Ping(0))
         header = made[2]

@@ -20,6 +20,7 @@ from .states import SceneStates
 _SILENT: Final = (3, 3, 6)  # slots, until timers have ended
 _RENEWALS: Final = 4  # in a scene
 _DEFECTS: Final = 6  # in a scene
+_STATUS_SLOTS: Final = 7  # until the next STATUS
 _NUMBERS: Final = 8
 _LONG_LOOPS: Final = 400  # of a sequence of three frames
 _LONG_SLOTS: Final = 14  # until they are over
@@ -64,13 +65,17 @@ class RandomScenes:
         self._exact = exact
         self._states = SceneStates(identity, source, configs, stream, requests)
         self._inputs = SceneInputs(identity, source, configs, stream, requests, exact=exact)
+        self._has_status = configs.with_status
         self._has_timers = configs.with_timers and bool(identity.features & Feature.CONFIG)
 
     def scene(self) -> list[list[Told]]:
         """Return the frames of a scene, slot by slot."""
         pick = self._random.random()
         if self._has_timers:
-            return self._renewals() if pick < 0.4 else self._timed_pair()
+            return self._renewals() if pick < 0.2 else self._timed_pair()
+        if self._has_status and pick > 0.8:
+            late = [self._requests.plain(Arm()), self._stream.of("late")]
+            return [told_as_made(late), *([] for _ in range(_STATUS_SLOTS))]
         if pick < 0.14:
             return self._sessions() if pick < 0.07 else self._numbers()
         if self._exact and self._requests.plays and pick > 0.9:
@@ -121,11 +126,13 @@ class RandomScenes:
     def _long(self) -> list[list[Told]]:
         """Return more latches and events than 8 or 10 bits count, or more bytes than 16 bits."""
         (name,) = self._next("long", [("events",), ("records",), ("an upload",)])
-        if name == "an upload":
-            steps = self._requests.long_upload()
-            return [told_as_made(steps[at : at + _CHUNKS]) for at in range(0, len(steps), _CHUNKS)]
-        mode = TraceMode.CRC if name == "events" else TraceMode.RING
         silent: list[list[Told]] = [[] for _ in range(_LONG_SLOTS)]
+        if name == "an upload":
+            steps = [*self._states.traced(TraceMode.CRC), *self._requests.long_upload()]
+            steps.append(self._requests.short_play())
+            edges = range(0, len(steps), _CHUNKS)
+            return [*(told_as_made(steps[at : at + _CHUNKS]) for at in edges), *silent]
+        mode = TraceMode.CRC if name == "events" else TraceMode.RING
         first = told_as_made([*self._states.traced(mode), self._requests.long_play(_LONG_LOOPS)])
         return [first, *silent, told_as_made(self._requests.probe())]
 

@@ -69,6 +69,7 @@ class SceneStates:
             "muted by another host": lambda: [[*self._begun(), self._frame()], [self._foreign()]],
         }
         if self._is_configurable:
+            self._quick["with a ring that has a hole"] = self._hole
             self._quick["with latches of which some are traced"] = lambda: [self._traced()]
         self._timed: dict[str, Callable[[], Slots]] = {}
         if requests.plays:
@@ -125,8 +126,8 @@ class SceneStates:
 
     @property
     def timed(self) -> list[str]:
-        """Names of all states."""
-        return [*self._timed, *self._quick]
+        """Names of the states in which a timer runs, or has run."""
+        return list(self._timed)
 
     def slots(self, state: str) -> Slots:
         """Return the frames that bring a board into *state*, slot by slot."""
@@ -138,11 +139,9 @@ class SceneStates:
 
     def traced(self, mode: TraceMode) -> list[MadeAction]:
         """Return requests after which each latch is traced, and no timer ends."""
-        config = dataclasses.replace(
-            self._configs.timed_config(None, None), trace_mode=mode, trace_divider=1
-        )
-        if not self._is_configurable or mode not in self._configs.modes():
+        if not self._is_configurable:
             return self._begun()
+        config = self._configs.traced_config(mode, 1)
         return [self._plain(Disarm()), self._plain(SetConfig(config)), self._plain(Arm())]
 
     # --- steps ---------------------------------------------------------------------------------
@@ -158,9 +157,20 @@ class SceneStates:
 
     def _traced(self) -> list[MadeAction]:
         """Return SET_CONFIG with a divider, and frames of which not all are traced."""
-        config = self._configs.traced_config()
-        frames = self._stream.row(self._random.randint(1, 5), SLOT_US // 2)
-        return [self._plain(SetConfig(config)), self._plain(Arm()), *frames]
+        config = self._configs.traced_config(None, self._random.choice((2, 3)))
+        return [self._plain(SetConfig(config)), self._plain(Arm()), *self._latches()]
+
+    def _hole(self) -> Slots:
+        """Return latches of which the ring keeps the first and the last ones only."""
+        ring = self._configs.traced_config(TraceMode.RING, 1)
+        off = dataclasses.replace(ring, trace_mode=TraceMode.OFF)
+        return [
+            [self._plain(SetConfig(config)), self._plain(Arm()), *self._latches()]
+            for config in (ring, off, ring)
+        ]
+
+    def _latches(self) -> list[MadeAction]:
+        return self._stream.row(self._random.randint(1, 5), SLOT_US // 2)
 
     def _unattended(self) -> Slots:
         return [[*self._begun(3), self._play(0.5, _LOOPS, self._configs.short_unattended_ms)]]

@@ -26,6 +26,14 @@ from ..actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES
 _POINT_BYTES: Final = 16
 _NO_VALUE: Final = 9  # of no enumeration
 _MOST: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}  # by bytes
+
+
+def _odd_values(value: int) -> tuple[int, ...]:
+    """Return *value* with each higher bit of a byte: one that is masked is taken for it."""
+    return tuple(value | 1 << bit for bit in range(4, 8))
+
+
+_NO_KINDS: Final = (0, _NO_VALUE, _MOST[1], *_odd_values(1))
 #: Loops, of which 2 or 3 frames wrap a product of 32 bits.
 MANY_LOOPS: Final = (0x80000000, 0x55555556, 0xAAAAAAAB, _MOST[4])
 #: Fields of the configuration, with values outside their bounds (HG-7.1).
@@ -37,7 +45,7 @@ REFUSED_CONFIG: Final[tuple[tuple[str, tuple[int, ...]], ...]] = (
     ("late_window_us", (100_001, _MOST[4])),
     ("sound_speed_mm_s", (299_999, 380_001)),
     ("trace_divider", (0,)),
-    ("trace_mode", (_NO_VALUE, _MOST[1])),
+    ("trace_mode", (_NO_VALUE, _MOST[1], *_odd_values(2))),
 )
 
 
@@ -58,7 +66,7 @@ def random_limit_requests(identity: HelloReply, config: Config) -> list[Message]
     ):
         if can & feature:
             whole = ReadDrive(kind, 0, count)
-            found += _limit_request_with(whole, kind=(0, _NO_VALUE, _MOST[1]))
+            found += _limit_request_with(whole, kind=_NO_KINDS)
             found += _limit_request_with(whole, first=(1, count - 1, count, _MOST[2]))
             found += _limit_request_with(whole, count=(0, 1, count + 1, _MOST[2]))
     if can & Feature.TRACE_RING:
@@ -78,9 +86,7 @@ def _limit_requests_to_upload(identity: HelloReply) -> Iterator[UploadBegin]:
     count, can = identity.transducers, identity.features
     if can & Feature.SEQUENCE_PHASES:
         phases = UploadBegin(UploadKind.PHASES, 0, REPLACED, count, 0)
-        yield from _limit_request_with(
-            phases, kind=(0, _NO_VALUE, _MOST[1]), points_per_frame=(1, _MOST[1])
-        )
+        yield from _limit_request_with(phases, kind=_NO_KINDS, points_per_frame=(1, _MOST[1]))
         yield from _limit_request_with(phases, target=(0,), size=(0, _MOST[4] // count * count))
         yield from _limit_request_with(
             phases, size=(count - 1, count + 1, 2 * count - 1) if count > 1 else ()
