@@ -257,7 +257,8 @@ class Lockstep:
             board.wire.note_held_up(heard_us - sent_us - line_us)
             self._near_us = max(self._near_us, heard_us - sent_us + _NEAR_US)
             models.receive(sent_us, wires, answered_us)
-        models.advance(max(at_us, models.now_us) + self._settled_us())
+        if may_cut:
+            models.advance(max(at_us, models.now_us) + self._settled_us())
         if not (may_cut and self._is_idle(at_us)):
             at_us += silent * SLOT_US
             models.advance(at_us + SLOT_US - _END_US)

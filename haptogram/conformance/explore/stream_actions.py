@@ -122,8 +122,9 @@ class RandomStream:
         if self._exact and self._random.random() < 0.5:
             times = (None, None, "late", 0.0, 0.5)
             return [self.of(pick(times)), self.of(pick(times))]
-        ahead = pick((0.5, 0.5, 1.5))
-        return [self.of(ahead), self.of(ahead, apart_us=pick((1, 10, 24, 25)))]
+        ahead, apart_us = pick((0.5, 0.5, 1.5)), pick((0, 1, 7))
+        then_us = apart_us + pick((1, 10, 18, 24, 25))
+        return [self.of(ahead, apart_us=apart_us), self.of(ahead, apart_us=then_us)]
 
     def plain(self, ahead: float | str | None) -> MadeAction:
         """Return a frame as it should be, to be latched so many slots from now; None: at once."""

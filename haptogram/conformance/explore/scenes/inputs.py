@@ -212,13 +212,14 @@ class SceneInputs:
 
     def _unknown(self, kind: int) -> MadeAction:
         size = self._random.choice((0, 1, 20, 256, 1000, _LARGEST - 1, _LARGEST))
+        payload = self._random.choice((b"\0", b"U")) * size  # the one is stuffed, the other not
         text = f"type {kind:#x} with {size} bytes"
         made = self._stream.of(0.5) if kind in STREAM_RANGE else self._requests.plain(Ping(0))
         header = made[2]
         return (
             f"type {kind:#x}",
             text,
-            lambda host: bytes([kind]) + header(host)[1:HEADER_BYTES] + bytes(size),
+            lambda host: bytes([kind]) + header(host)[1:HEADER_BYTES] + payload,
         )
 
 
