@@ -123,18 +123,37 @@ class DialogueMemory:
 
 @dataclass(frozen=True, slots=True)
 class DialogueAnswers:
-    """Responses and events of one board in one slot, and what it said before the dialogue."""
+    """Responses and events of one board in one slot, and what it said before the dialogue.
+
+    Attributes
+    ----------
+    responses, events : list of FrameInDialogue
+        Both in their order.
+    base : DialogueBase
+        What the board said before the dialogue.
+    answered : tuple of int
+        Number of responses before each event.
+    """
 
     responses: list[FrameInDialogue]
     events: list[FrameInDialogue]
     base: DialogueBase
+    answered: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, frames: Iterable[FrameInDialogue], base: DialogueBase) -> Self:
         """Sort *frames*; a STATE_CHANGED of a MUTE is optional (HG-6.8/2) and left out."""
         kept = [frame for frame in frames if not is_optional_in_dialogue(frame.message)]
-        events = [frame for frame in kept if frame.header.type in EVENT_RANGE]
-        return cls([f for f in kept if f.header.type not in EVENT_RANGE], events, base)
+        responses: list[FrameInDialogue] = []
+        events: list[FrameInDialogue] = []
+        answered: list[int] = []
+        for frame in kept:
+            if frame.header.type in EVENT_RANGE:
+                events.append(frame)
+                answered.append(len(responses))
+            else:
+                responses.append(frame)
+        return cls(responses, events, base, tuple(answered))
 
 
 def superfluous_in_dialogue(frames: Sequence[FrameInDialogue]) -> str:
@@ -178,6 +197,14 @@ class DialogueComparison:
                     return f"{kind[:-1]} {place}: {text}"
             if len(one) < len(other):
                 return f"due is {_named_in_dialogue(other[len(one)].message)} as well"
+        return self._order() if self.near_us < _TIMER_US else ""
+
+    def _order(self) -> str:
+        """Return the first event that leaves before the response of its request (HG-4.11/5)."""
+        told = zip(self.ours.events, self.ours.answered, self.theirs.answered, strict=False)
+        for event, ours, theirs in told:
+            if ours < theirs and isinstance(event.message, StateChanged | PlaybackEnded):
+                return f"{_named_in_dialogue(event.message)} before the response of its request"
         return ""
 
     def early(self) -> list[FrameInDialogue]:
