@@ -41,18 +41,22 @@ from ..client.playback import shortest_period_to_play_us
 STORED: Final = 5
 PENDING: Final = 6
 _ABSENT: Final = 23
-#: Fields of the configuration with values one beyond a bound.
-OUT_OF_BOUNDS: Final = (
-    ("hold_ms", 0),
-    ("hold_ms", 10_001),
-    ("ramp_ms", 2001),
-    ("host_timeout_ms", 19),
-    ("host_timeout_ms", 10_001),
-    ("status_period_ms", 9),
-    ("late_window_us", 100_001),
-    ("sound_speed_mm_s", 299_999),
-    ("sound_speed_mm_s", 380_001),
-    ("trace_divider", 0),
+#: Least and most of the fields of the configuration that have bounds (HG-7.1).
+CONFIG_BOUNDS: Final = {
+    "hold_ms": (1, 10_000),
+    "ramp_ms": (0, 2000),
+    "host_timeout_ms": (20, 10_000),
+    "status_period_ms": (10, 65_535),  # or 0: none
+    "late_window_us": (0, 100_000),
+    "sound_speed_mm_s": (300_000, 380_000),
+    "trace_divider": (1, 65_535),
+}
+#: Fields of the configuration with values one beyond a bound, of those that the field can hold.
+OUT_OF_BOUNDS: Final = tuple(
+    (name, value)
+    for name, (least, most) in CONFIG_BOUNDS.items()
+    for value in (least - 1, most + 1)
+    if 0 <= value < 1 << 8 * Config.WIRE[name].size
 )
 _FLAG: Final = 0x20
 #: What the session of another host differs by.

@@ -48,7 +48,7 @@ _SHAPES_MIXED: Final = 5  # different frames of it
 _TELLING: Final = 4  # transducers: the codes of fewer may be the same for different points
 _BEHIND: Final = 0x0101  # stored behind the other one
 _DIVIDER: Final = 260
-_MANY_DIVIDER: Final = 1000  # no divisor of 2^16
+_MANY_DIVIDER: Final = 40_000  # no divisor of 2^16, and of 16 bits itself
 _WINDOW_US: Final = 100_000
 
 
@@ -225,7 +225,7 @@ def wide_dividers_divide_playback(board: BoardClient) -> None:
 
 @case(
     "HG-8.4/1",
-    "of 66000 latches since SET_CONFIG each 1000th is traced, those behind 2^16 too",
+    "of 66000 latches since SET_CONFIG those 0 and 40000 are traced by a divider of 40000",
     variant="many",
     needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,

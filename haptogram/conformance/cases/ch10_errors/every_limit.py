@@ -1,0 +1,247 @@
+"""HG-5.7, HG-7.1, HG-7.2, HG-7.3, HG-7.4, HG-7.5, HG-7.6, HG-8.6: limits, passed by each bit."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from typing import Any, Final, TypeAlias
+
+from haptogram_protocol.messages import (
+    Config,
+    ConfigReply,
+    DriveKind,
+    ErrorCode,
+    Feature,
+    Flag,
+    FocalPoint,
+    GetConfig,
+    GetGeometry,
+    Message,
+    Play,
+    ReadDrive,
+    SetConfig,
+    UploadBegin,
+    UploadBeginReply,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+)
+
+from ...case import Case, Depth, case
+from ...client.board_client import BoardClient
+from ...client.playback import send_phases_to_store, shortest_period_to_play_us
+from ...client.uploads import SEQUENCES
+from ...judge.refused_requests import CONFIG_BOUNDS
+from ...outcome import SELF_REPORTED, check, fail
+
+_SEQUENCE: Final = 5
+_SIZE_FRAMES: Final = 3
+_HALF: Final = 1 << 31
+_SPARE_US: Final = 1 << 22  # more than a slow line takes for all of these frames
+_WIDTHS: Final[dict[str, int]] = {
+    name: 8 * field.size
+    for kind in (Config, GetGeometry, Play, UploadBegin, UploadChunk)
+    for name, field in kind.WIRE.items()
+}
+
+#: A request beyond a limit: name of the value, request, code and detail of its refusal, header.
+_Beyond: TypeAlias = tuple[str, Message, ErrorCode, int | None, dict[str, Any]]
+
+
+def _values_beyond(least: int, most: int, bits: int) -> list[int]:
+    """Return the values of a field that are not within limits, but for a bit or the sign.
+
+    Examples
+    --------
+    >>> _values_beyond(0, 5, 4)
+    [6, 7, 8, 9, 13, 15]
+    """
+    found = {least - 1, most + 1, (1 << bits) - 1, (1 << bits - 1) - 1}
+    for bit in range(bits):
+        found |= {edge ^ 1 << bit for edge in (least, most)}
+        found |= {edge + (1 << bit) for edge in (least, most)}
+    beyond = (value for value in found if not least <= value <= most)
+    return sorted(value for value in beyond if 0 <= value < 1 << bits)
+
+
+def _settings_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    for name, (least, most) in CONFIG_BOUNDS.items():
+        for value in _values_beyond(least, most, _WIDTHS[name]):
+            if name == "status_period_ms" and value == 0:
+                continue  # none
+            changes: dict[str, Any] = {name: value}
+            wrong = SetConfig(dataclasses.replace(board.config, **changes))
+            yield f"{name} = {value}", wrong, ErrorCode.BAD_VALUE, Config.WIRE[name].offset, {}
+
+
+def _sizes_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    identity = board.identity
+    for feature, kind, points, unit in (
+        (Feature.SEQUENCE_PHASES, UploadKind.PHASES, 0, identity.transducers),
+        (Feature.SEQUENCE_POINTS, UploadKind.POINTS, 1, FocalPoint.LAYOUT.size),
+    ):
+        if not board.has(feature):
+            continue
+        most = min(identity.max_upload_bytes // unit, identity.max_sequence_frames)
+        for frames in _values_beyond(1, most, _WIDTHS["size"]):
+            if 0 < frames * unit < 1 << _WIDTHS["size"]:
+                begin = UploadBegin(kind, points, _SEQUENCE, frames * unit, 0)
+                name = f"{frames} frames of {kind.name}, {unit} bytes each"
+                yield name, begin, ErrorCode.TOO_LARGE, None, {}
+
+
+def _targets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    offset = UploadBegin.WIRE["target"].offset
+    for target in _values_beyond(0, 0, _WIDTHS["target"]):
+        begin = UploadBegin(UploadKind.CORRECTION, 0, target, board.identity.transducers, 0)
+        yield f"a correction for {target:#06x}", begin, ErrorCode.BAD_VALUE, offset, {}
+
+
+def _offsets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    size = _begin_upload_with_limits(board)
+    for offset in _values_beyond(0, size - 1, _WIDTHS["offset"]):
+        for length in (1, 2):
+            chunk = UploadChunk(offset, bytes(length))
+            yield f"{length} bytes at {offset} of {size}", chunk, ErrorCode.BAD_VALUE, 0, {}
+
+
+def _commits_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    _begin_upload_with_limits(board)
+    for target in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["target"]):
+        commit = UploadCommit(target)
+        yield f"a commit of {target:#06x} for 5", commit, ErrorCode.BAD_VALUE, 0, {}
+
+
+def _begin_upload_with_limits(board: BoardClient) -> int:
+    """Begin an upload of a sequence, and return its bytes."""
+    most = board.identity.max_upload_bytes // board.identity.transducers
+    size = min(_SIZE_FRAMES, most) * board.identity.transducers
+    begin = UploadBegin(UploadKind.PHASES, 0, _SEQUENCE, size, 0)
+    board.link.call(begin, UploadBeginReply)
+    return size
+
+
+def _elements_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    count = board.identity.transducers
+    for first in _values_beyond(0, count - 1, _WIDTHS["first"]):
+        for number in (1, 0xFFFF):
+            wrong = GetGeometry(first, number)
+            yield f"{number} from {first} of {count}", wrong, ErrorCode.NOT_FOUND, count, {}
+
+
+def _drives_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    count = board.identity.transducers
+    for first in _values_beyond(0, count - 1, _WIDTHS["first"]):
+        for number in (1, 0xFFFF):
+            wrong = ReadDrive(DriveKind.LATCHED, first, number)
+            yield f"{number} from {first} of {count}", wrong, ErrorCode.NOT_FOUND, count, {}
+
+
+def _play_within_limits(board: BoardClient) -> Play:
+    """Return a PLAY that an ARMED board carries out."""
+    send_phases_to_store(board, _SEQUENCE, frames=1)
+    board.arm()
+    return Play(_SEQUENCE, shortest_period_to_play_us(board, 1000), 1, 1000)
+
+
+def _sequences_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    right = _play_within_limits(board)
+    for sequence in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["sequence"]):
+        if sequence and sequence not in SEQUENCES:
+            wrong = dataclasses.replace(right, sequence=sequence)
+            header = {"flags": int(Flag.IMMEDIATE)}
+            yield f"sequence {sequence:#06x}", wrong, ErrorCode.NOT_FOUND, None, header
+
+
+def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    right, identity, bad = _play_within_limits(board), board.identity, ErrorCode.BAD_VALUE
+    header = {"flags": int(Flag.IMMEDIATE)}
+    bounds = {
+        "period_us": (shortest_period_to_play_us(board), (1 << _WIDTHS["period_us"]) - 1),
+        "unattended_ms": (1, identity.max_unattended_ms),
+    }
+    for name, (least, most) in bounds.items():
+        for value in _values_beyond(least, most, _WIDTHS[name]):
+            changes: dict[str, Any] = {name: value}
+            wrong = dataclasses.replace(right, **changes)
+            yield f"{name} = {value}", wrong, bad, Play.WIRE[name].offset, header
+    for off_us in _times_beyond_limits(board):
+        time_us = board.clock.device_us() + off_us
+        yield f"a start {off_us} µs from now", right, bad, 0, {"time_us": time_us}
+
+
+def _times_beyond_limits(board: BoardClient) -> list[int]:
+    """Return how far from now times lie that have passed, or are beyond the horizon."""
+    passed = [-(1 << bit) for bit in range(10, 31)]
+    horizon_us = board.identity.max_horizon_us + _SPARE_US
+    ahead = [horizon_us + (1 << bit) for bit in range(31) if horizon_us + (1 << bit) < _HALF - 1]
+    return [*passed, *ahead, *({horizon_us, _HALF - _SPARE_US} if ahead else set())]
+
+
+_REQUESTS: Final[
+    tuple[tuple[str, Feature, str, Callable[[BoardClient], Iterator[_Beyond]]], ...]
+] = (
+    ("HG-7.1/1", Feature.CONFIG, "settings", _settings_beyond_limits),
+    ("HG-7.2/1", Feature.SEQUENCE_PHASES, "uploads of sizes", _sizes_beyond_limits),
+    ("HG-7.2/3", Feature.CORRECTION, "targets of a correction", _targets_beyond_limits),
+    ("HG-7.3/4", Feature.SEQUENCE_PHASES, "offsets of a chunk", _offsets_beyond_limits),
+    ("HG-7.4/4", Feature.SEQUENCE_PHASES, "targets of a commit", _commits_beyond_limits),
+    ("HG-7.5/2", Feature(0), "first transducers", _elements_beyond_limits),
+    ("HG-7.6/1", Feature.SEQUENCE_PHASES, "sequences of PLAY", _sequences_beyond_limits),
+    ("HG-7.6/2", Feature.SEQUENCE_PHASES, "periods, times, starts", _playbacks_beyond_limits),
+    ("HG-8.6/2", Feature.READ_LATCHED, "first transducers", _drives_beyond_limits),
+)
+
+
+def _case_of_limits(
+    clause: str, needs: Feature, names: str, beyond: Callable[[BoardClient], Iterator[_Beyond]]
+) -> Case:
+    def body(board: BoardClient) -> None:
+        before = board.link.call(GetConfig(), ConfigReply)
+        for name, message, code, detail, header in beyond(board):
+            answer = board.link.ask(message, **header)
+            wanted = f"{name} should be refused with {code.name}"
+            error = getattr(answer.message, "code", None), getattr(answer.message, "detail", None)
+            if error[0] != code or detail not in (None, error[1]):
+                fail(f"{wanted}, detail {detail}; got {board.link.answer_text(answer)}")
+        after = board.link.call(GetConfig(), ConfigReply)
+        check(after == before, f"refused requests changed the configuration to {after}")
+
+    summary = f"{names} beyond a limit by each bit of their field, and the sign, are refused"
+    return Case(clause, summary, body, "bits", needs, depth=Depth.DEFAULT)
+
+
+LIMITS_OF_REQUESTS: Final = tuple(_case_of_limits(*row) for row in _REQUESTS)
+
+
+def _judge_times_beyond_limits(board: BoardClient, counter: str, offs_us: list[int]) -> None:
+    board.arm()
+    now_us = board.clock.device_us()
+    frame = board.shortest_stream()
+    with board.counting(**{counter: len(offs_us)}, accepted=0):
+        board.link.send(*(board.link.stream_wire(frame, now_us + off_us) for off_us in offs_us))
+        board.link.barrier()
+
+
+@case(
+    "HG-5.7/4",
+    "frames beyond the horizon by each power of two of microseconds are dropped_future",
+    variant="bits",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_time_beyond_the_horizon_is_a_limit(board: BoardClient) -> None:
+    ahead = [off_us for off_us in _times_beyond_limits(board) if off_us > 0]
+    _judge_times_beyond_limits(board, "dropped_future", ahead)
+
+
+@case(
+    "HG-5.7/5",
+    "frames for each power of two of microseconds ago are dropped_late",
+    variant="bits",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_time_that_has_passed_is_a_limit(board: BoardClient) -> None:
+    passed = [off_us for off_us in _times_beyond_limits(board) if off_us < 0]
+    _judge_times_beyond_limits(board, "dropped_late", passed)
