@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptogram.machine.process import time_without_processor_us
+from haptogram_protocol.framing import MAX_ENCODED_BYTES
 from haptogram_protocol.messages import (
     Config,
     Error,
@@ -223,7 +224,10 @@ class Lockstep:
 
     def _early_us(self, line_us: int) -> int:
         """Return how long before their time bytes are sent."""
-        return self._opening.early_us or line_us
+        early_us = self._opening.early_us
+        if self._board.wire.line_us(MAX_ENCODED_BYTES) <= 1:
+            return early_us or line_us  # bytes take no time
+        return max(early_us, line_us)
 
     def _wait_until(self, t_us: int) -> None:
         self._board.wire.idle(max(0, t_us - self._board.clock.device_estimate_us()))
@@ -282,14 +286,17 @@ class Lockstep:
         if board.wire.wait_for(ends_slot, self._since, _MISSED_US) is None:
             return []
         ahead_us = board.clock.device_estimate_us() - board.wire.now_us() + self._opening.unsure_us
+        pieces = board.link.responses(self._since)
+        bodies = [piece.body for piece in pieces]
         found: list[int] = []
-        for piece in board.link.responses(self._since):
+        for place, piece in reversed(list(enumerate(pieces))):
             assert piece.header is not None  # it is a response
-            came_us = piece.t_us + ahead_us
+            came_us = max(sent_us, piece.t_us + ahead_us)
             said_us = unwrap(piece.header.time_us, came_us, 32)
-            is_possible = sent_us <= said_us <= came_us
-            found.append(said_us if is_possible else max(sent_us, came_us))
-        return found
+            is_new = piece.body not in bodies[:place]  # one from memory tells when it was made
+            is_known = is_new and sent_us <= said_us <= came_us
+            found.append(min([said_us if is_known else came_us, *found[-1:]]))
+        return found[::-1]
 
     def _await_frames(self, due: list[FrameInDialogue], end_us: int) -> None:
         """Wait for the frames that are due; in virtual time no longer than the slot lasts."""
