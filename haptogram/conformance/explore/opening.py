@@ -154,7 +154,8 @@ class DialogueOpening:
         if can & Feature.SEQUENCE_PHASES and has_room:
             data = bytes((seed + 37 * n) & 0xFF for n in range(count * STORED_FRAMES))
             found += self._upload(UploadKind.PHASES, STORED_PHASES, data, 0)
-            for target in UPLOADED[2:]:
+            others = UPLOADED[1:] if not can & Feature.SEQUENCE_POINTS else UPLOADED[2:]
+            for target in others:  # all that a dialogue before may have left there
                 found += self._upload(UploadKind.PHASES, target, data[target : count + target], 0)
         if can & Feature.SEQUENCE_POINTS and has_room:
             points = (

@@ -40,6 +40,7 @@ from haptogram_protocol.messages import (
     Config,
     Counters,
     Disarm,
+    Feature,
     Flag,
     GetStatus,
     Header,
@@ -70,6 +71,15 @@ def test_the_c_board_lives_like_the_model(tmp_path, monkeypatch):
     assert status == 0, output
     access = SteppedAccess([str(tmp_path / "board_steps"), "3x2"])
     (result,) = run(access, CASE).results
+    assert (result.behaviour, result.detail) == (Behaviour.OK, "")
+
+
+def test_a_board_that_stores_phases_alone_lives_like_the_model(monkeypatch):
+    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 16)
+    features = int(sum(Feature) & ~(Feature.POINTS | Feature.SEQUENCE_POINTS))
+    limits = {"grid_nx": 3, "grid_ny": 2, "pitch_um": 10_000, "features": features}
+    command = [sys.executable, "-m", "sim_device.driven.stepped_board", json.dumps(limits)]
+    (result,) = run(SteppedAccess(command), CASE, seed=3).results
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 
