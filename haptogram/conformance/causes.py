@@ -2,6 +2,7 @@
 
 The sections of SPEC.md stand here from the ground up.  A case relies on everything below its own
 section, so that of several failures the lowest is the likeliest cause, and the others may follow.
+A case that asks many clauses at once fails with each of them, and stands behind the others.
 """
 
 from __future__ import annotations
@@ -61,6 +62,11 @@ FOUNDATIONS: Final = (
 )
 
 
+#: Variants of cases that ask many clauses at once: rules over every frame, all that an event or an
+#: end must leave, every reason of a drop before and behind the wrap, random dialogues.
+BROAD: Final = frozenset({"always", "alone", "moments", "sides", "dialogues"})
+
+
 def cause_rank(clause: str) -> int:
     """Return the place of a clause in :data:`FOUNDATIONS`: 0 is the ground."""
     fits = [
@@ -73,4 +79,9 @@ def cause_rank(clause: str) -> int:
 
 def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
     """Return the failures among *results*, the likeliest cause first."""
-    return sorted((r for r in results if r.is_failure), key=lambda r: cause_rank(r.clause))
+
+    def place(result: CaseResult) -> tuple[bool, int]:
+        variant = result.case.removeprefix(result.clause).removeprefix("-")
+        return variant in BROAD, cause_rank(result.clause)
+
+    return sorted((result for result in results if result.is_failure), key=place)
