@@ -1,4 +1,4 @@
-"""At a wall clock, cases that wait for 2^32 µs run when others have used up the waiting time."""
+"""Cases that wait for 2^32 µs run when others have used up the waiting time; failures by cause."""
 
 import dataclasses
 
@@ -8,10 +8,12 @@ import serial
 import sim_device
 from haptogram.conformance.case import Case
 from haptogram.conformance.cases import all_cases
+from haptogram.conformance.causes import BROAD, failures_by_cause
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
-from haptogram.conformance.verdict import Behaviour
+from haptogram.conformance.verdict import Behaviour, CaseResult
 from haptogram.driver.line.port import PyserialTransport
+from haptogram.records.frame import Evidence
 
 BAUD = 3_000_000
 WAITING = [case for case in all_cases() if case.before_wrap_us]
@@ -44,3 +46,18 @@ def test_it_has_a_reset_of_its_own_where_the_others_took_too_long_or_too_little_
     assert resets_for(WAITING[0], others=2) == 1
     case = dataclasses.replace(WAITING[0], before_wrap_us=0)
     assert resets_for(case, others=18) == 1
+
+
+def failure_of(case):
+    clause = "-".join(case.split("-")[:2])
+    return CaseResult(case, clause, "text", "asks", Behaviour.FAILED, Evidence.WIRE, "why")
+
+
+def test_failures_stand_from_the_ground_up_and_cases_of_many_clauses_behind_them():
+    due = ["HG-2.1/1", "HG-4.6/1-fields", "HG-5.7/2-immediate", "HG-10.1/1", "HG-3.9/1-alone"]
+    found = failures_by_cause(map(failure_of, [*reversed(due[:-1]), due[-1], due[0]]))
+    assert [result.case for result in found] == [due[0], *due]
+
+
+def test_each_variant_of_many_clauses_is_one_of_some_case():
+    assert BROAD <= {case.variant for case in all_cases()}

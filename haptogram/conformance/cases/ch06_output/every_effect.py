@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
@@ -25,10 +25,8 @@ from haptogram_protocol.messages import (
     PlayReply,
     SetConfig,
     Stop,
-    TraceReply,
     UploadBegin,
     UploadChunk,
-    UploadChunkReply,
     UploadCommit,
     UploadKind,
 )
@@ -40,6 +38,22 @@ from ...client.board_client import BoardClient
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import send_upload_chunks, upload_to_board
+from ...judge.effects import (
+    Due,
+    effect_counted_once,
+    effect_of_commit,
+    effect_of_copies,
+    effect_of_correction,
+    effect_of_end,
+    effect_of_fault,
+    effect_of_input,
+    effect_of_new_session,
+    effect_of_play,
+    effect_of_received,
+    effect_of_timer,
+    no_effect,
+    state_before_effect,
+)
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
 from ...judge.timers import judge_in_time
@@ -56,7 +70,6 @@ from ..ch10_errors.every_refusal import (
     pending_before_refusal,
     refusal_situations,
 )
-from .every_reason import state_and_reason_after
 from .faults import fail_hardware, recover_from_hardware_fault
 
 _MS: Final = 1000
@@ -69,9 +82,6 @@ _TOO_LONG: Final = 4200
 _FRESH_US: Final = 4_000_000  # a situation is brought about again after this time
 _REUSED: Final = ErrorCode.SEQUENCE_REUSED
 _UNKNOWN_FLAG: Final = 0x40
-
-#: What is due after an event, where it is not what was there before.
-Due: TypeAlias = Callable[[BoardClient, Held], dict[str, object]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,107 +111,6 @@ class Effect:
     due: Due
     needs: Feature = NOTHING
     where: tuple[str, ...] = ()
-
-
-# --- What is due -------------------------------------------------------------------------------
-
-
-def _no_effect(_: BoardClient, __: Held) -> dict[str, object]:
-    return {}
-
-
-def _counted_effect(before: Held, name: str, number: int) -> dict[str, object]:
-    key = f"the counter {name}"
-    count = before[key]
-    assert isinstance(count, int)  # a counter
-    return {key: (count + number) & 0xFFFFFFFF}
-
-
-def _queued_before_effect(before: Held) -> int:
-    queued = before["the queue"]
-    assert isinstance(queued, int)  # StatusReply.queued
-    return queued
-
-
-def _state_before_effect(before: Held) -> tuple[OutputState, MuteReason]:
-    found = before["the output state"]
-    assert isinstance(found, tuple)  # judged_held_state
-    return found
-
-
-def _flushed_effect(before: Held) -> dict[str, object]:
-    return {"the queue": 0, "events": ANYTHING} | _counted_effect(
-        before, "flushed", _queued_before_effect(before)
-    )
-
-
-def _effect_of_input(event: OutputInput) -> Due:
-    """Return what is due after an input of the table of HG-6.2."""
-
-    def due(_: BoardClient, before: Held) -> dict[str, object]:
-        found = state_and_reason_after(_state_before_effect(before), event)
-        changed: dict[str, object] = {"the output state": found}
-        if event is not OutputInput.ARM:
-            changed |= {"the radiated drive": ANYTHING} | _flushed_effect(before)
-        return changed
-
-    return due
-
-
-def _effect_of_new_session(board: BoardClient, before: Held) -> dict[str, object]:
-    ring = TraceReply(0, 0, ())
-    refused = ("refused", ErrorCode.BAD_STATE)
-    return _effect_of_input(OutputInput.NEW_SESSION)(board, before) | {
-        "the last latch": (0, 0),
-        "the latched drive": ANYTHING,  # HG-8.6/4
-        "the trace ring": ring,
-        "the upload": refused,
-    }
-
-
-def _effect_of_timer(reason: MuteReason) -> Due:
-    def due(_: BoardClient, before: Held) -> dict[str, object]:
-        free = ("the radiated drive", "config_crc", "the configuration")
-        changed: dict[str, object] = dict.fromkeys(free, ANYTHING)
-        changed["the output state"] = OutputState.MUTED, reason
-        return changed | _flushed_effect(before) | _counted_effect(before, "timeouts", 1)
-
-    return due
-
-
-def _effect_of_fault(_: BoardClient, before: Held) -> dict[str, object]:
-    changed: dict[str, object] = {"the output state": (OutputState.FAULT, MuteReason.FAULT)}
-    return changed | {"the radiated drive": ANYTHING} | _flushed_effect(before)
-
-
-def _effect_counted_once(name: str) -> Due:
-    return lambda _, before: _counted_effect(before, name, 1)
-
-
-def _effect_of_received(number: int) -> Due:
-    return lambda _, __: {"the upload": UploadChunkReply(number)}
-
-
-def _effect_of_copies(_: BoardClient, __: Held) -> dict[str, object]:
-    return {"the counter duplicate": ANYTHING}
-
-
-def _effect_of_end(_: BoardClient, __: Held) -> dict[str, object]:
-    return {"events": ANYTHING}
-
-
-def _effect_of_play(_: BoardClient, before: Held) -> dict[str, object]:
-    return _flushed_effect(before)
-
-
-def _effect_of_commit(_: BoardClient, __: Held) -> dict[str, object]:
-    return {"the upload": ("refused", ErrorCode.BAD_STATE)}
-
-
-def _effect_of_correction(_: BoardClient, __: Held) -> dict[str, object]:
-    refused = ("refused", ErrorCode.BAD_STATE)
-    free = ("config_crc", "the configuration", "the radiated drive")
-    return {"the upload": refused} | dict.fromkeys(free, ANYTHING)
 
 
 # --- What happens ------------------------------------------------------------------------------
@@ -332,39 +241,39 @@ def _effects_of_events() -> Iterator[Effect]:
             "alone",
             f"a frame for {name}",
             _damage_for_effect(name),
-            _effect_counted_once(name),
+            effect_counted_once(name),
         )
     for name in BEFORE_STATE:
-        due: Due = _effect_of_copies if name == "duplicate" else _no_effect
+        due: Due = effect_of_copies if name == "duplicate" else no_effect
         yield Effect("HG-3.9/1", "alone", f"stream frames for {name}", _drop_for_effect(name), due)
-    repeated = _effect_counted_once("repeated")
+    repeated = effect_counted_once("repeated")
     yield Effect(
         "HG-4.6/1", "moments", "HELLO with the open nonce", _greet_again_for_effect, repeated
     )
     yield Effect(
-        "HG-7.1/3", "same", "SET_CONFIG as it is", _set_again_for_effect, _no_effect, Feature.CONFIG
+        "HG-7.1/3", "same", "SET_CONFIG as it is", _set_again_for_effect, no_effect, Feature.CONFIG
     )
-    yield Effect("HG-6.3/2", "alone", "ARM", _arm_for_effect, _effect_of_input(OutputInput.ARM))
+    yield Effect("HG-6.3/2", "alone", "ARM", _arm_for_effect, effect_of_input(OutputInput.ARM))
     for name, mute in (
         ("MUTE", _mute_for_effect),
         ("MUTE of another session", _mute_as_another_for_effect),
         ("MUTE without a session", _mute_without_session_for_effect),
     ):
-        yield Effect("HG-6.4/2", "alone", name, mute, _effect_of_input(OutputInput.MUTE))
+        yield Effect("HG-6.4/2", "alone", name, mute, effect_of_input(OutputInput.MUTE))
     yield Effect(
-        "HG-6.5/1", "alone", "DISARM", _disarm_for_effect, _effect_of_input(OutputInput.DISARM)
+        "HG-6.5/1", "alone", "DISARM", _disarm_for_effect, effect_of_input(OutputInput.DISARM)
     )
-    yield Effect("HG-7.7/2", "alone", "STOP", _stop_for_effect, _effect_of_end, _UPLOADS)
-    yield Effect("HG-4.6/5", "alone", "a new session", BoardClient.hello, _effect_of_new_session)
+    yield Effect("HG-7.7/2", "alone", "STOP", _stop_for_effect, effect_of_end, _UPLOADS)
+    yield Effect("HG-4.6/5", "alone", "a new session", BoardClient.hello, effect_of_new_session)
     yield Effect(
-        "HG-7.4/1", "alone", "UPLOAD_CHUNK", _add_chunk_for_effect, _effect_of_received(3), _UPLOADS
+        "HG-7.4/1", "alone", "UPLOAD_CHUNK", _add_chunk_for_effect, effect_of_received(3), _UPLOADS
     )
     yield Effect(
         "HG-7.4/1",
         "alone",
         "UPLOAD_BEGIN",
         _begin_upload_for_effect,
-        _effect_of_received(0),
+        effect_of_received(0),
         _UPLOADS,
     )
     yield Effect(
@@ -372,7 +281,7 @@ def _effects_of_events() -> Iterator[Effect]:
         "alone",
         "UPLOAD_COMMIT",
         _complete_upload_for_effect,
-        _effect_of_commit,
+        effect_of_commit,
         _UPLOADS,
     )
     correction = Feature.CORRECTION
@@ -381,21 +290,21 @@ def _effects_of_events() -> Iterator[Effect]:
         "alone",
         "a new correction",
         _correct_for_effect,
-        _effect_of_correction,
+        effect_of_correction,
         correction,
     )
     queue = (QUEUED,)
     yield Effect(
-        "HG-7.6/3", "alone", "PLAY", _play_later_for_effect, _effect_of_play, _UPLOADS, queue
+        "HG-7.6/3", "alone", "PLAY", _play_later_for_effect, effect_of_play, _UPLOADS, queue
     )
     for reason, happen, needs, where in (
         (MuteReason.HOLD_EXPIRED, _run_out_hold_for_effect, _SHORTENS, _ON),
         (MuteReason.HOST_SILENT, _run_out_lease_for_effect, _SHORTENS, queue),
         (MuteReason.UNATTENDED, _run_out_unattended_for_effect, _PLAYS, (QUEUED, WAITING)),
     ):
-        due = _effect_of_timer(reason)
+        due = effect_of_timer(reason)
         yield Effect("HG-6.11/5", "alone", f"a mute, {reason.name}", happen, due, needs, where)
-    yield Effect("HG-6.6/1", "alone", "a fault", fail_hardware, _effect_of_fault)
+    yield Effect("HG-6.6/1", "alone", "a fault", fail_hardware, effect_of_fault)
 
 
 # --- Cases -------------------------------------------------------------------------------------
@@ -445,7 +354,7 @@ def _judge_effects(board: BoardClient, effects: tuple[Effect, ...], situation: S
         judge_in_time(board, not text, f"{effect.name}: {text}")
         leaves = all(name.startswith("the counter") for name in due)
         before = held if leaves else None
-        if _state_before_effect(held)[0] is OutputState.FAULT:
+        if state_before_effect(held)[0] is OutputState.FAULT:
             recover_from_hardware_fault(board)
         elif not leaves:
             _judge_arm_behind_effect(board, effect, held, config)
@@ -463,7 +372,7 @@ def _judge_arm_behind_effect(
         board.config = config
         board.link.ask(SetConfig(config))
         before = judged_held_state(board, board.link.mark())
-    arm = Effect("", "", "ARM", _arm_for_effect, _effect_of_input(OutputInput.ARM))
+    arm = Effect("", "", "ARM", _arm_for_effect, effect_of_input(OutputInput.ARM))
     due = arm.due(board, before) | {"events": ANYTHING, "the arrival margins": ANYTHING}
     text = held_state_changes(before, _held_after_effect(board, 0, arm), due)
     judge_in_time(board, not text, f"{effect.name}, then ARM: {text}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Final, TypeAlias
+from typing import Final
 
 from haptogram_protocol.messages import (
     Arm,
@@ -19,13 +19,14 @@ from haptogram_protocol.messages import (
     StateChanged,
     Stop,
 )
-from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
+from haptogram_protocol.state import MuteReason, OutputInput, OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYBACK
 from ...client.latching import latch_now
 from ...client.playback import play_now, send_phases_to_store_if_supported
+from ...judge.effects import StateAndReason, state_and_reason_after
 from ...judge.timers import judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check
 
@@ -34,23 +35,6 @@ _SEQUENCE: Final = 5
 _SHORT_MS: Final = 20
 _FOREIGN: Final = 0x0440
 _NO_SESSION: Final = -1
-
-Found: TypeAlias = tuple[OutputState, MuteReason]
-#: Reasons that inputs give to the state that they lead to.
-_REASONS: Final = {
-    OutputInput.NEW_SESSION: MuteReason.NEW_SESSION,
-    OutputInput.ARM: MuteReason.NONE,
-    OutputInput.MUTE: MuteReason.MUTE,
-    OutputInput.DISARM: MuteReason.DISARM,
-}
-
-
-def state_and_reason_after(before: Found, event: OutputInput) -> Found:
-    """Return state and reason after an input; one that is not allowed changes neither."""
-    due = OUTPUT_TRANSITIONS.get((before[0], event))
-    state = before[0] if due is None else due
-    asked = event is OutputInput.MUTE and state is OutputState.MUTED
-    return state, _REASONS[event] if state is not before[0] or asked else before[1]
 
 
 @case(
@@ -90,7 +74,7 @@ def every_mute_in_every_output_state(board: BoardClient) -> None:
 
 def _judge_input_to_output_state(
     board: BoardClient,
-    due: Found,
+    due: StateAndReason,
     name: str,
     event: OutputInput | None,
     happen: Callable[[], object],
@@ -107,7 +91,7 @@ def _judge_input_to_output_state(
     )
 
 
-def _found_state_and_reason(board: BoardClient) -> Found:
+def _found_state_and_reason(board: BoardClient) -> StateAndReason:
     status = board.status()
     return status.state, status.reason
 
@@ -147,11 +131,13 @@ def _judge_rest_behind_mutes(board: BoardClient, since: int, before: Counters, n
     check(not others and len(told) <= 1, f"{name}: {len(told)} STATE_CHANGED, of {others}")
 
 
-def _state_text(found: Found) -> str:
+def _state_text(found: StateAndReason) -> str:
     return f"{found[0].name} ({found[1].name})"
 
 
-def _origins_of_output_states(board: BoardClient) -> Iterator[tuple[Callable[[], object], Found]]:
+def _origins_of_output_states(
+    board: BoardClient,
+) -> Iterator[tuple[Callable[[], object], StateAndReason]]:
     """Yield what leads to a state, with the state and the reason that it has then."""
     disarmed, muted = OutputState.DISARMED, OutputState.MUTED
     yield partial(board.bring_to, disarmed), (disarmed, MuteReason.DISARM)
