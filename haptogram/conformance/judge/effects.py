@@ -1,4 +1,4 @@
-"""What is due after an event: the values that it changes, where all else is as before."""
+"""Changes that are due after an event, where all else that a board holds is as before."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def state_and_reason_after(before: StateAndReason, event: OutputInput) -> StateA
 
 
 def no_effect(_: BoardClient, __: Held) -> dict[str, object]:
-    """Return what an event changes that changes nothing."""
+    """Return no change."""
     return {}
 
 
@@ -76,7 +76,7 @@ def effect_of_input(event: OutputInput) -> Due:
 
 
 def effect_of_new_session(board: BoardClient, before: Held) -> dict[str, object]:
-    """Return what HELLO with a new nonce changes (HG-4.6)."""
+    """Return the changes by HELLO with a new nonce (HG-4.6)."""
     ring = TraceReply(0, 0, ())
     refused = ("refused", ErrorCode.BAD_STATE)
     return effect_of_input(OutputInput.NEW_SESSION)(board, before) | {
@@ -88,7 +88,7 @@ def effect_of_new_session(board: BoardClient, before: Held) -> dict[str, object]
 
 
 def effect_of_timer(reason: MuteReason) -> Due:
-    """Return what is due after a mute by a timer (HG-6.11/5)."""
+    """Return the changes by a mute by a timer (HG-6.11/5)."""
 
     def due(_: BoardClient, before: Held) -> dict[str, object]:
         free = ("the radiated drive", "config_crc", "the configuration")
@@ -100,43 +100,43 @@ def effect_of_timer(reason: MuteReason) -> Due:
 
 
 def effect_of_fault(_: BoardClient, before: Held) -> dict[str, object]:
-    """Return what a fault of the hardware changes."""
+    """Return the changes by a fault of the hardware."""
     changed: dict[str, object] = {"the output state": (OutputState.FAULT, MuteReason.FAULT)}
     return changed | {"the radiated drive": ANYTHING} | _flushed_effect(before)
 
 
 def effect_counted_once(name: str) -> Due:
-    """Return what is due after an event that one counter counts, once."""
+    """Return the change by an event that one counter counts, once."""
     return lambda _, before: _counted_effect(before, name, 1)
 
 
 def effect_of_received(number: int) -> Due:
-    """Return what is due after so many bytes of an upload have come without a gap."""
+    """Return the change by an upload of which so many bytes have come without a gap."""
     return lambda _, __: {"the upload": UploadChunkReply(number)}
 
 
 def effect_of_copies(_: BoardClient, __: Held) -> dict[str, object]:
-    """Return what frames change that the board has seen before."""
+    """Return the change by frames that the board has seen before."""
     return {"the counter duplicate": ANYTHING}
 
 
 def effect_of_end(_: BoardClient, __: Held) -> dict[str, object]:
-    """Return what the end of a playback changes, if one plays."""
+    """Return the change by the end of a playback, if one plays."""
     return {"events": ANYTHING}
 
 
 def effect_of_play(_: BoardClient, before: Held) -> dict[str, object]:
-    """Return what PLAY changes (HG-7.6/3)."""
+    """Return the changes by PLAY (HG-7.6/3)."""
     return _flushed_effect(before)
 
 
 def effect_of_commit(_: BoardClient, __: Held) -> dict[str, object]:
-    """Return what UPLOAD_COMMIT changes: no upload is left."""
+    """Return the change by UPLOAD_COMMIT: no upload is left."""
     return {"the upload": ("refused", ErrorCode.BAD_STATE)}
 
 
 def effect_of_correction(_: BoardClient, __: Held) -> dict[str, object]:
-    """Return what a new phase correction changes."""
+    """Return the changes by a new phase correction."""
     refused = ("refused", ErrorCode.BAD_STATE)
     free = ("config_crc", "the configuration", "the radiated drive")
     return {"the upload": refused} | dict.fromkeys(free, ANYTHING)
