@@ -63,7 +63,7 @@ def _flushed_effect(before: Held) -> dict[str, object]:
 
 
 def effect_of_input(event: OutputInput) -> Due:
-    """Return what is due after an input of the table of HG-6.2."""
+    """Return the changes by an input of the table of HG-6.2."""
 
     def due(_: BoardClient, before: Held) -> dict[str, object]:
         found = state_and_reason_after(state_before_effect(before), event)
