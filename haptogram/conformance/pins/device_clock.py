@@ -22,6 +22,8 @@ _STRAIGHT_US: Final = 5.0  # residual up to which one line is enough
 _TICK_US: Final = 1.0  # of the device clock
 _MOST_PPM: Final = 200.0  # of two crystals
 _DRIFT_PPM_S: Final = 0.1  # by which the rate of a crystal that warms up changes in a second
+_LEAP_US: Final = 500.0  # more than a capture that is whole shows
+_AROUND: Final = 3  # marks on both sides that show whether a leap lasts
 _KNOTS: Final = 32
 _FEWEST_KNOTS: Final = 3  # of a line with bends
 _MORE_BENT: Final = 2.0  # times as much as at the knots, a clock may be bent between them
@@ -129,6 +131,24 @@ class PinDialogueClock:
         gap = self._gap(period)
         rate = (self.off_us[gap + 1] - self.off_us[gap]) / (self.knots[gap + 1] - self.knots[gap])
         return float(self.off_us[gap] + rate * (period - self.knots[gap]))
+
+
+def last_mark_before_lost_samples(
+    marks: Sequence[tuple[float, int]], carrier_hz: float
+) -> float | None:
+    """Return the last of *marks* before the device clock leaps ahead; None: it never does.
+
+    Two crystals drift apart slowly: a lasting leap of the one is time that the capture lacks.
+    """
+    nominal_us = 1e6 / carrier_hz
+    arrivals, _, late = _late_marks_of_pin_clock(marks, nominal_us)
+    for place in range(len(arrivals) - 1):
+        first, end = max(0, place + 1 - _AROUND), min(len(arrivals), place + 1 + _AROUND)
+        drift_us = _MOST_PPM * 1e-6 * nominal_us * float(arrivals[end - 1] - arrivals[first])
+        leap = float(np.median(late[place + 1 : end]) - np.median(late[first : place + 1]))
+        if min(leap, float(late[place + 1] - late[place])) > _LEAP_US + drift_us:
+            return float(arrivals[place])
+    return None
 
 
 def _late_marks_of_pin_clock(

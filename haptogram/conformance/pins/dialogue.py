@@ -25,7 +25,7 @@ from haptogram_protocol.messages import (
     signed_difference,
 )
 
-from .device_clock import PinDialogueClock
+from .device_clock import PinDialogueClock, last_mark_before_lost_samples
 
 _AT_RESET_US: Final = 4_284_967_296  # HG-6.9/4
 _BITS: Final = 32
@@ -207,7 +207,25 @@ class PinDialogue:
 
     @cached_property
     def clocks(self) -> list[PinDialogueClock]:
-        """The device clock between resets, by PING and PONG; without them there is none.
+        """The device clock between resets, by PING and PONG; without them there is none."""
+        hz = self.record.carrier_hz
+        return [PinDialogueClock.of(begin, end, marks, hz) for begin, end, marks in self._marks]
+
+    @property
+    def end_before_lost_samples(self) -> float | None:
+        """Period up to which no samples are missing, where an element is the reference.
+
+        None: none are, or no PINGs tell. A clock of the carrier counts its periods itself.
+        """
+        if self.record.reference_element is None:
+            return None
+        hz = self.record.carrier_hz
+        ends = (last_mark_before_lost_samples(marks, hz) for _, _, marks in self._marks)
+        return next((end for end in ends if end is not None), None)
+
+    @cached_property
+    def _marks(self) -> list[tuple[float, float, list[tuple[float, int]]]]:
+        """Begin and end of each stretch between resets, with the arrivals of PINGs on two clocks.
 
         Where the board's line alone was captured, the PONG tells when it left itself.
         """
@@ -227,7 +245,7 @@ class PinDialogue:
                 elif key in pings:
                     pairs.append((pings.pop(key), pong.t_rx_us))
             if pairs:
-                found.append(PinDialogueClock.of(begin, end, pairs, self.record.carrier_hz))
+                found.append((begin, end, pairs))
         return found
 
     @cached_property

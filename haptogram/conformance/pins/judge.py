@@ -75,7 +75,8 @@ def judge_clauses_by_pins(
     findings = PinClauseFindings()
     cut = ""
     for record in records:
-        dialogue = PinDialogue(record)
+        dialogue = _dialogue_before_lost_samples(record)
+        record = dialogue.record
         _check_elements_of_clauses(dialogue)
         _note_clauses_without_a_line(dialogue, findings)
         judge_silence_clauses(dialogue, findings)
@@ -106,6 +107,19 @@ def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> N
     # Pins that latch at another time than the board tells show an old drive for a while.
     is_late = any(findings.broken.get(clause) for clause in ("HG-5.8/1", "HG-5.8/2", "HG-8.3/1"))
     drives.judge(told, _LATE if is_late else SETTLED, findings)
+
+
+def _dialogue_before_lost_samples(record: PinRecord) -> PinDialogue:
+    """Return the dialogue of a capture, up to where samples are missing."""
+    dialogue = PinDialogue(record)
+    end = dialogue.end_before_lost_samples
+    if end is None:
+        return dialogue
+    why = (
+        f"samples are missing behind {end * record.period_s * 1e3:.0f} ms, where the device clock "
+        "leaps ahead: capture at a lower rate, fewer channels, or with another cable"
+    )
+    return PinDialogue(record.between(0.0, end, why))
 
 
 def _note_clauses_without_a_line(dialogue: PinDialogue, findings: PinClauseFindings) -> None:

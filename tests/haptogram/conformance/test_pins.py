@@ -383,6 +383,35 @@ def test_pins_that_go_on_are_found_by_either_line_alone(tmp_path):
     assert {r.clause for r in results if r.behaviour is Behaviour.FAILED} == {"HG-8.3/1"}
 
 
+def test_samples_that_are_missing_beside_an_element_as_reference_fail_no_board(healthy):
+    record = of_own_reference(healthy)
+    missing = record.end / 2.0, record.end / 2.0 + 4000.0  # 100 ms
+
+    def left(times):
+        return (times < missing[0]) | (times > missing[1])
+
+    def earlier(times):
+        return np.where(times > missing[1], times - 4000.0, times)[left(times)]
+
+    pins = {
+        element: dataclasses.replace(
+            pin, rises=earlier(pin.rises)[:-1], falls=earlier(pin.falls)[:-1]
+        )
+        for element, pin in record.pins.items()
+        if left(pin.rises).sum() == left(pin.falls).sum()
+    }
+    lines = {
+        name: dataclasses.replace(
+            line, values=line.values[left(line.times)], times=earlier(line.times)
+        )
+        for name, line in (("to_board", record.to_board), ("to_host", record.to_host))
+    }
+    lossy = dataclasses.replace(record, pins=pins, end=record.end - 4000.0, **lines)
+    results = judge_clauses_by_pins([lossy])
+    assert {r.clause: r.detail for r in results if r.behaviour is Behaviour.FAILED} == {}
+    assert "was cut off: samples are missing behind" in results[0].detail
+
+
 def test_pins_that_never_sound_prove_nothing(healthy):
     """As where probes are off, or the map names other channels."""
     _, record = healthy
