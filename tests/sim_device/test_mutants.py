@@ -136,8 +136,8 @@ def test_the_kill_matrix_tells_killed_from_missed_and_lists_what_is_left():
     every = [case for case in all_cases() if case.body]
     failed = command.failed_cases("hello-always-anew", full=False)
     found = {"hello-always-anew": failed, "crc-half": [], "dead-element": [], "crc-16": every[1:]}
-    variants = ("", "-effects", "-moments", "-reply")
-    assert [case.id for case in failed] == [f"HG-4.6/1{variant}" for variant in variants]
+    assert {case.clause for case in failed} == {"HG-4.6/1"}
+    assert {"HG-4.6/1", "HG-4.6/1-reply"} <= {case.id for case in failed}
     assert command.missed(found) == ["crc-half"]
     verdicts = re.findall(r"\| (killed|MISSED|not on the line) \|", command.short_page(found))
     assert verdicts == ["killed", "MISSED", "not on the line", "killed"]
