@@ -82,7 +82,7 @@ class DialogueOpening:
         host.computed.add((STORED_POINTS, 0))
         host.note_config(config)
         self._hello(host)
-        for message in self._preamble(config, seed):
+        for message in self.preamble(config, seed):
             self._ask(host, message)
         self._hello(host)
         host.sessions.pop(0)  # 0
@@ -143,7 +143,7 @@ class DialogueOpening:
         now_us = self._board.clock.device_estimate_us()
         return self._models.ask(now_us, encode_frame(body)).message
 
-    def _preamble(self, config: Config, seed: int) -> list[Message]:
+    def preamble(self, config: Config, seed: int) -> list[Message]:
         """Return the requests before slot 0: what a dialogue finds."""
         identity = self._board.identity
         can, count = identity.features, identity.transducers

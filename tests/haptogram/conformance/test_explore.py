@@ -5,6 +5,7 @@ import random
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from boards import Wrapped, run, virtual
@@ -12,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.conformance.cases.ch01_conformance import every_dialogue
-from haptogram.conformance.explore.actions import SLOT_US, DialogueHost
+from haptogram.conformance.explore.actions import SLOT_US, UPLOADED, DialogueHost
 from haptogram.conformance.explore.comparison import (
     DialogueAnswers,
     DialogueBase,
@@ -24,6 +25,7 @@ from haptogram.conformance.explore.configurations import RandomConfigs
 from haptogram.conformance.explore.generator import DialogueGenerator
 from haptogram.conformance.explore.lockstep import Played
 from haptogram.conformance.explore.model import DialogueModels, HostLateError
+from haptogram.conformance.explore.opening import DialogueOpening
 from haptogram.conformance.explore.request_actions import RandomRequests
 from haptogram.conformance.explore.scenes.inputs import SceneInputs
 from haptogram.conformance.explore.scenes.scenes import RandomScenes
@@ -50,6 +52,7 @@ from haptogram_protocol.messages import (
     Phases,
     Ping,
     PlaybackEnded,
+    UploadBegin,
     build_body,
 )
 from protocol_c.building import compiler, make
@@ -74,13 +77,13 @@ def test_the_c_board_lives_like_the_model(tmp_path, monkeypatch):
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 
-def test_a_board_that_stores_phases_alone_lives_like_the_model(monkeypatch):
-    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 16)
-    features = int(sum(Feature) & ~(Feature.POINTS | Feature.SEQUENCE_POINTS))
-    limits = {"grid_nx": 3, "grid_ny": 2, "pitch_um": 10_000, "features": features}
-    command = [sys.executable, "-m", "sim_device.driven.stepped_board", json.dumps(limits)]
-    (result,) = run(SteppedAccess(command), CASE, seed=3).results
-    assert (result.behaviour, result.detail) == (Behaviour.OK, "")
+@pytest.mark.parametrize("left_out", [Feature(0), Feature.POINTS | Feature.SEQUENCE_POINTS])
+def test_each_sequence_that_a_dialogue_may_leave_is_stored_before_the_next(left_out):
+    fields = dict.fromkeys(HelloReply.WIRE, 9) | {"firmware": "x", "max_upload_bytes": 9999}
+    identity = HelloReply(**fields | {"features": sum(Feature) & ~left_out})
+    opening = DialogueOpening(SimpleNamespace(identity=identity), None)
+    begun = [m for m in opening.preamble(Config(), 1) if isinstance(m, UploadBegin)]
+    assert sorted(message.target for message in begun) == [0, *UPLOADED]
 
 
 def test_a_wrong_board_is_found_by_a_short_dialogue_printed_as_bytes():
