@@ -160,6 +160,20 @@ def test_a_board_that_can_do_less_passes_what_is_left(features, monkeypatch):
     assert suite.exit_status == 0
 
 
+def test_a_board_with_the_smallest_window_passes_bursts_that_it_has_no_room_for(monkeypatch):
+    class SmallWindow(Board):
+        """Takes one longest frame without an answer: not two drives of so many transducers."""
+
+        def __init__(self, settings, parts):
+            small = dataclasses.replace(settings, rx_window=4098, max_chunk=512)
+            super().__init__(small, parts)
+
+    small = Mutant.of(SmallWindow, "HG-2.7/2", Evidence.WIRE)
+    monkeypatch.setattr("sim_device.mutants.MUTANTS", {"small": small})
+    (result,) = run(virtual(array="32x32", mutant="small"), "HG-5.9/1-behind").results
+    assert (result.behaviour, result.detail) == (Behaviour.OK, "")
+
+
 #: What a board at these (latch_lead_us, point_time_us) passes only if every wait counts them in.
 TAKES_ITS_TIME = {
     (2_000, 500): ("HG-3.4/2", "HG-3.6/1", "HG-3.8", "HG-3.9/2", "HG-5.7", "HG-6.9", "HG-9"),

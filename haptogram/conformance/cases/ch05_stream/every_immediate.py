@@ -98,15 +98,11 @@ def _send_behind_immediate(
     due_us = board.clock.soon_us(bytes(size), points=points) + 10 * board.clock.carrier_us
     time_us = _times_of_immediate_frames(board)[name]
     at_us = board.clock.device_us() - _PAST_US if is_past else due_us
-    ping, seq = board.link.request_wire(Ping(0))
-    since = board.link.mark()
     board.link.send(
         board.link.stream_wire(first, time_us, flags=Flag.IMMEDIATE),
         board.link.stream_wire(second, at_us),
-        ping,
     )
-    answer = board.link.answer_to(Ping.TYPE, seq, since, board.wire.line_us(size))
-    rx_us = board.clock.unwrap(board.link.reply_in(answer, Pong, Ping.TYPE).t_rx_us)
+    rx_us = board.clock.unwrap(board.link.call(Ping(0), Pong).t_rx_us)
     if not is_past:
         board.clock.require_in_time(due_us, rx_us)
     board.clock.wait_until(due_us + board.clock.lead_us)

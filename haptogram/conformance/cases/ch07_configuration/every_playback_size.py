@@ -152,6 +152,8 @@ def _judge_frames_of_long_playback(
     since = board.link.mark()
     play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
     seen = latches_received_from_board(board, since, TraceMode.RING)
+    due_latches = min(len(stored), board.identity.trace_ring)
+    check(len(seen) >= due_latches, f"{name}: the ring tells of {len(seen)}, due {due_latches}")
     crcs: dict[bytes, int] = {}
     for latch in seen:
         due = crcs.setdefault(stored[latch.index], latch.crc)
