@@ -174,6 +174,11 @@ def test_a_board_with_the_smallest_window_passes_bursts_that_it_has_no_room_for(
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 
+def test_a_board_of_1024_transducers_passes_read_backs_that_its_uplink_has_no_room_for():
+    results = run(virtual(array="32x32"), "HG-5.8/2").results
+    assert {r.case: r.detail for r in results if r.behaviour is Behaviour.FAILED} == {}
+
+
 #: What a board at these (latch_lead_us, point_time_us) passes only if every wait counts them in.
 TAKES_ITS_TIME = {
     (2_000, 500): ("HG-3.4/2", "HG-3.6/1", "HG-3.8", "HG-3.9/2", "HG-5.7", "HG-6.9", "HG-9"),
