@@ -21,7 +21,8 @@ _LEASE_PART: Final = 0.35
 _UNATTENDED_PART: Final = 0.85
 _UNATTENDED_SLOTS: Final = 4
 _TRIES: Final = 4
-_STATUS_MS: Final = round(6.85 * _SLOT_MS)
+#: Its tenth multiple, 5 s later than most dialogues end, is the first that comes with a latch.
+_STATUS_MS: Final = round(12.85 * _SLOT_MS)
 #: A ramp that begins with a frame, as its hold is over already, ends at 0.45 of a slot.
 _RAMPS_MS: Final = (58, 418, 2000)
 _LONGEST_RAMP_MS: Final = 418  # in a scene
