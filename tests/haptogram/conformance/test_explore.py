@@ -80,7 +80,7 @@ def test_the_c_board_lives_like_the_model(tmp_path, monkeypatch):
 @pytest.mark.parametrize("left_out", [Feature(0), Feature.POINTS | Feature.SEQUENCE_POINTS])
 def test_each_sequence_that_a_dialogue_may_leave_is_stored_before_the_next(left_out):
     fields = dict.fromkeys(HelloReply.WIRE, 9) | {"firmware": "x", "max_upload_bytes": 9999}
-    identity = HelloReply(**fields | {"features": sum(Feature) & ~left_out})
+    identity = HelloReply(**fields | {"features": sum(Feature) - left_out})
     opening = DialogueOpening(SimpleNamespace(identity=identity), None)
     begun = [m for m in opening.preamble(Config(), 1) if isinstance(m, UploadBegin)]
     assert sorted(message.target for message in begun) == [0, *UPLOADED]
