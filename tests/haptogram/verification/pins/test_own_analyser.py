@@ -204,7 +204,7 @@ def test_a_frame_that_all_pins_latch_late_is_no_wrong_drive(late_ms, tmp_path):
     assert pins.counts["lost"] + pins.counts["late"] == 1
 
 
-@pytest.mark.parametrize(("rate_hz", "step"), [(4e6, 3), (4e6, 4), (8e6, 2), (8e6, 3), (24e6, 1)])
+@pytest.mark.parametrize(("rate_hz", "step"), [(4e6, 4), (8e6, 2), (8e6, 3), (24e6, 1)])
 def test_a_lost_frame_of_an_object_that_hardly_moves_is_no_wrong_drive(rate_hz, step, tmp_path):
     random = np.random.default_rng(7)
     moves = step * np.arange(12)[:, None] * np.where(np.arange(16) % 2, 1, -1)
