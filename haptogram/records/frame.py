@@ -236,6 +236,15 @@ class Observation:
         """The drive that was radiated, as far as it was observed."""
         return self.radiated or self.drive
 
+    def shows_by_crc(self, intended: Intended) -> bool | None:
+        """Return whether the CRC is that of the intended drive, if only a CRC was observed.
+
+        None: the drive itself was observed, or nothing of it, or the board computed it.
+        """
+        if self.drive is not None or self.drive_crc is None or intended.board_computed:
+            return None
+        return self.drive_crc == intended.drive.digest()
+
 
 def check_intended(intended: Sequence[Intended]) -> None:
     """Refuse what is no sequence of :class:`Intended`, before anything is judged by it.

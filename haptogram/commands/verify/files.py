@@ -88,10 +88,7 @@ def verify_seen_by_number(
 
 def _verify_drive_by_crc(intended: Intended, seen: Observation) -> Observation:
     """Return *seen* with the intended drive if only a CRC was seen and is that of this drive."""
-    if seen.output is not None or intended.board_computed:
-        return seen
-    is_intended = seen.drive_crc == intended.drive.digest()
-    return dataclasses.replace(seen, drive=intended.drive) if is_intended else seen
+    return dataclasses.replace(seen, drive=intended.drive) if seen.shows_by_crc(intended) else seen
 
 
 def _is_verify_file_written(path: Path, write: Callable[[Path], None]) -> bool:

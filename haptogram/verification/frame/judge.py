@@ -148,7 +148,7 @@ class FrameJudge:
     def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
         """Return the verdict of all frames and latches that differ in key and times only."""
         seen = self._seen(intended, observation)
-        if _frame_crc_differs(intended, observation):
+        if observation.shows_by_crc(intended) is False:
             return dataclasses.replace(
                 seen,
                 status=FrameStatus.CORRUPT,
@@ -285,14 +285,4 @@ def _crc_fault_of_frame(intended: Intended, observation: Observation) -> str:
     return (
         f"another drive was latched: its CRC is {observation.drive_crc:08x}, that of the intended "
         f"one {intended.drive.digest():08x}"
-    )
-
-
-def _frame_crc_differs(intended: Intended, observation: Observation) -> bool:
-    """Return True if the CRC alone proves that another drive was latched."""
-    return (
-        observation.drive is None
-        and observation.drive_crc is not None
-        and not intended.board_computed
-        and observation.drive_crc != intended.drive.digest()
     )
