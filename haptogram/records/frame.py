@@ -237,7 +237,7 @@ class Observation:
         return self.radiated or self.drive
 
     def shows_by_crc(self, intended: Intended) -> bool | None:
-        """Return whether the CRC is that of the intended drive, if only a CRC was observed.
+        """Return True if the CRC is that of the intended drive, and False if it is of another.
 
         None: the drive itself was observed, or nothing of it, or the board computed it.
         """
