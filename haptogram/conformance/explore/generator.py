@@ -9,10 +9,10 @@ from typing import Final
 from haptogram_protocol.messages import Arm, Config, Feature, HelloReply, Mute, Ping
 
 from .actions import DialogueAction
-from .configurations import RandomConfigs
-from .request_actions import RandomRequests
+from .makers.conditions import DialogueConditions
+from .makers.makers import DialogueMakers
+from .makers.stream import MadeAction
 from .scenes.scenes import RandomScenes
-from .stream_actions import MadeAction, RandomStream
 from .tables.coverage import DialogueCoverage
 
 #: In the text of an action whose latch may follow at once.
@@ -80,27 +80,20 @@ class DialogueGenerator:
         exact: bool = False,
         slow: bool = True,
     ) -> None:
-        self._random = random.Random(seed)
+        self._random = source = random.Random(seed)
         coverage = coverage or DialogueCoverage()
         self._pairs = coverage.pairs
-        fast = not slow or self._random.random() < 0.5
-        self._has_long = fast and self._random.random() < 0.5
+        fast = not slow or source.random() < 0.5
+        self._has_long = fast and source.random() < 0.5
         drives = not self._has_long and not (slow and fast)
         self._may_burst = exact or not drives  # the line has to carry what is traced
-        self._configs = RandomConfigs(identity, self._random, timed=timed, drives=drives)
-        self._stream = RandomStream(identity, self._random, timed=timed, exact=exact)
-        self._requests = RandomRequests(
-            identity, self._random, coverage, self._configs, timed=timed, fast=fast
+        conditions = DialogueConditions(
+            identity, source, coverage, timed=timed, exact=exact, fast=fast, drives=drives
         )
-        self._scenes = RandomScenes(
-            identity,
-            self._random,
-            coverage,
-            self._configs,
-            self._stream,
-            self._requests,
-            exact=exact,
-        )
+        makers = DialogueMakers(conditions)
+        self._configs, self._sessions = makers.configs, makers.sessions
+        self._stream, self._requests = makers.stream, makers.requests
+        self._scenes = RandomScenes(makers)
         self._table_share = _TABLE_SHARES.get((timed, exact), _TABLE_SHARE)
         self._timed, self._exact = timed, exact
         self._seen = self._random.choice(_SEEN)
@@ -123,7 +116,7 @@ class DialogueGenerator:
             made.append(self._whole(slot, self._requests.new_config()))
             slot = 1
         elif self._random.random() < _GREETING_SHARE:
-            made.append(self._whole(slot, self._requests.greeting()))
+            made.append(self._whole(slot, self._sessions.greeting()))
             slot = 1
         while slot < slots:
             chance = self._random.random()
@@ -197,9 +190,7 @@ class DialogueGenerator:
                 made.append(self._whole(place, keeping))
             elif filler == "broken":
                 made.append(
-                    self._named(
-                        place, self._made(place, pick((_STREAM, _REQUEST))), pick((1, 2, 5))
-                    )
+                    self._named(place, self._made(pick((_STREAM, _REQUEST))), pick((1, 2, 5)))
                 )
             elif filler == "foreign":
                 made.append(self._whole(place, self._stream.foreign()))
@@ -226,11 +217,11 @@ class DialogueGenerator:
                 self._whole(slot, made) for made in self._stream.burst(may_latch=self._may_burst)
             ]
         if kind == _LIMITS:
-            made = self._requests.at_limit(slot)
+            made = self._requests.at_limit()
         elif kind == _LONG:
             made = self._requests.long_play()
         else:
-            candidates = [self._made(slot, kind) for _ in range(_CANDIDATES)]
+            candidates = [self._made(kind) for _ in range(_CANDIDATES)]
             made = min(candidates, key=lambda one: self._pairs[self._last, one[0]])
         name = made[0]
         self._pairs[self._last, name] += 1
@@ -249,18 +240,18 @@ class DialogueGenerator:
         text += _DAMAGE_TEXT[damage]
         return DialogueAction(slot, text, body, damage, self._random.getrandbits(32), ends_slot)
 
-    def _made(self, slot: int, kind: int) -> MadeAction:
+    def _made(self, kind: int) -> MadeAction:
         if kind == _STREAM:
-            return self._stream.frame(slot)
+            return self._stream.frame()
         if kind == _REQUEST:
-            return self._requests.request(slot)
-        return self._requests.hello() if kind == _HELLO else self._odd(slot)
+            return self._requests.request()
+        return self._sessions.hello() if kind == _HELLO else self._odd()
 
-    def _odd(self, slot: int) -> MadeAction:
+    def _odd(self) -> MadeAction:
         """Return a frame of an unknown type, or the last request again."""
         kind = self._random.choice(_UNKNOWN_TYPES)
-        _, text, body = self._random.choice((self._stream.frame, self._requests.request))(slot)
-        again = Ping(slot)
+        _, text, body = self._random.choice((self._stream.frame, self._requests.request))()
+        again = Ping(0)
         if self._random.random() < 0.6:
             repeated = "the last request again"
             return repeated, repeated, lambda host: host.last or host.request(again)

@@ -21,17 +21,16 @@ from haptogram.conformance.explore.comparison import (
     DialogueMemory,
     FrameInDialogue,
 )
-from haptogram.conformance.explore.configurations import RandomConfigs
 from haptogram.conformance.explore.generator import DialogueGenerator
 from haptogram.conformance.explore.lockstep import Played
+from haptogram.conformance.explore.makers.conditions import DialogueConditions
+from haptogram.conformance.explore.makers.makers import DialogueMakers
 from haptogram.conformance.explore.model import DialogueModels, HostLateError
 from haptogram.conformance.explore.opening import DialogueOpening
-from haptogram.conformance.explore.request_actions import RandomRequests
 from haptogram.conformance.explore.scenes.inputs import SceneInputs
 from haptogram.conformance.explore.scenes.scenes import RandomScenes
 from haptogram.conformance.explore.scenes.states import SceneStates
 from haptogram.conformance.explore.shrinking import shrink_dialogue
-from haptogram.conformance.explore.stream_actions import RandomStream
 from haptogram.conformance.explore.tables.coverage import DialogueCoverage
 from haptogram.conformance.explore.tables.limit_requests import random_limit_requests
 from haptogram.conformance.run.stepping import SteppedAccess
@@ -184,17 +183,14 @@ def test_limits_of_every_request_are_met():
 @pytest.mark.parametrize("timed", [False, True])
 def test_each_state_meets_each_group_of_inputs_before_any_does_again(timed):
     identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 9) | {"features": 2047, "firmware": "x"})
-    source, coverage = random.Random(1), DialogueCoverage()
-    configs = RandomConfigs(identity, source, timed=timed, drives=False)
-    configs.with_timers = timed
-    stream = RandomStream(identity, source, timed=timed, exact=True)
-    requests = RandomRequests(identity, source, coverage, configs, timed=timed, fast=True)
-    parts = identity, source, configs, stream, requests
-    states, inputs = SceneStates(*parts), SceneInputs(*parts, exact=True)
+    coverage = DialogueCoverage()
+    conditions = DialogueConditions(identity, random.Random(1), coverage, timed=timed, exact=True)
+    makers = DialogueMakers(conditions)
+    makers.configs.with_timers = timed
+    states, inputs, scenes = SceneStates(makers), SceneInputs(makers), RandomScenes(makers)
     names = states.timed if timed else states.quick
     assert len(names) > (12 if timed else 8)
     assert {"a fault", "foreign MUTE", "HELLO", "another ", "nothing"} < set(inputs.groups)
-    scenes = RandomScenes(identity, source, coverage, configs, stream, requests, exact=True)
     kind = "states with timers" if timed else "states"
     due = met = 0
     while not met or due:

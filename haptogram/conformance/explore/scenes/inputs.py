@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Iterable
 from dataclasses import fields
 from itertools import combinations
@@ -18,7 +17,6 @@ from haptogram_protocol.messages import (
     GetConfig,
     GetGeometry,
     GetStatus,
-    HelloReply,
     Message,
     Mute,
     Ping,
@@ -32,9 +30,9 @@ from haptogram_protocol.messages import (
 )
 
 from ..actions import ABSENT, FAULT, PARTS, REPLACED, SLOT_US
-from ..configurations import RandomConfigs
-from ..request_actions import DEFECTS, RandomRequests
-from ..stream_actions import ODD_FLAGS, MadeAction, RandomStream
+from ..makers.makers import DialogueMakers
+from ..makers.requests import DEFECTS
+from ..makers.stream import ODD_FLAGS, MadeAction
 from ..tables.limit_requests import REFUSED_CONFIG
 
 #: A frame, and the damage of its bytes.
@@ -57,18 +55,8 @@ class SceneInputs:
 
     Parameters
     ----------
-    identity : HelloReply
-        The board, with its capabilities and limits.
-    source : random.Random
-        Chance.
-    configs : RandomConfigs
-        Makes configurations.
-    stream : RandomStream
-        Makes stream frames.
-    requests : RandomRequests
-        Makes requests.
-    exact : bool
-        Whether bytes arrive to the microsecond.
+    makers : DialogueMakers
+        Makers of the frames.
 
     Attributes
     ----------
@@ -78,26 +66,19 @@ class SceneInputs:
         Names that a state is likely to treat alike, by that of their group.
     """
 
-    def __init__(
-        self,
-        identity: HelloReply,
-        source: random.Random,
-        configs: RandomConfigs,
-        stream: RandomStream,
-        requests: RandomRequests,
-        *,
-        exact: bool,
-    ) -> None:
-        self._random = source
-        self._configs, self._stream, self._requests = configs, stream, requests
-        self._count = identity.transducers
-        self._can = identity.features
+    def __init__(self, makers: DialogueMakers) -> None:
+        conditions = makers.conditions
+        self._random = conditions.random
+        self._configs, self._sessions = makers.configs, makers.sessions
+        self._stream, self._requests = stream, requests = makers.stream, makers.requests
+        self._count = conditions.identity.transducers
+        self._can = conditions.can
         made = self._requests_made() | self._frames_made()
         self._found: dict[str, Callable[[], list[Told]]] = {
             name: (lambda make=make: [(make(), 0)])  # type: ignore[misc]
             for name, make in made.items()
         }
-        for damage in _DAMAGES if not exact else (*_DAMAGES, PARTS):
+        for damage in _DAMAGES if not conditions.exact else (*_DAMAGES, PARTS):
             self._found[f"damage {damage}"] = lambda damage=damage: [  # type: ignore[misc]
                 (self._random.choice((stream.plain(0.5), requests.plain(Ping(0)))), damage)
             ]
@@ -107,7 +88,7 @@ class SceneInputs:
         )
         self._found["two frames at once"] = lambda: told_as_made(stream.pair())
         self._found["an upload"] = lambda: told_as_made(requests.upload())
-        if exact:
+        if conditions.exact:
             self._found["off and on at once"] = lambda: told_as_made(
                 [stream.of(None), requests.plain(Disarm()), requests.plain(Arm()), stream.of(None)]
             )
@@ -131,7 +112,7 @@ class SceneInputs:
         found["foreign MUTE"] = lambda: requests.defective(Mute(), ["another session"])
         found["the last request again"] = requests.repeated
         for which in _HELLOS:
-            found[f"HELLO {which}"] = lambda which=which: requests.hello(which)  # type: ignore[misc]
+            found[f"HELLO {which}"] = lambda which=which: self._sessions.hello(which)  # type: ignore[misc]
         for kind in _UNKNOWN_TYPES:
             found[f"type {kind:#x}"] = lambda kind=kind: self._unknown(kind)  # type: ignore[misc]
         if requests.plays:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterable
 from itertools import product
 from typing import Final
 
-from haptogram_protocol.messages import Arm, Feature, HelloReply, TraceMode
+from haptogram_protocol.messages import Arm, Feature, TraceMode
 
 from ..actions import SLOT_US
-from ..configurations import RandomConfigs
-from ..request_actions import RandomRequests
-from ..stream_actions import RandomStream
-from ..tables.coverage import DialogueCoverage
+from ..makers.makers import DialogueMakers
 from .inputs import SceneInputs, Told, told_as_made
 from .states import SceneStates
 
@@ -33,40 +29,19 @@ class RandomScenes:
 
     Parameters
     ----------
-    identity : HelloReply
-        The board, with its capabilities and limits.
-    source : random.Random
-        Chance.
-    coverage : DialogueCoverage
-        What dialogues before have sent.
-    configs : RandomConfigs
-        Makes configurations.
-    stream : RandomStream
-        Makes stream frames.
-    requests : RandomRequests
-        Makes requests.
-    exact : bool
-        Whether bytes arrive to the microsecond.
+    makers : DialogueMakers
+        Makers of the frames.
     """
 
-    def __init__(
-        self,
-        identity: HelloReply,
-        source: random.Random,
-        coverage: DialogueCoverage,
-        configs: RandomConfigs,
-        stream: RandomStream,
-        requests: RandomRequests,
-        *,
-        exact: bool,
-    ) -> None:
-        self._random, self._coverage = source, coverage
-        self._stream, self._requests = stream, requests
-        self._exact = exact
-        self._states = SceneStates(identity, source, configs, stream, requests)
-        self._inputs = SceneInputs(identity, source, configs, stream, requests, exact=exact)
-        self._has_status = configs.with_status
-        self._has_timers = configs.with_timers and bool(identity.features & Feature.CONFIG)
+    def __init__(self, makers: DialogueMakers) -> None:
+        conditions = makers.conditions
+        self._random, self._coverage = conditions.random, conditions.coverage
+        self._stream, self._requests = makers.stream, makers.requests
+        self._sessions = makers.sessions
+        self._exact = conditions.exact
+        self._states, self._inputs = SceneStates(makers), SceneInputs(makers)
+        self._has_status = makers.configs.with_status
+        self._has_timers = makers.configs.with_timers and bool(conditions.can & Feature.CONFIG)
 
     def scene(self) -> list[list[Told]]:
         """Return the frames of a scene, slot by slot."""
@@ -77,7 +52,7 @@ class RandomScenes:
             late = [self._requests.plain(Arm()), self._stream.of("late")]
             return [told_as_made(late), *([] for _ in range(_STATUS_SLOTS))]
         if pick < 0.14:
-            return self._sessions() if pick < 0.07 else self._numbers()
+            return self._two_sessions() if pick < 0.07 else self._numbers()
         if self._exact and self._requests.plays and pick > 0.9:
             return self._long()
         return self._defects() if pick < 0.3 else self._quick_pair()
@@ -109,17 +84,17 @@ class RandomScenes:
             found.append(told_as_made([arm, *frames]))
         return [*found, told_as_made(self._requests.probe())]
 
-    def _sessions(self) -> list[list[Told]]:
+    def _two_sessions(self) -> list[list[Told]]:
         """Return a session, another one, and the first again with what was asked in it."""
-        requests = self._requests
-        steps = [requests.greeting(), requests.keeping(), requests.hello("new")]
-        steps += [requests.hello("last"), requests.of_earlier_session()]
+        requests, sessions = self._requests, self._sessions
+        steps = [sessions.greeting(), requests.keeping(), sessions.hello("new")]
+        steps += [sessions.hello("last"), sessions.of_earlier_session()]
         return [*(told_as_made([step]) for step in steps), told_as_made(requests.probe())]
 
     def _numbers(self) -> list[list[Told]]:
         """Return requests around the wrap of their numbers, each of them twice."""
         requests = self._requests
-        found = [told_as_made([requests.greeting()])]
+        found = [told_as_made([self._sessions.greeting()])]
         found += [told_as_made([requests.keeping(), requests.repeated()]) for _ in range(_NUMBERS)]
         return found
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import random
 from collections.abc import Callable
 from typing import Final
 
@@ -11,16 +10,14 @@ from haptogram_protocol.messages import (
     Arm,
     Disarm,
     Feature,
-    HelloReply,
     Mute,
     SetConfig,
     TraceMode,
 )
 
 from ..actions import SLOT_US
-from ..configurations import RandomConfigs
-from ..request_actions import RandomRequests
-from ..stream_actions import MadeAction, RandomStream
+from ..makers.makers import DialogueMakers
+from ..makers.stream import MadeAction
 from ..tables.limit_requests import MANY_LOOPS
 
 #: Frames of one slot after the other.
@@ -36,29 +33,15 @@ class SceneStates:
 
     Parameters
     ----------
-    identity : HelloReply
-        The board, with its capabilities and limits.
-    source : random.Random
-        Chance.
-    configs : RandomConfigs
-        Makes configurations.
-    stream : RandomStream
-        Makes stream frames.
-    requests : RandomRequests
-        Makes requests.
+    makers : DialogueMakers
+        Makers of the frames.
     """
 
-    def __init__(
-        self,
-        identity: HelloReply,
-        source: random.Random,
-        configs: RandomConfigs,
-        stream: RandomStream,
-        requests: RandomRequests,
-    ) -> None:
-        self._random = source
-        self._configs, self._stream, self._requests = configs, stream, requests
-        self._is_configurable = bool(identity.features & Feature.CONFIG)
+    def __init__(self, makers: DialogueMakers) -> None:
+        self._random = makers.conditions.random
+        self._configs = makers.configs
+        self._stream, self._requests = stream, requests = makers.stream, makers.requests
+        self._is_configurable = bool(makers.conditions.can & Feature.CONFIG)
         self._quick: dict[str, Callable[[], Slots]] = {
             "disarmed": lambda: [[self._plain(Disarm())]],
             "armed": lambda: [[self._plain(Arm())]],

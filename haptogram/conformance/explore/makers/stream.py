@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -13,7 +12,6 @@ from haptogram_protocol.messages import (
     Feature,
     Flag,
     FocalPoint,
-    HelloReply,
     Message,
     PhaseFormat,
     Phases,
@@ -22,7 +20,8 @@ from haptogram_protocol.messages import (
     pack_phases,
 )
 
-from .actions import LATE_WINDOWS_US, SLOT_US, DialogueHost
+from ..actions import LATE_WINDOWS_US, SLOT_US, DialogueHost
+from .conditions import DialogueConditions
 
 #: What an action is made of: its name, its text and the body.
 MadeAction = tuple[str, str, Callable[[DialogueHost], bytes]]
@@ -47,35 +46,26 @@ class RandomStream:
 
     Parameters
     ----------
-    identity : HelloReply
-        The board, with its capabilities and limits.
-    source : random.Random
-        Chance.
-    timed : bool
-        Whether slots are waited for, so that frames may be queued for some of them.
-    exact : bool
-        Whether bytes arrive to the microsecond, so that limits of times are met as they are.
+    conditions : DialogueConditions
+        Conditions of the dialogue.
     """
 
-    def __init__(
-        self, identity: HelloReply, source: random.Random, *, timed: bool, exact: bool
-    ) -> None:
-        self._identity = identity
-        self._random = source
-        self._can = Feature(identity.features & sum(Feature))
+    def __init__(self, conditions: DialogueConditions) -> None:
+        self._identity = identity = conditions.identity
+        self._random = conditions.random
+        self._can = conditions.can
         self._count = identity.transducers
         # The points of a slot are computed before its middle.
         fitting = SLOT_US // 4 // (_FRAMES * identity.point_time_us or 1)
         has_points = bool(self._can & Feature.POINTS)
         self._most_points = min(identity.max_points, fitting) * has_points
         self._aheads: list[Any] = [None, None, None, 0.5, 0.5, "far", "late", "too late", "beyond"]
-        self._aheads += [0.5, 1.5, 1.5, 2.5, 3.5, 6.5] if timed else ["far"]
-        self._aheads += ["at a limit", "at a limit"] if exact else []
-        self._exact = exact
+        self._aheads += [0.5, 1.5, 1.5, 2.5, 3.5, 6.5] if conditions.timed else ["far"]
+        self._aheads += ["at a limit", "at a limit"] if conditions.exact else []
+        self._exact = conditions.exact
 
-    def frame(self, slot: int) -> MadeAction:
+    def frame(self) -> MadeAction:
         """Return a frame: at once, in half a slot or some slots and a half, late, or far ahead."""
-        del slot
         pick = self._random.choice
         odd = self._random.random()
         return self.of(

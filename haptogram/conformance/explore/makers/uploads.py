@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import zlib
 from collections.abc import Callable
 from typing import Final
@@ -10,7 +9,6 @@ from typing import Final
 from haptogram_protocol.messages import (
     Feature,
     FocalPoint,
-    HelloReply,
     Message,
     UploadBegin,
     UploadChunk,
@@ -18,7 +16,7 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from .actions import (
+from ..actions import (
     MOST_POINTS,
     REPLACED,
     STORED_FRAMES,
@@ -26,7 +24,8 @@ from .actions import (
     DialogueHost,
     has_room_in_dialogue,
 )
-from .stream_actions import MadeAction
+from .conditions import DialogueConditions
+from .stream import MadeAction
 
 _LONGEST_CHUNK: Final = 512
 _WAYS: Final = (
@@ -43,17 +42,15 @@ class RandomUploads:
 
     Parameters
     ----------
-    identity : HelloReply
-        The board, with its capabilities and limits.
-    source : random.Random
-        Chance.
+    conditions : DialogueConditions
+        Conditions of the dialogue.
     """
 
-    def __init__(self, identity: HelloReply, source: random.Random) -> None:
-        self._identity = identity
-        self._random = source
+    def __init__(self, conditions: DialogueConditions) -> None:
+        self._identity = identity = conditions.identity
+        self._random = conditions.random
         self._count = identity.transducers
-        self._can = Feature(identity.features & sum(Feature))
+        self._can = conditions.can
         self._largest = min(identity.max_chunk, _LONGEST_CHUNK)
 
     def _kinds(self) -> list[UploadKind]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import random
 from typing import Any, Final
 
-from haptogram_protocol.messages import Config, Feature, HelloReply, TraceMode
+from haptogram_protocol.messages import Config, Feature, TraceMode
 
-from .actions import LATE_WINDOWS_US, SLOT_US
-from .tables.limit_requests import REFUSED_CONFIG
+from ..actions import LATE_WINDOWS_US, SLOT_US
+from ..tables.limit_requests import REFUSED_CONFIG
+from .conditions import DialogueConditions
 
 _SLOT_MS: Final = SLOT_US // 1000
 #: Lengths that no dialogue outlasts; a board that keeps too few bits of them ends early.
@@ -38,14 +38,8 @@ class RandomConfigs:
 
     Parameters
     ----------
-    identity : HelloReply
-        The board.
-    source : random.Random
-        Chance.
-    timed : bool
-        Whether timers end in the dialogue.
-    drives : bool
-        Whether drives may be traced.
+    conditions : DialogueConditions
+        Conditions of the dialogue.
 
     Attributes
     ----------
@@ -57,15 +51,13 @@ class RandomConfigs:
         The configuration that was made last.
     """
 
-    def __init__(
-        self, identity: HelloReply, source: random.Random, *, timed: bool, drives: bool
-    ) -> None:
-        self._random = source
-        self._can = identity.features
-        self._most_unattended_ms = identity.max_unattended_ms
-        self._drives = drives
-        self.with_status = timed and source.random() < 0.3
-        self.with_timers = timed and not self.with_status
+    def __init__(self, conditions: DialogueConditions) -> None:
+        self._random = source = conditions.random
+        self._can = conditions.can
+        self._most_unattended_ms = conditions.identity.max_unattended_ms
+        self._drives = conditions.drives
+        self.with_status = conditions.timed and source.random() < 0.3
+        self.with_timers = conditions.timed and not self.with_status
         self._ramps = source.choice(((0,), (0, *_RAMPS_MS[:1]), (0, *_RAMPS_MS[1:])))
         self.last = Config()
 

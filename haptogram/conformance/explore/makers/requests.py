@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Iterable
 from typing import Final
 
@@ -16,8 +15,6 @@ from haptogram_protocol.messages import (
     GetConfig,
     GetGeometry,
     GetStatus,
-    Hello,
-    HelloReply,
     Message,
     Mute,
     Ping,
@@ -29,12 +26,12 @@ from haptogram_protocol.messages import (
     UploadChunk,
 )
 
-from .actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES, UPLOADED, DialogueHost
+from ..actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES, UPLOADED, DialogueHost
+from ..tables.limit_requests import random_limit_requests
+from .conditions import DialogueConditions
 from .configurations import RandomConfigs
-from .stream_actions import ODD_FLAGS, WRONG_SESSIONS, MadeAction
-from .tables.coverage import DialogueCoverage
-from .tables.limit_requests import random_limit_requests
-from .upload_actions import RandomUploads
+from .stream import ODD_FLAGS, WRONG_SESSIONS, MadeAction
+from .uploads import RandomUploads
 
 _MOST_U16: Final = 0xFFFF
 _MOST_U32: Final = 0xFFFFFFFF
@@ -56,7 +53,6 @@ DEFECTS: Final[dict[str, dict[str, int]]] = {
     "the last number": {"back": 1},
     "an old number": {"back": 5},
 }
-_FIRST_NUMBERS: Final = (0xFFFF, 0x7FFF, 0xFF, 0x100FE)
 _LONG_PERIOD_US: Final = 450  # 100 loops of 1 to 3 frames, and 300, end where no bytes arrive
 
 
@@ -65,65 +61,47 @@ class RandomRequests:
 
     Parameters
     ----------
-    identity : HelloReply
-        The board, with its capabilities and limits.
-    source : random.Random
-        Chance.
-    coverage : DialogueCoverage
-        What dialogues before have sent.
+    conditions : DialogueConditions
+        Conditions of the dialogue.
     configs : RandomConfigs
         Makes configurations.
-    timed : bool
-        Whether slots are waited for, so that a playback may last for some of them.
-    fast : bool
-        Whether many frames of a sequence are played within a slot.
     """
 
-    def __init__(
-        self,
-        identity: HelloReply,
-        source: random.Random,
-        coverage: DialogueCoverage,
-        configs: RandomConfigs,
-        *,
-        timed: bool,
-        fast: bool,
-    ) -> None:
-        self._coverage = coverage
+    def __init__(self, conditions: DialogueConditions, configs: RandomConfigs) -> None:
+        self._coverage = conditions.coverage
         self._same_number = False
-        self._identity = identity
-        self._random = source
+        self._identity = conditions.identity
+        self._random = conditions.random
         self._configs = configs
         self._starts = (0.5, 0.5, 1.5, 1.5, -2.0, -0.25, 10_000)  # slots from now
-        if not timed:
+        if not conditions.timed:
             self._starts = (0.5, 100, 100, 100, -2.0, -0.25, 10_000)
         # A whole slot a frame, or all frames well within half a slot.
         self._periods = [(SLOT_US, 0), (SLOT_US, 1), (SLOT_US, 4), (SLOT_US + 7, 3)]
-        if fast:
-            self._periods += [(1003, 1), (1003, 2), (507, 3)] * (1 if timed else 4)
-        self._can = Feature(identity.features & sum(Feature))
-        self._uploads = RandomUploads(identity, source)
+        if conditions.fast:
+            self._periods += [(1003, 1), (1003, 2), (507, 3)] * (1 if conditions.timed else 4)
+        self._can = conditions.can
+        self._uploads = RandomUploads(conditions)
 
     @property
     def plays(self) -> bool:
         """True if the board plays sequences."""
         return bool(self._can & Feature.SEQUENCE_PHASES)
 
-    def request(self, slot: int) -> MadeAction:
-        """Return a request sent in *slot*."""
-        return self._made(slot, self._random.choice(self._choices())())
+    def request(self) -> MadeAction:
+        """Return a request ."""
+        return self._made(self._random.choice(self._choices())())
 
-    def at_limit(self, slot: int) -> MadeAction:
+    def at_limit(self) -> MadeAction:
         """Return a request with one field at or beyond a limit: each once before any twice."""
         if not self._coverage.limits:
             self._coverage.limits = random_limit_requests(self._identity, self._configs.config())
             self._random.shuffle(self._coverage.limits)
-        name, text, body = self._made(slot, self._coverage.limits.pop(), is_odd=False)
+        name, text, body = self._made(self._coverage.limits.pop(), is_odd=False)
         self._same_number = self._random.random() < 0.4
         return f"{name} at a limit", text, body
 
-    def _made(self, slot: int, message: Message, *, is_odd: bool = True) -> MadeAction:
-        del slot
+    def _made(self, message: Message, *, is_odd: bool = True) -> MadeAction:
         pick = self._random.choice
         flags = other = back = jump = cut = 0
         if is_odd:
@@ -243,7 +221,7 @@ class RandomRequests:
         """Return PLAY of hundreds of frames within a few slots."""
         loops = loops or self._random.choice((100, 100, 300))
         play = Play(STORED_PHASES, _LONG_PERIOD_US, loops, self._configs.unattended_ms() or 6000)
-        name, text, body = self._made(0, play, is_odd=False)
+        name, text, body = self._made(play, is_odd=False)
         return f"{name} long", text, body
 
     def upload(self) -> list[MadeAction]:
@@ -305,12 +283,6 @@ class RandomRequests:
         text = "the remembered request once more"
         return text, text, lambda host: host.remembered or host.request(ping)
 
-    def of_earlier_session(self) -> MadeAction:
-        """Return a request of the session before that of the same nonce, if there was one."""
-        ping = Ping(1)
-        text = "a request of an earlier session once more"
-        return text, text, lambda host: host.earlier() or host.request(ping)
-
     def keeping(self) -> MadeAction:
         """Return a request that changes nothing and renews the lease."""
         count = self._identity.transducers
@@ -337,50 +309,3 @@ class RandomRequests:
             return host.request(play, time_us=host.slot_us + round(later * SLOT_US))
 
         return "PLAY", f"{play} in {later} slots", body
-
-    def greeting(self) -> MadeAction:
-        """Return a HELLO of a new session, whose numbers soon wrap, or pass the middle."""
-        across, pick = self._random.randrange, self._random.choice
-        nonce, seq = across(1, 0x10000), pick(_FIRST_NUMBERS) - across(6)
-        hello = Hello(1, 0, nonce, self._identity.description_hash)
-
-        def body(host: DialogueHost) -> bytes:
-            host.seq = seq
-            return host.hello(hello)
-
-        return "HELLO new", f"HELLO with the number {seq + 1:#x}", body
-
-    # --- sessions ------------------------------------------------------------------------------
-
-    def hello(self, which: str = "") -> MadeAction:
-        """Return a HELLO: with the open nonce, one of sessions before, a new one or none."""
-        across, pick = self._random.randrange, self._random.choice
-        whiches = (
-            "open",
-            "open",
-            "last",
-            "last",
-            "earlier",
-            "new",
-            "new",
-            "near",
-            "near",
-            "largest",
-        )
-        which = which or pick((*whiches, "0", "major 2"))
-        new, near = across(1, 0x10000), pick(WRONG_SESSIONS)
-        table = pick((self._identity.description_hash, across(2**32)))
-        minor, back = pick((0, 0, 1, 0xFF)), pick((0, 0, 0, 1, 5, 0x4000))
-
-        def body(host: DialogueHost) -> bytes:
-            known = {"open": host.session, "0": 0, "near": (host.session ^ near) or 1}
-            known["largest"] = _MOST_U16
-            if host.sessions:
-                known |= {"last": host.sessions[-1], "earlier": host.sessions[0]}
-            nonce = known.get(which, new)
-            message = Hello(1 + (which == "major 2"), minor, nonce, table)
-            takes = which not in ("0", "major 2")
-            is_new = takes and nonce != host.session
-            return host.hello(message, takes=takes, back=back if is_new else 0)
-
-        return f"HELLO {which}", f"HELLO, nonce: {which}, minor {minor}, {back} back", body

@@ -1,0 +1,1 @@
+"""Makers of what a random host sends: configurations, stream frames, requests, sessions."""

@@ -1,0 +1,46 @@
+"""Conditions of a random dialogue: all that its makers have in common."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+
+from haptogram_protocol.messages import Feature, HelloReply
+
+from ..tables.coverage import DialogueCoverage
+
+
+@dataclass(frozen=True, slots=True)
+class DialogueConditions:
+    """Conditions that the makers of one random dialogue share.
+
+    Attributes
+    ----------
+    identity : HelloReply
+        The board, with its capabilities and limits.
+    random : random.Random
+        Chance.
+    coverage : DialogueCoverage
+        What dialogues before have sent.
+    timed : bool
+        Whether slots are waited for, so that timers end and frames may be queued for some slots.
+    exact : bool
+        Whether bytes arrive to the microsecond, so that limits of times are met as they are.
+    fast : bool
+        Whether many frames of a sequence are played within a slot.
+    drives : bool
+        Whether drives may be traced.
+    """
+
+    identity: HelloReply
+    random: random.Random
+    coverage: DialogueCoverage
+    timed: bool
+    exact: bool = False
+    fast: bool = True
+    drives: bool = False
+
+    @property
+    def can(self) -> Feature:
+        """The capabilities of the board that this text knows."""
+        return Feature(self.identity.features & sum(Feature))
