@@ -211,7 +211,7 @@ class BoardOutput:
             drive=drive,
             commanded_bits=bits,
             radiated=self._sound(self._radiate(drive, self.now_us)),
-            ramping=self._timers.gain(self.now_us) < 1.0,
+            ramping=bool(self._timers.fades(self.now_us)),
             t_received_us=t_received_us,
         )
         self.latched = latch
@@ -241,9 +241,8 @@ class BoardOutput:
         return self._radiate(self.latched.drive, t_us)
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        gain = self._timers.gain(t_us)
         return radiated_drive_of_registers(
-            drive, self.correction, self.config.amplitude_ceiling, gain
+            drive, self.correction, self.config.amplitude_ceiling, self._timers.fades(t_us)
         )
 
     def _sound(self, radiated: Drive) -> Drive:

@@ -15,6 +15,7 @@ from haptogram.acoustics import Drive, saturated_weights, superpose_foci
 from haptogram_protocol.messages import Feature, FocalPoint
 
 from .settings import BoardSettings
+from .timers import Fade
 
 REGISTER_BITS: Final = 8
 _FULL_POINT: Final = 65_535  # HG-5.4: amplitude of a focal point at its full share
@@ -80,9 +81,9 @@ class BoardFocuser:
 
 
 def radiated_drive_of_registers(
-    latched: Drive, correction: bytes, ceiling: int, gain: float
+    latched: Drive, correction: bytes, ceiling: int, fades: Sequence[Fade] = ()
 ) -> Drive:
-    """Return the radiated drive: correction added, ceiling and ramp applied.
+    """Return the radiated drive: correction added, ceiling and ramps applied.
 
     Parameters
     ----------
@@ -92,16 +93,18 @@ def radiated_drive_of_registers(
         Added to the phase codes, modulo 256.
     ceiling : int
         Largest amplitude code.
-    gain : float
-        Share of the amplitude left by a ramp, 0 to 1.
+    fades : sequence of Fade
+        What each ramp leaves.
     """
     phases, amplitudes = latched.phase_codes, latched.amplitude_codes
     if any(correction):
         phases = phases + np.frombuffer(correction, dtype=np.uint8)  # wraps, as it should
     if ceiling < 255:
         amplitudes = np.minimum(amplitudes, np.uint8(ceiling))
-    if gain < 1.0:
-        amplitudes = np.floor(amplitudes * gain + 0.5).astype(np.uint8)
+    for fade in fades:
+        begins = np.minimum(latched.amplitude_codes, np.uint8(fade.ceiling))
+        line = np.floor(begins * fade.share + 0.5).astype(np.uint8)
+        amplitudes = np.minimum(amplitudes, np.minimum(line, np.uint8(fade.cut)))
     if phases is latched.phase_codes and amplitudes is latched.amplitude_codes:
         return latched
     return Drive(phases, amplitudes)

@@ -21,7 +21,7 @@ from ..board.clock import BoardClock
 from ..board.events import StateChange
 from ..board.output import BoardOutput
 from ..board.registers import radiated_drive_of_registers
-from ..board.timers import BoardTimers
+from ..board.timers import FULL_CODE, BoardTimers, Fade
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
@@ -162,9 +162,12 @@ class RampSkipped(BoardTimers):
 class RampInEightSteps(BoardTimers):
     """Fades in eight steps, however long the ramp is."""
 
-    def gain(self, t_us: int) -> float:
-        """Return the share of the amplitude, in eighths."""
-        return math.ceil(8 * super().gain(t_us)) / 8
+    def fades(self, t_us: int) -> tuple[Fade, ...]:
+        """Return the fades, in eighths."""
+        return tuple(
+            dataclasses.replace(fade, share=math.ceil(8 * fade.share) / 8)
+            for fade in super().fades(t_us)
+        )
 
 
 class TimeoutsUncounted(BoardOutput):
@@ -191,27 +194,25 @@ class CeilingIgnored(BoardOutput):
     """Radiates amplitudes above the ceiling."""
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        return radiated_drive_of_registers(drive, self.correction, 255, self._timers.gain(t_us))
+        fades = [Fade(fade.share) for fade in self._timers.fades(t_us)]
+        return radiated_drive_of_registers(drive, self.correction, FULL_CODE, fades)
 
 
 class CeilingBehindTheRamp(BoardOutput):
     """Fades from the latched amplitude, and cuts at the ceiling what the ramp leaves."""
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        gain = self._timers.gain(t_us)
-        faded = radiated_drive_of_registers(drive, self.correction, 255, gain)
-        none = bytes(self.settings.count)
-        return radiated_drive_of_registers(faded, none, self.config.amplitude_ceiling, 1.0)
+        fades = [Fade(fade.share, cut=fade.cut) for fade in self._timers.fades(t_us)]
+        ceiling = self.config.amplitude_ceiling
+        return radiated_drive_of_registers(drive, self.correction, ceiling, fades)
 
 
 class CorrectionIgnored(BoardOutput):
     """Radiates without the phase correction."""
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        gain = self._timers.gain(t_us)
-        return radiated_drive_of_registers(
-            drive, bytes(self.settings.count), self.config.amplitude_ceiling, gain
-        )
+        none, ceiling = bytes(self.settings.count), self.config.amplitude_ceiling
+        return radiated_drive_of_registers(drive, none, ceiling, self._timers.fades(t_us))
 
 
 class ClockLosesTheWrap(VirtualHaptogramDialect):

@@ -150,7 +150,7 @@ class RampFollowsConfig(BoardTimers):
         """Give every hold its new ramp."""
         super().reconfigure(now_us, last_latch_us, config)
         if self._hold.deadline_us < NEVER_US:
-            self._hold.restart(self._hold.deadline_us, self._ramp_us(config))
+            self._restart_hold(self._hold.deadline_us, config)
 
 
 class RequestsRestartStatus(VirtualHaptogramDialect):
@@ -174,7 +174,7 @@ class CeilingFromNextLatch(BoardOutput):
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
         return radiated_drive_of_registers(
-            drive, self.correction, self._ceiling, self._timers.gain(t_us)
+            drive, self.correction, self._ceiling, self._timers.fades(t_us)
         )
 
 

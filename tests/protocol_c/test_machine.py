@@ -157,6 +157,43 @@ def test_a_frame_in_the_ramp_of_the_lease_brings_full_amplitude_back(host):
     assert steps(host.board.radiated)[-1] == (40_500, 255)
 
 
+def test_a_new_ceiling_and_a_new_correction_are_radiated_at_once(host):
+    config = {"status_period_ms": 0, "hold_ms": 10_000, "host_timeout_ms": 10_000}
+    host.ask(T_US, SetConfig(Config(**config)))
+    host.ask(T_US, Arm())
+    host.stream(T_US, phases(1))
+    host.ask(5600, SetConfig(Config(amplitude_ceiling=100, **config)))
+    assert host.board.radiated == ["5600:1:100"]
+    codes = bytes([9] * COUNT)
+    host.ask(5700, UploadBegin(UploadKind.CORRECTION, 0, 0, COUNT, zlib.crc32(codes)))
+    host.ask(5700, UploadChunk(0, codes))
+    assert host.board.radiated == []
+    host.ask(5700, UploadCommit(0))
+    assert host.board.radiated == ["5700:10:100"]
+    host.until(9000)
+    assert host.board.radiated == []
+
+
+def test_a_ceiling_that_is_set_in_a_ramp_cuts_it_and_raises_nothing(host):
+    begins_us = T_US + LATE_US + 20_000
+
+    def configure(at_us, ceiling):
+        config = Config(hold_ms=20, ramp_ms=50, status_period_ms=0, amplitude_ceiling=ceiling)
+        host.ask(at_us, SetConfig(config))
+
+    configure(T_US, 200)
+    host.ask(T_US, Arm())
+    host.stream(T_US, phases(1))
+    for after_us, ceiling, due in ((10_000, 255, 160), (20_000, 60, 60), (21_000, 255, 60)):
+        host.until(begins_us + after_us - 1)
+        configure(begins_us + after_us, ceiling)
+        assert steps(host.board.radiated)[-1] == (begins_us + after_us, due)
+    host.until(begins_us + 40_000)
+    assert steps(host.board.radiated)[-1] == (begins_us + 40_000, 40)
+    host.until(begins_us + 50_000)
+    assert steps(host.board.radiated)[-1] == (begins_us + 50_000, 0)
+
+
 @pytest.mark.parametrize(("baud", "least_ms"), [(3_000_000, 10), (115_200, 128), (9600, 1532)])
 def test_status_takes_no_more_than_a_tenth_of_the_line(programs, baud, least_ms):
     with contextlib.closing(CBoard(programs, late_us=0, bytes_per_s=baud // 10)) as board:

@@ -9,7 +9,7 @@ from typing import Final
 from haptogram_protocol.messages import DriveKind, DriveReply, Ping, Pong, ReadDrive
 
 from ..client.board_client import BoardClient
-from ..client.latching import client_drive_of_reply
+from ..client.latching import FULL, client_drive_of_reply
 from .timers import judge_in_time
 
 _MS: Final = 1000
@@ -63,15 +63,24 @@ def judged_ramp_reading(board: BoardClient, start_us: int) -> RampReading:
 
 
 def judge_straight_ramp(
-    board: BoardClient, ramp: Sequence[RampReading], ramp_ms: int, begins: bytes, name: str = ""
+    board: BoardClient,
+    ramp: Sequence[RampReading],
+    ramp_ms: int,
+    begins: bytes,
+    name: str = "",
+    *,
+    cut: int = FULL,
 ) -> None:
-    """FAILED unless every amplitude goes from its code in *begins* straight to 0 in *ramp_ms*."""
+    """FAILED unless every amplitude goes from its code in *begins* straight to 0 in *ramp_ms*.
+
+    A ceiling that was set meanwhile cuts the lines off at *cut* (HG-6.11/6).
+    """
     for reading in ramp:
         # One step, and 1 ms each for the timer and for the beginning of a step.
         low = _judged_ramp_left(reading.to_ms + _TIMER_MS, ramp_ms)
         high = _judged_ramp_left(reading.from_ms - _TIMER_MS - _STEP_MS, ramp_ms)
         for begin, got in zip(begins, reading.amplitudes, strict=True):
-            least, most = begin * low - 1, begin * high + 1
+            least, most = min(begin * low - 1, cut), min(begin * high + 1, cut)
             judge_in_time(
                 board,
                 least <= got <= most,

@@ -59,10 +59,13 @@ struct entry {
     struct drive drive;
 };
 
-/* A timer that mutes: full output until `deadline_us`, then a ramp of `ramp_us` to silence. */
+/* A timer that mutes: full output until `deadline_us`, then a ramp of `ramp_us` to silence.  A ramp
+   keeps what it began with (HG-6.11/6). */
 struct timer {
     int running;
     uint8_t reason;
+    uint8_t ceiling; /* below which the line of the ramp begins */
+    uint8_t cut;     /* the least ceiling since then */
     int64_t deadline_us, ramp_us;
 };
 
@@ -148,6 +151,7 @@ struct board {
     struct timer lease, hold;
     int64_t shown_us; /* when the machine last got a drive to radiate */
     int fading;       /* 1: in a ramp then */
+    uint32_t shown_settings; /* those of that drive */
 
     struct entry queue[BOARD_QUEUE];
     size_t queue_first, queued;

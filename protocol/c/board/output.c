@@ -47,12 +47,15 @@ void output_send_state(struct board *board)
 
 /* --- Timers (HG-12) --------------------------------------------------------------------------- */
 
+static uint8_t lesser(uint8_t a, uint8_t b) { return a < b ? a : b; }
+
 static void start_timer(struct board *board, struct timer *timer, int64_t deadline_us,
                         uint8_t reason)
 {
     timer->running = 1;
     timer->deadline_us = deadline_us;
     timer->ramp_us = (int64_t)board->config.ramp_ms * 1000;
+    timer->ceiling = timer->cut = board->config.amplitude_ceiling;
     timer->reason = reason;
 }
 
@@ -66,7 +69,8 @@ void output_renew_lease(struct board *board)
                     plays ? HG_REASON_UNATTENDED : HG_REASON_HOST_SILENT);
 }
 
-/* A hold that still runs gets its new length; a ramp that has begun goes on (HG-7.1/3). */
+/* A hold that still runs gets its new length; a ramp that has begun goes on, below the new ceiling
+   (HG-7.1/3).  That of the lease is over: SET_CONFIG has renewed it. */
 void output_reconfigure(struct board *board)
 {
     int64_t deadline_us = board->last_boundary_us + (int64_t)board->config.hold_ms * 1000;
@@ -76,6 +80,7 @@ void output_reconfigure(struct board *board)
     if (board->hold.running && board->hold.deadline_us > board->now_us)
         start_timer(board, &board->hold, deadline_us > board->now_us ? deadline_us : board->now_us,
                     HG_REASON_HOLD_EXPIRED);
+    board->hold.cut = lesser(board->hold.cut, board->config.amplitude_ceiling);
     output_renew_lease(board);
 }
 
@@ -132,6 +137,7 @@ static int64_t radiate(struct board *board, int64_t due_us)
     output_radiated(board, &drive);
     board->shown_us = board->now_us;
     board->fading = fade_begins_us(board) <= board->now_us;
+    board->shown_settings = board->settings;
     return board->machine.radiate(board->machine.context, &drive, due_us);
 }
 
@@ -164,7 +170,7 @@ void output_off(struct board *board)
         board->machine.radiate(board->machine.context, NULL, board->now_us);
 }
 
-/* --- Ramps that a machine is to follow --------------------------------------------------------- */
+/* --- Ramps and settings that a machine is to follow -------------------------------------------- */
 
 int64_t output_step_us(const struct board *board)
 {
@@ -173,6 +179,8 @@ int64_t output_step_us(const struct board *board)
 
     if (board->machine.radiate == NULL || !board->sounding)
         return BOARD_NEVER;
+    if (board->shown_settings != board->settings)
+        return board->now_us; /* ceiling or correction is another one (HG-7.9) */
     if (board->fading && begins_us > board->now_us)
         return board->now_us; /* the timer was renewed: full amplitude again */
     return begins_us > next_us ? begins_us : next_us;
@@ -186,15 +194,26 @@ void output_step(struct board *board)
 
 /* --- What leaves the transducers (HG-7.9, HG-6.11) -------------------------------------------- */
 
-static uint8_t ramped(const struct board *board, const struct timer *timer, uint8_t amplitude)
+/* Return what a ramp leaves of a latched amplitude. */
+static uint8_t ramped(const struct board *board, const struct timer *timer, uint8_t latched)
 {
     int64_t left_us = end_us(timer) - board->now_us;
+    int64_t twice = 2 * lesser(latched, timer->ceiling) * left_us;
 
-    if (!timer->running || board->now_us < timer->deadline_us)
-        return amplitude;
     if (left_us <= 0)
         return 0;
-    return (uint8_t)((2 * amplitude * left_us + timer->ramp_us) / (2 * timer->ramp_us));
+    return lesser((uint8_t)((twice + timer->ramp_us) / (2 * timer->ramp_us)), timer->cut);
+}
+
+static void fade(const struct board *board, const struct timer *timer, struct drive *drive)
+{
+    size_t n;
+
+    if (!timer->running || board->now_us < timer->deadline_us)
+        return;
+    for (n = 0; n < board->count; n++)
+        drive->amplitude[n] =
+            lesser(drive->amplitude[n], ramped(board, timer, board->latched.amplitude[n]));
 }
 
 void output_shape(const struct board *board, const struct drive *latched, struct drive *radiated)
@@ -203,28 +222,18 @@ void output_shape(const struct board *board, const struct drive *latched, struct
 
     memset(radiated, 0, sizeof *radiated);
     for (n = 0; n < board->count; n++) {
-        uint8_t amplitude = latched->amplitude[n];
-
-        if (amplitude > board->config.amplitude_ceiling)
-            amplitude = board->config.amplitude_ceiling;
         radiated->phase[n] = (uint8_t)(latched->phase[n] + board->correction[n]);
-        radiated->amplitude[n] = amplitude;
+        radiated->amplitude[n] = lesser(latched->amplitude[n], board->config.amplitude_ceiling);
     }
 }
 
 void output_radiated(const struct board *board, struct drive *drive)
 {
-    size_t n;
-
     if (!board->sounding) {
         memset(drive, 0, sizeof *drive);
         return;
     }
     output_shape(board, &board->latched, drive);
-    for (n = 0; n < board->count; n++) {
-        uint8_t by_lease = ramped(board, &board->lease, drive->amplitude[n]);
-        uint8_t by_hold = ramped(board, &board->hold, drive->amplitude[n]);
-
-        drive->amplitude[n] = by_lease < by_hold ? by_lease : by_hold;
-    }
+    fade(board, &board->lease, drive);
+    fade(board, &board->hold, drive);
 }

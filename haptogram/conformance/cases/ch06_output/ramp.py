@@ -19,7 +19,7 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now, read_back_radiated
 from ...client.playback import play_now, send_phases_to_store
-from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp
+from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check
 
@@ -164,6 +164,29 @@ def output_ramps_end_muted(board: BoardClient) -> None:
         header, _ = judged_mute_by_timer(board, since, 400 * _MS, MuteReason.HOLD_EXPIRED)
     ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0
     judge_mute_time(board, start_us, header, 60 + ramp_ms, "hold_ms = 60 and the ramp")
+
+
+@case(
+    "HG-6.11/6",
+    "a higher ceiling and another ramp_ms, set during a ramp, change neither its line nor its end",
+    needs=_RAMPS,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
+    hold_ms, ramp_ms, ceiling = 60, 240, 100
+    board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
+    board.arm()
+    since = board.link.mark()
+    latch_now(board, board.flat_phases())
+    latch_us = board.clock.unwrap(board.status().last_latch_us)
+    board.wire.idle((hold_ms + ramp_ms // 3) * _MS)
+    board.configure(hold_ms=hold_ms, ramp_ms=2 * ramp_ms, amplitude_ceiling=FULL)
+    begins = bytes([ceiling]) * board.identity.transducers
+    reading = judged_ramp_reading(board, latch_us + hold_ms * _MS)
+    judge_straight_ramp(board, [reading], ramp_ms, begins, "a higher ceiling meanwhile: ")
+    header, _ = judged_mute_by_timer(board, since, 3 * ramp_ms * _MS, MuteReason.HOLD_EXPIRED)
+    judge_mute_time(board, latch_us, header, hold_ms + ramp_ms, "ramp_ms set meanwhile")
 
 
 @case(

@@ -24,20 +24,30 @@ _NEVER_MS: Final = 10_000
 _RAMP_MS: Final = 30
 
 
-def _other_configuration_fields(board: BoardClient) -> list[dict[str, Any]]:
-    """Return a change of each field that is no length of a mute; at a wall clock all in one."""
-    found: list[dict[str, Any]] = [
-        {"status_period_ms": board.quick_status_ms + 100},
-        {"late_window_us": 50_000},
-        {"sound_speed_mm_s": 333_000},
-        {"trace_divider": 7},
-    ]
+def every_other_setting(board: BoardClient) -> list[dict[str, Any]]:
+    """Return changes of one field each, to both ends, but for ceiling and lengths of timers."""
+    modes = (
+        (TraceMode.CRC, Feature.TRACE),
+        (TraceMode.DRIVE, Feature.TRACE_DRIVE),
+        (TraceMode.RING, Feature.TRACE_RING),
+    )
+    values: dict[str, tuple[int, ...]] = {
+        "status_period_ms": (board.quick_status_ms + 100, 65_535),
+        "late_window_us": (50_000, 0, 100_000),
+        "sound_speed_mm_s": (300_000, 380_000),
+        "trace_divider": (7, 65_535),
+        "trace_mode": tuple(mode for mode, feature in modes if board.has(feature)),
+    }
+    return [{name: value} for name, some in values.items() for value in some]
+
+
+def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
+    """Return changes of each field that is no length of a mute; at a wall clock all in one."""
+    found = every_other_setting(board)
     if board.has(Feature.AMPLITUDE):
         found.append({"amplitude_ceiling": 50})
-    if board.has(Feature.TRACE):
-        found.append({"trace_mode": TraceMode.CRC})
     if board.wire.limits.slack_us:
-        found = [{name: value for change in found for name, value in change.items()}]
+        found = [{name: value for change in reversed(found) for name, value in change.items()}]
     return found
 
 
@@ -119,7 +129,7 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
         (_LENGTH_MS, {"hold_ms": _BEFORE_MS // 2}),
         (_LENGTH_MS, {"hold_ms": _LENGTH_MS + 60}),
         (_NEVER_MS, {"hold_ms": _LENGTH_MS}),
-        *((_LENGTH_MS, changes) for changes in [*ramps, *_other_configuration_fields(board)]),
+        *((_LENGTH_MS, changes) for changes in [*ramps, *_other_settings(board)]),
     ]
     for start in starts:
         least = board.wire.limits.slack_us and start is _start_played_hold_to_configure
@@ -143,7 +153,7 @@ def configuration_changes_a_running_lease(board: BoardClient) -> None:
     ]
     lengths += [{"ramp_ms": 90}] if board.has(Feature.AMPLITUDE) else []
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
-        for changes in [*lengths, *_other_configuration_fields(board)]:
+        for changes in [*lengths, *_other_settings(board)]:
             _lease_with_configuration(board, changes, plays=plays)
 
 
@@ -176,14 +186,16 @@ def _lease_with_configuration(
 )
 def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
     hold_ms, ramp_ms = 30, 150
-    lengths: tuple[dict[str, Any], ...] = (
+    lengths: list[dict[str, Any]] = [
         {"hold_ms": 1},
         {"hold_ms": _NEVER_MS},
         {"ramp_ms": 0},
         {"ramp_ms": 2000},
         {"host_timeout_ms": 200},
-    )
-    for changes in (*lengths, *_other_configuration_fields(board)):
+    ]
+    if board.wire.limits.slack_us:
+        lengths = [{"hold_ms": _NEVER_MS, "ramp_ms": 2000}, {"hold_ms": 1, "ramp_ms": 0}]
+    for changes in [*lengths, *_other_settings(board)]:
         board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
         board.arm()
         since = board.link.mark()
