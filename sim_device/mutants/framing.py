@@ -6,6 +6,7 @@ import binascii
 from typing import Any, Final
 
 from haptogram.records.frame import Evidence
+from haptogram_protocol.cobs import BLOCK
 from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import (
@@ -78,6 +79,23 @@ class CobsAt254(FrameDecoder):
 
     def __init__(self) -> None:
         super().__init__(Cobs(decode=_mutant_cobs_encoding))
+
+
+class SpareCodeByteSent(BoardConnection):
+    """Begins the next piece as soon as one is full: a code byte 01 ends some of its frames."""
+
+    def _queue(self, wire: bytes, limit: int) -> bool:
+        run = len(cobs_decode(wire[1:-1]).rpartition(DELIMITER)[2])
+        is_full = run > 0 and run % BLOCK == 0
+        return super()._queue(wire[:-1] + b"\x01\x00" if is_full else wire, limit)
+
+
+class TextBetweenFrames(BoardConnection):
+    """Prints a line of text for whoever debugs it when its output state changes by itself."""
+
+    def _queue(self, wire: bytes, limit: int) -> bool:
+        says = wire[2] == MessageType.STATE_CHANGED
+        return super()._queue(b"muted by a timer\r\n" + wire if says else wire, limit)
 
 
 class SpareCodeByteRefused(FrameDecoder):
@@ -273,6 +291,8 @@ MUTANTS: Final = (
     Mutant.of(CrcHalf, "HG-2.4/2", _WIRE),
     Mutant.of(Crc16, "HG-2.4/1", _WIRE),
     Mutant.of(CobsAt254, "HG-2.2/1", _WIRE),
+    Mutant.of(SpareCodeByteSent, "HG-2.2/1", _WIRE, array="16x16"),
+    Mutant.of(TextBetweenFrames, "HG-2.2/1", _WIRE),
     Mutant.of(SpareCodeByteRefused, "HG-2.2/3", _WIRE),
     Mutant.of(CobsErrorIsShort, "HG-2.2/2", _SELF),
     Mutant.of(SharedDelimiterRefused, "HG-2.1/2", _WIRE),

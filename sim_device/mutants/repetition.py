@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Final
 
 from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import BoardConnection
-from haptogram_protocol.messages import Config, Hello, HelloReply, Mute
+from haptogram_protocol.messages import Config, Hello, HelloReply, Mute, MuteReply
 
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
@@ -66,6 +66,16 @@ class MuteForgetsTheReply(BoardConnection):
         if isinstance(message, Mute):
             self._answered = None
         return super()._request(frame, message, **how)
+
+
+class MuteAnsweredTwice(BoardConnection):
+    """Answers MUTE where it is found and once more in its turn, if it is of another session."""
+
+    def reply(self, request: Any, message: Any, now_us: int) -> None:
+        """Answer, twice."""
+        super().reply(request, message, now_us)
+        if isinstance(message, MuteReply) and request.session != self.session:
+            super().reply(request, message, now_us)
 
 
 class LostRequestsDone(BoardConnection):
@@ -197,6 +207,7 @@ MUTANTS: Final = (
     Mutant.of(RepetitionsOfNow, "HG-4.11/6", _WIRE),
     Mutant.of(RefusalsOfArrival, "HG-4.11/2", _WIRE),
     Mutant.of(MuteForgetsTheReply, "HG-4.9/5", _WIRE),
+    Mutant.of(MuteAnsweredTwice, "HG-4.11/1", _WIRE),
     Mutant.of(LostRequestsDone, "HG-4.9/5", _WIRE),
     Mutant.of(HelloAgainRestartsEvents, "HG-3.6/2", _WIRE),
     Mutant.of(GreetingOfNow, "HG-4.6/1", _WIRE),

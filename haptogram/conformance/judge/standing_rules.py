@@ -11,7 +11,7 @@ import itertools
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import (
@@ -21,7 +21,6 @@ from haptogram_protocol.messages import (
     DriveKind,
     DriveReply,
     Element,
-    Flag,
     GeometryReply,
     HelloReply,
     LatchKey,
@@ -43,13 +42,13 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ..client.board_client import PARTS_OF_FRAMES
 from ..client.wire import ReceivedByClient
 from ..outcome import RuleFindings
+from .line_rules import TRACES, Broken, LineRules
 from .sent_drives import SentDrives
 
 _WRAP: Final = 1 << 32
 _LONG_US: Final = 1_000_000_000  # beyond this two times of 32 bits tell no difference
 _REGISTER_BITS: Final = 8
 _SPARE_US: Final = 5_000_000  # what waits on its way is that old
-_TRACES: Final = (Trace, TracePlayback, TraceDrive)
 #: Fields of HELLO_REPLY that a new session may find changed.
 _OF_SESSION: Final = ("nonce", "state", "sound_speed_mm_s", "config_crc")
 _REASONS: Final = {
@@ -63,9 +62,6 @@ _REASONS: Final = {
     ),
     OutputState.FAULT: (MuteReason.FAULT,),
 }
-
-#: What is wrong in a frame, by the clause that it breaks.
-Broken: TypeAlias = Iterator[tuple[str, str]]
 
 
 @dataclass(slots=True)
@@ -91,16 +87,14 @@ class StandingRules:
     ----------
     findings : RuleFindings
         Where the result is noted.
-
-    Attributes
-    ----------
-    sent : SentDrives
-        What the host has sent.
+    is_lossless : bool
+        Whether the line can neither lose nor change a byte.
     """
 
-    def __init__(self, findings: RuleFindings) -> None:
+    def __init__(self, findings: RuleFindings, *, is_lossless: bool = False) -> None:
         self._findings = findings
-        self.sent = SentDrives()
+        self._line = LineRules(is_lossless=is_lossless)
+        self._sent = SentDrives()
         self._since = _Since()
         self._case = ""
         self._rules: tuple[Callable[[ReceivedByClient, Message], Broken], ...] = (
@@ -120,14 +114,22 @@ class StandingRules:
     def begin_board(self) -> None:
         """Note that a board has started, or that its port was opened anew."""
         self._since = _Since()
-        self.sent.forget()
+        self._sent.forget()
+        self._line.begin_board()
 
     def begin_case(self, name: str) -> None:
         """Note the case whose frames come now."""
         self._case = name
 
+    def take_sent(self, data: bytes) -> None:
+        """Note bytes that the host sends."""
+        self._sent.take(data)
+        self._line.take_sent(data)
+
     def take(self, piece: ReceivedByClient) -> None:
         """Judge a piece that came."""
+        for clause, text in self._line.broken_by(piece):
+            self._note(clause, text, piece)
         if piece.header is None or piece.message is None:
             self._since.next_event = None  # bytes were lost, and frames with them perhaps
             return
@@ -236,15 +238,12 @@ class StandingRules:
             # Behind the first session that is seen it is not known how many events went before.
             since.next_event = 0 if since.session and isinstance(message, HelloReply) else None
             since.session = header.session
-            self.sent.begin_session()
+            self._sent.begin_session()
         if not piece.is_event:
             return
         due = header.seq if since.next_event is None else since.next_event
         yield "HG-3.6/2", f"event {header.seq}, due is {due}" if header.seq != due else ""
         since.next_event = (header.seq + 1) & 0xFFFF
-        allowed = Flag.LATE if isinstance(message, _TRACES) else 0
-        wrong = header.flags & ~allowed
-        yield "HG-3.4/3", f"flags {wrong:#04x} have no meaning here" if wrong else ""
 
     def _judge_order(self, piece: ReceivedByClient, message: Message) -> Broken:
         header, since = piece.header, self._since
@@ -276,7 +275,7 @@ class StandingRules:
             yield "HG-8.5/2", _wrong_records(message)
             times = [record.t_latch_us for record in message.records]
             yield "HG-5.8/3", self._wrong_steps(times)
-        elif isinstance(message, _TRACES):
+        elif isinstance(message, TRACES):
             before, since.latch = since.latch, (header.time_us, piece.t_us)
             if before is not None and piece.t_us - before[1] < _LONG_US:
                 yield "HG-5.8/3", self._wrong_steps((before[0], header.time_us))
@@ -288,21 +287,21 @@ class StandingRules:
             return
         number = identity.transducers
         if isinstance(message, UploadCommitReply):
-            self.sent.note_commit()
+            self._sent.note_commit()
         for key, crc in _crcs_of_latches(message, number):
             if key.sequence:
-                stored = self.sent.stored_crcs(key.sequence, key.index, number)
+                stored = self._sent.stored_crcs(key.sequence, key.index, number)
                 text = f"frame {key.index} of a sequence was latched as another one than stored"
                 yield "HG-7.6/4", text if stored and crc not in stored else ""
                 continue
-            sent = self.sent.codes_of(session, key.index, number)
+            sent = self._sent.codes_of(session, key.index, number)
             text = f"frame {key.index} was latched as another drive than it was sent"
             due = [zlib.crc32(phases + amplitudes) for phases, amplitudes in sent]
             yield "HG-8.3/2", text if due and crc not in due else ""
         if isinstance(message, DriveReply) and message.kind is DriveKind.LATCHED:
             key, half = message.key, len(message.data) // 2
             part = slice(message.first, message.first + half)
-            sent = [] if key.sequence else self.sent.codes_of(session, key.index, number)
+            sent = [] if key.sequence else self._sent.codes_of(session, key.index, number)
             due_codes = [phases[part] + amplitudes[part] for phases, amplitudes in sent]
             text = f"frame {key.index} is shown as another drive than it was sent"
             yield "HG-8.6/3", text if due_codes and message.data not in due_codes else ""

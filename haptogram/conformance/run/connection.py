@@ -76,7 +76,7 @@ class SuiteConnection:
         self._spent_us = self._connected_us = 0  # of boards before, and when this one came
         self._board: BoardClient | None = None
         self._findings = RuleFindings()
-        self.rules = StandingRules(self._findings)
+        self.rules = StandingRules(self._findings, is_lossless=access.virtual)
 
     @property
     def board(self) -> BoardClient:
@@ -183,7 +183,7 @@ class SuiteConnection:
         self._board.nonces = self.nonces
         self._board.thorough = self._thorough
         self._board.standing, wire.on_piece = self._findings, self.rules.take
-        wire.on_sent = self.rules.sent.take
+        wire.on_sent = self.rules.take_sent
         self.rules.begin_board()
         self._board.explore_us = self._explore_us
         self._board.raise_fault = self._access.raise_fault

@@ -13,6 +13,7 @@ from haptogram.conformance.judge.standing_rules import StandingRules
 from haptogram.conformance.outcome import RuleFindings
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
+    RESPONSE_OFFSET,
     Config,
     ConfigReply,
     Counters,
@@ -78,13 +79,16 @@ def findings(
     """Return what rules find in frames of one session, a millisecond apart."""
     found = RuleFindings()
     rules = StandingRules(found)
-    rules.sent.take(sent)
+    rules.take_sent(sent)
     events = itertools.count()
     for number, item in enumerate(messages):
         message, header = item if isinstance(item, tuple) else (item, {})
         seq = next(events) if message.TYPE >= 0xC0 else number
         fields = {"type": message.TYPE, "flags": 0, "seq": seq, "session": SESSION} | header
         head = Header(**{"time_us": 1000 * number} | fields)
+        if message.TYPE < 0xC0:
+            asked = dataclasses.replace(head, type=message.TYPE - RESPONSE_OFFSET)
+            rules.take_sent(encode_frame(asked.pack()))
         body = head.pack() + message.serialize()
         piece = encode_frame(body).strip(b"\x00")
         rules.take(ReceivedByClient(1000 * number, piece, False, head, message, body))

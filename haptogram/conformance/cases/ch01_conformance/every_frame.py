@@ -1,5 +1,5 @@
-"""HG-3.1, HG-3.4, HG-3.6, HG-3.9, HG-4.3, HG-4.11, HG-5.2, HG-5.8, HG-6.2, HG-7.1, HG-7.5, HG-7.6,
-HG-8.3, HG-8.5, HG-8.6, HG-9.1, HG-9.2: what every frame of all other cases has shown.
+"""HG-2, HG-3, HG-4.3, HG-4.11, HG-5.2, HG-5.8, HG-6.2, HG-7.1, HG-7.5, HG-7.6, HG-8.3, HG-8.5,
+HG-8.6, HG-9.1, HG-9.2, HG-11.5: what every frame of all other cases has shown.
 
 These rules hold in each frame, whatever was asked.
 """  # noqa: D205 -- the sections take more than a line
@@ -15,11 +15,18 @@ from ...client.board_client import BoardClient
 from ...outcome import SELF_REPORTED, WIRE, check, not_observed
 
 _RULES: Final[dict[str, tuple[str, Evidence]]] = {
-    "HG-3.1/1": ("an event tells a time near those of the responses", WIRE),
-    "HG-3.4/3": ("no event has a flag, but LATE in a trace", WIRE),
+    "HG-2.1/1": ("no two frames share a delimiter", WIRE),
+    "HG-2.2/1": ("each is the COBS encoding of its bytes, and nothing stands between two", WIRE),
+    "HG-2.4/1": ("each has its CRC-32, if the line cannot damage it", WIRE),
+    "HG-2.6/1": ("none is longer than 4096 bytes between its delimiters", WIRE),
+    "HG-3.1/1": ("each is one of a board, and an event's time is near the responses'", WIRE),
+    "HG-3.2/3": ("each payload has the length of its type", WIRE),
+    "HG-3.4/3": ("none has a flag, but a trace LATE", WIRE),
     "HG-3.6/2": ("events of a session count up by 1 from 0", WIRE),
+    "HG-3.7/1": ("each has the session that is open, ERROR(STALE_SESSION) none", WIRE),
     "HG-3.9/2": ("frames is the sum of its parts in each status", SELF_REPORTED),
     "HG-4.3/1": ("HELLO_REPLY names the same board each time", WIRE),
+    "HG-4.11/1": ("each response answers one request, by its type and number", WIRE),
     "HG-4.11/5": ("of one moment STATE_CHANGED comes before PLAYBACK_ENDED", WIRE),
     "HG-5.2/7": ("drives are shown with 8 bits a phase", SELF_REPORTED),
     "HG-5.8/3": ("no two latches are traced in one carrier period", SELF_REPORTED),
@@ -36,6 +43,7 @@ _RULES: Final[dict[str, tuple[str, Evidence]]] = {
         SELF_REPORTED,
     ),
     "HG-9.2/1": ("no counter goes back", SELF_REPORTED),
+    "HG-11.5/2": ("no type, value, error code or bit is outside the tables", WIRE),
 }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from haptogram_protocol.framing import cobs_encode
+from haptogram_protocol.framing import CRC_BYTES, cobs_encode
 from haptogram_protocol.messages import (
     DriveKind,
     DriveReply,
@@ -49,12 +49,25 @@ def _full_stuffing_piece(board: BoardClient, size: int) -> bytes:
     return malformed_frames.malformed_noise(board.random, size)
 
 
+def _runs_before_full_ends(shown: int, room: int) -> list[int]:
+    """Return runs behind whose zero *shown* codes and their CRC end with a full piece, or nearly.
+
+    Examples
+    --------
+    >>> _runs_before_full_ends(512, 512)
+    [7, 260, 261, 262]
+    """
+    borders = (2 * malformed_frames.BLOCK, *(malformed_frames.BLOCK + n for n in (1, 0, -1)))
+    runs = (shown + CRC_BYTES - 1 - border for border in borders)
+    return [run for run in runs if 0 <= run < room]
+
+
 def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, Message, bytes]]:
     """Yield drives with a zero behind each run: its length, the frame, the registers."""
     count = board.identity.transducers
     graded = board.has(Feature.AMPLITUDE)
     room = 2 * count if graded else count
-    for run in _runs_to_stuff(room - 1):
+    for run in (*_runs_to_stuff(room - 1), *_runs_before_full_ends(2 * count, room)):
         codes = bytearray(_full_stuffing_piece(board, room))
         codes[run] = 0
         if graded:
@@ -66,7 +79,7 @@ def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, Message, bytes]]
 
 @case(
     "HG-2.2/1",
-    "drives with zeros around each multiple of 254 other bytes: read back and traced undamaged",
+    "drives with zeros 254 n bytes before, behind, and before the end: read back, traced undamaged",
     variant="drives",
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
@@ -84,9 +97,8 @@ def every_drive_is_stuffed(board: BoardClient) -> None:
         _check_stuffed_reply(board, run, registers)
         _check_stuffing(board.wire.received[since:], f"a drive with {run} bytes before a zero")
         judged += 1
-    for count in _counts_of_stuffed_bytes(
-        board.identity.transducers
-    ):  # a run that goes on into the CRC
+    latch_now(board, board.flat_phases(0xF8))  # without a zero: runs that go on into the CRC
+    for count in _counts_of_stuffed_bytes(board.identity.transducers):
         _ask_with_stuffing(board, ReadDrive(DriveKind.LATCHED, 0, count), f"READ_DRIVE of {count}")
         judged += 1
     if not judged:
@@ -118,6 +130,7 @@ def _ask_with_stuffing(board: BoardClient, message: ReadDrive, name: str) -> Dri
     if found is None:
         fail(f"{name} is not answered")
     check(found.header is not None, f"the answer to {name} is damaged: {found.fault}")
+    _check_stuffing([found], f"the answer to {name}")
     return board.link.reply_in(found, DriveReply, ReadDrive.TYPE)
 
 

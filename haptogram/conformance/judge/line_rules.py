@@ -1,0 +1,152 @@
+"""Rules of the bytes that a board sends: every frame as it stands on the line.
+
+A receiver has to forgive what no sender may do: a delimiter that two frames share, a spare code
+byte, bytes between frames.  Here nothing is forgiven.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from collections.abc import Iterator
+from typing import Final, TypeAlias
+
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import (
+    DELIMITER,
+    HEADER_BYTES,
+    MAX_ENCODED_BYTES,
+    cobs_encode,
+    decode_frame,
+)
+from haptogram_protocol.messages import (
+    REQUEST_RANGE,
+    RESPONSE_OFFSET,
+    Error,
+    ErrorCode,
+    Flag,
+    Header,
+    HelloReply,
+    Trace,
+    TraceDrive,
+    TracePlayback,
+    TraceReply,
+)
+
+from ..client.wire import ReceivedByClient
+
+TRACES: Final = (Trace, TracePlayback, TraceDrive)
+_SHORTEST_TEXT: Final = 8
+_ERROR_CODES: Final = frozenset(int(code) for code in ErrorCode)
+#: Clauses that a piece which is no frame breaks, by its defect.
+_DAMAGED: Final = {"cobs": "HG-2.2/1", "crc": "HG-2.4/1", "short": "HG-3.1/1"}
+
+#: What is wrong in a frame, by the clause that it breaks; empty: the clause is met.
+Broken: TypeAlias = Iterator[tuple[str, str]]
+
+
+class LineRules:
+    """Judges every piece that comes, whatever it holds.
+
+    Parameters
+    ----------
+    is_lossless : bool
+        Whether the line can neither lose nor change a byte.
+    """
+
+    def __init__(self, *, is_lossless: bool) -> None:
+        self._is_lossless = is_lossless
+        self.begin_board()
+
+    def begin_board(self) -> None:
+        """Note that a board has started, or that its port was opened anew."""
+        self._sessions: tuple[int, ...] = ()  # the open one, then the one before
+        self._was_frame = False
+        self._begun = b""
+        self._asked: Counter[tuple[int, int]] = Counter()  # requests, by their type and number
+
+    # --- What is sent ----------------------------------------------------------------------------
+
+    def take_sent(self, data: bytes) -> None:
+        """Note bytes that are sent: each request in them has one answer."""
+        *ended, rest = (self._begun + data).split(DELIMITER)
+        self._begun = rest[: MAX_ENCODED_BYTES + 1]
+        for piece in ended:
+            if len(piece) <= MAX_ENCODED_BYTES and piece[1:2] and piece[1] in REQUEST_RANGE:
+                with contextlib.suppress(RemoteProtocolError):  # nobody answers a damaged frame
+                    header = Header.unpack(decode_frame(piece)[:HEADER_BYTES])
+                    self._asked[header.type, header.seq] += 1
+
+    # --- What comes ------------------------------------------------------------------------------
+
+    def broken_by(self, piece: ReceivedByClient) -> Broken:
+        """Yield the clauses that a piece is judged by, each with what breaks it."""
+        header, was_frame = piece.header, self._was_frame
+        self._was_frame = header is not None
+        if header is None:
+            yield from self._broken_by_junk(piece)
+            return
+        shared = piece.shared and was_frame
+        yield "HG-2.1/1", "this frame shares a zero with the one before" if shared else ""
+        is_odd = piece.piece != cobs_encode(piece.unstuffed)
+        yield "HG-2.2/1", "this frame is stuffed in another way" if is_odd else ""
+        yield "HG-2.4/1", ""  # or it would be no frame
+        size = len(piece.piece)
+        yield "HG-2.6/1", f"{size} bytes between delimiters" if size > MAX_ENCODED_BYTES else ""
+        is_of_host = not (piece.is_response or piece.is_event)
+        yield "HG-3.1/1", "the board sends a frame of the host" if is_of_host else ""
+        yield "HG-3.2/3", piece.fault if piece.reason == "bad_length" else ""
+        allowed = Flag.LATE if isinstance(piece.message, TRACES) else 0
+        wrong = header.flags & ~allowed
+        yield "HG-3.4/3", f"flags {wrong:#04x} have no meaning here" if wrong else ""
+        yield "HG-11.5/2", _unnamed_in_frame(piece)
+        yield from self._broken_by_session(piece, header)
+        if piece.is_response and self._sessions:
+            yield "HG-4.11/1", self._unasked(piece, header)
+
+    def _broken_by_junk(self, piece: ReceivedByClient) -> Broken:
+        """Judge bytes that are no frame; a line that damages bytes is not the board's fault."""
+        is_text = len(piece.piece) >= _SHORTEST_TEXT and piece.piece.isascii()
+        is_text = is_text and piece.piece.decode("ascii").strip().isprintable()
+        if self._sessions and (self._is_lossless or is_text):
+            text = f"{len(piece.piece)} bytes that are no frame: {piece.fault}"
+            yield _DAMAGED.get(piece.reason, "HG-2.2/1"), text
+
+    def _broken_by_session(self, piece: ReceivedByClient, header: Header) -> Broken:
+        """Judge the session: the open one, or for an event that had to wait the one before."""
+        if isinstance(piece.message, HelloReply) and piece.message.nonce not in self._sessions[:1]:
+            self._sessions = (piece.message.nonce, *self._sessions[:1])
+        if not self._sessions:
+            return
+        due = self._sessions if piece.is_event else self._sessions[:1]
+        error = piece.message
+        if isinstance(error, Error) and error.code == ErrorCode.STALE_SESSION:
+            due = (0,)  # HG-4.12/1
+        text = f"the session is {header.session:#06x}, due is {due[0]:#06x}"
+        yield "HG-3.7/1", text if header.session not in due else ""
+
+    def _unasked(self, piece: ReceivedByClient, header: Header) -> str:
+        """Return in words that a response answers no request, or one that is answered."""
+        if piece.message is None:
+            return ""
+        kind = header.type - RESPONSE_OFFSET
+        if isinstance(piece.message, Error):
+            kind = piece.message.request
+        asked = kind, header.seq
+        if asked not in self._asked:
+            return f"no request of the type {kind:#04x} has the number {header.seq}"
+        self._asked[asked] -= 1
+        return "this request was answered before" if self._asked[asked] < 0 else ""
+
+
+def _unnamed_in_frame(piece: ReceivedByClient) -> str:
+    """Return in words which type, value, code or bit of a frame no table names."""
+    if piece.reason in ("unknown_type", "bad_value"):
+        return piece.fault
+    message = piece.message
+    if isinstance(message, Error) and message.code not in _ERROR_CODES:
+        return f"error code {message.code} is in no table"
+    if isinstance(message, TraceReply):
+        spare = [record.flags for record in message.records if record.flags & ~Flag.LATE]
+        return f"flags {spare[0]:#04x} of a latch in the ring" if spare else ""
+    return ""
