@@ -1,0 +1,271 @@
+"""HG-5.7, HG-5.8: several frames for one carrier period, and what a replaced one leaves behind."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Drives,
+    Feature,
+    Message,
+    Mute,
+    Phases,
+    Points,
+    Stop,
+    TraceMode,
+)
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.capabilities import TRACES
+from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
+from ...client.playback import PERIOD_US, play_now, send_phases_to_store
+from ...client.stream_kinds import points_of_stream_kind, stream_kinds
+from ...outcome import SELF_REPORTED, check, not_observed
+
+_SEQUENCE: Final = 5
+_STEP_US: Final = 1000  # between two carrier periods that frames are sent for
+_STALE: Final = 0x0F0F
+_UNKNOWN_FLAG: Final = 0x40
+_TURNS_AT_WALL: Final = 2
+_COUNTERS: Final = ("accepted", "flushed", "dropped_order", "latched")
+
+
+@dataclass(frozen=True, slots=True)
+class PeriodOrder:
+    """The order of the times of frames that are sent for one carrier period.
+
+    Attributes
+    ----------
+    ranks : tuple of int
+        Rank of the time of each frame, from 0; equal ranks are equal times.
+    """
+
+    ranks: tuple[int, ...]
+
+    @property
+    def taken(self) -> list[int]:
+        """Places of the frames that are taken: each is for a later time than the one before."""
+        newest, found = -1, []
+        for place, rank in enumerate(self.ranks):
+            if rank > newest:
+                newest = rank
+                found.append(place)
+        return found
+
+    def times_us(self, boundary_us: int, carrier_us: int) -> list[int]:
+        """Return the times, the latest on the boundary at which one frame is latched."""
+        apart_us = max(1, carrier_us // 4)
+        last = max(self.ranks)
+        return [boundary_us - apart_us * (last - rank) for rank in self.ranks]
+
+
+def orders_in_a_period(frames: int) -> list[PeriodOrder]:
+    """Return every order of the times of so many frames, equal times among them.
+
+    Examples
+    --------
+    >>> [order.ranks for order in orders_in_a_period(2)]
+    [(0, 0), (0, 1), (1, 0)]
+    >>> len(orders_in_a_period(3))
+    13
+    """
+    ranks = itertools.product(range(frames), repeat=frames)
+    return [PeriodOrder(some) for some in ranks if set(some) == set(range(max(some) + 1))]
+
+
+@case(
+    "HG-5.7/2",
+    "two and three frames for one carrier period, in every order of times: the last in order is on",
+    variant="period",
+    evidence=SELF_REPORTED,
+)
+def every_order_of_times_in_a_period(board: BoardClient) -> None:
+    if board.clock.carrier_us < 3:
+        not_observed("a carrier period of this board has no room for three times")
+    traced = board.has(Feature.CONFIG) and board.identity.features & TRACES
+    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
+    board.arm()
+    orders = [*orders_in_a_period(2), *orders_in_a_period(3)]
+    room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
+    turns = len(stream_kinds(board)) if board.thorough else 1
+    for turn in range(min(turns, _TURNS_AT_WALL) if board.wire.limits.slack_us else turns):
+        for first in range(0, len(orders), room):
+            _judge_orders(board, orders[first : first + room], turn, mode)
+
+
+def _judge_orders(
+    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: TraceMode
+) -> None:
+    """FAILED unless of each order the frames in order are taken, and the last of them latched."""
+    kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
+    messages = [[next(kinds).make() for _ in order.ranks] for order in orders]
+    every = [message for some in messages for message in some]
+    points = sum(map(points_of_stream_kind, every))
+    since, before, due = board.link.mark(), board.status().counters, {}
+    size = sum(len(message.serialize()) + 20 for message in every)
+    start_us = board.clock.soon_us(bytes(size), points=points)
+    last_us = start_us + _STEP_US * len(orders)
+    if last_us > board.clock.device_us() + board.identity.max_horizon_us:
+        _judge_shorter_burst(board, orders, turn, mode)
+        return
+    for place, (order, some) in enumerate(zip(orders, messages, strict=True)):
+        times = order.times_us(start_us + _STEP_US * place, board.clock.carrier_us)
+        due[board.link.stream_next + order.taken[-1]] = order
+        for message, t_us in zip(some, times, strict=True):
+            board.link.send(board.link.stream_wire(message, t_us))
+    board.clock.require_in_time(start_us - board.clock.carrier_us)
+    board.clock.wait_until(last_us)
+    counted = board.counted_since(before)
+    if mode is not TraceMode.OFF:
+        seen = {latch.index for latch in latches_received_from_board(board, since, mode)}
+        lost = [order for index, order in due.items() if index not in seen]
+        text = f"frames for one carrier period, their times in the order {lost and lost[0].ranks}"
+        check(not lost, f"{text}: the last one in order is not latched")
+    taken = sum(len(order.taken) for order in orders)
+    wanted = (taken, taken - len(orders), len(every) - taken, len(orders))
+    got = tuple(counted[name] for name in _COUNTERS)
+    text = f"{len(orders)} times two or three frames for one carrier period: "
+    check(got == wanted, f"{text}{', '.join(_COUNTERS)} count {got}, due are {wanted}")
+
+
+def _judge_shorter_burst(
+    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: TraceMode
+) -> None:
+    """Judge half of the orders at a time: the line is slow, or the horizon near."""
+    if len(orders) == 1:
+        not_observed("no three frames reach this board within its horizon")
+    half = len(orders) // 2
+    _judge_orders(board, orders[:half], turn, mode)
+    _judge_orders(board, orders[half:], turn, mode)
+
+
+# --- Frames that replace nothing ---------------------------------------------------------------
+
+
+def _frames_that_replace_nothing(
+    board: BoardClient, message: Message, t_us: int
+) -> Iterator[tuple[str, bytes]]:
+    """Yield the name and bytes of frames for a time that are dropped for each defect but time."""
+    payload, kind = message.serialize(), message.TYPE
+    yield "a byte too much", board.link.stream_raw(kind, payload + b"\x00", t_us)
+    yield "a byte too little", board.link.stream_raw(kind, payload[:-1], t_us)
+    if isinstance(message, Phases | Drives):
+        yield "bits 7", board.link.stream_raw(kind, b"\x07" + payload[1:], t_us)
+        bank = payload[:1] + b"\x01" + payload[2:]
+        yield "bank 1", board.link.stream_raw(kind, bank, t_us)
+    elif isinstance(message, Points) and board.identity.max_points < 250:
+        many = message.points[:1] * (board.identity.max_points + 1)
+        yield "too many points", board.link.stream_wire(Points(many), t_us)
+    yield "an unknown flag", board.link.stream_wire(message, t_us, flags=_UNKNOWN_FLAG)
+    other, newest = board.link.session ^ _STALE, board.link.stream_next - 1
+    seq = board.link.stream_next
+    yield "another session", board.link.stream_wire(message, t_us, session=other, seq=seq)
+    yield "the newest number", board.link.stream_wire(message, t_us, seq=newest)
+
+
+@case(
+    "HG-5.8/3",
+    "frames of every format and defect for the carrier period of a queued one: that one is latched",
+    variant="defects",
+    evidence=SELF_REPORTED,
+)
+def frames_with_defects_replace_no_frame(board: BoardClient) -> None:
+    if board.clock.carrier_us < 3:
+        not_observed("a carrier period of this board has no room for two times")
+    traced = board.has(Feature.CONFIG) and board.identity.features & TRACES
+    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
+    board.arm()
+    kinds = stream_kinds(board)
+    for kind in kinds if board.thorough else kinds[:1]:
+        since, before, index = board.link.mark(), board.status().counters, board.link.stream_next
+        queued, others = kind.make(), [one.make() for one in kinds]
+        size = sum(8 * len(message.serialize()) + 200 for message in (queued, *others))
+        points = sum(map(points_of_stream_kind, (queued, *others)))
+        t_us = board.clock.soon_us(bytes(size), points=points) - 1
+        board.link.send(board.link.stream_wire(queued, t_us))
+        wrong = 0
+        for message in others:
+            for _, wire in _frames_that_replace_nothing(board, message, t_us + 1):
+                board.link.send(wire)
+                wrong += 1
+        board.clock.require_in_time(t_us - board.clock.carrier_us)
+        board.clock.wait_until(t_us + _STEP_US)
+        counted = board.counted_since(before)
+        got = tuple(counted[name] for name in _COUNTERS)
+        text = f"{kind.name} queued, and {wrong} frames with a defect for its carrier period: "
+        check(got == (1, 0, 0, 1), f"{text}{', '.join(_COUNTERS)} count {got}, due 1, 0, 0, 1")
+        if mode is not TraceMode.OFF:  # its codes are judged by the rules of every frame
+            seen = [latch.index for latch in latches_received_from_board(board, since, mode)]
+            check(seen[-1:] == [index], f"{text}latched is {seen[-1:]}, due is {index}")
+
+
+# --- What a replaced frame leaves behind -------------------------------------------------------
+
+
+def _flush_by_mute(board: BoardClient) -> None:
+    board.link.ask(Mute())
+    board.arm()
+
+
+def _flush_by_disarm(board: BoardClient) -> None:
+    board.disarm()
+    board.arm()
+
+
+def _flush_by_session(board: BoardClient) -> None:
+    board.hello()
+    board.arm()
+
+
+def _flush_by_immediate(board: BoardClient) -> None:
+    latch_now(board, board.flat_phases())
+
+
+def _flush_by_playback(board: BoardClient) -> None:
+    play_now(board, _SEQUENCE, loops=0)
+    board.link.ask(Stop())
+
+
+_FLUSHES: Final[dict[str, Callable[[BoardClient], None]]] = {
+    "MUTE": _flush_by_mute,
+    "DISARM": _flush_by_disarm,
+    "a new session": _flush_by_session,
+    "IMMEDIATE": _flush_by_immediate,
+    "PLAY and STOP": _flush_by_playback,
+}
+
+
+@case(
+    "HG-5.7/2",
+    "frames for one carrier period, flushed by all that flushes: one for before them is in order",
+    variant="flushed",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def flushed_frames_leave_no_order(board: BoardClient) -> None:
+    plays = board.has(Feature.SEQUENCE_PHASES)
+    if plays:
+        send_phases_to_store(board, _SEQUENCE, frames=2)
+    board.arm()
+    apart_us = max(1, board.clock.carrier_us // 4)
+    for name, flush in _FLUSHES.items():
+        if flush is _flush_by_playback and not plays:
+            continue
+        t_us = board.clock.soon_us(bytes(8000)) + 2 * PERIOD_US
+        for later_us in (0, apart_us, 2 * apart_us):
+            board.link.send(board.link.stream_wire(board.flat_phases(), t_us + later_us - apart_us))
+        board.link.barrier()  # or MUTE may overtake them
+        flush(board)
+        before = board.status()
+        check(before.queued == 0, f"{before.queued} frames wait behind {name}")
+        board.link.send(board.link.stream_wire(board.flat_phases(), t_us - 2 * apart_us))
+        board.clock.require_in_time(t_us - 3 * apart_us)
+        board.clock.wait_until(t_us + _STEP_US)
+        counted = board.counted_since(before.counters)
+        got = tuple(counted[counter] for counter in _COUNTERS)
+        text = f"frames for one carrier period, {name}, and one for before them: "
+        check(got == (1, 0, 0, 1), f"{text}{', '.join(_COUNTERS)} count {got}, due 1, 0, 0, 1")
