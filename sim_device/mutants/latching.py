@@ -10,6 +10,7 @@ import numpy as np
 
 from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
+from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.messages import DriveKind, ErrorCode, ReadDrive, Trace, UploadCommit
 
 from ..board.board import Board
@@ -104,6 +105,29 @@ class TwoInOnePeriod(BoardQueue):
         """Queue *entry* behind whatever is there."""
         self._entries.append(entry)
         return 0
+
+
+class ReplacedKeepsItsTime(BoardQueue):
+    """Leaves the t_apply of a frame in the queue that another one for its period replaces."""
+
+    def push(self, entry: QueueEntry) -> int:
+        """Queue *entry*, with the time of the one that it replaces."""
+        before = self._entries[-1] if self._entries else entry
+        replaced = super().push(entry)
+        if replaced:
+            self._entries[-1] = dataclasses.replace(entry, t_apply_us=before.t_apply_us)
+        return replaced
+
+
+class DefectsReplace(VirtualHaptogramDialect):
+    """Takes the frame off the queue that another one replaces before it has looked at that one."""
+
+    def _content(self, message: Any) -> Any:
+        try:
+            return super()._content(message)
+        except RemoteProtocolError:
+            self.board.output.counters.flushed += self.board._queue.flush()
+            raise
 
 
 class QueueHalfAsDeep(BoardQueue):
@@ -273,6 +297,8 @@ MUTANTS: Final = (
     Mutant.of(NonAtomic, "HG-5.8/2", _SELF),
     Mutant.of(OffByOneBank, "HG-5.8/5", _SELF),
     Mutant.of(TwoInOnePeriod, "HG-5.8/3", _SELF),
+    Mutant.of(ReplacedKeepsItsTime, "HG-5.7/2", _SELF),
+    Mutant.of(DefectsReplace, "HG-5.8/3", _SELF),
     Mutant.of(QueueHalfAsDeep, "HG-5.7/3", _SELF),
     Mutant.of(OrderIgnored, "HG-5.7/2", _SELF),
     Mutant.of(HorizonIgnored, "HG-5.7/4", _SELF),

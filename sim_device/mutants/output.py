@@ -128,6 +128,18 @@ class SoundsInMuted(BoardOutput):
         return self._radiate(self.latched.drive, t_us) if self.latched else self._silence
 
 
+class SilenceKeepsPhases(BoardOutput):
+    """Clears only the amplitudes of what it radiates while its output is off."""
+
+    def radiated(self, t_us: int) -> Drive:
+        """Return the drive, in silence with the phase correction."""
+        drive = super().radiated(t_us)
+        if drive.amplitude_codes.any():
+            return drive
+        phases = np.frombuffer(self.correction, np.uint8)
+        return Drive(phases.copy(), drive.amplitude_codes)
+
+
 class WatchdogMissing(BoardOutput):
     """Never misses the host: the lease does not run."""
 
@@ -283,6 +295,7 @@ class OutputsReversed(BoardOutput):
 _WIRE, _SELF, _EXTERNAL = Evidence
 
 MUTANTS: Final = (
+    Mutant.of(SilenceKeepsPhases, "HG-8.6/4", _SELF),
     Mutant.of(ArmedAtBoot, "HG-6.1/1", _WIRE),
     Mutant.of(MuteIgnored, "HG-6.2/1", _WIRE),
     Mutant.of(MuteOfOthersIgnored, "HG-6.4/1", _WIRE),

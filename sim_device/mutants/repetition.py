@@ -78,6 +78,16 @@ class MuteAnsweredTwice(BoardConnection):
             super().reply(request, message, now_us)
 
 
+class MuteSetsNumbersBack(BoardConnection):
+    """Takes the number of a MUTE of the session for the newest one, also where it is behind."""
+
+    def _request(self, frame: Any, message: Any, **how: Any) -> Any:
+        event = super()._request(frame, message, **how)
+        if isinstance(message, Mute) and frame.in_session:
+            self._control_newest = frame.header.seq
+        return event
+
+
 class LostRequestsDone(BoardConnection):
     """Carries out a request that is older than the MUTE before it, as if MUTE had no number."""
 
@@ -207,6 +217,7 @@ MUTANTS: Final = (
     Mutant.of(RepetitionsOfNow, "HG-4.11/6", _WIRE),
     Mutant.of(RefusalsOfArrival, "HG-4.11/2", _WIRE),
     Mutant.of(MuteForgetsTheReply, "HG-4.9/5", _WIRE),
+    Mutant.of(MuteSetsNumbersBack, "HG-4.9/3", _WIRE),
     Mutant.of(MuteAnsweredTwice, "HG-4.11/1", _WIRE),
     Mutant.of(LostRequestsDone, "HG-4.9/5", _WIRE),
     Mutant.of(HelloAgainRestartsEvents, "HG-3.6/2", _WIRE),
