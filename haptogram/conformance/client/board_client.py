@@ -51,8 +51,9 @@ from haptogram_protocol.state import OutputState
 
 from ..outcome import CaseEndedError, RuleFindings, check, fail, inconclusive, unimplemented
 from .board_clock import ClockClient
+from .recording import DialogueRecording
 from .request_client import PROCESSED_US, RequestClient
-from .wire import RawFrameClient
+from .wire import RawFrameClient, ReceivedByClient
 
 #: Counters that grow although a host did nothing wrong.
 _HARMLESS: Final = GROWING_COUNTERS | {"late", "trace_dropped"}
@@ -117,6 +118,8 @@ class BoardClient:
         Boot id and configuration before the board was reset.
     nonces : set of int
         Nonces that it drew for sessions.
+    dialogue : tuple or None
+        Pieces and recording of the dialogue of all requests; None: nobody has held it yet.
     """
 
     identity: HelloReply
@@ -129,6 +132,7 @@ class BoardClient:
     restart: Callable[[], BoardClient] | None = None
     last_boot_id: int | None = None
     last_config: Config | None = None
+    dialogue: tuple[list[ReceivedByClient], DialogueRecording] | None = None
 
     def __init__(
         self,

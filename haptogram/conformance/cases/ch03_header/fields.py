@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.framing import HEADER_BYTES
-from haptogram_protocol.messages import (
-    MessageType,
-)
+from haptogram_protocol.messages import HelloReply, MessageType
 
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
@@ -34,13 +32,16 @@ def frames_begin_with_a_header(board: BoardClient) -> None:
 
 @case("HG-3.7/1", "every frame of a full dialogue carries its session; ERROR may carry 0")
 def header_carries_the_session(board: BoardClient) -> None:
-    for piece in undamaged_received_pieces(full_client_dialogue(board)):
+    pieces = undamaged_received_pieces(full_client_dialogue(board))
+    greetings = (piece.message for piece in pieces if isinstance(piece.message, HelloReply))
+    due = next((greeting.nonce for greeting in greetings), board.link.session)
+    for piece in pieces:
         header = piece.header
         assert header is not None  # frames_in
         stale = header.type == MessageType.ERROR and header.session == 0
         check(
-            header.session == board.link.session or stale,
-            f"another session than {board.link.session:#06x}: {annotated_frame_text(piece.piece)}",
+            header.session == due or stale,
+            f"another session than {due:#06x}: {annotated_frame_text(piece.piece)}",
         )
 
 
