@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Final
 
 from haptogram_protocol.messages import (
     ErrorCode,
     Feature,
-    Flag,
-    GetGeometry,
-    Message,
-    Mute,
-    Play,
     ReadTrace,
     Trace,
     TraceDrive,
@@ -26,15 +21,12 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back
-from ...client.playback import send_phases_to_store_if_supported
-from ...client.stream_kinds import refused_requests_to_send, valid_requests_to_send
 from ...client.uploads import begin_upload
+from ...judge.repetition import every_request_to_repeat, flags_of_repetition
 from ...outcome import SELF_REPORTED, check
 
-_SEQUENCE: Final = 4
 _UPLOADED: Final = 5
 _LATCHES: Final = 3
-_IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10: nothing remembers them
 _APART_US: Final = 500
 
 #: The sessions that follow session A.
@@ -56,14 +48,6 @@ def _open_sessions_in_turn(board: BoardClient, path: str, number: int) -> None:
     board.link.seq = number
 
 
-def _remembered_of_a_session(board: BoardClient) -> Iterator[Message]:
-    """Yield a request of every type whose reply is remembered, carried out or refused."""
-    for message in (*valid_requests_to_send(board, _SEQUENCE), *refused_requests_to_send(board)):
-        if not isinstance(message, _IDEMPOTENT):
-            yield message
-    yield GetGeometry(0, 0xFFFF)
-
-
 @case(
     "HG-4.6/4",
     "a reply of every type, refusals too, is forgotten in the next session, and in A behind B",
@@ -72,12 +56,11 @@ def _remembered_of_a_session(board: BoardClient) -> Iterator[Message]:
     depth=Depth.DEFAULT,
 )
 def remembered_replies_do_not_outlive_a_session(board: BoardClient) -> None:
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for path, name in _paths_of_sessions(board).items():
-        for message in _remembered_of_a_session(board):
+        for message in every_request_to_repeat(board):
             board.arm()
             before = board.status().counters
-            flags = int(Flag.IMMEDIATE) if isinstance(message, Play) else 0
+            flags = flags_of_repetition(message)
             first = board.link.ask(message, flags=flags)
             seq = board.link.seq
             _open_sessions_in_turn(board, path, seq - 1)

@@ -7,22 +7,19 @@ there as before: in every state, with frames queued, a playback and an upload un
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     Arm,
     Config,
     Disarm,
     ErrorCode,
     Feature,
+    Message,
     Mute,
     Ping,
-    Play,
-    PlayReply,
     SetConfig,
     Stop,
     UploadBegin,
@@ -33,11 +30,10 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import MuteReason, OutputInput, OutputState
 
 from ...case import NOTHING, Case, Depth
-from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import send_upload_chunks, upload_to_board
+from ...client.uploads import send_upload_chunks
 from ...judge.effects import (
     Due,
     effect_counted_once,
@@ -53,6 +49,15 @@ from ...judge.effects import (
     effect_of_timer,
     no_effect,
     state_before_effect,
+)
+from ...judge.events import (
+    Event,
+    event_of_correction,
+    event_of_damage,
+    event_of_hold,
+    event_of_lease,
+    event_of_unattended_time,
+    event_of_waiting_playback,
 )
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
@@ -72,13 +77,9 @@ from ..ch10_errors.every_refusal import (
 )
 from .faults import fail_hardware, recover_from_hardware_fault
 
-_MS: Final = 1000
 _OTHER: Final = 7  # sequence of an upload that is begun and not committed
 _FOREIGN: Final = 0x0550
-_SHORT_MS: Final = 20
-_AHEAD_US: Final = 8_000_000
 _UPLOADS: Final = Feature.SEQUENCE_PHASES
-_TOO_LONG: Final = 4200
 _FRESH_US: Final = 4_000_000  # a situation is brought about again after this time
 _REUSED: Final = ErrorCode.SEQUENCE_REUSED
 _UNKNOWN_FLAG: Final = 0x40
@@ -107,7 +108,7 @@ class Effect:
     clause: str
     variant: str
     name: str
-    happen: Callable[[BoardClient], object]
+    happen: Event
     due: Due
     needs: Feature = NOTHING
     where: tuple[str, ...] = ()
@@ -116,36 +117,9 @@ class Effect:
 # --- What happens ------------------------------------------------------------------------------
 
 
-def _arm_for_effect(board: BoardClient) -> None:
-    board.link.ask(Arm())
-
-
-def _mute_for_effect(board: BoardClient) -> None:
-    board.link.ask(Mute())
-
-
-def _mute_as_another_for_effect(board: BoardClient) -> None:
-    board.link.ask(Mute(), session=board.link.session ^ _FOREIGN)
-
-
-def _mute_without_session_for_effect(board: BoardClient) -> None:
-    board.link.ask(Mute(), session=0)
-
-
-def _disarm_for_effect(board: BoardClient) -> None:
-    board.link.ask(Disarm())
-
-
-def _stop_for_effect(board: BoardClient) -> None:
-    board.link.ask(Stop())
-
-
-def _greet_again_for_effect(board: BoardClient) -> None:
-    board.hello(board.link.session)
-
-
-def _set_again_for_effect(board: BoardClient) -> None:
-    board.link.ask(SetConfig(board.config))
+def _asked(message: Message) -> Event:
+    """Return the event of a request that is answered."""
+    return lambda board: board.link.ask(message)
 
 
 def _begin_upload_for_effect(board: BoardClient) -> None:
@@ -161,62 +135,8 @@ def _complete_upload_for_effect(board: BoardClient) -> None:
     board.link.ask(UploadCommit(PENDING))
 
 
-def _correct_for_effect(board: BoardClient) -> None:
-    codes = board.random.randbytes(board.identity.transducers)
-    upload_to_board(board, UploadKind.CORRECTION, 0, codes)
-
-
-def _play_later_for_effect(board: BoardClient, alone_ms: int = 9_999) -> None:
-    play = Play(STORED, 1000, 1, min(alone_ms, board.identity.max_unattended_ms))
-    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
-
-
-def _run_out_timer_for_effect(board: BoardClient, config: Config) -> None:
-    """Set shorter timers, and wait for their end."""
-    board.config = dataclasses.replace(config, ramp_ms=0)
-    board.link.ask(SetConfig(board.config))
-    board.wire.idle((_SHORT_MS + 5) * _MS + board.wire.limits.slack_us)
-
-
-def _run_out_hold_for_effect(board: BoardClient) -> None:
-    _run_out_timer_for_effect(board, dataclasses.replace(board.config, hold_ms=_SHORT_MS))
-
-
-def _run_out_lease_for_effect(board: BoardClient) -> None:
-    _run_out_timer_for_effect(board, dataclasses.replace(board.config, host_timeout_ms=_SHORT_MS))
-
-
-def _run_out_unattended_for_effect(board: BoardClient) -> None:
-    board.config = dataclasses.replace(board.config, ramp_ms=0)
-    board.link.ask(SetConfig(board.config))
-    board.link.ask(Stop())
-    _play_later_for_effect(board, _SHORT_MS)
-    board.wire.idle((_SHORT_MS + 5) * _MS + board.wire.limits.slack_us)
-
-
-def _damage_for_effect(counter: str) -> Callable[[BoardClient], object]:
-    """Return what sends a frame that only *counter* counts."""
-
-    def send(board: BoardClient) -> None:
-        body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
-        wrong = malformed_frames.malformed_with_wrong_crc(body, 1 << board.random.randrange(32))
-        short = malformed_frames.malformed_with_crc(body[:9])
-        wires = {
-            "crc": malformed_frames.malformed_frame(wrong),
-            "cobs": b"\x00\xff\x01\x02\x00",
-            "short": malformed_frames.malformed_frame(short),
-            "oversize": b"\x00"
-            + malformed_frames.malformed_noise(board.random, _TOO_LONG)
-            + b"\x00",
-            "unknown_type": encode_frame(board.link.body(0xEE, seq=0)),
-        }
-        board.link.send(wires[counter])
-
-    return send
-
-
-def _drop_for_effect(counter: str) -> Callable[[BoardClient], object]:
-    """Return what sends frames of every format that *counter*, of steps 6 to 10, counts."""
+def _drop_for_effect(counter: str) -> Event:
+    """Return the event of frames of every format that *counter*, of steps 6 to 10, counts."""
 
     def send(board: BoardClient) -> None:
         for drop in DROPS:
@@ -233,14 +153,13 @@ _SHORTENS: Final = Feature.CONFIG
 _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 
 
-def _effects_of_events() -> Iterator[Effect]:
-    """Yield every event."""
+def _every_event() -> Iterator[Effect]:
     for name in ("crc", "cobs", "short", "oversize", "unknown_type"):
         yield Effect(
             "HG-3.9/1",
             "alone",
             f"a frame for {name}",
-            _damage_for_effect(name),
+            event_of_damage(name),
             effect_counted_once(name),
         )
     for name in BEFORE_STATE:
@@ -248,22 +167,32 @@ def _effects_of_events() -> Iterator[Effect]:
         yield Effect("HG-3.9/1", "alone", f"stream frames for {name}", _drop_for_effect(name), due)
     repeated = effect_counted_once("repeated")
     yield Effect(
-        "HG-4.6/1", "moments", "HELLO with the open nonce", _greet_again_for_effect, repeated
+        "HG-4.6/1",
+        "moments",
+        "HELLO with the open nonce",
+        lambda b: b.hello(b.link.session),
+        repeated,
     )
     yield Effect(
-        "HG-7.1/3", "same", "SET_CONFIG as it is", _set_again_for_effect, no_effect, Feature.CONFIG
+        "HG-7.1/3",
+        "same",
+        "SET_CONFIG as it is",
+        lambda b: b.link.ask(SetConfig(b.config)),
+        no_effect,
+        Feature.CONFIG,
     )
-    yield Effect("HG-6.3/2", "alone", "ARM", _arm_for_effect, effect_of_input(OutputInput.ARM))
-    for name, mute in (
-        ("MUTE", _mute_for_effect),
-        ("MUTE of another session", _mute_as_another_for_effect),
-        ("MUTE without a session", _mute_without_session_for_effect),
-    ):
+    yield Effect("HG-6.3/2", "alone", "ARM", _asked(Arm()), effect_of_input(OutputInput.ARM))
+    mutes: dict[str, Event] = {
+        "MUTE": _asked(Mute()),
+        "MUTE of another session": lambda b: b.link.ask(Mute(), session=b.link.session ^ _FOREIGN),
+        "MUTE without a session": lambda b: b.link.ask(Mute(), session=0),
+    }
+    for name, mute in mutes.items():
         yield Effect("HG-6.4/2", "alone", name, mute, effect_of_input(OutputInput.MUTE))
     yield Effect(
-        "HG-6.5/1", "alone", "DISARM", _disarm_for_effect, effect_of_input(OutputInput.DISARM)
+        "HG-6.5/1", "alone", "DISARM", _asked(Disarm()), effect_of_input(OutputInput.DISARM)
     )
-    yield Effect("HG-7.7/2", "alone", "STOP", _stop_for_effect, effect_of_end, _UPLOADS)
+    yield Effect("HG-7.7/2", "alone", "STOP", _asked(Stop()), effect_of_end, _UPLOADS)
     yield Effect("HG-4.6/5", "alone", "a new session", BoardClient.hello, effect_of_new_session)
     yield Effect(
         "HG-7.4/1", "alone", "UPLOAD_CHUNK", _add_chunk_for_effect, effect_of_received(3), _UPLOADS
@@ -289,22 +218,26 @@ def _effects_of_events() -> Iterator[Effect]:
         "HG-7.4/1",
         "alone",
         "a new correction",
-        _correct_for_effect,
+        event_of_correction,
         effect_of_correction,
         correction,
     )
     queue = (QUEUED,)
     yield Effect(
-        "HG-7.6/3", "alone", "PLAY", _play_later_for_effect, effect_of_play, _UPLOADS, queue
+        "HG-7.6/3", "alone", "PLAY", event_of_waiting_playback, effect_of_play, _UPLOADS, queue
     )
     for reason, happen, needs, where in (
-        (MuteReason.HOLD_EXPIRED, _run_out_hold_for_effect, _SHORTENS, _ON),
-        (MuteReason.HOST_SILENT, _run_out_lease_for_effect, _SHORTENS, queue),
-        (MuteReason.UNATTENDED, _run_out_unattended_for_effect, _PLAYS, (QUEUED, WAITING)),
+        (MuteReason.HOLD_EXPIRED, event_of_hold, _SHORTENS, _ON),
+        (MuteReason.HOST_SILENT, event_of_lease, _SHORTENS, queue),
+        (MuteReason.UNATTENDED, event_of_unattended_time, _PLAYS, (QUEUED, WAITING)),
     ):
         due = effect_of_timer(reason)
         yield Effect("HG-6.11/5", "alone", f"a mute, {reason.name}", happen, due, needs, where)
     yield Effect("HG-6.6/1", "alone", "a fault", fail_hardware, effect_of_fault)
+
+
+_EVENTS: Final = tuple(_every_event())
+_ARM: Final = next(event for event in _EVENTS if event.name == "ARM")
 
 
 # --- Cases -------------------------------------------------------------------------------------
@@ -372,9 +305,8 @@ def _judge_arm_behind_effect(
         board.config = config
         board.link.ask(SetConfig(config))
         before = judged_held_state(board, board.link.mark())
-    arm = Effect("", "", "ARM", _arm_for_effect, effect_of_input(OutputInput.ARM))
-    due = arm.due(board, before) | {"events": ANYTHING, "the arrival margins": ANYTHING}
-    text = held_state_changes(before, _held_after_effect(board, 0, arm), due)
+    due = _ARM.due(board, before) | {"events": ANYTHING, "the arrival margins": ANYTHING}
+    text = held_state_changes(before, _held_after_effect(board, 0, _ARM), due)
     judge_in_time(board, not text, f"{effect.name}, then ARM: {text}")
 
 
@@ -396,9 +328,8 @@ def _effect_case(clause: str, variant: str, effects: tuple[Effect, ...]) -> Case
 
 
 def _effect_cases() -> Iterator[Case]:
-    effects = list(_effects_of_events())
-    for clause, variant in dict.fromkeys((effect.clause, effect.variant) for effect in effects):
-        same = (e for e in effects if (e.clause, e.variant) == (clause, variant))
+    for clause, variant in dict.fromkeys((event.clause, event.variant) for event in _EVENTS):
+        same = (e for e in _EVENTS if (e.clause, e.variant) == (clause, variant))
         yield _effect_case(clause, variant, tuple(same))
 
 

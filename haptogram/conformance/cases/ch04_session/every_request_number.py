@@ -1,0 +1,196 @@
+"""HG-4.9, HG-4.10: numbers of requests: which are taken, which are used up, which are refused."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Final
+
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import HEADER_BYTES, encode_frame
+from haptogram_protocol.messages import (
+    MESSAGES,
+    Config,
+    Error,
+    ErrorCode,
+    Hello,
+    Message,
+    Mute,
+    Ping,
+    Pong,
+    SetConfig,
+    UploadChunk,
+)
+
+from ...case import case
+from ...client.board_client import BoardClient
+from ...client.capabilities import UPLOADS, requests_that_board_takes
+from ...client.wire import ReceivedByClient
+from ...judge.repetition import flags_of_repetition, judge_repeated_reply, requests_to_repeat
+from ...outcome import check
+
+_NUMBERS: Final = (0, 1, 0xFF, 0x100, 0x7FFF, 0x8000, 0xFFFE, 0xFFFF)
+_LOW_FLAGS: Final = (1, 2, 4, 8)
+
+
+@case(
+    "HG-4.10/1",
+    "the number of a MUTE or UPLOAD_CHUNK of the session, refused or not, is used: SEQUENCE_REUSED",
+    variant="used",
+)
+def idempotent_requests_use_request_numbers(board: BoardClient) -> None:
+    messages: list[Message] = [Mute()]
+    if board.identity.features & UPLOADS:
+        messages += [UploadChunk(0, b""), UploadChunk(0, b"\x01"), UploadChunk(0x7FFFFFFF, b"\x01")]
+    for message in messages:
+        board.link.ask(message)
+        seq = board.link.seq & 0xFFFF
+        board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+
+
+@case(
+    "HG-4.9/3",
+    "requests 1 to 32767 numbers ahead are carried out, those 1 to 32768 behind are refused",
+    variant="jumps",
+)
+def every_jump_of_request_numbers_is_judged(board: BoardClient) -> None:
+    for bits in range(16):
+        for jump in {1 << bits, (1 << bits) - 1} - {0, 1 << 15}:
+            board.link.seq += jump - 1
+            board.link.call(Ping(jump), Pong)
+            old = board.link.seq - (1 << bits) & 0xFFFF
+            board.link.refused(Ping(jump), ErrorCode.SEQUENCE_REUSED, old, seq=old)
+
+
+@case(
+    "HG-4.9/1",
+    "requests numbered 0, 255, 0x7FFF, 0x8000, 0xFFFF and beside them get the same bytes again",
+    variant="numbers",
+)
+def every_request_number_is_remembered(board: BoardClient) -> None:
+    for number in _NUMBERS:
+        board.hello(seq=number - 1 & 0xFFFF)
+        wire, seq = board.link.request_wire(Ping(number), seq=number)
+        since = board.link.mark()
+        board.link.send(wire)
+        first = board.link.answer_to(Ping.TYPE, seq, since)
+        board.link.reply_in(first, Pong, Ping.TYPE)
+        judge_repeated_reply(board, wire, seq, first, f"PING of number {number:#06x}")
+        board.link.refused(Ping(~number & 0xFFFF), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+        board.link.call(Ping(1), Pong, seq=number + 1)
+        board.link.seq = number + 1
+
+
+@case(
+    "HG-4.9/4",
+    "a request of every type, refused for flags, length or a value of no table, uses no number",
+    variant="values",
+)
+def refused_requests_leave_the_request_number(board: BoardClient) -> None:
+    board.arm()
+    for kind in requests_that_board_takes(board):
+        if kind is Hello:
+            continue
+        payload = bytes(kind.LAYOUT.size)
+        refusals = {
+            "an unknown flag": (payload, 0x40, ErrorCode.UNSUPPORTED),
+            "a wrong length": (payload + b"\x00", 0, ErrorCode.BAD_LENGTH),
+        }
+        for name, at in _enumeration_bytes_of_request(kind):
+            wrong = payload[:at] + b"\xee" + payload[at + 1 :]
+            refusals[f"{name} = 0xee"] = wrong, 0, ErrorCode.BAD_VALUE
+        for name, (wrong, flags, code) in refusals.items():
+            seq = board.link.next_seq()
+            board.link.refused_raw(kind.TYPE, wrong, code, seq=seq, flags=flags)
+            answer = board.link.ask(Ping(seq), seq=seq)
+            text = f"{kind.TYPE.name} with {name}, then PING of its number"
+            check(isinstance(answer.message, Pong), f"{text}: got {board.link.answer_text(answer)}")
+
+
+def _enumeration_bytes_of_request(kind: type[Message]) -> Iterator[tuple[str, int]]:
+    """Yield the fields of a request that are enumerations, with their offsets."""
+    if kind is SetConfig:
+        yield "trace_mode", Config.WIRE["trace_mode"].offset
+    for name, field in kind.WIRE.items():
+        if field.enumeration is not None:
+            yield name, field.offset
+
+
+# --- What is another request -------------------------------------------------------------------
+
+
+def _requests_with_other_bytes(board: BoardClient, body: bytes) -> Iterator[tuple[str, bytes]]:
+    """Yield bodies with the number of *body* that differ from it in one field, all legal."""
+    for low in _LOW_FLAGS:
+        yield f"flag {low:#x}", body[:1] + bytes([body[1] ^ low]) + body[2:]
+    for at in range(4, 8):
+        yield f"byte {at - 4} of time_us", _request_with_flipped_byte(body, at)
+    for at in range(HEADER_BYTES, len(body)):
+        changed = _request_with_flipped_byte(body, at)
+        if _is_legal_request(board, changed):
+            yield f"byte {at - HEADER_BYTES} of the payload", changed
+    size = len(body) - HEADER_BYTES
+    for kind in requests_that_board_takes(board):
+        changed = bytes([kind.TYPE]) + body[1:]
+        same = kind is Hello or body[0] == kind.TYPE or kind.LAYOUT.size != size
+        if not same and _is_legal_request(board, changed):
+            yield f"type {kind.TYPE.name}", changed
+
+
+def _request_with_flipped_byte(body: bytes, at: int) -> bytes:
+    return body[:at] + bytes([body[at] ^ 1]) + body[at + 1 :]
+
+
+def _is_legal_request(board: BoardClient, body: bytes) -> bool:
+    """Return whether the values of a body are those of its tables, and SET_CONFIG's in bounds."""
+    try:
+        message = MESSAGES[body[0]].deserialize(body[HEADER_BYTES:])
+    except RemoteProtocolError:
+        return False
+    if not isinstance(message, SetConfig):
+        return True
+    config = dataclasses.replace(message.config, hold_ms=board.config.hold_ms)
+    return config == board.config  # the bounds of hold_ms are far
+
+
+@case(
+    "HG-4.9/2",
+    "the number of a request of every type with one byte changed, in header or payload, is refused",
+    variant="bytes",
+)
+def every_changed_byte_is_no_repetition(board: BoardClient) -> None:
+    for message in requests_to_repeat(board):
+        board.arm()
+        seq = board.link.next_seq()
+        body = board.link.body(
+            message.TYPE,
+            message.serialize(),
+            seq=seq,
+            flags=flags_of_repetition(message),
+            time_us=0x01020304,
+        )
+        since = board.link.mark()
+        board.link.send(encode_frame(body))
+        first = board.link.answer_to(message.TYPE, seq, since)
+        for name, changed in _requests_with_other_bytes(board, body):
+            since = board.link.mark()
+            board.link.send(encode_frame(changed))
+            answer = board.link.answer_to(changed[0], seq, since)
+            check(
+                _is_repetition_refused(answer, seq, may_be_value="payload" in name),
+                f"{message.TYPE.name}, then its number with another {name}: should be "
+                f"SEQUENCE_REUSED, got {board.link.answer_text(answer)}",
+            )
+        judge_repeated_reply(
+            board, encode_frame(body), seq, first, f"{message.TYPE.name} and others like it"
+        )
+
+
+def _is_repetition_refused(answer: ReceivedByClient, seq: int, *, may_be_value: bool) -> bool:
+    """Return whether a request was refused for its number, or for a value, which comes first."""
+    error = answer.message
+    if not isinstance(error, Error):
+        return False
+    if may_be_value and error.code in (ErrorCode.BAD_VALUE, ErrorCode.UNSUPPORTED):
+        return True
+    return (error.code, error.detail) == (ErrorCode.SEQUENCE_REUSED, seq)

@@ -1,0 +1,87 @@
+"""Events that a board meets, each brought about, and over when the call returns."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Final, TypeAlias
+
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import Config, Ping, Play, PlayReply, SetConfig, Stop, UploadKind
+
+from ..client import malformed_frames
+from ..client.board_client import BoardClient
+from ..client.uploads import upload_to_board
+from .refused_requests import STORED
+
+#: An event: brought about by a call.
+Event: TypeAlias = Callable[[BoardClient], object]
+
+_MS: Final = 1000
+_SHORT_MS: Final = 20
+_AHEAD_US: Final = 8_000_000
+_TOO_LONG: Final = 4200
+
+
+def event_of_correction(board: BoardClient) -> None:
+    """Upload a random phase correction."""
+    codes = board.random.randbytes(board.identity.transducers)
+    upload_to_board(board, UploadKind.CORRECTION, 0, codes)
+
+
+def event_of_waiting_playback(board: BoardClient, alone_ms: int = 9_999) -> None:
+    """Let a playback wait for its start."""
+    play = Play(STORED, 1000, 1, min(alone_ms, board.identity.max_unattended_ms))
+    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+
+
+def event_of_hold(board: BoardClient) -> None:
+    """Let the hold run out, and the output go off."""
+    _run_out_timer(board, dataclasses.replace(board.config, hold_ms=_SHORT_MS))
+
+
+def event_of_lease(board: BoardClient) -> None:
+    """Let the lease run out, and the output go off."""
+    _run_out_timer(board, dataclasses.replace(board.config, host_timeout_ms=_SHORT_MS))
+
+
+def event_of_unattended_time(board: BoardClient) -> None:
+    """Let the unattended time of a playback run out, and the output go off."""
+    _without_ramp(board, board.config)
+    board.link.ask(Stop())
+    event_of_waiting_playback(board, _SHORT_MS)
+    _wait_for_short_timer(board)
+
+
+def _run_out_timer(board: BoardClient, config: Config) -> None:
+    _without_ramp(board, config)
+    _wait_for_short_timer(board)
+
+
+def _without_ramp(board: BoardClient, config: Config) -> None:
+    board.config = dataclasses.replace(config, ramp_ms=0)
+    board.link.ask(SetConfig(board.config))
+
+
+def _wait_for_short_timer(board: BoardClient) -> None:
+    board.wire.idle((_SHORT_MS + 5) * _MS + board.wire.limits.slack_us)
+
+
+def event_of_damage(counter: str) -> Event:
+    """Return the event of a frame that only *counter* counts."""
+
+    def send(board: BoardClient) -> None:
+        body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
+        wrong = malformed_frames.malformed_with_wrong_crc(body, 1 << board.random.randrange(32))
+        short = malformed_frames.malformed_with_crc(body[:9])
+        noise = malformed_frames.malformed_noise(board.random, _TOO_LONG)
+        wires = {
+            "crc": malformed_frames.malformed_frame(wrong),
+            "cobs": b"\x00\xff\x01\x02\x00",
+            "short": malformed_frames.malformed_frame(short),
+            "oversize": b"\x00" + noise + b"\x00",
+            "unknown_type": encode_frame(board.link.body(0xEE, seq=0)),
+        }
+        board.link.send(wires[counter])
+
+    return send

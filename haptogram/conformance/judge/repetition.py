@@ -1,0 +1,163 @@
+"""A request and its repetition: what a board may hear between them, and the reply that is due."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, Final, TypeAlias
+
+from haptogram_protocol.messages import (
+    ErrorCode,
+    Flag,
+    GetGeometry,
+    Hello,
+    Message,
+    Mute,
+    MuteReply,
+    Ping,
+    Play,
+    UploadChunk,
+)
+
+from ..client import malformed_frames
+from ..client.board_client import BoardClient
+from ..client.playback import send_phases_to_store_if_supported
+from ..client.stream_kinds import refused_requests_to_send, valid_requests_to_send
+from ..client.wire import ReceivedByClient
+from ..outcome import check
+
+_SEQUENCE: Final = 4
+_UNKNOWN_REQUEST: Final = 0x7B
+_IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10
+
+#: Something that the board hears between a request and its repetition.
+Between: TypeAlias = Callable[[BoardClient], object]
+
+
+def requests_to_repeat(board: BoardClient) -> Iterator[Message]:
+    """Yield a request of every type that is remembered and carried out, if the board is ARMED."""
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    for message in valid_requests_to_send(board, _SEQUENCE):
+        if not isinstance(message, _IDEMPOTENT):
+            yield message
+
+
+def every_request_to_repeat(board: BoardClient) -> Iterator[Message]:
+    """Yield a request of every type that is remembered, carried out or refused, if ARMED."""
+    yield from requests_to_repeat(board)
+    yield from refused_requests_to_send(board)
+    yield GetGeometry(0, 0xFFFF)
+
+
+def flags_of_repetition(message: Message) -> int:
+    """Return the flags that a request needs: PLAY begins at once."""
+    return int(Flag.IMMEDIATE) if isinstance(message, Play) else 0
+
+
+def judge_repeated_reply(
+    board: BoardClient, wire: bytes, seq: int, first: ReceivedByClient, after: str
+) -> None:
+    """FAILED unless the request in *wire* gets the reply *first* to the byte."""
+    since = board.link.mark()
+    board.link.send(wire)
+    kind = first.body[0]
+    again = board.link.answer_to(kind, seq, since)
+    check(
+        again.body == first.body,
+        f"after {after}, a repeated request is answered by {board.link.answer_text(again)}; "
+        f"the first answer was {board.link.answer_text(first)}",
+    )
+
+
+# --- What comes between -------------------------------------------------------------------------
+
+
+def _mute_between_repetitions(board: BoardClient) -> None:
+    board.link.call(Mute(), MuteReply)
+
+
+def _other_mute_between_repetitions(session: Callable[[BoardClient], int], ahead: int) -> Between:
+    """Send a MUTE whose number is not used up, or was used before."""
+
+    def send(board: BoardClient) -> None:
+        seq = board.link.seq + ahead
+        board.link.call(Mute(), MuteReply, session=session(board), seq=seq)
+
+    return send
+
+
+def _chunk_between_repetitions(offset: int, size: int) -> Between:
+    def send(board: BoardClient) -> None:
+        board.link.ask(UploadChunk(offset, bytes(size)))
+
+    return send
+
+
+MUTES_BETWEEN: Final[dict[str, Between]] = {
+    "a MUTE of its own number": _other_mute_between_repetitions(
+        lambda board: board.link.session, 0
+    ),
+    "a MUTE without a session": _other_mute_between_repetitions(lambda _: 0, 7),
+    "a MUTE of another session": _other_mute_between_repetitions(
+        lambda board: board.link.session ^ 0x0F0F, 30_000
+    ),
+    "a MUTE of the session": _mute_between_repetitions,
+}
+CHUNKS_BETWEEN: Final[dict[str, Between]] = {
+    "an UPLOAD_CHUNK that is refused": _chunk_between_repetitions(0x7FFFFFFF, 8),
+    "an empty UPLOAD_CHUNK": _chunk_between_repetitions(0, 0),
+    "an UPLOAD_CHUNK": _chunk_between_repetitions(0, 1),
+}
+
+
+def _refused_between_repetitions(code: ErrorCode, message: Message | int, **header: Any) -> Between:
+    def send(board: BoardClient) -> None:
+        seq = board.link.seq + header.get("ahead", 1)
+        rest = {name: value for name, value in header.items() if name != "ahead"}
+        if rest.pop("stale", False):
+            rest["session"] = board.link.session ^ 0x0101
+        kind, payload = (
+            (message, rest.pop("payload", b""))
+            if isinstance(message, int)
+            else (message.TYPE, message.serialize())
+        )
+        board.link.refused_raw(kind, payload, code, seq=seq, **rest)
+
+    return send
+
+
+def _stream_between_repetitions(board: BoardClient) -> None:
+    board.link.send(board.link.stream_wire(board.flat_phases()))
+    board.link.send(board.link.stream_wire(board.flat_phases(), flags=0x40))
+
+
+def _damaged_between_repetitions(board: BoardClient) -> None:
+    body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
+    board.link.send(
+        malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body))
+    )
+    board.link.send(b"\x00\xff\x01\x02\x00", b"\x00\x05\x01\x02\x03\x04\x00")
+
+
+REFUSALS_BETWEEN: Final[dict[str, Between]] = {
+    "an unknown request": _refused_between_repetitions(ErrorCode.UNSUPPORTED, _UNKNOWN_REQUEST),
+    "a request of another session": _refused_between_repetitions(
+        ErrorCode.STALE_SESSION, Ping(1), stale=True
+    ),
+    "an unknown flag": _refused_between_repetitions(ErrorCode.UNSUPPORTED, Ping(2), flags=0x40),
+    "a wrong length": _refused_between_repetitions(
+        ErrorCode.BAD_LENGTH, Ping.TYPE, payload=bytes(7)
+    ),
+    "a used number": _refused_between_repetitions(ErrorCode.SEQUENCE_REUSED, Ping(3), ahead=0),
+    "an old number": _refused_between_repetitions(ErrorCode.SEQUENCE_REUSED, Ping(4), ahead=-1),
+    "a number far behind": _refused_between_repetitions(
+        ErrorCode.SEQUENCE_REUSED, Ping(5), ahead=-30_000
+    ),
+    "a HELLO of another version": _refused_between_repetitions(
+        ErrorCode.VERSION, Hello(2, 0, 1, 0), session=0
+    ),
+    "a HELLO of nonce 0": _refused_between_repetitions(
+        ErrorCode.BAD_VALUE, Hello(1, 0, 0, 0), session=0
+    ),
+    "stream frames": _stream_between_repetitions,
+    "damaged frames": _damaged_between_repetitions,
+}
