@@ -10,6 +10,7 @@ import contextlib
 import errno
 import os
 import socket
+import stat
 import time
 from collections.abc import Iterator
 from typing import Any, Final, Protocol
@@ -261,6 +262,8 @@ def _send_at_once(port: Any) -> None:
     Nagle's algorithm keeps a small write back until the last one is acknowledged, which takes a
     Linux host up to 40 ms.
     """
+    if not stat.S_ISSOCK(os.fstat(port.fileno()).st_mode):
+        return
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(port.fileno())) as line:
         line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # OSError: it is not TCP
 

@@ -102,6 +102,12 @@ def test_a_closed_port_is_lost_and_not_somebody_elses(pty_pair):
 
 
 @pytest.mark.pty
+def test_a_port_that_was_closed_can_be_opened_again(pty_pair):
+    for _ in range(3):
+        open_transport(pty_pair[1]).close()
+
+
+@pytest.mark.pty
 def test_a_port_that_another_program_holds_is_busy(pty_pair):
     path = pty_pair[1]
     holder = subprocess.Popen(
