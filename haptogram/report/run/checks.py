@@ -27,20 +27,25 @@ _Item = TypeVar("_Item")
 
 @dataclass(frozen=True, slots=True)
 class _Fault:
-    """A fault of a frame, how it shows, and which frames could have shown it."""
+    """A fault of a frame, how it shows, and which frames could have shown it.
+
+    Those that another check counts, with a status *besides*, could not.
+    """
 
     name: str
     statement: str
     shows: Callable[[FrameVerdict], bool]
     seen_in: str
+    besides: tuple[FrameStatus, ...] = ()
 
 
 _FAULTS: Final = (
     _Fault(
         "off_target",
-        "no focus is off its target",
+        "no drive without a fault has its focus off the target",
         lambda frame: frame.status is FrameStatus.OFF_TARGET,
         "verified",
+        (FrameStatus.WRONG_DRIVE, FrameStatus.CORRUPT),
     ),
     _Fault(
         "wrong_drive",
@@ -89,9 +94,13 @@ def run_checks(run: RunVerdict, cut_short: str | None = None) -> list[RunCheck]:
 
 def _run_check_of_fault(run: RunVerdict, fault: _Fault) -> RunCheck:
     found = [frame for frame in run.frames if fault.shows(frame)]
-    judged = run.counts[fault.seen_in]
+    besides = sum(frame.status in fault.besides for frame in run.frames)
+    judged = run.counts[fault.seen_in] - besides
+    frames = run_count_wording(judged, f"{fault.seen_in} frame")
+    if besides:
+        frames += f", besides {besides} with a faulty drive"
     if found:
-        message = f"{len(found)} of {run_count_wording(judged, f'{fault.seen_in} frame')}"
+        message = f"{len(found)} of {frames}"
         return RunCheck(
             fault.name,
             fault.statement,
@@ -100,10 +109,9 @@ def _run_check_of_fault(run: RunVerdict, fault: _Fault) -> RunCheck:
             _frames_named_in_run_check(found),
         )
     if not judged:
-        message = f"no frame was {fault.seen_in}"
+        message = f"no frame was {fault.seen_in}" if not besides else f"none of {frames}"
         return RunCheck(fault.name, fault.statement, CheckOutcome.NOT_JUDGED, message)
-    message = f"none of {run_count_wording(judged, f'{fault.seen_in} frame')}"
-    return RunCheck(fault.name, fault.statement, CheckOutcome.PASSED, message)
+    return RunCheck(fault.name, fault.statement, CheckOutcome.PASSED, f"none of {frames}")
 
 
 def _check_of_unexpected(run: RunVerdict) -> RunCheck:

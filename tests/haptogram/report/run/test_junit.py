@@ -87,6 +87,18 @@ def test_a_frame_off_target_fails(tmp_path: Path, model: AcousticModel) -> None:
     assert "mm along the beam" in (failure.text or "")
 
 
+def test_a_wrong_drive_proves_nothing_of_foci(tmp_path: Path, model: AcousticModel) -> None:
+    """Its focus may be off as well, and is counted under the wrong drive."""
+    points = targets(3)
+    run = make_run(model, points, {0: aim(model, points[0] + 2e-3), 1: damage})
+    failure = outcome(written(tmp_path, run), "off_target")
+    assert failure.get("message") == "1 of 2 verified frames, besides 1 with a faulty drive"
+    suite = written(tmp_path, make_run(model, points, dict.fromkeys(range(3), damage)))
+    skipped = outcome(suite, "off_target")
+    assert skipped.tag == "skipped"
+    assert skipped.get("message") == "none of 0 verified frames, besides 3 with a faulty drive"
+
+
 def test_lost_and_late_frames_are_named_but_decide_nothing(
     tmp_path: Path, model: AcousticModel
 ) -> None:
