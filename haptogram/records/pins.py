@@ -135,9 +135,9 @@ class PinRecord:
         return (1.0 / (self.period_s * self.carrier_hz) - 1.0) * 1e6
 
     def between(self, begin: float, end: float, cut: str) -> PinRecord:
-        """Return the capture from *begin* to *end*, in periods, that *cut* says why it is shorter.
+        """Return the part of the capture from *begin* to *end*, in periods counted as before.
 
-        Periods are counted as before. The lines of the UART and the latch pin end with it.
+        *cut* says why it is shortened. The lines of the UART and the latch pin end with it.
         """
         pins = {element: pin.between(begin, end) for element, pin in self.pins.items()}
         latches = self.latches

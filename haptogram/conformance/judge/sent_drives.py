@@ -93,9 +93,9 @@ class SentDrives:
             del versions[:-1]
 
     def stored_crcs(self, sequence: int, index: int, transducers: int) -> list[int]:
-        """Return the CRC-32 of each drive that a frame of a sequence was in this session.
+        """Return the CRC-32 of a frame's drive in each sequence stored under this number.
 
-        Empty if that is not known.
+        Those of this session: an upload may have replaced the sequence. Empty if one is not known.
         """
         versions = self._stored.get(sequence, [])
         part = slice(index * transducers, (index + 1) * transducers)

@@ -39,7 +39,7 @@ class PinDialogue:
     Attributes
     ----------
     missing : str
-        Line that was not captured, in words; empty: both were.
+        Name of the line that was not captured; empty: both were.
 
     Raises
     ------
@@ -55,8 +55,8 @@ class PinDialogue:
                 "(docs/captures.md)"
             )
         self.record = record
-        self.missing = "to_board" if record.to_board is None else ""
-        self.missing = "to_host" if record.to_host is None else self.missing
+        lines = {"to_board": record.to_board, "to_host": record.to_host}
+        self.missing = next((name for name, line in lines.items() if line is None), "")
         self.to_board, self.unread_to_board = _read_line_of_pin_dialogue(
             record, "to_board", record.to_board
         )
