@@ -2,13 +2,17 @@
 
 The sections of SPEC.md stand here from the ground up.  A case relies on everything below its own
 section, so that of several failures the lowest is the likeliest cause, and the others may follow.
+A clause that two cases of its own find broken stands before those that one case happens to touch.
 A case that asks many clauses at once fails with each of them, and stands behind the others.
+What many failures find alike says more of a cause than any of their clauses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Final
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple
 
 from .verdict import CaseResult
 
@@ -62,9 +66,24 @@ FOUNDATIONS: Final = (
 )
 
 
-#: Variants of cases that ask many clauses at once: rules over every frame, all that an event or an
-#: end must leave, every reason of a drop before and behind the wrap, random dialogues.
-BROAD: Final = frozenset({"always", "alone", "moments", "sides", "dialogues"})
+#: Variants of cases that ask many clauses at once: rules over every frame, all that an event, an
+#: end or the same settings again must leave, every reason of a drop, random dialogues.
+BROAD: Final = frozenset({"always", "alone", "moments", "same", "dialogues"})
+
+_ENOUGH: Final = 2  # cases of one clause that do not fail by chance together
+_LEAST_ALIKE: Final = 3
+_LEAST_SHARE: Final = 1 / 3
+_LEAST_WORDS: Final = 3  # of a part of a finding that says anything
+_NUMBERS: Final = re.compile(r"0x[0-9a-f]+|-?\d+(?:\.\d+)?")
+
+
+class CommonFinding(NamedTuple):
+    """A finding that many failures share, up to the numbers in it."""
+
+    #: One of the findings, in its own words.
+    text: str
+    #: Ids of the cases that find it, the likeliest cause first.
+    cases: tuple[str, ...]
 
 
 def cause_rank(clause: str) -> int:
@@ -79,9 +98,42 @@ def cause_rank(clause: str) -> int:
 
 def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
     """Return the failures among *results*, the likeliest cause first."""
+    failures = [result for result in results if result.is_failure]
+    directed = Counter(result.clause for result in failures if not _is_broad(result))
 
-    def place(result: CaseResult) -> tuple[bool, int]:
-        variant = result.case.removeprefix(result.clause).removeprefix("-")
-        return variant in BROAD, cause_rank(result.clause)
+    def place(result: CaseResult) -> tuple[bool, bool, int]:
+        is_alone = directed[result.clause] < _ENOUGH
+        return _is_broad(result), is_alone, cause_rank(result.clause)
 
-    return sorted((result for result in results if result.is_failure), key=place)
+    return sorted(failures, key=place)
+
+
+def _is_broad(result: CaseResult) -> bool:
+    return result.case.removeprefix(result.clause).removeprefix("-") in BROAD
+
+
+def common_finding(failures: Sequence[CaseResult]) -> CommonFinding | None:
+    """Return the finding that many failures share, or None if they have too little in common.
+
+    Parameters
+    ----------
+    failures : sequence of CaseResult
+        As :func:`failures_by_cause` returns them.
+    """
+    parts = [_parts(result.detail) for result in failures]
+    times = Counter(part for found in parts for part in found)
+    if not times:
+        return None
+    shared, count = max(times.items(), key=lambda item: (item[1], len(item[0]), item[0]))
+    if count < max(_LEAST_ALIKE, _LEAST_SHARE * len(failures)):
+        return None
+    alike = [result for result, found in zip(failures, parts, strict=True) if shared in found]
+    plainest = min(alike, key=lambda result: len(result.detail))
+    return CommonFinding(plainest.detail, tuple(result.case for result in alike))
+
+
+def _parts(finding: str) -> set[str]:
+    """Return a finding and the parts of it that say something, with the numbers left out."""
+    whole = _NUMBERS.sub("#", finding)
+    parts = re.split("[,;:] ", whole)
+    return {part for part in (whole, *parts) if len(part.split()) >= _LEAST_WORDS}

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from haptogram.conformance.causes import failures_by_cause
+from haptogram.conformance.causes import common_finding, failures_by_cause
 from haptogram.conformance.clauses import load_clauses
 from haptogram.conformance.verdict import MEANINGS, Behaviour, CaseResult, SuiteResult
 from haptogram.machine.provenance import UNSTATED, Provenance
@@ -17,7 +17,7 @@ from .matrix import (
     conformance_chapters_of_clauses,
     conformance_messages_of_cases,
 )
-from .wording import suite_board, suite_counts, suite_verdict
+from .wording import common_finding_line, suite_board, suite_counts, suite_verdict
 
 _TONES: Final = {
     Behaviour.OK: "good",
@@ -43,6 +43,8 @@ def write_conformance_page(
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
     verdict = suite_verdict(suite)
+    failures = failures_by_cause(suite.results)
+    alike = common_finding(failures)
     cases_of: dict[str, list[CaseResult]] = {number: [] for number in load_clauses()}
     for result in suite.results:
         cases_of[result.clause].append(result)
@@ -56,6 +58,7 @@ def write_conformance_page(
         lead=[
             f"Conformance of {suite_board(suite)}. Exit status {suite.exit_status}.",
             *([f"Cut short: {suite.cut_short}."] if suite.cut_short else []),
+            *([common_finding_line(alike, len(failures))] if alike else []),
         ],
         attention=list(_conformance_attention_rows(suite)),
         chapters=conformance_chapters_of_cases(suite.results),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.conformance.causes import failures_by_cause
+from haptogram.conformance.causes import common_finding, failures_by_cause
 from haptogram.conformance.verdict import (
     Behaviour,
     CaseResult,
@@ -23,13 +23,16 @@ FORMAT: Final = "haptogram-conformance/1"
 
 def suite_dict(suite: SuiteResult) -> dict[str, Any]:
     """Return a run as JSON types, with everything that is known of it."""
+    failures = failures_by_cause(suite.results)
+    alike = common_finding(failures)
     return {
         "format": FORMAT,
         "device": suite.device,
         "settings": suite.settings,
         "exit_status": suite.exit_status,
         "cut_short": suite.cut_short,
-        "failures": [result.case for result in failures_by_cause(suite.results)],
+        "failures": [result.case for result in failures],
+        "in_common": None if alike is None else alike._asdict(),
         "counts": {behaviour.value: suite.count(behaviour) for behaviour in Behaviour},
         "results": [_conformance_case_dict(result) for result in suite.results],
     }

@@ -5,22 +5,25 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from haptogram.conformance.causes import failures_by_cause
+from haptogram.conformance.causes import common_finding, failures_by_cause
 from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
 from ..formats.job_summary import Finding, JobSummary, Level, SummaryTable
 from .matrix import conformance_chapters_of_cases
-from .wording import case_finding, suite_board, suite_counts, suite_verdict
+from .wording import case_finding, common_finding_line, suite_board, suite_counts, suite_verdict
 
 
 def suite_summary(suite: SuiteResult) -> JobSummary:
     """Return the summary of *suite*: failures by cause, then the cases that were not judged."""
+    failures = failures_by_cause(suite.results)
+    alike = common_finding(failures)
     return JobSummary(
         command="conform",
         sentence=f"{suite_verdict(suite)}: {suite_counts(suite)}",
         findings=list(_case_findings(suite)),
         facts=[
             f"board {suite_board(suite)}",
+            *([common_finding_line(alike, len(failures))] if alike else []),
             *([f"drive pins: {captured}"] if (captured := suite.settings.get("captured")) else []),
             *([f"cut short: {suite.cut_short}"] if suite.cut_short else []),
         ],

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
-from haptogram.conformance.causes import failures_by_cause
+from haptogram.conformance.causes import CommonFinding, common_finding, failures_by_cause
 from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
-from .wording import suite_counts, suite_verdict
+from .wording import common_finding_line, suite_counts, suite_verdict
 
 _LEFT_OUT: Final = "takes longer than this depth"  # begin of the reason of such cases
 _CAUSES: Final = 3  # failures with their bytes; the others may follow from these
 _IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
+_FAILURES: Final = 12  # that are named in the line of all of them
 _NAMED: Final = 3  # cases that are named where they have a reason in common
 _LINES: Final = 60  # of a transcript; the rest is in the JSON file
 
@@ -32,6 +33,7 @@ def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
 def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
     common = _common_conformance_reasons(suite)
     failures = failures_by_cause(suite.results)
+    alike = common_finding(failures)
     for result in suite.results:
         if result.is_failure or (not verbose and (result.behaviour, result.detail) in common):
             continue  # below, by cause; or named once, in the summary
@@ -40,13 +42,28 @@ def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[s
         elif result.is_unexpected_pass:
             yield f"{result.case}  {result.behaviour}: {result.expected} was expected"
     for number, result in enumerate(failures):
-        in_full = verbose or number < _CAUSES or not result.is_new_failure
-        yield from (
-            _conformance_case_lines(result) if in_full else _conformance_follower_line(result)
-        )
-    if len(failures) > 1:
-        yield f"failures     the likeliest cause first: {', '.join(r.case for r in failures)}"
+        if verbose or number < _CAUSES or not result.is_new_failure:
+            yield from _conformance_case_lines(result)
+        elif alike is None or result.case not in alike.cases:
+            yield from _conformance_follower_line(result)
     yield from _conformance_summary_line(suite)
+    yield from _conformance_failure_lines(failures, alike)
+    unseen = suite.unseen_without_reset
+    more = f"; --reset-cmd would add {', '.join(unseen)}" if unseen else ""
+    yield f"verdict      {suite_verdict(suite)} (exit status {suite.exit_status}){more}"
+
+
+def _conformance_failure_lines(
+    failures: Sequence[CaseResult], alike: CommonFinding | None
+) -> Iterator[str]:
+    """Yield the failures by cause, and what they have in common; next to the verdict."""
+    if len(failures) > 1:
+        first = ", ".join(result.case for result in failures[:_FAILURES])
+        more = len(failures) - _FAILURES
+        rest = f", and {more} more, in --json and --html" if more > 0 else ""
+        yield f"failures     the likeliest cause first: {first}{rest}"
+    if alike is not None:
+        yield f"in common    {common_finding_line(alike, len(failures))}"
 
 
 def _conformance_follower_line(result: CaseResult) -> Iterator[str]:
@@ -127,6 +144,3 @@ def _conformance_summary_line(suite: SuiteResult) -> Iterator[str]:
         yield f"case errors  {named}: not the board; tracebacks are in --json, --junit and --html"
     if suite.cut_short:
         yield f"cut short    {suite.cut_short}"
-    unseen = suite.unseen_without_reset
-    more = f"; --reset-cmd would add {', '.join(unseen)}" if unseen else ""
-    yield f"verdict      {suite_verdict(suite)} (exit status {suite.exit_status}){more}"

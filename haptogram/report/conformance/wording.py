@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from haptogram.conformance.causes import CommonFinding
 from haptogram.conformance.verdict import FAIL, PASS, Behaviour, CaseResult, SuiteResult
 
 
@@ -30,3 +31,8 @@ def case_finding(result: CaseResult) -> str:
     if result.expected is not None:
         text += f" (baseline: {result.expected})"
     return text
+
+
+def common_finding_line(alike: CommonFinding, failures: int) -> str:
+    """Return the finding that many failures share, and how many do, in a line."""
+    return f"{len(alike.cases)} of {failures} failures find much the same: {alike.text}"

@@ -8,12 +8,17 @@ import serial
 import sim_device
 from haptogram.conformance.case import Case
 from haptogram.conformance.cases import all_cases
-from haptogram.conformance.causes import BROAD, failures_by_cause
+from haptogram.conformance.causes import BROAD, common_finding, failures_by_cause
+from haptogram.conformance.clauses import load_clauses
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
-from haptogram.conformance.verdict import Behaviour, CaseResult
+from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.records.frame import Evidence
+from haptogram.report.conformance.page import write_conformance_page
+from haptogram.report.conformance.result import suite_dict
+from haptogram.report.conformance.summary import suite_summary
+from haptogram.report.conformance.text import suite_text
 
 BAUD = 3_000_000
 WAITING = [case for case in all_cases() if case.before_wrap_us]
@@ -48,16 +53,62 @@ def test_it_has_a_reset_of_its_own_where_the_others_took_too_long_or_too_little_
     assert resets_for(case, others=18) == 1
 
 
-def failure_of(case):
+def failure_of(case, why="why"):
     clause = "-".join(case.split("-")[:2])
-    return CaseResult(case, clause, "text", "asks", Behaviour.FAILED, Evidence.WIRE, "why")
+    return CaseResult(case, clause, "text", "asks", Behaviour.FAILED, Evidence.WIRE, why)
 
 
 def test_failures_stand_from_the_ground_up_and_cases_of_many_clauses_behind_them():
     due = ["HG-2.1/1", "HG-4.6/1-fields", "HG-5.7/2-immediate", "HG-10.1/1", "HG-3.9/1-alone"]
-    found = failures_by_cause(map(failure_of, [*reversed(due[:-1]), due[-1], due[0]]))
-    assert [result.case for result in found] == [due[0], *due]
+    found = failures_by_cause(map(failure_of, [due[-1], *reversed(due[:-1])]))
+    assert [result.case for result in found] == due
+
+
+def test_a_clause_that_two_of_its_cases_find_broken_stands_before_lower_ones():
+    due = ["HG-7.9/2-paths", "HG-7.9/2", "HG-7.1/3-speed", "HG-7.1/3-same", "HG-7.1/3-alone"]
+    found = failures_by_cause(map(failure_of, [*due[2:], *due[:2]]))
+    assert [result.case for result in found] == due
+
+
+def test_what_many_failures_find_alike_is_told_in_the_plainest_words():
+    whys = {
+        "HG-3.6/1": "while a sequence plays, PLAY was answered by ERROR(BAD_VALUE), detail 0x4",
+        "HG-4.6/1": "PLAY was answered by ERROR(BAD_VALUE), detail 0xc",
+        "HG-7.6/3": "with frames queued, PLAY was answered by ERROR(BAD_VALUE), detail 0x8",
+        "HG-9.1/1": "no STATUS within 100 ms",
+    }
+    failures = [failure_of(*item) for item in whys.items()]
+    alike = common_finding(failures)
+    assert alike.text == whys["HG-4.6/1"]
+    assert alike.cases == ("HG-3.6/1", "HG-4.6/1", "HG-7.6/3")
+    assert common_finding(failures[1:]) is None  # two are no pattern
+    others = [failure_of(f"HG-5.1/{n}", f"{'more ' * n}findings") for n in range(3, 9)]
+    assert common_finding([*failures, *others]) is None  # nor is less than a third
+    assert common_finding([]) is None
 
 
 def test_each_variant_of_many_clauses_is_one_of_some_case():
     assert {case.variant for case in all_cases()} >= BROAD
+
+
+def test_every_report_says_once_what_many_failures_find_and_how_many_there_are(tmp_path):
+    refused = "UPLOAD_BEGIN was answered by ERROR(BAD_STATE)"
+    clauses = [clause for clause in load_clauses() if clause.startswith(("HG-7.", "HG-8."))][:20]
+    failures = [failure_of(clause, refused) for clause in clauses]
+    failures.append(failure_of("HG-9.1/1", "no STATUS within 100 ms"))
+    suite = SuiteResult(tuple(failures))
+    line = f"20 of 21 failures find much the same: {refused}"
+    lines = suite_text(suite).splitlines()
+    assert f"in common    {line}" in lines
+    assert sum(refused in told for told in lines) == 4  # three in full, and what is in common
+    assert sum(told.startswith("HG-9.1/1  FAILED") for told in lines) == 1
+    named = next(told for told in lines if told.startswith("failures"))
+    assert named.count("HG-") == 12
+    assert named.endswith("and 9 more, in --json and --html")
+    assert suite_dict(suite)["in_common"] == {"text": refused, "cases": tuple(clauses)}
+    assert line in suite_summary(suite).facts
+    write_conformance_page(tmp_path / "page.html", suite)
+    assert line in (tmp_path / "page.html").read_text("utf-8")
+    alone = SuiteResult((failures[0],))
+    assert "in common" not in suite_text(alone)
+    assert suite_dict(alone)["in_common"] is None
