@@ -136,7 +136,7 @@ def every_stream_value_of_no_table_is_dropped(board: BoardClient) -> None:
 
 @case(
     "HG-3.2/5",
-    "points_per_frame other than 0 without points, and above max_points: BAD_VALUE, detail 1",
+    "points_per_frame other than 0 without points, 0 with them, above max_points: BAD_VALUE",
     variant="points",
 )
 def every_number_of_points_of_no_table_is_refused(board: BoardClient) -> None:
@@ -146,10 +146,10 @@ def every_number_of_points_of_no_table_is_refused(board: BoardClient) -> None:
     offset, unit = UploadBegin.WIRE["points_per_frame"].offset, FocalPoint.LAYOUT.size
     for begin in begins:
         has_points = begin.kind is UploadKind.POINTS
-        most = board.identity.max_points if has_points else 0
-        byte = _ValueByte("points_per_frame", offset, range(most + 1))
+        allowed = range(1, board.identity.max_points + 1) if has_points else (0,)
+        byte = _ValueByte("points_per_frame", offset, allowed)
         for number in byte.wrong_values(thorough=board.thorough):
-            size = number * unit if has_points else begin.size  # whole frames
+            size = max(1, number) * unit if has_points else begin.size  # whole frames
             if size <= board.identity.max_upload_bytes:
                 wrong = dataclasses.replace(begin, points_per_frame=number, size=size)
                 board.link.refused(wrong, ErrorCode.BAD_VALUE, offset)

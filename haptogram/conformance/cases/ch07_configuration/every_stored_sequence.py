@@ -35,7 +35,7 @@ from ...outcome import SELF_REPORTED, check
 
 _IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
 _ABSENT: Final = 0x6000  # of no sequence; those behind it are stored
-_MANY: Final = 40
+_MANY: Final = 70
 _FOCUS: Final = FocalPoint(0, 0, 100_000, 0xFFFF, 0)
 _AHEAD_US: Final = 5_000_000
 _SIZES: Final = ((3, 1, 2), (1, 3, 2), (2, 2, 2))
@@ -173,7 +173,7 @@ def no_sequence_outlives_a_reset(board: BoardClient) -> None:
 
 @case(
     "HG-7.6/1",
-    "with one sequence more at a time, up to 40, each is played, and NOT_FOUND tells their number",
+    "one sequence more at a time, to TOO_LARGE or 70: each is played, NOT_FOUND tells their number",
     variant="many",
     needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
@@ -189,7 +189,9 @@ def many_sequences_are_stored(board: BoardClient) -> None:
     for sequence in range(_ABSENT + 1, _ABSENT + 1 + _MANY):
         is_new = _refused_play_of_sequence(board, sequence) is not None
         begin = UploadBegin(UploadKind.PHASES, 0, sequence, count, 0)
-        if isinstance(board.link.ask(begin).message, Error):  # no room for one more
+        answer = board.link.ask(begin)
+        if isinstance(answer.message, Error):  # no room for one more
+            board.link.error_in(answer, UploadBegin.TYPE, ErrorCode.TOO_LARGE)
             break
         for _ in range(2):  # the second replaces the first
             store.put(sequence, 1)

@@ -49,14 +49,14 @@ _Beyond: TypeAlias = tuple[str, Message, ErrorCode, int | None, dict[str, Any]]
 
 
 def _values_beyond(least: int, most: int, bits: int) -> list[int]:
-    """Return the values of a field that are not within limits, but for a bit or the sign.
+    """Return the values of a field that are not within limits, but for a bit or the sign; and 0.
 
     Examples
     --------
-    >>> _values_beyond(0, 5, 4)
-    [6, 7, 8, 9, 13, 15]
+    >>> _values_beyond(2, 5, 4)
+    [0, 1, 6, 7, 9, 10, 13, 15]
     """
-    found = {least - 1, most + 1, (1 << bits) - 1, (1 << bits - 1) - 1}
+    found = {0, least - 1, most + 1, (1 << bits) - 1, (1 << bits - 1) - 1}
     for bit in range(bits):
         found |= {edge ^ 1 << bit for edge in (least, most)}
         found |= {edge + (1 << bit) for edge in (least, most)}
@@ -147,7 +147,7 @@ def _play_within_limits(board: BoardClient) -> Play:
 def _sequences_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
     right = _play_within_limits(board)
     for sequence in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["sequence"]):
-        if sequence and sequence not in SEQUENCES:
+        if sequence not in SEQUENCES:
             wrong = dataclasses.replace(right, sequence=sequence)
             header = {"flags": int(Flag.IMMEDIATE)}
             yield f"sequence {sequence:#06x}", wrong, ErrorCode.NOT_FOUND, None, header
