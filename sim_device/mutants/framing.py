@@ -25,6 +25,7 @@ from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 _QUIET_US: Final = 5_000
+_LONG_PAUSE_US: Final = 1_000_000
 _FIRMWARE_BUFFER: Final = 512
 
 
@@ -193,6 +194,29 @@ class ResyncByTimeout(BoardConnection):
             self._deaf = True
 
 
+class PauseEndsTheFrame(BoardConnection):
+    """Forgets the bytes of a frame if the line pauses for a second within it."""
+
+    _last_us = 0
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take bytes; behind a pause they begin anew."""
+        if now_us - self._last_us > _LONG_PAUSE_US:
+            self._inbox.reset()
+        self._last_us = now_us
+        super().receive_data(data, now_us)
+
+
+class BytesRenewTheLease(VirtualHaptogramDialect):
+    """Renews the lease with every byte that comes: the host is not silent."""
+
+    def receive(self, data: bytes, t_us: int) -> None:
+        """Take bytes."""
+        super().receive(data, t_us)
+        if self._link.session and data.strip(DELIMITER):
+            self.board.output.renew_lease()
+
+
 class LengthTrusted(BoardConnection):
     """Reads what it knows of a payload and does not mind what follows."""
 
@@ -300,6 +324,8 @@ MUTANTS: Final = (
     Mutant.of(BufferOf512, "HG-2.6/2", _WIRE),
     Mutant.of(OversizeCountedAgain, "HG-2.6/3", _SELF),
     Mutant.of(ResyncByTimeout, "HG-2.1/3", _WIRE),
+    Mutant.of(PauseEndsTheFrame, "HG-2.1/3", _WIRE),
+    Mutant.of(BytesRenewTheLease, "HG-6.7/1", _WIRE),
     Mutant.of(LengthTrusted, "HG-3.2/4", _WIRE),
     Mutant.of(LowFlagsRefused, "HG-3.4/2", _SELF),
     Mutant.of(UnknownFlagsTaken, "HG-3.4/1", _WIRE),

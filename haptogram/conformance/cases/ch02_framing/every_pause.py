@@ -1,0 +1,211 @@
+"""HG-2.1, HG-6.7, HG-12.1: a line that pauses within a frame, or within bytes that are none.
+
+No length of time ends a frame: only its closing delimiter does, at which it arrives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+from haptogram_protocol.messages import (
+    Arm,
+    ArmReply,
+    Feature,
+    Ping,
+    Pong,
+    Status,
+    UploadChunk,
+    UploadKind,
+)
+from haptogram_protocol.state import MuteReason
+
+from ...case import Depth, case
+from ...client import malformed_frames
+from ...client.board_client import BoardClient
+from ...client.latching import latch_now
+from ...client.stream_kinds import StreamKind, stream_kinds
+from ...client.uploads import begin_upload
+from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
+from ...outcome import SELF_REPORTED, CaseEndedError, check
+
+_MS: Final = 1000
+_PAUSES_MS: Final = (1, 100, 1_500, 10_000, 70_000)
+_PAUSES_AT_WALL_MS: Final = (1, 100, 1_500)
+_LONG_MS: Final = 1_500
+_PLACES: Final = (
+    "in the middle",
+    "behind the first byte",
+    "behind the second byte",
+    "before the last byte",
+)
+_SEQUENCE: Final = 6
+_CHUNK: Final = 8
+_TOO_LONG: Final = 5_000
+_HOLD_MS: Final = 450
+_STATUS_MS: Final = 220
+_LEASE_MS: Final = 300
+_STEP_MS: Final = 20
+_SPARE_US: Final = 300  # of the host's estimate of the device clock
+
+
+@dataclass(frozen=True, slots=True)
+class Paused:
+    """Bytes that the line pauses in.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    make : callable
+        Returns the bytes, with both delimiters.
+    counter : str
+        Counter that they move by one.
+    """
+
+    name: str
+    make: Callable[[], bytes]
+    counter: str
+
+
+def _paused_bytes(board: BoardClient) -> Iterator[Paused]:
+    """Yield requests, stream frames of every format, and bytes that are no frame."""
+    link = board.link
+    yield Paused("PING", lambda: link.request_wire(Ping(7))[0], "requests")
+    if board.has(Feature.SEQUENCE_PHASES):
+        chunk = UploadChunk(0, bytes(range(1, 1 + _CHUNK)))
+        yield Paused("UPLOAD_CHUNK", lambda: link.request_wire(chunk)[0], "requests")
+    for kind in stream_kinds(board):
+        yield Paused(kind.name, partial(_stream_frame_with_a_pause, board, kind), "dropped_state")
+    yield Paused("a wrong CRC", lambda: _damaged_frame_with_a_pause(board), "crc")
+    yield Paused("wrong stuffing", lambda: b"\x00\xff\x01\x02\x03\x04\x05\x00", "cobs")
+    short = malformed_frames.malformed_with_crc(b"too short")
+    yield Paused("a short frame", lambda: malformed_frames.malformed_frame(short), "short")
+    noise = malformed_frames.malformed_noise(board.random, _TOO_LONG)
+    yield Paused("a run that is too long", lambda: b"\x00" + noise + b"\x00", "oversize")
+
+
+def _stream_frame_with_a_pause(board: BoardClient, kind: StreamKind) -> bytes:
+    return board.link.stream_wire(kind.make())
+
+
+def _damaged_frame_with_a_pause(board: BoardClient) -> bytes:
+    body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
+    return malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body))
+
+
+@case(
+    "HG-2.1/3",
+    "frames of every kind and junk with a pause within, of 1 ms to 70 s: each taken, counted once",
+    variant="pauses",
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def pauses_end_no_frame(board: BoardClient) -> None:
+    at_wall = bool(board.wire.limits.slack_us)
+    if board.has(Feature.SEQUENCE_PHASES):
+        count = board.identity.transducers
+        begin_upload(board, UploadKind.PHASES, _SEQUENCE, bytes(_CHUNK * count))
+    for pause_ms in _PAUSES_AT_WALL_MS if at_wall else _PAUSES_MS:
+        for paused in _paused_bytes(board):
+            for place in _PLACES[:1] if at_wall and pause_ms >= _LONG_MS else _PLACES:
+                _judge_pause(board, paused, place, pause_ms)
+
+
+def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) -> None:
+    """FAILED unless bytes with a pause in them, and the PING behind them, are each counted once."""
+    counts = {paused.counter: 1} | {"requests": 1 + (paused.counter == "requests")}
+    try:
+        with board.counting(**counts):
+            data = paused.make()
+            cut = {_PLACES[0]: len(data) // 2, _PLACES[1]: 1, _PLACES[2]: 2}.get(place, -1)
+            board.link.send(data[:cut])
+            board.wire.idle(pause_ms * _MS)
+            board.link.send(data[cut:])
+            board.wire.idle(board.wire.line_us(len(data)))
+            board.link.barrier()
+    except CaseEndedError as error:
+        text = f"{paused.name} with a pause of {pause_ms} ms {place}"
+        raise CaseEndedError(error.behaviour, f"{text}: {error}") from None
+
+
+# --- What goes on meanwhile --------------------------------------------------------------------
+
+
+@case(
+    "HG-2.1/3",
+    "in a pause of 1.5 s within a PING frames are latched, STATUS comes, the hold ends, in time",
+    variant="meanwhile",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def everything_goes_on_in_a_pause(board: BoardClient) -> None:
+    status_ms = max(_STATUS_MS, board.quick_status_ms)
+    board.configure(hold_ms=_HOLD_MS, status_period_ms=status_ms)
+    board.arm()
+    latch_now(board, board.flat_phases())
+    first_us = board.clock.soon_us(bytes(4000)) + 100 * _MS
+    times = (first_us, first_us + 200 * _MS)
+    with board.counting(latched=2, timeouts=1, requests=1):
+        board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
+        ping, seq = board.link.request_wire(Ping(board.random.getrandbits(64)))
+        since, half = board.link.mark(), len(ping) // 2
+        board.link.send(ping[:half])
+        board.clock.require_in_time(times[0], board.clock.device_estimate_us())
+        board.wire.idle(_LONG_MS * _MS)
+        header, _ = judged_mute_by_timer(board, since, 0, MuteReason.HOLD_EXPIRED)
+        told = [board.clock.unwrap(head.time_us) for head, _ in board.link.events(Status, since)]
+        resumed_us = board.clock.device_estimate_us()
+        board.link.send(ping[half:])
+        pong = board.link.reply_in(board.link.answer_to(Ping.TYPE, seq, since), Pong, Ping.TYPE)
+    on_carrier_us = board.clock.on_carrier(times[1])
+    judge_mute_time(board, on_carrier_us, header, _HOLD_MS, "hold_ms in a pause within a PING")
+    judge_status_steps(board, told, status_ms, "in a pause within a PING")
+    due = _LONG_MS // status_ms
+    check(len(told) >= due - 1, f"{len(told)} STATUS in a pause of {due} periods within a PING")
+    early_us = resumed_us - board.clock.unwrap(pong.t_rx_us)
+    text = f"t_rx of a PING lies {early_us} µs before its second half was sent"
+    check(early_us <= board.wire.limits.slack_us + _SPARE_US, text)
+
+
+@case(
+    "HG-6.7/1",
+    "a frame renews the lease when it is complete, not with its first bytes; half a frame never",
+    variant="pauses",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def bytes_of_a_frame_renew_no_lease(board: BoardClient) -> None:
+    board.configure(host_timeout_ms=_LEASE_MS)
+    for name, late_ms in (("bytes that make no frame yet", None), ("a PING in two parts", 200)):
+        since = board.link.mark()
+        answer = board.link.ask(Arm())
+        board.link.reply_in(answer, ArmReply, Arm.TYPE)
+        assert answer.header is not None  # reply_in
+        start_us = board.clock.unwrap(answer.header.time_us)
+        ping, seq = board.link.request_wire(Ping(board.random.getrandbits(64)))
+        if late_ms is None:
+            _send_byte_by_byte(board, ping[:-1])
+        else:
+            board.link.send(ping[:-5])
+            board.wire.idle(late_ms * _MS)
+            board.link.send(ping[-5:])
+            answer = board.link.answer_to(Ping.TYPE, seq, since)
+            pong = board.link.reply_in(answer, Pong, Ping.TYPE)
+            start_us = board.clock.unwrap(pong.t_rx_us)
+        header, _ = judged_mute_by_timer(board, since, 2 * _LEASE_MS * _MS, MuteReason.HOST_SILENT)
+        judge_mute_time(board, start_us, header, _LEASE_MS, f"the lease, and {name}")
+        if late_ms is None:
+            board.link.send(ping[-1:])
+            board.link.answer_to(Ping.TYPE, seq, since)
+
+
+def _send_byte_by_byte(board: BoardClient, data: bytes) -> None:
+    """Send bytes one by one until the lease is over, as far as they last."""
+    for place in range(len(data)):
+        board.link.send(data[place : place + 1])
+        board.wire.idle(_STEP_MS * _MS)
