@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Self
 
+from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.messages import (
     EVENT_RANGE,
     Counters,
@@ -353,7 +354,7 @@ def _named_in_dialogue(message: Message) -> str:
     if isinstance(message, Error):
         code = message.code
         known = ErrorCode._value2member_map_.get(code)
-        return f"{text}({getattr(known, 'name', code)}) to type {message.request:#04x}"
+        return f"{text}({getattr(known, 'name', code)}) to {annotated_type_name(message.request)}"
     if isinstance(message, StateChanged | PlaybackEnded | Trace | Pong):
         shown: dict[str, Any] = {name: getattr(message, name) for name in message.WIRE}
         return f"{text} {shown}"
