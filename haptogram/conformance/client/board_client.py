@@ -337,8 +337,15 @@ class BoardClient:
     # --- status --------------------------------------------------------------------------------
 
     def status(self) -> StatusReply:
-        """Return the status."""
-        return self.link.call(GetStatus(), StatusReply)
+        """Return the status, without the pauses of the client in its counters."""
+        status, pauses = self.link.call(GetStatus(), StatusReply), self.link.pauses
+        if not pauses:
+            return status
+        counted = {
+            name: (getattr(status.counters, name) - pauses) & 0xFFFFFFFF
+            for name in ("frames", "stale_session")
+        }
+        return dataclasses.replace(status, counters=dataclasses.replace(status.counters, **counted))
 
     @contextlib.contextmanager
     def counting(self, **wanted: int) -> Iterator[None]:
@@ -347,11 +354,9 @@ class BoardClient:
         ``frames`` and ``requests`` are judged where they are named, less the GET_STATUS of this
         method.
         """
-        before, pauses = self.status().counters, self.link.pauses
+        before = self.status().counters
         yield
         counted = self.counted_since(before)
-        counted["frames"] -= self.link.pauses - pauses
-        counted["requests"] -= self.link.pauses - pauses
         differs = {
             name: number
             for name, number in counted.items()

@@ -34,6 +34,8 @@ _ECHO_BITS: Final = 64
 _KNOCK_US: Final = 100_000  # how soon a board that boots is asked again
 _PING_BYTES: Final = 26  # on the line, at most
 _PAUSES_KEPT: Final = 256
+#: How far the number of such a PING is behind the newest: more than there are in any window.
+_PAUSE_BEHIND: Final = 0x1000
 
 
 class RequestClient:
@@ -61,7 +63,7 @@ class RequestClient:
     processed_us : int
         Time after which the board has processed what it has received.
     pauses : int
-        How often :meth:`send` waited for the board.
+        How often the client waited for the board, by a PING that counts in ``stale_session``.
     """
 
     def __init__(self, wire: RawFrameClient, random_source: random.Random) -> None:
@@ -145,7 +147,7 @@ class RequestClient:
         """Send frames, or bytes that are no frames, without a pause.
 
         Where more than ``rx_window`` bytes would be unanswered at the board, which need not take
-        them (HG-2.7/2), a PING goes in between, and its answer is awaited.
+        them (HG-2.7/2), a PING of no session goes in between, and its refusal is awaited.
         """
         size = sum(map(len, wires))
         self._make_room(size)
@@ -170,7 +172,12 @@ class RequestClient:
         self._unanswered += [(wire, mark, sent_us) for wire in wires]
 
     def _make_room(self, size: int) -> None:
-        """Wait until the board has answered a PING, unless *size* bytes more fit in its window."""
+        """Wait until the board has answered a PING, unless *size* bytes more fit in its window.
+
+        The PING bears session 0, which is never open: the board refuses it before it looks at its
+        number (HG-3.8, HG-4.9/4, HG-4.12).  So it takes no number from the requests that were made
+        before :meth:`send`, leaves the remembered reply as it is, and renews no lease (HG-6.7/1).
+        """
         if self._unanswered_bytes + size <= self.rx_window - _PING_BYTES:
             return
         self._forget_answered()
@@ -178,9 +185,10 @@ class RequestClient:
         if fits or not self._unanswered or not self._unanswered[-1][0].endswith(DELIMITER):
             return
         self.pauses += 1
-        seq, since = self.next_seq(), self.mark()
+        seq, since = (self.seq - _PAUSE_BEHIND) & 0xFFFF, self.mark()
         ping = Ping(self.random.getrandbits(_ECHO_BITS))
-        self._put([encode_frame(self.body(ping.TYPE, ping.serialize(), seq=seq))])
+        body = self.body(ping.TYPE, ping.serialize(), seq=seq, session=0)
+        self._put([encode_frame(body)])
         self._answers_of_pauses.append(self.answer_to(ping.TYPE, seq, since))
         self._forget_unanswered()
 

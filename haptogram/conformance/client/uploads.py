@@ -9,6 +9,7 @@ from typing import Final, TypeAlias
 from haptogram_protocol.messages import (
     Error,
     ErrorCode,
+    FocalPoint,
     UploadBegin,
     UploadBeginReply,
     UploadChunk,
@@ -18,7 +19,7 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ..outcome import check
+from ..outcome import check, not_observed
 from .board_client import BoardClient
 
 #: Every sequence that cases store, but those of a case that fills the store: a board may have room
@@ -38,12 +39,48 @@ def upload_to_board(
         board.correction = data
 
 
+def frames_with_room(
+    board: BoardClient, kind: UploadKind, target: int, wanted: int, size: int
+) -> int:
+    """Return the number of frames of *size* bytes that find room, *wanted* at most.
+
+    Sequences that are stored already take room, and HG-4.3 limits one upload only.  The board says
+    how many bytes are left (HG-7.2/1); NOT-OBSERVED if they hold no frame.
+    """
+    begin = UploadBegin(kind, int(kind is UploadKind.POINTS), target, wanted * size, 0)
+    answer = board.link.ask(begin)
+    if not isinstance(answer.message, Error):
+        board.link.reply_in(answer, UploadBeginReply, UploadBegin.TYPE)
+        return wanted
+    left = board.link.error_in(answer, UploadBegin.TYPE, ErrorCode.TOO_LARGE).detail
+    if left < size:
+        not_observed(f"the store has {left} bytes left, and one frame takes {size}")
+    return min(left // size, wanted)
+
+
 def begin_upload(
     board: BoardClient, kind: UploadKind, target: int, data: bytes, points: int = 0
 ) -> UploadBeginReply:
-    """Announce an upload of *data*; FAILED if the board refuses."""
+    """Announce an upload of *data*; FAILED if the board refuses.
+
+    NOT-OBSERVED if it is more than this board takes in one upload.
+    """
+    _require_limits_of_upload(board, kind, len(data), points)
     begin = UploadBegin(kind, points, target, len(data), zlib.crc32(data))
     return board.link.call(begin, UploadBeginReply)
+
+
+def _require_limits_of_upload(board: BoardClient, kind: UploadKind, size: int, points: int) -> None:
+    """End the case as NOT-OBSERVED if the limits of HELLO_REPLY are below this upload."""
+    most = board.identity.max_upload_bytes
+    if size > most:
+        not_observed(f"this case stores {size} bytes, and the board takes {most} in one upload")
+    if kind is UploadKind.CORRECTION:
+        return
+    frames = size // (points * FocalPoint.LAYOUT.size or board.identity.transducers)
+    longest = board.identity.max_sequence_frames
+    if frames > longest:
+        not_observed(f"this case stores {frames} frames, and a sequence has {longest} at most")
 
 
 def send_upload_chunks(board: BoardClient, data: bytes) -> None:

@@ -39,7 +39,7 @@ class SentDrives:
     def __init__(self) -> None:
         self._pieces: deque[bytes] = deque(maxlen=_KEPT)
         self._begun = b""
-        self._codes: defaultdict[tuple[int, int], list[Codes | None]] = defaultdict(list)
+        self._codes: dict[tuple[int, int], list[Codes | None]] = {}  # the newest numbers, in turn
         self._begin: UploadBegin | None = None
         self._upload = bytearray()
         self._target = 0  # of the last UPLOAD_COMMIT
@@ -120,6 +120,7 @@ class SentDrives:
         with contextlib.suppress(RemoteProtocolError):
             header, message = parse_body(decode_frame(piece))
             codes = drive_codes(message, transducers)
-            if len(self._codes) >= _KEPT:
-                self._codes.clear()
-            self._codes[header.session, header.seq].append(codes)
+            key = header.session, header.seq
+            self._codes[key] = [*self._codes.pop(key, []), codes]  # behind those sent before
+            if len(self._codes) > _KEPT:
+                del self._codes[next(iter(self._codes))]

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import serial
 from boards import Wrapped, run, virtual
+from identities import identity
 
 import sim_device
 from haptogram.conformance.cases import all_cases, select
@@ -225,6 +226,30 @@ def test_a_frame_whose_crc_ends_in_zero_is_still_cobs_without_its_last_byte():
         ends = [cobs_encode(malformed_frames.malformed_with_crc(body))[-1] for body in bodies]
         board.link.seq = ends.index(1, 100) - 1
         case.body(board)
+
+
+def test_a_pause_takes_no_number_from_requests_made_before_it_and_forgets_no_reply():
+    """More requests than the smallest window holds, then a drive and a request sent again."""
+    with SuiteRunner(identity(rx_window=4098), SuiteOptions()) as runner:
+        board = runner.session()
+        before = board.status().counters
+        numbered = [board.link.request_wire(Ping(echo)) for echo in range(400)]
+        since = board.link.mark()
+        board.link.send(*(wire for wire, _ in numbered))
+        board.wire.idle(100_000)
+        answers = board.link.responses(since)
+        assert [answer.message.echo for answer in answers] == list(range(400))
+        pauses = board.link.pauses
+        assert pauses
+        board.link.send(*(board.link.stream_wire(board.flat_phases()) for _ in range(300)))
+        assert board.link.pauses > pauses
+        again, seq = numbered[-1]
+        since = board.link.mark()
+        board.link.send(again)
+        assert board.link.answer_to(Ping.TYPE, seq, since).body == answers[-1].body
+        counted = board.counted_since(before)
+        found = [counted[name] for name in ("requests", "repeated", "stale_session")]
+        assert found == [400, 1, 0]
 
 
 class _Silent:

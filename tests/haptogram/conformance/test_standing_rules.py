@@ -9,6 +9,7 @@ import zlib
 import pytest
 
 from haptogram.conformance.client.wire import ReceivedByClient
+from haptogram.conformance.judge.sent_drives import SentDrives
 from haptogram.conformance.judge.standing_rules import StandingRules
 from haptogram.conformance.outcome import RuleFindings
 from haptogram_protocol.framing import encode_frame
@@ -186,6 +187,17 @@ def test_of_frames_with_one_number_any_may_be_latched():
     sent = sent_frame(one) + sent_frame(two)
     assert findings(HELLO, latches_of(2, 7, 255, 255)[0], sent=sent) == {}
     assert findings(HELLO, latches_of(3, 7, 255, 255)[0], sent=sent) != {}
+
+
+def test_of_more_frames_than_are_kept_the_newest_are_known():
+    """They are asked for in between: what is forgotten makes room for the next."""
+    sent = SentDrives()
+    for number in range(5000):
+        sent.take(sent_frame(Phases(PhaseFormat.BITS_8, 0, bytes([number & 0xFF])), number))
+        if number % 1000 == 999:
+            assert sent.codes_of(SESSION, 65_536 + number, 1)
+    known = [number for number in range(5000) if sent.codes_of(SESSION, 65_536 + number, 1)]
+    assert known == list(range(5000 - 4096, 5000))
 
 
 STORED = bytes([5, 6, 7, 8])  # two frames

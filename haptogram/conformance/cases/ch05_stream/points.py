@@ -7,6 +7,7 @@ drive is a correct one, and the fault could not be seen.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
 from haptogram_protocol.messages import PHASE_FORMAT_BIT, Feature, FocalPoint, PhaseFormat, Points
@@ -18,6 +19,7 @@ from ...outcome import SELF_REPORTED, check, not_observed
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
+    from haptogram.driver.frames.frame import Frame
 
 _TARGETS_M: Final = ((0.017, 0.031, 0.150), (-0.026, 0.012, 0.120), (0.009, -0.024, 0.180))
 _ROUNDING: Final = 0.25  # of a step: the mean error is 0 when rounded, 0.5 when cut off
@@ -42,6 +44,23 @@ def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
     return judged_model_of_board(board)
 
 
+def _judge_latched_foci(board: BoardClient, model: AcousticModel, frames: Iterable[Frame]) -> None:
+    """Latch each frame and read its drive back, then judge them: a hold may be shorter than that.
+
+    Where the loops of the search are compiled first, it takes seconds.
+    """
+    from ...judge.focusing import judge_focus, judge_of_model
+
+    frames, shown = list(frames), []
+    board.arm()
+    for frame in frames:
+        latch_now(board, frame.message)
+        shown.append(read_back(board))
+    judge = judge_of_model(model)
+    for frame, drive in zip(frames, shown, strict=True):
+        judge_focus(judge, frame, drive)
+
+
 @case(
     "HG-5.2/1",
     "PHASES for a focus, in every format: the focus of the latched drive lies on its target",
@@ -51,16 +70,15 @@ def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
     depth=Depth.DEFAULT,
 )
 def streamed_phases_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import judge_focus, judge_of_model, judged_host_frames
+    from ...judge.focusing import judged_host_frames
 
     model = _model_of_streamed_points(board)
-    judge = judge_of_model(model)
-    board.arm()
     offered = [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
-    for form, target in zip(offered, _TARGETS_M, strict=False):
-        for frame in judged_host_frames(model, board.identity, (target,), form):
-            latch_now(board, frame.message)
-            judge_focus(judge, frame, read_back(board))
+    frames = [
+        judged_host_frames(model, board.identity, (target,), form)
+        for form, target in zip(offered, _TARGETS_M, strict=False)
+    ]
+    _judge_latched_foci(board, model, itertools.chain.from_iterable(frames))
 
 
 @case(
@@ -72,16 +90,12 @@ def streamed_phases_make_a_focus(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def streamed_drives_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import judge_focus, judge_of_model, judged_host_frames
+    from ...judge.focusing import judged_host_frames
 
     model = _model_of_streamed_points(board)
-    judge = judge_of_model(model)
-    board.arm()
-    for frame in judged_host_frames(
-        model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "drives"
-    ):
-        latch_now(board, frame.message)
-        judge_focus(judge, frame, read_back(board))
+    form = PhaseFormat.BITS_8
+    frames = judged_host_frames(model, board.identity, _TARGETS_M[:2], form, "drives")
+    _judge_latched_foci(board, model, frames)
 
 
 @case(
@@ -91,16 +105,12 @@ def streamed_drives_make_a_focus(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def streamed_points_make_a_focus(board: BoardClient) -> None:
-    from ...judge.focusing import judge_focus, judge_of_model, judged_host_frames
+    from ...judge.focusing import judged_host_frames
 
     model = _model_of_streamed_points(board)
-    judge = judge_of_model(model)
-    board.arm()
-    for frame in judged_host_frames(
-        model, board.identity, _TARGETS_M[:2], PhaseFormat.BITS_8, "points"
-    ):
-        latch_now(board, frame.message)
-        judge_focus(judge, frame, read_back(board))
+    form = PhaseFormat.BITS_8
+    frames = judged_host_frames(model, board.identity, _TARGETS_M[:2], form, "points")
+    _judge_latched_foci(board, model, frames)
 
 
 def _random_point_to_stream(board: BoardClient) -> FocalPoint:

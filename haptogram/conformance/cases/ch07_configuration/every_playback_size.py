@@ -28,7 +28,7 @@ from ...client.playback import (
     shortest_period_to_play_us,
 )
 from ...client.stream_kinds import random_point_to_send
-from ...client.uploads import upload_to_board
+from ...client.uploads import frames_with_room, upload_to_board
 from ...outcome import SELF_REPORTED, check
 
 _SEQUENCE: Final = 0x0201
@@ -130,8 +130,9 @@ def frames_of_long_playback_are_those_stored(board: BoardClient) -> None:
     for kind in _kinds_of_playback(board):
         size = count if kind is UploadKind.PHASES else FocalPoint.LAYOUT.size
         room = min(board.identity.max_sequence_frames, board.identity.max_upload_bytes // size)
-        frames = min(_OVER_16_BITS // size + 2, room)
         for sequence in (_SEQUENCE, _BEHIND):
+            wanted = min(_OVER_16_BITS // size + 2, room)
+            frames = frames_with_room(board, kind, sequence, wanted, size)
             if kind is UploadKind.PHASES:
                 shapes = [board.random.randbytes(size) for _ in range(_SHAPES_MIXED)]
             else:

@@ -1,0 +1,47 @@
+"""Boards with any identity that SPEC.md allows: limits, array, carrier, capabilities."""
+
+import dataclasses
+
+from boards import BAUD
+
+from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.conformance.run.access import VirtualAccess
+from haptogram.driver.line.port import PyserialTransport
+from sim_device.protocol_haptogram import Serial
+
+
+class IdentityPort(Serial):
+    """A port to a virtual board whose settings are changed before it is built."""
+
+    def __init__(self, changes):
+        super().__init__(timeout=0)
+        self.changes = changes
+
+    def _blueprint(self, board):
+        blueprint = super()._blueprint(board)
+        settings = dataclasses.replace(blueprint.settings, **self.changes)
+        return dataclasses.replace(blueprint, settings=settings)
+
+
+def identity(*, grid=(3, 2), carrier_us=25, baud=BAUD, **changes):
+    """A board in virtual time with these fields of its settings."""
+    carrier_hz = 1_000_000 // carrier_us
+    transducer = Transducer(frequency_hz=carrier_hz)
+    medium = Medium.air(20, frequency_hz=carrier_hz)
+    changes["model"] = AcousticModel(TransducerArray.grid(*grid, pitch_m=0.01), medium, transducer)
+    ports = []
+
+    def start(number):
+        url = f"haptogram://?clock=virtual&baud={baud}&seed={number}"
+        ports[:] = [IdentityPort(changes)]
+        ports[0].port = url
+        ports[0].open()
+        return PyserialTransport(ports[0], url)
+
+    return VirtualAccess(
+        "haptogram://identity",
+        start,
+        baudrate=baud,
+        virtual=True,
+        raise_fault=lambda: ports[0].raise_hardware_fault(),
+    )
