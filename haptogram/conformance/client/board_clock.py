@@ -47,6 +47,10 @@ class ClockClient:
         """Take an unwrapped device time, by which the next ones are unwrapped."""
         self._device_us, self._asked_us = t_us, None
 
+    def note_power_up(self) -> None:
+        """Note that the board was switched on when the clock of the transport was 0."""
+        self._behind_us = BOOT_US
+
     def device_us(self) -> int:
         """Ask for the device time and return it, unwrapped as far as that is known."""
         sent_us = self._wire.now_us()

@@ -34,10 +34,12 @@ ABSENT: Final = 60_000
 STORED_FRAMES: Final = 3
 POINT_BYTES: Final = 16
 MOST_POINTS: Final = 3  # in a frame that is uploaded
-#: Damages of a frame that only a host in virtual time does: two parts with time between them, and
-#: no frame but a fault of the hardware.
+#: Damages that only a host in virtual time does: first part of a frame, whose rest comes with the
+#: next one; no frame but a fault of the hardware; no frame, so that such a rest comes alone.
 PARTS: Final = 6
 FAULT: Final = 7
+REST: Final = 8
+_SILENT: Final = (FAULT, REST)
 _SHARED: Final = 3  # every third frame shares a delimiter with the one before
 _PIECES: Final = 5  # every fifth slot's bytes come in pieces
 _FOREIGN: Final = 0x5555  # session of the request that ends a slot, beside the open one
@@ -83,7 +85,7 @@ class DialogueHost:
     inexact: set[tuple[int, int]] = field(default_factory=set)
     least_ramp_us: int = 0
     unsent: bytes = b""
-    _of_session: dict[int, bytes] = field(default_factory=dict)
+    _of_session: dict[tuple[int, str], bytes] = field(default_factory=dict)
 
     def is_computed(self, key: LatchKey) -> bool:
         """Return True if the board may have computed the drive."""
@@ -105,11 +107,16 @@ class DialogueHost:
     def remember(self, body: bytes) -> None:
         """Note a request that the board remembers with its reply."""
         self.remembered = body
-        self._of_session.setdefault(self.session, body)
+        self._of_session.setdefault((self.session, "first"), body)
+        self._of_session[self.session, "last"] = body
 
-    def earlier(self) -> bytes:
-        """Return the first request of the open nonce, which may be one of a session before."""
-        return self._of_session.get(self.session, b"")
+    def of_session(self, which: str, age: int) -> bytes:
+        """Return ``hello``, ``first`` or ``last`` request of the nonce that was open *age* ago.
+
+        A nonce may have been that of several sessions; empty if there is no such request.
+        """
+        nonces = [self.session, *reversed(self.sessions)]
+        return self._of_session.get((nonces[min(age, len(nonces) - 1)], which), b"")
 
     def note_config(self, config: Config) -> None:
         """Note the ramp of a configuration that is sent."""
@@ -134,10 +141,16 @@ class DialogueHost:
         """Return the body of a HELLO, and go on in its session if the board *takes* it."""
         self.seq -= back
         body = self.request(message, other=self.session)
-        if takes and message.nonce != self.session:
-            self.sessions.append(self.session)
-            self.session, self.stream_next = message.nonce, FIRST_STREAM_SEQ
+        if takes:
+            self._of_session[message.nonce, "hello"] = body
+            self.go_on_in(message.nonce)
         return body
+
+    def go_on_in(self, nonce: int) -> None:
+        """Go on in the session of a HELLO."""
+        if nonce != self.session:
+            self.sessions.append(self.session)
+            self.session, self.stream_next = nonce, FIRST_STREAM_SEQ
 
 
 def has_room_in_dialogue(identity: HelloReply) -> bool:
@@ -164,12 +177,16 @@ class DialogueAction:
         Given the host, returns header and payload.
     damage : int
         0: none; 1: a bit of the frame inverted; 2: cut; 3: noise instead; 4: noise of 70 000 bytes;
-        5: a run of up to 14 bytes, with a right CRC or none; :data:`PARTS`, :data:`FAULT`.
+        5: a run of up to 14 bytes, with a right CRC or none; :data:`PARTS`, :data:`FAULT`,
+        :data:`REST`.
     seed : int
         Of the damage.
     ends_slot : bool
         Whether the frame is latched right after its arrival: in which carrier period depends on
         microseconds, so that only one such frame is sent in a slot, as the last one.
+    wait_us : int
+        Time that passes between the arrival of the frame before, or the beginning of the slot, and
+        that of this one; 0 where bytes do not arrive to the microsecond.
     """
 
     slot: int
@@ -178,18 +195,20 @@ class DialogueAction:
     damage: int = 0
     seed: int = 0
     ends_slot: bool = False
+    wait_us: int = 0
 
     def wire(self, host: DialogueHost) -> bytes:
         """Return the bytes on the line."""
         source = random.Random(self.seed)
         body = self.body(host)
-        if self.damage == FAULT:
+        if self.damage in _SILENT:
             return b""
         if self.damage == 5:
             return _short_random_run(source, body)
         wire = encode_frame(body)
         if self.damage == PARTS:
-            cut = source.randrange(1, len(wire))
+            ends = (1, 2, len(wire) - 1)  # behind a delimiter, a code byte, before a delimiter
+            cut = source.choice((*ends, *(source.randrange(1, len(wire)) for _ in ends)))
             host.unsent = wire[cut:]
             return wire[:cut]
         if self.damage == 1:
@@ -218,13 +237,14 @@ def frames_of_slot(
     """Return *actions* with their frames, as many as have room on the line."""
     found: list[tuple[DialogueAction, bytes]] = []
     for action in actions:
-        wire = host.take_unsent() + action.wire(host)
+        unsent = host.take_unsent()
+        wire = unsent + action.wire(host)
         room_bytes -= len(wire)
         if room_bytes < 0:
             break
-        if found and _is_mute_in_slot(wire):
+        if found and not action.wait_us and _is_mute_in_slot(wire):
             break  # it may overtake what is sent with it: HG-3.8/2
-        shares = found and action.seed % _SHARED == 0
+        shares = found and not unsent and wire and action.seed % _SHARED == 0
         found.append((action, wire[1:] if shares else wire))
     return found
 

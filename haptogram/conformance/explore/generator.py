@@ -13,6 +13,7 @@ from .makers.conditions import DialogueConditions
 from .makers.makers import DialogueMakers
 from .makers.stream import MadeAction
 from .scenes.scenes import RandomScenes
+from .scenes.told import Told
 from .tables.coverage import DialogueCoverage
 
 #: In the text of an action whose latch may follow at once.
@@ -30,6 +31,9 @@ _GREETING_SHARE: Final = 0.4  # of the dialogues, with numbers that wrap
 _SCENE: Final = (5, 6, 6, 8)  # slots in which timers run
 _PAIR_SHARE: Final = 0.12
 _CANDIDATES: Final = 3
+#: Of the frames that begin a slot, and of the others: they come some microseconds later.
+_FIRST_APART: Final = 0.4
+_APART: Final = 0.06
 _DISARMING: Final = ("MUTE", "DISARM", "HELLO last", "HELLO earlier", "HELLO new", "HELLO near")
 #: Kinds of actions, how often they are sent, and by what a dialogue multiplies that: dialogues that
 #: lack a kind, or have much of one, come further than those in which everything is likely.
@@ -46,7 +50,8 @@ _DAMAGE_TEXT: Final = (
     ": noise instead",
     ": long noise instead",
     ": a short run instead",
-    ", in two parts",
+    ", its first part",
+    "",
     "",
 )
 
@@ -108,6 +113,15 @@ class DialogueGenerator:
         """Return the configuration that a dialogue begins with: no STATUS before slot 0."""
         return dataclasses.replace(self._configs.config(), status_period_ms=0)
 
+    def before_hello(self) -> list[DialogueAction]:
+        """Return actions for slots before 0, in which a board has no session."""
+        told = self._scenes.before_hello()
+        slots = range(-len(told), 0)
+        made = [
+            self._told(slot, one) for slot, some in zip(slots, told, strict=True) for one in some
+        ]
+        return self._apart(made) if self._exact else made
+
     def actions(self, slots: int) -> list[DialogueAction]:
         """Return a random dialogue of so many slots."""
         made: list[DialogueAction] = []
@@ -122,7 +136,7 @@ class DialogueGenerator:
             chance = self._random.random()
             if chance < self._table_share:
                 for told in self._scenes.scene():
-                    made += [self._named(slot, one, damage) for one, damage in told]
+                    made += [self._told(slot, one) for one in told]
                     slot += 1
                 self._is_armed = False
                 continue
@@ -146,7 +160,19 @@ class DialogueGenerator:
             elif self._has_long and any("'loops': 100" in a.text for a in batch):
                 slot += _LONG_QUIET // 3
             self._is_armed &= not is_quiet
-        return made
+        return self._apart(made) if self._exact else made
+
+    def _apart(self, actions: list[DialogueAction]) -> list[DialogueAction]:
+        """Let the bytes of some slots, and some frames in them, come within a carrier period."""
+        found: list[DialogueAction] = []
+        for action in actions:
+            is_first = not found or found[-1].slot != action.slot
+            if not action.wait_us and self._random.random() < (
+                _FIRST_APART if is_first else _APART
+            ):
+                action = dataclasses.replace(action, wait_us=self._random.randrange(1, 26))
+            found.append(action)
+        return found
 
     def _batch(self, slot: int) -> list[DialogueAction]:
         if not self._script and self._random.random() < 0.12:
@@ -231,6 +257,10 @@ class DialogueGenerator:
 
     def _whole(self, slot: int, made: MadeAction) -> DialogueAction:
         return self._named(slot, made, 0)
+
+    def _told(self, slot: int, told: Told) -> DialogueAction:
+        action = self._named(slot, told.made, told.damage)
+        return dataclasses.replace(action, wait_us=told.wait_us)
 
     def _named(self, slot: int, made: MadeAction, damage: int | None = None) -> DialogueAction:
         _, text, body = made

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Container, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from haptogram.machine.process import time_without_processor_us
@@ -42,10 +43,11 @@ from .comparison import (
     superfluous_in_dialogue,
 )
 from .model import DialogueModels, HostLateError
-from .opening import DialogueOpening
+from .opening import SINCE_POWER_UP, DialogueOpening
 
 _AHEAD_US: Final = SLOT_US // 8  # a slot is planned so long before it begins
 _NEAR_US: Final = 200  # error of times that a host knows
+_NEAR_EXACT_US: Final = 10  # HG-6.9/2, where bytes take no time
 _SHARES: Final = {True: 6, False: 2}  # of a slot may pass while its frames are on the line
 _WAITING: Final = 20  # this part of the time a process may wait for a processor on an idle machine
 _AROUND: Final = 24  # bytes of the line that a body may add: checksum, stuffing, delimiters
@@ -79,6 +81,15 @@ class Played:
     held_up_us: int = 0
 
 
+@dataclass(slots=True)
+class _Arrival:
+    """Bytes that arrive so long after those before, and whether the hardware fails then."""
+
+    wait_us: int
+    wires: list[bytes]
+    fails: bool = False
+
+
 class Lockstep:
     """A board under test, and its models beside it.
 
@@ -86,6 +97,11 @@ class Lockstep:
     ----------
     board : BoardClient
         Client of the board, with a session.
+
+    Attributes
+    ----------
+    is_exact : bool
+        Whether bytes arrive to the microsecond.
 
     Raises
     ------
@@ -98,66 +114,103 @@ class Lockstep:
         self._is_virtual = not board.wire.limits.slack_us
         self._models = DialogueModels(board.identity, knows_time=self._is_virtual)
         self._opening = DialogueOpening(board, self._models)
+        self.is_exact = self._is_virtual and board.wire.line_us(MAX_ENCODED_BYTES) <= 1
+        self._least_near_us = _NEAR_EXACT_US if self.is_exact else _NEAR_US
         self._session = self._near_us = 0
 
     def close(self) -> None:
         """End the processes of the models."""
         self._models.close()
 
+    @property
+    def board(self) -> BoardClient:
+        """Client of the board: another one after a power-up."""
+        return self._board
+
     def play(
-        self, actions: Sequence[DialogueAction], config: Config, seed: int, *, timed: bool
+        self,
+        actions: Sequence[DialogueAction],
+        config: Config,
+        seed: int,
+        *,
+        timed: bool,
+        powers_up: bool = False,
     ) -> Played:
         """Play a dialogue at all boards and compare; without timers slots are cut short.
+
+        With *powers_up* the boards are switched off and on before, and the actions of slots before
+        0 come before the first HELLO.
 
         Raises
         ------
         HostLateError
             If bytes may have come so late that a healthy board says something else.
         """
-        board = self._board
-        board.wire.begin_case()
-        self._begun_us, self._waited_us = board.wire.now_us(), time_without_processor_us()
+        self._board.wire.begin_case()
+        self._begun_us, self._waited_us = self._board.wire.now_us(), time_without_processor_us()
+        early: list[DialogueAction] = []
+        if powers_up:
+            host = self._opening.power_up()
+            self._board = self._opening.board
+            early = [action for action in actions if action.slot < 0]
+            played = self._compare(host, early, (SINCE_POWER_UP, SINCE_POWER_UP), timed=False)
+            if played.difference:
+                self._board.link.session = 0
+                return replace(played, difference=f"before the first HELLO: {played.difference}")
+        host = self._open(config, seed, is_known=powers_up)
+        base = (SINCE_POWER_UP, SINCE_POWER_UP) if powers_up else self._opening.baseline(host)
         try:
-            host = self._opening.open(config, seed)
+            late = [action for action in actions if action.slot >= 0]
+            found = self._compare(host, late, base, timed=timed)
+        finally:
+            # Where the client goes on.
+            self._board.link.seq, self._board.link.session = host.seq + 1, host.session
+        return replace(found, lines=(*played.lines, *found.lines)) if powers_up else found
+
+    def _open(self, config: Config, seed: int, *, is_known: bool) -> DialogueHost:
+        """Open the session of a dialogue, at a wall clock twice if the board was held up."""
+        try:
+            return self._opening.open(config, seed, is_known=is_known)
         except CaseEndedError:
             if self._is_virtual:
                 raise
-            board.wire.idle(_MISSED_US)  # a board that was held up answers now
-            host = self._opening.open(config, seed)
-        try:
-            return self._compare(host, actions, timed=timed)
-        finally:
-            # Where the client goes on.
-            board.link.seq, board.link.session = host.seq + 1, host.session
+            self._board.wire.idle(_MISSED_US)  # a board that was held up answers now
+            return self._opening.open(config, seed)
 
     def _compare(
-        self, host: DialogueHost, actions: Sequence[DialogueAction], *, timed: bool
+        self,
+        host: DialogueHost,
+        actions: Sequence[DialogueAction],
+        base: tuple[DialogueBase, DialogueBase],
+        *,
+        timed: bool,
     ) -> Played:
         """Play the slots of a dialogue up to the first difference."""
-        base = self._opening.baseline(host)
         self._memory = DialogueMemory(host.session)
         self._session = host.session
-        self._near_us = _NEAR_US
+        self._near_us = self._least_near_us
         self._early: list[FrameInDialogue] = []
         self._since = self._board.link.mark()
         lines: list[str] = []
         room_bytes = self._board.wire.baudrate * SLOT_US // _SHARES[timed] // 10_000_000
+        first = min(0, *(action.slot for action in actions), 0)
         slots = max((action.slot for action in actions), default=0) + _TAIL * timed + 1
         start_us = host.slot_us = self._first_slot()
         by_slot: dict[int, list[DialogueAction]] = {}
         for action in actions:
             by_slot.setdefault(action.slot, []).append(action)
-        slot = 0
+        slot, waited_us = first, 0
         while slot < slots:
             batch = frames_of_slot(host, by_slot.get(slot, []), room_bytes)
             shown_us = host.slot_us - start_us
-            lines += [f"{shown_us:>8} µs  {a.text}: {wire.hex()}" for a, wire in batch]
-            wires = [wire for _, wire in batch]
-            if wires and not host.unsent:
-                wires.append(end_of_slot(host))
-            fails = any(action.damage == FAULT for action, _ in batch)
+            arrived_us = itertools.accumulate(action.wait_us for action, _ in batch)
+            lines += [
+                f"{shown_us + wait_us:>8} µs  {action.text}: {wire.hex()}"
+                for (action, wire), wait_us in zip(batch, arrived_us, strict=True)
+            ]
+            arrivals = _arrivals_of_slot(batch, b"" if host.unsent else end_of_slot(host))
             silent = self._silent_slots(slot, slots, by_slot) if timed else 0
-            found = self._slot(host, wires, base, may_cut=not timed, fails=fails, silent=silent)
+            found = self._slot(host, arrivals, base, may_cut=not timed, silent=silent)
             if found and not self._is_virtual and self._has_dropped_traces(host, base[0]):
                 raise HostLateError("the line of the board had no room for traces: HG-8.7/2")
             if found:
@@ -165,7 +218,8 @@ class Lockstep:
                 return Played(text, tuple(lines), slot, self._held_up())
             host.slot_us = self._next_slot(host.slot_us + silent * SLOT_US, may_cut=not timed)
             slot += 1 + silent
-            if not timed and host.slot_us - start_us > _LONGEST_US:
+            waited_us += sum(arrival.wait_us for arrival in arrivals)
+            if not timed and host.slot_us - start_us - waited_us > _LONGEST_US:
                 break
         # What came early was due in the slot behind the last one, or never.
         self._models.advance(host.slot_us + SLOT_US)
@@ -225,9 +279,7 @@ class Lockstep:
     def _early_us(self, line_us: int) -> int:
         """Return how long before their time bytes are sent."""
         early_us = self._opening.early_us
-        if self._board.wire.line_us(MAX_ENCODED_BYTES) <= 1:
-            return early_us or line_us  # bytes take no time
-        return max(early_us, line_us)
+        return early_us if self.is_exact else max(early_us, line_us)
 
     def _wait_until(self, t_us: int) -> None:
         self._board.wire.idle(max(0, t_us - self._board.clock.device_estimate_us()))
@@ -237,25 +289,21 @@ class Lockstep:
     def _slot(
         self,
         host: DialogueHost,
-        wires: Sequence[bytes],
+        arrivals: Sequence[_Arrival],
         base: tuple[DialogueBase, DialogueBase],
         *,
         may_cut: bool,
-        fails: bool = False,
         silent: int = 0,
     ) -> str:
         board, models, at_us = self._board, self._models, host.slot_us
+        wires = [wire for arrival in arrivals for wire in arrival.wires]
         line_us = board.wire.line_us(sum(map(len, wires)))
         self._wait_until(max(at_us - self._early_us(line_us), models.now_us))
         sent_us = board.clock.device_estimate_us()
-        for piece in pieces_of_slot(b"".join(wires)):
-            board.wire.send(piece)  # a frame a slot, which the board has time for
         if self._is_virtual:
-            models.receive(at_us, wires)
-            if fails and board.raise_fault is not None:
-                board.raise_fault()
-                models.fault(at_us)
+            at_us = host.slot_us = self._arrive(at_us, arrivals)
         elif wires:
+            self._send(wires)
             answered_us = self._answered_us(host, sent_us)
             heard_us = max([sent_us, *answered_us])
             board.wire.note_held_up(heard_us - sent_us - line_us)
@@ -270,6 +318,29 @@ class Lockstep:
         due = models.due(host, base[1], self._near_us)
         self._await_frames(due, at_us + SLOT_US)
         return self._judge(host, due, base, line_us)
+
+    def _arrive(self, slot_us: int, arrivals: Iterable[_Arrival]) -> int:
+        """Let the bytes of a slot arrive at both, and the hardware of both fail.
+
+        Returns the beginning of the slot in which the last of them come.
+        """
+        board, models, at_us = self._board, self._models, slot_us
+        for arrival in arrivals:
+            if arrival.wait_us:
+                at_us += arrival.wait_us
+                models.advance(at_us)
+                self._wait_until(at_us - self._early_us(0))
+            self._send(arrival.wires)
+            models.receive(at_us, arrival.wires)
+            if arrival.fails and board.raise_fault is not None:
+                board.raise_fault()
+                models.fault(at_us)
+        return slot_us + (at_us - slot_us) // SLOT_US * SLOT_US
+
+    def _send(self, wires: Iterable[bytes]) -> None:
+        """Send the frames of a slot, which the board has time for."""
+        for piece in pieces_of_slot(b"".join(wires)):
+            self._board.wire.send(piece)
 
     def _answered_us(self, host: DialogueHost, sent_us: int) -> list[int]:
         """Wait for the refusal that ends a slot; return when the board began each of its answers.
@@ -348,7 +419,7 @@ class Lockstep:
         host.session = self._session  # a HELLO that was damaged has opened none
         line_us += board.wire.line_us(sum(len(piece.piece) + 2 for piece in pieces))
         # A status speaks of frames of earlier slots too.
-        self._near_us = max(self._near_us, _NEAR_US + line_us)
+        self._near_us = max(self._near_us, self._least_near_us + line_us)
         said = DialogueAnswers.of([*self._early, *ours], base[0])
         wanted = DialogueAnswers.of(due, base[1])
         comparison = DialogueComparison(said, wanted, host, self._near_us)
@@ -358,6 +429,19 @@ class Lockstep:
             or self._memory.first_wrong(ours)
             or self._memory.first_altered(said.responses, wanted.responses)
         )
+
+
+def _arrivals_of_slot(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:
+    """Return what arrives together in a slot; *end* comes last, if anything does."""
+    found: list[_Arrival] = []
+    for action, wire in batch:
+        if not found or action.wait_us or found[-1].fails:
+            found.append(_Arrival(action.wait_us, []))
+        found[-1].wires.append(wire)
+        found[-1].fails = action.damage == FAULT
+    if found:
+        found[-1].wires.append(end)
+    return found
 
 
 def _number_of_lockstep_frames(messages: Iterable[Message | None]) -> int:

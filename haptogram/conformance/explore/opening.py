@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
@@ -10,6 +11,7 @@ from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     Arm,
     Config,
+    Counters,
     Disarm,
     Error,
     ErrorCode,
@@ -28,6 +30,7 @@ from haptogram_protocol.messages import (
 )
 
 from ..client.board_client import BoardClient
+from ..client.board_clock import BOOT_US
 from .actions import (
     ABSENT,
     SLOT_US,
@@ -44,6 +47,10 @@ from .model import DialogueModels
 _QUICK_US: Final = 3000  # round trip of a host that was not held up
 _TRIES: Final = 8
 _BEFORE_US: Final = 1_000_000  # the model is on for so long already
+
+
+#: What a board says of itself after a power-up.
+SINCE_POWER_UP: Final = DialogueBase(Counters(*[0] * len(Counters.WIRE)))
 
 
 class DialogueOpening:
@@ -68,16 +75,36 @@ class DialogueOpening:
         self._board, self._models = board, models
         self.early_us = self.unsure_us = 0
 
-    def open(self, config: Config, seed: int) -> DialogueHost:
+    @property
+    def board(self) -> BoardClient:
+        """Client of the board: another one after a power-up."""
+        return self._board
+
+    def power_up(self) -> DialogueHost:
+        """Switch board and models off and on; return a host without a session."""
+        before = self._board
+        assert before.restart is not None  # the caller has asked
+        self._board = board = before.restart()
+        board.adopt(replace(before.identity, nonce=0))
+        board.clock.note_power_up()
+        self.early_us = 0
+        self._models.reset(BOOT_US)
+        return DialogueHost(board.identity, 0, 0, board.clock.device_estimate_us())
+
+    def open(self, config: Config, seed: int, *, is_known: bool = False) -> DialogueHost:
         """Open a session at both, with stored sequences and *config*; return the host.
 
         Configuration and sequences are sent in a session before it, so that both boards open it in
-        the same state.
+        the same state.  *is_known*: both are alike already, and the device time is known.
         """
         board = self._board
-        board.hello()  # a board that differs may have another session open
-        now_us = self._learn_time()
-        self._models.reset(board.clock.on_carrier(now_us) - _BEFORE_US)
+        if is_known:
+            now_us = max(board.clock.device_estimate_us(), self._models.now_us)
+            board.wire.idle(now_us - board.clock.device_estimate_us())
+        else:
+            board.hello()  # a board that differs may have another session open
+            now_us = self._learn_time()
+            self._models.reset(board.clock.on_carrier(now_us) - _BEFORE_US)
         host = DialogueHost(board.identity, 0, board.link.seq, now_us)
         host.computed.add((STORED_POINTS, 0))
         host.note_config(config)
@@ -112,13 +139,14 @@ class DialogueOpening:
         """Return the device time; the estimate of it is off by less than the time of an answer."""
         clock, wire = self._board.clock, self._board.wire
         for _ in range(_TRIES):
-            estimate_us, sent_us = clock.device_estimate_us(), wire.now_us()
+            sent_us = wire.now_us()
             now_us = clock.device_us()
             self.unsure_us = wire.now_us() - sent_us
             if self.unsure_us < _QUICK_US:
                 break
         if not wire.limits.slack_us:
-            self.early_us = now_us - estimate_us
+            # The PONG may have changed the estimate, by which the next bytes are sent.
+            self.early_us = now_us - clock.device_estimate_us() + wire.now_us() - sent_us
         return now_us
 
     def _hello(self, host: DialogueHost) -> None:

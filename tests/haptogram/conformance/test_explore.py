@@ -5,6 +5,7 @@ import random
 import re
 import subprocess
 import sys
+from collections import Counter
 from types import SimpleNamespace
 
 import pytest
@@ -13,7 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.conformance.cases.ch01_conformance import every_dialogue
-from haptogram.conformance.explore.actions import SLOT_US, UPLOADED, DialogueHost
+from haptogram.conformance.explore.actions import (
+    FAULT,
+    PARTS,
+    REST,
+    SLOT_US,
+    UPLOADED,
+    DialogueHost,
+)
 from haptogram.conformance.explore.comparison import (
     DialogueAnswers,
     DialogueBase,
@@ -31,11 +39,12 @@ from haptogram.conformance.explore.scenes.inputs import SceneInputs
 from haptogram.conformance.explore.scenes.scenes import RandomScenes
 from haptogram.conformance.explore.scenes.states import SceneStates
 from haptogram.conformance.explore.shrinking import shrink_dialogue
+from haptogram.conformance.explore.tables.byte_values import byte_values
 from haptogram.conformance.explore.tables.coverage import DialogueCoverage
 from haptogram.conformance.explore.tables.limit_requests import random_limit_requests
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
-from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
     Arm,
     Config,
@@ -51,6 +60,8 @@ from haptogram_protocol.messages import (
     Phases,
     Ping,
     PlaybackEnded,
+    ReadDrive,
+    SetConfig,
     UploadBegin,
     build_body,
 )
@@ -66,14 +77,76 @@ def test_the_virtual_board_lives_like_its_model(monkeypatch):
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 
-def test_the_c_board_lives_like_the_model(tmp_path, monkeypatch):
-    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 60)
+@pytest.fixture(scope="module")
+def c_board(tmp_path_factory):
+    """The command of the C board in virtual time."""
     compiler()
-    status, output = make(tmp_path, tmp_path / "board_steps", CFLAGS="-O1 -w")
+    folder = tmp_path_factory.mktemp("board")
+    status, output = make(folder, folder / "board_steps", CFLAGS="-O1 -w")
     assert status == 0, output
-    access = SteppedAccess([str(tmp_path / "board_steps"), "3x2"])
-    (result,) = run(access, CASE).results
+    return [str(folder / "board_steps"), "3x2"]
+
+
+def test_the_c_board_lives_like_the_model(c_board, monkeypatch):
+    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 60)
+    (result,) = run(SteppedAccess(c_board), CASE).results
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
+
+
+class WrappedSteps(SteppedAccess):
+    """A board in virtual time behind a transport that changes what comes or goes."""
+
+    wrapper = Wrapped
+    opened = 0
+
+    def open(self):
+        self.opened += 1
+        return self.wrapper(super().open())
+
+
+class ForgetsInPause(Wrapped):
+    """A board that forgets the beginning of a frame when no byte comes for a second."""
+
+    begun, last_ns = False, 0
+
+    def write_some(self, data):
+        is_late = self.inner.now_ns() - self.last_ns > 1_000_000_000
+        kept = data[data.index(0) :] if is_late and self.begun and 0 in data else data
+        self.begun, self.last_ns = not data.endswith(b"\0"), self.inner.now_ns()
+        self.inner.write_some(kept)
+        return len(data)
+
+
+def test_a_board_that_forgets_a_frame_in_a_pause_is_found(c_board, monkeypatch):
+    monkeypatch.setattr(WrappedSteps, "wrapper", ForgetsInPause)
+    (result,) = run(WrappedSteps(c_board), CASE).results
+    assert result.behaviour is Behaviour.FAILED
+    paused_us = max(int(text) for text in re.findall(r"the rest, (\d+) µs later", result.detail))
+    assert paused_us > 1_000_000
+
+
+class DeafBeforeHello(Wrapped):
+    """A board that says nothing for 20 ms after it was switched on a second time."""
+
+    def read_available(self, deadline_ns):
+        data = self.inner.read_available(deadline_ns)
+        is_deaf = WrappedSteps.opened > 1 and self.inner.now_ns() < 20_000_000
+        return b"" if is_deaf else data
+
+
+def test_what_a_board_says_before_the_first_hello_is_compared(c_board, monkeypatch):
+    class Opened(WrappedSteps):
+        wrapper = DeafBeforeHello
+
+        def open(self):
+            WrappedSteps.opened = self.opened + 1
+            return super().open()
+
+    monkeypatch.setattr(WrappedSteps, "opened", 0)
+    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 2)
+    (result,) = run(Opened(c_board), CASE).results
+    assert result.behaviour is Behaviour.FAILED
+    assert "before the first HELLO" in result.detail
 
 
 @pytest.mark.parametrize("left_out", [Feature(0), Feature.POINTS | Feature.SEQUENCE_POINTS])
@@ -198,6 +271,39 @@ def test_each_state_meets_each_group_of_inputs_before_any_does_again(timed):
         met, due = met or kind in coverage.scenes, len(coverage.scenes.get(kind, "not yet"))
     assert coverage.scenes[kind] == []
     assert sum(map(len, inputs.groups.values())) == len(inputs.names) > 60
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_what_happens_within_microseconds_is_met_where_bytes_take_no_time(exact):
+    changes = {"features": 2047, "phase_formats": 7, "queue_depth": 16, "firmware": "x"}
+    identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 9) | changes)
+    coverage, actions = DialogueCoverage(), []
+    for seed in range(100):
+        generator = DialogueGenerator(identity, seed, coverage, timed=seed % 2 == 0, exact=exact)
+        actions += [*generator.before_hello(), *generator.actions(60)]
+    waits = {action.wait_us for action in actions}
+    damages = {action.damage for action in actions}
+    everywhere = {"kinds of trios", "times of trios", "short fields", "steps of sessions"}
+    assert everywhere <= set(coverage.scenes)
+    moments = {"turns", "pauses with timers: True", "pauses with timers: False"}
+    assert moments <= set(coverage.scenes) if exact else not moments & set(coverage.scenes)
+    assert {*range(26), 1000, 38 * SLOT_US} <= waits if exact else waits == {0}
+    assert {PARTS, FAULT, REST} <= damages if exact else not {PARTS, FAULT, REST} & damages
+
+
+def test_each_byte_of_a_frame_has_every_value_but_where_timers_would_end():
+    values = byte_values({"READ_DRIVE": ReadDrive, "SET_CONFIG": SetConfig}, {"PHASES": Phases})
+
+    def places(kind, name):
+        return Counter(int(offset) for one, offset, _ in values[kind] if one == name)
+
+    assert places("short", "READ_DRIVE") == {0: 256, HEADER_BYTES: 256}  # type and kind
+    assert places("long", "READ_DRIVE") == dict.fromkeys((1, *range(11, 15)), 256)
+    assert places("short", "PHASES") == dict.fromkeys((0, 10, 11), 256)  # type, bits, bank
+    wire = Config.WIRE
+    assert not places("long", "SET_CONFIG").keys() & {HEADER_BYTES + wire["hold_ms"].offset}
+    assert HEADER_BYTES + wire["trace_mode"].offset in places("short", "SET_CONFIG")
+    assert 0 not in places("short", "SET_CONFIG")
 
 
 def hello_reply(nonce, **changes):

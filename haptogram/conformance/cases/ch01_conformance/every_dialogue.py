@@ -30,7 +30,7 @@ _LONGEST_US: Final = 20_000_000  # without --explore, at a wall clock
 _REPLAYS: Final = 60
 _SHRINKING_US: Final = 15_000_000  # at a wall clock
 _LATCHES: Final = 6  # in a slot, of a playback
-_LONGEST: Final = 4096  # bytes of a frame
+_POWER_UP: Final = 15  # every 15th dialogue begins with a power-up
 _LATE: Final = 3  # replays of a dialogue in which the host was late
 _AGAIN: Final = 4  # how often a dialogue in which something was held up has to differ
 _SHOWN: Final = 12  # last frames of a dialogue that differed once
@@ -57,8 +57,8 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
     coverage = DialogueCoverage()
     start_us = board.wire.now_us()
     try:
-        while _goes_on_after_dialogue(board, number, compared, start_us):
-            compared += _judge_random_dialogue(board, lockstep, number, coverage)
+        while _goes_on_after_dialogue(lockstep.board, number, compared, start_us):
+            compared += _judge_random_dialogue(lockstep, number, coverage)
             number += 1
     finally:
         lockstep.close()
@@ -78,14 +78,13 @@ def _goes_on_after_dialogue(board: BoardClient, number: int, compared: int, star
     return compared < _DIALOGUES and number < 2 * _DIALOGUES and passed_us < _LONGEST_US
 
 
-def _judge_random_dialogue(
-    board: BoardClient, lockstep: Lockstep, number: int, coverage: DialogueCoverage
-) -> bool:
+def _judge_random_dialogue(lockstep: Lockstep, number: int, coverage: DialogueCoverage) -> bool:
     """Play one dialogue; FAILED with a short one if the board differs.
 
     Returns False if nothing is known: something was held up so that it was not compared, or
     differed and then did not.
     """
+    board = lockstep.board
     seed = board.random.getrandbits(32)
     is_virtual = not board.wire.limits.slack_us
     line_us = board.wire.line_us
@@ -96,17 +95,21 @@ def _judge_random_dialogue(
         seed,
         coverage,
         timed=timed,
-        exact=is_virtual and line_us(_LONGEST) <= 1,
+        exact=lockstep.is_exact,
         slow=line_us(_LATCHES * 2 * board.identity.transducers) > SLOT_US // 2,
     )
     config = generator.config()
     slots = _SLOTS_VIRTUAL if is_virtual else _SLOTS
-    actions = generator.actions(slots if timed else _SLOTS_UNTIMED)
+    # After a power-up the time of the board is known only where bytes take none.
+    may_power_up = lockstep.is_exact and board.restart is not None and not board.explore_us
+    powers_up = may_power_up and number % _POWER_UP == 1
+    actions = generator.before_hello() if powers_up else []
+    actions += generator.actions(slots if timed else _SLOTS_UNTIMED)
 
     def play(part: Sequence[DialogueAction], tries: int = _LATE) -> Played | None:
         for _ in range(tries):
             try:
-                return lockstep.play(part, config, seed, timed=timed)
+                return lockstep.play(part, config, seed, timed=timed, powers_up=powers_up)
             except HostLateError:
                 continue
         return None
@@ -116,10 +119,10 @@ def _judge_random_dialogue(
         return played is not None
     if not is_difference_of_board(played, lambda: play(actions)):
         return False
-    end_us = board.wire.now_us() + _SHRINKING_US
+    end_us = lockstep.board.wire.now_us() + _SHRINKING_US
 
     def differs(part: Sequence[DialogueAction]) -> bool:
-        if not is_virtual and board.wire.now_us() > end_us:
+        if not is_virtual and lockstep.board.wire.now_us() > end_us:
             return False
         again = play(part)
         if again is None or not again.difference:

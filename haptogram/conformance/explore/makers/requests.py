@@ -228,6 +228,13 @@ class RandomRequests:
         """Return the requests of an upload; empty if the board has no room for one."""
         return self._uploads.upload()
 
+    def play_at_once(self) -> MadeAction:
+        """Return PLAY with IMMEDIATE, of a few frames."""
+        period_us = self._random.choice((507, 1003))
+        unattended_ms = self._configs.unattended_ms() or 6000
+        play = Play(self._random.choice(UPLOADED), period_us, 1, unattended_ms)
+        return self._built(play, flags=Flag.IMMEDIATE)
+
     def short_play(self) -> MadeAction:
         """Return PLAY of a long sequence, once and as fast as the board can."""
         period_us = -(-1_000_000 // max(1, self._identity.max_playback_rate_hz))

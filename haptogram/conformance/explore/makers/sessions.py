@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from haptogram_protocol.framing import HEADER_BYTES
 from haptogram_protocol.messages import Hello, Ping
 
 from ..actions import DialogueHost
@@ -39,11 +40,18 @@ class RandomSessions:
 
         return "HELLO new", f"HELLO with the number {seq + 1:#x}", body
 
-    def of_earlier_session(self) -> MadeAction:
-        """Return a request of the session before that of the same nonce, if there was one."""
+    def again(self, which: str, age: int) -> MadeAction:
+        """Return a request of the session open *age* ago once more; see DialogueHost.of_session."""
+        text = f"the {which} request of the session {age} before once more"
         ping = Ping(1)
-        text = "a request of an earlier session once more"
-        return text, text, lambda host: host.earlier() or host.request(ping)
+
+        def body(host: DialogueHost) -> bytes:
+            found = host.of_session(which, age)
+            if found and which == "hello":
+                host.go_on_in(Hello.deserialize(found[HEADER_BYTES:]).nonce)
+            return found or host.request(ping)
+
+        return text, text, body
 
     def hello(self, which: str = "") -> MadeAction:
         """Return a HELLO: with the open nonce, one of sessions before, a new one or none."""

@@ -96,8 +96,10 @@ class RandomStream:
         self, number: int, first_us: int, step_us: int = 100, *, step: int = 1, wrong: int = 0
     ) -> list[MadeAction]:
         """Return so many frames, of a format that is short."""
-        makers = self._kinds()[: -1 if self._most_points and self._identity.point_time_us else None]
-        shortest = min((make() for make in makers), key=lambda one: len(one.serialize()))
+        kinds = self.kinds
+        if self._identity.point_time_us:
+            kinds.pop("POINTS", None)
+        shortest = min((make() for make in kinds.values()), key=lambda one: len(one.serialize()))
         return [
             self.of(first_us / SLOT_US, shortest, apart_us=n * step_us, step=step, wrong=wrong)
             for n in range(number)
@@ -122,7 +124,7 @@ class RandomStream:
 
     def refused(self) -> MadeAction:
         """Return a frame in time, of a kind or with a value that no board takes."""
-        return self.of(0.5, self._refused(self._random.choice(self._kinds())()))
+        return self.of(0.5, self._refused(self.any()))
 
     def foreign(self) -> MadeAction:
         """Return a frame of another session."""
@@ -143,10 +145,11 @@ class RandomStream:
 
         *step* is added to the number, *cut* to the length, *wrong* combined with the session.
         """
-        message = message or self._random.choice(self._kinds())()
+        message = message or self.any()
         limit_us = self._limit_us() if ahead == "at a limit" else 0
         if ahead is None:  # its time counts for nothing
-            limit_us = self._random.choice((0, 0, -3, 8)) * SLOT_US
+            far_us = self._random.randrange(1 << 32)
+            limit_us = self._random.choice((0, -3 * SLOT_US, 8 * SLOT_US, 1 << 31, far_us))
         kind = message.TYPE
         is_computed = isinstance(message, Points)
 
@@ -202,21 +205,27 @@ class RandomStream:
     # --- what a frame carries ------------------------------------------------------------------
 
     def _drive(self) -> Message:
-        made = self._random.choice(self._kinds())()
+        made = self.any()
         return self._refused(made) if self._random.random() < 0.12 else made
 
-    def _kinds(self) -> list[Callable[[], Message]]:
-        kinds: list[Callable[[], Message]] = []
+    @property
+    def kinds(self) -> dict[str, Callable[[], Message]]:
+        """Makers of the message of a frame, by type and format."""
+        kinds: dict[str, Callable[[], Message]] = {}
         for bits, bit in PHASE_FORMAT_BIT.items():
             if self._identity.phase_formats & bit:
-                kinds.append(lambda bits=bits: self._phases(bits))  # type: ignore[misc]
+                kinds[f"PHASES {bits:d}"] = lambda bits=bits: self._phases(bits)  # type: ignore[misc]
         if self._can & Feature.AMPLITUDE:
-            kinds.append(
-                lambda: Drives(PhaseFormat.BITS_8, 0, self._random.randbytes(2 * self._count))
+            kinds["DRIVES"] = lambda: Drives(
+                PhaseFormat.BITS_8, 0, self._random.randbytes(2 * self._count)
             )
         if self._most_points:
-            kinds.append(self._points)
+            kinds["POINTS"] = self._points
         return kinds
+
+    def any(self) -> Message:
+        """Return the message of a frame of any kind."""
+        return self._random.choice(list(self.kinds.values()))()
 
     def _phases(self, bits: PhaseFormat) -> Message:
         codes = bytes(self._random.randrange(1 << bits) for _ in range(self._count))

@@ -34,9 +34,7 @@ from ..makers.makers import DialogueMakers
 from ..makers.requests import DEFECTS
 from ..makers.stream import ODD_FLAGS, MadeAction
 from ..tables.limit_requests import REFUSED_CONFIG
-
-#: A frame, and the damage of its bytes.
-Told = tuple[MadeAction, int]
+from .told import Told, told_as_made
 
 _HELLOS: Final = ("open", "last", "earlier", "new", "near", "0", "major 2")
 _UNKNOWN_TYPES: Final = (0x04, 0x3F, 0x50, 0x7F, 0x80, 0x90, 0xBF, 0xC0, 0xFF)
@@ -75,12 +73,12 @@ class SceneInputs:
         self._can = conditions.can
         made = self._requests_made() | self._frames_made()
         self._found: dict[str, Callable[[], list[Told]]] = {
-            name: (lambda make=make: [(make(), 0)])  # type: ignore[misc]
+            name: (lambda make=make: [Told(make())])  # type: ignore[misc]
             for name, make in made.items()
         }
         for damage in _DAMAGES if not conditions.exact else (*_DAMAGES, PARTS):
             self._found[f"damage {damage}"] = lambda damage=damage: [  # type: ignore[misc]
-                (self._random.choice((stream.plain(0.5), requests.plain(Ping(0)))), damage)
+                Told(self._random.choice((stream.plain(0.5), requests.plain(Ping(0)))), damage)
             ]
         self._found["nothing"] = list
         self._found["frames of some slots"] = lambda: told_as_made(
@@ -89,10 +87,7 @@ class SceneInputs:
         self._found["two frames at once"] = lambda: told_as_made(stream.pair())
         self._found["an upload"] = lambda: told_as_made(requests.upload())
         if conditions.exact:
-            self._found["off and on at once"] = lambda: told_as_made(
-                [stream.of(None), requests.plain(Disarm()), requests.plain(Arm()), stream.of(None)]
-            )
-            self._found["a fault"] = lambda: [(_fault_told(), FAULT)]
+            self._found["a fault"] = lambda: [fault_told()]
         self.names = list(self._found)
         self.groups: dict[str, list[str]] = {}
         for name in self.names:
@@ -209,16 +204,12 @@ def _group_of_told(name: str) -> str:
     return next((first for first in _GROUPS if name.startswith(first)), name)
 
 
-def told_as_made(made: Iterable[MadeAction]) -> list[Told]:
-    """Return frames without damage."""
-    return [(one, 0) for one in made]
-
-
 def _are_alike(one: str, other: str) -> bool:
     """Return True if two defects are of the same part of a frame."""
     return not DEFECTS[one].keys().isdisjoint(DEFECTS[other])
 
 
-def _fault_told() -> MadeAction:
+def fault_told() -> Told:
+    """Return a fault of the hardware."""
     text = "the hardware fails"
-    return text, text, lambda _: b""
+    return Told((text, text, lambda _: b""), FAULT)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import random
 from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from haptogram_protocol.messages import Message
@@ -25,3 +27,13 @@ class DialogueCoverage:
     pairs: Counter[tuple[str, str]] = field(default_factory=Counter)
     limits: list[Message] = field(default_factory=list)
     scenes: dict[str, list[tuple[str, ...]]] = field(default_factory=dict)
+
+    def next(
+        self, kind: str, names: Callable[[], Iterable[tuple[str, ...]]], source: random.Random
+    ) -> tuple[str, ...]:
+        """Return one of *names*, by chance: each once before any twice."""
+        due = self.scenes.setdefault(kind, [])
+        if not due:
+            due += names()
+            source.shuffle(due)
+        return due.pop()
