@@ -18,6 +18,7 @@ from haptogram_protocol.messages import (
     HelloReply,
     ReadDrive,
     UploadBegin,
+    UploadBeginReply,
     UploadChunk,
     UploadCommit,
 )
@@ -43,6 +44,16 @@ class LyingMutant(BoardConnection):
         if isinstance(message, self.of):
             message = dataclasses.replace(message, **self.lie(message))
         super().reply(request, message, now_us)
+
+
+class WindowOfOneMore(LyingMutant):
+    """Offers a window of one chunk more than it advertises."""
+
+    of = UploadBeginReply
+
+    def lie(self, message: Any) -> dict[str, Any]:
+        """Return another window."""
+        return {"window": message.window + 1}
 
 
 class GeometryHashWrong(LyingMutant):
@@ -256,6 +267,7 @@ MUTANTS: Final = (
     Mutant.of(ReadBackBeyondIsBadValue, "HG-8.6/2", _WIRE),
     Mutant.of(UploadSizeIsBadValue, "HG-7.2/2", _WIRE),
     Mutant.of(UploadTargetIsNotFound, "HG-7.2/3", _WIRE),
+    Mutant.of(WindowOfOneMore, "HG-7.2/6", _WIRE),
     Mutant.of(CommitTargetIsNotFound, "HG-7.4/4", _WIRE),
     Mutant.of(NonceZeroTaken, "HG-4.1/3", _WIRE),
     Mutant.of(RepliesOfNoSession, "HG-4.11/1", _WIRE),

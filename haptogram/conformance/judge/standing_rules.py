@@ -34,6 +34,7 @@ from haptogram_protocol.messages import (
     TraceDrive,
     TracePlayback,
     TraceReply,
+    UploadBeginReply,
     UploadCommitReply,
     signed_difference,
 )
@@ -103,6 +104,7 @@ class StandingRules:
             self._judge_counters,
             self._judge_config,
             self._judge_geometry,
+            self._judge_upload_limits,
             self._judge_events,
             self._judge_traces,
             self._judge_bits,
@@ -223,6 +225,15 @@ class StandingRules:
             if since.elements.setdefault(number, element) != element:
                 wrong.append(f"transducer {number} was shown as {since.elements[number]}")
         yield "HG-7.5/1", "; ".join(wrong[:2])
+
+    def _judge_upload_limits(self, _: ReceivedByClient, message: Message) -> Broken:
+        identity = self._since.identity
+        if not isinstance(message, UploadBeginReply) or identity is None:
+            return
+        told = message.max_chunk, message.window
+        due = identity.max_chunk, identity.upload_window
+        text = f"max_chunk and window are {told}, in HELLO_REPLY {due}"
+        yield "HG-7.2/6", text if told != due else ""
 
     def _judge_bits(self, _: ReceivedByClient, message: Message) -> Broken:
         if isinstance(message, DriveReply | TraceDrive):

@@ -1,5 +1,6 @@
-"""HG-2, HG-3, HG-4.3, HG-4.11, HG-5.2, HG-5.8, HG-6.2, HG-7.1, HG-7.5, HG-7.6, HG-8.3, HG-8.5,
-HG-8.6, HG-9.1, HG-9.2, HG-11.5: what every frame of all other cases has shown.
+"""HG-2.1, HG-2.2, HG-2.4, HG-2.6, HG-3.1, HG-3.2, HG-3.4, HG-3.6, HG-3.7, HG-3.9, HG-4.3, HG-4.11,
+HG-5.2, HG-5.8, HG-6.2, HG-7.1, HG-7.2, HG-7.5, HG-7.6, HG-8.3, HG-8.5, HG-8.6, HG-9.1, HG-9.2,
+HG-11.5: what every frame of all other cases has shown.
 
 These rules hold in each frame, whatever was asked.
 """  # noqa: D205 -- the sections take more than a line
@@ -33,6 +34,7 @@ _RULES: Final[dict[str, tuple[str, Evidence]]] = {
     "HG-6.2/3": ("the reason in a status suits its state", SELF_REPORTED),
     "HG-7.1/3": ("the configuration is the one that was set last", SELF_REPORTED),
     "HG-7.1/5": ("config_crc changes with SET_CONFIG and UPLOAD_COMMIT alone", SELF_REPORTED),
+    "HG-7.2/6": ("UPLOAD_BEGIN_REPLY names the limits of HELLO_REPLY", WIRE),
     "HG-7.5/1": ("the geometry is the same each time", WIRE),
     "HG-7.6/4": ("each traced latch of a playback has the codes that were stored", SELF_REPORTED),
     "HG-8.3/2": ("each traced latch of the stream has the codes that were sent", SELF_REPORTED),
