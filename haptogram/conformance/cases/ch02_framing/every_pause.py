@@ -1,4 +1,4 @@
-"""HG-2.1, HG-6.7, HG-12.1: a line that pauses within a frame, or within bytes that are none.
+"""HG-2.1, HG-6.7: a line that pauses within a frame, or within bytes that are none.
 
 No length of time ends a frame: only its closing delimiter does, at which it arrives.
 """
