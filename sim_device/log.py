@@ -16,6 +16,7 @@ from .board.events import (
     Notice,
     PlaybackEnd,
     PowerDown,
+    RadiatedAnew,
     RampBegan,
     RampEnded,
     Remark,
@@ -75,6 +76,8 @@ def describe_board_notice(notice: Notice) -> str:
         return _logged_board_state(notice.state, notice.reason)
     if isinstance(notice, RampBegan):
         return f"ramp to silence began: {_logged_board_reason(notice.reason)}"
+    if isinstance(notice, RadiatedAnew):
+        return "another ceiling or correction"
     if isinstance(notice, RampEnded):
         return "ramp undone: full output" if notice.restored else "ramp ended: silence"
     if isinstance(notice, PowerDown):

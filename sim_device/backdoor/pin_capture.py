@@ -14,7 +14,16 @@ from haptogram.errors import unwritable_file
 from haptogram.settings.board import PinCaptureConfig
 from haptogram_protocol.state import OutputState
 
-from ..board.events import AnyLatch, Latch, Notice, PulseLatch, RampBegan, RampEnded, StateChange
+from ..board.events import (
+    AnyLatch,
+    Latch,
+    Notice,
+    PulseLatch,
+    RadiatedAnew,
+    RampBegan,
+    RampEnded,
+    StateChange,
+)
 from ..board.settings import BoardSettings
 from .pin_waveforms import Edges, PinWaveformPulses, PinWaveformSampler
 from .uart_waveforms import UartWaveform
@@ -66,7 +75,8 @@ class BackdoorPinCapture:
         self._late = np.array(config.late_us(count))[self._elements]
         self._lingering = np.array(config.lingering_us(count))[self._elements]
         self._acts: list[_Act] = []
-        self._ramp: tuple[int, int, ComplexArray] | None = None  # begin, end, full drive
+        # Begin, end, full drive, and what a ceiling leaves at most.
+        self._ramp: tuple[int, int, ComplexArray, float] | None = None
         self._begin_us: float | None = None
         self._is_silent = True
         self._is_full = False  # it lasted longer than it was to be
@@ -81,26 +91,38 @@ class BackdoorPinCapture:
         if isinstance(latch, PulseLatch) and not self._acts and not weights.any():
             return  # power-up: the capture begins with the first sound
         if self._ramp is not None:
-            begin_us, end_us, _ = self._ramp
+            begin_us, end_us, *_ = self._ramp
             self._follow_ramp(latch.t_latch_us)
             left = (end_us - latch.t_latch_us) / max(end_us - begin_us, 1)
-            self._ramp = begin_us, end_us, weights / left if left > 0.0 else weights
+            self._ramp = begin_us, end_us, weights / left if left > 0.0 else weights, 1.0
         self._act(latch.t_latch_us, weights)
 
     def notice(self, notice: Notice) -> None:
         """Keep when the output fades, and when it falls silent."""
         if isinstance(notice, RampBegan) and self._acts and not self._is_silent:
             drive = self._acts[-1][1]
-            self._ramp = None if drive is None else (notice.t_us, notice.end_us, drive)
+            self._ramp = None if drive is None else (notice.t_us, notice.end_us, drive, 1.0)
+        if isinstance(notice, RadiatedAnew) and self._acts and not self._is_silent:
+            self._radiate_anew(notice)
         is_off = isinstance(notice, StateChange) and notice.state is not OutputState.ARMED
         if self._ramp is not None and (is_off or isinstance(notice, RampEnded)):
             self._follow_ramp(notice.t_us)
-            *_, full = self._ramp
+            _, _, full, _ = self._ramp
             self._ramp = None
             if isinstance(notice, RampEnded) and notice.restored:
                 self._act(notice.t_us, full)
         if is_off or (isinstance(notice, RampEnded) and not notice.restored):
             self._act(notice.t_us, None)
+
+    def _radiate_anew(self, notice: RadiatedAnew) -> None:
+        """Keep what is radiated under other settings; faults of the plan show from a latch on."""
+        if self._ramp is not None:
+            self._follow_ramp(notice.t_us)
+            begin_us, end_us, *_ = self._ramp
+            full = notice.full.weights()[self._elements]
+            self._ramp = begin_us, end_us, full, notice.cut / _FULL
+        boundary_us = -(-notice.t_us // self._period_us) * self._period_us
+        self._act(boundary_us, notice.radiated.weights()[self._elements], is_latch=False)
 
     def carried(self, name: str, begin_us: float, data: bytes) -> None:
         """Keep bytes that a line of the UART carries back to back from *begin_us* on."""
@@ -116,13 +138,13 @@ class BackdoorPinCapture:
         """Keep the steps of the ramp up to *until_us*."""
         if self._ramp is None:
             return
-        begin_us, end_us, full = self._ramp
+        begin_us, end_us, full, cut = self._ramp
         sizes = np.abs(full)
         last_us = max(self._acts[-1][0], begin_us)
         steps = range(begin_us + _RAMP_STEP_US, min(until_us, end_us), _RAMP_STEP_US)
         for t_us in (step for step in steps if step > last_us):
             left = (end_us - t_us) / (end_us - begin_us)
-            codes = np.floor(sizes * _FULL * left + 0.5) / _FULL
+            codes = np.minimum(np.floor(sizes * _FULL * left + 0.5) / _FULL, cut)
             weights = full * np.divide(codes, sizes, out=np.zeros_like(sizes), where=sizes > 0)
             self._act(t_us, weights, is_latch=False)
 
@@ -132,6 +154,8 @@ class BackdoorPinCapture:
         if not self._is_within(t_us):
             self._is_full = True
             return
+        if self._acts and self._acts[-1][0] > t_us:
+            self._acts.pop()  # settings that were to show in the carrier period after this one
         self._acts.append((t_us, weights, is_latch and weights is not None))
         self._is_silent = weights is None
 

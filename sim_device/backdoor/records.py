@@ -20,6 +20,7 @@ from ..board.events import (
     PlaybackEnd,
     PowerDown,
     PulseLatch,
+    RadiatedAnew,
     RampBegan,
     RampEnded,
     Remark,
@@ -173,6 +174,8 @@ def _backdoor_output_change(notice: Notice) -> Record:
         return {"event": "state", **names, "requested": notice.requested}
     if isinstance(notice, RampBegan):
         return {"event": "ramp_began", "reason": notice.reason.name}
+    if isinstance(notice, RadiatedAnew):
+        return {"event": "radiated_anew"}
     if isinstance(notice, RampEnded):
         return {"event": "ramp_ended", "restored": notice.restored}
     if isinstance(notice, PowerDown):

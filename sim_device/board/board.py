@@ -316,7 +316,7 @@ class Board:
         self._refuse_without_upload()
         upload = self._uploads.commit(commit)
         if upload.begin.kind is UploadKind.CORRECTION:
-            self.output.correction = upload.data
+            self.output.correct(upload.data)
         else:
             self._sequences[commit.target] = upload
         self._uploads.abandon()

@@ -138,6 +138,26 @@ class RampBegan:
 
 
 @dataclass(frozen=True, slots=True)
+class RadiatedAnew:
+    """A new ceiling or correction changed a drive that sounds, without a latch.
+
+    Attributes
+    ----------
+    radiated : Drive
+        From now on.
+    full : Drive
+        The same at the beginning of a ramp that is under way.
+    cut : int
+        Largest amplitude code that such a ramp leaves.
+    """
+
+    t_us: int
+    radiated: Drive
+    full: Drive
+    cut: int
+
+
+@dataclass(frozen=True, slots=True)
 class RampEnded:
     """A ramp is over: restored to full output, or ended by a change of state."""
 
@@ -223,6 +243,7 @@ Notice: TypeAlias = (
     | StateChange
     | RampBegan
     | RampEnded
+    | RadiatedAnew
     | PlaybackEnd
     | Remark
     | ClientLeft

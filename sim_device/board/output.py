@@ -16,11 +16,11 @@ from haptogram_protocol.state import MuteReason, OutputInput, OutputState, next_
 
 from .configuration import initial_board_config
 from .counters import BoardCounters
-from .events import Latch, Notice, RampBegan, RampEnded, StateChange
+from .events import Latch, Notice, RadiatedAnew, RampBegan, RampEnded, StateChange
 from .refusal import RefusalError
 from .registers import radiated_drive_of_registers
 from .settings import BoardSettings
-from .timers import NEVER_US, BoardTimers
+from .timers import FULL_CODE, NEVER_US, BoardTimers
 
 Due: TypeAlias = tuple[int, Callable[[], None]]  # when, and the action
 
@@ -122,10 +122,28 @@ class BoardOutput:
 
     def configure(self, config: Config) -> None:
         """Put *config* in force, timers included."""
-        self.config = config
+        ceiling, self.config = self.config.amplitude_ceiling, config
         if self.state is OutputState.ARMED:
             self._timers.reconfigure(self.now_us, self._last_boundary_us, config)
             self.renew_lease()
+        if ceiling != config.amplitude_ceiling:
+            self._note_radiated()
+
+    def correct(self, codes: bytes) -> None:
+        """Put a phase correction in force."""
+        self.correction = codes
+        self._note_radiated()
+
+    def _note_radiated(self) -> None:
+        """Note that a drive that sounds is radiated in another way from now on."""
+        if not self._sounding or self.latched is None:
+            return
+        fades = self._timers.fades(self.now_us)
+        drive, ceiling = self.latched.drive, min((f.ceiling for f in fades), default=FULL_CODE)
+        full = radiated_drive_of_registers(drive, self.correction, ceiling)
+        cut = min((fade.cut for fade in fades), default=FULL_CODE)
+        radiated = self._sound(self._radiate(drive, self.now_us))
+        self._new_notices.append(RadiatedAnew(self.now_us, radiated, full, cut))
 
     def renew_lease(self) -> None:
         """Restart the host timeout: a valid frame of the session came."""

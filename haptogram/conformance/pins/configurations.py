@@ -62,6 +62,31 @@ class ConfigurationsByPins:
         """Return the configuration at a period of the capture; None: it is not known."""
         return _last_configuration(self._configs, t)
 
+    def of_ramp(self, end: float, per_ms: float) -> tuple[Config, float] | None:
+        """Return configuration and beginning of the ramp that ends at a period (HG-6.11/6).
+
+        A configuration that was set during the ramp has no part in it. None: it is not known, or
+        two configurations fit.
+        """
+        found: list[tuple[Config, float]] = []
+        until = end
+        for since, config in reversed(self._configs):
+            if since >= end:
+                continue
+            if config is None:
+                until = since
+                continue
+            begin = end - config.ramp_ms * per_ms
+            if since <= begin < until or (not config.ramp_ms and until == end):
+                found.append((config, begin))
+            until = since
+        return found[0] if len(found) == 1 else None
+
+    def least_ceiling(self, begin: float, end: float) -> int:
+        """Return the least ceiling that was set between two periods; 255 if none was."""
+        between = (config for t, config in self._configs if begin < t < end)
+        return min((c.amplitude_ceiling for c in between if c is not None), default=255)
+
     def correction(self, t: float) -> bytes | None:
         """Return the phase correction at a period of the capture; None: it is not known."""
         return _last_configuration(self._corrections, t)

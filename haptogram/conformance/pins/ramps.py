@@ -38,10 +38,12 @@ def judge_ramp_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> No
         end = dialogue.told(frame)
         if changed.reason not in _TIMERS or end is None:
             continue
-        config = configs.at(end)
-        if config is None or not config.ramp_ms:
+        found = configs.of_ramp(end, per_ms)
+        if found is None or not found[0].ramp_ms:
             continue
-        begin = end - config.ramp_ms * per_ms
+        config, begin = found
+        if configs.least_ceiling(begin, end) < config.amplitude_ceiling:
+            continue  # it cuts the line off, and a pulse of another width is neither of both
         # A latch meanwhile changes the amplitude that the ramp is of.
         since = begin - _BEFORE - 2.0 * _TIMER_MS * per_ms
         source = min(dialogue.next_source(since), dialogue.next_unread(since))

@@ -166,7 +166,8 @@ CHANNELS: Final = {
             "a change of the output, as the back door tells it",
             t_us={"type": "integer", "description": "device time, us"},
             event=_text_in_channel(
-                "session, state, ramp_began, ramp_ended, playback_ended or power_down"
+                "session, state, ramp_began, ramp_ended, radiated_anew, playback_ended or "
+                "power_down"
             ),
         ),
         _json_channel(

@@ -10,8 +10,9 @@ import pytest
 from boards import BAUD, run, virtual
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
-from haptogram.conformance.case import Depth
+from haptogram.conformance.case import Depth, case
 from haptogram.conformance.client.drive_paths import drive_paths
+from haptogram.conformance.client.latching import latch_now
 from haptogram.conformance.pins.cases import PIN_CASES
 from haptogram.conformance.pins.dialogue import PinDialogue
 from haptogram.conformance.pins.judge import (
@@ -34,6 +35,7 @@ from haptogram.settings.board import PinCaptureConfig
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol.messages import Mute, Ping, StateChanged, TraceMode
 from haptogram_protocol.state import OutputState
+from sim_device.board.timers import BoardTimers
 from virtual_ports import BoardPort
 
 MAP = {"reference": "carrier", "to_board": "to_board", "to_host": "to_host", "elements": "e{}"}
@@ -92,6 +94,33 @@ def test_a_healthy_board_is_seen_to_meet_the_clauses(healthy):
     joined = suite_with_clauses_by_pins(suite, results)
     assert len(joined.results) == len(suite.results) + len(results)
     assert {r.case for r in joined.results if r.is_failure} == set()
+
+
+@case("HG-6.11/6", "a higher ceiling and a longer ramp_ms are set during a ramp")
+def raised(board):
+    board.configure(hold_ms=60, ramp_ms=240, amplitude_ceiling=100)
+    board.arm()
+    latch_now(board, board.flat_phases())
+    board.wire.idle(150_000)
+    board.configure(hold_ms=60, ramp_ms=1000)
+    board.wire.idle(200_000)
+
+
+@pytest.mark.parametrize("louder", [False, True])
+def test_a_ramp_keeps_the_ceiling_of_its_beginning(louder, tmp_path, monkeypatch):
+    reconfigure = BoardTimers.reconfigure
+
+    def set_louder(self, now_us, last_latch_us, config):
+        reconfigure(self, now_us, last_latch_us, config)
+        self._hold.ceiling = self._hold.cut = config.amplitude_ceiling
+
+    if louder:
+        monkeypatch.setattr(BoardTimers, "reconfigure", set_louder)
+    monkeypatch.setitem(run.__globals__, "all_cases", lambda: (raised,))
+    _, record = captured_suite(tmp_path / "pins.vcd", cases=(raised.id,))
+    found = {r.clause: r.behaviour for r in judge_clauses_by_pins([record])}
+    due = Behaviour.FAILED if louder else Behaviour.OK
+    assert [found["HG-6.11/1"], found["HG-6.11/2"]] == [due, due]
 
 
 def test_the_sessions_of_a_run_tell_its_capture_from_that_of_another(healthy):

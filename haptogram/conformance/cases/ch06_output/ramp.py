@@ -168,7 +168,8 @@ def output_ramps_end_muted(board: BoardClient) -> None:
 
 @case(
     "HG-6.11/6",
-    "a higher ceiling and another ramp_ms, set during a ramp, change neither its line nor its end",
+    "a higher ceiling and another ramp_ms, set during a ramp, leave its line; a lower one cuts it",
+    variant="alone",
     needs=_RAMPS,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
@@ -180,11 +181,13 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
     since = board.link.mark()
     latch_now(board, board.flat_phases())
     latch_us = board.clock.unwrap(board.status().last_latch_us)
-    board.wire.idle((hold_ms + ramp_ms // 3) * _MS)
-    board.configure(hold_ms=hold_ms, ramp_ms=2 * ramp_ms, amplitude_ceiling=FULL)
     begins = bytes([ceiling]) * board.identity.transducers
-    reading = judged_ramp_reading(board, latch_us + hold_ms * _MS)
-    judge_straight_ramp(board, [reading], ramp_ms, begins, "a higher ceiling meanwhile: ")
+    for wait_ms, then in ((hold_ms + ramp_ms // 4, FULL), (ramp_ms // 4, 20)):
+        board.wire.idle(wait_ms * _MS)
+        board.configure(hold_ms=hold_ms, ramp_ms=2 * ramp_ms, amplitude_ceiling=then)
+        reading = judged_ramp_reading(board, latch_us + hold_ms * _MS)
+        name = f"ceiling {ceiling}, {then} meanwhile: "
+        judge_straight_ramp(board, [reading], ramp_ms, begins, name, cut=min(ceiling, then))
     header, _ = judged_mute_by_timer(board, since, 3 * ramp_ms * _MS, MuteReason.HOLD_EXPIRED)
     judge_mute_time(board, latch_us, header, hold_ms + ramp_ms, "ramp_ms set meanwhile")
 
