@@ -13,13 +13,14 @@ import numpy as np
 
 from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
-from haptogram_protocol.messages import Config
+from haptogram_protocol.messages import Config, ErrorCode
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ..board.board import Board
 from ..board.clock import BoardClock
 from ..board.events import StateChange
 from ..board.output import BoardOutput
+from ..board.refusal import RefusalError
 from ..board.registers import radiated_drive_of_registers
 from ..board.timers import FULL_CODE, BoardTimers, Fade
 from ..dialects.haptogram import VirtualHaptogramDialect
@@ -202,6 +203,16 @@ class StateChangeUnsaid(VirtualHaptogramDialect):
         super().collect()
 
 
+class FaultRefusesSettings(VirtualHaptogramDialect):
+    """Takes no configuration while the hardware reports a fault."""
+
+    def _set_config(self, message: Any, request: Any) -> Any:
+        state = self.board.output.state
+        if state is OutputState.FAULT:
+            raise RefusalError(ErrorCode.BAD_STATE, int(state), "a fault")
+        return super()._set_config(message, request)
+
+
 class CeilingIgnored(BoardOutput):
     """Radiates amplitudes above the ceiling."""
 
@@ -295,6 +306,7 @@ class OutputsReversed(BoardOutput):
 _WIRE, _SELF, _EXTERNAL = Evidence
 
 MUTANTS: Final = (
+    Mutant.of(FaultRefusesSettings, "HG-6.2/1", _WIRE),
     Mutant.of(SilenceKeepsPhases, "HG-8.6/4", _SELF),
     Mutant.of(ArmedAtBoot, "HG-6.1/1", _WIRE),
     Mutant.of(MuteIgnored, "HG-6.2/1", _WIRE),

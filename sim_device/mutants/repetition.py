@@ -68,6 +68,16 @@ class MuteForgetsTheReply(BoardConnection):
         return super()._request(frame, message, **how)
 
 
+class RepetitionByHalfCrc(BoardConnection):
+    """Keeps 16 bits of the CRC by which it knows a repetition."""
+
+    def _judge_control_seq(self, frame: Any) -> Any:
+        answered = self._answered
+        if answered and not (answered.crc ^ frame.crc) & 0xFFFF:
+            frame = dataclasses.replace(frame, crc=answered.crc)
+        return super()._judge_control_seq(frame)
+
+
 class MuteAnsweredTwice(BoardConnection):
     """Answers MUTE where it is found and once more in its turn, if it is of another session."""
 
@@ -218,6 +228,7 @@ MUTANTS: Final = (
     Mutant.of(RefusalsOfArrival, "HG-4.11/2", _WIRE),
     Mutant.of(MuteForgetsTheReply, "HG-4.9/5", _WIRE),
     Mutant.of(MuteSetsNumbersBack, "HG-4.9/3", _WIRE),
+    Mutant.of(RepetitionByHalfCrc, "HG-4.9/2", _WIRE),
     Mutant.of(MuteAnsweredTwice, "HG-4.11/1", _WIRE),
     Mutant.of(LostRequestsDone, "HG-4.9/5", _WIRE),
     Mutant.of(HelloAgainRestartsEvents, "HG-3.6/2", _WIRE),

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.messages import Ping, Pong
+from haptogram_protocol.messages import Phases, Ping, Pong
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...outcome import SELF_REPORTED, check
 
 _LISTEN_US: Final = 300_000
+_PING_BYTES: Final = 26  # on the line, at most
 
 
 @case("HG-2.7/1", "all 256 byte values come back from PING as they were sent")
@@ -34,6 +35,23 @@ def line_takes_a_full_window(board: BoardClient) -> None:
     with board.counting(dropped_state=count, frames=count):
         board.link.send(*frames)
         board.wire.idle(board.wire.line_us(sum(map(len, frames))))
+
+
+@case(
+    "HG-2.7/2",
+    "the shortest stream frames, rx_window bytes of them without a pause: each is counted",
+    variant="shortest",
+    evidence=SELF_REPORTED,
+)
+def line_takes_a_window_of_shortest_frames(board: BoardClient) -> None:
+    first = board.link.stream_raw(Phases.TYPE, b"")  # of a wrong length: 14 bytes before stuffing
+    count = (board.identity.rx_window - _PING_BYTES) // len(first)
+    frames = [first, *(board.link.stream_raw(Phases.TYPE, b"") for _ in range(count - 1))]
+    since = board.link.mark()
+    with board.counting(bad_length=count, frames=count + 1, requests=1, gap=0):
+        ping, seq = board.link.request_wire(Ping(1))
+        board.wire.send(b"".join([*frames, ping]))
+        board.link.answer_to(Ping.TYPE, seq, since, board.wire.line_us(count * len(first)))
 
 
 @case(

@@ -31,6 +31,8 @@ from ...outcome import check
 
 _NUMBERS: Final = (0, 1, 0xFF, 0x100, 0x7FFF, 0x8000, 0xFFFE, 0xFFFF)
 _LOW_FLAGS: Final = (1, 2, 4, 8)
+#: Bits of the echo of a PING that, inverted, leave the low, and the high, half of its CRC-32.
+_SAME_HALF_OF_CRC: Final = {"low": 0x15E3E, "high": 0x8567}
 
 
 @case(
@@ -194,3 +196,18 @@ def _is_repetition_refused(answer: ReceivedByClient, seq: int, *, may_be_value: 
     if may_be_value and error.code in (ErrorCode.BAD_VALUE, ErrorCode.UNSUPPORTED):
         return True
     return (error.code, error.detail) == (ErrorCode.SEQUENCE_REUSED, seq)
+
+
+@case(
+    "HG-4.9/2",
+    "a PING with the number of the last one, and half of its CRC-32, is refused",
+    variant="halves",
+)
+def half_a_crc_makes_no_repetition(board: BoardClient) -> None:
+    for half, bits in _SAME_HALF_OF_CRC.items():
+        echo = board.random.getrandbits(64)
+        board.link.call(Ping(echo), Pong)
+        answer = board.link.ask(Ping(echo ^ bits), seq=board.link.seq)
+        due = _is_repetition_refused(answer, board.link.seq & 0xFFFF, may_be_value=False)
+        got = board.link.answer_text(answer)
+        check(due, f"a PING with the {half} half of the last one's CRC: got {got}")

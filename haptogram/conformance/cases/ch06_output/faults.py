@@ -8,25 +8,31 @@ from typing import Final
 from haptogram_protocol.messages import (
     Arm,
     Disarm,
+    Error,
     ErrorCode,
     Feature,
+    Flag,
     Message,
     Mute,
     Play,
     PlaybackEnded,
+    SetConfig,
     StateChanged,
+    Status,
     Stop,
 )
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, play_out, send_phases_to_store
+from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _SEQUENCE: Final = 4
 _QUEUED: Final = 2
+_SHORT_MS: Final = 30  # of timers that would run out
 _PLAYBACK: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 _FAULT: Final = (OutputState.FAULT, MuteReason.FAULT)
 
@@ -180,3 +186,46 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
         found = board.status()
         check((found.state, found.reason) == _FAULT, f"{name} in FAULT: {found.reason.name}")
     recover_from_hardware_fault(board)
+
+
+@case(
+    "HG-6.2/1",
+    "in FAULT stream frames are dropped, all else is answered: settings, uploads, readings, STATUS",
+    variant="requests",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
+    board.arm()
+    latch_now(board, board.flat_phases())
+    fail_hardware(board)
+    period_ms = board.quick_status_ms
+    board.hello()
+    config = board.configure(host_timeout_ms=_SHORT_MS, hold_ms=_SHORT_MS, late_window_us=777)
+    for message in valid_requests_to_send(board, _SEQUENCE):
+        if isinstance(message, Disarm):
+            continue
+        answer = board.link.ask(message, flags=Flag.IMMEDIATE if isinstance(message, Play) else 0)
+        is_refused = isinstance(answer.message, Error)
+        text = f"{message.TYPE.name} in FAULT: {board.link.answer_text(answer)}"
+        check(is_refused == isinstance(message, Arm | Play), text)
+    send_phases_to_store(board, _SEQUENCE, frames=2)
+    kinds = stream_kinds(board)
+    with board.counting(dropped_state=len(kinds), latched=0, timeouts=0):
+        for kind in kinds:
+            board.link.send(board.link.stream_wire(kind.make()))
+    board.configure(status_period_ms=period_ms, late_window_us=777)
+    since = board.link.mark()
+    board.wire.idle(3 * period_ms * 1000 + 2 * _SHORT_MS * 1000)
+    found = board.status()
+    check((found.state, found.reason) == _FAULT, f"timers in FAULT: {found.state.name}")
+    told = len(board.link.events(Status, since))
+    check(told >= 2, f"{told} STATUS in FAULT in more than 3 periods")
+    board.link.ask(SetConfig(config))
+    recover_from_hardware_fault(board)
+    board.configure()
+    board.arm()
+    with board.counting(latched=3):
+        latch_now(board, board.flat_phases())
+        play_out(board, _SEQUENCE, 2)
