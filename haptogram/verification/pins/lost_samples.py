@@ -23,6 +23,7 @@ _MOST: Final = 8  # places at which samples are missing that are sought
 _BEFORE: Final = 0.5  # periods of a frame that its drive is not judged in
 _HALF: Final = 0.5
 _LEAST_SHIFT: Final = 1.25  # periods by which a part of the run is ahead of the other
+_COMPARED: Final = 32  # frames of a part, at most, whose times are compared
 _FEWEST_DRIVES: Final = 8  # of pins in frames that show such a part
 _MOST_SPREADS: Final = 6.0  # of the phase from frame to frame, beyond which it jumps
 _NEAR: Final = 3  # frames behind a wrong one in which the phase is right again
@@ -68,14 +69,18 @@ def _end_before_lost_samples(
         return float(shown.starts[first]) - _BEFORE
     end = float(shown.starts[first])
     behind = frames_shown_by_pins(record.between(end, record.end, ""), run)
-    if _shows_part_of_run(behind, fitting) and _is_ahead(behind, shown):
+    if _shows_part_of_run(behind, fitting) and _periods_ahead(run, behind, shown) > _LEAST_SHIFT:
         return end - _BEFORE
     is_late = shown.late[last] > LATE_PERIODS  # the samples before its latch are those that lack
     end = float(shown.starts[last] + shown.late[last] if is_late else shown.ends[last])
-    before = frames_shown_by_pins(record.between(0.0, end, ""), run)
-    if _shows_part_of_run(before, fitting) and _is_ahead(shown, before):
-        seen = np.flatnonzero(before.seen & before.right[:, fitting].all(axis=1))
-        return float(before.ends[seen[-1]]) - _BEFORE
+    for split in (end, float(shown.starts[0])):  # a pass may have been taken for sound before it
+        if split <= run.gap:
+            continue
+        before = frames_shown_by_pins(record.between(0.0, split, ""), run)
+        is_shown = _shows_part_of_run(before, fitting)
+        if is_shown and _periods_ahead(run, before, shown) < -_LEAST_SHIFT:
+            seen = np.flatnonzero(before.seen & before.right[:, fitting].all(axis=1))
+            return float(before.ends[seen[-1]]) - _BEFORE
     return None
 
 
@@ -87,8 +92,22 @@ def _shows_part_of_run(part: FramesShownByPins, fitting: Bools) -> bool:
     return float(part.right[judged][:, fitting].all(axis=1).mean()) >= _HALF
 
 
-def _is_ahead(part: FramesShownByPins, other: FramesShownByPins) -> bool:
-    return float(other.starts[0] - part.starts[0]) > _LEAST_SHIFT
+def _periods_ahead(run: PinRunDrives, part: FramesShownByPins, whole: FramesShownByPins) -> float:
+    """Return by how much a part of a capture shows its frames earlier than the whole has them.
+
+    An object that repeats may be found in any of its passes. Between two frames of one drive lies a
+    whole number of them, so that of these times the one counts which leaves the least.
+    """
+    drives = np.hstack([run.phases[:, run.elements], run.amplitudes[:, run.elements]])
+    shown = np.flatnonzero(part.seen & ~part.lost)
+    ahead = []
+    for frame in shown[:: -(-len(shown) // _COMPARED)]:
+        starts = whole.starts[(drives == drives[frame]).all(axis=1)]
+        times = starts + part.starts[frame] - whole.starts[frame]
+        behind = np.searchsorted(starts, times).clip(max=len(starts) - 1)
+        away = np.concatenate([starts[behind] - times, starts[np.maximum(behind - 1, 0)] - times])
+        ahead.append(away[np.abs(away).argmin()])
+    return float(np.median(ahead))
 
 
 def _turns_jump_at(

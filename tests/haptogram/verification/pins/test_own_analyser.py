@@ -175,6 +175,27 @@ def test_samples_lost_beside_a_reference_that_is_an_element_fail_no_board(first,
     assert pins.verdict is Verdict.FAIL
 
 
+@pytest.mark.parametrize(
+    ("frames", "passes", "first_ms", "count"),
+    [(12, 2, 20.92, 3000), (6, 3, 6.51, 3000), (12, 2, 7.64, 36_000)],
+)
+def test_samples_lost_of_an_object_that_repeats_fail_no_board(
+    frames, passes, first_ms, count, tmp_path
+):
+    """What comes behind them is found in another pass, or the run where it does not begin."""
+    random = np.random.default_rng(frames + passes)
+    codes = np.tile(random.integers(0, 256, (frames, 8)), (passes, 1))
+    board = Board(np.hstack([codes, codes]) / 256, np.ones((frames * passes, 16)))
+    analyser = Analyser(ppm=60.0, lost=((round((first_ms + 0.5) * 24_000), count),))
+    path, keys = tmp_path / "pins.vcd", {"pins": range(8), "reference": "p0"}
+    pins = judged(board, analyser, path, random, **keys)
+    assert pins.findings == {}
+    assert pins.verdict is Verdict.INCONCLUSIVE
+    assert any("cut off: samples are missing behind" in reason for reason in pins.reasons)
+    board.shifted = {3: 0.25}
+    assert judged(board, analyser, path, random, **keys).verdict is Verdict.FAIL
+
+
 def test_a_frame_of_which_a_pin_is_wrong_is_no_loss_of_samples(tmp_path):
     """Nor is one that all pins take late, nor one that they never take."""
     random, board = drawn(0)
