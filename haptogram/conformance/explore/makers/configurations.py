@@ -24,7 +24,7 @@ _TRIES: Final = 4
 #: Its tenth multiple, 5 s later than most dialogues end, is the first that comes with a latch.
 _STATUS_MS: Final = round(12.85 * _SLOT_MS)
 #: A ramp that begins with a frame, as its hold is over already, ends at 0.45 of a slot.
-_RAMPS_MS: Final = (58, 418, 2000)
+_RAMPS_MS: Final = (58, 178, 418, 2000)
 _LONGEST_RAMP_MS: Final = 418  # in a scene
 
 
@@ -58,7 +58,7 @@ class RandomConfigs:
         self._drives = conditions.drives
         self.with_status = conditions.timed and source.random() < 0.3
         self.with_timers = conditions.timed and not self.with_status
-        self._ramps = source.choice(((0,), (0, *_RAMPS_MS[:1]), (0, *_RAMPS_MS[1:])))
+        self._ramps = source.choice(((0,), (0, *_RAMPS_MS[:1]), (0, *_RAMPS_MS[2:])))
         self.last = Config()
 
     def config(self) -> Config:
@@ -106,6 +106,8 @@ class RandomConfigs:
         """Return the last configuration with another value of one field."""
         last = self.last
         others = [getattr(self.config(), name) for _ in range(_TRIES)]
+        if name == "ramp_ms":
+            others = self._random.sample(_RAMPS_MS, len(_RAMPS_MS))
         value = next((other for other in others if other != getattr(last, name)), others[0])
         self.last = dataclasses.replace(last, **{name: value})
         return self.last

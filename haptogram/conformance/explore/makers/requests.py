@@ -73,9 +73,12 @@ class RandomRequests:
         self._identity = conditions.identity
         self._random = conditions.random
         self._configs = configs
-        self._starts = (0.5, 0.5, 1.5, 1.5, -2.0, -0.25, 10_000)  # slots from now
-        if not conditions.timed:
-            self._starts = (0.5, 100, 100, 100, -2.0, -0.25, 10_000)
+        waiting = (0.5, 1.5, 1.5) if conditions.timed else (100, 100, 100)
+        self._starts = [0.5, *waiting, -2.0, -0.25, 10_000]  # slots from now
+        horizon = self._identity.max_horizon_us / SLOT_US
+        self._starts += [horizon - 1, horizon + 1]
+        if conditions.exact:
+            self._starts += [horizon, horizon + 1 / SLOT_US]
         # A whole slot a frame, or all frames well within half a slot.
         self._periods = [(SLOT_US, 0), (SLOT_US, 1), (SLOT_US, 4), (SLOT_US + 7, 3)]
         if conditions.fast:
@@ -270,12 +273,9 @@ class RandomRequests:
 
     def probe(self) -> list[MadeAction]:
         """Return requests that together show what a board may have changed."""
-        count = self._identity.transducers
-        asked: list[Message] = []
-        if self._can & Feature.READ_LATCHED:
-            asked.append(ReadDrive(DriveKind.LATCHED, 0, count))
-        if self._can & Feature.READ_RADIATED:
-            asked.append(ReadDrive(DriveKind.RADIATED, 0, count))
+        asked = self._whole_drives()
+        if self.plays:  # its refusal shows how many sequences are stored
+            asked.append(Play(ABSENT, SLOT_US, 1, 1000))
         if self._can & Feature.TRACE_RING:
             asked.append(ReadTrace(self._random.choice((0, 1)), _MOST_U16))
         asked += [UploadChunk(0, b""), GetConfig()]
@@ -283,6 +283,18 @@ class RandomRequests:
         shown = [GetStatus(), *asked[: self._random.choice((0, 1, 2, len(asked)))]]
         made = [self.plain(message) for message in shown]
         return [self.repeated(), *made] if self._random.random() < 0.4 else made
+
+    def _whole_drives(self) -> list[Message]:
+        count = self._identity.transducers
+        kinds = {
+            DriveKind.LATCHED: Feature.READ_LATCHED,
+            DriveKind.RADIATED: Feature.READ_RADIATED,
+        }
+        return [ReadDrive(kind, 0, count) for kind, needed in kinds.items() if self._can & needed]
+
+    def read_backs(self) -> list[MadeAction]:
+        """Return requests for the whole drive, latched and radiated."""
+        return [self.plain(message) for message in self._whole_drives()]
 
     def repeated(self) -> MadeAction:
         """Return the request that the board remembers, once more."""

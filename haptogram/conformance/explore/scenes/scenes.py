@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import fields
 from itertools import product
 from typing import Final
 
-from haptogram_protocol.messages import Arm, Feature, TraceMode
+from haptogram_protocol.messages import Arm, Config, Feature, SetConfig, TraceMode
 
 from ..actions import SLOT_US
 from ..makers.makers import DialogueMakers
@@ -20,6 +21,7 @@ from .values import ByteValueScenes
 _SILENT: Final = (3, 3, 6)  # slots, until timers have ended
 _RENEWALS: Final = 4  # in a scene
 _DEFECTS: Final = 6  # in a scene
+_WATCHED: Final = 7  # slots, of a ramp that lasts for four
 _STATUS_SLOTS: Final = 7  # until the next STATUS
 _LONG_LOOPS: Final = 400  # of a sequence of three frames
 _LONG_SLOTS: Final = 14  # until they are over
@@ -42,7 +44,7 @@ class RandomScenes:
     def __init__(self, makers: DialogueMakers) -> None:
         conditions = makers.conditions
         self._random, self._coverage = conditions.random, conditions.coverage
-        self._stream, self._requests = makers.stream, makers.requests
+        self._makers, self._stream, self._requests = makers, makers.stream, makers.requests
         self._states, self._inputs = SceneStates(makers), SceneInputs(makers)
         self._kinds = self._shares(makers)
 
@@ -53,7 +55,8 @@ class RandomScenes:
         if makers.configs.with_timers and conditions.can & Feature.CONFIG:
             timed: dict[Callable[[], ToldSlots], float] = {
                 self._renewals: 0.2,
-                self._timed_pair: 0.7,
+                self._timed_pair: 0.55,
+                self._watched: 0.15,
             }
             return timed | ({lambda: moments.pause(timed=True): 0.1} if conditions.exact else {})
         found: dict[Callable[[], ToldSlots], float] = {
@@ -105,6 +108,19 @@ class RandomScenes:
         told = self._random.choice(self._inputs.groups[group])
         silent: ToldSlots = [[] for _ in range(self._random.choice(_SILENT))]
         return [*self._pair(state, told), *silent, told_as_made(self._requests.probe())]
+
+    def _watched(self) -> ToldSlots:
+        """Return another configuration in a state with a timer, and read-backs in the next slots.
+
+        No read-back ends the ramp of a hold.
+        """
+        names = [field.name for field in fields(Config)]
+        state, name = self._next("changes with timers", lambda: product(self._states.timed, names))
+        changed = self._requests.plain(SetConfig(self._makers.configs.changed(name)))
+        reads = [told_as_made(self._requests.read_backs()) for _ in range(_WATCHED)]
+        before = map(told_as_made, self._states.slots(state))
+        found = [*before, told_as_made([changed]), *reads]
+        return [*found, told_as_made(self._requests.probe())]
 
     def _quick_pair(self) -> ToldSlots:
         state, group = self._next(
