@@ -9,15 +9,18 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Final
 
+from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.messages import Config, MessageType, TraceMode, UploadBegin
 from haptogram_protocol.state import MuteReason
 
-from ..board.board import Board
+from ..board.board import Board, BoardParts
 from ..board.clock import earliest_board_time
-from ..board.counters import BoardArrivalMargins
+from ..board.counters import BoardArrivalMargins, Drop
 from ..board.output import BoardOutput
+from ..board.settings import BoardSettings
+from ..board.stream_queue import StreamFrame
 from ..board.timers import BoardTimers, Fade
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
@@ -130,6 +133,39 @@ class UploadClearsMargins(Board):
         self.margins = BoardArrivalMargins()
 
 
+class ConfigRestartsPlayback(Board):
+    """Starts the period of a playback anew with SET_CONFIG."""
+
+    def configure(self, config: Config) -> None:
+        """Let the next frame be due a period from now on."""
+        super().configure(config)
+        if (playback := self._playback) is not None and playback.played:
+            playback.start_us = self.now_us - (playback.played - 1) * playback.period_us
+
+
+class QueuedPointsOfTheSpeedSetLast(Board):
+    """Computes focal points in the queue anew when another speed of sound is set."""
+
+    def __init__(self, settings: BoardSettings, parts: BoardParts) -> None:
+        super().__init__(settings, parts)
+        self._points: dict[int, StreamFrame] = {}
+
+    def submit(self, frame: StreamFrame) -> Drop | None:
+        """Queue a stream frame, and keep its points."""
+        if not isinstance(frame.content, Drive):
+            self._points[frame.index] = frame
+        return super().submit(frame)
+
+    def configure(self, config: Config) -> None:
+        """Configure, and compute what waits anew."""
+        super().configure(config)
+        entries = self._queue._entries
+        for place, entry in enumerate(entries):
+            if (frame := self._points.get(entry.index)) is not None:
+                drive, _ = self._focuser.registers(frame.content)
+                entries[place] = dataclasses.replace(entry, drive=drive)
+
+
 # --- SET_CONFIG during a ramp: HG-6.11/6 ---------------------------------------------------------
 
 
@@ -195,6 +231,8 @@ MUTANTS: Final = (
     Mutant.of(UntracedLatchesUnnumbered, "HG-8.5/1", _SELF),
     Mutant.of(WindowFlushes, "HG-7.1/3", _SELF),
     Mutant.of(UploadClearsMargins, "HG-7.4/1", _SELF),
+    Mutant.of(ConfigRestartsPlayback, "HG-7.1/3", _SELF),
+    Mutant.of(QueuedPointsOfTheSpeedSetLast, "HG-7.1/3", _SELF),
     Mutant.of(RampOfTheCeilingSetLast, "HG-6.11/6", _SELF),
     Mutant.of(RampOfTheLeastCeiling, "HG-6.11/6", _SELF),
     Mutant.of(RampCutForgotten, "HG-6.11/6", _SELF),

@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Final
+import zlib
+from typing import TYPE_CHECKING, Any, Final
 
 from haptogram_protocol.messages import (
     Arm,
     Disarm,
     Feature,
+    FocalPoint,
     Message,
     Mute,
     Play,
     Points,
     SetConfig,
     Stop,
+    StopReply,
     Trace,
     TraceDrive,
     TraceMode,
     TracePlayback,
     UploadBegin,
+    UploadBeginReply,
+    UploadCommit,
+    UploadCommitReply,
     UploadKind,
 )
+from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now, read_back, read_back_radiated
+from ...client.latching import ClientDrive, latch_now, read_back, read_back_radiated
 from ...client.playback import (
+    await_playback_end,
     period_to_play,
     play_now,
     play_out,
@@ -33,9 +41,14 @@ from ...client.playback import (
     send_phases_to_store_if_supported,
 )
 from ...client.stream_kinds import random_point_to_send, valid_requests_to_send
-from ...client.uploads import upload_to_board
+from ...client.uploads import send_upload_chunks, upload_to_board
 from ...judge.refused_requests import requests_refused_by_link
+from ...judge.timers import judge_in_time
 from ...outcome import SELF_REPORTED, check
+from .every_running_timer import every_other_setting
+
+if TYPE_CHECKING:
+    from haptogram.acoustics import AcousticModel
 
 _MS: Final = 1000
 _SEQUENCE: Final = 4
@@ -43,6 +56,7 @@ _CEILINGS: Final = (60, 255, 0, 1, 254)
 _SPEEDS_MM_S: Final = (300_000, 380_000, 331_300)
 _WORST_STEPS: Final = 1.5 + 1e-6  # one step beyond the rounding, which is half of one
 _DIVIDER: Final = 3
+_QUEUED_US: Final = 40_000
 
 
 @case(
@@ -122,6 +136,111 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
             due = kind is events[mode][1]
             name = f"{kind.__name__} in mode {mode.name}, set while a sequence plays"
             check(bool(got) == due, f"{got} {name}")
+
+
+# --- What goes on as it began -----------------------------------------------------------------
+
+
+def _settings_beside_timers(board: BoardClient) -> list[dict[str, Any]]:
+    """Return changes of every field, with timers that nothing here runs into."""
+    found = every_other_setting(board)
+    lengths = {"hold_ms": (2000, 10_000), "host_timeout_ms": (2000, 10_000)}
+    found += [{name: value} for name, some in lengths.items() for value in some]
+    if board.has(Feature.AMPLITUDE):
+        found += [{"ramp_ms": 2000}, *({"amplitude_ceiling": code} for code in (0, 1, 254))]
+    return found
+
+
+@case(
+    "HG-7.1/3",
+    "frames in the queue are latched when they are due, as they came, whatever is set meanwhile",
+    variant="queue",
+    needs=Feature.CONFIG | Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def configuration_leaves_the_queue(board: BoardClient) -> None:
+    from ...judge.array_model import judged_model_of_board
+
+    settings = _settings_beside_timers(board)
+    if board.wire.limits.slack_us:  # all fields at once, at one end and at the other
+        both = (settings, settings[::-1])
+        settings = [{name: v for one in some for name, v in one.items()} for some in both]
+    before = {"sound_speed_mm_s": board.identity.sound_speed_mm_s}
+    board.configure(**before)
+    model = judged_model_of_board(board)
+    for changes in settings:
+        board.arm()
+        codes, points = board.random_registers(), (random_point_to_send(board, 1),)
+        frames: list[Message] = [board.phases(codes)]
+        frames += [Points(points)] if board.has(Feature.POINTS) else []
+        for frame in frames:
+            name = f"{frame.TYPE.name} in the queue, {changes} meanwhile"
+            wire_bytes = bytes(2 * len(frame.serialize()) + 400)
+            at_us = board.clock.soon_us(wire_bytes, points=1) + _QUEUED_US
+            with board.counting(accepted=1, latched=1):
+                board.link.send(board.link.stream_wire(frame, at_us))
+                board.configure(**before | changes)
+                board.clock.require_in_time(at_us)
+                board.clock.wait_until(at_us + 2 * board.clock.carrier_us)
+                shown = read_back(board)
+            late_us = board.clock.unwrap(shown.reply.t_latch_us) - at_us
+            in_time = 0 <= late_us <= board.clock.carrier_us
+            judge_in_time(board, in_time, f"{name}: latched {late_us} us behind its time")
+            if isinstance(frame, Points):
+                _judge_queued_points(model, points, shown, name)
+            else:
+                check(shown.phases == codes, f"{name}: other phases are latched")
+            board.configure(**before)
+
+
+def _judge_queued_points(
+    model: AcousticModel, points: tuple[FocalPoint, ...], shown: ClientDrive, name: str
+) -> None:
+    from ...judge.focusing import judged_phase_errors
+
+    worst = float(abs(judged_phase_errors(model, [(points, shown)])).max(initial=0.0))
+    check(worst <= _WORST_STEPS, f"{name}: a phase is off by {worst:.1f} steps")
+
+
+@case(
+    "HG-7.1/3",
+    "a playback keeps its period, and an upload its bytes, whatever is set meanwhile",
+    variant="playback",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def configuration_leaves_a_playback(board: BoardClient) -> None:
+    count = board.identity.transducers
+    send_phases_to_store(board, _SEQUENCE, frames=2)
+    other = board.random_registers()
+    board.link.call(
+        UploadBegin(UploadKind.PHASES, 0, _SEQUENCE + 1, count, zlib.crc32(other)), UploadBeginReply
+    )
+    period_us = board.clock.on_carrier(max(20 * _MS, 4 * board.wire.line_us(2 * count + 200)))
+    board.arm()
+    since = board.link.mark()
+    play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=10_000)
+    board.clock.wait_latched(0, board.ready_after_us())
+    first_us = board.clock.unwrap(board.status().last_latch_us)
+    # The last one would mute: but unattended_ms stands for it (HG-7.6/5).
+    for changes in [*_settings_beside_timers(board), {"host_timeout_ms": 20}]:
+        board.configure(**changes)
+        board.wire.idle(period_us)
+        status = board.status()
+        late_us = (board.clock.unwrap(status.last_latch_us) - first_us) % period_us
+        name = f"{changes} while a sequence plays"
+        judge_in_time(board, late_us == 0, f"{name}: a latch is {late_us} us behind its time")
+        check(status.state is OutputState.ARMED, f"{name}: {status.state.name}")
+    last_us = board.clock.unwrap(board.status().last_latch_us)
+    board.link.call(Stop(), StopReply)
+    ended = await_playback_end(board, since, 0)
+    least = (last_us - first_us) // period_us + 1
+    text = f"{ended.frames} frames were played, {least} were due up to {last_us}"
+    check(least <= ended.frames <= least + 1 + board.wire.limits.slack_us // period_us, text)
+    send_upload_chunks(board, other)
+    board.link.call(UploadCommit(_SEQUENCE + 1), UploadCommitReply)
 
 
 @case(
