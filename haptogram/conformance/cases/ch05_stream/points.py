@@ -35,6 +35,8 @@ _SIDES: Final[tuple[tuple[int, int, int], ...]] = (
 )
 _ENDS: Final = (1, 255, 256, 32_767, 32_768, 65_535, 65_536, 300_000, 524_288, 700_000, 1_000_000)
 _FAR: Final = (-1_000_000, 654_321)
+_FAINT: Final = 4_100  # 1/16 of full amplitude, where phases begin to count
+_TURNS: Final = 16
 _COMPUTES: Final = Feature.POINTS | Feature.READ_LATCHED
 
 
@@ -235,6 +237,32 @@ def _latch_and_judge_points(
 
     latch_now(board, Points(group))
     judge_drive_of_points(board, model, group, read_back(board), name)
+
+
+@case(
+    "HG-5.4/3",
+    "2 and max_points points that cancel but for 1/16 of full, at every phase: no step is wrong",
+    variant="faint",
+    needs=_COMPUTES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def streamed_points_all_but_cancel(board: BoardClient) -> None:
+    most = board.identity.max_points
+    if most < 2:
+        not_observed("one point alone cancels nothing")
+    model = _model_of_streamed_points(board)
+    board.arm()
+    for number, turn in itertools.product({2, most - most % 2}, range(_TURNS)):
+        x, y, z = (board.random.randrange(-40_000, 40_001) for _ in range(3))
+        level, phase = 2 * 65_535 // number, turn * 0x10000 // _TURNS
+        levels = [level] * (number - 1) + [level - _FAINT]
+        group = tuple(
+            FocalPoint(x, y, z, one, (phase + 0x8000 * (place % 2)) & 0xFFFF)
+            for place, one in enumerate(levels)
+        )
+        name = f"{number} points that cancel but for {_FAINT}, from phase {phase:#06x}"
+        _latch_and_judge_points(board, model, group, name)
 
 
 @case(
