@@ -26,6 +26,14 @@ class SequenceOf8Bits(BoardConnection):
         return super()._take_index((self._stream_expected + ahead) & 0xFFFF)
 
 
+class UnwrappedTo24Bits(BoardConnection):
+    """Unwraps the numbers of stream frames to 24 bits."""
+
+    def _take_index(self, seq: int) -> int | None:
+        index = super()._take_index(seq)
+        return None if index is None else index & 0xFFFFFF
+
+
 class SequenceNeverWraps(BoardConnection):
     """Takes sequence number 0 after 65535 for an old one."""
 
@@ -272,6 +280,7 @@ _WIRE, _SELF = Evidence.WIRE, Evidence.SELF_REPORTED
 
 MUTANTS: Final = (
     Mutant.of(SequenceOf8Bits, "HG-5.5/2", _SELF),
+    Mutant.of(UnwrappedTo24Bits, "HG-3.6/5", _SELF),
     Mutant.of(SequenceNeverWraps, "HG-3.6/1", _SELF),
     Mutant.of(StaleSessionTaken, "HG-3.7/2", _SELF),
     Mutant.of(DuplicatesApplied, "HG-5.5/1", _SELF),
