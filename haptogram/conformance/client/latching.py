@@ -109,6 +109,13 @@ def send_between_pings(board: BoardClient, message: Message, at_us: int | None =
     return times
 
 
+def send_to_arrive_at(board: BoardClient, t_us: int, wires: bytes) -> None:
+    """Send bytes that arrive at a device time, as far as the host's clock tells it."""
+    start_us = t_us - board.wire.line_us(len(wires))
+    board.wire.idle(max(0, start_us - board.clock.device_estimate_us()))
+    board.link.send(wires)
+
+
 def full_client_drive(registers: bytes) -> bytes:
     """Return N phase codes and N amplitude codes of a drive at full amplitude."""
     return registers + bytes([FULL]) * len(registers)

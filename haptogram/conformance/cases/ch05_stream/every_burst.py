@@ -29,6 +29,7 @@ from ...client.latching import (
     full_client_drive,
     latch_now,
     latches_received_from_board,
+    send_to_arrive_at,
 )
 from ...client.playback import (
     PERIOD_US,
@@ -210,13 +211,6 @@ def _replace_in_burst(
         check(got == due_crc, text + ("nothing" if got is None else "another drive"))
 
 
-def _burst_arriving_at(board: BoardClient, t_us: int, wires: bytes) -> None:
-    """Send bytes that arrive at a device time, as far as the host's clock tells it."""
-    start_us = t_us - board.wire.line_us(len(wires))
-    board.wire.idle(max(0, start_us - board.clock.device_estimate_us()))
-    board.link.send(wires)
-
-
 @case(
     "HG-5.8/3",
     "frames of every two kinds that come at once, on a latch, with PLAY or STOP: one in a period",
@@ -233,13 +227,13 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     for first, second in itertools.product(kinds, repeat=2):
         for off_us in _ROUNDED_US:
             wires = board.link.stream_wire(first.make()) + board.link.stream_wire(second.make())
-            _burst_arriving_at(board, _next_latch_boundary_us(board) + off_us, wires)
+            send_to_arrive_at(board, _next_latch_boundary_us(board) + off_us, wires)
             board.clock.wait_latched(len(wires))
     for kind in kinds:
         for off_us in _moments_of_burst(board):
             t_us = board.clock.soon_us(bytes(4000))
             board.link.send(board.link.stream_wire(kind.make(), t_us))
-            _burst_arriving_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
+            send_to_arrive_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
             board.clock.wait_latched(4000)
     if board.has(Feature.SEQUENCE_PHASES):
         _play_and_stop_in_a_burst(board)
@@ -312,7 +306,7 @@ def _judge_latches_around_off(
     board.arm()
     since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))
     wires = _latch_again_in_a_burst(board, name, plays)
-    _burst_arriving_at(board, boundary_us + off_us, wires)
+    send_to_arrive_at(board, boundary_us + off_us, wires)
     board.clock.wait_latched(len(wires))
     times = [latch.t_us for latch in latches_received_from_board(board, since, mode)]
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
@@ -358,7 +352,7 @@ def _play_and_stop_in_a_burst(board: BoardClient) -> None:
         boundary_us = board.clock.soon_us(bytes(2000))
         wires = board.link.stream_wire(board.flat_phases())
         wires += board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
-        _burst_arriving_at(board, boundary_us + off_us, wires)
+        send_to_arrive_at(board, boundary_us + off_us, wires)
         board.clock.wait_latched(len(wires))
         board.link.ask(Stop())
         start_us = board.clock.soon_us(bytes(200))
@@ -367,5 +361,5 @@ def _play_and_stop_in_a_burst(board: BoardClient) -> None:
         latch_us = start_us + -(-passed_us // PERIOD_US) * PERIOD_US
         stop, _ = board.link.request_wire(Stop())
         wires = stop + board.link.stream_wire(board.flat_phases())
-        _burst_arriving_at(board, latch_us + off_us, wires)
+        send_to_arrive_at(board, latch_us + off_us, wires)
         board.clock.wait_latched(len(wires))

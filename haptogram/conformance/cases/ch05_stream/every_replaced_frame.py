@@ -21,9 +21,14 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.capabilities import TRACES
-from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
+from ...client.latching import (
+    ask_for_board_latches,
+    latch_now,
+    latches_received_from_board,
+    send_to_arrive_at,
+)
 from ...client.playback import PERIOD_US, play_now, send_phases_to_store
-from ...client.stream_kinds import points_of_stream_kind, stream_kinds
+from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _SEQUENCE: Final = 5
@@ -31,6 +36,8 @@ _STEP_US: Final = 1000  # between two carrier periods that frames are sent for
 _STALE: Final = 0x0F0F
 _UNKNOWN_FLAG: Final = 0x40
 _TURNS_AT_WALL: Final = 2
+_WINDOW_US: Final = 100_000
+_LONGEST: Final = 4096
 _COUNTERS: Final = ("accepted", "flushed", "dropped_order", "latched")
 
 
@@ -269,3 +276,58 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
         got = tuple(counted[counter] for counter in _COUNTERS)
         text = f"frames for one carrier period, {name}, and one for before them: "
         check(got == (1, 0, 0, 1), f"{text}{', '.join(_COUNTERS)} count {got}, due 1, 0, 0, 1")
+
+
+# --- Late frames -------------------------------------------------------------------------------
+
+
+@case(
+    "HG-5.7/6",
+    "late frames of every kind, replaced by one in time or late: the marks are those of the latched",
+    variant="replaced",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def late_frames_are_replaced_with_their_mark(board: BoardClient) -> None:
+    if board.wire.limits.slack_us or board.wire.line_us(_LONGEST) >= board.clock.carrier_us // 4:
+        not_observed("no two frames come within one carrier period of this line")
+    mode = ask_for_board_latches(board)
+    board.configure(trace_mode=mode, late_window_us=_WINDOW_US)
+    board.arm()
+    for first, second in itertools.product(stream_kinds(board), repeat=2):
+        for is_late in (False, True):
+            _judge_late_pair(board, (first, second), mode, is_late=is_late)
+
+
+def _judge_late_pair(
+    board: BoardClient, kinds: tuple[StreamKind, StreamKind], mode: TraceMode, *, is_late: bool
+) -> None:
+    """FAILED unless `late` counts the late latches of a pair whose second frame *is_late* too."""
+    carrier_us = board.clock.carrier_us
+    messages = [kind.make() for kind in kinds]
+    came_us = board.clock.soon_us(bytes(_LONGEST)) + carrier_us // 5
+    ready_us = [came_us + board.ready_after_us(points_of_stream_kind(messages[0]))]
+    points = sum(map(points_of_stream_kind, messages))
+    ready_us.append(came_us + board.ready_after_us(points))
+    times = (
+        ready_us[0] - carrier_us // 2,
+        ready_us[1] + (-carrier_us if is_late else carrier_us) // 8,
+    )
+    pairs = zip(times, ready_us, strict=True)
+    latches = [board.clock.on_carrier(max(t_us, at_us)) for t_us, at_us in pairs]
+    number = board.link.stream_next
+    wires = [board.link.stream_wire(*pair) for pair in zip(messages, times, strict=True)]
+    since, before = board.link.mark(), board.status().counters
+    send_to_arrive_at(board, came_us, b"".join(wires))
+    board.clock.wait_until(latches[1] + carrier_us)
+    counted = board.counted_since(before)
+    replaced = latches[0] == latches[1]
+    due = (2, int(replaced), 2 - replaced, (not replaced) + is_late)
+    got = tuple(counted[name] for name in ("accepted", "flushed", "latched", "late"))
+    text = f"{kinds[0].name}, late, then {kinds[1].name}, {'late' if is_late else 'in time'}"
+    check(got == due, f"{text}: accepted, flushed, latched, late count {got}, due are {due}")
+    seen = latches_received_from_board(board, since, mode)
+    marks = [latch.late for latch in seen if latch.index >= number]
+    wanted = [is_late] if replaced else [True, is_late]
+    check(marks == wanted, f"{text}: LATE of the latches is {marks}, due is {wanted}")
