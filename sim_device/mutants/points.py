@@ -19,6 +19,7 @@ from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
 _FAR_UM: Final = 500_000
+_MOST_POINTS: Final = 4
 
 
 class PointsOfOppositePhase(VirtualHaptogramDialect):
@@ -69,6 +70,16 @@ class FarPointsClamped(BoardFocuser):
         return super().drive(near)
 
 
+class SumOfPointsOverflows(BoardFocuser):
+    """Adds focal points in a word that holds sums below 4: beyond them the sign is lost."""
+
+    def drive(self, points: Sequence[FocalPoint]) -> Drive:
+        """Return the codes, with the opposite phase where the points are many and loud."""
+        exact = super().drive(points)
+        overflows = sum(point.amplitude for point in points) >= _MOST_POINTS * 0xFFFF
+        return Drive(exact.phase_codes + np.uint8(128 * overflows), exact.amplitude_codes)
+
+
 _SELF: Final = Evidence.SELF_REPORTED
 
 MUTANTS: Final = (
@@ -76,4 +87,5 @@ MUTANTS: Final = (
     Mutant.of(PointsInTenths, "HG-5.4/1", _SELF),
     Mutant.of(PointsTwoStepsOff, "HG-5.4/3", _SELF),
     Mutant.of(FarPointsClamped, "HG-5.4/3", _SELF),
+    Mutant.of(SumOfPointsOverflows, "HG-5.4/2", _SELF),
 )

@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Final
 
-from haptogram_protocol.messages import DriveKind, Feature, Message, Points, UploadKind
+from haptogram_protocol.messages import (
+    DriveKind,
+    Feature,
+    FocalPoint,
+    Message,
+    Points,
+    UploadKind,
+)
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.drive_paths import drive_paths, registers_asked_for
 from ...client.latching import ClientDrive, latch_now, read_back
+from ...client.playback import period_to_play, play_out
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check
 
 _SPEEDS_MM_S: Final = (300_000, 331_300, 380_000)  # HG-7.1: least, 0 C, most
 _CEILINGS: Final = (1, 100, 254)
+_SEQUENCE: Final = 3
 _SHOWN: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
 
 
@@ -71,6 +82,43 @@ def _judge_same_points_streamed_again(board: BoardClient) -> None:
             latch_now(board, message)
             name = f"the same {number} points again, {speed / 1000:g} m/s"
             _check_streamed_points(board, name, message)
+
+
+@case(
+    "HG-5.4/2",
+    "1 to max_points points of full amplitude that add up, cancel and mix, streamed and played",
+    variant="sums",
+    needs=Feature.POINTS | Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_sum_of_streamed_points(board: BoardClient) -> None:
+    board.arm()
+    most = board.identity.max_points
+    for number in range(1, most + 1):
+        for name, group in _groups_of_full_points(board, number):
+            latch_now(board, Points(group))
+            _check_streamed_points(board, f"{number} {name}", Points(group))
+    if board.has(Feature.SEQUENCE_POINTS):
+        for name, group in _groups_of_full_points(board, most):
+            upload_to_board(board, UploadKind.POINTS, _SEQUENCE, Points(group).serialize(), most)
+            play_out(board, _SEQUENCE, 1, period_us=period_to_play(board, most))
+            _check_streamed_points(board, f"{most} {name}, played", Points(group))
+
+
+def _groups_of_full_points(
+    board: BoardClient, number: int
+) -> Iterator[tuple[str, tuple[FocalPoint, ...]]]:
+    """Yield points of full amplitude: their sum on each side of each axis, small, and any."""
+    place = random_point_to_send(board)
+    for quarter in range(4):
+        lag = (0x4000 * quarter + board.random.randrange(0x4000)) & 0xFFFF
+        full = replace(place, amplitude=0xFFFF, phase=lag)
+        yield f"equal points, lag {lag:#06x}", (full,) * number
+    opposed = replace(full, phase=full.phase ^ 0x8000)
+    yield "points, half of them opposed", (full, opposed) * (number // 2) + (full,) * (number % 2)
+    anywhere = (random_point_to_send(board) for _ in range(number))
+    yield "points anywhere", tuple(replace(point, amplitude=0xFFFF) for point in anywhere)
 
 
 def _check_streamed_points(board: BoardClient, name: str, message: Points) -> None:

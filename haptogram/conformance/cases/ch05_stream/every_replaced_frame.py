@@ -283,7 +283,7 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
 
 @case(
     "HG-5.7/6",
-    "late frames of every kind, replaced by one in time or late: the marks are those of the latched",
+    "late frames of every kind, replaced by one in time or late: marked is what is latched",
     variant="replaced",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
