@@ -1,12 +1,11 @@
 """``python -m sim_device.driven.stepped_board LIMITS``: the virtual board, step by step.
 
 LIMITS is a JSON object of fields of :class:`~sim_device.board.settings.BoardSettings`, with
-``grid_nx``, ``grid_ny`` and ``pitch_um`` of the array; ``carrier_hz`` and the bits of
-``phase_formats`` as HELLO_REPLY gives them.  Steps and answers are those of
-``protocol/c/tools/board_steps.c``; times are microseconds after power-up.  ``reset US`` starts the
-device clock at US instead of 2^32 - 10 s.  ``next`` is answered by the time at which the board does
-something by itself, ``-`` if never.  ``through TIME`` lets time pass while somebody reads: its
-answer holds all that the board sends up to then.
+``grid_nx``, ``grid_ny`` and ``pitch_um`` of the array, and the bits of ``phase_formats``.  Steps
+and answers are those of ``protocol/c/tools/board_steps.c``; times are microseconds after power-up.
+``reset US`` starts the device clock at US instead of 2^32 - 10 s.  ``next`` is answered by the time
+at which the board does something by itself, ``-`` if never.  ``through TIME`` lets time pass while
+somebody reads: its answer holds all that the board sends up to then.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import sys
 from collections.abc import Iterable
 from typing import Any, TextIO
 
-from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.acoustics import AcousticModel
 from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import PHASE_FORMAT_BIT, Feature
 
@@ -99,12 +98,8 @@ def _settings_of_stepped_board(limits: dict[str, Any]) -> BoardSettings:
     if (offered := limits.pop("phase_formats", None)) is not None:
         formats = (form for form, bit in PHASE_FORMAT_BIT.items() if offered & bit)
         limits["phase_formats"] = tuple(formats)
-    transducer = Transducer()
-    if (carrier_hz := limits.pop("carrier_hz", None)) is not None:
-        transducer = Transducer(frequency_hz=carrier_hz)
-    medium = Medium.air(frequency_hz=transducer.frequency_hz)
-    array = TransducerArray.grid(nx, ny, pitch_m=pitch_um * 1e-6)
-    return BoardSettings(model=AcousticModel(array, medium, transducer), **limits)
+    model = AcousticModel.default(nx, ny, pitch_m=pitch_um * 1e-6)
+    return BoardSettings(model=model, **limits)
 
 
 def run_stepped_board(words: list[str], lines: Iterable[str], answers: TextIO) -> None:

@@ -180,6 +180,7 @@ class BoardClient:
         self.link.rx_window = max(reply.rx_window, MAX_ENCODED_BYTES + 2)  # judged by HG-4.3/8
         self.clock.carrier_us = 1_000_000 // max(1, reply.carrier_hz)
         self.clock.point_time_us = reply.point_time_us
+        self.clock.horizon_us = reply.max_horizon_us
         self.clock.lead_us = self.ready_after_us(reply.max_points)
         self.link.processed_us = PROCESSED_US + reply.queue_depth * self.clock.lead_us
 

@@ -6,7 +6,7 @@ from typing import Final
 
 from haptogram_protocol.messages import Ping, Pong, unwrap
 
-from ..outcome import inconclusive
+from ..outcome import inconclusive, not_observed
 from .request_client import RequestClient
 
 BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
@@ -31,12 +31,15 @@ class ClockClient:
         Time that this board needs to make any stream frame ready.
     point_time_us : int
         Time that it needs to compute one focal point.
+    horizon_us : int
+        How far ahead it takes a t_apply.
     """
 
     def __init__(self, link: RequestClient, *, booted: bool) -> None:
         self.booted = booted
         self.carrier_us = 1
         self.lead_us = self.point_time_us = 0
+        self.horizon_us = 1 << 31
         self._link = link
         self._wire = link.wire
         self._device_us = BOOT_US  # unwrapped, at the last PONG
@@ -72,14 +75,29 @@ class ClockClient:
         """Return a device time from a frame, unwrapped."""
         return unwrap(t_wire_us, self.device_estimate_us(), 32)
 
-    def soon_us(self, *wires: bytes, points: int = 0) -> int:
-        """Return a multiple of the carrier period by which *wires* are certain to be ready.
+    def ahead_us(self, ahead_us: int) -> int:
+        """Return the device time in *ahead_us*; NOT-OBSERVED if that is beyond the horizon."""
+        self.require_horizon(ahead_us)
+        return self.device_us() + ahead_us
+
+    def require_horizon(self, ahead_us: int) -> None:
+        """End the case as NOT-OBSERVED if the board takes no t_apply so far ahead (HG-5.7/4)."""
+        if ahead_us > self.horizon_us:
+            not_observed(
+                f"the case needs a t_apply {ahead_us} µs ahead; max_horizon_us is {self.horizon_us}"
+            )
+
+    def soon_us(self, *wires: bytes, points: int = 0, ahead_us: int = 0) -> int:
+        """Return *ahead_us* behind a carrier boundary by which *wires* are certain to be ready.
 
         So many *points* of frames before the last one are computed first, one after the other.
+        NOT-OBSERVED if that time is beyond the horizon.
         """
         extra_us = self._wire.line_us(sum(map(len, wires)))
-        ready_us = self.device_us() + points * self.point_time_us + self.lead_us
-        return self.on_carrier(ready_us + self._wire.limits.lead_us + 2 * extra_us)
+        ready_us = points * self.point_time_us + self.lead_us
+        ready_us += self._wire.limits.lead_us + 2 * extra_us
+        self.require_horizon(ready_us + ahead_us)
+        return self.on_carrier(self.device_us() + ready_us) + ahead_us
 
     def on_carrier(self, t_us: int) -> int:
         """Return the first multiple of the carrier period at or after *t_us*."""

@@ -46,7 +46,6 @@ _LIMITS: Final = (
     "grid_nx",
     "grid_ny",
     "pitch_um",
-    "carrier_hz",
     "features",
     "phase_formats",
     "queue_depth",

@@ -184,7 +184,8 @@ class DialogueOpening:
             found += self._upload(UploadKind.PHASES, STORED_PHASES, data, 0)
             others = UPLOADED[1:] if not can & Feature.SEQUENCE_POINTS else UPLOADED[2:]
             for target in others:  # all that a dialogue before may have left there
-                found += self._upload(UploadKind.PHASES, target, data[target : count + target], 0)
+                other = bytes((seed + 37 * n) & 0xFF for n in range(target, target + count))
+                found += self._upload(UploadKind.PHASES, target, other, 0)
         if can & Feature.SEQUENCE_POINTS and has_room:
             points = (
                 FocalPoint(9000, 5000 * n - 4000, 150_000, 50_000, 0) for n in range(STORED_FRAMES)

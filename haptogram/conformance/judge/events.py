@@ -32,7 +32,7 @@ def event_of_correction(board: BoardClient) -> None:
 def event_of_waiting_playback(board: BoardClient, alone_ms: int = 9_999) -> None:
     """Let a playback wait for its start."""
     play = Play(STORED, 1000, 1, min(alone_ms, board.identity.max_unattended_ms))
-    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
 
 
 def event_of_hold(board: BoardClient) -> None:

@@ -33,6 +33,7 @@ _LATCHES: Final = 6  # in a slot, of a playback
 _POWER_UP: Final = 15  # every 15th dialogue begins with a power-up
 _LATE: Final = 3  # replays of a dialogue in which the host was late
 _AGAIN: Final = 4  # how often a dialogue in which something was held up has to differ
+_LONGEST_AHEAD_US: Final = 1_000_000  # of frames that are meant to be taken
 _SHOWN: Final = 12  # last frames of a dialogue that differed once
 
 
@@ -52,6 +53,7 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
         not_observed("this line carries too few frames in the time between two of them")
     if board.ready_after_us() > SLOT_US // 5:
         not_observed("this board latches later than the time between two frames allows")
+    board.clock.require_horizon(_LONGEST_AHEAD_US)
     lockstep = Lockstep(board)
     number = compared = 0
     coverage = DialogueCoverage()

@@ -148,8 +148,8 @@ def everything_goes_on_in_a_pause(board: BoardClient) -> None:
     board.configure(hold_ms=_HOLD_MS, status_period_ms=status_ms)
     board.arm()
     latch_now(board, board.flat_phases())
-    first_us = board.clock.soon_us(bytes(4000)) + 100 * _MS
-    times = (first_us, first_us + 200 * _MS)
+    last_us = board.clock.soon_us(bytes(4000), ahead_us=300 * _MS)
+    times = (last_us - 200 * _MS, last_us)
     with board.counting(latched=2, timeouts=1, requests=1):
         board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
         ping, seq = board.link.request_wire(Ping(board.random.getrandbits(64)))

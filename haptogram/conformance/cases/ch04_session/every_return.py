@@ -159,7 +159,7 @@ def nothing_owned_outlives_a_session(board: BoardClient) -> None:
             board.arm()
             for number in range(_LATCHES):
                 latch_now(board, board.flat_phases(0x20 + number))
-            waiting_us = board.clock.soon_us(bytes(2000)) + 5_000_000
+            waiting_us = board.clock.soon_us(bytes(2000), ahead_us=5_000_000)
             board.link.send(board.link.stream_wire(board.flat_phases(), waiting_us))
             _open_sessions_in_turn(board, path, board.link.seq - 20)
             judge(board)

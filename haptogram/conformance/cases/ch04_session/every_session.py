@@ -68,7 +68,7 @@ def _muted_session(board: BoardClient) -> None:
 def _streaming_session(board: BoardClient) -> None:
     board.arm()
     latch_now(board, board.flat_phases(7))
-    t_us = board.clock.soon_us(bytes(2000)) + 2_000_000
+    t_us = board.clock.soon_us(bytes(2000), ahead_us=2_000_000)
     board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
 
 

@@ -50,7 +50,7 @@ def every_format_is_streamed_at_once(board: BoardClient) -> None:
     for kind in stream_kinds(board):
         board.hello()
         board.arm()
-        t_us = board.clock.soon_us(bytes(4000)) + 1_000_000
+        t_us = board.clock.soon_us(bytes(4000), ahead_us=1_000_000)
         for number in range(_WAITING):
             board.link.send(board.link.stream_wire(good, t_us + 1000 * number))
         for past_us in (0, 1, 2**30, -(2**30)):
@@ -267,6 +267,8 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
     most_us = board.identity.max_horizon_us - _AHEAD_US
     lengths = [(1 << bits) + _OVER_US for bits in range(16, 31)]
     ahead_us = [us for us in lengths if us < most_us][: board.identity.queue_depth]
+    if not ahead_us:
+        not_observed(f"max_horizon_us is {board.identity.max_horizon_us}: no wait of 2^16 µs fits")
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
     wait_us = board.wire.line_us(len(ahead_us) * size)
     now_us = board.clock.device_us() + wait_us

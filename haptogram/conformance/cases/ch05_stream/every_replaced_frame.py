@@ -262,7 +262,7 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
     for name, flush in _FLUSHES.items():
         if flush is _flush_by_playback and not plays:
             continue
-        t_us = board.clock.soon_us(bytes(8000)) + 2 * PERIOD_US
+        t_us = board.clock.soon_us(bytes(8000), ahead_us=2 * PERIOD_US)
         for later_us in (0, apart_us, 2 * apart_us):
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + later_us - apart_us))
         board.link.barrier()  # or MUTE may overtake them

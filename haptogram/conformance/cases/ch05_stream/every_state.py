@@ -34,7 +34,7 @@ def _playing_at_stream_frame(board: BoardClient) -> None:
 def _waiting_at_stream_frame(board: BoardClient) -> None:
     board.arm()
     play = Play(_SEQUENCE, 1000, 0, min(9_999, board.identity.max_unattended_ms))
-    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
 
 
 def _silent_at_stream_frame(board: BoardClient) -> None:

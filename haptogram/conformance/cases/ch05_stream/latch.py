@@ -33,7 +33,7 @@ _READS: Final = 12
 def latches_on_carrier_boundaries(board: BoardClient) -> None:
     board.arm()
     for offset_us in _OFFSETS_US:
-        t_us = board.clock.soon_us(bytes(400)) + offset_us
+        t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
         before = board.status().counters.latched
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
         early = board.status()
@@ -186,7 +186,7 @@ def holds_the_last_latched_drive(board: BoardClient) -> None:
 )
 def immediate_frames_flush_the_queue(board: BoardClient) -> None:
     board.arm()
-    t_us = board.clock.soon_us(bytes(2000)) + 50_000
+    t_us = board.clock.soon_us(bytes(2000), ahead_us=50_000)
     with board.counting(flushed=3, latched=1):
         for number in range(3):
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))

@@ -41,7 +41,7 @@ def drops_stream_frames_unless_armed(board: BoardClient) -> None:
 )
 def queue_keeps_its_order(board: BoardClient) -> None:
     board.arm()
-    t_us = board.clock.soon_us(bytes(4000)) + 20_000
+    t_us = board.clock.soon_us(bytes(4000), ahead_us=20_000)
     good = board.flat_phases()
     with board.counting(dropped_order=3, latched=2):
         board.link.send(board.link.stream_wire(good, t_us))
@@ -88,7 +88,7 @@ def an_empty_queue_has_no_order(board: BoardClient) -> None:
         ("flushed by DISARM", _disarmed_before_order),
     ):
         board.arm()
-        t_us = board.clock.soon_us(bytes(4000)) + 10_000
+        t_us = board.clock.soon_us(bytes(4000), ahead_us=10_000)
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
         empty(board, t_us)
         earlier_us = min(t_us - 50, board.clock.device_us() - 50)

@@ -134,13 +134,13 @@ def counts_accepted_stream_frames(board: BoardClient) -> None:
     first = board.status()
     for _ in range(3):
         latch_now(board, good)
-    t_us = board.clock.soon_us(bytes(3000)) + 50_000
+    t_us = board.clock.soon_us(bytes(3000), ahead_us=50_000)
     wires = [board.link.stream_wire(good, t_us + 1000 * number) for number in range(3)]
     board.link.send(*wires, board.link.stream_wire(good, t_us))  # the last one is not in order
     _check_accepted_stream_frames(first, board.status(), 6, queued=3)
     latch_now(board, good)  # flushes three
     _check_accepted_stream_frames(first, board.status(), 7, queued=0)
-    t_us = board.clock.soon_us(bytes(3000)) + 50_000
+    t_us = board.clock.soon_us(bytes(3000), ahead_us=50_000)
     board.link.send(*(board.link.stream_wire(good, t_us + 1000 * number) for number in range(2)))
     board.link.barrier()  # or MUTE may overtake them
     board.link.ask(Mute())

@@ -150,7 +150,7 @@ def clock_stamps_agree(board: BoardClient) -> None:
     good, apart = board.flat_phases(), []
     for _ in range(min(_SAMPLES // 3, board.identity.queue_depth)):
         board.status()  # margins begin anew
-        t_us = board.clock.device_us() + _AHEAD_US
+        t_us = board.clock.ahead_us(_AHEAD_US)
         ping, seq = board.link.request_wire(Ping(t_us))
         since = board.link.mark()
         board.link.send(board.link.stream_wire(good, t_us), ping)

@@ -96,7 +96,7 @@ def _output_in_ramp(board: BoardClient) -> None:
 def _output_before_playback(board: BoardClient) -> None:
     _output_of_sound(board)
     play = Play(_SEQUENCE, 1000, 0, min(5000, board.identity.max_unattended_ms))
-    board.link.call(play, PlayReply, time_us=board.clock.device_us() + 3_000_000)
+    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(3_000_000))
 
 
 def _output_of_playback(board: BoardClient) -> None:

@@ -51,7 +51,7 @@ def _output_on_before_fault(board: BoardClient) -> None:
 
 def _queue_output_before_fault(board: BoardClient) -> None:
     _output_on_before_fault(board)
-    t_us = board.clock.soon_us(bytes(4000)) + 3_000_000
+    t_us = board.clock.soon_us(bytes(4000), ahead_us=3_000_000)
     for place in range(_QUEUED):
         wire = board.link.stream_wire(board.flat_phases(), t_us + 1000 * place)
         board.link.send(wire)

@@ -75,7 +75,7 @@ def mutes_in_every_output_state(board: BoardClient) -> None:
 
 def _check_mute_flushes(board: BoardClient, message: Message) -> None:
     board.arm()
-    t_us = board.clock.soon_us(bytes(2000)) + 20_000
+    t_us = board.clock.soon_us(bytes(2000), ahead_us=20_000)
     with board.counting(flushed=3, latched=0):
         for number in range(3):
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))

@@ -160,6 +160,7 @@ def output_ramps_end_muted(board: BoardClient) -> None:
         since = board.link.mark()
         latch_now(board, board.flat_phases())
         start_us = board.clock.unwrap(board.status().last_latch_us)
+        board.clock.require_horizon(2_000_000)
         board.link.send(board.link.stream_wire(board.flat_phases(), start_us + 2_000_000))
         header, _ = judged_mute_by_timer(board, since, 400 * _MS, MuteReason.HOLD_EXPIRED)
     ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0

@@ -44,7 +44,7 @@ _Act = Callable[[BoardClient], object]
 
 def _waiting_playback(board: BoardClient) -> None:
     play = Play(_SEQUENCE, _MS, 0, min(UNATTENDED_MS, board.identity.max_unattended_ms))
-    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
 
 
 def _playback_in_its_first_frame(board: BoardClient) -> None:
@@ -175,7 +175,7 @@ def a_configured_lease_leaves_the_playback_its_time(board: BoardClient) -> None:
         board.arm()
         if is_waiting:
             play = Play(_SEQUENCE, _MS, 0, alone_ms)
-            board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+            board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
         else:
             play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=alone_ms)
         since = board.link.mark()

@@ -151,7 +151,8 @@ def every_playback_start_is_kept(board: BoardClient) -> None:
     aheads = {70 * _MS, 600 * _MS, horizon_us - 200 * _MS}
     aheads |= {(1 << width) + 50 * _MS for width in (15, 16, 20, 23, 24, 31)}
     alone_ms = min(60_000, board.identity.max_unattended_ms)
-    for ahead_us in sorted(ahead for ahead in aheads if ahead < min(horizon_us, alone_ms * _MS)):
+    most_us = min(horizon_us, alone_ms * _MS)
+    for ahead_us in sorted(ahead for ahead in aheads if 0 < ahead < most_us):
         board.disarm()  # no hold runs
         board.arm()
         start_us = board.clock.on_carrier(board.clock.device_us() + ahead_us)

@@ -91,7 +91,7 @@ def every_playback_size_is_played(board: BoardClient) -> None:
             _store_playback(board, kind, frames)
             board.arm()
             since = board.link.mark()
-            start_us = board.clock.soon_us(bytes(100)) + 1003
+            start_us = board.clock.soon_us(bytes(100), ahead_us=1003)
             period = max(period_us or _shortest_playback_us(board), board.identity.point_time_us)
             alone_ms = max(UNATTENDED_MS, 2 * frames * loops * period // 1000)
             play_at(

@@ -203,7 +203,7 @@ def many_sequences_are_stored(board: BoardClient) -> None:
 
 def _refused_play_of_sequence(board: BoardClient, sequence: int) -> int | None:
     """Return the detail of NOT_FOUND, the number of stored sequences; None if this one is there."""
-    start_us = board.clock.device_us() + _AHEAD_US
+    start_us = board.clock.ahead_us(_AHEAD_US)
     play = Play(sequence, 1000, 1, min(9_999, board.identity.max_unattended_ms))
     answer = board.link.ask(play, time_us=start_us)
     if isinstance(answer.message, PlayReply):

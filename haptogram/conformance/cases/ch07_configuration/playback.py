@@ -120,7 +120,7 @@ def playback_flushes_the_queue(board: BoardClient) -> None:
     send_phases_to_store(board, 1, frames=2)
     for plays_later in (False, True):
         board.arm()
-        t_us = board.clock.soon_us(bytes(2000)) + 30_000
+        t_us = board.clock.soon_us(bytes(2000), ahead_us=30_000)
         with board.counting(flushed=3, latched=2):
             for number in range(3):
                 board.link.send(board.link.stream_wire(board.flat_phases(), t_us + 1000 * number))
@@ -145,7 +145,7 @@ def plays_the_sequence_in_time(board: BoardClient) -> None:
     period_us, loops = max(1003, least_us), 20
     board.arm()
     since = board.link.mark()
-    start_us = board.clock.soon_us(bytes(100)) + 5003
+    start_us = board.clock.soon_us(bytes(100), ahead_us=5003)
     play_at(board, 1, start_us, loops=loops, period_us=period_us)
     event = _playback_ended(board, since, 3 * loops * period_us + 200 * _MS)
     seen = latches_received_from_board(board, since, mode)

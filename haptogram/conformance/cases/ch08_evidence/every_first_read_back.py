@@ -37,14 +37,14 @@ _Bring = Callable[[BoardClient], object]
 
 def _wait_with_a_frame(board: BoardClient) -> None:
     board.arm()
-    t_us = board.clock.device_us() + _AHEAD_US
+    t_us = board.clock.ahead_us(_AHEAD_US)
     board.link.send(board.link.stream_wire(board.phases(board.random_registers()), t_us))
 
 
 def _wait_with_a_playback(board: BoardClient) -> None:
     board.arm()
     play = Play(_SEQUENCE, 1000, 1, min(2000, board.identity.max_unattended_ms))
-    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
 
 
 def _drop_a_frame(board: BoardClient) -> None:

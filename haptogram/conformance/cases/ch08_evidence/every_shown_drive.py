@@ -141,8 +141,8 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
             board.arm()
             since, first = board.link.mark(), board.link.stream_next
             registers = [board.random_registers() for _ in range(3)]
-            start_us = board.clock.soon_us(bytes(4 * board.identity.transducers)) + 80 * _MS
-            times = [start_us + 20 * _MS * place for place in range(3)]
+            last_us = board.clock.soon_us(bytes(4 * board.identity.transducers), ahead_us=120 * _MS)
+            times = [last_us - 20 * _MS * place for place in (2, 1, 0)]
             board.link.send(
                 *(
                     board.link.stream_wire(board.phases(codes), t_us)

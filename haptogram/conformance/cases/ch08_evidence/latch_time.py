@@ -28,7 +28,7 @@ _MOMENTS_US: Final = (-40, 0, 10, 30, 60, 100, 150, 250, 400)  # around the latc
 def _latch_at_time_of_trace(board: BoardClient, offset_us: int) -> int:
     """Latch a frame at its time; return its unwrapped number."""
     index = board.link.stream_next
-    t_us = board.clock.soon_us(bytes(400)) + offset_us
+    t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
     board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
     board.clock.require_in_time(t_us)
     board.clock.wait_until(t_us + 200)
@@ -72,7 +72,7 @@ def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
     board.arm()
     latch_now(board, board.flat_phases())
     before = board.status()
-    t_us = board.clock.soon_us(bytes(2000)) + 50_000
+    t_us = board.clock.soon_us(bytes(2000), ahead_us=50_000)
     board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
     waiting = board.status()
     ring = board.link.call(ReadTrace(0, 0xFFFF), TraceReply)
@@ -105,7 +105,7 @@ def drives_are_there_at_their_latch_time(board: BoardClient) -> None:
     size = len(board.link.request_wire(Ping(0))[0])
     for moment_us in _MOMENTS_US:
         index, since = board.link.stream_next, board.link.mark()
-        t_us = board.clock.soon_us(bytes(1000)) + 2000
+        t_us = board.clock.soon_us(bytes(1000), ahead_us=2000)
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
         ping, first = board.link.request_wire(Ping(moment_us & 0xFFFF))
         read, seq = board.link.request_wire(

@@ -97,7 +97,7 @@ def traces_tell_the_time(board: BoardClient) -> None:
     board.arm()
     for offset_us in (0, 3, 990):
         since = board.link.mark()
-        t_us = board.clock.soon_us(bytes(400)) + offset_us
+        t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
         board.clock.require_in_time(t_us)
         board.clock.wait_until(t_us + 100)

@@ -52,7 +52,7 @@ def _status_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
     yield (
         "a frame for later",
         lambda: board.link.send(
-            board.link.stream_wire(board.flat_phases(9), board.clock.device_us() + 5_000_000)
+            board.link.stream_wire(board.flat_phases(9), board.clock.ahead_us(5_000_000))
         ),
     )
     yield (
@@ -76,7 +76,7 @@ def _status_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
 
 def _play_later_than_last_latch(board: BoardClient) -> None:
     play = Play(_SEQUENCE, 1000, 1, min(5000, board.identity.max_unattended_ms))
-    board.link.call(play, PlayReply, time_us=board.clock.device_us() + 3_000_000)
+    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(3_000_000))
 
 
 def _time_out_after_last_latch(board: BoardClient) -> None:

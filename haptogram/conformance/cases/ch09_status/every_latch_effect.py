@@ -123,7 +123,7 @@ def _replacing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInS
 def _flushing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
     """Latch at once a frame that flushes one for later."""
     (_, first), (registers, second) = _new_frame_for_status(board), _new_frame_for_status(board)
-    board.link.send(board.link.stream_wire(first, board.clock.device_us() + 2_000_000))
+    board.link.send(board.link.stream_wire(first, board.clock.ahead_us(2_000_000)))
     key = _stream_key_in_status(board)
     latch_now(board, second)
     return _LatchEffectInStatus(key, registers, (2, 1, 0, 1))
@@ -146,7 +146,7 @@ def _played_latch_for_status(board: BoardClient, last: bytes) -> _LatchEffectInS
 
 def _played_in_time_for_status(board: BoardClient, last: bytes) -> _LatchEffectInStatus:
     since = board.link.mark()
-    start_us = board.clock.soon_us(bytes(500)) + 5 * _MS
+    start_us = board.clock.soon_us(bytes(500), ahead_us=5 * _MS)
     play_at(board, _SEQUENCE, start_us, loops=_LOOPS)
     return _playback_end_for_status(board, since, last)
 

@@ -131,7 +131,7 @@ def status_and_its_reply_restart_margins(board: BoardClient) -> None:
     board.arm()
     board.status()
     since = board.link.mark()
-    t_us = board.clock.device_us() + _AHEAD_US
+    t_us = board.clock.ahead_us(_AHEAD_US)
     board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
     timeout_us = 3000 * board.quick_status_ms
     first = board.link.await_event(Status, since, timeout_us)

@@ -153,7 +153,7 @@ def status_margins_count_from_ready(board: BoardClient) -> None:
         kinds.append((Points((FocalPoint(10_000, 5_000, 150_000, 8_000, 0),) * most), most))
     for message, points in kinds:
         board.clock.wait_latched()
-        t_us = board.clock.soon_us(bytes(2000)) + 500 * _MS
+        t_us = board.clock.soon_us(bytes(2000), ahead_us=500 * _MS)
         board.status()
         from_us, to_us = send_between_pings(board, message, t_us)
         found = board.status()
@@ -178,7 +178,7 @@ def status_tells_of_one_moment(board: BoardClient) -> None:
     since = board.link.mark()
     found: list[StatusReply | Status] = [board.status()]
     for _ in range(_ROUNDS):
-        t_us = board.clock.soon_us(bytes(1000)) + _MS
+        t_us = board.clock.soon_us(bytes(1000), ahead_us=_MS)
         for number in range(3):
             board.link.send(board.link.stream_wire(good, t_us + number * _MS))
             found.append(board.status())

@@ -143,7 +143,7 @@ def _waiting_before_refusal(board: BoardClient) -> int:
     board.arm()
     latch_now(board, stream_kinds(board)[-1].make())
     play = Play(STORED, 1000, 0, min(9_999, board.identity.max_unattended_ms))
-    board.link.call(play, PlayReply, time_us=board.clock.device_us() + _AHEAD_US)
+    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
     return 0
 
 

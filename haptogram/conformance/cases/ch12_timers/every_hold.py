@@ -234,6 +234,7 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
         board.hello()
         board.configure(hold_ms=_HELD_MS, ramp_ms=_FADING_MS, late_window_us=100_000)
         board.arm()
+        board.clock.require_horizon((_HELD_MS + 200 + 8000 * way.endswith("it")) * _MS)
         latch_now(board, board.flat_phases())
         start_us = board.clock.unwrap(board.status().last_latch_us)
         at_us = board.clock.on_carrier(start_us + (_HELD_MS + 200) * _MS)  # a tenth of the ramp

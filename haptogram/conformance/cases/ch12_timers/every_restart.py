@@ -119,9 +119,9 @@ def wait_for_timer(board: BoardClient, t_us: int) -> None:
 
 def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
     """Let a playback of the stored sequence wait for its start so far ahead."""
-    now_us = board.clock.device_us()
+    start_us = board.clock.ahead_us(ahead_ms * _MS)
     play = Play(STORED, SLOW_US, 0, min(alone_ms, board.identity.max_unattended_ms))
-    board.link.call(play, PlayReply, time_us=now_us + ahead_ms * _MS)
+    board.link.call(play, PlayReply, time_us=start_us)
 
 
 @case(
