@@ -83,6 +83,10 @@ class LineRules:
         """Yield the clauses that a piece is judged by, each with what breaks it."""
         header, was_frame = piece.header, self._was_frame
         self._was_frame = header is not None
+        if isinstance(piece.message, HelloReply) and piece.message.nonce not in self._sessions[:1]:
+            self._sessions = (piece.message.nonce, *self._sessions[:1])
+        if not self._sessions:
+            return  # nobody has answered HELLO: this may be no board
         if header is None:
             yield from self._broken_by_junk(piece)
             return
@@ -101,23 +105,19 @@ class LineRules:
         yield "HG-3.4/3", f"flags {wrong:#04x} have no meaning here" if wrong else ""
         yield "HG-11.5/2", _unnamed_in_frame(piece)
         yield from self._broken_by_session(piece, header)
-        if piece.is_response and self._sessions:
+        if piece.is_response:
             yield "HG-4.11/1", self._unasked(piece, header)
 
     def _broken_by_junk(self, piece: ReceivedByClient) -> Broken:
         """Judge bytes that are no frame; a line that damages bytes is not the board's fault."""
         is_text = len(piece.piece) >= _SHORTEST_TEXT and piece.piece.isascii()
         is_text = is_text and piece.piece.decode("ascii").strip().isprintable()
-        if self._sessions and (self._is_lossless or is_text):
+        if self._is_lossless or is_text:
             text = f"{len(piece.piece)} bytes that are no frame: {piece.fault}"
             yield _DAMAGED.get(piece.reason, "HG-2.2/1"), text
 
     def _broken_by_session(self, piece: ReceivedByClient, header: Header) -> Broken:
         """Judge the session: the open one, or for an event that had to wait the one before."""
-        if isinstance(piece.message, HelloReply) and piece.message.nonce not in self._sessions[:1]:
-            self._sessions = (piece.message.nonce, *self._sessions[:1])
-        if not self._sessions:
-            return
         due = self._sessions if piece.is_event else self._sessions[:1]
         error = piece.message
         if isinstance(error, Error) and error.code == ErrorCode.STALE_SESSION:

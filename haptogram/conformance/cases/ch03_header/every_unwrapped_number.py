@@ -1,4 +1,4 @@
-"""HG-3.6, HG-5.5: the unwrapped number of a stream frame, and `gap`, across every power of two."""
+"""HG-3.6: the unwrapped number of a stream frame, and `gap`, across every power of two."""
 
 from __future__ import annotations
 

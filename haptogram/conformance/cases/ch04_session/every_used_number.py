@@ -1,4 +1,4 @@
-"""HG-4.9, HG-4.10: which request uses its number, and which reply is remembered: a table.
+"""HG-4.9: which request uses its number, and which reply is remembered: a table.
 
 A request of the session uses its number if it is carried out, or refused by the board itself, and
 if that number is ahead of the newest one.  Nothing sets the newest number back.

@@ -1,4 +1,4 @@
-"""HG-2.4, HG-2.6: bytes that look like MUTE and are none: the output, queue and playback go on.
+"""HG-2.4: bytes that look like MUTE and are none: the output, queue and playback go on.
 
 A board looks for MUTE ahead of other frames (HG-3.8/2): by the same rules as for every frame.
 """
