@@ -11,7 +11,14 @@ import numpy as np
 from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.messages import DriveKind, ErrorCode, ReadDrive, Trace, UploadCommit
+from haptogram_protocol.messages import (
+    DriveKind,
+    ErrorCode,
+    ReadDrive,
+    Trace,
+    TracePlayback,
+    UploadCommit,
+)
 
 from ..board.board import Board
 from ..board.counters import Drop
@@ -246,6 +253,21 @@ class TraceOfRadiated(VirtualHaptogramDialect):
         return message
 
 
+class CrcKeptByIndex(VirtualHaptogramDialect):
+    """Computes the CRC of a played frame anew only if its index is another one than before."""
+
+    _kept: tuple[int, int] | None = None
+
+    def _trace_message(self, latch: Any) -> Any:
+        message = super()._trace_message(latch)
+        if not isinstance(message, TracePlayback):
+            return message
+        index = message.key.index
+        if self._kept is None or self._kept[0] != index:
+            self._kept = index, message.crc
+        return dataclasses.replace(message, crc=self._kept[1])
+
+
 class TornReadBack(VirtualHaptogramDialect):
     """Reads back one half of the latched drive and one half of the drive before it."""
 
@@ -310,6 +332,7 @@ MUTANTS: Final = (
     Mutant.of(UploadUnchecked, "HG-7.4/3", Evidence.WIRE),
     Mutant.of(TraceTimeOfArrival, "HG-8.3/1", _SELF),
     Mutant.of(TraceOfRadiated, "HG-8.3/2", _SELF),
+    Mutant.of(CrcKeptByIndex, "HG-8.3/2", _SELF),
     Mutant.of(TornReadBack, "HG-8.6/3", _SELF),
     Mutant.of(ReadBackTimeIsNow, "HG-8.6/3", _SELF),
 )

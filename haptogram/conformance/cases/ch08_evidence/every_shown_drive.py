@@ -42,6 +42,21 @@ _MODES: Final = (
 )
 
 
+#: Sequences of one frame each, whose keys differ in nothing else.
+_ALIKE: Final = (2, 3, 0x0101)
+#: Which of them is played, and whether it is stored anew before; None: a frame of the stream.
+_STEPS_WITH_LIKE_KEYS: Final = (
+    *((number, False) for number in (2, 3, 0x0101, 2, 2)),
+    (2, True),
+    (3, True),
+    (3, True),
+    None,
+    (3, False),
+    None,
+    (2, True),
+)
+
+
 @contextmanager
 def _shown_under_ceiling(board: BoardClient, **changes: Any) -> Iterator[None]:
     """Let the radiated drive differ from the latched one in every phase and loud amplitude."""
@@ -159,6 +174,45 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
             due = [zlib.crc32(full_client_drive(codes)) for codes in registers]
             got = [latch.crc for latch in seen]
             check(got == due, f"trace {mode.name}, ceiling {ceiling}, during a ramp: other drives")
+
+
+@case(
+    "HG-8.3/2",
+    "sequences of one frame, played in turn, stored anew, stream frames between: each has its CRC",
+    variant="keys",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def traces_of_frames_with_like_keys(board: BoardClient) -> None:
+    for feature, mode in _MODES:
+        if not board.has(feature):
+            continue
+        board.hello()
+        board.configure(trace_mode=mode)
+        board.arm()
+        stored = {number: send_phases_to_store(board, number, frames=1) for number in _ALIKE}
+        since, due = board.link.mark(), []
+        for step in _STEPS_WITH_LIKE_KEYS:
+            if step is None:
+                latch_now(board, board.phases(board.random_registers()))
+                continue
+            number, is_new = step
+            if is_new:
+                stored[number] = send_phases_to_store(board, number, frames=1)
+            play_out(board, number, 1)
+            due.append(zlib.crc32(full_client_drive(stored[number][0])))
+            if board.has(Feature.READ_LATCHED):
+                shown = read_back(board)
+                text = f"trace {mode.name}: sequence {number} is read back as another drive"
+                check(shown.crc == due[-1], text)
+        seen = latches_received_from_board(board, since, mode)
+        got = [latch.crc for latch in seen if latch.sequence]
+        wrong = [
+            place for place, pair in enumerate(zip(got, due, strict=False)) if len({*pair}) > 1
+        ]
+        text = f"trace {mode.name}: of {len(due)} playbacks of one frame {len(got)} are told"
+        check(len(got) == len(due) and not wrong, f"{text}, those at {wrong} as other drives")
 
 
 @case(
