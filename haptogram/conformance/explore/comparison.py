@@ -36,6 +36,12 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import MuteReason
 
 from .actions import DialogueHost
+from .broken_clauses import (
+    COUNTER_CLAUSES,
+    clause_of_due_message,
+    clause_of_header_field,
+    clause_of_message_field,
+)
 
 _SAME_IN_HELLO: Final = frozenset(
     {"major", "minor", "nonce", "state", "sound_speed_mm_s", "config_crc"}
@@ -96,13 +102,14 @@ class DialogueMemory:
                 if message.nonce != self.session:
                     self.session, self.due, self._greeting = message.nonce, 0, None
                 if message != (self._greeting or message):
-                    return "HELLO_REPLY: another payload than that of the first one"
+                    return "HG-4.6/1: HELLO_REPLY: another payload than that of the first one"
                 self._greeting = message
             if header.type not in EVENT_RANGE:
                 continue
             if header.seq != self.due:
                 name = _named_in_dialogue(message)
-                return f"{name}: its number is {header.seq}, due is {self.due}"
+                text = f"its number among the events is {header.seq}, due is {self.due}"
+                return f"HG-{'3.6/2' if self.due else '3.6/4'}: {name}: {text}"
             self.due = (self.due + 1) & 0xFFFF
         return ""
 
@@ -116,7 +123,8 @@ class DialogueMemory:
         sent = {}
         for mine, due in zip(ours, theirs, strict=False):
             if self._sent.get(due.body, mine.body) != mine.body:
-                return f"{_named_in_dialogue(mine.message)}: not the bytes of its first sending"
+                name = _named_in_dialogue(mine.message)
+                return f"HG-4.9/1: {name}: not the bytes of its first sending"
             sent[due.body] = mine.body
         self._sent |= sent
         return ""
@@ -159,7 +167,11 @@ class DialogueAnswers:
 
 def superfluous_in_dialogue(frames: Sequence[FrameInDialogue]) -> str:
     """Return a sentence about the first of *frames*, which were never due; empty without any."""
-    return f"the board sends {_named_in_dialogue(frames[0].message)} as well" if frames else ""
+    if not frames:
+        return ""
+    message = frames[0].message
+    name = _named_in_dialogue(message)
+    return f"{clause_of_due_message(message)}: {name} comes, and nothing is due"
 
 
 def is_optional_in_dialogue(message: Message) -> bool:
@@ -193,11 +205,12 @@ class DialogueComparison:
         """
         for kind in ("responses", "events"):
             one, other = getattr(self.ours, kind), getattr(self.theirs, kind)
-            for place, (mine, due) in enumerate(zip(one, other, strict=False)):
+            for mine, due in zip(one, other, strict=False):
                 if text := self._frame(mine, due):
-                    return f"{kind[:-1]} {place}: {text}"
+                    return text
             if len(one) < len(other):
-                return f"due is {_named_in_dialogue(other[len(one)].message)} as well"
+                message = other[len(one)].message
+                return f"{clause_of_due_message(message)}: no {_named_in_dialogue(message)} comes"
         return self._order() if self.near_us < _TIMER_US else ""
 
     def _order(self) -> str:
@@ -205,7 +218,8 @@ class DialogueComparison:
         told = zip(self.ours.events, self.ours.answered, self.theirs.answered, strict=False)
         for event, ours, theirs in told:
             if ours < theirs and isinstance(event.message, StateChanged | PlaybackEnded):
-                return f"{_named_in_dialogue(event.message)} before the response of its request"
+                name = _named_in_dialogue(event.message)
+                return f"HG-4.11/5: {name} leaves before the response to the request that led to it"
         return ""
 
     def early(self) -> list[FrameInDialogue]:
@@ -216,12 +230,14 @@ class DialogueComparison:
     def _frame(self, mine: FrameInDialogue, due: FrameInDialogue) -> str:
         header, message, due_header = mine.header, mine.message, due.header
         if type(message) is not type(due.message):
-            return f"{_named_in_dialogue(message)}, due is {_named_in_dialogue(due.message)}"
+            wanted, got = _named_in_dialogue(due.message), _named_in_dialogue(message)
+            return f"{clause_of_due_message(due.message)}: due is {wanted}, there comes {got}"
         names = ("session", "flags") if header.type in EVENT_RANGE else ("session", "flags", "seq")
         for name in names:
             if getattr(header, name) != getattr(due_header, name):
                 return (
-                    f"{_named_in_dialogue(message)}: {name} is {getattr(header, name):#x}, "
+                    f"{clause_of_header_field(due.message, name)}: {_named_in_dialogue(message)}: "
+                    f"{name} of the header is {getattr(header, name):#x}, "
                     f"due is {getattr(due_header, name):#x}"
                 )
         apart_us = self.near_us
@@ -230,10 +246,10 @@ class DialogueComparison:
         elif header.type in EVENT_RANGE:
             apart_us += _TIMER_US
         if not _is_near_in_dialogue(header.time_us, due_header.time_us, apart_us):
-            name = _named_in_dialogue(message)
-            return f"{name}: time_us is {header.time_us}, due is {due_header.time_us}"
-        text = self._message(message, due.message)
-        return f"{_named_in_dialogue(message)}: {text}" if text else ""
+            clause = clause_of_header_field(due.message, "time_us")
+            times = f"time_us of the header is {header.time_us}, due is {due_header.time_us}"
+            return f"{clause}: {_named_in_dialogue(message)}: {times}"
+        return self._message(message, due.message)
 
     def _apart_us(self, key: LatchKey | None) -> int:
         """Return how far apart the times of a latch may be: not at all where a host set it."""
@@ -252,8 +268,23 @@ class DialogueComparison:
             if name == "detail" and _is_absent_sequence_in_dialogue(due):
                 wanted += self.ours.base.stored - self.theirs.base.stored
             if text := self._field(name, got, wanted, key, due):
-                return text
+                return f"{self._clause(due, name, text)}: {_named_in_dialogue(message)}: {text}"
         return ""
+
+    def _clause(self, due: Message, name: str, text: str) -> str:
+        """Return the clause that a difference in a field speaks of."""
+        word = text.split()[0]  # a counter, or one of the two halves of a drive
+        if name == "counters":
+            return COUNTER_CLAUSES[word]
+        if name != "data":
+            return clause_of_message_field(due, name)
+        if not isinstance(due, DriveReply) or due.kind is not DriveKind.RADIATED:
+            return clause_of_message_field(due, word)
+        if word == "phase":
+            return "HG-7.9/1"
+        if text.endswith("due is 0"):
+            return "HG-6.6/2"
+        return "HG-6.11/2" if self.host.least_ramp_us else "HG-7.9/2"
 
     def _field(self, name: str, got: Any, wanted: Any, key: LatchKey | None, due: Message) -> str:
         if name == "counters":
@@ -326,12 +357,14 @@ def _is_absent_sequence_in_dialogue(due: Message) -> bool:
 def _dialogue_counter_difference(
     got: Counters, due: Counters, ours: Counters, theirs: Counters
 ) -> str:
-    for name in Counters.WIRE:
+    """Return the counters that differ; the one that tells most of a cause first."""
+    found = []
+    for name in COUNTER_CLAUSES:
         mine = (getattr(got, name) - getattr(ours, name)) & 0xFFFFFFFF
         wanted = (getattr(due, name) - getattr(theirs, name)) & 0xFFFFFFFF
         if mine != wanted:
-            return f"counter {name} grew by {mine}, due is {wanted}"
-    return ""
+            found.append(f"{name} has grown by {mine}, due is {wanted}")
+    return "; ".join(found)
 
 
 def _dialogue_element_difference(got: Sequence[Element], due: Sequence[Element]) -> str:

@@ -16,7 +16,7 @@ from .scenes.scenes import RandomScenes
 from .scenes.told import Told
 from .tables.coverage import DialogueCoverage
 
-#: In the text of an action whose latch may follow at once.
+#: In the name of an action whose latch may follow at once.
 _AT_ONCE: Final = ("at once", "for late", "for too late", "for at a limit", "PLAY", "again")
 _UNKNOWN_TYPES: Final = (0x00, 0x04, 0x3F, 0x50, 0x7E, 0x7F, 0x80, 0x90, 0xBF, 0xC0, 0xFF)
 _QUIET: Final = (3, 4, 6)  # slots in which nothing is sent, so that timers end
@@ -155,9 +155,9 @@ class DialogueGenerator:
             last = [action for action in batch if action.ends_slot][:1]
             made += last
             slot += self._random.choice(_QUIET) if is_quiet else 1
-            if self._has_long and any("'loops': 300" in a.text for a in batch):
+            if self._has_long and any("loops=300" in a.text for a in batch):
                 slot += _LONG_QUIET
-            elif self._has_long and any("'loops': 100" in a.text for a in batch):
+            elif self._has_long and any("loops=100" in a.text for a in batch):
                 slot += _LONG_QUIET // 3
             self._is_armed &= not is_quiet
         return self._apart(made) if self._exact else made
@@ -263,10 +263,10 @@ class DialogueGenerator:
         return dataclasses.replace(action, wait_us=told.wait_us)
 
     def _named(self, slot: int, made: MadeAction, damage: int | None = None) -> DialogueAction:
-        _, text, body = made
+        name, text, body = made
         if damage is None:
             damage = self._random.choices(_DAMAGES, _DAMAGE_WEIGHTS)[0]
-        ends_slot = not self._exact and any(word in text for word in _AT_ONCE)
+        ends_slot = not self._exact and any(word in name for word in _AT_ONCE)
         text += _DAMAGE_TEXT[damage]
         return DialogueAction(slot, text, body, damage, self._random.getrandbits(32), ends_slot)
 

@@ -33,6 +33,7 @@ from .actions import (
     number_at_end_of_slot,
     pieces_of_slot,
 )
+from .broken_clauses import BROKEN_FRAME_CLAUSES
 from .comparison import (
     DialogueAnswers,
     DialogueBase,
@@ -156,7 +157,7 @@ class Lockstep:
             played = self._compare(host, early, (SINCE_POWER_UP, SINCE_POWER_UP), timed=False)
             if played.difference:
                 self._board.link.session = 0
-                return replace(played, difference=f"before the first HELLO: {played.difference}")
+                return replace(played, difference=f"{played.difference}, before the first HELLO")
         host = self._open(config, seed, is_known=powers_up)
         base = (SINCE_POWER_UP, SINCE_POWER_UP) if powers_up else self._opening.baseline(host)
         try:
@@ -214,7 +215,10 @@ class Lockstep:
             if found and not self._is_virtual and self._has_dropped_traces(host, base[0]):
                 raise HostLateError("the line of the board had no room for traces: HG-8.7/2")
             if found:
-                text = f"{shown_us} µs after the start {found}"
+                text = f"{found} ({shown_us} µs after the start)"
+                if batch and not host.unsent:
+                    end = "a PING of another session, whose refusal shows that all was read"
+                    lines.append(f"{shown_us:>8} µs  {end}: {arrivals[-1].wires[-1].hex()}")
                 return Played(text, tuple(lines), slot, self._held_up())
             host.slot_us = self._next_slot(host.slot_us + silent * SLOT_US, may_cut=not timed)
             slot += 1 + silent
@@ -405,9 +409,10 @@ class Lockstep:
         board = self._board
         pieces = board.wire.received[self._since :]
         self._since += len(pieces)
-        broken = [piece.fault for piece in pieces if piece.message is None]
+        broken = [piece for piece in pieces if piece.message is None]
         if broken:
-            return f"the board sent {broken[0]}"
+            clause = BROKEN_FRAME_CLAUSES.get(broken[0].reason, "HG-2.1/1")
+            return f"{clause}: no frame: {broken[0].piece.hex()}: {broken[0].fault}"
         ours = [
             FrameInDialogue(piece.header, piece.message, piece.body)
             for piece in pieces

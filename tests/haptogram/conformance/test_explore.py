@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -21,6 +22,15 @@ from haptogram.conformance.explore.actions import (
     SLOT_US,
     UPLOADED,
     DialogueHost,
+)
+from haptogram.conformance.explore.broken_clauses import (
+    BROKEN_FRAME_CLAUSES,
+    COUNTER_CLAUSES,
+    DUE_CLAUSES,
+    FIELD_CLAUSES,
+    MESSAGE_FIELD_CLAUSES,
+    REFUSAL_CLAUSES,
+    REQUEST_REFUSAL_CLAUSES,
 )
 from haptogram.conformance.explore.comparison import (
     DialogueAnswers,
@@ -46,28 +56,40 @@ from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
+    RESPONSE_RANGE,
     Arm,
+    ArmReply,
     Config,
     Counters,
     Disarm,
+    DriveKind,
+    DriveReply,
+    Error,
+    ErrorCode,
     Feature,
     Flag,
     GetStatus,
     Header,
     Hello,
     HelloReply,
+    LatchKey,
+    MessageType,
     PhaseFormat,
     Phases,
     Ping,
     PlaybackEnded,
+    Pong,
     ReadDrive,
     SetConfig,
+    StatusReply,
     UploadBegin,
     build_body,
 )
+from haptogram_protocol.state import MuteReason, OutputState
 from protocol_c.building import compiler, make
 
 CASE = "HG-1.2/1-dialogues"
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.mark.slow
@@ -162,7 +184,7 @@ def test_a_wrong_board_is_found_by_a_short_dialogue_printed_as_bytes():
     (result,) = run(virtual(array="3x2", mutant="order-ignored"), CASE, seed=1).results
     assert result.behaviour is Behaviour.FAILED
     assert re.search("dropped_order|accepted|queued|TRACE", result.detail)
-    number = int(re.search(r", (\d+) frames", result.detail)[1])
+    number = int(re.search(r" of (\d+) frames", result.detail)[1])
     assert 2 <= number <= 6
     assert len(re.findall(r"\d+ µs  [A-Z].*?: (?:00)?[0-9a-f]+00", result.detail)) == number
 
@@ -183,7 +205,7 @@ class WrongOnce(Wrapped):
 def test_a_difference_that_does_not_come_again_fails_in_virtual_time():
     (result,) = run(virtual(array="3x2", wrap=WrongOnce), CASE, seed=3).results
     assert result.behaviour is Behaviour.FAILED
-    assert re.match("dialogue [0-9]+, seen once, not again: [0-9]+ µs after", result.detail)
+    assert re.match(r"HG-\S+/\d+: .* dialogue \d+, seen once, not again", result.detail)
 
 
 class LateAnswers(Wrapped):
@@ -210,7 +232,7 @@ class LateAnswers(Wrapped):
 def test_a_board_whose_answers_are_late_fails_in_virtual_time():
     (result,) = run(virtual(array="3x2", wrap=LateAnswers), CASE, seed=3).results
     assert result.behaviour is Behaviour.FAILED
-    assert re.search("due is ([A-Z_()]+.* as well|[0-9]+)", result.detail)
+    assert re.search("no [A-Z_]+.* comes|due is [0-9]+", result.detail)
 
 
 def played(text, *, slot=7, held_up_us=0):
@@ -306,6 +328,57 @@ def test_each_byte_of_a_frame_has_every_value_but_where_timers_would_end():
     assert 0 not in places("short", "SET_CONFIG")
 
 
+def radiated(data):
+    return DriveReply(DriveKind.RADIATED, 8, LatchKey(0, 0, 1), 0, 0, data)
+
+
+def status_reply(**counted):
+    counters = Counters(**dict.fromkeys(Counters.WIRE, 0) | counted)
+    state = OutputState.ARMED, MuteReason.NONE
+    return StatusReply(*state, *[0] * 7, 0, counters)
+
+
+COUNTERS = Counters(*[0] * len(Counters.WIRE))
+
+
+@pytest.mark.parametrize(
+    ("mine", "due", "words"),
+    [
+        (Error(0x4D, ErrorCode.NOT_FOUND, 6), Error(0x4D, ErrorCode.NOT_FOUND, 5), "HG-7.6/1: "),
+        (ArmReply(OutputState.ARMED), Error(0x41, ErrorCode.BAD_STATE, 3), "HG-6.2/1: due is ERR"),
+        (Pong(1, 2, 300), Pong(1, 2, 3), "HG-6.9/2: PONG .* t_tx_us is 300, due is 3"),
+        (radiated(b"\1\2"), radiated(b"\1\0"), "HG-6.6/2: DRIVE_REPLY: amplitude 0 is 2, due is 0"),
+        (radiated(b"\3\2"), radiated(b"\1\2"), "HG-7.9/1: DRIVE_REPLY: phase 0 is 3, due is 1"),
+        (
+            status_reply(accepted=2, latched=1),
+            status_reply(accepted=1, dropped_late=1),
+            "HG-5.7/5: STATUS_REPLY: dropped_late has grown by 0, due is 1; latched .*; accepted",
+        ),
+    ],
+)  # fmt: skip
+def test_a_difference_names_the_clause_of_which_it_speaks(mine, due, words):
+    base, host = DialogueBase(COUNTERS), DialogueHost(None, 7, 1, 0)
+    ours, theirs = (
+        DialogueAnswers.of([FrameInDialogue(Header(message.TYPE, 0, 1, 0, 7), message)], base)
+        for message in (mine, due)
+    )
+    assert re.match(words, DialogueComparison(ours, theirs, host, 10).difference())
+    missing = DialogueComparison(DialogueAnswers([], [], base), theirs, host, 10).difference()
+    assert re.match(r"HG-\d+\.\d+/\d+: no [A-Z_]+.* comes", missing)
+
+
+def test_every_counter_and_every_message_of_a_board_has_a_clause():
+    assert set(COUNTER_CLAUSES) == set(Counters.WIRE)
+    spec = (ROOT / "protocol" / "SPEC.md").read_text("utf-8")
+    tables = [COUNTER_CLAUSES, DUE_CLAUSES, REFUSAL_CLAUSES, REQUEST_REFUSAL_CLAUSES]
+    tables += [FIELD_CLAUSES, MESSAGE_FIELD_CLAUSES, BROKEN_FRAME_CLAUSES]
+    for clause in {clause for table in tables for clause in table.values()}:
+        assert f"- **{clause}** " in spec
+    codes = {kind.TYPE for kind in DUE_CLAUSES} | {Error.TYPE}
+    assert codes == {kind for kind in MessageType if kind >= RESPONSE_RANGE.start}
+    assert REFUSAL_CLAUSES.keys() == set(ErrorCode) - {ErrorCode.BUSY}
+
+
 def hello_reply(nonce, **changes):
     fields = dict.fromkeys(HelloReply.WIRE, 1) | {"nonce": nonce, "firmware": "x"} | changes
     return FrameInDialogue(Header(0x80, 0, 1, 0, nonce), HelloReply(**fields))
@@ -318,7 +391,7 @@ def test_numbers_of_events_go_on_until_another_session():
     memory = DialogueMemory(7)
     assert memory.first_wrong([event(0), event(1), hello_reply(7), event(2)]) == ""
     assert memory.first_wrong([hello_reply(8), event(0), hello_reply(7), event(0)]) == ""
-    assert "number is 0, due is 1" in memory.first_wrong([hello_reply(7), event(0)])
+    assert "events is 0, due is 1" in memory.first_wrong([hello_reply(7), event(0)])
 
 
 def test_a_greeting_and_a_remembered_reply_are_sent_again_as_they_were():
@@ -342,7 +415,7 @@ def test_an_event_before_the_response_of_its_request_differs():
     due, wrong = (DialogueAnswers.of(frames, base) for frames in ([reply, ended], [ended, reply]))
     assert DialogueComparison(due, due, host, 200).difference() == ""
     text = DialogueComparison(wrong, due, host, 200).difference()
-    assert text.endswith("before the response of its request")
+    assert text.startswith("HG-4.11/5: ")
 
 
 @given(st.sets(st.integers(0, 30), min_size=1, max_size=3))
@@ -383,7 +456,12 @@ def test_the_model_answers_each_step_with_a_line(model):
 @pytest.fixture
 def models():
     limits = {"grid_nx": 2, "grid_ny": 1, "pitch_um": 10_000, "features": 2047, "transducers": 2}
-    limits |= {"queue_depth": 16, "max_horizon_us": 10_000_000, "trace_ring": 64}
+    limits |= {
+        "queue_depth": 16,
+        "max_horizon_us": 10_000_000,
+        "trace_ring": 64,
+        "carrier_hz": 40_000,
+    }
     identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 1) | limits | {"firmware": "x"})
     host = DialogueHost(identity, 0, 0, SLOT_US)
     pair = DialogueModels(identity, knows_time=False)

@@ -10,7 +10,7 @@ from haptogram_protocol.messages import Feature
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...explore.actions import SLOT_US, DialogueAction
+from ...explore.actions import SLOT_US, UPLOADED, DialogueAction
 from ...explore.generator import DialogueGenerator
 from ...explore.lockstep import Lockstep, Played
 from ...explore.model import HostLateError, identity_suits_lockstep_model
@@ -34,6 +34,7 @@ _POWER_UP: Final = 15  # every 15th dialogue begins with a power-up
 _LATE: Final = 3  # replays of a dialogue in which the host was late
 _AGAIN: Final = 4  # how often a dialogue in which something was held up has to differ
 _LONGEST_AHEAD_US: Final = 1_000_000  # of frames that are meant to be taken
+_BEFORE: Final = f"a new session, sequences {min(UPLOADED)} to {max(UPLOADED)} stored"
 _SHOWN: Final = 12  # last frames of a dialogue that differed once
 
 
@@ -134,10 +135,11 @@ def _judge_random_dialogue(lockstep: Lockstep, number: int, coverage: DialogueCo
     short = shrink_dialogue(actions, differs, _REPLAYS) if differs(actions) else actions
     last = play(short)
     if last is not None and last.difference:
-        text, lines = f"{len(short)} frames: {last.difference}", last.lines
+        text, lines = f"dialogue {seed} of {len(short)} frames", last.lines
     else:
-        text, lines = f"seen once, not again: {played.difference}", played.lines[-_SHOWN:]
-    fail(f"dialogue {seed}, {text} [{config}; {' | '.join(lines)}]")
+        last, text = played, f"dialogue {seed}, seen once, not again; its last frames"
+        lines = played.lines[-_SHOWN:]
+    fail(f"{last.difference}; {text} [before it: {_BEFORE}, {config}; sent: {' | '.join(lines)}]")
 
 
 def is_difference_of_board(played: Played, replay: Callable[[], Played | None]) -> bool:

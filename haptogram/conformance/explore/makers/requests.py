@@ -32,6 +32,7 @@ from .conditions import DialogueConditions
 from .configurations import RandomConfigs
 from .stream import ODD_FLAGS, WRONG_SESSIONS, MadeAction
 from .uploads import RandomUploads
+from .words import words_of_message, words_of_oddities
 
 _MOST_U16: Final = 0xFFFF
 _MOST_U32: Final = 0xFFFFFFFF
@@ -167,14 +168,8 @@ class RandomRequests:
             host.last = whole[: max(HEADER_BYTES, len(whole) + cut)] + bytes(max(0, cut))
             return host.last[:MAX_BODY_BYTES]
 
-        name = message.TYPE.name
-        shown = {field: getattr(message, field) for field in message.WIRE}
-        if isinstance(message, SetConfig):
-            shown = {"config": message.config}
-        if isinstance(message, UploadChunk):
-            shown["bytes"] = len(message.data)
-        text = f"{name} {shown}, {back} back, flags {flags:#x}, session ^ {other:#x}, {cut:+} bytes"
-        return name, text, body
+        odd = words_of_oddities(number=-back, left_out=jump, flags=flags, session=other, length=cut)
+        return message.TYPE.name, f"{words_of_message(message)}{odd}", body
 
     # --- what a host means to send -------------------------------------------------------------
 
@@ -246,7 +241,7 @@ class RandomRequests:
         def body(host: DialogueHost) -> bytes:
             return host.request(play, time_us=host.slot_us + SLOT_US // 2)
 
-        return "PLAY", f"{play} at once", body
+        return "PLAY", words_of_message(play), body
 
     def long_upload(self) -> list[MadeAction]:
         """Return the requests of an upload of more than 64 KiB, if there is much more room."""
@@ -265,7 +260,7 @@ class RandomRequests:
                 host.remember(whole)
             return whole
 
-        return message.TYPE.name, f"{message}"[:200], body
+        return message.TYPE.name, words_of_message(message), body
 
     def new_config(self) -> MadeAction:
         """Return SET_CONFIG as it should be: timers that run take their new lengths."""
@@ -327,4 +322,5 @@ class RandomRequests:
         def body(host: DialogueHost) -> bytes:
             return host.request(play, time_us=host.slot_us + round(later * SLOT_US))
 
-        return "PLAY", f"{play} in {later} slots", body
+        text = f"{words_of_message(play)}, to begin {round(later * SLOT_US)} µs after the slot"
+        return "PLAY", text, body

@@ -22,6 +22,7 @@ from haptogram_protocol.messages import (
 
 from ..actions import LATE_WINDOWS_US, SLOT_US, DialogueHost
 from .conditions import DialogueConditions
+from .words import words_of_oddities
 
 #: What an action is made of: its name, its text and the body.
 MadeAction = tuple[str, str, Callable[[DialogueHost], bytes]]
@@ -31,7 +32,7 @@ ODD_FLAGS: Final = (0x20, 0x40, 0x80, 0x01, 0x02, 0x04, 0x08, 0xFF & ~Flag.IMMED
 #: Of a session that is not the open one: low byte the same, high byte the same, none.
 WRONG_SESSIONS: Final = (0x0100, 0x0001, 0x8000, 0x2222)
 _STEPS: Final = (1, 0, -1, -2, 300, 0x2000, 0x7FF0, -0x7FF0, 0x7FFF, -0x8000, -0x7FFF)
-_STEP_WEIGHTS: Final = (14, 1, 0.6, 0.3, 0.3, 0.2, 0.4, 0.1, 0.2, 0.3, 0.1)
+_STEP_WEIGHTS: Final = (4, 11, 0.6, 0.3, 0.3, 0.2, 0.4, 0.1, 0.2, 0.3, 0.1)
 _FAR_US: Final = 4_000_000  # later than any dialogue ends
 _FRAMES: Final = 8  # in a slot, at most
 _BURST: Final = 40  # frames sent in one slot, at most
@@ -85,7 +86,7 @@ class RandomStream:
         number = pick((min(number, _BURST), _LONG_BURST if self._exact else _BURST))
         first_us = pick((_FAR_US, SLOT_US // 2)) if may_latch else _FAR_US
         step_us = pick((10, 25, 30, 100))
-        step, wrong = pick(((1, 0), (1, 0), (1, 0), (-1, 0), (1, 1)))  # new, seen before, foreign
+        step, wrong = pick(((0, 0), (0, 0), (1, 0), (-1, 0), (0, 1)))  # new, seen before, foreign
         return self.row(number, first_us, step_us, step=step, wrong=wrong)
 
     def full_queue(self) -> list[MadeAction]:
@@ -93,7 +94,7 @@ class RandomStream:
         return self.row(min(self._identity.queue_depth, _BURST), _FAR_US)
 
     def row(
-        self, number: int, first_us: int, step_us: int = 100, *, step: int = 1, wrong: int = 0
+        self, number: int, first_us: int, step_us: int = 100, *, step: int = 0, wrong: int = 0
     ) -> list[MadeAction]:
         """Return so many frames, of a format that is short."""
         kinds = self.kinds
@@ -136,7 +137,7 @@ class RandomStream:
         message: Message | None = None,
         *,
         apart_us: int = 0,
-        step: int = 1,
+        step: int = 0,
         wrong: int = 0,
         flags: int = 0,
         cut: int = 0,
@@ -172,13 +173,13 @@ class RandomStream:
             made = whole[: max(HEADER_BYTES, len(whole) + cut)] + bytes(max(0, cut))
             return made[:MAX_BODY_BYTES]
 
-        when = "at once" if ahead is None else f"for {ahead} slots ahead"
-        text = f"{kind.name} {when}, {apart_us} µs, step {step}, flags {flags:#x}"
-        return (
-            f"{kind.name} {when.rsplit(' slots')[0]}",
-            f"{text}, session ^ {wrong:#x}, length {cut:+}",
-            body,
-        )
+        when = "at once" if ahead is None else f"for {ahead}"
+        named = f"{kind.name} {when}"
+        if ahead is not None:
+            due_us = self._ahead_us(ahead, limit_us) + (apart_us if isinstance(ahead, float) else 0)
+            when = f"due {due_us} µs after the slot begins"
+        odd = words_of_oddities(number=step, flags=flags, session=wrong, length=cut)
+        return named, f"{kind.name} {when}{odd}", body
 
     def _ahead_us(self, ahead: Any, limit_us: int) -> int:
         if isinstance(ahead, float):

@@ -26,6 +26,7 @@ from ..actions import (
 )
 from .conditions import DialogueConditions
 from .stream import MadeAction
+from .words import words_of_message
 
 _LONGEST_CHUNK: Final = 512
 _WAYS: Final = (
@@ -165,7 +166,7 @@ class RandomUploads:
                 host.computed.add((message.target, 0))
             return host.request(message)
 
-        return name, f"{name} of an upload ({how})", body
+        return name, f"{words_of_message(message)} ({how})", body
 
     def single(self) -> list[Callable[[], Message]]:
         """Return the makers of single steps of uploads, most of which are refused."""
