@@ -109,7 +109,9 @@ def _run_check_of_fault(run: RunVerdict, fault: _Fault) -> RunCheck:
             _frames_named_in_run_check(found),
         )
     if not judged:
-        message = f"no frame was {fault.seen_in}" if not besides else f"none of {frames}"
+        message = f"no frame was {fault.seen_in}"
+        if besides:
+            message = f"none of {run_count_wording(besides, 'verified frame')} has a right drive"
         return RunCheck(fault.name, fault.statement, CheckOutcome.NOT_JUDGED, message)
     return RunCheck(fault.name, fault.statement, CheckOutcome.PASSED, f"none of {frames}")
 

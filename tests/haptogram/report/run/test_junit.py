@@ -96,7 +96,7 @@ def test_a_wrong_drive_proves_nothing_of_foci(tmp_path: Path, model: AcousticMod
     suite = written(tmp_path, make_run(model, points, dict.fromkeys(range(3), damage)))
     skipped = outcome(suite, "off_target")
     assert skipped.tag == "skipped"
-    assert skipped.get("message") == "none of 0 verified frames, besides 3 with a faulty drive"
+    assert skipped.get("message") == "none of 3 verified frames has a right drive"
 
 
 def test_lost_and_late_frames_are_named_but_decide_nothing(
