@@ -73,14 +73,18 @@ def _end_before_lost_samples(
         return end - _BEFORE
     is_late = shown.late[last] > LATE_PERIODS  # the samples before its latch are those that lack
     end = float(shown.starts[last] + shown.late[last] if is_late else shown.ends[last])
-    for split in (end, float(shown.starts[0])):  # a pass may have been taken for sound before it
-        if split <= run.gap:
-            continue
-        before = frames_shown_by_pins(record.between(0.0, split, ""), run)
-        is_shown = _shows_part_of_run(before, fitting)
-        if is_shown and _periods_ahead(run, before, shown) < -_LEAST_SHIFT:
-            seen = np.flatnonzero(before.seen & before.right[:, fitting].all(axis=1))
+    for _ in range(_MOST):  # before the part that was taken for the run lies one of another pass
+        before = frames_shown_by_pins(record.between(0.0, end, ""), run)
+        if not _shows_part_of_run(before, fitting):
+            break
+        seen = np.flatnonzero(before.seen & before.right[:, fitting].all(axis=1))
+        if _periods_ahead(run, before, shown) < -_LEAST_SHIFT:
             return float(before.ends[seen[-1]]) - _BEFORE
+        late = before.late[seen] > LATE_PERIODS  # by a loss of less than a frame, before these
+        in_time = np.flatnonzero(late[:-1] & ~late[1:]) + 1
+        end = float(before.starts[seen[in_time[0] if len(in_time) else 0]])
+        if end <= run.gap:
+            break
     return None
 
 
@@ -104,6 +108,10 @@ def _periods_ahead(run: PinRunDrives, part: FramesShownByPins, whole: FramesShow
     for frame in shown[:: -(-len(shown) // _COMPARED)]:
         starts = whole.starts[(drives == drives[frame]).all(axis=1)]
         times = starts + part.starts[frame] - whole.starts[frame]
+        if len(starts) > 1:  # a pass before the run, and one behind it
+            starts = np.concatenate(
+                [2.0 * starts[:1] - starts[1:2], starts, 2.0 * starts[-1:] - starts[-2:-1]]
+            )
         behind = np.searchsorted(starts, times).clip(max=len(starts) - 1)
         away = np.concatenate([starts[behind] - times, starts[np.maximum(behind - 1, 0)] - times])
         ahead.append(away[np.abs(away).argmin()])
