@@ -99,6 +99,8 @@ def common_turns_of_pins(
     That of a carrier clock is one for the whole capture, unless most pins of a frame share
     another one: a phase that all elements have does not move the focus. With fewer than three pins
     and no clock, or unless *each* frame may have its own, the reference is taken to be right.
+
+    Where an element is the reference, a frame whose pins share no phase has that of the nearest.
     """
     product = weights * np.conj(run.weights)
     sounding = np.isfinite(product) & (np.abs(product) > 0.0)
@@ -121,7 +123,9 @@ def common_turns_of_pins(
         shared = pins_phase(found, limit_rad)
         if 2 * (np.abs(wrapped_pin_angles(found - shared)) <= 2.0 * limit_rad).sum() > len(found):
             common[frame] = shared
-    return common
+        elif record.reference_element is not None:
+            common[frame] = np.nan  # as of a frame that comes late: its mean is of two drives
+    return _filled_pin_weights(common)
 
 
 def _agreeing_pins(errors: FloatArray, common: FloatArray, limit_rad: float) -> Bools:

@@ -177,7 +177,7 @@ def test_samples_lost_beside_a_reference_that_is_an_element_fail_no_board(first,
 
 @pytest.mark.parametrize(
     ("frames", "passes", "first_ms", "count"),
-    [(12, 2, 20.92, 3000), (6, 3, 6.51, 3000), (12, 2, 7.64, 36_000)],
+    [(12, 2, 20.92, 3000), (6, 3, 6.51, 3000), (6, 3, 2.8, 36_000), (6, 3, 7.61, 50_000)],
 )
 def test_samples_lost_of_an_object_that_repeats_fail_no_board(
     frames, passes, first_ms, count, tmp_path
@@ -223,6 +223,14 @@ def test_a_frame_that_all_pins_latch_late_is_no_wrong_drive(late_ms, tmp_path):
     pins = judged(board, Analyser(), tmp_path / "pins.vcd", random)
     assert pins.findings == {}
     assert pins.counts["lost"] + pins.counts["late"] == 1
+
+
+def test_a_late_frame_beside_an_element_as_reference_is_no_wrong_drive(tmp_path):
+    random = np.random.default_rng(6)
+    board = Board(random.integers(0, 256, (12, 8)) / 256, np.ones((12, 8)), late_ms={6: 0.7})
+    pins = judged(board, Analyser(), tmp_path / "pins.vcd", random, range(8), "p0")
+    assert pins.findings == {}
+    assert pins.late_us == {6: pytest.approx(700.0, abs=30.0)}
 
 
 @pytest.mark.parametrize(("rate_hz", "step"), [(4e6, 4), (8e6, 2), (8e6, 3), (24e6, 1)])
