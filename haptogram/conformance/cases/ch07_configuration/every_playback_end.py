@@ -77,7 +77,7 @@ _ENDS: Final[dict[str, _Act]] = {
 @case(
     "HG-7.8/1",
     "one PLAYBACK_ENDED tells of a playback that waits, in its first frame and later, by every end",
-    variant="moments",
+    variant="ends",
     needs=_NEEDS,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
