@@ -25,6 +25,7 @@ _TRIES: Final = 4
 _STATUS_MS: Final = round(12.85 * _SLOT_MS)
 #: A ramp that begins with a frame, as its hold is over already, ends at 0.45 of a slot.
 _RAMPS_MS: Final = (58, 178, 418, 2000)
+_CEILINGS: Final = (255, 200, 100, 60, 0)
 _LONGEST_RAMP_MS: Final = 418  # in a scene
 
 
@@ -108,6 +109,8 @@ class RandomConfigs:
         others = [getattr(self.config(), name) for _ in range(_TRIES)]
         if name == "ramp_ms":
             others = self._random.sample(_RAMPS_MS, len(_RAMPS_MS))
+        elif name == "amplitude_ceiling":
+            others = self._random.sample(_CEILINGS, len(_CEILINGS))
         value = next((other for other in others if other != getattr(last, name)), others[0])
         self.last = dataclasses.replace(last, **{name: value})
         return self.last

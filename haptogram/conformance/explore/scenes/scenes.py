@@ -21,7 +21,10 @@ from .values import ByteValueScenes
 _SILENT: Final = (3, 3, 6)  # slots, until timers have ended
 _RENEWALS: Final = 4  # in a scene
 _DEFECTS: Final = 6  # in a scene
-_WATCHED: Final = 7  # slots, of a ramp that lasts for four
+_WATCHED: Final = 8  # slots, of a ramp that lasts for four
+_SET_AGAIN: Final = 0.3  # in such a slot
+_OF_RAMPS: Final = ("amplitude_ceiling", "ramp_ms")  # what a ramp keeps: set in each of them
+_LIKELY: Final = 6  # times as often as other fields
 _STATUS_SLOTS: Final = 7  # until the next STATUS
 _LONG_LOOPS: Final = 400  # of a sequence of three frames
 _LONG_SLOTS: Final = 14  # until they are over
@@ -110,16 +113,23 @@ class RandomScenes:
         return [*self._pair(state, told), *silent, told_as_made(self._requests.probe())]
 
     def _watched(self) -> ToldSlots:
-        """Return another configuration in a state with a timer, and read-backs in the next slots.
+        """Return one field set in a state with a timer, at times again, and read-backs meanwhile.
 
-        No read-back ends the ramp of a hold.
+        Neither ends the ramp of a hold.
         """
         names = [field.name for field in fields(Config)]
-        state, name = self._next("changes with timers", lambda: product(self._states.timed, names))
-        changed = self._requests.plain(SetConfig(self._makers.configs.changed(name)))
-        reads = [told_as_made(self._requests.read_backs()) for _ in range(_WATCHED)]
-        before = map(told_as_made, self._states.slots(state))
-        found = [*before, told_as_made([changed]), *reads]
+        ramps = [state for state in self._states.timed if "ramp" in state]
+        likely = [*product(ramps, _OF_RAMPS)] * _LIKELY
+        state, name = self._next(
+            "changes with timers", lambda: [*product(self._states.timed, names), *likely]
+        )
+        found = [told_as_made(slot) for slot in self._states.slots(state)]
+        for slot in range(_WATCHED):
+            made = self._requests.read_backs()
+            if slot == 0 or self._random.random() < _SET_AGAIN:
+                config = self._makers.configs.changed(name)  # of the one that is in force
+                made = [self._requests.plain(SetConfig(config)), *made]
+            found.append(told_as_made(made))
         return [*found, told_as_made(self._requests.probe())]
 
     def _quick_pair(self) -> ToldSlots:
