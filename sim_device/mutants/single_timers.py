@@ -143,6 +143,23 @@ class ConfigRestartsHold(BoardTimers):
         super().reconfigure(now_us, max(now_us, last_latch_us), config)
 
 
+class HoldTakenUpByConfig(BoardTimers):
+    """Starts the hold with SET_CONFIG though it was stopped, if its time is not over."""
+
+    _stopped_us = 0
+
+    def disarm(self) -> None:
+        """Stop both timers, and remember the hold."""
+        self._stopped_us = self._hold.deadline_us
+        super().disarm()
+
+    def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
+        """Apply new timers to a hold that was stopped too."""
+        if now_us < self._stopped_us < NEVER_US:
+            self._restart_hold(self._stopped_us, config)
+        super().reconfigure(now_us, last_latch_us, config)
+
+
 class RampFollowsConfig(BoardTimers):
     """Gives a ramp that has begun its new length."""
 
@@ -353,6 +370,7 @@ MUTANTS: Final = (
     Mutant.of(HoldOutlivesMute, "HG-6.4/2", _SELF),
     Mutant.of(ConfigSparesHold, "HG-7.1/3", _WIRE),
     Mutant.of(ConfigRestartsHold, "HG-7.1/3", _WIRE),
+    Mutant.of(HoldTakenUpByConfig, "HG-12.2/2", _WIRE),
     Mutant.of(RampFollowsConfig, "HG-7.1/3", _WIRE),
     Mutant.of(RequestsRestartStatus, "HG-9.1/1", _WIRE),
     Mutant.of(CeilingFromNextLatch, "HG-7.1/3", _SELF),

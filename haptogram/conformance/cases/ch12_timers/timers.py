@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol.messages import (
+    Disarm,
     Feature,
+    Mute,
     PlaybackEnded,
+    StateChanged,
     Status,
 )
 from haptogram_protocol.state import MuteReason
@@ -15,10 +18,13 @@ from ...case import Depth, case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_now, send_phases_to_store
+from ...client.stream_kinds import valid_requests_to_send
+from ...client.uploads import SEQUENCES
 from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import check, fail
 
 _MS: Final = 1000
+_STALE_MS: Final = 150
 
 
 host_times = case_about_host("HG-12.6/1")
@@ -73,6 +79,32 @@ def hold_timer_waits_for_a_latch(board: BoardClient) -> None:
     start_us, since = board.clock.device_us(), board.link.mark()
     header, _ = judged_mute_by_timer(board, since, 600 * _MS, MuteReason.HOST_SILENT)
     judge_mute_time(board, start_us, header, 250, "host_timeout_ms = 250")
+
+
+@case(
+    "HG-12.2/2",
+    "behind each end of a held drive, ARM and every other request start no hold",
+    variant="ended",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def hold_timer_is_not_taken_up_again(board: BoardClient) -> None:
+    for end in (Mute(), Disarm(), None):
+        board.configure(hold_ms=_STALE_MS)
+        board.arm()
+        latch_now(board, board.flat_phases())
+        if end is None:
+            board.hello()
+        else:
+            board.link.ask(end)
+        board.arm()
+        since, name = board.link.mark(), "HELLO" if end is None else end.TYPE.name
+        for message in valid_requests_to_send(board, SEQUENCES[0]):
+            if message.TYPE.name not in ("DISARM", "PLAY"):
+                board.link.ask(message)
+        board.wire.idle((_STALE_MS + 50) * _MS)
+        told = [event.reason.name for _, event in board.link.events(StateChanged, since)]
+        check(not told, f"nothing is latched since {name} and ARM: muted, {', '.join(told)}")
 
 
 @case("HG-12.3/1", "the hold runs from the last of several latches", needs=Feature.CONFIG)
