@@ -10,6 +10,8 @@ from haptogram_protocol.messages import (
     Flag,
     FocalPoint,
     ReadTrace,
+    Stop,
+    StopReply,
     TraceDrive,
     TraceMode,
     TraceReply,
@@ -23,6 +25,7 @@ from ...client.playback import (
     UNATTENDED_MS,
     await_playback_end,
     play_at,
+    play_now,
     play_out,
     send_phases_to_store,
     shortest_period_to_play_us,
@@ -42,6 +45,7 @@ _SHAPES: Final = (
     (2, 1, 0),
     (2, 1, 70_000),
 )
+_MOST: Final = 65_537  # frames of a sequence: more than 16 bits
 _MANY: Final = 66_000  # frames in a playback: more than 16 bits
 _OVER_16_BITS: Final = 66_000  # bytes of a sequence
 _SHAPES_MIXED: Final = 5  # different frames of it
@@ -126,32 +130,98 @@ def every_playback_size_is_played(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def frames_of_long_playback_are_those_stored(board: BoardClient) -> None:
-    count = board.identity.transducers
     for kind in _kinds_of_playback(board):
-        size = count if kind is UploadKind.PHASES else FocalPoint.LAYOUT.size
-        room = min(board.identity.max_sequence_frames, board.identity.max_upload_bytes // size)
         for sequence in (_SEQUENCE, _BEHIND):
-            wanted = min(_OVER_16_BITS // size + 2, room)
-            frames = frames_with_room(board, kind, sequence, wanted, size)
-            if kind is UploadKind.PHASES:
-                shapes = [board.random.randbytes(size) for _ in range(_SHAPES_MIXED)]
-            else:
-                shapes = [random_point_to_send(board).pack() for _ in range(_SHAPES_MIXED)]
-            stored = [board.random.choice(shapes) for _ in range(frames)]
-            upload_to_board(board, kind, sequence, b"".join(stored), int(kind is UploadKind.POINTS))
-            name = f"{kind.name}, {frames} frames of {size} bytes"
+            wanted = _OVER_16_BITS // _frame_bytes_of_playback(board, kind) + 2
+            stored = _store_mixed_frames(board, kind, sequence, wanted)
+            name = f"{kind.name}, {len(stored)} frames of {len(stored[0])} bytes"
             _judge_frames_of_long_playback(board, sequence, stored, name)
+
+
+@case(
+    "HG-7.6/4",
+    "a sequence of as many frames as the board takes, 65537 at most, is stored, and its first play",
+    variant="most",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def playback_of_most_frames_begins(board: BoardClient) -> None:
+    kind, stored = _store_most_frames(board)
+    _begin_traced_playback(board)
+    since = board.link.mark()
+    play_now(board, _SEQUENCE, loops=1, period_us=_shortest_playback_us(board))
+    board.wire.idle(20_000)
+    board.link.call(Stop(), StopReply)
+    ended = await_playback_end(board, since, 0)
+    name = f"{kind.name}, {len(stored)} frames"
+    check(ended.loops == 0, f"{name}: PLAYBACK_ENDED says {ended.loops} loops within 20 ms")
+    seen = latches_received_from_board(board, since, TraceMode.RING)
+    got = [(latch.loop, latch.index) for latch in seen]
+    due = [(0, index) for index in range(ended.frames)]
+    check(got == due[-board.identity.trace_ring :], f"{name}: (loop, index) are {got[:3]}...")
+    upload_to_board(board, kind, _SEQUENCE, stored[0], int(kind is UploadKind.POINTS))  # makes room
+
+
+@case(
+    "HG-7.6/4",
+    "a sequence of as many frames as the board takes, 65537 at most, is played to its last frame",
+    variant="longest",
+    needs=Feature.TRACE_RING | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.FULL,
+)
+def playback_of_most_frames_is_what_was_stored(board: BoardClient) -> None:
+    kind, stored = _store_most_frames(board)
+    _judge_frames_of_long_playback(board, _SEQUENCE, stored, f"{kind.name}, {len(stored)} frames")
+    upload_to_board(board, kind, _SEQUENCE, stored[0], int(kind is UploadKind.POINTS))  # makes room
+
+
+def _store_most_frames(board: BoardClient) -> tuple[UploadKind, list[bytes]]:
+    """Store a sequence of the kind whose frames are the shortest; return both."""
+    board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
+    kinds = _kinds_of_playback(board)
+    kind = min(kinds, key=lambda kind: _frame_bytes_of_playback(board, kind))
+    return kind, _store_mixed_frames(board, kind, _SEQUENCE, _MOST)
+
+
+def _begin_traced_playback(board: BoardClient) -> None:
+    board.hello()
+    board.configure(trace_mode=TraceMode.RING)
+    board.arm()
+
+
+def _frame_bytes_of_playback(board: BoardClient, kind: UploadKind) -> int:
+    phases = kind is UploadKind.PHASES
+    return board.identity.transducers if phases else FocalPoint.LAYOUT.size
+
+
+def _store_mixed_frames(
+    board: BoardClient, kind: UploadKind, sequence: int, wanted: int
+) -> list[bytes]:
+    """Store a sequence of *wanted* frames, or as many as find room, of a few shapes; return it."""
+    size, points = _frame_bytes_of_playback(board, kind), int(kind is UploadKind.POINTS)
+    room = min(board.identity.max_sequence_frames, board.identity.max_upload_bytes // size)
+    frames = frames_with_room(board, kind, sequence, min(wanted, room), size)
+    if points:
+        shapes = [random_point_to_send(board).pack() for _ in range(_SHAPES_MIXED)]
+    else:
+        shapes = [board.random.randbytes(size) for _ in range(_SHAPES_MIXED)]
+    stored = [board.random.choice(shapes) for _ in range(frames)]
+    upload_to_board(board, kind, sequence, b"".join(stored), points)
+    return stored
 
 
 def _judge_frames_of_long_playback(
     board: BoardClient, sequence: int, stored: list[bytes], name: str
 ) -> None:
     """FAILED unless stored frames that are alike, and only these, are latched alike."""
-    board.hello()
-    board.configure(trace_mode=TraceMode.RING)
-    board.arm()
+    _begin_traced_playback(board)
     since = board.link.mark()
-    play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
+    ended = play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
+    told = (ended.loops, ended.frames)
+    check(told == (1, len(stored)), f"{name}: PLAYBACK_ENDED says {told}")
     seen = latches_received_from_board(board, since, TraceMode.RING)
     due_latches = min(len(stored), board.identity.trace_ring)
     check(len(seen) >= due_latches, f"{name}: the ring tells of {len(seen)}, due {due_latches}")
