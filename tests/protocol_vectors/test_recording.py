@@ -23,7 +23,6 @@ NOT_RECORDED = {
     "HG-3.9/4": "a flood of 2 MB",
     "HG-4.3/5": "two lives of a board",
     "HG-7.1/2": "the share of a slow line",
-    "HG-7.2/6": "every upload of a run; limits are no part of a dialogue",
     "HG-7.4/5": "two lives of a board",
     "HG-8.7/1": "hundreds of traces",
     "HG-8.7/2": "the share of a slow line",

@@ -149,6 +149,15 @@ def upload_spares_the_playing_sequence(board: BoardClient) -> None:
     board.link.refused(UploadBegin(UploadKind.PHASES, 0, 5, size, 0), ErrorCode.BAD_STATE, 1)
 
 
+@case("HG-7.2/6", "UPLOAD_BEGIN_REPLY names max_chunk and upload_window of HELLO_REPLY")
+def names_the_limits_of_uploads(board: BoardClient) -> None:
+    _, _, frame = _upload_kind(board)
+    reply = board.link.call(_begin_upload_of_size(board, frame), UploadBeginReply)
+    due = board.identity.max_chunk, board.identity.upload_window
+    told = reply.max_chunk, reply.window
+    check(told == due, f"max_chunk and window are {told}, in HELLO_REPLY {due}")
+
+
 @case("HG-7.3/1", "chunks that come backwards and then once more are put together in order")
 def takes_chunks_in_any_order(board: BoardClient) -> None:
     kind, target, frame = _upload_kind(board)
