@@ -261,6 +261,7 @@ class StandingRules:
         assert header is not None  # take
         if isinstance(message, StateChanged):
             same = since.ended == (header.session, header.time_us)
+            same &= message.reason is not MuteReason.FAULT  # behind STOP in the same microsecond
             yield "HG-4.11/5", "PLAYBACK_ENDED of the same moment came before" if same else ""
         elif isinstance(message, PlaybackEnded):
             since.ended = header.session, header.time_us

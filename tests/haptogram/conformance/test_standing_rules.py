@@ -117,6 +117,12 @@ def test_frames_of_a_healthy_board_break_nothing():
     assert findings(HELLO, event, CONFIG_REPLY, SetConfigReply(6, OTHER)) == {}
 
 
+def test_a_fault_behind_the_end_of_a_playback_in_one_microsecond_breaks_nothing():
+    at = {"time_us": 9}
+    fault = StateChanged(OutputState.FAULT, MuteReason.FAULT)
+    assert findings((PlaybackEnded(1, 1, 1), at), (fault, at)) == {}
+
+
 def test_a_reply_from_memory_tells_of_earlier():
     assert findings(HELLO, status(frames=1, requests=1), (STATUS, {"time_us": 1})) == {}
 
