@@ -218,7 +218,7 @@ def mute_passes_all_header_checks(board: BoardClient) -> None:
         {"session": 0},
         {"session": board.link.session ^ _STALE},
         {"flags": 0xFF},
-        {"seq": 1},
+        {"seq": board.link.seq - 1},
         {"seq": board.link.seq},
     ):
         board.arm()
