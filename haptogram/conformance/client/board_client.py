@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from haptogram_protocol.framing import MAX_ENCODED_BYTES
+from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
     GROWING_COUNTERS,
@@ -282,6 +282,12 @@ class BoardClient:
         self.config = self.link.call(SetConfig(wanted), SetConfigReply).config
         check(self.config == wanted, f"SET_CONFIG_REPLY shows {self.config}, sent was {wanted}")
         return self.config
+
+    @property
+    def most_points(self) -> int:
+        """Focal points in one frame, at most: so many does the board take, and has a frame room."""
+        room = (MAX_BODY_BYTES - HEADER_BYTES) // FocalPoint.LAYOUT.size
+        return min(self.identity.max_points, room)
 
     def has(self, features: Feature) -> bool:
         """Return True if the board advertises all of *features*."""

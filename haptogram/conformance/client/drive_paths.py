@@ -56,7 +56,7 @@ def drive_paths(board: BoardClient) -> Iterator[DrivePath]:
     if board.has(Feature.SEQUENCE_PHASES):
         yield DrivePath("PHASES, played", partial(_drive_path_of_played_phases, board))
     if board.has(Feature.SEQUENCE_POINTS):
-        for number in sorted({1, board.identity.max_points}):
+        for number in sorted({1, board.most_points}):
             name = f"POINTS ({number}), played"
             yield DrivePath(name, partial(_drive_path_of_played_points, board, number))
     if board.has(Feature.SEQUENCE_PHASES):

@@ -16,7 +16,7 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ..outcome import check, fail
+from ..outcome import check, fail, not_observed
 from .board_client import BoardClient
 from .uploads import upload_to_board
 
@@ -41,8 +41,12 @@ def send_phases_to_store_if_supported(board: BoardClient, sequence: int, *, fram
 
 
 def shortest_period_to_play_us(board: BoardClient, least_us: int = 1) -> int:
-    """Return the shortest period that the board takes, or *least_us* if that is longer."""
-    return max(least_us, -(-1_000_000 // board.identity.max_playback_rate_hz))
+    """Return the shortest period that the board takes, or *least_us* if that is longer.
+
+    A latch in each period of the carrier is the most there can be (HG-5.8/3).
+    """
+    shortest_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
+    return max(least_us, board.clock.carrier_us, shortest_us)
 
 
 def period_to_play(board: BoardClient, points: int = 0) -> int:
@@ -85,8 +89,14 @@ def play_at(
 def play_out(
     board: BoardClient, sequence: int, frames: int, *, loops: int = 1, period_us: int = PERIOD_US
 ) -> PlaybackEnded:
-    """Play a stored sequence of so many frames from now on to its end; FAILED if it has none."""
+    """Play a stored sequence of so many frames from now on to its end; FAILED if it has none.
+
+    NOT-OBSERVED if that takes longer than the board plays without a frame from the host.
+    """
     since, lasts_us = board.link.mark(), frames * loops * period_us
+    most_ms = board.identity.max_unattended_ms
+    if lasts_us >= 1000 * most_ms:
+        not_observed(f"{lasts_us / 1000:g} ms of playback; max_unattended_ms is {most_ms}")
     alone_ms = max(UNATTENDED_MS, 2 * lasts_us // 1000)
     play_now(board, sequence, loops=loops, period_us=period_us, unattended_ms=alone_ms)
     return await_playback_end(board, since, lasts_us)

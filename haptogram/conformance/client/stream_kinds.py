@@ -67,7 +67,7 @@ def stream_kinds(board: BoardClient) -> list[StreamKind]:
     if board.has(Feature.AMPLITUDE):
         found.append(StreamKind("DRIVES", lambda: _stream_kind_of_drives(board)))
     if board.has(Feature.POINTS):
-        numbers = sorted({1, board.identity.max_points})
+        numbers = sorted({1, board.most_points})
         found += [_stream_kind_of_points(board, number) for number in numbers]
     return found
 

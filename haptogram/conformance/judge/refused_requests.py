@@ -200,8 +200,9 @@ def _uploads_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
         wrong.append(("a size beyond the limit", size, large))
     if board.has(Feature.SEQUENCE_POINTS):
         most = identity.max_points + 1
-        points = UploadBegin(UploadKind.POINTS, most, STORED, 16 * most, 0)
-        wrong.append(("too many points", points, bad))
+        if most < 1 << 8:
+            points = UploadBegin(UploadKind.POINTS, most, STORED, 16 * most, 0)
+            wrong.append(("too many points", points, bad))
         for number in {2, identity.max_points} if identity.max_points > 1 else ():
             parts = UploadBegin(UploadKind.POINTS, number, STORED, 16 * (number + 1), 0)
             wrong.append((f"no whole frames of {number} points", parts, length))

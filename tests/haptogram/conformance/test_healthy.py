@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import pytest
 from boards import WindowWatch, run, virtual
+from identities import identity
 
 from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases
@@ -216,3 +217,22 @@ def test_a_board_that_limits_the_gaps_in_an_upload_passes(monkeypatch):
     monkeypatch.setattr("sim_device.mutants.MUTANTS", {"limited": limited})
     suite = run(virtual(array="4x4", mutant="limited"), "HG-7.3", "HG-7.4")
     assert {r.behaviour for r in suite.results} == {Behaviour.OK}
+
+
+NEAR = ("HG-3.6/1-time", "HG-5.7/4-lengths", "HG-6.6/1-fault", "HG-7.6/2-starts", "HG-8.3/2-ramp")
+
+
+@pytest.mark.parametrize(
+    ("limits", "cases"),
+    [
+        ({"max_horizon_us": 100_000}, NEAR),
+        ({"grid": (32, 32), "rx_window": 4098, "max_chunk": 512}, ("HG-2.4/2-timers",)),
+        ({"max_unattended_ms": 1000}, ("HG-7.8/1-many", "HG-8.4/1-many")),
+        ({"max_upload_bytes": 2000, "max_stored_bytes": 3000}, ("HG-7.6/4-offsets",)),
+        ({"max_sequence_frames": 16}, ("HG-7.3/5",)),
+    ],
+)
+def test_a_board_with_limits_that_are_allowed_fails_nothing(limits, cases):
+    results = run(identity(**limits), *cases, depth=Depth.DEFAULT).results
+    allowed = (Behaviour.OK, Behaviour.NOT_OBSERVED)
+    assert {r.case: r.detail for r in results if r.behaviour not in allowed} == {}

@@ -71,7 +71,7 @@ def every_path_of_streamed_points(board: BoardClient) -> None:
 
 def _judge_same_points_streamed_again(board: BoardClient) -> None:
     """FAILED unless the same points give another drive where something else changes it."""
-    for number in sorted({1, board.identity.max_points}):
+    for number in sorted({1, board.most_points}):
         message = Points(tuple(random_point_to_send(board, number) for _ in range(number)))
         board.configure(sound_speed_mm_s=_SPEEDS_MM_S[0])
         board.arm()
@@ -94,7 +94,7 @@ def _judge_same_points_streamed_again(board: BoardClient) -> None:
 )
 def every_sum_of_streamed_points(board: BoardClient) -> None:
     board.arm()
-    most = board.identity.max_points
+    most = board.most_points
     for number in range(1, most + 1):
         for name, group in _groups_of_full_points(board, number):
             latch_now(board, Points(group))

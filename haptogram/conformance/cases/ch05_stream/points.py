@@ -169,7 +169,7 @@ def streamed_points_have_their_amplitude(board: BoardClient) -> None:
 
     model = _model_of_streamed_points(board)
     board.arm()
-    points = min(2, board.identity.max_points)
+    points = min(2, board.most_points)
     found = _latches_of_random_points(board, points)
     if not board.has(Feature.AMPLITUDE):
         check(all(set(shown.amplitudes) == {255} for _, shown in found), "amplitudes are not 255")
@@ -192,7 +192,7 @@ def streamed_points_are_exact(board: BoardClient) -> None:
 
     model = _model_of_streamed_points(board)
     board.arm()
-    found = _latches_of_random_points(board, min(3, board.identity.max_points))
+    found = _latches_of_random_points(board, min(3, board.most_points))
     # One step beyond the rounding, which is half of one.
     worst = float(abs(judged_phase_errors(model, found)).max())
     check(worst <= 1.5 + 1e-6, f"a phase is off by {worst:.2f} steps before rounding")
@@ -212,7 +212,7 @@ def streamed_points_are_exact(board: BoardClient) -> None:
 def streamed_points_lie_on_every_side(board: BoardClient) -> None:
     model = _model_of_streamed_points(board)
     board.arm()
-    for number in range(1, board.identity.max_points + 1):
+    for number in range(1, board.most_points + 1):
         for side in _SIDES:
             group = tuple(_random_point_on_side(board, side, number) for _ in range(number))
             name = f"{number} points at x {side[0]:+d}, y {side[1]:+d}, z {side[2]:+d} and beyond"
@@ -248,7 +248,7 @@ def _latch_and_judge_points(
     depth=Depth.DEFAULT,
 )
 def streamed_points_all_but_cancel(board: BoardClient) -> None:
-    most = board.identity.max_points
+    most = board.most_points
     if most < 2:
         not_observed("one point alone cancels nothing")
     model = _model_of_streamed_points(board)
@@ -301,7 +301,7 @@ def streamed_points_lie_at_every_end(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def counts_the_points_of_a_frame(board: BoardClient) -> None:
-    most = board.identity.max_points
+    most = board.most_points
     if (most + 1) * FocalPoint.LAYOUT.size > 4000:
         not_observed("more points than max_points do not fit into a frame")
     board.arm()

@@ -36,7 +36,7 @@ def _kinds_of_ready_frames(board: BoardClient) -> list[tuple[Message, int]]:
     """Return a frame of each kind, and how many points the board has to compute for it."""
     kinds: list[tuple[Message, int]] = [(board.flat_phases(), 0)]
     if board.has(Feature.POINTS):
-        kinds += [(Points((_POINT,) * n), n) for n in sorted({1, board.identity.max_points})]
+        kinds += [(Points((_POINT,) * n), n) for n in sorted({1, board.most_points})]
     return kinds
 
 
@@ -73,7 +73,7 @@ def latches_frames_when_ready(board: BoardClient) -> None:
 )
 def readies_frames_one_after_the_other(board: BoardClient) -> None:
     board.arm()
-    most = board.identity.max_points
+    most = board.most_points
     message = Points((_POINT,) * most)
     for _ in range(_TRIES):
         board.clock.wait_latched()

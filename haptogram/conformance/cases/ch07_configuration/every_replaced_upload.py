@@ -36,7 +36,7 @@ _Form: TypeAlias = tuple[UploadKind, int, int]  # kind, points in a frame, frame
 
 
 def _forms_of_uploads(board: BoardClient) -> list[_Form]:
-    most = board.identity.max_points
+    most = board.most_points
     forms = [(UploadKind.PHASES, 0, 2), (UploadKind.POINTS, 1, 3)]
     return forms + ([(UploadKind.POINTS, most, 1)] if most > 1 else [])
 
@@ -82,7 +82,7 @@ def a_replaced_upload_leaves_nothing(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.CRC)
     board.arm()
     other = [board.random.randbytes(board.identity.transducers) for _ in range(2)]
-    period_us = period_to_play(board, board.identity.max_points)
+    period_us = period_to_play(board, board.most_points)
     before = "nothing"
     forms = list(_every_form_behind_every_form(_forms_of_uploads(board)))
     for place, form in enumerate(forms if board.thorough else forms[1:4]):

@@ -39,7 +39,7 @@ _SIZES: Final = (1, 2, 3, 5, 7, 8, 9, 15, 16, 17, 31, 33, 63, 64, 65, 127, 129, 
 
 def _upload_units(board: BoardClient) -> Iterator[tuple[UploadKind, int, int]]:
     """Yield every kind and number of points that the board takes, with the bytes of a frame."""
-    count, most = board.identity.transducers, board.identity.max_points
+    count, most = board.identity.transducers, board.most_points
     if board.has(Feature.SEQUENCE_PHASES):
         yield UploadKind.PHASES, 0, count
     if board.has(Feature.CORRECTION):
@@ -80,7 +80,7 @@ def every_upload_is_of_whole_frames(board: BoardClient) -> None:
 )
 def every_number_of_points_is_played(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.CRC)
-    for number in range(1, board.identity.max_points + 1):
+    for number in range(1, board.most_points + 1):
         groups = [
             tuple(random_point_to_send(board, number) for _ in range(number))
             for _ in range(_FRAMES)

@@ -94,7 +94,7 @@ def checks_the_times_of_playback(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_POINTS,
 )
 def playback_leaves_time_to_compute(board: BoardClient) -> None:
-    points = board.identity.max_points
+    points = board.most_points
     frame = b"".join(random_point_to_send(board, points).pack() for _ in range(points))
     upload_to_board(board, UploadKind.POINTS, 1, 2 * frame, points)
     board.arm()

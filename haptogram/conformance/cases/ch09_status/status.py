@@ -149,7 +149,7 @@ def status_margins_count_from_ready(board: BoardClient) -> None:
     board.arm()
     kinds: list[tuple[Message, int]] = [(board.flat_phases(), 0)]
     if board.has(Feature.POINTS):
-        most = board.identity.max_points
+        most = board.most_points
         kinds.append((Points((FocalPoint(10_000, 5_000, 150_000, 8_000, 0),) * most), most))
     for message, points in kinds:
         board.clock.wait_latched()
