@@ -79,6 +79,7 @@ class _Since:
     latch: tuple[int, int] | None = None  # time of the last traced latch, and of its trace
     ended: tuple[int, int] | None = None  # session and time of the last PLAYBACK_ENDED
     response: tuple[int, int] | None = None  # the same of the newest response
+    at_once: set[bytes] = field(default_factory=set)  # responses of that time
 
 
 class StandingRules:
@@ -150,6 +151,11 @@ class StandingRules:
         recent = before is not None and piece.t_us - before[1] < _LONG_US
         if before is not None and recent and signed_difference(now_us, before[0], 32) < 0:
             return True
+        if before is None or now_us != before[0]:
+            self._since.at_once.clear()
+        elif piece.piece in self._since.at_once:
+            return True
+        self._since.at_once.add(piece.piece)
         self._since.response = now_us, piece.t_us
         return False
 

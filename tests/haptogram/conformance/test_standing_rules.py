@@ -127,6 +127,14 @@ def test_a_reply_from_memory_tells_of_earlier():
     assert findings(HELLO, status(frames=1, requests=1), (STATUS, {"time_us": 1})) == {}
 
 
+def test_a_reply_from_memory_in_the_microsecond_of_its_first_sending_is_the_same_bytes():
+    once = {"time_us": 9, "seq": 1}
+    later = status(frames=1, requests=1), {"time_us": 9, "seq": 2}
+    assert findings(HELLO, (STATUS, once), later, (STATUS, once)) == {}
+    again = {"time_us": 9, "seq": 3}
+    assert list(findings(HELLO, (STATUS, once), later, (STATUS, again))) == ["HG-9.2/1"]
+
+
 @pytest.mark.parametrize(
     ("clause", "messages"),
     [
