@@ -229,7 +229,11 @@ def _conclude_run_verdict(
     counts = _run_verdict_counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
     effect = RunConsequences.of(frames, quiet_us)
     run = RunVerdict(Verdict.PASS, (), frames, unexpected, min_verified, counts, effect)
-    wrong = [f"{counts[name]} {text}" for name, text in _FAILURES.items() if counts[name]]
+    wrong = [
+        f"{number} {'frame' if number == 1 else 'frames'} {text}"
+        for name, text in _FAILURES.items()
+        if (number := counts[name])
+    ]
     missing = [] if cut is None else [cut.reason]
     if not_kept:
         missing.append(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from typing import Any
 
-from ..messages import Header, Message, MessageType
+from ..messages import Error, ErrorCode, Header, Message, MessageType
 from ..record import Record
 
 __all__ = [
@@ -27,6 +27,12 @@ def annotated_header_text(header: Header) -> str:
 
 def annotated_message_text(message: Message) -> str:
     """Return the fields of a message; bytes and lists by their length."""
+    if isinstance(message, Error):
+        code = ErrorCode._value2member_map_.get(message.code)
+        return (
+            f"request {annotated_type_name(message.request)}, "
+            f"code {getattr(code, 'name', message.code)}, detail {message.detail:#x}"
+        )
     fields = []
     for name, value in _annotated_values(message):
         if isinstance(value, bytes | tuple):

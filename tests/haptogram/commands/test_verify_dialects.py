@@ -108,7 +108,7 @@ def test_a_board_behind_a_url_is_seen_through_its_back_door(capsys):
     assert verify(capsys, "--dialect", "sonicsurface", *words)[0] == 0
     status, out, _ = verify(capsys, "--dialect", "ultraino-fpga", *words)
     assert status == 1
-    assert "3 off target" in out
+    assert "3 frames off target" in out
     assert "off by 1.94" in out  # 2 mm, as seen from a focus beside the middle
 
 
@@ -249,4 +249,4 @@ def test_a_board_that_goes_dark_between_frames_does_what_nobody_intended():
     between = records.index(third) + 1
     records.insert(between, {**dark, "t_latch_us": third["t_latch_us"] + 100})
     judged = verify_run(intended, dialect_run_observations(intended, records, None), model=model)
-    assert judged.sentence == "FAIL: 1 latched that nobody intended"
+    assert judged.sentence == "FAIL: 1 frame latched that nobody intended"

@@ -228,7 +228,7 @@ def test_a_run_that_was_cut_short_cannot_pass_but_can_fail():
     broken = [seen(intended[0]), seen(intended[1], wrong_sign(intended[1]))]
     run = verify(intended, broken, cut=Cut("interrupted after 2 frames"))
     assert run.verdict is Verdict.FAIL
-    assert run.reasons == ("1 with a wrong drive", "interrupted after 2 frames")
+    assert run.reasons == ("1 frame with a wrong drive", "interrupted after 2 frames")
 
 
 def test_what_was_due_after_the_mute_is_cancelled_and_what_was_due_before_is_lost():
@@ -428,7 +428,7 @@ def test_the_summary_takes_many_frames_with_the_same_fault_together():
     intended = intended_frames(12)
     text = str(verify(intended, [seen(f, wrong_sign(f)) for f in intended[:-1]]))
     lines = text.splitlines()
-    assert lines[0].startswith("FAIL: 11 with a wrong drive; 11 of 12 frames were verified")
+    assert lines[0].startswith("FAIL: 11 frames with a wrong drive; 11 of 12 frames were verified")
     named = "11 frames (0, 1, 2, 3, 4, 5, 6, 7, ...): wrong drive; opposite sign of all phases"
     assert lines[-2].strip().startswith(named)
     assert lines[-1].strip().startswith("frame 11: lost")
@@ -451,7 +451,7 @@ def test_a_duplicate_is_judged_by_its_first_latch_and_fails():
     (frame,) = intended_frames(1)
     run = verify([frame], [seen(frame), seen(frame, wrong_sign(frame), t_latch_us=500)])
     assert run.frames[0].latches == 2
-    assert (run.verdict, run.reasons) == (Verdict.FAIL, ("1 latched more than once",))
+    assert (run.verdict, run.reasons) == (Verdict.FAIL, ("1 frame latched more than once",))
     assert [f["number"] for f in run.as_dict()["duplicated"]] == [0]
 
 

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from haptogram_protocol.annotation.frames import Annotated, Annotator, FrameAnnotator
 from haptogram_protocol.annotation.operations import OperationAnnotator
-from haptogram_protocol.annotation.words import annotated_fields_of
+from haptogram_protocol.annotation.words import annotated_fields_of, annotated_message_text
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, FrameDecoder, encode_frame
-from haptogram_protocol.messages import MESSAGES, Header, Message
+from haptogram_protocol.messages import MESSAGES, Error, Header, Message
 from strategies_dialects import WIRES, Wire
 from strategies_protocol import chunkings, headers, messages, noise
 
@@ -124,3 +124,10 @@ def test_what_a_client_sent_is_its_operations_in_place() -> None:
     ]
     assert found[1].fields["codes"] == line[1:257].hex()
     assert found[1].text.endswith("... (256 bytes)")
+
+
+def test_a_refusal_is_told_by_names_and_numbers_without_a_name_as_they_are() -> None:
+    refused = annotated_message_text(Error(request=0x44, code=6, detail=427))
+    assert refused == "request PING, code SEQUENCE_REUSED, detail 0x1ab"
+    unknown = annotated_message_text(Error(request=0x3F, code=250, detail=0))
+    assert unknown == "request type 0x3f, code 250, detail 0x0"

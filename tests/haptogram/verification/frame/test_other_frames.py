@@ -157,7 +157,7 @@ def test_other_air_fails_a_run_with_its_error_in_mm():
     host, board = AcousticModel.default(temperature_c=20), AcousticModel.default(temperature_c=25)
     intended = [intend(host, (0.0, 0.0, 0.1 + 0.01 * n), number=n) for n in range(4)]
     run = verify_run(intended, [seen(frame) for frame in intended], model=board)
-    assert (run.verdict, run.reasons) == (Verdict.FAIL, ("4 off target",))
+    assert (run.verdict, run.reasons) == (Verdict.FAIL, ("4 frames off target",))
     assert 1.0 < run.as_dict()["axial_error_mm"]["p50"] < 2.0
     assert "-1.1" in str(run)
 
