@@ -65,7 +65,7 @@ def test_a_latch_that_does_not_end_the_ramp_of_the_hold_fails():
     [result] = run(access, "HG-6.11/4-latches").results
     assert result.behaviour is Behaviour.FAILED
     assert result.detail.startswith("a frame at once, ")
-    assert result.detail.endswith("the amplitude is 229; the straight line allows 254.0 to 256.0")
+    assert result.detail.endswith("the amplitude is 229; the straight line allows 254.0 to 255.0")
 
 
 class Drowsy(Wrapped):
