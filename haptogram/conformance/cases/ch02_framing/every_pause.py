@@ -25,7 +25,6 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now
 from ...client.stream_kinds import StreamKind, stream_kinds
 from ...client.uploads import begin_upload
 from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
@@ -147,8 +146,8 @@ def everything_goes_on_in_a_pause(board: BoardClient) -> None:
     status_ms = max(_STATUS_MS, board.quick_status_ms)
     board.configure(hold_ms=_HOLD_MS, status_period_ms=status_ms)
     board.arm()
-    latch_now(board, board.flat_phases())
-    last_us = board.clock.soon_us(bytes(4000), ahead_us=300 * _MS)
+    payloads = 2 * (board.flat_phases().serialize(),)
+    last_us = board.clock.soon_us(*payloads, ahead_us=300 * _MS)
     times = (last_us - 200 * _MS, last_us)
     with board.counting(latched=2, timeouts=1, requests=1):
         board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
