@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
 
-from haptogram_protocol.framing import FrameDecoder, encode_frame
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import HEADER_BYTES, FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
+    STREAM_RANGE,
     Config,
+    Flag,
+    Header,
     Hello,
     HelloReply,
     LatchKey,
     Message,
     MessageType,
     Ping,
+    Play,
+    Points,
+    SetConfig,
+    UploadBegin,
+    UploadKind,
     build_body,
+    parse_body,
+    signed_difference,
 )
 
 from ..client.malformed_frames import malformed_frame, malformed_noise, malformed_with_crc
@@ -118,6 +130,33 @@ class DialogueHost:
         nonces = [self.session, *reversed(self.sessions)]
         return self._of_session.get((nonces[min(age, len(nonces) - 1)], which), b"")
 
+    def note(self, body: bytes) -> None:
+        """Note what a frame that is sent makes of drives and their times."""
+        with suppress(RemoteProtocolError):  # no board takes it
+            header, message = parse_body(body)
+            drive = (0, header.seq)
+            if isinstance(message, Play):
+                drive = (message.sequence, 0)
+            elif isinstance(message, UploadBegin) and message.kind is UploadKind.POINTS:
+                self.computed.add((message.target, 0))
+            elif isinstance(message, Points):
+                self.computed.add(drive)
+            elif isinstance(message, SetConfig):
+                self.note_config(message.config)
+            if self.is_latched_as_it_comes(body):
+                self.inexact.add(drive)
+
+    def is_latched_as_it_comes(self, body: bytes) -> bool:
+        """Return True if the time of a latch depends on when the frame arrives (HG-3.5)."""
+        if len(body) < HEADER_BYTES:
+            return False
+        header = Header.unpack(body[:HEADER_BYTES])
+        ahead_us = signed_difference(header.time_us, self.slot_us & 0xFFFFFFFF, 32)
+        is_at_once = bool(header.flags & Flag.IMMEDIATE)
+        if header.type in STREAM_RANGE:
+            return is_at_once or ahead_us < 0
+        return header.type == MessageType.PLAY and is_at_once
+
     def note_config(self, config: Config) -> None:
         """Note the ramp of a configuration that is sent."""
         ramp_us = config.ramp_ms * 1000
@@ -201,6 +240,7 @@ class DialogueAction:
         """Return the bytes on the line."""
         source = random.Random(self.seed)
         body = self.body(host)
+        host.note(body)
         if self.damage in _SILENT:
             return b""
         if self.damage == 5:
@@ -232,9 +272,13 @@ def _short_random_run(source: random.Random, body: bytes) -> bytes:
 
 
 def frames_of_slot(
-    host: DialogueHost, actions: Sequence[DialogueAction], room_bytes: int
+    host: DialogueHost, actions: Sequence[DialogueAction], room_bytes: int, *, exact: bool
 ) -> list[tuple[DialogueAction, bytes]]:
-    """Return *actions* with their frames, as many as have room on the line."""
+    """Return *actions* with their frames, as many as have room on the line.
+
+    Unless bytes arrive to the microsecond (*exact*), none comes behind a frame that is latched as
+    it comes: whether it is, or a latch is over by then, depends on microseconds.
+    """
     found: list[tuple[DialogueAction, bytes]] = []
     for action in actions:
         unsent = host.take_unsent()
@@ -246,6 +290,8 @@ def frames_of_slot(
             break  # it may overtake what is sent with it: HG-3.8/2
         shares = found and not unsent and wire and action.seed % _SHARED == 0
         found.append((action, wire[1:] if shares else wire))
+        if not exact and any(map(host.is_latched_as_it_comes, _bodies_of_slot(wire))):
+            break
     return found
 
 
@@ -274,7 +320,8 @@ def pieces_of_slot(data: bytes) -> list[bytes]:
 
 
 def _is_mute_in_slot(wire: bytes) -> bool:
-    return any(
-        isinstance(body, bytes) and body[0] == MessageType.MUTE
-        for body in FrameDecoder().feed(wire)
-    )
+    return any(body[0] == MessageType.MUTE for body in _bodies_of_slot(wire))
+
+
+def _bodies_of_slot(wire: bytes) -> list[bytes]:
+    return [body for body in FrameDecoder().feed(wire) if isinstance(body, bytes)]

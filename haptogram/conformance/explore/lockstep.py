@@ -202,7 +202,8 @@ class Lockstep:
             by_slot.setdefault(action.slot, []).append(action)
         slot, waited_us = first, 0
         while slot < slots:
-            batch = frames_of_slot(host, by_slot.get(slot, []), room_bytes)
+            told = by_slot.get(slot, [])
+            batch = frames_of_slot(host, told, room_bytes, exact=self.is_exact)
             shown_us = host.slot_us - start_us
             arrived_us = itertools.accumulate(action.wait_us for action, _ in batch)
             lines += [

@@ -21,6 +21,7 @@ from haptogram.conformance.explore.actions import (
     REST,
     SLOT_US,
     UPLOADED,
+    DialogueAction,
     DialogueHost,
 )
 from haptogram.conformance.explore.broken_clauses import (
@@ -82,6 +83,7 @@ from haptogram_protocol.messages import (
     ReadDrive,
     SetConfig,
     StatusReply,
+    TraceMode,
     UploadBegin,
     build_body,
 )
@@ -96,6 +98,39 @@ ROOT = Path(__file__).resolve().parents[3]
 def test_the_virtual_board_lives_like_its_model(monkeypatch):
     monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 30)
     (result,) = run(virtual(array="3x2"), CASE, seed=3).results
+    assert (result.behaviour, result.detail) == (Behaviour.OK, "")
+
+
+def latched_as_it_comes(host):
+    """A frame due in half a slot, but for its flags: IMMEDIATE, and one that may be ignored."""
+    host.stream_next += 1
+    time_us = host.slot_us + SLOT_US // 2
+    frame = Phases(PhaseFormat.BITS_8, 0, bytes([host.stream_next & 0xFF]))
+    flags, seq = Flag.IMMEDIATE | 0x08, host.stream_next
+    return build_body(frame, flags=flags, seq=seq, time_us=time_us, session=host.session)
+
+
+def disarm(host):
+    return host.request(Disarm())
+
+
+@pytest.mark.parametrize("behind", [[], [latched_as_it_comes] * 2, [latched_as_it_comes, disarm]])
+def test_the_time_of_a_latch_is_free_where_it_depends_on_the_line(behind, monkeypatch):
+    """A frame takes 75 us at 3 Mbaud: two carrier periods and more, which the model has not."""
+    traced = Config(trace_mode=TraceMode.CRC, trace_divider=1)
+    told = [lambda host: host.request(Arm()), latched_as_it_comes, *behind]
+
+    class Told(DialogueGenerator):
+        def config(self):
+            return traced
+
+        def actions(self, slots):
+            assert slots >= 8
+            return [DialogueAction(slot, "", body) for slot in range(8) for body in told]
+
+    monkeypatch.setattr(every_dialogue, "DialogueGenerator", Told)
+    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 2)
+    (result,) = run(virtual(array="1x1"), CASE).results
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 

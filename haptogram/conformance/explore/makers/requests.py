@@ -153,10 +153,6 @@ class RandomRequests:
         apart = self._random.randrange(1 << 16) if other and self._random.random() < 0.5 else 0
 
         def body(host: DialogueHost) -> bytes:
-            if isinstance(message, SetConfig):
-                host.note_config(message.config)
-            if isinstance(message, Play) and flags & Flag.IMMEDIATE:
-                host.inexact.add((message.sequence, 0))
             host.seq += jump
             us = host.slot_us + round(later * SLOT_US)
             wrong = host.session if other == WRONG_SESSIONS[-1] else other
@@ -253,8 +249,6 @@ class RandomRequests:
         """Return a request as it should be."""
 
         def body(host: DialogueHost) -> bytes:
-            if isinstance(message, SetConfig):
-                host.note_config(message.config)
             whole = host.request(message)
             if not isinstance(message, UploadChunk):
                 host.remember(whole)

@@ -152,16 +152,11 @@ class RandomStream:
             far_us = self._random.randrange(1 << 32)
             limit_us = self._random.choice((0, -3 * SLOT_US, 8 * SLOT_US, 1 << 31, far_us))
         kind = message.TYPE
-        is_computed = isinstance(message, Points)
 
         def body(host: DialogueHost) -> bytes:
             host.stream_next += max(0, step)
             seq = (host.stream_next + min(0, step)) & 0xFFFF
             host.stream_next += step >= 0
-            if is_computed:
-                host.computed.add((0, seq))
-            if not isinstance(ahead, float):
-                host.inexact.add((0, seq))
             us = self._ahead_us(ahead, limit_us) + (apart_us if isinstance(ahead, float) else 0)
             whole = build_body(
                 message,

@@ -21,7 +21,6 @@ from ..actions import (
     REPLACED,
     STORED_FRAMES,
     UPLOADED,
-    DialogueHost,
     has_room_in_dialogue,
 )
 from .conditions import DialogueConditions
@@ -159,14 +158,8 @@ class RandomUploads:
         return pieces
 
     def _plain(self, message: Message, how: str) -> MadeAction:
-        name = message.TYPE.name
-
-        def body(host: DialogueHost) -> bytes:
-            if isinstance(message, UploadBegin) and message.kind is UploadKind.POINTS:
-                host.computed.add((message.target, 0))
-            return host.request(message)
-
-        return name, f"{words_of_message(message)} ({how})", body
+        text = f"{words_of_message(message)} ({how})"
+        return message.TYPE.name, text, lambda host: host.request(message)
 
     def single(self) -> list[Callable[[], Message]]:
         """Return the makers of single steps of uploads, most of which are refused."""
