@@ -13,6 +13,7 @@ from haptogram_protocol.messages import (
     Message,
     Mute,
     Play,
+    PlaybackEnded,
     Points,
     SetConfig,
     Stop,
@@ -236,9 +237,12 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
     last_us = board.clock.unwrap(board.status().last_latch_us)
     board.link.call(Stop(), StopReply)
     ended = await_playback_end(board, since, 0)
-    least = (last_us - first_us) // period_us + 1
-    text = f"{ended.frames} frames were played, {least} were due up to {last_us}"
-    check(least <= ended.frames <= least + 1 + board.wire.limits.slack_us // period_us, text)
+    header, _ = board.link.events(PlaybackEnded, since)[0]
+    least, most = (
+        (t_us - first_us) // period_us + 1 for t_us in (last_us, board.clock.unwrap(header.time_us))
+    )
+    text = f"{ended.frames} frames were played, {least} to {most} were due up to STOP"
+    check(least <= ended.frames <= most, text)
     send_upload_chunks(board, other)
     board.link.call(UploadCommit(_SEQUENCE + 1), UploadCommitReply)
 
