@@ -20,7 +20,7 @@ from haptogram_protocol.messages import (
 
 from .board_client import BoardClient
 from .latching import latch_now
-from .playback import PERIOD_US, period_to_play, play_now, play_out
+from .playback import let_play, period_to_play, play_now, play_out
 from .stream_kinds import StreamKind, random_point_to_send, stream_kinds
 from .uploads import upload_to_board
 
@@ -90,7 +90,7 @@ def _drive_path_while_phases_play(board: BoardClient) -> Message:
     frame = board.random.randbytes(board.identity.transducers)
     upload_to_board(board, UploadKind.PHASES, _SEQUENCE, frame)
     play_now(board, _SEQUENCE, loops=0)
-    board.wire.idle(5 * PERIOD_US)
+    let_play(board, 5)
     return Phases(PhaseFormat.BITS_8, 0, frame)
 
 

@@ -22,6 +22,7 @@ from .uploads import upload_to_board
 
 PERIOD_US: Final = 1000
 UNATTENDED_MS: Final = 2000
+_UNATTENDED_PERIODS: Final = 2000
 _FLOOD_FRAMES: Final = 400
 _BUFFERS_BYTES: Final = 1 << 17  # of drives in traces: more than a pty and a board hold
 _FLOOD_RATE_HZ: Final = 10_000
@@ -40,18 +41,45 @@ def send_phases_to_store_if_supported(board: BoardClient, sequence: int, *, fram
         send_phases_to_store(board, sequence, frames=frames)
 
 
+def least_period_us(board: BoardClient) -> int:
+    """Return the shortest period that max_playback_rate_hz allows (HG-7.6/2)."""
+    return -(-1_000_000 // board.identity.max_playback_rate_hz)
+
+
 def shortest_period_to_play_us(board: BoardClient, least_us: int = 1) -> int:
     """Return the shortest period that the board takes, or *least_us* if that is longer.
 
     A latch in each period of the carrier is the most there can be (HG-5.8/3).
     """
-    shortest_us = -(-1_000_000 // board.identity.max_playback_rate_hz)
-    return max(least_us, board.clock.carrier_us, shortest_us)
+    return max(least_us, board.clock.carrier_us, least_period_us(board))
 
 
 def period_to_play(board: BoardClient, points: int = 0) -> int:
-    """Return the usual period, or a longer one in which the board computes so many points."""
-    return max(PERIOD_US, points * board.identity.point_time_us)
+    """Return the usual period, or a longer one that the board plays with so many points."""
+    return shortest_period_to_play_us(board, max(PERIOD_US, points * board.identity.point_time_us))
+
+
+def play_request(
+    board: BoardClient,
+    sequence: int,
+    *,
+    loops: int,
+    period_us: int | None = None,
+    unattended_ms: int | None = None,
+) -> Play:
+    """Return a PLAY that the board takes while ARMED; NOT-OBSERVED if it plays no *period_us*.
+
+    None as period: the usual one, and as unattended time: that of 2000 periods, 2 s at least.  A
+    board that is left alone for less gets the longest time that it takes.
+    """
+    period_us = period_to_play(board) if period_us is None else period_us
+    if period_us < least_period_us(board):
+        rate = board.identity.max_playback_rate_hz
+        not_observed(f"the case plays a frame every {period_us} µs; max_playback_rate_hz is {rate}")
+    if unattended_ms is None:
+        unattended_ms = max(UNATTENDED_MS, _UNATTENDED_PERIODS * period_us // 1000)
+    alone_ms = min(unattended_ms, board.identity.max_unattended_ms)
+    return Play(sequence, period_us, loops, alone_ms)
 
 
 def play_now(
@@ -59,11 +87,13 @@ def play_now(
     sequence: int,
     *,
     loops: int,
-    period_us: int = PERIOD_US,
-    unattended_ms: int = UNATTENDED_MS,
+    period_us: int | None = None,
+    unattended_ms: int | None = None,
 ) -> PlayReply:
     """Play a sequence of phases from now on; return when its first frame is ready."""
-    play = Play(sequence, period_us, loops, min(unattended_ms, board.identity.max_unattended_ms))
+    play = play_request(
+        board, sequence, loops=loops, period_us=period_us, unattended_ms=unattended_ms
+    )
     reply = board.link.call(play, PlayReply, flags=Flag.IMMEDIATE)
     board.wire.idle(board.ready_after_us())
     return reply
@@ -75,11 +105,13 @@ def play_at(
     start_us: int,
     *,
     loops: int,
-    period_us: int = PERIOD_US,
-    unattended_ms: int = UNATTENDED_MS,
+    period_us: int | None = None,
+    unattended_ms: int | None = None,
 ) -> PlayReply:
     """Play a sequence from *start_us* on; INCONCLUSIVE if PLAY came too late for that."""
-    play = Play(sequence, period_us, loops, min(unattended_ms, board.identity.max_unattended_ms))
+    play = play_request(
+        board, sequence, loops=loops, period_us=period_us, unattended_ms=unattended_ms
+    )
     answer = board.link.ask(play, time_us=start_us)
     if isinstance(answer.message, Error):
         board.clock.require_in_time(start_us - board.ready_after_us())
@@ -87,19 +119,44 @@ def play_at(
 
 
 def play_out(
-    board: BoardClient, sequence: int, frames: int, *, loops: int = 1, period_us: int = PERIOD_US
+    board: BoardClient,
+    sequence: int,
+    frames: int,
+    *,
+    loops: int = 1,
+    period_us: int | None = None,
 ) -> PlaybackEnded:
     """Play a stored sequence of so many frames from now on to its end; FAILED if it has none.
 
     NOT-OBSERVED if that takes longer than the board plays without a frame from the host.
     """
+    period_us = period_to_play(board) if period_us is None else period_us
     since, lasts_us = board.link.mark(), frames * loops * period_us
-    most_ms = board.identity.max_unattended_ms
-    if lasts_us >= 1000 * most_ms:
-        not_observed(f"{lasts_us / 1000:g} ms of playback; max_unattended_ms is {most_ms}")
+    _require_unattended_time(board, lasts_us)
     alone_ms = max(UNATTENDED_MS, 2 * lasts_us // 1000)
     play_now(board, sequence, loops=loops, period_us=period_us, unattended_ms=alone_ms)
     return await_playback_end(board, since, lasts_us)
+
+
+def let_play(board: BoardClient, periods: int) -> None:
+    """Let a playback that was started with its usual period go on for so many periods.
+
+    NOT-OBSERVED if that takes longer than the board plays without a frame from the host.
+    """
+    lasts_us = periods * period_to_play(board)
+    _require_unattended_time(board, lasts_us)
+    board.wire.idle(lasts_us)
+
+
+def wait_for_no_latch(board: BoardClient, least_us: int) -> None:
+    """Wait so long that a playback with the usual period would latch again, if it went on."""
+    board.wire.idle(max(least_us, 2 * period_to_play(board)))
+
+
+def _require_unattended_time(board: BoardClient, lasts_us: int) -> None:
+    most_ms = board.identity.max_unattended_ms
+    if lasts_us >= 1000 * most_ms:
+        not_observed(f"{lasts_us / 1000:g} ms of playback; max_unattended_ms is {most_ms}")
 
 
 def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> PlaybackEnded:

@@ -24,7 +24,6 @@ from haptogram_protocol.messages import (
     PhaseFormat,
     Phases,
     Ping,
-    Play,
     Points,
     ReadDrive,
     ReadTrace,
@@ -39,6 +38,7 @@ from haptogram_protocol.messages import (
 
 from .board_client import BoardClient
 from .capabilities import PLAYBACK, UPLOADS
+from .playback import play_request
 
 MakeMessage: TypeAlias = Callable[[], Message]
 
@@ -144,7 +144,7 @@ def valid_requests_to_send(board: BoardClient, sequence: int) -> Iterator[Messag
         yield UploadChunk(0, data[: board.identity.max_chunk])
         if len(data) <= board.identity.max_chunk:
             yield UploadCommit(sequence)
-            yield Play(sequence, 1000, 0, min(2000, board.identity.max_unattended_ms))
+            yield play_request(board, sequence, loops=0, unattended_ms=2000)
     if board.identity.features & PLAYBACK:
         yield Stop()
     yield Disarm()
@@ -160,4 +160,4 @@ def refused_requests_to_send(board: BoardClient) -> Iterator[Message]:
         yield UploadBegin(UploadKind.PHASES, 0, _NO_SEQUENCE, 0xFFFFFFFF // count * count, 0)
         yield UploadCommit(_NO_SEQUENCE)
     if board.identity.features & PLAYBACK:
-        yield Play(_NO_SEQUENCE, 1000, 1, min(100, board.identity.max_unattended_ms))
+        yield play_request(board, _NO_SEQUENCE, loops=1, unattended_ms=100)

@@ -35,7 +35,7 @@ from haptogram_protocol.messages import (
 )
 
 from ..client.board_client import BoardClient
-from ..client.playback import shortest_period_to_play_us
+from ..client.playback import least_period_us, play_request
 
 #: Sequence that is stored, and the one whose upload is under way.
 STORED: Final = 5
@@ -61,7 +61,6 @@ OUT_OF_BOUNDS: Final = tuple(
 _FLAG: Final = 0x20
 #: What the session of another host differs by.
 FOREIGN: Final = 0x0300
-_PERIOD_US: Final = 1000
 _ALONE_MS: Final = 900
 _FAR_US: Final = 60_000_000  # a slow line takes a while until this start is sent
 
@@ -216,7 +215,7 @@ def plays_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
     """Yield every PLAY that an ARMED board without a playback has to refuse."""
     identity, bad = board.identity, ErrorCode.BAD_VALUE
     now_us = board.clock.device_us()
-    good, least_us = _play_not_to_be_refused(board), shortest_period_to_play_us(board)
+    good, least_us = _play_not_to_be_refused(board), least_period_us(board)
     at_once = {"flags": int(Flag.IMMEDIATE)}
     absent = dataclasses.replace(good, sequence=_ABSENT)
     yield _request_to_be_refused("no such sequence", absent, ErrorCode.NOT_FOUND, **at_once)
@@ -261,7 +260,7 @@ def chunks_to_be_refused(board: BoardClient, size: int) -> Iterator[Refusal]:
 
 
 def _play_not_to_be_refused(board: BoardClient) -> Play:
-    return Play(STORED, shortest_period_to_play_us(board, _PERIOD_US), 1, _ALONE_MS)
+    return play_request(board, STORED, loops=1, unattended_ms=_ALONE_MS)
 
 
 def _request_to_be_refused(

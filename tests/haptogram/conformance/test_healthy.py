@@ -219,6 +219,10 @@ def test_a_board_that_limits_the_gaps_in_an_upload_passes(monkeypatch):
     assert {r.behaviour for r in suite.results} == {Behaviour.OK}
 
 
+SLOW = (
+    *("HG-3.8/4", "HG-4.6/3-playback", "HG-4.6/5-sequences", "HG-5.7/2-flushed", "HG-6.4/2"),
+    *("HG-6.5/1-moments", "HG-7.4/1", "HG-7.6/2", "HG-7.6/6", "HG-7.8/1", "HG-8.2/1", "HG-9.1/2"),
+)
 NEAR = ("HG-3.6/1-time", "HG-5.7/4-lengths", "HG-6.6/1-fault", "HG-7.6/2-starts", "HG-8.3/2-ramp")
 
 
@@ -230,6 +234,7 @@ NEAR = ("HG-3.6/1-time", "HG-5.7/4-lengths", "HG-6.6/1-fault", "HG-7.6/2-starts"
         ({"max_unattended_ms": 1000}, ("HG-7.8/1-many", "HG-8.4/1-many")),
         ({"max_upload_bytes": 2000, "max_stored_bytes": 3000}, ("HG-7.6/4-offsets",)),
         ({"max_sequence_frames": 16}, ("HG-7.3/5",)),
+        ({"max_playback_rate_hz": 1}, SLOW),
     ],
 )
 def test_a_board_with_limits_that_are_allowed_fails_nothing(limits, cases):

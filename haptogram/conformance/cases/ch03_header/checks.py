@@ -28,7 +28,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent
-from ...client.playback import PERIOD_US, send_phases_to_store
+from ...client.playback import play_request, send_phases_to_store, wait_for_no_latch
 from ...client.stream_kinds import points_of_stream_kind
 from ...outcome import SELF_REPORTED, check, fail, not_observed
 
@@ -157,7 +157,7 @@ def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
             board.arm()
             if not sounds:
                 board.disarm()
-            play = Play(_SEQUENCE, PERIOD_US, 0, min(1000, board.identity.max_unattended_ms))
+            play = play_request(board, _SEQUENCE, loops=0, unattended_ms=1000)
             ahead: list[tuple[Message, int]] = [(Arm(), 0), (Ping(7), 0)]
             ahead += [(play, Flag.IMMEDIATE)] if plays else []
             ahead.append((Arm(), 0))
@@ -203,13 +203,16 @@ def judge_silence_behind_mute(board: BoardClient) -> None:
     found = board.status()
     got = found.state, found.reason, found.queued
     check(got == (OutputState.MUTED, MuteReason.MUTE, 0), f"behind MUTE: {got}")
-    latched = found.counters.latched
+    latched, begin_us = found.counters.latched, board.wire.now_us()
     if board.has(Feature.READ_RADIATED):
         check(is_board_silent(board), "behind MUTE the board radiates")
-    board.wire.idle(5 * PERIOD_US)
+    wait_for_no_latch(board, 5000)
     behind = board.status()
     check(behind.counters.latched == latched, "what arrived before MUTE is latched behind it")
-    check(behind.state is OutputState.MUTED, f"5 ms behind MUTE: {behind.state.name}")
+    check(
+        behind.state is OutputState.MUTED,
+        f"{board.wire.now_us() - begin_us} µs behind MUTE: {behind.state.name}",
+    )
 
 
 @case("HG-3.8/3", "MUTE with any session, flags, payload and number is carried out")

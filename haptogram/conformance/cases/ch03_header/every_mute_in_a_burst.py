@@ -16,14 +16,13 @@ from haptogram_protocol.messages import (
     Message,
     Mute,
     MuteReply,
-    Play,
 )
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import PERIOD_US, send_phases_to_store_if_supported
+from ...client.playback import play_request, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
 from ...outcome import SELF_REPORTED, check, fail
 from .checks import judge_overtaken_request, judge_silence_behind_mute
@@ -73,7 +72,7 @@ def _switches_on(board: BoardClient) -> Iterator[tuple[str, _Between]]:
             lambda make=kind.make: [arm(), _stream_in_burst(board, make())],  # type: ignore[misc]
         )
     if board.has(Feature.SEQUENCE_PHASES):
-        play = Play(_SEQUENCE, PERIOD_US, 0, min(1000, board.identity.max_unattended_ms))
+        play = play_request(board, _SEQUENCE, loops=0, unattended_ms=1000)
         yield (
             "ARM and PLAY",
             lambda: [arm(), _request_in_burst(board, play, flags=int(Flag.IMMEDIATE))],

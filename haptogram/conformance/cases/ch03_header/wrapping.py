@@ -25,6 +25,7 @@ from ...outcome import SELF_REPORTED, check, not_observed
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
 _EVENTS: Final = 66_000
+_LONGEST_US: Final = 3_600_000_000  # of a playback that tells so many
 _PART: Final = 8_000  # events between two readings
 _TRACE_BYTES: Final = 34  # of TRACE_PLAYBACK on the line
 _SEQUENCE: Final = 2
@@ -113,6 +114,8 @@ def event_sequence_numbers_wrap(board: BoardClient) -> None:
     period_us = board.clock.on_carrier(shortest_period_to_play_us(board, line_us))
     if period_us < line_us + board.clock.carrier_us and not board.wire.limits.slack_us:
         not_observed("a simulated line takes long for so many events")
+    if _EVENTS * period_us > _LONGEST_US:
+        not_observed(f"{_EVENTS} frames of playback, one every {period_us} µs, take too long")
     send_phases_to_store(board, _SEQUENCE, frames=1)
     board.hello()
     board.configure(trace_mode=TraceMode.CRC)

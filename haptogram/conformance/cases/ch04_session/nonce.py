@@ -30,7 +30,12 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import (
+    let_play,
+    play_now,
+    send_phases_to_store,
+    wait_for_no_latch,
+)
 from ...client.uploads import begin_upload
 from ...outcome import SELF_REPORTED, check
 
@@ -141,7 +146,7 @@ def a_new_nonce_ends_playback(board: BoardClient) -> None:
     board.hello()
     board.arm()
     with board.counting(latched=0):
-        board.wire.idle(20_000)
+        wait_for_no_latch(board, 20_000)
     data = bytes(board.identity.transducers)
     begin_upload(board, UploadKind.PHASES, 4, data)
     board.hello()
@@ -210,7 +215,7 @@ def a_new_nonce_keeps_sequences(board: BoardClient) -> None:
     board.arm()
     with board.counting(latched=2):
         play_now(board, 3, loops=1)
-        board.wire.idle(10_000)
+        let_play(board, 4)
 
 
 @case(

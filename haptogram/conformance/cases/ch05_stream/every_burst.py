@@ -15,7 +15,6 @@ from haptogram_protocol.messages import (
     Flag,
     Message,
     Mute,
-    Play,
     Stop,
     TraceMode,
     drive_codes,
@@ -32,9 +31,9 @@ from ...client.latching import (
     send_to_arrive_at,
 )
 from ...client.playback import (
-    PERIOD_US,
     play_at,
     play_out,
+    play_request,
     send_phases_to_store,
     send_phases_to_store_if_supported,
 )
@@ -64,7 +63,7 @@ def _enders_of_burst(board: BoardClient) -> Iterator[tuple[str, Callable[[], byt
     yield "MUTE without a session", lambda: board.link.request_wire(Mute(), session=0)[0]
     yield "DISARM", lambda: board.link.request_wire(Disarm())[0]
     if board.has(Feature.SEQUENCE_PHASES):
-        play = Play(_SEQUENCE, PERIOD_US, 1, min(500, board.identity.max_unattended_ms))
+        play = play_request(board, _SEQUENCE, loops=1, unattended_ms=500)
         yield "PLAY", lambda: board.link.request_wire(play, time_us=_time_behind_burst_us(board))[0]
     hello = board.hello_message(board.link.session ^ 1 or 2)
     yield "HELLO of a new session", lambda: board.link.request_wire(hello, session=0)[0]
@@ -331,7 +330,7 @@ def _latch_again_in_a_burst(board: BoardClient, name: str, plays: Sequence[bool]
 def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
     if not is_played:
         return board.link.stream_wire(board.flat_phases())
-    play = Play(_SEQUENCE, PERIOD_US, 1, min(2000, board.identity.max_unattended_ms))
+    play = play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)
     return board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
 
 
@@ -347,7 +346,7 @@ def _moments_of_burst(board: BoardClient) -> range:
 def _play_and_stop_in_a_burst(board: BoardClient) -> None:
     """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
     send_phases_to_store(board, _SEQUENCE, frames=2)
-    play = Play(_SEQUENCE, PERIOD_US, 0, min(2000, board.identity.max_unattended_ms))
+    play = play_request(board, _SEQUENCE, loops=0, unattended_ms=2000)
     for off_us in _moments_of_burst(board):
         boundary_us = board.clock.soon_us(bytes(2000))
         wires = board.link.stream_wire(board.flat_phases())
@@ -358,7 +357,7 @@ def _play_and_stop_in_a_burst(board: BoardClient) -> None:
         start_us = board.clock.soon_us(bytes(200))
         play_at(board, _SEQUENCE, start_us, loops=0)
         passed_us = board.clock.soon_us(bytes(2000)) - start_us
-        latch_us = start_us + -(-passed_us // PERIOD_US) * PERIOD_US
+        latch_us = start_us + -(-passed_us // play.period_us) * play.period_us
         stop, _ = board.link.request_wire(Stop())
         wires = stop + board.link.stream_wire(board.flat_phases())
         send_to_arrive_at(board, latch_us + off_us, wires)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Flag, Message, Ping, Play, PlayReply, Pong, Stop
+from haptogram_protocol.messages import Feature, Flag, Message, Ping, PlayReply, Pong, Stop
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -14,6 +14,7 @@ from ...client.playback import (
     UNATTENDED_MS,
     await_playback_end,
     period_to_play,
+    play_request,
     send_phases_to_store,
 )
 from ...client.stream_kinds import points_of_stream_kind, stream_kinds
@@ -124,7 +125,7 @@ def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     board.arm()
     period_us = board.clock.on_carrier(period_to_play(board))
-    play = Play(_SEQUENCE, period_us, 1, min(UNATTENDED_MS, board.identity.max_unattended_ms))
+    play = play_request(board, _SEQUENCE, loops=1, period_us=period_us, unattended_ms=UNATTENDED_MS)
     for number, name in enumerate(_times_of_immediate_frames(board)):
         board.wire.idle(1 + 7 * number % board.clock.carrier_us)
         since, start_us = board.link.mark(), board.clock.device_us()

@@ -11,7 +11,6 @@ from haptogram_protocol.messages import (
     Disarm,
     Feature,
     Mute,
-    Play,
     PlaybackEnded,
     PlayReply,
     StateChanged,
@@ -22,7 +21,14 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, OutputInput, OutputStat
 from ...case import Case, Depth
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
-from ...client.playback import play_now, send_phases_to_store_if_supported
+from ...client.playback import (
+    PERIOD_US,
+    let_play,
+    period_to_play,
+    play_now,
+    play_request,
+    send_phases_to_store_if_supported,
+)
 from ...outcome import SELF_REPORTED, CaseEndedError, check
 from ...verdict import Behaviour
 from ..ch05_stream.every_drop import fill_queue
@@ -53,7 +59,7 @@ class Moment:
     queued : int
         Frames that wait in it.
     frames : int or None
-        Frames that were played in it, at least; None: nothing plays.
+        Frames that were played in it, at 1 kHz at least; None: nothing plays.
     needs : Feature
         Capabilities that it needs.
     lasts_ms : int
@@ -95,13 +101,13 @@ def _output_in_ramp(board: BoardClient) -> None:
 
 def _output_before_playback(board: BoardClient) -> None:
     _output_of_sound(board)
-    play = Play(_SEQUENCE, 1000, 0, min(5000, board.identity.max_unattended_ms))
+    play = play_request(board, _SEQUENCE, loops=0, unattended_ms=5000)
     board.link.call(play, PlayReply, time_us=board.clock.ahead_us(3_000_000))
 
 
 def _output_of_playback(board: BoardClient) -> None:
-    play_now(board, _SEQUENCE, loops=0)
-    board.wire.idle(8 * _MS)
+    play_now(board, _SEQUENCE, loops=0, unattended_ms=9_999)
+    let_play(board, 5)
 
 
 def _output_of_slow_playback(board: BoardClient) -> None:
@@ -139,7 +145,7 @@ _MOMENTS: Final = (
         _RAMP_MS,
     ),
     Moment("while a playback waits", {}, _output_before_playback, 0, 0, _PLAYS),
-    Moment("while a sequence plays", {}, _output_of_playback, 0, 3, _PLAYS),
+    Moment("while a sequence plays", {}, _output_of_playback, 0, 3, _PLAYS, 8000),
     Moment("within a long period", {}, _output_of_slow_playback, 0, 1, _PLAYS),
     Moment(
         "in a ramp of a playback",
@@ -234,6 +240,8 @@ def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) 
     check(len(told) == due, f"{len(told)} PLAYBACK_ENDED, due are {due}")
     for event in told:
         least = moment.frames or 0
+        if least > 1:
+            least = max(1, least * PERIOD_US // period_to_play(board))
         least_most = least if moment.frames in (0, 1) else event.frames
         check(event.sequence == _SEQUENCE, f"PLAYBACK_ENDED of sequence {event.sequence}")
         check(

@@ -14,7 +14,6 @@ from haptogram_protocol.messages import (
     Flag,
     Message,
     Mute,
-    Play,
     PlaybackEnded,
     StateChanged,
     Stop,
@@ -25,7 +24,7 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYBACK
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store_if_supported
+from ...client.playback import play_now, play_request, send_phases_to_store_if_supported
 from ...judge.effects import StateAndReason, state_and_reason_after
 from ...judge.timers import judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check
@@ -205,5 +204,5 @@ def _inputs_to_output_states(
     if board.identity.features & PLAYBACK:
         yield "STOP", None, partial(board.link.ask, Stop())
     if board.has(Feature.SEQUENCE_PHASES):
-        play = Play(_SEQUENCE, 1000, 1, 100)
+        play = play_request(board, _SEQUENCE, loops=1, unattended_ms=100)
         yield "PLAY", None, partial(board.link.ask, play, flags=int(Flag.IMMEDIATE))

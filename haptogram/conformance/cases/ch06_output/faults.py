@@ -26,7 +26,7 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
-from ...client.playback import play_now, play_out, send_phases_to_store
+from ...client.playback import let_play, play_now, play_out, play_request, send_phases_to_store
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...outcome import SELF_REPORTED, check, not_observed
 
@@ -60,7 +60,7 @@ def _queue_output_before_fault(board: BoardClient) -> None:
 def _play_output_before_fault(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=2)
     play_now(board, _SEQUENCE, loops=0)
-    board.wire.idle(5000)
+    let_play(board, 5)
 
 
 def _moments_of_hardware_fault(board: BoardClient) -> dict[str, Callable[[BoardClient], None]]:
@@ -141,7 +141,7 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
     }
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_to_store(board, _SEQUENCE, frames=2)
-        inputs |= {OutputInput.PLAY: Play(_SEQUENCE, 1000, 1, 100)}
+        inputs |= {OutputInput.PLAY: play_request(board, _SEQUENCE, loops=1, unattended_ms=100)}
     if board.identity.features & _PLAYBACK:
         inputs |= {OutputInput.STOP: Stop()}
     for event in (*inputs, OutputInput.LATCH, OutputInput.NEW_SESSION):

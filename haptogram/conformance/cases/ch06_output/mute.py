@@ -21,7 +21,12 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ...case import case, case_about_host, unobservable_case
 from ...client.board_client import BoardClient
 from ...client.latching import client_drive_of_reply, is_board_silent, latch_now, read_back_radiated
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import (
+    let_play,
+    play_now,
+    send_phases_to_store,
+    wait_for_no_latch,
+)
 from ...outcome import EXTERNAL, SELF_REPORTED, check
 
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
@@ -93,13 +98,13 @@ def _check_mute_ends_playback(board: BoardClient, message: Message) -> None:
     board.arm()
     since = board.link.mark()
     play_now(board, 2, loops=0)
-    board.wire.idle(5000)
+    let_play(board, 5)
     board.link.ask(message)
     event = board.link.await_event(PlaybackEnded, since, 20_000 + board.wire.limits.slack_us)
     check(event is not None, f"{message.TYPE.name} did not end the playback")
     board.arm()
     with board.counting(latched=0):
-        board.wire.idle(10_000)
+        wait_for_no_latch(board, 10_000)
 
 
 @case("HG-6.4/2", "MUTE flushes 3 queued frames and ends a playback", evidence=SELF_REPORTED)

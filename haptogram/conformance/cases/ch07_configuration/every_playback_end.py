@@ -10,7 +10,6 @@ from haptogram_protocol.messages import (
     Disarm,
     Feature,
     Mute,
-    Play,
     PlaybackEnded,
     PlayReply,
     Status,
@@ -26,6 +25,7 @@ from ...client.playback import (
     await_playback_end,
     period_to_play,
     play_now,
+    play_request,
     send_phases_to_store,
 )
 from ...judge.timers import judged_mute_by_timer
@@ -43,7 +43,7 @@ _Act = Callable[[BoardClient], object]
 
 
 def _waiting_playback(board: BoardClient) -> None:
-    play = Play(_SEQUENCE, _MS, 0, min(UNATTENDED_MS, board.identity.max_unattended_ms))
+    play = play_request(board, _SEQUENCE, loops=0, unattended_ms=UNATTENDED_MS)
     board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
 
 
@@ -174,7 +174,7 @@ def a_configured_lease_leaves_the_playback_its_time(board: BoardClient) -> None:
         board.configure()
         board.arm()
         if is_waiting:
-            play = Play(_SEQUENCE, _MS, 0, alone_ms)
+            play = play_request(board, _SEQUENCE, loops=0, unattended_ms=alone_ms)
             board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
         else:
             play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=alone_ms)

@@ -7,7 +7,6 @@ from typing import Final
 from haptogram_protocol.messages import (
     ErrorCode,
     Feature,
-    Play,
     PlaybackEnded,
     PlayReply,
     Stop,
@@ -16,7 +15,13 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.playback import PERIOD_US, play_now, send_phases_to_store, shortest_period_to_play_us
+from ...client.playback import (
+    PERIOD_US,
+    play_now,
+    play_request,
+    send_phases_to_store,
+    shortest_period_to_play_us,
+)
 from ...outcome import SELF_REPORTED, check, fail, inconclusive
 
 _MS: Final = 1000
@@ -120,7 +125,7 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
     board.arm()
     since, now_us = board.link.mark(), board.clock.device_us()
     start_us = now_us + board.ready_after_us() + 20 * _MS
-    play = Play(_SEQUENCE, _SLOW_US, 0, alone_ms)
+    play = play_request(board, _SEQUENCE, loops=0, period_us=_SLOW_US, unattended_ms=alone_ms)
     board.link.call(play, PlayReply, time_us=start_us)
     for number in range(frames):
         due_us = board.clock.on_carrier(start_us + number * _SLOW_US)
@@ -157,7 +162,9 @@ def every_playback_start_is_kept(board: BoardClient) -> None:
         board.arm()
         start_us = board.clock.on_carrier(board.clock.device_us() + ahead_us)
         before = board.status().counters.latched
-        play = Play(_SEQUENCE, _playback_period_us(board), 1, alone_ms)
+        play = play_request(
+            board, _SEQUENCE, loops=1, period_us=_playback_period_us(board), unattended_ms=alone_ms
+        )
         board.link.call(play, PlayReply, time_us=start_us)
         board.clock.wait_until(start_us - 30 * _MS - 2 * board.wire.limits.slack_us)
         early = (board.status().counters.latched - before) & 0xFFFFFFFF
@@ -183,5 +190,7 @@ def passed_playback_starts_are_refused(board: BoardClient) -> None:
         board.arm()
         for late_us in (1, 1000, 15_000, 70_000, 1_000_000):
             start_us = board.clock.device_us() - late_us
-            play = Play(_SEQUENCE, _playback_period_us(board), 1, 100)
+            play = play_request(
+                board, _SEQUENCE, loops=1, period_us=_playback_period_us(board), unattended_ms=100
+            )
             board.link.refused(play, ErrorCode.BAD_VALUE, 0, time_us=start_us)

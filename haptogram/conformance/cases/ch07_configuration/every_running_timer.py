@@ -12,7 +12,12 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store, send_phases_to_store_if_supported
+from ...client.playback import (
+    PERIOD_US,
+    play_now,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+)
 from ...judge.timers import EXACT_US, judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import check, not_observed
 
@@ -66,8 +71,8 @@ def _start_hold_to_configure(board: BoardClient) -> int:
 
 
 def _start_played_hold_to_configure(board: BoardClient) -> int:
-    play_now(board, _SEQUENCE, loops=1)
-    board.wire.idle(5 * _MS)
+    play_now(board, _SEQUENCE, loops=1, period_us=PERIOD_US)
+    board.wire.idle(5 * PERIOD_US)
     return _last_latch_before_configuration(board)
 
 

@@ -35,6 +35,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import ClientDrive, latch_now, read_back, read_back_radiated
 from ...client.playback import (
     await_playback_end,
+    let_play,
     period_to_play,
     play_now,
     play_out,
@@ -75,7 +76,8 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
         if played:
             send_phases_to_store(board, _SEQUENCE, frames=1)
             play_now(board, _SEQUENCE, loops=1)
-            board.wire.idle(5 * _MS + board.wire.limits.slack_us)
+            let_play(board, 2)
+            board.wire.idle(board.wire.limits.slack_us)
         else:
             latch_now(board, board.flat_phases())
         for ceiling in _CEILINGS:

@@ -29,7 +29,7 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import full_client_drive, latches_received_from_board
-from ...client.playback import UNATTENDED_MS, period_to_play, play_now, play_out
+from ...client.playback import UNATTENDED_MS, period_to_play, play_now, play_out, play_request
 from ...client.uploads import SEQUENCES, begin_upload, upload_to_board
 from ...outcome import SELF_REPORTED, check
 
@@ -167,7 +167,13 @@ def no_sequence_outlives_a_reset(board: BoardClient) -> None:
     unattended_ms = min(UNATTENDED_MS, board.identity.max_unattended_ms)
     board.arm()
     for kind in stored:
-        play = Play(SEQUENCES[kind], period_to_play(board, 1), 1, unattended_ms)
+        play = play_request(
+            board,
+            SEQUENCES[kind],
+            loops=1,
+            period_us=period_to_play(board, 1),
+            unattended_ms=unattended_ms,
+        )
         board.link.refused(play, ErrorCode.NOT_FOUND, 0, flags=Flag.IMMEDIATE)
 
 
@@ -204,7 +210,7 @@ def many_sequences_are_stored(board: BoardClient) -> None:
 def _refused_play_of_sequence(board: BoardClient, sequence: int) -> int | None:
     """Return the detail of NOT_FOUND, the number of stored sequences; None if this one is there."""
     start_us = board.clock.ahead_us(_AHEAD_US)
-    play = Play(sequence, 1000, 1, min(9_999, board.identity.max_unattended_ms))
+    play = play_request(board, sequence, loops=1, unattended_ms=9_999)
     answer = board.link.ask(play, time_us=start_us)
     if isinstance(answer.message, PlayReply):
         board.link.call(Stop(), StopReply)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -21,11 +22,16 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
 from ...client.playback import (
+    least_period_us,
+    let_play,
     period_to_play,
     play_at,
     play_now,
+    play_out,
+    play_request,
     send_phases_to_store,
     shortest_period_to_play_us,
+    wait_for_no_latch,
 )
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import upload_to_board
@@ -52,12 +58,14 @@ def _playback_ended(board: BoardClient, since: int, timeout_us: int) -> Playback
 )
 def refuses_playback_in_wrong_state(board: BoardClient) -> None:
     send_phases_to_store(board, 1, frames=2)
-    board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, 0, flags=0x10)
+    play = play_request(board, 1, loops=1)
+    board.link.refused(play, ErrorCode.BAD_STATE, 0, flags=0x10)
     board.arm()
     for absent in (0, 0xFFF7):  # 0: how a board may mark a free place
-        board.link.refused(Play(absent, 1000, 1, 100), ErrorCode.NOT_FOUND, flags=0x10)
+        unknown = play_request(board, absent, loops=1)
+        board.link.refused(unknown, ErrorCode.NOT_FOUND, flags=0x10)
     play_now(board, 1, loops=0)
-    board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, 1, flags=0x10)
+    board.link.refused(play, ErrorCode.BAD_STATE, 1, flags=0x10)
     with board.counting(dropped_state=1):
         board.link.send(board.link.stream_wire(board.flat_phases()))
 
@@ -71,20 +79,21 @@ def checks_the_times_of_playback(board: BoardClient) -> None:
     send_phases_to_store(board, 1, frames=2)
     board.arm()
     identity = board.identity
-    least_us = -(-1_000_000 // identity.max_playback_rate_hz)
+    least_us = least_period_us(board)
     bad = ErrorCode.BAD_VALUE
+    play = play_request(board, 1, loops=1, unattended_ms=100)
     period, alone = Play.WIRE["period_us"].offset, Play.WIRE["unattended_ms"].offset
     if least_us > 1:
         board.link.refused(Play(1, least_us - 1, 1, 100), bad, period, flags=0x10)
-    board.link.refused(Play(1, 1000, 1, 0), bad, alone, flags=0x10)
-    board.link.refused(Play(1, 1000, 1, identity.max_unattended_ms + 1), bad, alone, flags=0x10)
-    play = Play(1, 1000, 1, 100)
+    for alone_ms in {0, min(identity.max_unattended_ms + 1, 2**32)} - {2**32}:
+        wrong = dataclasses.replace(play, unattended_ms=alone_ms)
+        board.link.refused(wrong, bad, alone, flags=0x10)
     board.link.refused(play, bad, 0, time_us=board.clock.device_us() - 1000)
     beyond_us = board.clock.device_us() + identity.max_horizon_us + 1_000_000
     board.link.refused(play, bad, 0, time_us=beyond_us)
     since = board.link.mark()
     play_now(board, 1, loops=1, period_us=least_us)
-    _playback_ended(board, since, 50 * _MS)
+    _playback_ended(board, since, 2 * least_us + 50 * _MS)
 
 
 @case(
@@ -129,7 +138,8 @@ def playback_flushes_the_queue(board: BoardClient) -> None:
             else:
                 play_now(board, 1, loops=1)
             board.clock.require_in_time(t_us)
-            board.clock.wait_until(t_us + 9000)
+            board.clock.wait_until(t_us + 4000)
+            let_play(board, 5)
 
 
 @case(
@@ -194,17 +204,17 @@ def playback_loops_until_it_is_ended(board: BoardClient) -> None:
         since = board.link.mark()
         play_now(board, 1, loops=0)
         with board.counting():
-            board.wire.idle(50 * _MS)
+            let_play(board, 50)
             check(not board.link.events(PlaybackEnded, since), "it ended by itself")
         if message is None:
             board.hello()
         else:
             board.link.ask(message)
             event = _playback_ended(board, since, 20 * _MS)
-            check(event.frames >= 40, f"{event.frames} frames were latched in 50 ms at 1 kHz")
+            check(event.frames >= 40, f"{event.frames} frames were latched in 50 periods")
         board.arm()
         with board.counting(latched=0):
-            board.wire.idle(10 * _MS)
+            wait_for_no_latch(board, 10 * _MS)
 
 
 @case("HG-7.7/1", "STOP ends a playback; the board stays ARMED and holds the drive", needs=_NEEDS)
@@ -213,12 +223,12 @@ def stop_ends_the_playback(board: BoardClient) -> None:
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=0)
-    board.wire.idle(5 * _MS)
+    let_play(board, 5)
     state = board.link.call(Stop(), StopReply).state
     check(state is OutputState.ARMED, f"STOP_REPLY says {state.name}")
     _playback_ended(board, since, 20 * _MS)
     with board.counting(latched=0):
-        board.wire.idle(10 * _MS)
+        wait_for_no_latch(board, 10 * _MS)
         check(board.status().state is OutputState.ARMED, "STOP does not leave the board ARMED")
 
 
@@ -242,7 +252,7 @@ def tells_the_end_of_playback(board: BoardClient) -> None:
         board.arm()
         since = board.link.mark()
         play_now(board, 4, loops=2 if message is None else 0)
-        board.wire.idle(15 * _MS)
+        let_play(board, 15)
         if message is not None:
             board.link.ask(message)
         event = _playback_ended(board, since, 20 * _MS)
@@ -260,9 +270,7 @@ def tells_the_end_of_playback(board: BoardClient) -> None:
 def streams_after_playback(board: BoardClient) -> None:
     send_phases_to_store(board, 1, frames=2)
     board.arm()
-    since = board.link.mark()
-    play_now(board, 1, loops=1)
-    _playback_ended(board, since, 50 * _MS)
+    play_out(board, 1, 2)
     with board.counting(latched=1):
         latch_now(board, board.flat_phases())
     check(board.status().state is OutputState.ARMED, "not ARMED after a playback")

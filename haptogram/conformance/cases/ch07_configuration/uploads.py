@@ -8,7 +8,6 @@ from typing import Final
 from haptogram_protocol.messages import (
     ErrorCode,
     Feature,
-    PlaybackEnded,
     UploadBegin,
     UploadBeginReply,
     UploadChunk,
@@ -21,7 +20,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches, latches_received_from_board
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, play_out, send_phases_to_store
 from ...client.uploads import (
     begin_upload,
     send_upload_chunks,
@@ -276,8 +275,7 @@ def upload_keeps_the_old_sequence(board: BoardClient) -> None:
             upload_to_board(board, UploadKind.PHASES, 6, b"".join(new))
         board.arm()
         since = board.link.mark()
-        play_now(board, 6, loops=1)
-        board.link.await_event(PlaybackEnded, since, 100_000)
+        play_out(board, 6, 2)
         full = b"\xff" * len(old[0])
         got = [latch.crc for latch in latches_received_from_board(board, since, mode)]
         wanted = [zlib.crc32(phases + full) for phases in due]

@@ -8,7 +8,6 @@ from typing import Final
 from haptogram_protocol.messages import (
     Feature,
     LatchKey,
-    PlaybackEnded,
     ReadTrace,
     TraceMode,
     TraceReply,
@@ -17,7 +16,7 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import full_client_drive, latch_now
-from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
+from ...client.playback import play_out, send_phases_to_store, shortest_period_to_play_us
 from ...outcome import SELF_REPORTED, check
 
 _MODES: Final = (
@@ -27,6 +26,7 @@ _MODES: Final = (
     (Feature.TRACE_DRIVE, TraceMode.DRIVE),
 )
 _RING_TRIED: Final = 6000  # latches: a longer ring is not filled
+_FILLED_US: Final = 60_000_000  # nor one that takes longer
 
 
 @case(
@@ -50,18 +50,14 @@ def trace_ring_keeps_the_last(board: BoardClient) -> None:
 
 def _fill_trace_ring(board: BoardClient, size: int) -> int:
     """Latch a few more drives than the ring holds, if that can be done; return how many."""
-    if not board.has(Feature.SEQUENCE_PHASES) or size > _RING_TRIED:
+    period_us, loops = shortest_period_to_play_us(board, 100), size // 2 + 3
+    is_long = size > _RING_TRIED or 2 * loops * period_us > _FILLED_US
+    if is_long or not board.has(Feature.SEQUENCE_PHASES):
         for _ in range(20):
             latch_now(board, board.flat_phases())
         return 20
-    loops = size // 2 + 3
     send_phases_to_store(board, 2, frames=2)
-    period_us = shortest_period_to_play_us(board, 100)
-    since = board.link.mark()
-    play_now(board, 2, loops=loops, period_us=period_us, unattended_ms=10_000)
-    lasts_us = 2 * loops * period_us
-    found = board.link.await_event(PlaybackEnded, since, 2 * lasts_us + 100_000)
-    check(found is not None, "the playback that fills the ring does not end")
+    play_out(board, 2, 2, loops=loops, period_us=period_us)
     return 2 * loops
 
 

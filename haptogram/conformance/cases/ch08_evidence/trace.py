@@ -7,7 +7,6 @@ from typing import Final
 
 from haptogram_protocol.messages import (
     Feature,
-    PlaybackEnded,
     Trace,
     TraceDrive,
     TraceMode,
@@ -22,7 +21,7 @@ from ...client.latching import (
     latch_now,
     latches_received_from_board,
 )
-from ...client.playback import flood_with_traces, play_now, send_phases_to_store
+from ...client.playback import flood_with_traces, play_out, send_phases_to_store
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _KINDS: Final = (Trace, TracePlayback, TraceDrive)
@@ -73,8 +72,7 @@ def trace_keys_are_unique(board: BoardClient) -> None:
     due = [(0, 0, first + number) for number in range(40)]
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_to_store(board, 4, frames=3)
-        play_now(board, 4, loops=2)
-        board.link.await_event(PlaybackEnded, since, 100_000)
+        play_out(board, 4, 3, loops=2)
         due += [(4, loop, index) for loop in range(2) for index in range(3)]
     got = [
         (latch.sequence, latch.loop, latch.index)
@@ -125,8 +123,7 @@ def traces_hash_the_drive(board: BoardClient) -> None:
         latch_now(board, board.phases(registers))
     if board.has(Feature.SEQUENCE_PHASES):
         drives += send_phases_to_store(board, 3, frames=3)
-        play_now(board, 3, loops=1)
-        board.link.await_event(PlaybackEnded, since, 100_000)
+        play_out(board, 3, 3)
     got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
     due = [zlib.crc32(full_client_drive(registers)) for registers in drives]
     wrong = sum(a != b for a, b in zip(got, due, strict=False))

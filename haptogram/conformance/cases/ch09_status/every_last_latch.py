@@ -13,7 +13,6 @@ from haptogram_protocol.messages import (
     LatchKey,
     Mute,
     Play,
-    PlaybackEnded,
     PlayReply,
     Stop,
     UploadKind,
@@ -23,7 +22,13 @@ from haptogram_protocol.state import MuteReason
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back
-from ...client.playback import play_now, send_phases_to_store_if_supported
+from ...client.playback import (
+    let_play,
+    play_now,
+    play_out,
+    play_request,
+    send_phases_to_store_if_supported,
+)
 from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import upload_to_board
 from ...judge.timers import judged_mute_by_timer
@@ -75,7 +80,7 @@ def _status_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
 
 
 def _play_later_than_last_latch(board: BoardClient) -> None:
-    play = Play(_SEQUENCE, 1000, 1, min(5000, board.identity.max_unattended_ms))
+    play = play_request(board, _SEQUENCE, loops=1, unattended_ms=5000)
     board.link.call(play, PlayReply, time_us=board.clock.ahead_us(3_000_000))
 
 
@@ -112,12 +117,11 @@ def the_last_latch_stays_in_status(board: BoardClient) -> None:
         return
     for ended in ("by itself", "by STOP"):
         board.arm()
-        since = board.link.mark()
-        play_now(board, _SEQUENCE, loops=3 if ended == "by itself" else 0)
         if ended == "by itself":
-            board.link.await_event(PlaybackEnded, since, 300 * _MS)
+            play_out(board, _SEQUENCE, 1, loops=3)
         else:
-            board.wire.idle(5 * _MS)
+            play_now(board, _SEQUENCE, loops=0)
+            let_play(board, 5)
             board.link.ask(Stop())
         key, _, _, last_seq, _ = _last_latch_in_status(board)
         check(last_seq == index, f"after a playback last_seq is {last_seq}, due is {index}")

@@ -11,7 +11,6 @@ from haptogram_protocol.messages import (
     Feature,
     LatchKey,
     Message,
-    PlaybackEnded,
     StatusReply,
     TraceMode,
 )
@@ -26,7 +25,13 @@ from ...client.latching import (
     latches_received_from_board,
     read_back,
 )
-from ...client.playback import PERIOD_US, play_at, play_now, send_phases_to_store
+from ...client.playback import (
+    await_playback_end,
+    period_to_play,
+    play_at,
+    play_now,
+    send_phases_to_store,
+)
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, inconclusive
 
@@ -154,9 +159,7 @@ def _played_in_time_for_status(board: BoardClient, last: bytes) -> _LatchEffectI
 def _playback_end_for_status(board: BoardClient, since: int, last: bytes) -> _LatchEffectInStatus:
     latches = _LOOPS * _FRAMES
     traces_us = board.wire.line_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
-    timeout_us = 200 * _MS + 2 * latches * PERIOD_US + traces_us + 2 * board.wire.limits.slack_us
-    found = board.link.await_event(PlaybackEnded, since, timeout_us)
-    check(found is not None, "no PLAYBACK_ENDED")
+    await_playback_end(board, since, latches * period_to_play(board) + traces_us)
     return _LatchEffectInStatus(
         LatchKey(_SEQUENCE, _LOOPS - 1, _FRAMES - 1), last, (0, latches, 0, 0)
     )

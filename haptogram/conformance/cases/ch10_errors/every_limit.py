@@ -29,7 +29,11 @@ from haptogram_protocol.messages import (
 
 from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
-from ...client.playback import send_phases_to_store, shortest_period_to_play_us
+from ...client.playback import (
+    least_period_us,
+    play_request,
+    send_phases_to_store,
+)
 from ...client.uploads import SEQUENCES
 from ...judge.refused_requests import CONFIG_BOUNDS
 from ...outcome import SELF_REPORTED, check, fail
@@ -141,7 +145,7 @@ def _play_within_limits(board: BoardClient) -> Play:
     """Return a PLAY that an ARMED board carries out."""
     send_phases_to_store(board, _SEQUENCE, frames=1)
     board.arm()
-    return Play(_SEQUENCE, shortest_period_to_play_us(board, 1000), 1, 1000)
+    return play_request(board, _SEQUENCE, loops=1, unattended_ms=1000)
 
 
 def _sequences_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
@@ -157,7 +161,7 @@ def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
     right, identity, bad = _play_within_limits(board), board.identity, ErrorCode.BAD_VALUE
     header = {"flags": int(Flag.IMMEDIATE)}
     bounds = {
-        "period_us": (shortest_period_to_play_us(board), (1 << _WIDTHS["period_us"]) - 1),
+        "period_us": (least_period_us(board), (1 << _WIDTHS["period_us"]) - 1),
         "unattended_ms": (1, identity.max_unattended_ms),
     }
     for name, (least, most) in bounds.items():

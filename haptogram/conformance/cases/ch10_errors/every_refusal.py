@@ -13,7 +13,6 @@ from haptogram_protocol.messages import (
     ErrorCode,
     Feature,
     Mute,
-    Play,
     PlayReply,
     TraceMode,
     UploadBegin,
@@ -28,7 +27,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store_if_supported
+from ...client.playback import let_play, play_now, play_request, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import send_upload_chunks, upload_to_board
 from ...judge.held_state import Held, held_state_changes, judged_held_state
@@ -142,7 +141,7 @@ def _waiting_before_refusal(board: BoardClient) -> int:
     _set_before_refusal(board)
     board.arm()
     latch_now(board, stream_kinds(board)[-1].make())
-    play = Play(STORED, 1000, 0, min(9_999, board.identity.max_unattended_ms))
+    play = play_request(board, STORED, loops=0, unattended_ms=9_999)
     board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
     return 0
 
@@ -273,7 +272,8 @@ def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
         board.arm()
         with board.counting(latched=frames):
             play_now(board, sequence, loops=1)
-            board.wire.idle((frames + 1) * 1000 + board.wire.limits.slack_us)
+            let_play(board, frames + 1)
+            board.wire.idle(board.wire.limits.slack_us)
 
 
 @case(

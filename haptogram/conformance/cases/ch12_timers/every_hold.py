@@ -11,7 +11,6 @@ from haptogram_protocol.messages import (
     FocalPoint,
     Message,
     PhaseFormat,
-    Play,
     PlaybackEnded,
     PlayReply,
     Points,
@@ -25,7 +24,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now, read_back_radiated
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, play_request, send_phases_to_store
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...judge.ramps import judge_straight_ramp, judged_ramp_reading
 from ...judge.refused_requests import requests_refused_by_link
@@ -244,7 +243,7 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
             frames = [board.link.stream_wire(board.flat_phases(), t_us) for t_us in times]
             board.link.send(*frames)
         if way == "played later":
-            play = Play(STORED, 9_000_000, 0, min(9000, board.identity.max_unattended_ms))
+            play = play_request(board, STORED, loops=0, period_us=9_000_000, unattended_ms=9000)
             board.link.call(play, PlayReply, time_us=at_us)
         wait_for_timer(board, at_us - 60 * _MS)
         faded = read_back_radiated(board).loudest

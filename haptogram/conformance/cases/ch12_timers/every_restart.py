@@ -29,7 +29,12 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store, send_phases_to_store_if_supported
+from ...client.playback import (
+    play_now,
+    play_request,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+)
 from ...client.stream_kinds import (
     StreamKind,
     refused_requests_to_send,
@@ -120,7 +125,7 @@ def wait_for_timer(board: BoardClient, t_us: int) -> None:
 def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
     """Let a playback of the stored sequence wait for its start so far ahead."""
     start_us = board.clock.ahead_us(ahead_ms * _MS)
-    play = Play(STORED, SLOW_US, 0, min(alone_ms, board.identity.max_unattended_ms))
+    play = play_request(board, STORED, loops=0, period_us=SLOW_US, unattended_ms=alone_ms)
     board.link.call(play, PlayReply, time_us=start_us)
 
 
@@ -238,7 +243,10 @@ def _muted_by_lease_after_ms(
     answer = board.link.ask(Arm())
     if plays:
         alone_ms = min(lasts_ms, board.identity.max_unattended_ms)
-        answer = board.link.ask(Play(STORED, SLOW_US, 0, alone_ms), flags=Flag.IMMEDIATE)
+        answer = board.link.ask(
+            play_request(board, STORED, loops=0, period_us=SLOW_US, unattended_ms=alone_ms),
+            flags=Flag.IMMEDIATE,
+        )
     board.link.reply_in(answer, *((PlayReply, Play.TYPE) if plays else (ArmReply, Arm.TYPE)))
     answer = board.link.ask(first) if first else answer
     assert answer.header is not None  # reply_in, ask

@@ -8,7 +8,6 @@ from typing import Final
 from haptogram_protocol.messages import (
     DriveKind,
     Feature,
-    Play,
     PlaybackEnded,
     PlayReply,
     Status,
@@ -19,7 +18,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, latches_received_from_board, read_back
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, play_request, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, CaseEndedError, check, fail
@@ -78,7 +77,7 @@ def _play_across_timer_wrap(board: BoardClient) -> None:
         wrap_us = _wait_before_timer_wrap(board, lead_us)
         board.arm()
         since, start_us = board.link.mark(), board.clock.on_carrier(wrap_us + offset_us)
-        play = Play(_SEQUENCE, 10 * _MS, 1, 2000)
+        play = play_request(board, _SEQUENCE, loops=1, period_us=10 * _MS, unattended_ms=2000)
         board.link.call(play, PlayReply, time_us=start_us)
         ended = board.link.await_event(PlaybackEnded, since, 2 * lead_us + 200 * _MS)
         name = f"a playback from {offset_us:+d} µs of the wrap on"
