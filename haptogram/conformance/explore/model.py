@@ -212,6 +212,19 @@ class DialogueModels:
             answers += sum(frame.header.type in RESPONSE_RANGE for frame in said)
             self._later += said
 
+    def receive_near(self, at_us: int, wire: bytes, near_us: int) -> None:
+        """Let the bytes of a frame arrive at a time that the host knows but for *near_us*.
+
+        Raises
+        ------
+        HostLateError
+            If a stream frame may be in time, or late.
+        """
+        times = at_us - near_us, at_us + near_us
+        if any(self._is_in_time_or_late(one, *times) for one in _headers_in_dialogue(wire)):
+            raise HostLateError(f"within {2 * near_us} µs a frame is in time, or late")
+        self.receive(at_us, [wire])
+
     def _is_in_time_or_late(self, header: Header, early_us: int, late_us: int) -> bool:
         """Return True if a stream frame that came between two times may be in time, or late."""
         if header.type not in STREAM_RANGE or header.flags & Flag.IMMEDIATE:

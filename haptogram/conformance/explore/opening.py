@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
-from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
     Arm,
     Config,
@@ -20,6 +20,7 @@ from haptogram_protocol.messages import (
     GetStatus,
     Hello,
     Message,
+    Ping,
     Play,
     SetConfig,
     StatusReply,
@@ -47,6 +48,7 @@ from .model import DialogueModels
 _QUICK_US: Final = 3000  # round trip of a host that was not held up
 _TRIES: Final = 8
 _BEFORE_US: Final = 1_000_000  # the model is on for so long already
+_PING_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + Ping.LAYOUT.size)))
 
 
 #: What a board says of itself after a power-up.
@@ -66,7 +68,7 @@ class DialogueOpening:
     Attributes
     ----------
     early_us : int
-        In virtual time, how long before the time that a host reckons with its bytes arrive.
+        In virtual time, how far the device clock is ahead of the host's estimate.
     unsure_us : int
         At a wall clock, by how much the device clock may be ahead of the host's estimate.
     """
@@ -147,6 +149,7 @@ class DialogueOpening:
         if not wire.limits.slack_us:
             # The PONG may have changed the estimate, by which the next bytes are sent.
             self.early_us = now_us - clock.device_estimate_us() + wire.now_us() - sent_us
+            self.early_us -= _PING_BYTES * 10_000_000 // wire.baudrate
         return now_us
 
     def _hello(self, host: DialogueHost) -> None:

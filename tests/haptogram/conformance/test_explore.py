@@ -20,6 +20,7 @@ from haptogram.conformance.explore.actions import (
     PARTS,
     REST,
     SLOT_US,
+    STORED_PHASES,
     UPLOADED,
     DialogueAction,
     DialogueHost,
@@ -78,6 +79,7 @@ from haptogram_protocol.messages import (
     PhaseFormat,
     Phases,
     Ping,
+    Play,
     PlaybackEnded,
     Pong,
     ReadDrive,
@@ -114,24 +116,58 @@ def disarm(host):
     return host.request(Disarm())
 
 
-@pytest.mark.parametrize("behind", [[], [latched_as_it_comes] * 2, [latched_as_it_comes, disarm]])
-def test_the_time_of_a_latch_is_free_where_it_depends_on_the_line(behind, monkeypatch):
-    """A frame takes 75 us at 3 Mbaud: two carrier periods and more, which the model has not."""
-    traced = Config(trace_mode=TraceMode.CRC, trace_divider=1)
-    told = [lambda host: host.request(Arm()), latched_as_it_comes, *behind]
+def arm(host):
+    return host.request(Arm())
+
+
+def dialogues(monkeypatch, baud, slots):
+    """What two dialogues of these bodies, with and without timers, find on a right board."""
+
+    config = Config(8200, 0, 8200, 0, 70_000, trace_mode=TraceMode.CRC, trace_divider=1)
 
     class Told(DialogueGenerator):
         def config(self):
-            return traced
+            return config
 
-        def actions(self, slots):
-            assert slots >= 8
-            return [DialogueAction(slot, "", body) for slot in range(8) for body in told]
+        def actions(self, most):
+            told = enumerate(slots[:most])
+            return [DialogueAction(slot, "", body) for slot, bodies in told for body in bodies]
 
     monkeypatch.setattr(every_dialogue, "DialogueGenerator", Told)
     monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 2)
-    (result,) = run(virtual(array="1x1"), CASE).results
+    (result,) = run(virtual(array="1x1", baud=baud), CASE).results
+    return result
+
+
+@pytest.mark.parametrize("behind", [[], [latched_as_it_comes] * 2, [latched_as_it_comes, disarm]])
+def test_the_time_of_a_latch_is_free_where_it_depends_on_the_line(behind, monkeypatch):
+    """A frame takes 75 us at 3 Mbaud: two carrier periods and more, which the model has not."""
+    result = dialogues(monkeypatch, 3_000_000, [[arm, latched_as_it_comes, *behind]] * 8)
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
+
+
+def test_a_frame_is_as_late_for_the_model_as_the_line_makes_it_for_the_board(monkeypatch):
+    """Its late window ends while the frames before it, 16 ms of the line, come."""
+
+    def late(host):
+        host.stream_next += 1
+        seq, time_us = host.stream_next, host.slot_us - 60_000
+        frame = Phases(PhaseFormat.BITS_8, 0, b"a")
+        return build_body(frame, flags=0, seq=seq, time_us=time_us, session=host.session)
+
+    pings = [lambda host: host.request(Ping(1))] * 60
+    result = dialogues(monkeypatch, 921_600, [[arm], [*pings, late], [arm]])
+    assert (result.behaviour, result.detail) == (Behaviour.OK, "")
+
+
+def test_traces_that_find_no_room_on_a_slow_line_are_no_difference(monkeypatch):
+    """HG-8.7/2: such a dialogue is not compared."""
+
+    def play(host):
+        return host.request(Play(STORED_PHASES, 450, 300, 10_000), flags=Flag.IMMEDIATE)
+
+    result = dialogues(monkeypatch, 115_200, [[arm, play], *[[]] * 8, [arm]])
+    assert result.behaviour is Behaviour.INCONCLUSIVE, result.detail
 
 
 @pytest.fixture(scope="module")
@@ -543,3 +579,10 @@ def test_a_frame_that_is_latched_or_flushed_or_late_is_not_compared(models):
     wires = [phases(host, ahead_us=3 * SLOT_US), phases(host, flags=Flag.IMMEDIATE)]
     with pytest.raises(HostLateError, match="flushed or late"):
         pair.receive(3 * SLOT_US, wires, [4 * SLOT_US + 10])
+
+
+def test_a_frame_that_comes_just_when_it_is_late_is_not_compared(models):
+    host, pair = models
+    pair.receive_near(SLOT_US, phases(host, ahead_us=SLOT_US), 200)
+    with pytest.raises(HostLateError, match="in time, or late"):
+        pair.receive_near(SLOT_US, phases(host, ahead_us=100), 200)
