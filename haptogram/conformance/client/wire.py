@@ -298,11 +298,9 @@ class RawFrameClient:
         if self.limits.slack_us:  # in short waits, each of which shows whether it lasted too long
             deadline_ns = min(deadline_ns, self._transport.now_ns() + _LOOK_NS)
         data = self._transport.read_available(deadline_ns)
+        self._leave(min(deadline_ns // 1000, self.now_us()))  # held up if that is long ago
         if data:
-            self._leave(self.now_us())
             self._take(data)
-        else:
-            self._leave(min(deadline_ns // 1000, self.now_us()))
 
     def note_held_up(self, duration_us: int) -> None:
         """Note that something between host and board was held up for so long."""

@@ -174,8 +174,10 @@ def _lease_with_configuration(
         play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_LENGTH_MS)
     else:
         latch_now(board, board.flat_phases())
+    begun_us = board.clock.device_us()
     board.wire.idle(_BEFORE_MS * _MS)
     start_us = _set_configuration_alone(board, **after)
+    board.clock.require_in_time(begun_us + _LENGTH_MS * _MS, start_us)
     due_ms = (_LENGTH_MS if plays else after["host_timeout_ms"]) + after["ramp_ms"]
     reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
     header, _ = judged_mute_by_timer(board, since, 3 * due_ms * _MS, reason)
