@@ -4,36 +4,20 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
 
-from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import HEADER_BYTES, FrameDecoder, encode_frame
+from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    STREAM_RANGE,
-    Config,
-    Flag,
-    Header,
-    Hello,
     HelloReply,
-    LatchKey,
-    Message,
     MessageType,
     Ping,
-    Play,
-    Points,
-    SetConfig,
-    UploadBegin,
-    UploadKind,
     build_body,
-    parse_body,
-    signed_difference,
 )
 
 from ..client.malformed_frames import malformed_frame, malformed_noise, malformed_with_crc
+from .host import DialogueHost
 
 SLOT_US: Final = 40_000
 LATE_WINDOWS_US: Final = (0, 30_000, 70_000, 100_000)
@@ -59,147 +43,10 @@ _FOREIGN_SEQ: Final = 0x2000  # and its number: no other request has one near it
 _LONG_NOISE: Final = 70_000  # bytes: more than 16 bits count
 
 
-@dataclass(slots=True)
-class DialogueHost:
-    """A host's state while a dialogue is rendered.
-
-    Attributes
-    ----------
-    identity : HelloReply
-        The board.
-    session, seq, stream_next : int
-        Of the next frames.
-    slot_us : int
-        Device time of the slot that is rendered.
-    last, remembered : bytes
-        Body of the last request, and of the last one that a board remembers with its reply.
-    sessions : list of int
-        Nonces of the sessions before the open one, the latest last.
-    computed : set of tuple of int
-        Sequence and number (stream: sequence 0, 16 bits) of drives that the board computes.
-    inexact : set of tuple of int
-        The same of drives that are latched when their frame has arrived.
-    least_ramp_us : int
-        The shortest ramp of all configurations; 0: none had any.
-    unsent : bytes
-        The rest of a frame that was begun.
-    """
-
-    identity: HelloReply
-    session: int
-    seq: int
-    slot_us: int
-    stream_next: int = FIRST_STREAM_SEQ
-    last: bytes = b""
-    remembered: bytes = b""
-    sessions: list[int] = field(default_factory=list)
-    computed: set[tuple[int, int]] = field(default_factory=set)
-    inexact: set[tuple[int, int]] = field(default_factory=set)
-    least_ramp_us: int = 0
-    unsent: bytes = b""
-    _of_session: dict[tuple[int, str], bytes] = field(default_factory=dict)
-
-    def is_computed(self, key: LatchKey) -> bool:
-        """Return True if the board may have computed the drive."""
-        return _drive_named_in_dialogue(key) in self.computed
-
-    def is_exact(self, key: LatchKey) -> bool:
-        """Return True if the time of the latch does not depend on an arrival."""
-        return bool(key.sequence or key.index) and _drive_named_in_dialogue(key) not in self.inexact
-
-    def ramp_codes(self, apart_us: int) -> int:
-        """Return by how many codes an amplitude may differ that is read so far apart."""
-        return -(-255 * apart_us // self.least_ramp_us) if self.least_ramp_us else 0
-
-    def take_unsent(self) -> bytes:
-        """Return the rest of a frame that was begun."""
-        unsent, self.unsent = self.unsent, b""
-        return unsent
-
-    def remember(self, body: bytes) -> None:
-        """Note a request that the board remembers with its reply."""
-        self.remembered = body
-        self._of_session.setdefault((self.session, "first"), body)
-        self._of_session[self.session, "last"] = body
-
-    def of_session(self, which: str, age: int) -> bytes:
-        """Return ``hello``, ``first`` or ``last`` request of the nonce that was open *age* ago.
-
-        A nonce may have been that of several sessions; empty if there is no such request.
-        """
-        nonces = [self.session, *reversed(self.sessions)]
-        return self._of_session.get((nonces[min(age, len(nonces) - 1)], which), b"")
-
-    def note(self, body: bytes) -> None:
-        """Note what a frame that is sent makes of drives and their times."""
-        with suppress(RemoteProtocolError):  # no board takes it
-            header, message = parse_body(body)
-            drive = (0, header.seq)
-            if isinstance(message, Play):
-                drive = (message.sequence, 0)
-            elif isinstance(message, UploadBegin) and message.kind is UploadKind.POINTS:
-                self.computed.add((message.target, 0))
-            elif isinstance(message, Points):
-                self.computed.add(drive)
-            elif isinstance(message, SetConfig):
-                self.note_config(message.config)
-            if self.is_latched_as_it_comes(body):
-                self.inexact.add(drive)
-
-    def is_latched_as_it_comes(self, body: bytes) -> bool:
-        """Return True if the time of a latch depends on when the frame arrives (HG-3.5)."""
-        if len(body) < HEADER_BYTES:
-            return False
-        header = Header.unpack(body[:HEADER_BYTES])
-        ahead_us = signed_difference(header.time_us, self.slot_us & 0xFFFFFFFF, 32)
-        is_at_once = bool(header.flags & Flag.IMMEDIATE)
-        if header.type in STREAM_RANGE:
-            return is_at_once or ahead_us < 0
-        return header.type == MessageType.PLAY and is_at_once
-
-    def note_config(self, config: Config) -> None:
-        """Note the ramp of a configuration that is sent."""
-        ramp_us = config.ramp_ms * 1000
-        if ramp_us:
-            self.least_ramp_us = min(ramp_us, self.least_ramp_us or ramp_us)
-
-    def request(
-        self, message: Message, *, back: int = 0, flags: int = 0, time_us: int = 0, other: int = 0
-    ) -> bytes:
-        """Return the body of a request, *back* numbers behind the next one."""
-        if not back:
-            self.seq += 1
-        seq = (self.seq - max(0, back - 1)) & 0xFFFF
-        session = self.session ^ other
-        self.last = build_body(
-            message, flags=flags, seq=seq, time_us=time_us & 0xFFFFFFFF, session=session
-        )
-        return self.last
-
-    def hello(self, message: Hello, *, takes: bool = True, back: int = 0) -> bytes:
-        """Return the body of a HELLO, and go on in its session if the board *takes* it."""
-        self.seq -= back
-        body = self.request(message, other=self.session)
-        if takes:
-            self._of_session[message.nonce, "hello"] = body
-            self.go_on_in(message.nonce)
-        return body
-
-    def go_on_in(self, nonce: int) -> None:
-        """Go on in the session of a HELLO."""
-        if nonce != self.session:
-            self.sessions.append(self.session)
-            self.session, self.stream_next = nonce, FIRST_STREAM_SEQ
-
-
 def has_room_in_dialogue(identity: HelloReply) -> bool:
     """Return True if a board has room for the sequences of a dialogue, and one more."""
     frame = max(identity.transducers, MOST_POINTS * POINT_BYTES)
     return (len(UPLOADED) + 1) * STORED_FRAMES * frame <= identity.max_upload_bytes
-
-
-def _drive_named_in_dialogue(key: LatchKey) -> tuple[int, int]:
-    return key.sequence, 0 if key.sequence else key.index & 0xFFFF
 
 
 @dataclass(frozen=True, slots=True)

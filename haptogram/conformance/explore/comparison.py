@@ -35,13 +35,13 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason
 
-from .actions import DialogueHost
 from .broken_clauses import (
     COUNTER_CLAUSES,
     clause_of_due_message,
     clause_of_header_field,
     clause_of_message_field,
 )
+from .host import DialogueHost
 
 _SAME_IN_HELLO: Final = frozenset(
     {"major", "minor", "nonce", "state", "sound_speed_mm_s", "config_crc"}

@@ -27,7 +27,6 @@ from .actions import (
     FAULT,
     SLOT_US,
     DialogueAction,
-    DialogueHost,
     end_of_slot,
     frames_of_slot,
     number_at_end_of_slot,
@@ -43,6 +42,7 @@ from .comparison import (
     is_optional_in_dialogue,
     superfluous_in_dialogue,
 )
+from .host import DialogueHost
 from .model import DialogueModels, HostLateError
 from .opening import SINCE_POWER_UP, DialogueOpening
 

@@ -29,7 +29,7 @@ from haptogram_protocol.messages import (
 
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
-from .actions import LATE_WINDOWS_US, DialogueHost
+from .actions import LATE_WINDOWS_US
 from .comparison import (
     DialogueAnswers,
     DialogueBase,
@@ -37,6 +37,7 @@ from .comparison import (
     FrameInDialogue,
     superfluous_in_dialogue,
 )
+from .host import DialogueHost
 from .stepped_process import LockstepProcess
 
 _MODEL: Final = "sim_device.driven.stepped_board"

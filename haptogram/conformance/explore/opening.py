@@ -39,10 +39,10 @@ from .actions import (
     STORED_PHASES,
     STORED_POINTS,
     UPLOADED,
-    DialogueHost,
     has_room_in_dialogue,
 )
 from .comparison import DialogueBase
+from .host import DialogueHost
 from .model import DialogueModels
 
 _QUICK_US: Final = 3000  # round trip of a host that was not held up

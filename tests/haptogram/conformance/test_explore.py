@@ -23,7 +23,6 @@ from haptogram.conformance.explore.actions import (
     STORED_PHASES,
     UPLOADED,
     DialogueAction,
-    DialogueHost,
 )
 from haptogram.conformance.explore.broken_clauses import (
     BROKEN_FRAME_CLAUSES,
@@ -42,6 +41,7 @@ from haptogram.conformance.explore.comparison import (
     FrameInDialogue,
 )
 from haptogram.conformance.explore.generator import DialogueGenerator
+from haptogram.conformance.explore.host import DialogueHost
 from haptogram.conformance.explore.lockstep import Played
 from haptogram.conformance.explore.makers.conditions import DialogueConditions
 from haptogram.conformance.explore.makers.makers import DialogueMakers

@@ -26,7 +26,8 @@ from haptogram_protocol.messages import (
     UploadChunk,
 )
 
-from ..actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES, UPLOADED, DialogueHost
+from ..actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES, UPLOADED
+from ..host import DialogueHost
 from ..tables.limit_requests import random_limit_requests
 from .conditions import DialogueConditions
 from .configurations import RandomConfigs

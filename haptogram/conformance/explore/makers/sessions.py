@@ -7,7 +7,7 @@ from typing import Final
 from haptogram_protocol.framing import HEADER_BYTES
 from haptogram_protocol.messages import Hello, Ping
 
-from ..actions import DialogueHost
+from ..host import DialogueHost
 from .conditions import DialogueConditions
 from .stream import WRONG_SESSIONS, MadeAction
 

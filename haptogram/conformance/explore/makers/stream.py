@@ -20,7 +20,8 @@ from haptogram_protocol.messages import (
     pack_phases,
 )
 
-from ..actions import LATE_WINDOWS_US, SLOT_US, DialogueHost
+from ..actions import LATE_WINDOWS_US, SLOT_US
+from ..host import DialogueHost
 from .conditions import DialogueConditions
 from .words import words_of_oddities
 

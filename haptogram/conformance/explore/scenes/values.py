@@ -6,7 +6,7 @@ from typing import Final
 
 from haptogram_protocol.messages import Feature, Header, Hello, Message, Mute, SetConfig, Stop
 
-from ..actions import DialogueHost
+from ..host import DialogueHost
 from ..makers.makers import DialogueMakers
 from ..makers.stream import MadeAction
 from ..tables.byte_values import byte_values
