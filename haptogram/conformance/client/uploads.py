@@ -47,7 +47,8 @@ def frames_with_room(
     Sequences that are stored already take room, and HG-4.3 limits one upload only.  The board says
     how many bytes are left (HG-7.2/1); NOT-OBSERVED if they hold no frame.
     """
-    begin = UploadBegin(kind, int(kind is UploadKind.POINTS), target, wanted * size, 0)
+    points = int(kind is UploadKind.POINTS)
+    begin = upload_request(board, kind, target, max(1, wanted) * size, points)
     answer = board.link.ask(begin)
     if not isinstance(answer.message, Error):
         board.link.reply_in(answer, UploadBeginReply, UploadBegin.TYPE)
@@ -65,9 +66,16 @@ def begin_upload(
 
     NOT-OBSERVED if it is more than this board takes in one upload.
     """
-    _require_limits_of_upload(board, kind, len(data), points)
-    begin = UploadBegin(kind, points, target, len(data), zlib.crc32(data))
+    begin = upload_request(board, kind, target, len(data), points, crc=zlib.crc32(data))
     return board.link.call(begin, UploadBeginReply)
+
+
+def upload_request(
+    board: BoardClient, kind: UploadKind, target: int, size: int, points: int = 0, *, crc: int = 0
+) -> UploadBegin:
+    """Return an UPLOAD_BEGIN of *size* bytes; NOT-OBSERVED if the board takes fewer in one."""
+    _require_limits_of_upload(board, kind, size, points)
+    return UploadBegin(kind, points, target, size, crc)
 
 
 def _require_limits_of_upload(board: BoardClient, kind: UploadKind, size: int, points: int) -> None:

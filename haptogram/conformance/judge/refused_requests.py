@@ -187,7 +187,7 @@ def _uploads_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
         ("points in phases", UploadBegin(UploadKind.PHASES, 1, STORED, count, 0), bad),
         ("size 0", UploadBegin(UploadKind.PHASES, 0, STORED, 0, 0), length),
     ]
-    if count > 1:
+    if count > 1 and 2 * count - 1 <= identity.max_upload_bytes:
         broken = UploadBegin(UploadKind.PHASES, 0, STORED, 2 * count - 1, 0)
         wrong.append(("a size of no whole frames", broken, length))
     if board.has(Feature.CORRECTION) and 2 * count <= identity.max_upload_bytes:
@@ -202,7 +202,9 @@ def _uploads_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
         if most < 1 << 8:
             points = UploadBegin(UploadKind.POINTS, most, STORED, 16 * most, 0)
             wrong.append(("too many points", points, bad))
-        for number in {2, identity.max_points} if identity.max_points > 1 else ():
+        for number in {2, identity.max_points} - {1}:
+            if number > identity.max_points or 16 * (number + 1) > identity.max_upload_bytes:
+                continue
             parts = UploadBegin(UploadKind.POINTS, number, STORED, 16 * (number + 1), 0)
             wrong.append((f"no whole frames of {number} points", parts, length))
     for name, message, code in wrong:

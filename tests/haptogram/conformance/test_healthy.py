@@ -223,7 +223,25 @@ SLOW = (
     *("HG-3.8/4", "HG-4.6/3-playback", "HG-4.6/5-sequences", "HG-5.7/2-flushed", "HG-6.4/2"),
     *("HG-6.5/1-moments", "HG-7.4/1", "HG-7.6/2", "HG-7.6/6", "HG-7.8/1", "HG-8.2/1", "HG-9.1/2"),
 )
-NEAR = ("HG-3.6/1-time", "HG-5.7/4-lengths", "HG-6.6/1-fault", "HG-7.6/2-starts", "HG-8.3/2-ramp")
+SHORT = (
+    *(
+        "HG-1.2/1-dialogues",
+        "HG-3.9/1-alone",
+        "HG-4.6/1-moments",
+        "HG-6.2/1-requests",
+        "HG-7.1/3-alone",
+    ),
+    *("HG-7.2/1-limits", "HG-7.2/2", "HG-7.3/1-sizes", "HG-7.6/4-most", "HG-7.6/4-offsets"),
+    *("HG-10.1/1", "HG-10.2/1"),
+)
+NEAR = (
+    "HG-2.4/2-mutes",
+    "HG-3.6/1-time",
+    "HG-5.7/4-lengths",
+    "HG-6.6/1-fault",
+    "HG-7.6/2-starts",
+    "HG-8.3/2-ramp",
+)
 
 
 @pytest.mark.parametrize(
@@ -231,10 +249,11 @@ NEAR = ("HG-3.6/1-time", "HG-5.7/4-lengths", "HG-6.6/1-fault", "HG-7.6/2-starts"
     [
         ({"max_horizon_us": 100_000}, NEAR),
         ({"grid": (32, 32), "rx_window": 4098, "max_chunk": 512}, ("HG-2.4/2-timers",)),
-        ({"max_unattended_ms": 1000}, ("HG-7.8/1-many", "HG-8.4/1-many")),
+        ({"max_unattended_ms": 1000}, ("HG-7.6/4-long", "HG-7.8/1-many", "HG-8.4/1-many")),
         ({"max_upload_bytes": 2000, "max_stored_bytes": 3000}, ("HG-7.6/4-offsets",)),
         ({"max_sequence_frames": 16}, ("HG-7.3/5",)),
         ({"max_playback_rate_hz": 1}, SLOW),
+        ({"max_upload_bytes": 6}, SHORT),
     ],
 )
 def test_a_board_with_limits_that_are_allowed_fails_nothing(limits, cases):

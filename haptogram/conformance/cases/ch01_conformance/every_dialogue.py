@@ -10,7 +10,8 @@ from haptogram_protocol.messages import Feature
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...explore.actions import SLOT_US, UPLOADED, DialogueAction
+from ...client.capabilities import UPLOADS
+from ...explore.actions import SLOT_US, UPLOADED, DialogueAction, has_room_in_dialogue
 from ...explore.generator import DialogueGenerator
 from ...explore.lockstep import Lockstep, Played
 from ...explore.model import HostLateError, identity_suits_lockstep_model
@@ -54,6 +55,9 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
         not_observed("this line carries too few frames in the time between two of them")
     if board.ready_after_us() > SLOT_US // 5:
         not_observed("this board latches later than the time between two frames allows")
+    if board.identity.features & UPLOADS and not has_room_in_dialogue(board.identity):
+        most = board.identity.max_upload_bytes  # what other cases have stored cannot be replaced
+        not_observed(f"uploads of {most} bytes are too small for the sequences of a dialogue")
     board.clock.require_horizon(_LONGEST_AHEAD_US)
     lockstep = Lockstep(board)
     number = compared = 0

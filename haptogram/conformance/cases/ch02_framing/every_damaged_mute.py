@@ -87,7 +87,7 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
     for name, piece in _bytes_like_mute(board):
         if not is_played and waits_until_us - board.clock.device_estimate_us() < _AHEAD_US // 2:
             latch_now(board, board.flat_phases())  # which flushes the frame that waits
-            waits_until_us = board.clock.device_us() + _AHEAD_US
+            waits_until_us = board.clock.ahead_us(_AHEAD_US)
             board.link.send(board.link.stream_wire(board.flat_phases(), waits_until_us))
         board.link.send(b"\x00" + piece + b"\x00")
         board.wire.idle(board.wire.line_us(len(piece)))

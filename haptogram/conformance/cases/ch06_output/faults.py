@@ -210,7 +210,7 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
         is_refused = isinstance(answer.message, Error)
         text = f"{message.TYPE.name} in FAULT: {board.link.answer_text(answer)}"
         check(is_refused == isinstance(message, Arm | Play), text)
-    send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_to_store(board, _SEQUENCE, frames=1)
     kinds = stream_kinds(board)
     with board.counting(dropped_state=len(kinds), latched=0, timeouts=0):
         for kind in kinds:
@@ -226,6 +226,6 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
     recover_from_hardware_fault(board)
     board.configure()
     board.arm()
-    with board.counting(latched=3):
+    with board.counting(latched=2):
         latch_now(board, board.flat_phases())
-        play_out(board, _SEQUENCE, 2)
+        play_out(board, _SEQUENCE, 1)

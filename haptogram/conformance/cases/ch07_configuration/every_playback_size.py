@@ -32,7 +32,7 @@ from ...client.playback import (
 )
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import frames_with_room, upload_to_board
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, not_observed
 
 _SEQUENCE: Final = 0x0201
 #: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.
@@ -151,8 +151,11 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
     kind, stored = _store_most_frames(board)
     _begin_traced_playback(board)
     since = board.link.mark()
-    play_now(board, _SEQUENCE, loops=1, period_us=_shortest_playback_us(board))
-    board.wire.idle(20_000)
+    period_us, seen_us = _shortest_playback_us(board), 20_000
+    if len(stored) * period_us <= seen_us:
+        not_observed(f"{len(stored)} frames at most are played within {seen_us} µs")
+    play_now(board, _SEQUENCE, loops=1, period_us=period_us)
+    board.wire.idle(seen_us)
     board.link.call(Stop(), StopReply)
     ended = await_playback_end(board, since, 0)
     name = f"{kind.name}, {len(stored)} frames"

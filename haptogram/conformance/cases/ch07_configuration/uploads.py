@@ -93,7 +93,7 @@ def takes_uploads_at_its_limits(board: BoardClient) -> None:
     for one, points, size in sorted(sizes):
         most = min(identity.max_sequence_frames, identity.max_upload_bytes // size)
         most = 1 if one is UploadKind.CORRECTION else most
-        for frames in {1, max(1, most - 1), most}:
+        for frames in {1, most - 1, most} & set(range(1, most + 1)):
             begin = UploadBegin(one, points, target, frames * size, 0)
             board.link.call(begin, UploadBeginReply)
     board.hello()  # which abandons the upload
@@ -105,7 +105,7 @@ def takes_uploads_at_its_limits(board: BoardClient) -> None:
 def refuses_uploads_of_broken_size(board: BoardClient) -> None:
     _, _, frame = _upload_kind(board)
     for size in (0, frame + 1, 2 * frame - 1):
-        if size == 0 or size % frame:
+        if size == 0 or (size % frame and size <= board.identity.max_upload_bytes):
             board.link.refused(_begin_upload_of_size(board, size), ErrorCode.BAD_LENGTH, frame)
 
 

@@ -15,7 +15,6 @@ from haptogram_protocol.messages import (
     Mute,
     PlayReply,
     TraceMode,
-    UploadBegin,
     UploadBeginReply,
     UploadChunk,
     UploadChunkReply,
@@ -29,7 +28,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import let_play, play_now, play_request, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import send_upload_chunks, upload_to_board
+from ...client.uploads import send_upload_chunks, upload_request, upload_to_board
 from ...judge.held_state import Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import (
     FOREIGN,
@@ -116,7 +115,7 @@ def pending_before_refusal(board: BoardClient) -> bytes:
 
 def _begin_upload_before_refusal(board: BoardClient, data: bytes, crc: int) -> None:
     """Begin an upload, and send its first byte and its last."""
-    begin = UploadBegin(UploadKind.PHASES, 0, PENDING, len(data), crc)
+    begin = upload_request(board, UploadKind.PHASES, PENDING, len(data), crc=crc)
     board.link.call(begin, UploadBeginReply)
     for at in (0, len(data) - 1):
         board.link.call(UploadChunk(at, data[at : at + 1]), UploadChunkReply)
