@@ -254,6 +254,7 @@ NEAR = (
         ({"max_sequence_frames": 16}, ("HG-7.3/5",)),
         ({"max_playback_rate_hz": 1}, SLOW),
         ({"max_upload_bytes": 6}, SHORT),
+        ({"carrier_us": 1000}, ("HG-5.2/6-slots", "HG-5.7/5-margin", "HG-5.8/1", "HG-8.3")),
     ],
 )
 def test_a_board_with_limits_that_are_allowed_fails_nothing(limits, cases):

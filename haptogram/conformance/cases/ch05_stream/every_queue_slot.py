@@ -216,16 +216,16 @@ def _queue_some_stream_frames(
         if board.wire.line_us(len(messages) * len(messages[0].serialize())) > _BATCH_US:
             break
     room = bytes(sum(len(message.serialize()) + 20 for message in messages))
-    start_us = board.clock.soon_us(room)
+    start_us, step_us = board.clock.soon_us(room), board.clock.on_carrier(_STEP_US)
     wires = []
     for place, message in enumerate(messages):
         registers = registers_asked_for(board, message)
         assert registers is not None  # codes
         sent[board.link.stream_next] = zlib.crc32(b"".join(registers))
-        wires.append(board.link.stream_wire(message, start_us + place * _STEP_US))
+        wires.append(board.link.stream_wire(message, start_us + place * step_us))
     board.link.send(*wires)
     board.clock.require_in_time(start_us)
-    board.clock.wait_until(start_us + len(messages) * _STEP_US)
+    board.clock.wait_until(start_us + len(messages) * step_us)
 
 
 @case(

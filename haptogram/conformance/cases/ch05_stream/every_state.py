@@ -29,6 +29,7 @@ BEFORE_STATE: Final = ("stale_session", "duplicate", "unsupported", "bad_length"
 def _playing_at_stream_frame(board: BoardClient) -> None:
     board.arm()
     play_now(board, _SEQUENCE, loops=0, period_us=9_000_000, unattended_ms=9_999)
+    board.clock.wait_latched()
 
 
 def _waiting_at_stream_frame(board: BoardClient) -> None:

@@ -43,8 +43,8 @@ def latches_on_carrier_boundaries(board: BoardClient) -> None:
         ):
             check(early.counters.latched == before, "a frame is latched before its t_apply")
         board.clock.require_in_time(t_us)
-        board.clock.wait_until(t_us + 100)
         due_us = board.clock.on_carrier(t_us)
+        board.clock.wait_until(due_us + 100)
         got_us = board.clock.unwrap(board.status().last_latch_us)
         check(
             got_us == due_us,

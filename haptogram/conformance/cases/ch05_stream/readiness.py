@@ -110,7 +110,7 @@ def lateness_counts_from_readiness(board: BoardClient) -> None:
             now_us = board.clock.device_us() + board.wire.limits.lead_us // 8
             t_us = now_us + board.ready_after_us(points) + ahead_us
             board.link.send(board.link.stream_wire(message, t_us))
-            board.clock.wait_until(t_us + board.clock.lead_us)
+            board.clock.wait_until(board.clock.on_carrier(t_us) + board.clock.lead_us)
             after = board.status()
             dropped = after.counters.dropped_late - before.dropped_late
             latched = after.counters.latched - before.latched

@@ -31,7 +31,7 @@ def _latch_at_time_of_trace(board: BoardClient, offset_us: int) -> int:
     t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
     board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
     board.clock.require_in_time(t_us)
-    board.clock.wait_until(t_us + 200)
+    board.clock.wait_until(board.clock.on_carrier(t_us) + 200)
     return index
 
 

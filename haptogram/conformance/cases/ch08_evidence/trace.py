@@ -98,7 +98,7 @@ def traces_tell_the_time(board: BoardClient) -> None:
         t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
         board.clock.require_in_time(t_us)
-        board.clock.wait_until(t_us + 100)
+        board.clock.wait_until(board.clock.on_carrier(t_us) + 100)
         seen = latches_received_from_board(board, since, TraceMode.CRC)
         check(len(seen) == 1, f"one latch gives {len(seen)} TRACE")
         latch = seen[0]
