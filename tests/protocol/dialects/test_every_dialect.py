@@ -68,9 +68,9 @@ def test_damage_gives_the_same_in_any_chunks_and_never_an_error(
     line = mutilated(line, source)
     if source.random() < 0.3:
         line = source.randbytes(source.randint(0, 700)) + line
-    whole = fed(wire.board(), [line])
-    assert fed(wire.board(), [line[at : at + 1] for at in range(len(line))]) == whole
-    assert fed(wire.board(), data.draw(chunkings(line))) == whole
+    whole = repr(fed(wire.board(), [line]))  # as text: damage makes NaN, which equals nothing
+    assert repr(fed(wire.board(), [line[at : at + 1] for at in range(len(line))])) == whole
+    assert repr(fed(wire.board(), data.draw(chunkings(line)))) == whole
 
 
 @every_wire
