@@ -65,6 +65,7 @@ class Heartbeat:
         self._hand_over_ns = 0
         self._waiter = DescriptorWaiter()
         self._wake_read, self._wake_write = os.pipe()
+        self._signals: list[int] = []  # a pipe with a byte for each signal
         self._start_ns = time.monotonic_ns()
 
     def stop(self) -> None:
@@ -75,8 +76,16 @@ class Heartbeat:
 
     @contextlib.contextmanager
     def stopped_by_signals(self) -> Iterator[None]:
-        """Let SIGINT, SIGTERM and SIGHUP stop the board in good order, as long as this lasts."""
+        """Let SIGINT, SIGTERM and SIGHUP stop the board in good order, as long as this lasts.
+
+        The system writes into a pipe for each: Python calls a handler between two instructions, so
+        one that comes right before the wait would be heard after it, and an idle board waits long.
+        """
         before = {number: signal.getsignal(number) for number in _ENDINGS}
+        reading, writing = os.pipe()
+        os.set_blocking(writing, False)
+        writing_before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+        self._signals.append(reading)
         try:
             for number in _ENDINGS:
                 signal.signal(number, lambda *_: self.stop())
@@ -84,6 +93,10 @@ class Heartbeat:
         finally:
             for number, handler in before.items():
                 signal.signal(number, signal.SIG_DFL if handler is None else handler)
+            signal.set_wakeup_fd(writing_before)
+            self._signals.remove(reading)
+            os.close(reading)
+            os.close(writing)
 
     def stop_at_eof(self, descriptor: int) -> None:
         """Let the end of a pipe stop the board: whoever held it open has ended, however it did.
@@ -193,7 +206,7 @@ class Heartbeat:
             wait_ns = _LAST_BYTES_NS if wait_ns is None else min(wait_ns, _LAST_BYTES_NS)
         if wait_ns is not None and wait_ns <= 0:
             return  # it is due already: the next turn looks at the port all the same
-        waiting = [self._wake_read, *self._parents, *self._clients, *reading]
+        waiting = [self._wake_read, *self._signals, *self._parents, *self._clients, *reading]
         ready = self._waiter.wait(waiting, writing, _heartbeat_timeout_s(wait_ns))
         if any(client in ready and not os.read(client, _CHUNK) for client in self._clients):
             self._clients.clear()

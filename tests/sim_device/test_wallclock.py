@@ -1,18 +1,23 @@
 """A board on the wall clock: what is left behind when it ends, and descriptors of any number."""
 
+import ctypes
+import operator
 import os
 import resource
+import select
 import signal
 import subprocess
 import sys
 import textwrap
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from dialect_boards import DATA, DialectBoard
+from haptogram.machine.waiter import DescriptorWaiter
 from haptogram_protocol.dialects.autd3.frame import Autd3DeviceFrame
 from haptogram_protocol.dialects.autd3.link import Autd3HostEnd
 from haptogram_protocol.dialects.autd3.messages import Hello, Open, Pose, Write
@@ -26,6 +31,7 @@ from haptogram_protocol.dialects.autd3.operations import (
     Tag,
     TransitionMode,
 )
+from sim_device import wallclock
 from sim_device.board.settings import board_settings
 from sim_device.line.port import BoardPort, PortLostError
 from sim_device.line.pty_port import PtyPort
@@ -125,6 +131,30 @@ def test_the_handlers_are_those_from_before_however_it_ends(own_handlers, way, i
         with pytest.raises(error):
             ended(end)
     assert handlers() == before
+    assert not own_handlers
+
+
+@pytest.mark.parametrize("number", ENDINGS)
+def test_a_signal_right_before_the_wait_ends_it(own_handlers, monkeypatch, number):
+    """Python calls a handler between two instructions: never between the last one and select."""
+    woken, kill = [], ctypes.CDLL(None).kill  # that of os looks for signals
+
+    class LateWaiter(DescriptorWaiter):
+        def wait(self, reading, writing=(), *_):
+            steps = [
+                partial(kill, os.getpid(), number),
+                partial(select.select, reading, writing, [], 30),
+            ]
+            woken.append(list(map(operator.call, steps))[-1][0])  # one instruction of Python
+            return set(woken[-1])
+
+    monkeypatch.setattr(wallclock, "DescriptorWaiter", LateWaiter)
+    monkeypatch.setattr(End, "due_ns", None)
+    heartbeat = heartbeat_on(End(lambda: None))
+    with heartbeat.stopped_by_signals():
+        heartbeat.run()
+    assert len(woken) == 1
+    assert woken[0]
     assert not own_handlers
 
 
