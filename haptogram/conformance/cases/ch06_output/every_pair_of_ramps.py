@@ -20,7 +20,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
 from ...client.playback import play_now, send_phases_to_store_if_supported
 from ...judge.timers import EXACT_US, judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, inconclusive
+from ...outcome import SELF_REPORTED, CaseEndedError, check, inconclusive
 from ..ch12_timers.every_restart import SLOW_US, wait_for_timer
 
 _MS: Final = 1000
@@ -120,6 +120,13 @@ class _FadingTimer:
 
 
 def _judge_pair_of_ramps(board: BoardClient, pair: RampPair) -> None:
+    try:
+        _judge_first_end_of_ramps(board, pair)
+    except CaseEndedError as error:
+        raise CaseEndedError(error.behaviour, f"{pair}: {error}") from None
+
+
+def _judge_first_end_of_ramps(board: BoardClient, pair: RampPair) -> None:
     """FAILED unless the ramp that ends first mutes the board, at its end, and nothing else does."""
     since = board.link.mark()
     with board.counting(timeouts=1):
@@ -132,9 +139,9 @@ def _judge_pair_of_ramps(board: BoardClient, pair: RampPair) -> None:
         left_us = first.end_us - board.clock.device_estimate_us()
         header, _ = judged_mute_by_timer(board, since, left_us + 50 * _MS, first.reason)
     due_ms = first.length_ms + first.ramp_ms
-    judge_mute_time(board, first.began_us, header, due_ms, f"{pair}: {first.reason.name}")
+    judge_mute_time(board, first.began_us, header, due_ms, first.reason.name)
     if board.has(Feature.READ_RADIATED):
-        check(is_board_silent(board), f"{pair}: transducers are driven behind the end")
+        check(is_board_silent(board), "transducers are driven behind the end")
     board.configure()
     board.arm()
     if not board.wire.limits.slack_us or second.end_us - first.end_us < _WATCHED_US:
@@ -142,7 +149,7 @@ def _judge_pair_of_ramps(board: BoardClient, pair: RampPair) -> None:
         board.link.barrier()
     for kind, due in (StateChanged, 1), (PlaybackEnded, int(pair.other is MuteReason.UNATTENDED)):
         got = len(board.link.events(kind, since))
-        check(got == due, f"{pair}: {got} {kind.TYPE.name}, due are {due}")
+        check(got == due, f"{got} {kind.TYPE.name}, due are {due}")
 
 
 def _begin_pair_of_ramps(board: BoardClient, pair: RampPair) -> tuple[_FadingTimer, _FadingTimer]:
@@ -182,6 +189,7 @@ def _undo_one_of_ramps(
     both_us, over_us = max(hold.runs_out_us, other.runs_out_us), min(hold.end_us, other.end_us)
     at_us = hold.began_us + board.clock.on_carrier(_ramp_time_ms(board, _UNDONE_MS) * _MS)
     if pair.undone_by == _LATCH:
+        # A playback latches again before this hold and its ramp are over: the other ends first.
         hold.began_us, hold.ramp_ms = at_us, pair.other_ramp_ms
     else:
         wait_for_timer(board, at_us)
