@@ -10,6 +10,7 @@ from ..outcome import inconclusive, not_observed
 from .request_client import RequestClient
 
 BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
+_TIMES_IN_CARRIER: Final = 3  # in µs
 _SPARE_US: Final = 200  # error of the host's estimate of the device clock, in virtual time
 
 
@@ -98,6 +99,11 @@ class ClockClient:
         ready_us += self._wire.limits.lead_us + 2 * extra_us
         self.require_horizon(ready_us + ahead_us)
         return self.on_carrier(self.device_us() + ready_us) + ahead_us
+
+    def require_times_in_carrier(self) -> None:
+        """End the case as NOT-OBSERVED if a carrier period has no room for three times."""
+        if self.carrier_us < _TIMES_IN_CARRIER:
+            not_observed("a carrier period of this board has no room for three times")
 
     def on_carrier(self, t_us: int) -> int:
         """Return the first multiple of the carrier period at or after *t_us*."""

@@ -4,8 +4,9 @@ import dataclasses
 
 import pytest
 from boards import BAUD, Dying, Wrapped, port, run, virtual
+from identities import identity
 
-from haptogram.conformance.case import Case
+from haptogram.conformance.case import Case, Depth
 from haptogram.conformance.judge.timers import judge_in_time
 from haptogram.conformance.outcome import CaseEndedError, check
 from haptogram.conformance.run.access import VirtualAccess
@@ -13,7 +14,8 @@ from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour, CaseResult, suite_exit_status
 from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder, encode_frame
-from haptogram_protocol.messages import DriveReply, MessageType, build_body, parse_body
+from haptogram_protocol.messages import DriveReply, Feature, MessageType, build_body, parse_body
+from sim_device.board.output import BoardOutput
 
 FEW = ("HG-2", "HG-4.3", "HG-6.2")
 
@@ -66,6 +68,25 @@ def test_a_latch_that_does_not_end_the_ramp_of_the_hold_fails():
     assert result.behaviour is Behaviour.FAILED
     assert result.detail.startswith("a frame at once, ")
     assert result.detail.endswith("the amplitude is 229; the straight line allows 254.0 to 255.0")
+
+
+@pytest.mark.parametrize(
+    ("trace", "behaviour"),
+    [
+        (Feature.TRACE, Behaviour.FAILED),
+        (Feature.TRACE_DRIVE, Behaviour.FAILED),
+        (Feature.TRACE_RING, Behaviour.NOT_OBSERVED),  # empty in the new session
+    ],
+)
+def test_the_first_latches_of_two_sessions_in_one_carrier_period(trace, behaviour, monkeypatch):
+    def boundary_us(output, t_us):
+        return on_carrier(output, t_us) if output.latches else max(t_us, output.now_us)
+
+    on_carrier = BoardOutput.boundary_us
+    monkeypatch.setattr(BoardOutput, "boundary_us", boundary_us)
+    access = identity(carrier_us=1000, features=Feature.CONFIG | trace)
+    [result] = run(access, "HG-5.8/3-session", depth=Depth.DEFAULT).results
+    assert result.behaviour is behaviour, result.detail
 
 
 class Drowsy(Wrapped):

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Phases, Points, TraceMode
+from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Phases, Points
 
 from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import ask_for_board_latches, latches_received_from_board
+from ...client.latching import ask_for_board_latches_if_supported, latches_received_from_board
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, CaseEndedError, check, fail, not_observed
 
@@ -207,8 +207,7 @@ PRODUCT: Final = tuple(_drop_case(drop) for drop in DROPS)
 def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
     board.arm()
     lows = _LOW_FLAGS if board.thorough else _LOW_FLAGS[-1:]
-    traced = board.has(Feature.CONFIG | Feature.TRACE)
-    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
+    mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
     since = board.link.mark()
     for kind in stream_kinds(board):
         timed = lows[-board.identity.queue_depth :]

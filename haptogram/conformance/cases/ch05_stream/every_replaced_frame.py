@@ -20,9 +20,9 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import TRACES
 from ...client.latching import (
     ask_for_board_latches,
+    ask_for_board_latches_if_supported,
     latch_now,
     latches_received_from_board,
     send_to_arrive_at,
@@ -91,10 +91,8 @@ def orders_in_a_period(frames: int) -> list[PeriodOrder]:
     evidence=SELF_REPORTED,
 )
 def every_order_of_times_in_a_period(board: BoardClient) -> None:
-    if board.clock.carrier_us < 3:
-        not_observed("a carrier period of this board has no room for three times")
-    traced = board.has(Feature.CONFIG) and board.identity.features & TRACES
-    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
+    board.clock.require_times_in_carrier()
+    mode = ask_for_board_latches_if_supported(board)
     board.arm()
     orders = [*orders_in_a_period(2), *orders_in_a_period(3)]
     room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
@@ -181,10 +179,8 @@ def _frames_that_replace_nothing(
     evidence=SELF_REPORTED,
 )
 def frames_with_defects_replace_no_frame(board: BoardClient) -> None:
-    if board.clock.carrier_us < 3:
-        not_observed("a carrier period of this board has no room for two times")
-    traced = board.has(Feature.CONFIG) and board.identity.features & TRACES
-    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
+    board.clock.require_times_in_carrier()
+    mode = ask_for_board_latches_if_supported(board)
     board.arm()
     kinds = stream_kinds(board)
     for kind in kinds if board.thorough else kinds[:1]:
