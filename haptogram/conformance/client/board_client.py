@@ -370,9 +370,8 @@ class BoardClient:
             if number != wanted.get(name, number if name in _HARMLESS else 0)
         }
         if differs:
-            names = {**dict.fromkeys(wanted, 0), **differs}
-            due = ", ".join(f"{name} {wanted.get(name, 0)}" for name in names)
-            got = ", ".join(f"{name} {counted[name]}" for name in names)
+            due = ", ".join(f"{name} {wanted.get(name, 0)}" for name in differs)
+            got = ", ".join(f"{name} {number}" for name, number in differs.items())
             fail(f"should count {due}; counted {got}")
 
     def counted_since(self, before: Counters) -> dict[str, int]:
