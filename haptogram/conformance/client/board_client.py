@@ -355,11 +355,11 @@ class BoardClient:
         return dataclasses.replace(status, counters=dataclasses.replace(status.counters, **counted))
 
     @contextlib.contextmanager
-    def counting(self, **wanted: int) -> Iterator[None]:
+    def counting(self, **wanted: int | None) -> Iterator[None]:
         """FAILED unless the counters grew by *wanted* meanwhile, and no counter of an error did.
 
         ``frames`` and ``requests`` are judged where they are named, less the GET_STATUS of this
-        method.
+        method.  None as number: what the counter has to count is asked by a case of its clause.
         """
         before = self.status().counters
         yield
@@ -368,6 +368,7 @@ class BoardClient:
             name: number
             for name, number in counted.items()
             if number != wanted.get(name, number if name in _HARMLESS else 0)
+            and wanted.get(name, 0) is not None
         }
         if differs:
             due = ", ".join(f"{name} {wanted.get(name, 0)}" for name in differs)

@@ -15,6 +15,7 @@ from haptogram.conformance.verdict import Behaviour, CaseResult, suite_exit_stat
 from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import DriveReply, Feature, MessageType, build_body, parse_body
+from sim_device.board.counters import BoardCounters, Drop
 from sim_device.board.output import BoardOutput
 
 FEW = ("HG-2", "HG-4.3", "HG-6.2")
@@ -87,6 +88,19 @@ def test_the_first_latches_of_two_sessions_in_one_carrier_period(trace, behaviou
     access = identity(carrier_us=1000, features=Feature.CONFIG | trace)
     [result] = run(access, "HG-5.8/3-session", depth=Depth.DEFAULT).results
     assert result.behaviour is behaviour, result.detail
+
+
+def test_a_counter_that_is_wrong_fails_the_clause_that_asks_for_it(monkeypatch):
+    def drop(counters, dropped):
+        if dropped is not Drop.STATE:
+            count_drop(counters, dropped)
+
+    count_drop = BoardCounters.drop
+    monkeypatch.setattr(BoardCounters, "drop", drop)
+    asked = ("HG-5.7/1", "HG-6.1", "HG-6.2", "HG-6.4/1", "HG-7.6/1")
+    results = run(virtual(array="3x2"), *asked, depth=Depth.DEFAULT).results
+    failed = [result.case for result in results if result.is_failure]
+    assert failed == ["HG-5.7/1", "HG-5.7/1-fault", "HG-5.7/1-types"]
 
 
 class Drowsy(Wrapped):
