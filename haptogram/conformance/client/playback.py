@@ -118,6 +118,23 @@ def play_at(
     return board.link.reply_in(answer, PlayReply, Play.TYPE)
 
 
+def play_later(
+    board: BoardClient,
+    sequence: int,
+    ahead_us: int,
+    *,
+    loops: int = 0,
+    period_us: int | None = None,
+    unattended_ms: int | None = None,
+) -> PlayReply:
+    """Let a playback wait for its start so far ahead; NOT-OBSERVED if the horizon is nearer."""
+    start_us = board.clock.ahead_us(ahead_us)
+    play = play_request(
+        board, sequence, loops=loops, period_us=period_us, unattended_ms=unattended_ms
+    )
+    return board.link.call(play, PlayReply, time_us=start_us)
+
+
 def play_out(
     board: BoardClient,
     sequence: int,

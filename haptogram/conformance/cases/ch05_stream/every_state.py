@@ -6,13 +6,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Mute, PlayReply, Status
+from haptogram_protocol.messages import Feature, Mute, Status
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, play_request, send_phases_to_store
+from ...client.playback import play_later, play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...judge.timers import judge_status_steps
 from ...outcome import SELF_REPORTED, CaseEndedError, check
@@ -38,8 +38,7 @@ def _playing_at_stream_frame(board: BoardClient) -> None:
 
 def _waiting_at_stream_frame(board: BoardClient) -> None:
     board.arm()
-    play = play_request(board, _SEQUENCE, loops=0, unattended_ms=9_999)
-    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
+    play_later(board, _SEQUENCE, _AHEAD_US, unattended_ms=9_999)
 
 
 def _silent_at_stream_frame(board: BoardClient) -> None:
