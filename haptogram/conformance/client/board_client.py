@@ -181,7 +181,7 @@ class BoardClient:
         self.clock.carrier_us = 1_000_000 // max(1, reply.carrier_hz)
         self.clock.point_time_us = reply.point_time_us
         self.clock.horizon_us = reply.max_horizon_us
-        self.clock.lead_us = self.ready_after_us(reply.max_points)
+        self.clock.lead_us = self.ready_after_us(self.most_points)
         self.link.processed_us = PROCESSED_US + reply.queue_depth * self.clock.lead_us
 
     def ready_after_us(self, points: int = 0) -> int:
@@ -285,7 +285,12 @@ class BoardClient:
 
     @property
     def most_points(self) -> int:
-        """Focal points in one frame, at most: so many does the board take, and has a frame room."""
+        """Focal points in one frame, at most: so many does the board take, and has a frame room.
+
+        0 if the board takes points neither in the stream nor in a sequence.
+        """
+        if not self.identity.features & (Feature.POINTS | Feature.SEQUENCE_POINTS):
+            return 0
         room = (MAX_BODY_BYTES - HEADER_BYTES) // FocalPoint.LAYOUT.size
         return min(self.identity.max_points, room)
 
