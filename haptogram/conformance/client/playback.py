@@ -145,11 +145,12 @@ def play_out(
 ) -> PlaybackEnded:
     """Play a stored sequence of so many frames from now on to its end; FAILED if it has none.
 
-    NOT-OBSERVED if that takes longer than the board plays without a frame from the host.
+    NOT-OBSERVED if that takes longer than the board plays without a frame from the host, or than
+    half a case lasts.
     """
     period_us = period_to_play(board) if period_us is None else period_us
     since, lasts_us = board.link.mark(), frames * loops * period_us
-    _require_unattended_time(board, lasts_us)
+    _require_time_to_play(board, lasts_us)
     alone_ms = max(UNATTENDED_MS, 2 * lasts_us // 1000)
     play_now(board, sequence, loops=loops, period_us=period_us, unattended_ms=alone_ms)
     return await_playback_end(board, since, lasts_us)
@@ -161,7 +162,7 @@ def let_play(board: BoardClient, periods: int) -> None:
     NOT-OBSERVED if that takes longer than the board plays without a frame from the host.
     """
     lasts_us = periods * period_to_play(board)
-    _require_unattended_time(board, lasts_us)
+    _require_time_to_play(board, lasts_us)
     board.wire.idle(lasts_us)
 
 
@@ -170,10 +171,15 @@ def wait_for_no_latch(board: BoardClient, least_us: int) -> None:
     board.wire.idle(max(least_us, 2 * period_to_play(board)))
 
 
-def _require_unattended_time(board: BoardClient, lasts_us: int) -> None:
+def _require_time_to_play(board: BoardClient, lasts_us: int) -> None:
     most_ms = board.identity.max_unattended_ms
     if lasts_us >= 1000 * most_ms:
         not_observed(f"{lasts_us / 1000:g} ms of playback; max_unattended_ms is {most_ms}")
+    if lasts_us > board.wire.limits.case_us // 2:
+        not_observed(
+            f"{lasts_us / 1e6:g} s of playback at {board.identity.max_playback_rate_hz} frames per "
+            f"second; a case lasts {board.wire.limits.case_us / 1e6:g} s at most"
+        )
 
 
 def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> PlaybackEnded:
