@@ -74,6 +74,8 @@ PARTS_OF_FRAMES: Final = (
     "dropped_future",
     "dropped_late",
 )
+#: Time to compute the points of a frame; 250 points at 100 ms outlast every lease and every hold.
+_COMPUTED_US: Final = 100_000
 _STATUS_BYTES: Final = 148  # of a STATUS on the line
 
 
@@ -285,14 +287,16 @@ class BoardClient:
 
     @property
     def most_points(self) -> int:
-        """Focal points in one frame, at most: so many does the board take, and has a frame room.
+        """Focal points in one frame that a case sends, at most.
 
-        0 if the board takes points neither in the stream nor in a sequence.
+        So many does the board take and compute within a tenth of a second, one at least, and has a
+        frame room; 0 if the board takes points neither in the stream nor in a sequence.
         """
         if not self.identity.features & (Feature.POINTS | Feature.SEQUENCE_POINTS):
             return 0
         room = (MAX_BODY_BYTES - HEADER_BYTES) // FocalPoint.LAYOUT.size
-        return min(self.identity.max_points, room)
+        in_time = _COMPUTED_US // max(1, self.identity.point_time_us)
+        return min(self.identity.max_points, room, max(1, in_time))
 
     def has(self, features: Feature) -> bool:
         """Return True if the board advertises all of *features*."""
