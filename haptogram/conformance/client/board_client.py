@@ -49,7 +49,15 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
-from ..outcome import CaseEndedError, RuleFindings, check, fail, inconclusive, unimplemented
+from ..outcome import (
+    CaseEndedError,
+    RuleFindings,
+    check,
+    fail,
+    inconclusive,
+    not_observed,
+    unimplemented,
+)
 from .board_clock import ClockClient
 from .recording import DialogueRecording
 from .request_client import PROCESSED_US, RequestClient
@@ -350,6 +358,17 @@ class BoardClient:
             elements += reply.elements
         return elements
 
+    def within_lease(self, *wires: bytes) -> Iterator[list[bytes]]:
+        """Yield frames in runs of half a lease on the line: a request behind each renews it."""
+        run: list[bytes] = []
+        for wire in wires:
+            run.append(wire)
+            if self.wire.line_us(sum(map(len, run))) > 500 * self.config.host_timeout_ms:
+                yield run
+                run = []
+        if run:
+            yield run
+
     # --- status --------------------------------------------------------------------------------
 
     def status(self) -> StatusReply:
@@ -362,6 +381,13 @@ class BoardClient:
             for name in ("frames", "stale_session")
         }
         return dataclasses.replace(status, counters=dataclasses.replace(status.counters, **counted))
+
+    def require_no_status(self) -> None:
+        """End the case as NOT-OBSERVED if the board sends STATUS, which empties the margins."""
+        if self.config.status_period_ms:
+            not_observed(
+                f"STATUS comes every {self.config.status_period_ms} ms, and begins the margins anew"
+            )
 
     @contextlib.contextmanager
     def counting(self, **wanted: int | None) -> Iterator[None]:

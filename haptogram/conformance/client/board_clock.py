@@ -11,6 +11,7 @@ from .request_client import RequestClient
 
 BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
 _TIMES_IN_CARRIER: Final = 3  # in µs
+_IN_TIME_US: Final = 20_000  # from the readiness of a frame to its t_apply, at most
 _SPARE_US: Final = 200  # error of the host's estimate of the device clock, in virtual time
 
 
@@ -80,6 +81,13 @@ class ClockClient:
         """Return the device time in *ahead_us*; NOT-OBSERVED if that is beyond the horizon."""
         self.require_horizon(ahead_us)
         return self.device_us() + ahead_us
+
+    def can_be_in_time(self, ready_us: int) -> bool:
+        """Return True if a frame that is ready so long after its arrival may come in time.
+
+        A t_apply behind that lies beyond the horizon (HG-5.7/4) of some boards.
+        """
+        return ready_us + _IN_TIME_US <= self.horizon_us
 
     def require_horizon(self, ahead_us: int) -> None:
         """End the case as NOT-OBSERVED if the board takes no t_apply so far ahead (HG-5.7/4)."""

@@ -145,12 +145,11 @@ def play_out(
 ) -> PlaybackEnded:
     """Play a stored sequence of so many frames from now on to its end; FAILED if it has none.
 
-    NOT-OBSERVED if that takes longer than the board plays without a frame from the host, or than
-    half a case lasts.
+    NOT-OBSERVED if that outlasts the board, which is left alone meanwhile, or the case.
     """
     period_us = period_to_play(board) if period_us is None else period_us
     since, lasts_us = board.link.mark(), frames * loops * period_us
-    _require_time_to_play(board, lasts_us)
+    require_time_to_play(board, lasts_us)
     alone_ms = max(UNATTENDED_MS, 2 * lasts_us // 1000)
     play_now(board, sequence, loops=loops, period_us=period_us, unattended_ms=alone_ms)
     return await_playback_end(board, since, lasts_us)
@@ -162,7 +161,7 @@ def let_play(board: BoardClient, periods: int) -> None:
     NOT-OBSERVED if that takes longer than the board plays without a frame from the host.
     """
     lasts_us = periods * period_to_play(board)
-    _require_time_to_play(board, lasts_us)
+    require_time_to_play(board, lasts_us)
     board.wire.idle(lasts_us)
 
 
@@ -171,7 +170,8 @@ def wait_for_no_latch(board: BoardClient, least_us: int) -> None:
     board.wire.idle(max(least_us, 2 * period_to_play(board)))
 
 
-def _require_time_to_play(board: BoardClient, lasts_us: int) -> None:
+def require_time_to_play(board: BoardClient, lasts_us: int) -> None:
+    """End the case as NOT-OBSERVED if a playback of so long outlasts the board or the case."""
     most_ms = board.identity.max_unattended_ms
     if lasts_us >= 1000 * most_ms:
         not_observed(f"{lasts_us / 1000:g} ms of playback; max_unattended_ms is {most_ms}")
@@ -194,6 +194,8 @@ def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> Playbac
 def flood_with_traces(board: BoardClient) -> tuple[int, int]:
     """Latch faster than the line can trace; return the numbers of trace events and of latches.
 
+    NOT-OBSERVED if the board plays so slowly that it is not left alone for so long.
+
     A port of the system may take bytes faster than any line: there the host does not read
     meanwhile, and the traces are more than the buffers on the way hold.
     """
@@ -204,6 +206,7 @@ def flood_with_traces(board: BoardClient) -> tuple[int, int]:
     frames = _FLOOD_FRAMES
     if board.wire.limits.slack_us:
         frames = max(frames, 2 * (_BUFFERS_BYTES // (4 * board.identity.transducers)))
+    require_time_to_play(board, frames * period_us)
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=frames // 2, period_us=period_us)

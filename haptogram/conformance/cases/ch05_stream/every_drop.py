@@ -159,7 +159,8 @@ def judge_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
     """FAILED unless every frame of one kind is dropped, counted once and not answered."""
     waiting, wires = frames_to_drop(board, drop, kind)
     with board.counting(**{drop.counter: len(wires)}, latched=0):
-        board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
+        for run in board.within_lease(*wires):
+            board.link.unanswered(f"{kind.name} {drop.summary}", *run)
         queued = board.status().queued
         if queued != waiting:
             fail(f"{waiting} frames wait, then {queued}")

@@ -112,7 +112,8 @@ def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
                 wires = list(drop.frames(board, kind, 0))
                 try:
                     with board.counting(**{drop.counter: len(wires)}, latched=0, accepted=0):
-                        board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
+                        for run in board.within_lease(*wires):
+                            board.link.unanswered(f"{kind.name} {drop.summary}", *run)
                 except CaseEndedError as error:
                     text = f"{name}, {kind.name} {drop.summary}: {error}"
                     raise CaseEndedError(error.behaviour, text) from None

@@ -42,6 +42,7 @@ _WITH_MARGIN: Final = ("dropped_order", "dropped_full", "dropped_future", "dropp
     evidence=SELF_REPORTED,
 )
 def status_margins_outlive_requests(board: BoardClient) -> None:
+    board.require_no_status()
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     messages = [m for m in valid_requests_to_send(board, _SEQUENCE) if not isinstance(m, GetStatus)]
     every: list[Message] = [Mute(), Arm(), *messages, board.hello_message(board.new_nonce())]

@@ -72,6 +72,7 @@ def status_begins_with_nothing(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def status_tells_margins(board: BoardClient) -> None:
+    board.require_no_status()
     board.arm()
     board.status()
     empty = board.status()
@@ -115,6 +116,7 @@ def _check_margins(
     evidence=SELF_REPORTED,
 )
 def status_tells_wide_margins(board: BoardClient) -> None:
+    board.require_no_status()
     board.arm()
     good = board.shortest_stream()
     most_us = 2**31 - 60_000_000
@@ -146,6 +148,7 @@ def status_tells_wide_margins(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def status_margins_count_from_ready(board: BoardClient) -> None:
+    board.require_no_status()
     board.arm()
     kinds: list[tuple[Message, int]] = [(board.flat_phases(), 0)]
     if board.has(Feature.POINTS):
