@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import random
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
@@ -358,16 +359,19 @@ class BoardClient:
             elements += reply.elements
         return elements
 
-    def within_lease(self, *wires: bytes) -> Iterator[list[bytes]]:
-        """Yield frames in runs of half a lease on the line: a request behind each renews it."""
-        run: list[bytes] = []
-        for wire in wires:
-            run.append(wire)
-            if self.wire.line_us(sum(map(len, run))) > 500 * self.config.host_timeout_ms:
-                yield run
-                run = []
-        if run:
-            yield run
+    def within_timers(self, wires: Iterable[bytes]) -> list[bytes]:
+        """Return the first of *wires*, one at least, that the line brings before a timer ends.
+
+        Lease and hold of a board without CONFIG are short, and so may be its unattended time.
+        """
+        timers_ms = (self.config.hold_ms, self.config.host_timeout_ms)
+        least_us = 500 * min(*timers_ms, self.identity.max_unattended_ms)
+        sizes = itertools.accumulate(map(len, wires := list(wires)))
+        return [
+            wire
+            for place, (wire, size) in enumerate(zip(wires, sizes, strict=True))
+            if place == 0 or self.wire.line_us(size) <= least_us
+        ]
 
     # --- status --------------------------------------------------------------------------------
 

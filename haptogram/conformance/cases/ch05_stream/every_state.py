@@ -109,11 +109,10 @@ def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
                 board.link.ask(Mute())
                 board.arm()
                 bring()  # anew: on a slow line its timers would end meanwhile
-                wires = list(drop.frames(board, kind, 0))
+                wires = board.within_timers(drop.frames(board, kind, 0))
                 try:
                     with board.counting(**{drop.counter: len(wires)}, latched=0, accepted=0):
-                        for run in board.within_lease(*wires):
-                            board.link.unanswered(f"{kind.name} {drop.summary}", *run)
+                        board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
                 except CaseEndedError as error:
                     text = f"{name}, {kind.name} {drop.summary}: {error}"
                     raise CaseEndedError(error.behaviour, text) from None

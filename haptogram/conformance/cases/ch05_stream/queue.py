@@ -16,6 +16,7 @@ from ...client.latching import (
 from ...client.stream_kinds import points_of_stream_kind
 from ...outcome import SELF_REPORTED, check, not_observed
 
+_STATUS_BYTES: Final = 200  # of a STATUS_REPLY and of its request on the line, at most
 _DEEPEST: Final = 512
 _MAX_LATE_US: Final = 100_000  # HG-7.1
 
@@ -104,7 +105,7 @@ def queue_holds_its_depth(board: BoardClient) -> None:
     good = board.shortest_stream()
     size = len(board.link.stream_wire(good, 0, seq=0))
     points = points_of_stream_kind(good) * (depth + 1)
-    start_us = board.clock.soon_us(bytes(size * (depth + 1)), points=points)
+    start_us = board.clock.soon_us(bytes(size * (depth + 1) + _STATUS_BYTES), points=points)
     if start_us + 1000 * depth > board.clock.device_us() + board.identity.max_horizon_us:
         not_observed(f"this line or board takes too long to fill a queue of {depth} frames")
     with board.counting(dropped_full=1, latched=depth):

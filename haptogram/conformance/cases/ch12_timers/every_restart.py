@@ -263,6 +263,8 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
     for stream_kind in kinds:
         yield stream_kind.name, partial(_stream_frame_that_renews, board, stream_kind)
     for drop in DROPS:
+        if not any(drop.frames(board, kinds[0], 0)):
+            continue
         if drop.armed and not drop.queued and drop.counter != "stale_session":
             yield (
                 f"a frame {drop.summary}",
