@@ -83,8 +83,8 @@ PARTS_OF_FRAMES: Final = (
     "dropped_future",
     "dropped_late",
 )
-#: Time to compute the points of a frame; 250 points at 100 ms outlast every lease and every hold.
-_COMPUTED_US: Final = 100_000
+#: Time in which the points of a frame are computed, or come: more outlast leases and holds.
+_POINTS_US: Final = 100_000
 _STATUS_BYTES: Final = 148  # of a STATUS on the line
 
 
@@ -134,7 +134,7 @@ class BoardClient:
     """
 
     identity: HelloReply
-    config: Config
+    config: Config = Config()
     thorough: bool = True
     explore_us: int = 0
     correction: bytes | None = None
@@ -198,6 +198,10 @@ class BoardClient:
     def ready_after_us(self, points: int = 0) -> int:
         """Return the time from the arrival of a frame of so many points until it is ready."""
         return self.identity.latch_lead_us + points * self.identity.point_time_us
+
+    def late_time_us(self, late_us: int) -> int:
+        """Return the t_apply at which a drive that is sent now is ready so late."""
+        return self.clock.device_us() + self.ready_after_us() - late_us
 
     def prepare(self) -> None:
         """Open a session with the board DISARMED and quiet, as every case begins.
@@ -298,13 +302,15 @@ class BoardClient:
     def most_points(self) -> int:
         """Focal points in one frame that a case sends, at most.
 
-        So many does the board take and compute within a tenth of a second, one at least, and has a
-        frame room; 0 if the board takes points neither in the stream nor in a sequence.
+        A board takes so many, a frame has room for them, and they come and are computed within a
+        tenth of a second each, one at least; 0 if the board takes points neither in the stream nor
+        in a sequence.
         """
         if not self.identity.features & (Feature.POINTS | Feature.SEQUENCE_POINTS):
             return 0
         room = (MAX_BODY_BYTES - HEADER_BYTES) // FocalPoint.LAYOUT.size
-        in_time = _COMPUTED_US // max(1, self.identity.point_time_us)
+        point_us = max(1, self.identity.point_time_us, self.wire.line_us(FocalPoint.LAYOUT.size))
+        in_time = _POINTS_US // point_us
         return min(self.identity.max_points, room, max(1, in_time))
 
     def has(self, features: Feature) -> bool:

@@ -92,7 +92,7 @@ class ClockClient:
         return ready_us + _IN_TIME_US <= self.horizon_us
 
     def beyond_us(self, least_us: int) -> int | None:
-        """Return how far ahead a t_apply lies that is *least_us* beyond the horizon.
+        """Return the time from now to a t_apply *least_us* beyond the horizon.
 
         None if there is none: what is later than 2^31 µs ahead has passed (HG-5.7/7).
         """

@@ -88,7 +88,7 @@ def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
             board.arm()
             board.wire.idle(board.clock.carrier_us + 7)  # another moment of the carrier period
             before = board.status().counters
-            late_us = board.clock.device_us() - 1000
+            late_us = board.late_time_us(1000)
             board.link.send(board.link.stream_wire(board.flat_phases(), late_us) + make())
             if name.startswith("HELLO"):
                 board.hello()  # behind that HELLO, whose session is not ours

@@ -66,7 +66,7 @@ def status_is_never_late(board: BoardClient) -> None:
     board.configure(late_window_us=100_000, status_period_ms=period_ms, trace_mode=trace)
     board.arm()
     since = board.link.mark()
-    late_us = board.clock.device_us() - 5000
+    late_us = board.late_time_us(5000)
     board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
     board.clock.wait_latched(4000)
     board.wire.idle(1200 * period_ms + board.wire.limits.slack_us)
