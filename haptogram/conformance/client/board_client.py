@@ -83,8 +83,9 @@ PARTS_OF_FRAMES: Final = (
     "dropped_future",
     "dropped_late",
 )
-#: Time in which the points of a frame are computed, or come: more outlast leases and holds.
-_POINTS_US: Final = 100_000
+#: Times in which the points of a frame come and are computed: more outlast leases and holds.
+_CARRIED_US: Final = 20_000
+_COMPUTED_US: Final = 100_000
 _STATUS_BYTES: Final = 148  # of a STATUS on the line
 
 
@@ -302,16 +303,16 @@ class BoardClient:
     def most_points(self) -> int:
         """Focal points in one frame that a case sends, at most.
 
-        A board takes so many, a frame has room for them, and they come and are computed within a
-        tenth of a second each, one at least; 0 if the board takes points neither in the stream nor
-        in a sequence.
+        A board takes so many, a frame has room for them, the line carries them in 20 ms and the
+        board computes them in 100 ms, one at least; 0 if the board takes points neither in the
+        stream nor in a sequence.
         """
         if not self.identity.features & (Feature.POINTS | Feature.SEQUENCE_POINTS):
             return 0
         room = (MAX_BODY_BYTES - HEADER_BYTES) // FocalPoint.LAYOUT.size
-        point_us = max(1, self.identity.point_time_us, self.wire.line_us(FocalPoint.LAYOUT.size))
-        in_time = _POINTS_US // point_us
-        return min(self.identity.max_points, room, max(1, in_time))
+        computed = _COMPUTED_US // max(1, self.identity.point_time_us)
+        carried = _CARRIED_US // max(1, self.wire.line_us(FocalPoint.LAYOUT.size))
+        return min(self.identity.max_points, room, max(1, computed), max(1, carried))
 
     def has(self, features: Feature) -> bool:
         """Return True if the board advertises all of *features*."""

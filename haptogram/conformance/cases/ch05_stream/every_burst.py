@@ -93,9 +93,8 @@ def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
             if name.startswith("HELLO"):
                 board.hello()  # behind that HELLO, whose session is not ours
             else:
-                board.clock.wait_latched(1000)
-            in_time_us = late_us + _WINDOW_US - board.ready_after_us()
-            board.clock.require_in_time(in_time_us, board.clock.device_us())
+                board.clock.wait_latched(1000, board.ready_after_us())
+            board.clock.require_in_time(late_us + _WINDOW_US, board.clock.device_us())
             counted = board.counted_since(before)
             if name.startswith("MUTE") and counted["dropped_state"] == 1:
                 continue  # MUTE has overtaken the frame: HG-3.8/4

@@ -268,7 +268,8 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
     board.arm()
     most_us = board.identity.max_horizon_us - _AHEAD_US
     lengths = [(1 << bits) + _OVER_US for bits in range(16, 31)]
-    ahead_us = [us for us in lengths if us < most_us][: board.identity.queue_depth]
+    least_us = board.ready_after_us() + _LOOK_US
+    ahead_us = [us for us in lengths if least_us < us < most_us][: board.identity.queue_depth]
     if not ahead_us:
         not_observed(f"max_horizon_us is {board.identity.max_horizon_us}: no wait of 2^16 µs fits")
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))

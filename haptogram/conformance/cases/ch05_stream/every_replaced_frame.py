@@ -258,7 +258,8 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
     for name, flush in _FLUSHES.items():
         if flush is _flush_by_playback and not plays:
             continue
-        t_us = board.clock.soon_us(bytes(8000), ahead_us=2 * PERIOD_US)
+        ready_us = board.ready_after_us()  # of a frame that flushes
+        t_us = board.clock.soon_us(bytes(8000), ahead_us=2 * PERIOD_US + ready_us)
         for later_us in (0, apart_us, 2 * apart_us):
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + later_us - apart_us))
         board.link.barrier()  # or MUTE may overtake them
@@ -266,7 +267,7 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
         before = board.status()
         check(before.queued == 0, f"{before.queued} frames wait behind {name}")
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us - 2 * apart_us))
-        board.clock.require_in_time(t_us - 3 * apart_us)
+        board.clock.require_in_time(t_us - 3 * apart_us - ready_us)
         board.clock.wait_until(t_us + _STEP_US)
         counted = board.counted_since(before.counters)
         got = tuple(counted[counter] for counter in _COUNTERS)
