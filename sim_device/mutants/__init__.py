@@ -21,14 +21,15 @@ from . import (
     latching,
     output,
     points,
-    ramps,
     readiness,
     repetition,
     replies,
     session,
+    single_moments,
+    single_timers,
+    single_types,
 )
 from .mutant import Mutant, mutants_by_name
-from .single import moments, timers, types
 
 _PARTS: Final = (
     framing,
@@ -40,11 +41,10 @@ _PARTS: Final = (
     readiness,
     points,
     output,
-    ramps,
     effects,
-    types,
-    moments,
-    timers,
+    single_types,
+    single_moments,
+    single_timers,
 )
 
 MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(

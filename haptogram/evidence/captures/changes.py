@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 _Floats: TypeAlias = NDArray[np.float64]
 #: An edge is seen up to one sample late, so the distance of two is wrong by less than one.
 SAMPLES_OF_CHANGE: Final = 1.5
+#: Median distances from the median, beyond which jitter explains none: five standard deviations.
+_MOST_SPREADS: Final = 7.5
 #: Periods without a pulse after which a channel counts as silent.
 _SILENT_PERIODS: Final = 1.6
 
@@ -62,7 +64,8 @@ class LatchFound:
 def captured_carrier_period(rises: _Floats, sample: float) -> float:
     """Return the period of a carrier in ticks, from the (P,) *rises* of its pulses.
 
-    Distances that differ from the median by more than *sample* ticks have a latch between them.
+    Distances that differ from the median by more than *sample* ticks, and by more than they
+    scatter, have a latch between them.
 
     Examples
     --------
@@ -73,7 +76,8 @@ def captured_carrier_period(rises: _Floats, sample: float) -> float:
     distances = np.diff(rises)
     if not len(distances):
         return 0.0
-    near = np.abs(distances - np.median(distances)) <= SAMPLES_OF_CHANGE * sample
+    away = np.abs(distances - np.median(distances))
+    near = away <= max(SAMPLES_OF_CHANGE * sample, _MOST_SPREADS * float(np.median(away)))
     return float(distances[near].mean())
 
 

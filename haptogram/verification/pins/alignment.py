@@ -41,14 +41,14 @@ class PinAlignment:
         Of the two clocks.
     turn_rad : float
         Phase of the pins against the drives; of a reference that is an element, a first guess.
-    is_fine : bool
-        Whether changes of the drive gave the offset; else it is known to a cell.
+    within : float
+        Periods by which the offset may be wrong: a cell, unless changes of the drive gave it.
     """
 
     offset: float
     rate: float
     turn_rad: float
-    is_fine: bool = False
+    within: float = 0.0
 
     def shifted(self, periods: float) -> PinAlignment:
         """Return the alignment of a run that begins so much later."""
@@ -91,7 +91,7 @@ def align_pins_to_run(record: PinRecord, run: PinRunDrives, rate: float) -> Iter
     for _ in range(_PLACES):
         best = int(heights.argmax())
         shift = best if best < len(seen) else best - size
-        found = PinAlignment(shift * cell, rate, float(np.angle(total[best])))
+        found = PinAlignment(shift * cell, rate, float(np.angle(total[best])), cell)
         yield _refined_alignment(record, run, found)
         heights[np.arange(best - near, best + near + 1) % size] = 0.0
 
@@ -163,7 +163,7 @@ def _refined_alignment(record: PinRecord, run: PinRunDrives, found: PinAlignment
             return _align_by_latch_pin(record, run, found)
         by_frame = np.nanmedian(late[known], axis=1)
         shift = _mode_of_alignment(by_frame, _NEAR_PERIODS)
-        found = replace(found, offset=found.offset + shift, is_fine=True)
+        found = replace(found, offset=found.offset + shift, within=0.0)
         if number:
             found = _alignment_with_rate(run.starts[known], by_frame - shift, found)
     return found
@@ -181,9 +181,7 @@ def _align_by_latch_pin(record: PinRecord, run: PinRunDrives, found: PinAlignmen
     near = nearest[np.abs(nearest) < run.gap / 2.0]
     if not len(near):
         return found
-    return replace(
-        found, offset=found.offset + _mode_of_alignment(near, _NEAR_PERIODS), is_fine=True
-    )
+    return replace(found, offset=found.offset + _mode_of_alignment(near, _NEAR_PERIODS), within=0.0)
 
 
 def _alignment_with_rate(starts: FloatArray, late: FloatArray, found: PinAlignment) -> PinAlignment:

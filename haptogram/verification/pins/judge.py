@@ -39,6 +39,7 @@ _NEARLY_ALL: Final = 0.9
 _NEAR_RAD: Final = 2.0 * phase_step_rad(8)  # a board may be off by, which shows this run
 _FITTING_SHARE: Final = 0.25  # of the pins that show this run in nearly all frames: no chance
 _FEWEST_FITTING: Final = 3
+_FEWEST_AGREEING: Final = 2  # drives, beyond those that agree by chance
 _MOST_DRIFT_PPM: Final = 1000.0
 _SAMPLES_OF_8_BITS: Final = 512.0  # of a period: one is half a step
 
@@ -116,7 +117,8 @@ class _PinJudge:
 
     @cached_property
     def _late_frames(self) -> NDArray[np.intp]:
-        return np.flatnonzero((self.shown.late > LATE_PERIODS) & self.shown.seen)
+        shown = self.shown
+        return np.flatnonzero((shown.late > LATE_PERIODS) & (shown.seen | shown.blurred))
 
     @property
     def _period_us(self) -> float:
@@ -173,6 +175,12 @@ class _PinJudge:
         if not judged.any():
             self.missing.append("no frame of the run is in the capture as a whole")
             return False
+        if not self._tells_more_than_chance(judged):
+            self.missing.append(
+                "the capture does not show this run for certain: too few of its drives differ; "
+                "capture more pins, or more frames"
+            )
+            return False
         if self._share_near(judged) >= FIT_SHARE or self._pins_that_fit(judged) is not None:
             return True
         wrong = np.flatnonzero(~right[judged].all(axis=0)).tolist()
@@ -189,6 +197,32 @@ class _PinJudge:
             "intended ones; another run, another map, or nearly every pin is wrong"
         )
         return False
+
+    def _tells_more_than_chance(self, judged: Bools) -> bool:
+        """Return True if nothing is wrong, or more drives agree than what any sound would show.
+
+        Any two pins that sound agree with a run in one phase, and a pin with itself in one drive.
+        """
+        drives, run = self.shown.drives, self.run
+        frames = np.flatnonzero(judged)
+        if self.shown.right[frames].all():
+            return True
+        reference = self.record.reference_element
+        own = None if reference is None else run.elements.index(reference)
+        agreeing = int((self.shown.right[frames].mean(axis=0) >= FIT_SHARE).sum()) - 1
+        for place in range(len(run.elements)):
+            errors = drives.errors_rad(run.weights[:, place], place)[frames]
+            known = frames[np.isfinite(errors)]
+            if place == own or not len(known):
+                continue
+            errors = errors[np.isfinite(errors)]
+            limit = float(np.median(drives.limit_rad[known, place]))
+            near = np.abs(wrapped_pin_angles(errors - pins_phase(errors, limit))) <= limit
+            codes = run.weights[known[near], place]
+            if own is not None:
+                codes = codes * np.conj(run.weights[known[near], own])
+            agreeing += len(np.unique(np.round(codes, 3))) - 1
+        return agreeing >= _FEWEST_AGREEING
 
     def _share_near(self, judged: Bools) -> float:
         """Return the share of drives that no other run shows: right, or off by a step or two."""
@@ -269,7 +303,8 @@ class _PinJudge:
         turns = self._turns_rad
         if turns is None:
             return
-        frames = np.flatnonzero(judged & np.isfinite(turns))
+        in_time = self.shown.late <= LATE_PERIODS  # the mean of a late frame may hold two drives
+        frames = np.flatnonzero(judged & np.isfinite(turns) & in_time)
         away = wrapped_pin_angles(turns[frames] - pins_phase(turns[frames], self._limits.phase_rad))
         limit = 2.0 * self._limits.phase_rad + self.run.allowed_rad[frames]
         for place in np.flatnonzero(np.abs(away) > limit):

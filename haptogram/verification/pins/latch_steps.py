@@ -6,6 +6,7 @@ fewest pulses disagree, so that a glitch is no latch.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,6 +22,8 @@ from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 _SAMPLES: Final = 8.0
 _LEAST_DISTANCE: Final = 0.06
 _LATCH: Final = 1.25  # periods: a pulse that begins so long before a frame is none of it
+_UNCLEAR: Final = 0.1  # share of pulses on the wrong side of a step
+_FAINT: Final = 4.0  # samples of a pulse: a shorter one may not be seen
 _LEAD: Final = 4.0  # periods by which the search begins and ends earlier
 
 
@@ -79,6 +82,7 @@ def pin_steps(
     after, first = np.full(shape, np.nan), np.full(shape, np.nan)
     inside = np.zeros(shape, np.bool_)
     turns = np.exp(1j * np.broadcast_to(turn_rad, (run.count,)))
+    faint = math.sin(math.pi * _FAINT / record.samples)
     for place, element in enumerate(run.elements):
         wanted = run.weights[:, place] * turns
         old = np.where(before >= 0, run.weights[before, place], 0.0) * turns
@@ -93,6 +97,7 @@ def pin_steps(
             told,
             old,
             wanted,
+            faint,
             (after[:, place], first[:, place], inside[:, place]),
         )
     unknown = _frames_after_other_sound(record, run, lows, starts) & (before < 0)
@@ -122,6 +127,7 @@ def _step_of_pin(
     told: Bools,
     old: ComplexArray,
     wanted: ComplexArray,
+    faint: float,
     found: tuple[FloatArray, FloatArray, Bools],
 ) -> None:
     """Write the steps of one pin into its columns of *found*."""
@@ -149,7 +155,12 @@ def _step_of_pin(
     after[frames] = np.where(some_old, centres[pulses[np.maximum(lasting, 0)]], lows[frames])
     following = np.minimum(lasting + 1, len(pulses) - 1)
     first[frames] = np.where(some_new, centres[pulses[following]], highs[frames])
-    begun, ended = np.abs(old[frames]) == 0.0, np.abs(wanted[frames]) == 0.0
+    begun, ended = np.abs(old[frames]) <= faint, np.abs(wanted[frames]) <= faint
     after[frames[begun]] = np.maximum(after[frames], first[frames] - 1.0)[begun]
     first[frames[ended]] = (after[frames] + 1.0)[ended]
+    olds = np.add.reduceat(is_old.astype(np.int64), offsets)
+    olds_before = np.where(none, 0, (number + tops) // 2)
+    against = (number - olds_before) + (olds - olds_before)
+    is_clear = against <= 1 + _UNCLEAR * sizes
     inside[frames] = (some_old | begun) & (some_new | ended) & (after[frames] < highs[frames] - 1.5)
+    inside[frames] &= is_clear

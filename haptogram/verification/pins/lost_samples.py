@@ -9,15 +9,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from haptogram.acoustics.arrays import FloatArray
 from haptogram.records.pins import PinRecord
 
-from .pin_weights import wrapped_pin_angles
+from .missing_stretch import MissingStretch, missing_stretch_of_capture
 from .run_drives import Bools, PinRunDrives
-from .shared_phase import shared_turns_of_pins
-from .shown_frames import LATE_PERIODS, FramesShownByPins, PinCaptureLimits, frames_shown_by_pins
+from .shown_frames import LATE_PERIODS, FramesShownByPins, frames_shown_by_pins
 
 _MOST: Final = 8  # places at which samples are missing that are sought
 _BEFORE: Final = 0.5  # periods of a frame that its drive is not judged in
@@ -32,23 +29,50 @@ _NEAR: Final = 3  # frames behind a wrong one in which the phase is right again
 def frames_before_lost_samples(
     record: PinRecord, run: PinRunDrives
 ) -> tuple[PinRecord, FramesShownByPins]:
-    """Return a capture up to where samples are missing, and the frames that it shows.
+    """Return the part of a capture beside which samples are missing, and the frames that it shows.
 
-    A capture with a clock of the carrier is returned as it is: there the clock itself jumps.
+    A clock of the carrier jumps itself where samples are missing, unless they are those of a whole
+    number of periods: then the frames alone tell, as they do beside an element.
     """
     shown = frames_shown_by_pins(record, run)
+    begin = 0.0
     for _ in range(_MOST):
         end = _end_before_lost_samples(record, run, shown)
+        at = end
         if end is None:
-            break
-        at_ms = end * record.period_s * 1e3
-        why = (
-            f"samples are missing behind {at_ms:.3f} ms, where all pins jump together or the "
-            "frames go on too early: capture at a lower rate, fewer channels, or with another cable"
-        )
-        record = record.between(0.0, end, why)
+            found = _missing_stretch(record, run, shown)
+            if found is None:
+                break
+            at = found.at
+            begin, end = (at, record.end) if found.is_before_run else (begin, at)
+        assert at is not None
+        record = record.between(begin, end, _why_samples_are_missing(record, at, begin))
         shown = frames_shown_by_pins(record, run)
     return record, shown
+
+
+def _why_samples_are_missing(record: PinRecord, at: float, begin: float) -> str:
+    side = "before" if at == begin else "behind"
+    where = f"samples are missing {side} {at * record.period_s * 1e3:.3f} ms, where "
+    if record.reference_element is not None:
+        return where + (
+            "all pins jump together or the frames go on too early: capture at a lower rate, fewer "
+            "channels, or with another cable; beside the clock of the carrier fewer are mistaken"
+        )
+    return where + (
+        "the frames go on too early by whole periods: a board that latches early from there on "
+        "looks the same; capture again to know"
+    )
+
+
+def _missing_stretch(
+    record: PinRecord, run: PinRunDrives, shown: FramesShownByPins
+) -> MissingStretch | None:
+    judged = shown.seen & ~shown.lost
+    if not judged.any():
+        return None
+    fitting = shown.right[judged].mean(axis=0) >= _HALF
+    return missing_stretch_of_capture(record, run, shown, fitting)
 
 
 def _end_before_lost_samples(
@@ -65,8 +89,6 @@ def _end_before_lost_samples(
     if not fitting.any() or not len(wrong):
         return None
     first, last = int(wrong[0]), int(wrong[-1])
-    if _turns_jump_at(record, run, shown, right, first):
-        return float(shown.starts[first]) - _BEFORE
     end = float(shown.starts[first])
     behind = frames_shown_by_pins(record.between(end, record.end, ""), run)
     if _shows_part_of_run(behind, fitting) and _periods_ahead(run, behind, shown) > _LEAST_SHIFT:
@@ -116,34 +138,3 @@ def _periods_ahead(run: PinRunDrives, part: FramesShownByPins, whole: FramesShow
         away = np.concatenate([starts[behind] - times, starts[np.maximum(behind - 1, 0)] - times])
         ahead.append(away[np.abs(away).argmin()])
     return float(np.median(ahead))
-
-
-def _turns_jump_at(
-    record: PinRecord, run: PinRunDrives, shown: FramesShownByPins, right: Bools, frame: int
-) -> bool:
-    """Return True if the phase that all pins share is another one behind a wrong *frame*.
-
-    The analyser's clock turns it too, but by as much in every period.
-    """
-    turns = shared_turns_of_pins(record, run, shown)
-    right = right & np.isfinite(turns)
-    before = np.flatnonzero(right[:frame])
-    after = frame + np.flatnonzero(right[frame : frame + 1 + _NEAR])
-    if not len(before) or not len(after):
-        return False
-
-    def turned(first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
-        return wrapped_pin_angles(turns[second] - turns[first])
-
-    def lasting(first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
-        return shown.starts[second] - shown.starts[first]
-
-    firsts = np.flatnonzero(right[1:] & right[:-1])
-    drift, spread = 0.0, 0.0
-    if len(firsts):
-        drift = float(np.median(turned(firsts, firsts + 1) / lasting(firsts, firsts + 1)))
-        rest = turned(firsts, firsts + 1) - drift * lasting(firsts, firsts + 1)
-        spread = float(np.median(np.abs(rest)))
-    limit = max(2.0 * PinCaptureLimits.of(record).phase_rad, _MOST_SPREADS * spread)
-    jump = turned(before[-1:], after[:1]) - drift * lasting(before[-1:], after[:1])
-    return bool(np.abs(wrapped_pin_angles(jump))[0] > limit)

@@ -135,7 +135,7 @@ class PinVerdict:
     @property
     def scope(self) -> str:
         """Extent of the capture, in words."""
-        return captured_elements_text(len(self.elements), self.array_count)
+        return f"{len(self.elements)} of {self.array_count} elements"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict for JSON; angles are in degrees."""
@@ -165,11 +165,6 @@ class PinVerdict:
             "events": list(self.events),
             "notes": list(self.notes),
         }
-
-
-def captured_elements_text(captured: int, count: int) -> str:
-    """Return "3 of 64 elements", and "all 64 elements" where all were captured."""
-    return f"all {count} elements" if captured == count else f"{captured} of {count} elements"
 
 
 def _degrees_in_pin_verdict(angle_rad: float | None) -> float | None:
@@ -211,7 +206,10 @@ def pin_verdict_lines(pins: PinVerdict) -> Iterator[str]:
             f"{limits.amplitude:.4f} pass"
         )
     if pins.mute_periods is not None:
-        yield f"  mute      all pins within {pins.mute_periods + 1.0:.1f} periods of the carrier"
+        yield (
+            f"  mute      all pins fall silent, {pins.mute_periods:.1f} periods or more apart; "
+            "1 passes"
+        )
     if pins.after_mute_periods is not None:
         yield (
             f"  mute      the last pulse begins {pins.after_mute_periods:+.2f} periods after MUTE "

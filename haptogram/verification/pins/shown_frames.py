@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -31,8 +31,15 @@ _LAST_PERIODS: Final = 7.0  # of a frame: a latch so late shows nothing that can
 _LATCH_PERIODS: Final = 1.5  # in which all pins latch: one, and a pulse that the latch cut
 _EARLY_PINS: Final = 0.25  # share of the pins that may latch before a frame counts as latched
 _ROUNDING_RAD: Final = 1e-4
+_MOST_JITTER_RAD: Final = math.pi / 256.0  # of a mean: half a step of 8 bits
+_SHARES: Final = 51  # of a mixture of two drives that are tried
+_SHORT_FRAME: Final = 12.0  # periods: of a shorter one too few are left when it comes late
+_MOST_BLURRED: Final = 0.5  # between two drives that single pulses may not tell apart
 _SHIFTS: Final = (-1, 1, -2, 2, -3, 3)  # frames by which a correlation may be off
 _LATCH_SLACK: Final = 2.0  # periods by which a latch may seem to be early
+_SHORT_RUN: Final = 64  # frames: of a shorter one every shift is tried
+_PREFERS_RIGHT: Final = 2  # power: some drives that are right count more than many that are wrong
+_NO_RUN: Final = FIT_SHARE**_PREFERS_RIGHT / 2.0
 _GOOD_SHARE: Final = 0.98  # of right drives: no other shift is tried
 
 
@@ -81,6 +88,8 @@ class FramesShownByPins:
         Frames during which the pins kept the drive of the one before, or that the latch pin lacks.
     late : (F,) numpy.ndarray
         By how much later than most a frame was latched; 0: not known.
+    blurred : (F,) numpy.ndarray of bool
+        Frames whose mean is of two drives, as no pulse tells when one became the other.
     """
 
     starts: FloatArray
@@ -89,11 +98,12 @@ class FramesShownByPins:
     steps: PinSteps
     lost: Bools
     late: FloatArray
+    blurred: Bools
 
     @cached_property
     def seen(self) -> Bools:
         """(F,) whether all pins show the frame for long enough."""
-        seen: Bools = np.asarray(np.isfinite(self.drives.weights).all(axis=1))
+        seen: Bools = np.isfinite(self.drives.weights).all(axis=1) & ~self.blurred
         return seen
 
     @cached_property
@@ -129,11 +139,76 @@ def frames_shown_by_pins(record: PinRecord, run: PinRunDrives) -> FramesShownByP
     starts, ends = found.starts(run), found.ends(run)
     lost, before = _frames_lost_on_pins(record, _pin_drives(record, run, found, limits, each=False))
     weights = pin_weights_of_frame(record, run, starts, ends).weights
-    turns = common_turns_of_pins(record, run, weights, limits.phase_rad)
-    steps = pin_steps(record, run, starts, ends, before, turns)
-    drives = _pin_drives(record, run, found, limits, steps, before)
+    steps, drives = _steps_and_drives(record, run, found, limits, weights, before, each=True)
+    if not drives.all_right().all() and record.reference_element is None:
+        # Two drives, the means of a late frame, may share a phase by chance.
+        plain = _steps_and_drives(record, run, found, limits, weights, before, each=False)
+        steps, drives = _nearer_frames_on_pins((steps, drives), plain)
     lost |= _pins_without_latch(record, starts, ends) & ~steps.is_inside.any(axis=1)
-    return FramesShownByPins(starts, ends, drives, steps, lost, _pin_lateness(steps, lost))
+    late = _pin_lateness(steps, lost)
+    blurred = _frames_blurred_on_pins(drives, lost, late)
+    return FramesShownByPins(starts, ends, drives, steps, lost, late, blurred)
+
+
+def _steps_and_drives(
+    record: PinRecord,
+    run: PinRunDrives,
+    found: PinAlignment,
+    limits: PinCaptureLimits,
+    weights: ComplexArray,
+    before: NDArray[np.int64],
+    *,
+    each: bool,
+) -> tuple[PinSteps, PinDrives]:
+    """Return the steps, and the drives from them on; *each* frame may have its own phase."""
+    starts, ends = found.starts(run), found.ends(run)
+    turns = common_turns_of_pins(record, run, weights, limits.phase_rad, each=each)
+    steps = pin_steps(record, run, starts, ends, before, turns)
+    return steps, _pin_drives(record, run, found, limits, steps, before, each=each)
+
+
+def _nearer_frames_on_pins(
+    own: tuple[PinSteps, PinDrives], plain: tuple[PinSteps, PinDrives]
+) -> tuple[PinSteps, PinDrives]:
+    """Return, frame by frame, the steps and drives of which more are right."""
+    better = plain[1].all_right().sum(axis=1) > own[1].all_right().sum(axis=1)
+    chosen = better[:, None]
+    steps = PinSteps(
+        np.where(chosen, plain[0].after, own[0].after),
+        np.where(chosen, plain[0].before, own[0].before),
+        np.where(chosen, plain[0].is_inside, own[0].is_inside),
+    )
+    weights = np.where(chosen, plain[1].weights, own[1].weights)
+    limit_rad = np.where(chosen, plain[1].limit_rad, own[1].limit_rad)
+    return steps, replace(own[1], weights=weights, limit_rad=limit_rad)
+
+
+def _frames_blurred_on_pins(drives: PinDrives, lost: Bools, late: FloatArray) -> Bools:
+    """Return the (F,) frames that show a mixture of the drive before and their own at all pins.
+
+    So they come late, by a time that is written into *late*: the share of the window that the old
+    drive has. An object that moves so little shows no step in single pulses.
+    """
+    run, weights = drives.run, drives.weights
+    blurred = np.zeros(run.count, np.bool_)
+    shares = np.linspace(0.0, 1.0, _SHARES)[1:-1, None]
+    is_right = drives.all_right().all(axis=1)
+    for frame in np.flatnonzero(np.isfinite(weights).all(axis=1) & ~lost & ~is_right):
+        if drives.before[frame] < 0:
+            continue
+        old, new, seen = run.weights[drives.before[frame]], run.weights[frame], weights[frame]
+        mixed = (1.0 - shares) * old + shares * new
+        turns = np.angle((seen * np.conj(mixed)).sum(axis=1))[:, None]
+        errors = np.abs(seen * np.exp(-1j * turns) - mixed)
+        limits = drives.limit_amplitude + drives.limit_rad[frame] * np.abs(mixed)
+        limits = limits + np.abs(new - old) * (_LATCH_PERIODS / max(run.gap, 1.0))
+        fits = (errors <= limits).all(axis=1)
+        is_short = run.ends[frame] - run.starts[frame] < _SHORT_FRAME
+        if fits.any() and (is_short or np.abs(new - old).max() <= _MOST_BLURRED):
+            blurred[frame] = True
+            share = float(shares[fits].mean())
+            late[frame] = (1.0 - share) * float(run.ends[frame] - run.starts[frame])
+    return blurred
 
 
 def _best_pin_alignment(
@@ -151,13 +226,15 @@ def _best_pin_alignment(
                 most, best = found, place
             if most > _GOOD_SHARE:
                 return best
-    for place in [best.shifted(shift * run.gap) for shift in _SHIFTS]:
+    onset = align_pins_by_onset(record, run)
+    shifts = _SHIFTS if run.count > _SHORT_RUN else range(-run.count, run.count + 1)
+    tried = [best.shifted(shift * run.gap) for shift in shifts]
+    for place in tried:
         if (found := share(place)) > most:
             most, best = found, place
-    drives = _pin_drives(record, run, best, limits)
-    if _share_of_right_pins(drives) < FIT_SHARE * _share_of_seen_frames(drives):
-        return align_pins_by_onset(record, run) or best
-    return best
+    # A run that begins behind silence, and that no latch tells the place of, begins with the sound.
+    is_told = most >= _NO_RUN and not best.within
+    return best if onset is None or is_told else onset
 
 
 def _share_of_right_pins(drives: PinDrives) -> float:
@@ -165,7 +242,8 @@ def _share_of_right_pins(drives: PinDrives) -> float:
     seen = np.isfinite(drives.weights).all(axis=1)
     if not seen.any():
         return 0.0
-    return float(drives.all_right()[seen].mean()) * _share_of_seen_frames(drives)
+    right = float(drives.all_right()[seen].mean())
+    return right**_PREFERS_RIGHT * _share_of_seen_frames(drives)
 
 
 def _share_of_seen_frames(drives: PinDrives) -> float:
@@ -187,6 +265,7 @@ def _pin_drives(
     starts, ends = found.starts(run), found.ends(run)
     shape = run.count, len(run.elements)
     lows = np.broadcast_to(starts[:, None], shape) + SETTLED
+    lows[0] += found.within  # what comes before the run may differ from it by any amount
     highs = np.broadcast_to(ends[:, None], shape) - 1.0
     highs[-1] = _end_of_last_pin_frame(record, run, starts, ends)
     if steps is not None:
@@ -197,13 +276,14 @@ def _pin_drives(
     lows = np.where(lows < begins, np.nan, lows)  # a level that is not known shows nothing
     means = pin_weights(record, run, lows, highs)
     turns = common_turns_of_pins(record, run, means.weights, limits.phase_rad, each=each)
-    jitter = np.minimum(means.jitter_rad, limits.phase_rad)
+    jitter = np.minimum(means.jitter_rad, max(limits.phase_rad, _MOST_JITTER_RAD))
     return PinDrives(
         run,
         means.weights * np.exp(-1j * turns)[:, None],
         np.arange(-1, run.count - 1) if before is None else before,
         limits.phase_rad + jitter + run.allowed_rad[:, None],
-        limits.amplitude,
+        # The width of a pulse scatters as its centre does.
+        limits.amplitude + max(0.0, float(np.median(jitter)) - limits.phase_rad),
     )
 
 
@@ -234,8 +314,16 @@ def _frames_lost_on_pins(record: PinRecord, drives: PinDrives) -> tuple[Bools, N
         if shown >= 0 and np.isfinite(weights[frame]).all() and sound.any():
             seen, old, new = weights[frame], run.weights[shown], run.weights[frame]
             if not _pin_shows_frame(drives, frame, seen, new)[sound].all():
-                seen = _pins_on_phase_of_reference(record, run, seen, old)
-                lost[frame] = _pin_keeps_frame(drives, frame, seen, old)[sound].all()
+                turned = _pins_on_phase_of_reference(record, run, seen, old)
+                lost[frame] = _pin_keeps_frame(drives, frame, turned, old)[sound].all()
+                last = frame - 1  # which may have come too late to be seen itself
+                if not lost[frame] and shown < last:
+                    turned = _pins_on_phase_of_reference(record, run, seen, run.weights[last])
+                    lost[frame] = _pin_shows_frame(drives, frame, turned, run.weights[last])[
+                        sound
+                    ].all()
+                    if lost[frame]:
+                        before[frame] = shown = last
         if not lost[frame]:
             shown = frame
     return lost, before

@@ -31,7 +31,7 @@ class EndOfSound:
     not_judged : str
         Why the end cannot be judged; empty: it was.
     spread_periods : float or None
-        Time in which all pins fell silent, beyond the period that passes.
+        Time that lies between the silence of the first pin and that of the last, at least.
     after_mute_periods : float or None
         From the arrival of MUTE to the last pulse that began; None: MUTE was not captured.
     """
@@ -180,16 +180,18 @@ def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> s
 
 def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None) -> EndOfSound:
     us = 1e6 / record.carrier_hz
-    first, last = min(found.stops.values()), max(found.stops.values())
+    # A pin is off from its last pulse on, or as late as when it would have begun the next one.
+    first, last = min(found.rises.values()) + 1.0, max(found.stops.values())
     allowed = 1.0 + _MUTE_SAMPLES / record.samples
     findings = []
     if last - first > allowed:
         behind = [e for e, stop in found.stops.items() if stop - first > allowed]
         findings.append(
-            f"{listed_pins(behind)} fall silent {(last - first) * us:.0f} µs after the first"
+            f"{listed_pins(behind)} fall silent {(last - first) * us:.0f} µs or more after the "
+            f"first, may be {us:.0f} µs"
         )
     return EndOfSound(
-        tuple(findings), spread_periods=max(0.0, last - first - 1.0), after_mute_periods=after
+        tuple(findings), spread_periods=max(0.0, last - first), after_mute_periods=after
     )
 
 

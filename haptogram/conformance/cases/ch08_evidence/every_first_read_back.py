@@ -11,6 +11,7 @@ from haptogram_protocol.messages import (
     Feature,
     LatchKey,
     Mute,
+    PlayReply,
     ReadDrive,
     UploadKind,
 )
@@ -18,7 +19,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_later, play_now, send_phases_to_store_if_supported
+from ...client.playback import play_now, play_request, send_phases_to_store_if_supported
 from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check
 
@@ -41,7 +42,8 @@ def _wait_with_a_frame(board: BoardClient) -> None:
 
 def _wait_with_a_playback(board: BoardClient) -> None:
     board.arm()
-    play_later(board, _SEQUENCE, _AHEAD_US, loops=1, unattended_ms=2000)
+    play = play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)
+    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
 
 
 def _drop_a_frame(board: BoardClient) -> None:

@@ -23,7 +23,7 @@ from ..actions import (
     UPLOADED,
     has_room_in_dialogue,
 )
-from .conditions import DialogueConditions, DialogueMaker
+from .conditions import DialogueConditions
 from .stream import MadeAction
 from .words import words_of_message
 
@@ -37,13 +37,21 @@ _LONG_BYTES: Final = 70_000  # more than 16 bits count
 _ROOM: Final = 8  # uploads of so many bytes fit into the store at least
 
 
-class RandomUploads(DialogueMaker):
-    """Makes uploads."""
+class RandomUploads:
+    """Makes uploads.
+
+    Parameters
+    ----------
+    conditions : DialogueConditions
+        Conditions of the dialogue.
+    """
 
     def __init__(self, conditions: DialogueConditions) -> None:
-        super().__init__(conditions)
-        self._count = self._identity.transducers
-        self._largest = min(self._identity.max_chunk, _LONGEST_CHUNK)
+        self._identity = identity = conditions.identity
+        self._random = conditions.random
+        self._count = identity.transducers
+        self._can = conditions.can
+        self._largest = min(identity.max_chunk, _LONGEST_CHUNK)
 
     def _kinds(self) -> list[UploadKind]:
         kinds = []

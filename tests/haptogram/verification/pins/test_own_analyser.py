@@ -10,7 +10,7 @@ from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.verification import Verdict
-from haptogram.verification.pins.judge import verify_captured_pins
+from haptogram.verification.pins.joined import verify_captures
 from pin_oracle import Analyser, Board, edges_of, write_sr, write_vcd
 
 MODEL = AcousticModel(TransducerArray.grid(4, 4, pitch_m=0.01), Medium.air(20.0), Transducer())
@@ -43,7 +43,7 @@ def judged_file(board, path, pins=range(16), reference="clk", **more):
         )
         for number in range(count)
     ]
-    return verify_captured_pins(record, intended, model=MODEL)
+    return verify_captures([record], intended, model=MODEL, min_verified=0.0).pins[0]
 
 
 def drawn(seed, frames=10):
@@ -173,6 +173,69 @@ def test_samples_lost_beside_a_reference_that_is_an_element_fail_no_board(first,
     board.shifted = {3: 0.25}
     pins = judged(board, analyser, tmp_path / "pins.vcd", random, reference="p0")
     assert pins.verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize("reference", ["clk", "p0"])
+@pytest.mark.parametrize("first_ms", [0.3, 8.2])
+def test_samples_lost_in_the_first_or_last_frames_fail_no_board(first_ms, reference, tmp_path):
+    """Those of a whole number of periods, which the clock of the carrier does not show either.
+
+    A first frame that is shorter by them looks late, which fails no board either.
+    """
+    random = np.random.default_rng(8)
+    board = Board(random.integers(0, 256, (10, 16)) / 256, np.ones((10, 16)))
+    analyser = Analyser(lost=((round((first_ms + 0.5) * 24_000), 27 * 600),))
+    path = tmp_path / "pins.vcd"
+    pins = judged(board, analyser, path, random, reference=reference)
+    assert pins.findings == {}
+    board.shifted = {3: 0.25}
+    assert judged(board, analyser, path, random, reference=reference).verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize("reference", ["clk", "p0"])
+def test_a_latch_that_comes_early_once_is_wrong_and_no_loss_of_samples(reference, tmp_path):
+    """One that comes early for good looks as if samples were missing: so it passes nothing."""
+    random = np.random.default_rng(9)
+    board = Board(random.integers(0, 256, (12, 16)) / 256, np.ones((12, 16)), late_ms={5: -0.4})
+    path = tmp_path / "pins.vcd"
+    pins = judged(board, Analyser(), path, random, reference=reference)
+    assert pins.verdict is Verdict.FAIL
+    assert any("frame 4: " in line for line in pins.findings["frames"])
+    board.late_ms = dict.fromkeys(range(9, 12), -0.4)
+    pins = judged(board, Analyser(), path, random, reference=reference)
+    assert pins.findings == {}
+    assert pins.verdict is Verdict.INCONCLUSIVE
+    assert "go on too early" in pins.reasons[-1]
+
+
+def test_pins_that_each_end_at_their_own_period_fall_silent_together(tmp_path):
+    random = np.random.default_rng(3)
+    board = Board(np.tile(random.integers(0, 256, (6, 1)) / 256, 16), np.ones((6, 16)))
+    board.pin_late_ms = {pin: 0.0249 * (pin % 2) for pin in range(16)}
+    pins = judged(board, Analyser(), tmp_path / "pins.vcd", random)
+    assert pins.findings == {}
+    assert pins.mute_periods is not None
+    assert pins.mute_periods <= 1.0
+
+
+def test_a_still_object_that_is_cut_off_begins_with_the_sound(tmp_path):
+    random = np.random.default_rng(4)
+    board = Board(np.tile(random.integers(0, 256, 16) / 256, (12, 1)), np.ones((12, 16)))
+    analyser = Analyser(begin_ms=-1.5, end_ms=-5.5)
+    pins = judged(board, analyser, tmp_path / "pins.vcd", random)
+    assert pins.findings == {}
+    assert pins.counts["judged"] == pins.counts["right"] == 6
+
+
+def test_two_pins_with_another_sound_show_no_run(tmp_path):
+    """One of both agrees with any run: the phase that they share is not known."""
+    random = np.random.default_rng(5)
+    told = Board(np.tile(random.integers(0, 256, 16) / 256, (8, 1)), np.ones((8, 16)))
+    other = Board(np.tile(random.integers(0, 256, 16) / 256, (8, 1)), np.ones((8, 16)))
+    judged(other, Analyser(), tmp_path / "pins.vcd", random, range(2))
+    pins = judged_file(told, tmp_path / "pins.vcd", range(2))
+    assert pins.verdict is Verdict.INCONCLUSIVE
+    assert "does not show this run for certain" in pins.reasons[0]
 
 
 @pytest.mark.parametrize(
