@@ -69,7 +69,7 @@ in [faults.md](faults.md); where none is given, the default is meant.
 - *across*, *along*: the largest distance of a focus that was radiated from its target, across and
   along the beam. Rounding of the phases alone makes up to {smallest_miss:.2f} mm. Of a drive that
   no one point explains it is the distance of the pressure peak from its place.
-- *elsewhere*: for how long the focus was not where it should have been, in all and at a time,
+- *elsewhere*: for how long the focus was not the intended one, in all and at a time,
   because a frame was lost, late or wrong. The board holds the last drive meanwhile: *away* is how
   far from the target its focus was at most (points are 5 mm apart), *Pa* the average pressure at
   the target over that time, of what it should have been.

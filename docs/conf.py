@@ -1,5 +1,10 @@
 """Configuration of the documentation: `ci/docs` builds it into out/docs."""
 
+from pathlib import Path
+
+from sphinx.addnodes import pending_xref
+from sphinx.util.nodes import make_refnode
+
 import haptogram
 
 project = "Haptogram"
@@ -14,8 +19,8 @@ myst_enable_extensions = [
     "fieldlist"
 ]  # no mathematics: it would be drawn by a script from elsewhere
 myst_heading_anchors = 4
-# A page links to files of the checkout as they are; on the site those are no pages.
-suppress_warnings = ["myst.xref_missing"]
+#: Pages of the site that show files of the checkout, by the names of those files.
+_PAGES = {"SPEC.md": "spec", "firmware.md": "firmware"}
 autodoc_typehints = "none"  # the docstrings give types, shapes and units
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
@@ -24,11 +29,24 @@ napoleon_use_ivar = True
 
 
 def setup(app):
-    """Escape the bars of |p|, which reStructuredText would take for a substitution."""
+    """Escape bars in docstrings, and link files of the checkout where they are pages."""
     app.connect("autodoc-process-docstring", _escape_bars, priority=600)  # after napoleon
+    app.connect("doctree-read", _link_files)
+
+
+def _link_files(app, doctree):
+    """Make a link to a file of the checkout one to its page, or plain text if it has none."""
+    for node in list(doctree.findall(pending_xref)):
+        path, _, anchor = node["reftarget"].partition("#")
+        if node["reftype"] != "myst" or "/" not in path:
+            continue
+        page, text = _PAGES.get(Path(path).name), node.children[0]
+        here = app.env.docname
+        node.replace_self(make_refnode(app.builder, here, page, anchor, text) if page else text)
 
 
 def _escape_bars(app, what, name, item, options, lines):
+    """Escape the bars of |p|, which reStructuredText would take for a substitution."""
     in_example = False
     for number, line in enumerate(lines):
         in_example = line.lstrip().startswith(">>>") or (in_example and bool(line.strip()))

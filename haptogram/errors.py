@@ -34,6 +34,8 @@ _REASONS: Final = {
     errno.ENOSPC: "the disk is full",
     errno.ENOTTY: "it is no serial port",
     errno.ENAMETOOLONG: "the name is too long",
+    errno.EADDRNOTAVAIL: "this machine has no such address",
+    errno.EADDRINUSE: "another program listens on that port",
 }
 
 
@@ -198,8 +200,8 @@ def plain_reason(error: BaseException) -> str:
     code = next((code for code in codes if code is not None), None)
     if code is None:
         return " ".join(str(error).split())
-    # A code below zero is of a name that no server knows; its text is in the error alone.
-    text = _REASONS.get(code) or (os.strerror(code) if code > 0 else _system_error_text(error))
+    # A code below zero is of a name that no server knows.
+    text = _REASONS.get(code) or (os.strerror(code) if code > 0 else "there is no such host")
     return text[:1].lower() + text[1:]
 
 
@@ -213,7 +215,3 @@ def _system_error_code(error: BaseException) -> int | None:
     """Return the code of an OSError, or of what is like one (termios.error)."""
     code = error.errno if isinstance(error, OSError) else next(iter(error.args), None)
     return code if isinstance(code, int) else None
-
-
-def _system_error_text(error: BaseException) -> str:
-    return str(getattr(error, "strerror", None) or error)

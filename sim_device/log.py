@@ -26,17 +26,53 @@ from .board.events import (
 )
 
 _LOG: Final = logging.getLogger(__name__)
+#: What a host brings about by its frames, as often as it likes.
+_FREQUENT: Final = (SessionOpened, StateChange, RampBegan, RampEnded, RadiatedAnew, PlaybackEnd)
+_SECOND_US: Final = 1_000_000
+_ROOM_US: Final = 20 * _SECOND_US
 
 
 class BoardNoticeLog:
-    """A recorder that logs every notice, and no latch."""
+    """A recorder that logs notices, and no latch.
+
+    A host such as the conformance suite opens sessions and mutes a hundred times a second.  Where
+    more than 20 such changes come within a few seconds, one a second is logged, with the number of
+    those left out before it.
+
+    Parameters
+    ----------
+    is_complete : bool
+        Whether every notice is logged, however many there are.
+    """
+
+    def __init__(self, *, is_complete: bool) -> None:
+        self._is_complete = is_complete
+        self._room_us = _ROOM_US  # one notice takes a second of it, and time gives it back
+        self._last_us = 0
+        self._left_out = 0
 
     def latch(self, latch: AnyLatch) -> None:
         """Say nothing: there are a thousand a second."""
 
     def notice(self, notice: Notice) -> None:
         """Log a change of the output."""
+        may_be_left_out = isinstance(notice, _FREQUENT) and not self._is_complete
+        if may_be_left_out and not self._has_room(notice.t_us):
+            self._left_out += 1
+            return
+        if self._left_out:
+            _LOG.info("%d changes before this one are left out; -v logs all", self._left_out)
+            self._left_out = 0
         _LOG.info("%s, at %d us", describe_board_notice(notice), notice.t_us)
+
+    def _has_room(self, t_us: int) -> bool:
+        """Take the room of a notice at *t_us*; return False if there is none."""
+        self._room_us = min(self._room_us + max(t_us - self._last_us, 0), _ROOM_US)
+        self._last_us = t_us
+        if self._room_us < _SECOND_US:
+            return False
+        self._room_us -= _SECOND_US
+        return True
 
 
 class BoardCountLog:

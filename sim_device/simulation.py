@@ -113,6 +113,8 @@ class Simulation:
         self._unread = bytearray()
         self._unread_lost = 0
         self._now_ns = 0
+        self._next_ns: int | None = None  # next event, as long as nothing changes it
+        self._is_next_known = False
         self._record()  # some boards radiate from power-up on
 
     @property
@@ -161,6 +163,8 @@ class Simulation:
 
     def host_read(self, limit: int | None = None) -> bytes:
         """Return bytes that have come from the board, at most *limit*."""
+        if len(self._unread) >= HOST_BUFFER:  # the board may go on
+            self._is_next_known = False
         taken = bytes(self._unread[:limit])
         del self._unread[: len(taken)]
         self._feed_line()
@@ -168,6 +172,7 @@ class Simulation:
 
     def unplug(self) -> None:
         """Lose what is on the line and what the host has not read: it has closed the port."""
+        self._is_next_known = False
         self._down.cut()
         self._up.cut()
         if self._probe is not None:
@@ -181,6 +186,7 @@ class Simulation:
         if isinstance(self.dialect, VirtualHaptogramDialect):
             self._end_idle_time()
             self.dialect.raise_hardware_fault()
+            self._is_next_known = False
             self._record()
             self._feed_line()
 
@@ -190,6 +196,7 @@ class Simulation:
         for recorder in self._recorders:
             recorder.notice(PowerDown(self.dialect.now_us))
         self.dialect.power_down()
+        self._is_next_known = False
         self._record()
         self.report_counts()
 
@@ -233,6 +240,12 @@ class Simulation:
 
     def next_event_ns(self) -> int | None:
         """Return when something happens next by itself, or None."""
+        if not self._is_next_known:
+            self._next_ns = self._first_event_ns()
+            self._is_next_known = self._injector is None  # whose changes depend on the time
+        return None if self._next_ns is None else max(self._next_ns, self._now_ns)
+
+    def _first_event_ns(self) -> int | None:
         board_us = self.dialect.next_event_us()
         first_ns = None if board_us is None else self._clock.reached_ns(board_us)
         if (down_ns := self._down.next_event_ns(self.dialect.next_frame_end)) is not None:
@@ -243,7 +256,7 @@ class Simulation:
             first_ns = earliest_board_time(first_ns, self._up.free_ns)
         if self._injector is not None:
             first_ns = earliest_board_time(first_ns, self._injector.next_change_ns(self._now_ns))
-        return None if first_ns is None else max(first_ns, self._now_ns)
+        return first_ns
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*.
@@ -262,10 +275,11 @@ class Simulation:
     def _end_idle_time(self) -> None:
         """Bring the board from its last event to the present."""
         self.dialect.advance_to(self._clock.device_us(self._now_ns))
+        self._is_next_known = False
         self._record()
 
     def _step(self, t_ns: int) -> None:
-        self._now_ns = t_ns
+        self._now_ns, self._is_next_known = t_ns, False
         if self._injector is not None and self._injector.has_left(t_ns):
             self.unplug()
         t_us = self._clock.device_us(t_ns)
@@ -297,6 +311,7 @@ class Simulation:
             self._put(line, direction, chunk.data, chunk.t_ns, credit_ns)
 
     def _put(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int) -> None:
+        self._is_next_known = False
         begin_ns = max(t_ns - credit_ns, line.free_ns)
         line.send(data, t_ns - credit_ns)
         if self._probe is not None and data:

@@ -221,7 +221,8 @@ class BackdoorPinCapture:
             pieces.append(signals.edges(once, begin, split))
             idle = PinWaveformPulses(np.array([0.0, 0.0]), np.array([0.5, 0.0]))
             pieces.append(signals.edges(idle, split, end))
-            low, high = np.searchsorted(lines[0], np.ceil(np.array([begin, end]) * samples))
+            bounds = np.ceil(np.array([begin, end]) * samples).astype(np.int64)
+            low, high = np.searchsorted(lines[0], bounds)  # of another type, all are converted
             pieces.append((lines[0][low:high], lines[1][low:high], lines[2][low:high]))
             times = np.concatenate([piece[0] for piece in pieces])
             shifts = (_SIGNALS, 0, 0, 0)

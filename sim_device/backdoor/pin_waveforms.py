@@ -83,10 +83,10 @@ class PinWaveformSampler:
         found += self._periodic(pulses, begin, end)
         times, pins, levels = (np.concatenate(parts) for parts in zip(*found, strict=True))
         samples = np.ceil(times * self._samples - 1e-6).astype(np.int64)
-        order = np.lexsort((times, samples))
-        last = np.lexsort((times, pins))
-        self._levels[pins[last]] = levels[last]
-        return samples[order], pins[order], levels[order]
+        order = np.argsort(times, kind="stable")
+        samples, pins, levels = samples[order], pins[order], levels[order]
+        self._levels[pins] = levels  # of the edges of a pin the last one stays
+        return samples, pins, levels
 
     def _periodic(
         self, pulses: PinWaveformPulses, begin: float, end: float

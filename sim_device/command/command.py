@@ -108,7 +108,8 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             worker = _start_board_worker(options, settings)
             if options.view:
                 signals.enter_context(contextlib.closing(ViewProcess(options.backdoor)))
-            recorders: list[SimulationRecorder] = [BoardNoticeLog(), *([worker] if worker else [])]
+            recorders: list[SimulationRecorder] = [BoardNoticeLog(is_complete=options.verbose)]
+            recorders += [worker] if worker else []
             recorders += [tap] if tap else []
             recorders += [pins] if pins else []
             simulation = Simulation(
@@ -232,8 +233,12 @@ def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPo
     if options.serial is not None:
         return SerialPort(options.serial, line.baud or SERIAL_BAUD)
     host, _, port = options.tcp.rpartition(":")
-    if not port.isdecimal() or int(port) > 0xFFFF:
-        raise ConfigurationError(f"--tcp {options.tcp}: must be HOST:PORT, the port 0 to 65535")
+    if not port.isdecimal():
+        raise ConfigurationError(
+            f"--tcp {options.tcp}: must be HOST:PORT, such as {_LOOPBACK}:4000 (0: any free port)"
+        )
+    if int(port) > 0xFFFF:
+        raise ConfigurationError(f"--tcp {options.tcp}: the port is {port}, must be 0 to 65535")
     return TcpPort(host.strip("[]") or _LOOPBACK, int(port))
 
 

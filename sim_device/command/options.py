@@ -115,7 +115,9 @@ def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) ->
     )
     log = parser.add_mutually_exclusive_group()
     log.add_argument("--quiet", action="store_true", help="log warnings only")
-    log.add_argument("-v", "--verbose", action="store_true", help="log the counts every second")
+    log.add_argument(
+        "-v", "--verbose", action="store_true", help="log every change, and the counts every second"
+    )
 
 
 def _board_epilog(program: str) -> str:

@@ -35,7 +35,7 @@ class TcpPort(BoardPort):
             self._server = socket.create_server((host, port))
         except (OSError, OverflowError) as error:
             raise ConfigurationError(
-                f"tcp {host}:{port}: cannot listen there: {plain_reason(error)}"
+                f"tcp {host}:{port}: cannot listen there: {plain_reason(error)}; name another"
             ) from error
         self._server.setblocking(False)
         self._client: socket.socket | None = None

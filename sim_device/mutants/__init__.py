@@ -21,15 +21,14 @@ from . import (
     latching,
     output,
     points,
+    ramps,
     readiness,
     repetition,
     replies,
     session,
-    single_moments,
-    single_timers,
-    single_types,
 )
 from .mutant import Mutant, mutants_by_name
+from .single import moments, timers, types
 
 _PARTS: Final = (
     framing,
@@ -41,10 +40,11 @@ _PARTS: Final = (
     readiness,
     points,
     output,
+    ramps,
     effects,
-    single_types,
-    single_moments,
-    single_timers,
+    types,
+    moments,
+    timers,
 )
 
 MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(

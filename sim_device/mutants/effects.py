@@ -21,7 +21,6 @@ from ..board.counters import BoardArrivalMargins, Drop
 from ..board.output import BoardOutput
 from ..board.settings import BoardSettings
 from ..board.stream_queue import StreamFrame
-from ..board.timers import BoardTimers, Fade
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
 
@@ -166,61 +165,6 @@ class QueuedPointsOfTheSpeedSetLast(Board):
                 entries[place] = dataclasses.replace(entry, drive=drive)
 
 
-# --- SET_CONFIG during a ramp: HG-6.11/6 ---------------------------------------------------------
-
-
-class RampOfTheCeilingSetLast(BoardTimers):
-    """Fades below the ceiling in force, whatever it was when the ramp began."""
-
-    def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
-        """Let the ramp of the hold begin below the new ceiling."""
-        super().reconfigure(now_us, last_latch_us, config)
-        self._hold.ceiling = self._hold.cut = config.amplitude_ceiling
-
-
-class RampOfTheLeastCeiling(BoardTimers):
-    """Shrinks the whole line of a ramp to a lower ceiling, where it is to be cut off."""
-
-    def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
-        """Let the ramp of the hold begin below the least ceiling."""
-        super().reconfigure(now_us, last_latch_us, config)
-        self._hold.ceiling = self._hold.cut
-
-
-class RampCutForgotten(BoardTimers):
-    """Gives a ramp back what a lower ceiling had cut off, once there is a higher one."""
-
-    def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
-        """Keep the ceiling in force alone."""
-        super().reconfigure(now_us, last_latch_us, config)
-        self._hold.cut = config.amplitude_ceiling
-
-
-class RampSlopeOfTheLengthSetLast(BoardTimers):
-    """Ends a ramp when it was due, with the slope of the ramp_ms in force."""
-
-    _slope_us = 0
-
-    def latched(self, now_us: int, config: Config) -> None:
-        """Start the hold, and note the slope."""
-        super().latched(now_us, config)
-        self._slope_us = self._ramp_us(config)
-
-    def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
-        """Note the new slope."""
-        super().reconfigure(now_us, last_latch_us, config)
-        self._slope_us = self._ramp_us(config)
-
-    def fades(self, t_us: int) -> tuple[Fade, ...]:
-        """Return the fades, that of the hold at the slope that was noted."""
-        lease, hold = self._lease.fade(t_us), self._hold.fade(t_us)
-        if hold is not None:
-            left_us = max(0, self._hold.end_us - t_us)
-            share = min(1.0, left_us / max(1, self._slope_us))
-            hold = dataclasses.replace(hold, share=share)
-        return tuple(fade for fade in (lease, hold) if fade is not None)
-
-
 _WIRE, _SELF = Evidence.WIRE, Evidence.SELF_REPORTED
 
 MUTANTS: Final = (
@@ -233,8 +177,4 @@ MUTANTS: Final = (
     Mutant.of(UploadClearsMargins, "HG-7.4/1", _SELF),
     Mutant.of(ConfigRestartsPlayback, "HG-7.1/3", _SELF),
     Mutant.of(QueuedPointsOfTheSpeedSetLast, "HG-7.1/3", _SELF),
-    Mutant.of(RampOfTheCeilingSetLast, "HG-6.11/6", _SELF),
-    Mutant.of(RampOfTheLeastCeiling, "HG-6.11/6", _SELF),
-    Mutant.of(RampCutForgotten, "HG-6.11/6", _SELF),
-    Mutant.of(RampSlopeOfTheLengthSetLast, "HG-6.11/6", _SELF),
 )

@@ -152,6 +152,32 @@ class OrderIgnored(Board):
         return None if dropped is Drop.ORDER else dropped
 
 
+class PlaybackHidesDrops(Board):
+    """Does not count the stream frames that it drops while a sequence plays."""
+
+    def submit(self, frame: StreamFrame) -> Drop | None:
+        """Queue a stream frame, or drop it."""
+        counted = self.counters.dropped_state
+        dropped = super().submit(frame)
+        if self._playback is not None:
+            self.counters.dropped_state = counted
+        return dropped
+
+
+class OrderOutlivesTheQueue(Board):
+    """Drops a frame for before the last one that was queued as late, though that one is gone."""
+
+    _newest_us = 0
+
+    def _refuse(self, frame: StreamFrame) -> Drop | None:
+        dropped = super()._refuse(frame)
+        if dropped is not None or frame.t_apply_us is None:
+            return dropped
+        is_earlier = frame.t_apply_us < self._newest_us
+        self._newest_us = max(self._newest_us, frame.t_apply_us)
+        return Drop.LATE if is_earlier else None
+
+
 class HorizonIgnored(Board):
     """Queues frames however far ahead they are."""
 
@@ -323,6 +349,8 @@ MUTANTS: Final = (
     Mutant.of(DefectsReplace, "HG-5.8/3", _SELF),
     Mutant.of(QueueHalfAsDeep, "HG-5.7/3", _SELF),
     Mutant.of(OrderIgnored, "HG-5.7/2", _SELF),
+    Mutant.of(PlaybackHidesDrops, "HG-5.7/1", _SELF),
+    Mutant.of(OrderOutlivesTheQueue, "HG-5.7/2", _SELF),
     Mutant.of(HorizonIgnored, "HG-5.7/4", _SELF),
     Mutant.of(ImmediateKeepsQueue, "HG-5.9/1", _SELF),
     Mutant.of(PackedHighBitFirst, "HG-5.2/1", _SELF),

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import bisect
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -165,24 +164,6 @@ class HoldMissing(BoardTimers):
         super().latched(_NEVER_US, config)
 
 
-class RampSkipped(BoardTimers):
-    """Goes off at once where it should fade."""
-
-    def _ramp_us(self, _: Config) -> int:
-        return 0
-
-
-class RampInEightSteps(BoardTimers):
-    """Fades in eight steps, however long the ramp is."""
-
-    def fades(self, t_us: int) -> tuple[Fade, ...]:
-        """Return the fades, in eighths."""
-        return tuple(
-            dataclasses.replace(fade, share=math.ceil(8 * fade.share) / 8)
-            for fade in super().fades(t_us)
-        )
-
-
 class TimeoutsUncounted(BoardOutput):
     """Does not count mutes by a timer."""
 
@@ -219,15 +200,6 @@ class CeilingIgnored(BoardOutput):
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
         fades = [Fade(fade.share) for fade in self._timers.fades(t_us)]
         return radiated_drive_of_registers(drive, self.correction, FULL_CODE, fades)
-
-
-class CeilingBehindTheRamp(BoardOutput):
-    """Fades from the latched amplitude, and cuts at the ceiling what the ramp leaves."""
-
-    def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        fades = [Fade(fade.share, cut=fade.cut) for fade in self._timers.fades(t_us)]
-        ceiling = self.config.amplitude_ceiling
-        return radiated_drive_of_registers(drive, self.correction, ceiling, fades)
 
 
 class CorrectionIgnored(BoardOutput):
@@ -321,9 +293,6 @@ MUTANTS: Final = (
     Mutant.of(WatchdogMissing, "HG-12.2/1", _WIRE),
     Mutant.of(WatchdogTooSlow, "HG-12.2/1", _WIRE),
     Mutant.of(HoldMissing, "HG-6.10/1", _WIRE),
-    Mutant.of(RampSkipped, "HG-6.11/2", _SELF),
-    Mutant.of(RampInEightSteps, "HG-6.11/2", _SELF),
-    Mutant.of(CeilingBehindTheRamp, "HG-6.11/2", _SELF),
     Mutant.of(TimeoutsUncounted, "HG-6.11/5", _SELF),
     Mutant.of(StateChangeUnsaid, "HG-6.8/1", _WIRE),
     Mutant.of(CeilingIgnored, "HG-7.9/2", _SELF),

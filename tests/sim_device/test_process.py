@@ -132,7 +132,10 @@ def test_what_is_no_link_of_a_board_is_left_alone(start, tmp_path):
             ["--link", "/proc/none/board"],
             "--link '/proc/none/board' cannot be made: there",
         ),
-        (["--tcp", "127.0.0.1:x"], "--tcp 127.0.0.1:x: must be HOST:PORT"),
+        (["--tcp", "127.0.0.1:x"], "--tcp 127.0.0.1:x: must be HOST:PORT, such as 127.0.0.1:4000"),
+        (["--tcp", "127.0.0.1:99999"], "--tcp 127.0.0.1:99999: the port is 99999, must be 0 to"),
+        (["--tcp", "a b:0"], "--tcp a b:0: cannot listen there: there is no such host"),
+        (["--tcp", "192.0.2.1:0"], "cannot listen there: this machine has no such address"),
         (
             ["--serial", "/dev/no-such-port"],
             "--serial /dev/no-such-port cannot be opened",

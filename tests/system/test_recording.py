@@ -72,8 +72,9 @@ def test_the_same_run_gives_the_same_file(tmp_path):
 @pytest.mark.pty
 @pytest.mark.realtime
 def test_a_run_over_a_pty_keeps_the_latches_that_the_board_tells_at_its_end(tmp_path):
-    status, recording, counts = recorded(tmp_path / "run.mcap", *POINT, "--repeat", 30)
-    assert status in (0, 1, 3)  # a busy machine loses some frames
+    pace = ("--rate-hz", 100, "--lead-ms", 1000)  # a busy machine is held up for 0.1 s and more
+    status, recording, counts = recorded(tmp_path / "run.mcap", *POINT, "--repeat", 30, *pace)
+    assert status in (0, 1, 3)  # it may lose some frames all the same
     assert counts[VERDICT] == 30
     assert 0 < counts[LATCH] == counts[RECONSTRUCTION]
     times = [entry.t_ns for entry in recording.chunks() if entry.topic != LINK]
@@ -97,9 +98,10 @@ def test_a_suite_keeps_board_after_board(tmp_path, capsys):
 @pytest.mark.pty
 @pytest.mark.realtime
 def test_a_benchmark_keeps_its_frames(tmp_path, capsys):
-    status, _, counts = recorded(tmp_path / "bench.mcap", "bench", "--seconds", "0.3")
+    pace = ("--rate-hz", 100, "--lead-ms", 1000)
+    status, _, counts = recorded(tmp_path / "bench.mcap", "bench", "--seconds", 0.5, *pace)
     assert status == 0
-    assert 0 < counts[LATCH] <= 300  # a busy machine loses some
+    assert 0 < counts[LATCH] <= 50  # a busy machine loses some
     assert counts[TO_BOARD] > 0
     assert capsys.readouterr().err.count("wrote") == 1
 

@@ -35,8 +35,9 @@ def _verify(tmp_path: Path, *words: str) -> tuple[int, dict[str, Any]]:
 
 @pytest.mark.pty
 def test_over_a_pty_every_frame_that_is_latched_is_verified(tmp_path: Path) -> None:
-    # A slow rate: this test is about the chain, on a machine that may be busy.
-    status, result = _verify(tmp_path, *_CIRCLE, "--rate-hz", "200", "--min-verified", "0.5")
+    # A slow rate and a long lead: this test is about the chain, on a machine that may be busy.
+    pace = ["--rate-hz", "200", "--lead-ms", "600"]
+    status, result = _verify(tmp_path, *_CIRCLE, *pace, "--min-verified", "0.5")
     assert (status, result["verdict"]) == (0, "pass")
     frames = result["frames"]
     assert frames["sent"] == 63
@@ -153,8 +154,8 @@ def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
 @pytest.mark.parametrize("mode", ["phases", "points", "sequence"])
 def test_a_board_at_a_port_is_judged_by_its_own_word(tmp_path: Path, mode: str) -> None:
     with VirtualBoard(baudrate=None, reconstruct=False) as board:
-        words = ["--port", board.url, "--rate-hz", "100", "--mode", mode, "--min-verified", "0.5"]
-        status, result = _verify(tmp_path, *_CIRCLE, *words)
+        words = ["--port", board.url, "--rate-hz", "100", "--lead-ms", "1000", "--mode", mode]
+        status, result = _verify(tmp_path, *_CIRCLE, *words, "--min-verified", "0.5")
     assert (status, result["evidence"]) == (0, "self-reported")
     assert result["frames"]["verified"] == result["frames"]["latched"]
 

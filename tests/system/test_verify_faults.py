@@ -43,7 +43,7 @@ def test_lost_frames_are_told_in_milliseconds_millimetres_and_pascals(
     assert result["effect"]["away_ms"] == pytest.approx(lost)
     assert 1.5 < result["effect"]["farthest_mm"] < 5.0
     assert result["troubles"]["board"]["gap"] == lost
-    assert f"not where it should be for {lost}.0 ms" in said
+    assert f"not as intended for {lost}.0 ms" in said
     assert f"faults on purpose: line.drop {result['faults']['fired']['line.drop']} times" in said
 
 

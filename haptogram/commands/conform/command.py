@@ -8,9 +8,9 @@ import functools
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
@@ -70,7 +70,6 @@ def set_up_conform(parser: Parser, virtual: Virtual) -> None:
 def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
     """Run the cases, write and print the result, and return the exit status."""
     from haptogram.conformance.cases import all_cases, select
-    from haptogram.errors import ConfigurationError
     from haptogram.report.conformance.text import suite_text
 
     refuse_idle_options("conform", arguments)
@@ -79,9 +78,7 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
     captures = PinConfig.of(**given_options(arguments, options_of(PinConfig)))
     for name in arguments.clause:
         if not any(select(all_cases(), [name])):
-            raise ConfigurationError(
-                f"--clause {name}: there is no such case or clause; --list shows all cases"
-            )
+            _refuse_unknown_clause(name, all_cases())
     cases = tuple(select(all_cases(), arguments.clause))
     if arguments.list:
         return _list_conform_cases(cases)
@@ -106,6 +103,20 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
     with command_recording(arguments.record, "conform", _conform_options(arguments)) as writer:
         status = _run_conform(arguments, cases, captures, virtual, outputs, provenance, writer)
         return status if is_command_recorded("conform", writer) else USAGE
+
+
+def _refuse_unknown_clause(name: str, cases: Sequence[Case]) -> NoReturn:
+    """Raise the error that names the clause or case most like *name*."""
+    from haptogram.conformance.cases import select
+    from haptogram.errors import ConfigurationError
+    from haptogram.settings.arguments import did_you_mean
+
+    known = [*dict.fromkeys(case.clause for case in cases), *(case.id for case in cases)]
+    whole = f"HG-{name.upper().removeprefix('HG').lstrip('-_ ')}"
+    guess = f"; did you mean {whole}?" if any(select(cases, [whole])) else did_you_mean(name, known)
+    raise ConfigurationError(
+        f"--clause {name}: there is no such case or clause; --list shows all cases{guess}"
+    )
 
 
 def _conform_options(arguments: argparse.Namespace) -> dict[str, object]:

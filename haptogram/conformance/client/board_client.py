@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import random
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
@@ -49,7 +50,15 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputState
 
-from ..outcome import CaseEndedError, RuleFindings, check, fail, inconclusive, unimplemented
+from ..outcome import (
+    CaseEndedError,
+    RuleFindings,
+    check,
+    fail,
+    inconclusive,
+    not_observed,
+    unimplemented,
+)
 from .board_clock import ClockClient
 from .recording import DialogueRecording
 from .request_client import PROCESSED_US, RequestClient
@@ -74,6 +83,9 @@ PARTS_OF_FRAMES: Final = (
     "dropped_future",
     "dropped_late",
 )
+#: Times in which the points of a frame come and are computed: more outlast leases and holds.
+_CARRIED_US: Final = 20_000
+_COMPUTED_US: Final = 100_000
 _STATUS_BYTES: Final = 148  # of a STATUS on the line
 
 
@@ -123,7 +135,7 @@ class BoardClient:
     """
 
     identity: HelloReply
-    config: Config
+    config: Config = Config()
     thorough: bool = True
     explore_us: int = 0
     correction: bytes | None = None
@@ -181,12 +193,16 @@ class BoardClient:
         self.clock.carrier_us = 1_000_000 // max(1, reply.carrier_hz)
         self.clock.point_time_us = reply.point_time_us
         self.clock.horizon_us = reply.max_horizon_us
-        self.clock.lead_us = self.ready_after_us(reply.max_points)
+        self.clock.lead_us = self.ready_after_us(self.most_points)
         self.link.processed_us = PROCESSED_US + reply.queue_depth * self.clock.lead_us
 
     def ready_after_us(self, points: int = 0) -> int:
         """Return the time from the arrival of a frame of so many points until it is ready."""
         return self.identity.latch_lead_us + points * self.identity.point_time_us
+
+    def late_time_us(self, late_us: int) -> int:
+        """Return the t_apply at which a drive that is sent now is ready so late."""
+        return self.clock.device_us() + self.ready_after_us() - late_us
 
     def prepare(self) -> None:
         """Open a session with the board DISARMED and quiet, as every case begins.
@@ -285,9 +301,18 @@ class BoardClient:
 
     @property
     def most_points(self) -> int:
-        """Focal points in one frame, at most: so many does the board take, and has a frame room."""
+        """Focal points in one frame that a case sends, at most.
+
+        A board takes so many, a frame has room for them, the line carries them in 20 ms and the
+        board computes them in 100 ms, one at least; 0 if the board takes points neither in the
+        stream nor in a sequence.
+        """
+        if not self.identity.features & (Feature.POINTS | Feature.SEQUENCE_POINTS):
+            return 0
         room = (MAX_BODY_BYTES - HEADER_BYTES) // FocalPoint.LAYOUT.size
-        return min(self.identity.max_points, room)
+        computed = _COMPUTED_US // max(1, self.identity.point_time_us)
+        carried = _CARRIED_US // max(1, self.wire.line_us(FocalPoint.LAYOUT.size))
+        return min(self.identity.max_points, room, max(1, computed), max(1, carried))
 
     def has(self, features: Feature) -> bool:
         """Return True if the board advertises all of *features*."""
@@ -341,6 +366,20 @@ class BoardClient:
             elements += reply.elements
         return elements
 
+    def within_timers(self, wires: Iterable[bytes]) -> list[bytes]:
+        """Return the first of *wires*, one at least, that the line brings before a timer ends.
+
+        Lease and hold of a board without CONFIG are short, and so may be its unattended time.
+        """
+        timers_ms = (self.config.hold_ms, self.config.host_timeout_ms)
+        least_us = 500 * min(*timers_ms, self.identity.max_unattended_ms)
+        sizes = itertools.accumulate(map(len, wires := list(wires)))
+        return [
+            wire
+            for place, (wire, size) in enumerate(zip(wires, sizes, strict=True))
+            if place == 0 or self.wire.line_us(size) <= least_us
+        ]
+
     # --- status --------------------------------------------------------------------------------
 
     def status(self) -> StatusReply:
@@ -354,12 +393,19 @@ class BoardClient:
         }
         return dataclasses.replace(status, counters=dataclasses.replace(status.counters, **counted))
 
+    def require_no_status(self) -> None:
+        """End the case as NOT-OBSERVED if the board sends STATUS, which empties the margins."""
+        if self.config.status_period_ms:
+            not_observed(
+                f"STATUS comes every {self.config.status_period_ms} ms, and begins the margins anew"
+            )
+
     @contextlib.contextmanager
-    def counting(self, **wanted: int) -> Iterator[None]:
+    def counting(self, **wanted: int | None) -> Iterator[None]:
         """FAILED unless the counters grew by *wanted* meanwhile, and no counter of an error did.
 
         ``frames`` and ``requests`` are judged where they are named, less the GET_STATUS of this
-        method.
+        method.  None as number: what the counter has to count is asked by a case of its clause.
         """
         before = self.status().counters
         yield
@@ -368,11 +414,11 @@ class BoardClient:
             name: number
             for name, number in counted.items()
             if number != wanted.get(name, number if name in _HARMLESS else 0)
+            and wanted.get(name, 0) is not None
         }
         if differs:
-            names = {**dict.fromkeys(wanted, 0), **differs}
-            due = ", ".join(f"{name} {wanted.get(name, 0)}" for name in names)
-            got = ", ".join(f"{name} {counted[name]}" for name in names)
+            due = ", ".join(f"{name} {wanted.get(name, 0)}" for name in differs)
+            got = ", ".join(f"{name} {number}" for name, number in differs.items())
             fail(f"should count {due}; counted {got}")
 
     def counted_since(self, before: Counters) -> dict[str, int]:

@@ -10,6 +10,10 @@ from ..outcome import inconclusive, not_observed
 from .request_client import RequestClient
 
 BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
+_TIMES_IN_CARRIER: Final = 3  # in µs
+_IN_TIME_US: Final = 20_000  # from the readiness of a frame to its t_apply, at most
+_HALF_TURN_US: Final = 1 << 31  # of the 32 bits of a device time
+_PASSED_US: Final = 10_000_000  # between the choice of a t_apply and its arrival, at most
 _SPARE_US: Final = 200  # error of the host's estimate of the device clock, in virtual time
 
 
@@ -80,6 +84,21 @@ class ClockClient:
         self.require_horizon(ahead_us)
         return self.device_us() + ahead_us
 
+    def can_be_in_time(self, ready_us: int) -> bool:
+        """Return True if a frame that is ready so long after its arrival may come in time.
+
+        A t_apply behind that lies beyond the horizon (HG-5.7/4) of some boards.
+        """
+        return ready_us + _IN_TIME_US <= self.horizon_us
+
+    def beyond_us(self, least_us: int) -> int | None:
+        """Return the time from now to a t_apply *least_us* beyond the horizon.
+
+        None if there is none: what is later than 2^31 µs ahead has passed (HG-5.7/7).
+        """
+        ahead_us = self.horizon_us + least_us
+        return ahead_us if ahead_us < _HALF_TURN_US - _PASSED_US else None
+
     def require_horizon(self, ahead_us: int) -> None:
         """End the case as NOT-OBSERVED if the board takes no t_apply so far ahead (HG-5.7/4)."""
         if ahead_us > self.horizon_us:
@@ -98,6 +117,11 @@ class ClockClient:
         ready_us += self._wire.limits.lead_us + 2 * extra_us
         self.require_horizon(ready_us + ahead_us)
         return self.on_carrier(self.device_us() + ready_us) + ahead_us
+
+    def require_times_in_carrier(self) -> None:
+        """End the case as NOT-OBSERVED if a carrier period has no room for three times."""
+        if self.carrier_us < _TIMES_IN_CARRIER:
+            not_observed("a carrier period of this board has no room for three times")
 
     def on_carrier(self, t_us: int) -> int:
         """Return the first multiple of the carrier period at or after *t_us*."""

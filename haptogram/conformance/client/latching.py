@@ -26,6 +26,7 @@ from haptogram_protocol.messages import (
 
 from ..outcome import check, unimplemented
 from .board_client import BoardClient
+from .capabilities import TRACES
 from .stream_kinds import points_of_stream_kind
 
 FULL: Final = 255
@@ -133,17 +134,25 @@ class ClientLatch:
     loop: int = 0
 
 
-def ask_for_board_latches(board: BoardClient) -> TraceMode:
-    """Switch on a trace of every latch, and return its mode; UNIMPLEMENTED if there is none."""
+def ask_for_board_latches(board: BoardClient, traces: Feature = TRACES) -> TraceMode:
+    """Switch on one of *traces*, of every latch; UNIMPLEMENTED if the board has none of them."""
+    mode = ask_for_board_latches_if_supported(board, traces)
+    if mode is TraceMode.OFF:
+        unimplemented("the board advertises no trace that can be switched on")
+    return mode
+
+
+def ask_for_board_latches_if_supported(board: BoardClient, traces: Feature = TRACES) -> TraceMode:
+    """Switch on one of *traces*, of every latch, and return its mode; OFF: the board has none."""
     for feature, mode in (
         (Feature.TRACE, TraceMode.CRC),
         (Feature.TRACE_RING, TraceMode.RING),
         (Feature.TRACE_DRIVE, TraceMode.DRIVE),
     ):
-        if board.has(feature | Feature.CONFIG):
+        if feature & traces and board.has(feature | Feature.CONFIG):
             board.configure(trace_mode=mode)
             return mode
-    unimplemented("the board advertises no trace that can be switched on")
+    return TraceMode.OFF
 
 
 def latches_received_from_board(

@@ -118,6 +118,23 @@ def play_at(
     return board.link.reply_in(answer, PlayReply, Play.TYPE)
 
 
+def play_later(
+    board: BoardClient,
+    sequence: int,
+    ahead_us: int,
+    *,
+    loops: int = 0,
+    period_us: int | None = None,
+    unattended_ms: int | None = None,
+) -> PlayReply:
+    """Let a playback wait for its start so far ahead; NOT-OBSERVED if the horizon is nearer."""
+    start_us = board.clock.ahead_us(ahead_us)
+    play = play_request(
+        board, sequence, loops=loops, period_us=period_us, unattended_ms=unattended_ms
+    )
+    return board.link.call(play, PlayReply, time_us=start_us)
+
+
 def play_out(
     board: BoardClient,
     sequence: int,
@@ -128,11 +145,11 @@ def play_out(
 ) -> PlaybackEnded:
     """Play a stored sequence of so many frames from now on to its end; FAILED if it has none.
 
-    NOT-OBSERVED if that takes longer than the board plays without a frame from the host.
+    NOT-OBSERVED if that outlasts the board, which is left alone meanwhile, or the case.
     """
     period_us = period_to_play(board) if period_us is None else period_us
     since, lasts_us = board.link.mark(), frames * loops * period_us
-    _require_unattended_time(board, lasts_us)
+    require_time_to_play(board, lasts_us)
     alone_ms = max(UNATTENDED_MS, 2 * lasts_us // 1000)
     play_now(board, sequence, loops=loops, period_us=period_us, unattended_ms=alone_ms)
     return await_playback_end(board, since, lasts_us)
@@ -144,7 +161,7 @@ def let_play(board: BoardClient, periods: int) -> None:
     NOT-OBSERVED if that takes longer than the board plays without a frame from the host.
     """
     lasts_us = periods * period_to_play(board)
-    _require_unattended_time(board, lasts_us)
+    require_time_to_play(board, lasts_us)
     board.wire.idle(lasts_us)
 
 
@@ -153,10 +170,16 @@ def wait_for_no_latch(board: BoardClient, least_us: int) -> None:
     board.wire.idle(max(least_us, 2 * period_to_play(board)))
 
 
-def _require_unattended_time(board: BoardClient, lasts_us: int) -> None:
+def require_time_to_play(board: BoardClient, lasts_us: int) -> None:
+    """End the case as NOT-OBSERVED if a playback of so long outlasts the board or the case."""
     most_ms = board.identity.max_unattended_ms
     if lasts_us >= 1000 * most_ms:
         not_observed(f"{lasts_us / 1000:g} ms of playback; max_unattended_ms is {most_ms}")
+    if lasts_us > board.wire.limits.case_us // 2:
+        not_observed(
+            f"{lasts_us / 1e6:g} s of playback at {board.identity.max_playback_rate_hz} frames per "
+            f"second; a case lasts {board.wire.limits.case_us / 1e6:g} s at most"
+        )
 
 
 def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> PlaybackEnded:
@@ -171,6 +194,8 @@ def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> Playbac
 def flood_with_traces(board: BoardClient) -> tuple[int, int]:
     """Latch faster than the line can trace; return the numbers of trace events and of latches.
 
+    NOT-OBSERVED if the board plays so slowly that it is not left alone for so long.
+
     A port of the system may take bytes faster than any line: there the host does not read
     meanwhile, and the traces are more than the buffers on the way hold.
     """
@@ -181,6 +206,7 @@ def flood_with_traces(board: BoardClient) -> tuple[int, int]:
     frames = _FLOOD_FRAMES
     if board.wire.limits.slack_us:
         frames = max(frames, 2 * (_BUFFERS_BYTES // (4 * board.identity.transducers)))
+    require_time_to_play(board, frames * period_us)
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=frames // 2, period_us=period_us)

@@ -30,6 +30,8 @@ from .wire import RawFrameClient, ReceivedByClient
 _M = TypeVar("_M", bound=Message)
 #: Five times the time in which a board answers (HG-4.11/3).
 PROCESSED_US: Final = 50_000
+#: Of a larger window or free room only so much is filled in one burst: it may be 4 GB.
+LONGEST_BURST_BYTES: Final = 1 << 17
 _ECHO_BITS: Final = 64
 _KNOCK_US: Final = 100_000  # how soon a board that boots is asked again
 _PING_BYTES: Final = 26  # on the line, at most

@@ -64,10 +64,15 @@ def begin_upload(
 ) -> UploadBeginReply:
     """Announce an upload of *data*; FAILED if the board refuses.
 
-    NOT-OBSERVED if it is more than this board takes in one upload.
+    NOT-OBSERVED if it is more than this board takes in one upload, or has room for by its own word.
     """
     begin = upload_request(board, kind, target, len(data), points, crc=zlib.crc32(data))
-    return board.link.call(begin, UploadBeginReply)
+    answer = board.link.ask(begin)
+    if isinstance(answer.message, Error) and answer.message.code is ErrorCode.TOO_LARGE:
+        left = board.link.error_in(answer, UploadBegin.TYPE, ErrorCode.TOO_LARGE).detail
+        if left < len(data):
+            not_observed(f"this case stores {len(data)} bytes, and the board has room for {left}")
+    return board.link.reply_in(answer, UploadBeginReply, UploadBegin.TYPE)
 
 
 def upload_request(

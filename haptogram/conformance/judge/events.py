@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Final, TypeAlias
 
 from haptogram_protocol.framing import encode_frame
-from haptogram_protocol.messages import Config, Ping, PlayReply, SetConfig, Stop, UploadKind
+from haptogram_protocol.messages import Config, Ping, SetConfig, Stop, UploadKind
 
 from ..client import malformed_frames
 from ..client.board_client import BoardClient
-from ..client.playback import play_request
+from ..client.playback import play_later
 from ..client.uploads import upload_to_board
 from .refused_requests import STORED
 
@@ -32,8 +32,7 @@ def event_of_correction(board: BoardClient) -> None:
 
 def event_of_waiting_playback(board: BoardClient, alone_ms: int = 9_999) -> None:
     """Let a playback wait for its start."""
-    play = play_request(board, STORED, loops=1, unattended_ms=alone_ms)
-    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
+    play_later(board, STORED, _AHEAD_US, loops=1, unattended_ms=alone_ms)
 
 
 def event_of_hold(board: BoardClient) -> None:

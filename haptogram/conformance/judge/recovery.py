@@ -8,11 +8,13 @@ from typing import Final
 from haptogram_protocol.messages import (
     Arm,
     Disarm,
+    Feature,
     GetStatus,
     HelloReply,
     Mute,
     Ping,
     Pong,
+    SetConfig,
     StatusReply,
 )
 
@@ -65,6 +67,8 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
     if not board.has_phases:
         return ""
     with contextlib.suppress(CaseEndedError):
+        if board.has(Feature.CONFIG):  # timers of the case may end before a frame is ready
+            board.link.ask(SetConfig(board.base_config))
         board.link.ask(Arm())
         before = board.link.ask(GetStatus()).message
         board.link.send(board.link.stream_wire(board.flat_phases()))

@@ -229,8 +229,10 @@ def plays_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
             alone = dataclasses.replace(good, unattended_ms=alone_ms)
             yield _request_to_be_refused(f"unattended_ms = {alone_ms}", alone, bad, **at_once)
     yield _request_to_be_refused("a start that has passed", good, bad, time_us=now_us - 1000)
-    beyond_us = now_us + identity.max_horizon_us + _FAR_US
-    yield _request_to_be_refused("a start beyond the horizon", good, bad, time_us=beyond_us)
+    beyond_us = board.clock.beyond_us(_FAR_US)
+    if beyond_us is not None:
+        at_us = now_us + beyond_us
+        yield _request_to_be_refused("a start beyond the horizon", good, bad, time_us=at_us)
 
 
 def requests_refused_now(board: BoardClient) -> Iterator[Refusal]:

@@ -5,6 +5,7 @@ Two crystals that drift apart bend it: then it is a line from mark to mark, wher
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -124,7 +125,7 @@ class PinDialogueClock:
 
     def _gap(self, period: float) -> int:
         """Return the number of the gap between knots that is the nearest."""
-        return int(np.clip(np.searchsorted(self.knots, period) - 1, 0, len(self.bends) - 1))
+        return min(max(bisect_left(self.knots, period) - 1, 0), len(self.bends) - 1)
 
     def _off_us(self, period: float) -> float:
         """Return by how much the device time is off the straight line."""

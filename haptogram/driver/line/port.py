@@ -307,6 +307,8 @@ def _transport_opening_error(url: str, error: OSError) -> LinkError:
         return PortNotFoundError(f"{url}: that host cannot be reached")
     if any(isinstance(found, socket.gaierror) for found in _transport_error_chain(error)):
         return PortNotFoundError(f"{url}: there is no such host")
+    if errno.EISDIR in codes:
+        return LinkError(f"{url}: it is a folder; name a port, such as /dev/ttyUSB0")
     if codes & _ABSENT:
         return PortNotFoundError(f"{url}: there is no such port")
     # termios.error is no OSError, and has its code as an argument.

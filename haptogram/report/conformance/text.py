@@ -119,7 +119,8 @@ def _conformance_summary_line(suite: SuiteResult) -> Iterator[str]:
     yield f"port         {suite.settings.get('port')} ({time}, seed {suite.settings.get('seed')})"
     if depth := suite.settings.get("depth"):
         left = sum(r.detail.startswith(_LEFT_OUT) for r in suite.results)
-        yield f"depth        {depth}" + (f"; {left} cases are left out" if left else "")
+        cases = "1 case is" if left == 1 else f"{left} cases are"
+        yield f"depth        {depth}" + (f"; {cases} left out" if left else "")
     measured, stated = (suite.settings.get(n) for n in ("measured_baudrate", "baudrate"))
     if measured != stated:
         yield f"line         {measured} Bd as measured, {stated} Bd as stated"

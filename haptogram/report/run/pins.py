@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from haptogram.verification import RunVerdict, Verdict
 from haptogram.verification.pins.joined import JoinedCaptureVerdict
-from haptogram.verification.pins.pin_verdict import PIN_CHECKS
+from haptogram.verification.pins.pin_verdict import PIN_CHECKS, captured_elements_text
 
 from .check import CheckOutcome, RunCheck
 from .wording import run_count_wording
@@ -78,6 +78,8 @@ def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> Run
         why = one["not_judged"][name]
         return RunCheck(f"pins_{name}", statement, CheckOutcome.NOT_JUDGED, why)
     text = f"none of {run_count_wording(len(one['elements']), 'captured element')}"
+    if name in ("phases", "amplitudes") and "pins" in one["findings"]:
+        text += ", besides the pins that are dead, stuck or inverted"
     return RunCheck(f"pins_{name}", statement, CheckOutcome.PASSED, text)
 
 
@@ -85,7 +87,7 @@ def run_capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
     """Yield the verdict of the captures, sentence by sentence."""
     seen, count = len(captures["elements"]), captures["elements_of_array"]
     yield (
-        f"The drive pins of {seen} of {count} elements were captured"
+        f"The drive pins of {captured_elements_text(seen, count)} were captured"
         + (f"; nothing is known of the other {count - seen}." if seen < count else ".")
     )
     for one in captures["captures"]:

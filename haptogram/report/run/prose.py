@@ -9,7 +9,7 @@ from haptogram.records.frame import Evidence
 from haptogram.verification import Tolerance, cut_run_verdict_text, tolerance_text
 
 from .pins import run_capture_sentences
-from .wording import run_count_wording, run_host_delay_text
+from .wording import run_count_wording, run_host_delay_text, run_remedy_text
 
 _EVIDENCE: Final = {
     Evidence.EXTERNAL: "External: what was radiated was recorded beside the board's own answers "
@@ -72,6 +72,8 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
         )
     if (delay := run_host_delay_text(result)) is not None:
         yield f"{delay[0].upper()}{delay[1:]}."
+    if (remedy := run_remedy_text(result)) is not None:
+        yield f"{remedy[0].upper()}{remedy[1:]}."
     if frames["lost"] or frames["late"]:
         yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
 

@@ -8,6 +8,7 @@ from typing import Any
 from haptogram.verification import (
     FrameStatus,
     FrameVerdict,
+    Verdict,
     verdict_consequence_text,
     verdict_pressure_text,
 )
@@ -84,6 +85,8 @@ def run_faults_wording(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"faults on purpose: {_run_fired_faults_wording(result['faults'])}"
     if (delay := run_host_delay_text(result)) is not None:
         yield f"host: {delay}"
+    if (remedy := run_remedy_text(result)) is not None:
+        yield f"to do: {remedy}"
     sides = [
         f"the {side} counted " + ", ".join(f"{name} {number}" for name, number in counts.items())
         for side, counts in result["troubles"].items()
@@ -102,6 +105,18 @@ def run_host_delay_text(result: Mapping[str, Any]) -> str | None:
         "this machine, not the board, was held up, for up to "
         f"{host['tick_lateness_us_max'] / 1e3:.0f} ms: too late to send {skipped}"
     )
+
+
+def run_remedy_text(result: Mapping[str, Any]) -> str | None:
+    """Return the remedy for a run that a busy machine left inconclusive, or None."""
+    if result["verdict"] != str(Verdict.INCONCLUSIVE) or "faults" in result:
+        return None
+    is_virtual = result["configuration"].get("port", "") is None
+    is_late = "host" in result and "dropped_late" in result["troubles"].get("board", {})
+    if run_host_delay_text(result) is None and not (is_virtual and is_late):
+        return None
+    text = "run it again while this machine has less to do, or at a lower --rate-hz"
+    return f"{text}; with --virtual-time its load does not count" if is_virtual else text
 
 
 def _run_fired_faults_wording(faults: Mapping[str, Any]) -> str:

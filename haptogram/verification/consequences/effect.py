@@ -43,7 +43,7 @@ class RunConsequences:
     Attributes
     ----------
     away_ms : float
-        Time in which the focus was not where it should have been, or there was none.
+        Time in which the focus was not the intended one, or there was none.
     longest_ms : float
         The longest such time without a break.
     silent_ms : float
@@ -100,7 +100,7 @@ class RunConsequences:
     def __str__(self) -> str:
         """Return it in one line."""
         times = f"{self.away_ms:.1f} ms, {self.longest_ms:.1f} ms at a time"
-        parts = [f"not where it should be for {times}"]
+        parts = [f"not as intended for {times}"]
         if self.farthest_mm is not None:
             parts.append(f"up to {self.farthest_mm:.2f} mm away")
         if self.silent_ms:

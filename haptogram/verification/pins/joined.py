@@ -21,7 +21,7 @@ from ..run import verify_run
 from ..run_verdict import RunVerdict
 from ..tolerance import Tolerance, Uncertainty
 from .judge import verify_captured_pins
-from .pin_verdict import PinVerdict, pin_verdict_lines
+from .pin_verdict import PinVerdict, captured_elements_text, pin_verdict_lines
 from .shared_phase import why_pin_phases_are_apart
 
 _TURN: Final = 256
@@ -78,7 +78,7 @@ class JoinedCaptureVerdict:
     @property
     def scope(self) -> str:
         """Extent of the captures, in words."""
-        return f"{len(self.elements)} of {self.array_count} elements"
+        return captured_elements_text(len(self.elements), self.array_count)
 
     def frame_note(self, place: int) -> str:
         """Return the finding of the captured pins on the frame at this *place*."""
@@ -93,7 +93,7 @@ class JoinedCaptureVerdict:
         ]
         count = len({element for one in shown for element in one.elements})
         what = f"{len(wrong)} are wrong: {', '.join(wrong[:8])}" if wrong else "they are right"
-        return f"{count} of {self.array_count} elements were captured, and {what}"
+        return f"{captured_elements_text(count, self.array_count)} were captured, and {what}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict for JSON, without that of the field."""

@@ -135,7 +135,7 @@ class PinVerdict:
     @property
     def scope(self) -> str:
         """Extent of the capture, in words."""
-        return f"{len(self.elements)} of {self.array_count} elements"
+        return captured_elements_text(len(self.elements), self.array_count)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict for JSON; angles are in degrees."""
@@ -165,6 +165,11 @@ class PinVerdict:
             "events": list(self.events),
             "notes": list(self.notes),
         }
+
+
+def captured_elements_text(captured: int, count: int) -> str:
+    """Return "3 of 64 elements", and "all 64 elements" where all were captured."""
+    return f"all {count} elements" if captured == count else f"{captured} of {count} elements"
 
 
 def _degrees_in_pin_verdict(angle_rad: float | None) -> float | None:

@@ -60,11 +60,18 @@ def test_the_end_of_the_program_looks_for_no_cycles():
     assert done.stdout == "end\n"
 
 
-#: Says when this program, not the interpreter, answers an interrupt.
-START = (
-    "import os, sys; from haptogram.start import main; sys.argv[0] = 'haptogram'; "
-    "os.write(1, b'.'); sys.exit(main())"
-)
+#: Says when this program, not the interpreter, answers an interrupt: with its handler in place.
+START = """
+import os, sys
+from haptogram import start
+run = start._run_after_start
+def say_and_run(argv):
+    os.write(1, b".")
+    return run(argv)
+start._run_after_start = say_and_run
+sys.argv[0] = "haptogram"
+sys.exit(start.main())
+"""
 COMMANDS = {
     "verify": ["--virtual-time", "--quiet", "--resolution-mm", "1"],
     "conform": ["--quiet"],
@@ -98,7 +105,7 @@ def test_an_interrupt_at_any_moment_is_one_line_and_status_130(command, tmp_path
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_a_signal_that_is_ignored_from_the_start_stays_so(number):
-    code = f"import signal; signal.signal({int(number)}, signal.SIG_IGN); {START}"
+    code = f"import signal; signal.signal({int(number)}, signal.SIG_IGN)\n{START}"
     with subprocess.Popen(
         [sys.executable, "-c", code, "modulation", "am", "--array", "4x4"],
         stdout=subprocess.PIPE,

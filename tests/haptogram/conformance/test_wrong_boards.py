@@ -4,8 +4,9 @@ import dataclasses
 
 import pytest
 from boards import BAUD, Dying, Wrapped, port, run, virtual
+from identities import identity
 
-from haptogram.conformance.case import Case
+from haptogram.conformance.case import Case, Depth
 from haptogram.conformance.judge.timers import judge_in_time
 from haptogram.conformance.outcome import CaseEndedError, check
 from haptogram.conformance.run.access import VirtualAccess
@@ -13,7 +14,9 @@ from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour, CaseResult, suite_exit_status
 from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder, encode_frame
-from haptogram_protocol.messages import DriveReply, MessageType, build_body, parse_body
+from haptogram_protocol.messages import DriveReply, Feature, MessageType, build_body, parse_body
+from sim_device.board.counters import BoardCounters, Drop
+from sim_device.board.output import BoardOutput
 
 FEW = ("HG-2", "HG-4.3", "HG-6.2")
 
@@ -66,6 +69,38 @@ def test_a_latch_that_does_not_end_the_ramp_of_the_hold_fails():
     assert result.behaviour is Behaviour.FAILED
     assert result.detail.startswith("a frame at once, ")
     assert result.detail.endswith("the amplitude is 229; the straight line allows 254.0 to 255.0")
+
+
+@pytest.mark.parametrize(
+    ("trace", "behaviour"),
+    [
+        (Feature.TRACE, Behaviour.FAILED),
+        (Feature.TRACE_DRIVE, Behaviour.FAILED),
+        (Feature.TRACE_RING, Behaviour.NOT_OBSERVED),  # empty in the new session
+    ],
+)
+def test_the_first_latches_of_two_sessions_in_one_carrier_period(trace, behaviour, monkeypatch):
+    def boundary_us(output, t_us):
+        return on_carrier(output, t_us) if output.latches else max(t_us, output.now_us)
+
+    on_carrier = BoardOutput.boundary_us
+    monkeypatch.setattr(BoardOutput, "boundary_us", boundary_us)
+    access = identity(carrier_us=1000, features=Feature.CONFIG | trace)
+    [result] = run(access, "HG-5.8/3-session", depth=Depth.DEFAULT).results
+    assert result.behaviour is behaviour, result.detail
+
+
+def test_a_counter_that_is_wrong_fails_the_clause_that_asks_for_it(monkeypatch):
+    def drop(counters, dropped):
+        if dropped is not Drop.STATE:
+            count_drop(counters, dropped)
+
+    count_drop = BoardCounters.drop
+    monkeypatch.setattr(BoardCounters, "drop", drop)
+    asked = ("HG-5.7/1", "HG-6.1", "HG-6.2", "HG-6.4/1", "HG-7.6/1")
+    results = run(virtual(array="3x2"), *asked, depth=Depth.DEFAULT).results
+    failed = [result.case for result in results if result.is_failure]
+    assert failed == ["HG-5.7/1", "HG-5.7/1-fault", "HG-5.7/1-types"]
 
 
 class Drowsy(Wrapped):

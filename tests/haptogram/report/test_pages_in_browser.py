@@ -67,7 +67,9 @@ def test_a_table_sorts_by_keyboard_and_comes_back_to_its_order(
         page.keyboard.press("Enter")
         assert head.get_attribute("aria-sort") == state
         orders.append(first_cells(page, table))
-    assert orders[0][0] == "HG-2.4/2"  # FAILED comes before NOT-OBSERVED and OK
+    # FAILED comes before NOT-OBSERVED and OK: the cases of one clause, and few others.
+    assert "HG-2.4/2" in orders[0][:10]
+    assert "HG-2.4/2" not in before[:10]
     assert orders[0][:4] == orders[1][-4:]  # those with one verdict keep their order
     assert orders[2] == before
     page.locator(f"{table} thead th button").first.press("Enter")
@@ -80,10 +82,11 @@ def test_a_table_is_searched_by_words_but_not_in_the_bytes(
     page = open_page(conform_page.as_uri(), ready="body")
     table = cases_table(page)
     field = page.locator(f".search:has(+ div > {table}) input")
+    every = len(first_cells(page, table))
     field.fill("failed crc")
     shown = first_cells(page, table)
     assert "HG-2.4/2" in shown
-    assert 0 < len(shown) < 5
+    assert len(shown) < every / 10
     assert (
         page.locator(f".search:has(+ div > {table}) output")
         .inner_text()

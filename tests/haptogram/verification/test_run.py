@@ -537,7 +537,7 @@ def test_a_run_that_fails_by_a_crc_alone_has_an_effect():
     run = verify([first, second], [seen(first), by_crc(second, second.drive.digest() ^ 1)])
     assert run.verdict is Verdict.FAIL
     assert (run.effect.away_ms, run.effect.radiated_pa) == (1.0, None)
-    assert "not where it should be for 1.0 ms" in str(run)
+    assert "not as intended for 1.0 ms" in str(run)
 
 
 def test_a_silence_ends_the_last_frame_of_a_run():

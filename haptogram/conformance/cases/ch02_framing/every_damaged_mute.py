@@ -84,8 +84,12 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
         play_now(board, _SEQUENCE, loops=0)
         board.clock.wait_latched()
     since, waits_until_us = board.link.mark(), 0
+    latch_in_us = min(_AHEAD_US // 2, 500 * board.config.hold_ms)
     for name, piece in _bytes_like_mute(board):
-        if not is_played and waits_until_us - board.clock.device_estimate_us() < _AHEAD_US // 2:
+        if (
+            not is_played
+            and waits_until_us - board.clock.device_estimate_us() < _AHEAD_US - latch_in_us
+        ):
             latch_now(board, board.flat_phases())  # which flushes the frame that waits
             waits_until_us = board.clock.ahead_us(_AHEAD_US)
             board.link.send(board.link.stream_wire(board.flat_phases(), waits_until_us))

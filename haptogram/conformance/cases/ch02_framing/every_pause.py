@@ -108,10 +108,17 @@ def pauses_end_no_frame(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
         count = board.identity.transducers
         begin_upload(board, UploadKind.PHASES, _SEQUENCE, bytes(_CHUNK * count))
-    for pause_ms in _PAUSES_AT_WALL_MS if at_wall else _PAUSES_MS:
+    for pause_ms in _pauses_ms(board):
         for paused in _paused_bytes(board):
             for place in _PLACES[:1] if at_wall and pause_ms >= _LONG_MS else _PLACES:
                 _judge_pause(board, paused, place, pause_ms)
+
+
+def _pauses_ms(board: BoardClient) -> tuple[int, ...]:
+    """Return the pauses; without the longest if STATUS that nothing ends would flood the line."""
+    if board.wire.limits.slack_us:
+        return _PAUSES_AT_WALL_MS
+    return _PAUSES_MS[:-1] if board.config.status_period_ms else _PAUSES_MS
 
 
 def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) -> None:

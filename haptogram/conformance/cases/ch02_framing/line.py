@@ -9,13 +9,11 @@ from haptogram_protocol.messages import Phases, Ping, Pong
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.request_client import LONGEST_BURST_BYTES
 from ...outcome import SELF_REPORTED, check
 
 _LISTEN_US: Final = 300_000
 _PING_BYTES: Final = 26  # on the line, at most
-
-#: Of a window that is larger only so much is filled: it may be 4 GB.
-_MOST_BYTES: Final = 1 << 17
 
 
 @case("HG-2.7/1", "all 256 byte values come back from PING as they were sent")
@@ -33,7 +31,7 @@ def line_carries_every_byte(board: BoardClient) -> None:
 )
 def line_takes_a_full_window(board: BoardClient) -> None:
     first = board.link.stream_wire(board.flat_phases())
-    count = max(1, min(board.identity.rx_window, _MOST_BYTES) // len(first))
+    count = max(1, min(board.identity.rx_window, LONGEST_BURST_BYTES) // len(first))
     frames = [first, *(board.link.stream_wire(board.flat_phases()) for _ in range(count - 1))]
     with board.counting(dropped_state=count, frames=count):
         board.link.send(*frames)
@@ -48,7 +46,7 @@ def line_takes_a_full_window(board: BoardClient) -> None:
 )
 def line_takes_a_window_of_shortest_frames(board: BoardClient) -> None:
     first = board.link.stream_raw(Phases.TYPE, b"")  # of a wrong length: 14 bytes before stuffing
-    count = (min(board.identity.rx_window, _MOST_BYTES) - _PING_BYTES) // len(first)
+    count = (min(board.identity.rx_window, LONGEST_BURST_BYTES) - _PING_BYTES) // len(first)
     frames = [first, *(board.link.stream_raw(Phases.TYPE, b"") for _ in range(count - 1))]
     since = board.link.mark()
     with board.counting(bad_length=count, frames=count + 1, requests=1, gap=0):

@@ -36,6 +36,7 @@ _STALE: Final = 0x0F0F
 _UNKNOWN_REQUEST: Final = 0x7D
 _UNKNOWN_STREAM: Final = 0x3D
 _DEEPEST: Final = 512  # a queue deeper than this is not filled: it would take seconds
+_LATEST_US: Final = 1 << 30  # behind the last in the queue: what is half a turn ahead has passed
 _STEP_US: Final = 1000
 _SEQUENCE: Final = 4
 
@@ -111,7 +112,7 @@ def checks_for_the_queue_in_order(board: BoardClient) -> None:
         not_observed(f"this line or board takes too long to fill a queue of {depth} frames")
     with board.counting(dropped_order=2, dropped_full=2, flushed=depth):
         board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
-        beyond_us = times[-1] + 2 * board.identity.max_horizon_us
+        beyond_us = times[-1] + min(2 * board.identity.max_horizon_us, _LATEST_US)
         for t_us in (times[-1], times[0] - 10 * 1_000_000, times[-1] + _STEP_US, beyond_us):
             board.link.send(board.link.stream_wire(good, t_us))
         board.link.barrier()  # or MUTE may overtake them

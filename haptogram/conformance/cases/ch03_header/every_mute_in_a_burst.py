@@ -125,6 +125,7 @@ def _judge_burst_of_mutes(
     for _, message, seq in burst:
         if message is not None:
             _judge_answer_in_burst(board, name, message, seq, since)
+    board.clock.wait_computed(stages * board.most_points)
     board.clock.wait_latched()
     judge_silence_behind_mute(board)
     latched = board.counted_since(before)["latched"]

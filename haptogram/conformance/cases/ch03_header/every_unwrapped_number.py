@@ -15,8 +15,11 @@ from haptogram_protocol.messages import (
 
 from ...case import Case, Depth
 from ...client.board_client import BoardClient
-from ...client.capabilities import TRACES
-from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
+from ...client.latching import (
+    ask_for_board_latches_if_supported,
+    latch_now,
+    latches_received_from_board,
+)
 from ...outcome import SELF_REPORTED, check
 
 _JUMP: Final = 0x7FFF  # the farthest that a number is ahead (HG-5.5/2)
@@ -51,8 +54,7 @@ def _numbers_told_of_a_latch(
 
 def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -> None:
     """FAILED unless numbers on both sides of each power of two are told whole."""
-    traced = board.has(Feature.CONFIG) and board.identity.features & TRACES
-    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
+    mode = ask_for_board_latches_if_supported(board)
     board.arm()
     latch_now(board, board.flat_phases())
     first, before, sent = board.link.stream_next, board.status().counters, 0

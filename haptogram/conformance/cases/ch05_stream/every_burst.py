@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -22,9 +22,9 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import TRACES
 from ...client.latching import (
     ask_for_board_latches,
+    ask_for_board_latches_if_supported,
     full_client_drive,
     latch_now,
     latches_received_from_board,
@@ -38,7 +38,7 @@ from ...client.playback import (
     send_phases_to_store_if_supported,
 )
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, inconclusive, not_observed
+from ...outcome import SELF_REPORTED, check, not_observed
 
 _SEQUENCE: Final = 5
 _WINDOW_US: Final = 100_000
@@ -88,23 +88,22 @@ def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
             board.arm()
             board.wire.idle(board.clock.carrier_us + 7)  # another moment of the carrier period
             before = board.status().counters
-            late_us = board.clock.device_us() - 1000
+            late_us = board.late_time_us(1000)
             board.link.send(board.link.stream_wire(board.flat_phases(), late_us) + make())
             if name.startswith("HELLO"):
                 board.hello()  # behind that HELLO, whose session is not ours
             else:
-                board.clock.wait_latched(1000)
+                board.clock.wait_latched(1000, board.ready_after_us())
+            board.clock.require_in_time(late_us + _WINDOW_US, board.clock.device_us())
             counted = board.counted_since(before)
             if name.startswith("MUTE") and counted["dropped_state"] == 1:
                 continue  # MUTE has overtaken the frame: HG-3.8/4
-            if counted["dropped_late"]:
-                inconclusive("the host was held up and sent its frames too late")
-            names = ("late", "flushed", "dropped_state", "latched")
+            names = ("late", "flushed", "dropped_state", "latched", "dropped_late")
             found = tuple(counted[counter] for counter in names)
             others = 1 if name == "IMMEDIATE" else 0
-            due = [(1, 0, 0, 1 + others), (0, 1, 0, others)]
+            due = [(1, 0, 0, 1 + others, 0), (0, 1, 0, others, 0)]
             if "MUTE" in name:  # which may have overtaken the frame
-                due.append((0, 0, 1, others))
+                due.append((0, 0, 1, others, 0))
             check(
                 found in due,
                 f"a late frame and {name} at once: {', '.join(names)} count {found}, due is "
@@ -148,11 +147,9 @@ def lateness_is_of_one_stream_frame(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
-    if board.clock.carrier_us < 3:
-        not_observed("a carrier period of this board has no room for two times")
+    board.clock.require_times_in_carrier()
     kinds = stream_kinds(board)
-    traced = board.has(Feature.CONFIG) and board.identity.features & TRACES
-    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
+    mode = ask_for_board_latches_if_supported(board)
     board.arm()
     room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
     for turn in range(len(kinds)) if board.thorough else range(1):
@@ -288,13 +285,33 @@ def frames_behind_immediate_ones_of_a_burst(board: BoardClient) -> None:
     wall_depth=Depth.FULL,  # where no frame arrives to the microsecond
 )
 def an_output_off_between_two_latches_of_a_burst(board: BoardClient) -> None:
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     mode = ask_for_board_latches(board)
-    played = (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,)
     for _ in board.wire.ways_of_mute():
-        for name, *plays in itertools.product((*_OFFS_OF_BURST, _HELLO), played, played):
-            for off_us in _moments_of_burst(board):
-                _judge_latches_around_off(board, name, plays, off_us, mode)
+        _judge_latches_around_offs(board, _OFFS_OF_BURST, mode)
+
+
+@case(
+    "HG-5.8/3",
+    "a latch, HELLO of a new session, ARM and a latch at one moment, on a latch: one in a period",
+    variant="session",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def a_session_between_two_latches_of_a_burst(board: BoardClient) -> None:
+    mode = ask_for_board_latches_if_supported(board, Feature.TRACE | Feature.TRACE_DRIVE)
+    if mode is TraceMode.OFF:
+        not_observed("the trace ring of a new session tells of no latch before it (HG-8.5/1)")
+    _judge_latches_around_offs(board, (_HELLO,), mode)
+
+
+def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: TraceMode) -> None:
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    played = (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,)
+    for name, *plays in itertools.product(names, played, played):
+        for off_us in _moments_of_burst(board):
+            _judge_latches_around_off(board, name, plays, off_us, mode)
 
 
 def _judge_latches_around_off(
@@ -304,27 +321,32 @@ def _judge_latches_around_off(
     board.hello()
     board.arm()
     since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))
-    wires = _latch_again_in_a_burst(board, name, plays)
-    send_to_arrive_at(board, boundary_us + off_us, wires)
-    board.clock.wait_latched(len(wires))
+    first, rest = _latch_again_in_a_burst(board, name, plays)
+    is_slow = 2 * board.wire.line_us(len(rest)) >= board.clock.carrier_us
+    if is_slow and not board.wire.limits.slack_us:
+        not_observed("no two frames come within one carrier period of this line")
+    send_to_arrive_at(board, boundary_us + off_us, first + rest)
+    board.clock.wait_latched(len(first + rest))
     times = [latch.t_us for latch in latches_received_from_board(board, since, mode)]
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     check(not near, f"latch, {name}, ARM, latch at once: latches at {times[:2]} µs")
     board.link.ask(Stop())
 
 
-def _latch_again_in_a_burst(board: BoardClient, name: str, plays: Sequence[bool]) -> bytes:
-    """Return a latch, the request *name*, ARM and a latch, each of the stream or played."""
-    wires = [_latch_in_a_burst(board, is_played=plays[0])]
+def _latch_again_in_a_burst(
+    board: BoardClient, name: str, plays: Sequence[bool]
+) -> tuple[bytes, bytes]:
+    """Return a latch, then the request *name*, ARM and a latch; each of the stream or played."""
+    first = _latch_in_a_burst(board, is_played=plays[0])
     if name == _HELLO:
         nonce = board.new_nonce()
-        wires.append(board.link.request_wire(board.hello_message(nonce), session=0)[0])
+        request, _ = board.link.request_wire(board.hello_message(nonce), session=0)
         board.link.session, board.link.stream_next = nonce, FIRST_STREAM_SEQ
     else:
         session = 0 if name == "MUTE without a session" else board.link.session
-        wires.append(board.link.request_wire(_OFFS_OF_BURST[name], session=session)[0])
-    wires.append(board.link.request_wire(Arm())[0])
-    return b"".join([*wires, _latch_in_a_burst(board, is_played=plays[1])])
+        request, _ = board.link.request_wire(_OFFS_OF_BURST[name], session=session)
+    arm, _ = board.link.request_wire(Arm())
+    return first, request + arm + _latch_in_a_burst(board, is_played=plays[1])
 
 
 def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:

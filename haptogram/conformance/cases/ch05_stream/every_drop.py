@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Phases, Points, TraceMode
+from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Phases, Points
 
 from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import ask_for_board_latches, latches_received_from_board
+from ...client.latching import ask_for_board_latches_if_supported, latches_received_from_board
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, CaseEndedError, check, fail, not_observed
 
@@ -19,6 +19,7 @@ _AHEAD_US: Final = 400_000
 _DEEPEST: Final = 512
 _LOW_FLAGS: Final = (1, 2, 4, 8, 15)
 _LONGEST: Final = 4000
+_LATEST_US: Final = 1 << 30  # behind the last in the queue: what is half a turn ahead has passed
 _BEFORE_US: Final = 2  # a carrier boundary
 
 #: Given board, kind and the t_apply of the last queued frame: the frames that have to be dropped.
@@ -122,9 +123,10 @@ def _drop_beyond_window(board: BoardClient, kind: StreamKind, _: int) -> Iterabl
 
 
 def _overflow_drop(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
+    horizon_us = board.identity.max_horizon_us
     yield board.link.stream_wire(kind.make(), last_us + 1)  # for the latch of the last one
     yield board.link.stream_wire(kind.make(), last_us + 1000)
-    yield board.link.stream_wire(kind.make(), last_us + 2 * board.identity.max_horizon_us)
+    yield board.link.stream_wire(kind.make(), last_us + min(2 * horizon_us, _LATEST_US))
 
 
 DROPS: Final = (
@@ -158,6 +160,8 @@ def fill_queue(board: BoardClient, number: int, ahead_us: int = 5 * _AHEAD_US) -
 def judge_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
     """FAILED unless every frame of one kind is dropped, counted once and not answered."""
     waiting, wires = frames_to_drop(board, drop, kind)
+    if not wires:
+        not_observed(f"no t_apply is {drop.summary}")
     with board.counting(**{drop.counter: len(wires)}, latched=0):
         board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
         queued = board.status().queued
@@ -179,7 +183,7 @@ def frames_to_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> tuple[in
     last_us = fill_queue(board, depth if drop.queued < 0 else drop.queued) if drop.queued else 0
     board.link.barrier()
     waiting = board.status().queued
-    return waiting, list(drop.frames(board, kind, last_us))
+    return waiting, board.within_timers(drop.frames(board, kind, last_us))
 
 
 def _drop_case(drop: Drop) -> Case:
@@ -207,8 +211,7 @@ PRODUCT: Final = tuple(_drop_case(drop) for drop in DROPS)
 def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
     board.arm()
     lows = _LOW_FLAGS if board.thorough else _LOW_FLAGS[-1:]
-    traced = board.has(Feature.CONFIG | Feature.TRACE)
-    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
+    mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
     since = board.link.mark()
     for kind in stream_kinds(board):
         timed = lows[-board.identity.queue_depth :]

@@ -236,8 +236,10 @@ def _queue_some_stream_frames(
 )
 def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
     horizon_us = board.identity.max_horizon_us
+    if board.clock.beyond_us(4) is None:
+        not_observed(f"a t_apply beyond the horizon of {horizon_us} µs has passed")
     wire_us = board.wire.line_us(len(board.link.stream_wire(board.flat_phases(), 0, seq=0)))
-    for off_us in range(-3, min(4, (1 << 31) - horizon_us)):  # what is later than 2^31 has passed
+    for off_us in range(-3, 4):
         board.arm()
         board.clock.device_us()
         before = board.status().counters
@@ -266,7 +268,8 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
     board.arm()
     most_us = board.identity.max_horizon_us - _AHEAD_US
     lengths = [(1 << bits) + _OVER_US for bits in range(16, 31)]
-    ahead_us = [us for us in lengths if us < most_us][: board.identity.queue_depth]
+    least_us = board.ready_after_us() + _LOOK_US
+    ahead_us = [us for us in lengths if least_us < us < most_us][: board.identity.queue_depth]
     if not ahead_us:
         not_observed(f"max_horizon_us is {board.identity.max_horizon_us}: no wait of 2^16 µs fits")
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))

@@ -20,9 +20,9 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import TRACES
 from ...client.latching import (
     ask_for_board_latches,
+    ask_for_board_latches_if_supported,
     latch_now,
     latches_received_from_board,
     send_to_arrive_at,
@@ -91,10 +91,8 @@ def orders_in_a_period(frames: int) -> list[PeriodOrder]:
     evidence=SELF_REPORTED,
 )
 def every_order_of_times_in_a_period(board: BoardClient) -> None:
-    if board.clock.carrier_us < 3:
-        not_observed("a carrier period of this board has no room for three times")
-    traced = board.has(Feature.CONFIG) and board.identity.features & TRACES
-    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
+    board.clock.require_times_in_carrier()
+    mode = ask_for_board_latches_if_supported(board)
     board.arm()
     orders = [*orders_in_a_period(2), *orders_in_a_period(3)]
     room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
@@ -181,10 +179,8 @@ def _frames_that_replace_nothing(
     evidence=SELF_REPORTED,
 )
 def frames_with_defects_replace_no_frame(board: BoardClient) -> None:
-    if board.clock.carrier_us < 3:
-        not_observed("a carrier period of this board has no room for two times")
-    traced = board.has(Feature.CONFIG) and board.identity.features & TRACES
-    mode = ask_for_board_latches(board) if traced else TraceMode.OFF
+    board.clock.require_times_in_carrier()
+    mode = ask_for_board_latches_if_supported(board)
     board.arm()
     kinds = stream_kinds(board)
     for kind in kinds if board.thorough else kinds[:1]:
@@ -262,7 +258,8 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
     for name, flush in _FLUSHES.items():
         if flush is _flush_by_playback and not plays:
             continue
-        t_us = board.clock.soon_us(bytes(8000), ahead_us=2 * PERIOD_US)
+        ready_us = board.ready_after_us()  # of a frame that flushes
+        t_us = board.clock.soon_us(bytes(8000), ahead_us=2 * PERIOD_US + ready_us)
         for later_us in (0, apart_us, 2 * apart_us):
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + later_us - apart_us))
         board.link.barrier()  # or MUTE may overtake them
@@ -270,7 +267,7 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
         before = board.status()
         check(before.queued == 0, f"{before.queued} frames wait behind {name}")
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us - 2 * apart_us))
-        board.clock.require_in_time(t_us - 3 * apart_us)
+        board.clock.require_in_time(t_us - 3 * apart_us - ready_us)
         board.clock.wait_until(t_us + _STEP_US)
         counted = board.counted_since(before.counters)
         got = tuple(counted[counter] for counter in _COUNTERS)

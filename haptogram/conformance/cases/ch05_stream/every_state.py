@@ -1,4 +1,4 @@
-"""HG-3.8, HG-5.5, HG-9.1: checks that come before the output state, and STATUS, in every state."""
+"""HG-3.8, HG-5.5, HG-5.7, HG-9.1: checks and drops of stream frames, and STATUS, in every state."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Mute, PlayReply, Status
+from haptogram_protocol.messages import Feature, Mute, Status
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, play_request, send_phases_to_store
+from ...client.playback import play_later, play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...judge.timers import judge_status_steps
 from ...outcome import SELF_REPORTED, CaseEndedError, check
@@ -22,6 +22,10 @@ _MS: Final = 1000
 _SEQUENCE: Final = 6
 _GAP: Final = 7
 _AHEAD_US: Final = 8_000_000
+_SILENT: Final = "while ARMED and silent"
+_SOUNDS: Final = "while it sounds"
+_PLAYBACK_WAITS: Final = "while a playback waits"
+_TAKES_FRAMES: Final = (_SILENT, _SOUNDS)
 #: Counters of steps 6 to 10 of HG-3.8, which come before the output state.
 BEFORE_STATE: Final = ("stale_session", "duplicate", "unsupported", "bad_length", "bad_value")
 
@@ -34,8 +38,7 @@ def _playing_at_stream_frame(board: BoardClient) -> None:
 
 def _waiting_at_stream_frame(board: BoardClient) -> None:
     board.arm()
-    play = play_request(board, _SEQUENCE, loops=0, unattended_ms=9_999)
-    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
+    play_later(board, _SEQUENCE, _AHEAD_US, unattended_ms=9_999)
 
 
 def _silent_at_stream_frame(board: BoardClient) -> None:
@@ -48,14 +51,43 @@ def _states_at_stream_frame(board: BoardClient) -> dict[str, Callable[[], object
     states: dict[str, Callable[[], object]] = {
         "while DISARMED": partial(board.bring_to, OutputState.DISARMED),
         "while MUTED": partial(board.bring_to, OutputState.MUTED),
-        "while ARMED and silent": partial(_silent_at_stream_frame, board),
-        "while it sounds": lambda: latch_now(board, board.flat_phases()),
+        _SILENT: partial(_silent_at_stream_frame, board),
+        _SOUNDS: lambda: latch_now(board, board.flat_phases()),
     }
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_to_store(board, _SEQUENCE, frames=1)
         states["while a sequence plays"] = partial(_playing_at_stream_frame, board)
-        states["while a playback waits"] = partial(_waiting_at_stream_frame, board)
+        states[_PLAYBACK_WAITS] = partial(_waiting_at_stream_frame, board)
     return states
+
+
+@case(
+    "HG-5.7/1",
+    "frames while DISARMED, MUTED, while a sequence plays or waits: dropped_state, none is latched",
+    evidence=SELF_REPORTED,
+)
+def no_other_state_takes_stream_frames(board: BoardClient) -> None:
+    kinds = stream_kinds(board)
+    for name, bring in _states_at_stream_frame(board).items():
+        if name in _TAKES_FRAMES:
+            continue
+        if name == _PLAYBACK_WAITS and board.clock.horizon_us < _AHEAD_US:
+            continue
+        board.arm()
+        bring()
+        t_us = board.clock.soon_us(bytes(2000))
+        messages = [kind.make() for kind in (kinds if board.thorough else kinds[:1])]
+        try:
+            with board.counting(dropped_state=2 * len(messages), latched=0):
+                for message in messages:
+                    board.link.send(board.link.stream_wire(message))
+                    board.link.send(board.link.stream_wire(message, t_us))
+                board.clock.wait_latched()
+                queued = board.status().queued
+                check(queued == 0, f"{queued} frames are queued")
+        except CaseEndedError as error:
+            raise CaseEndedError(error.behaviour, f"{name}: {error}") from None
+        board.link.ask(Mute())
 
 
 @case(
@@ -77,7 +109,7 @@ def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
                 board.link.ask(Mute())
                 board.arm()
                 bring()  # anew: on a slow line its timers would end meanwhile
-                wires = list(drop.frames(board, kind, 0))
+                wires = board.within_timers(drop.frames(board, kind, 0))
                 try:
                     with board.counting(**{drop.counter: len(wires)}, latched=0, accepted=0):
                         board.link.unanswered(f"{kind.name} {drop.summary}", *wires)

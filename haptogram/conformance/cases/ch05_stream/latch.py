@@ -5,19 +5,19 @@ from __future__ import annotations
 import zlib
 from typing import Final
 
-from haptogram_protocol.messages import DriveKind, DriveReply, Feature, ReadDrive
+from haptogram_protocol.messages import DriveKind, DriveReply, Feature, ReadDrive, TraceMode
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import (
-    ask_for_board_latches,
+    ask_for_board_latches_if_supported,
     client_drive_of_reply,
     full_client_drive,
     latch_now,
     latches_received_from_board,
 )
 from ...judge.witness import JudgeWitness
-from ...outcome import SELF_REPORTED, check, fail, not_observed
+from ...outcome import SELF_REPORTED, check, fail
 
 _OFFSETS_US: Final = (0, 1, 7, 12, 24, 25, 26, 49, 1000)
 _BURST: Final = 48
@@ -77,13 +77,13 @@ def latches_immediate_frames_on_the_carrier(board: BoardClient) -> None:
 )
 def latches_all_elements_at_once(board: BoardClient) -> None:
     count = board.identity.transducers
-    mode = ask_for_board_latches(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
+    mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
     drives = (bytes([0x08]) * count, bytes([0xF0]) * count)
     since = board.link.mark()
     board.arm()
     for _ in range(3):
         _check_burst(board, drives)
-    if mode is not None:
+    if mode is not TraceMode.OFF:
         known = {zlib.crc32(full_client_drive(drive)) for drive in drives}
         mixed = [
             latch
@@ -129,8 +129,7 @@ def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
     evidence=SELF_REPORTED,
 )
 def latches_once_a_period(board: BoardClient) -> None:
-    if board.clock.carrier_us < 3:
-        not_observed("a carrier period of this board has no room for two times")
+    board.clock.require_times_in_carrier()
     board.arm()
     t_us = board.clock.soon_us(bytes(1200))
     with board.counting(latched=2, flushed=1):

@@ -51,15 +51,17 @@ def stream_numbers_are_used_up(board: BoardClient) -> None:
     board.link.send(board.link.stream_wire(good))  # not armed: dropped_state
     board.arm()
     past_us = board.clock.device_us() - 1_000_000
-    beyond_us = board.clock.device_us() + board.identity.max_horizon_us + 10_000_000
+    beyond_us = board.clock.beyond_us(10_000_000)
     dropped = {
         "unknown_type": board.link.stream_raw(0x3B, b""),
         "unsupported": board.link.stream_wire(good, flags=0x40),
         "bad_length": board.link.stream_raw(Phases.TYPE, payload + b"\x00"),
         "bad_value": board.link.stream_raw(Phases.TYPE, bytes([payload[0], 9]) + payload[2:]),
         "dropped_late": board.link.stream_wire(good, past_us),
-        "dropped_future": board.link.stream_wire(good, beyond_us),
     }
+    if beyond_us is not None:
+        at_us = board.clock.device_us() + beyond_us
+        dropped["dropped_future"] = board.link.stream_wire(good, at_us)
     with board.counting(latched=1, **dict.fromkeys(dropped, 1)):
         board.link.send(*dropped.values())
         latch_now(board, good)

@@ -248,7 +248,7 @@ def _latch_and_judge_points(
     depth=Depth.DEFAULT,
 )
 def streamed_points_all_but_cancel(board: BoardClient) -> None:
-    most = board.most_points
+    most = min(board.most_points, 2 * 65_535 // _FAINT)
     if most < 2:
         not_observed("one point alone cancels nothing")
     model = _model_of_streamed_points(board)
@@ -296,18 +296,18 @@ def streamed_points_lie_at_every_end(board: BoardClient) -> None:
 
 @case(
     "HG-5.4/4",
-    "max_points points are latched, one more is counted in bad_value, none in bad_length",
+    "the most points are latched, more than max_points counted in bad_value, none in bad_length",
     needs=Feature.POINTS,
     evidence=SELF_REPORTED,
 )
 def counts_the_points_of_a_frame(board: BoardClient) -> None:
-    most = board.most_points
+    most = board.identity.max_points
     if (most + 1) * FocalPoint.LAYOUT.size > 4000:
         not_observed("more points than max_points do not fit into a frame")
     board.arm()
     point = FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
     with board.counting(latched=1, bad_value=2, bad_length=1):
-        latch_now(board, Points((point,) * most))
+        latch_now(board, Points((point,) * board.most_points))
         for number in (most + 1, 2 * most):
             board.link.send(board.link.stream_wire(Points((point,) * min(number, 250))))
         board.link.send(board.link.stream_raw(Points.TYPE, b""))

@@ -7,6 +7,7 @@ there as before: in every state, with frames queued, a playback and an upload un
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -139,9 +140,12 @@ def _drop_for_effect(counter: str) -> Event:
     """Return the event of frames of every format that *counter*, of steps 6 to 10, counts."""
 
     def send(board: BoardClient) -> None:
-        for drop in DROPS:
-            for kind in stream_kinds(board) if drop.counter == counter else ():
-                board.link.send(*drop.frames(board, kind, 0))
+        frames = (
+            drop.frames(board, kind, 0)
+            for drop in DROPS
+            for kind in (stream_kinds(board) if drop.counter == counter else ())
+        )
+        board.link.send(*board.within_timers(itertools.chain.from_iterable(frames)))
 
     return send
 

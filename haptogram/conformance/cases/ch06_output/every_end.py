@@ -12,7 +12,6 @@ from haptogram_protocol.messages import (
     Feature,
     Mute,
     PlaybackEnded,
-    PlayReply,
     StateChanged,
     Stop,
 )
@@ -25,8 +24,8 @@ from ...client.playback import (
     PERIOD_US,
     let_play,
     period_to_play,
+    play_later,
     play_now,
-    play_request,
     send_phases_to_store_if_supported,
 )
 from ...outcome import SELF_REPORTED, CaseEndedError, check
@@ -101,8 +100,7 @@ def _output_in_ramp(board: BoardClient) -> None:
 
 def _output_before_playback(board: BoardClient) -> None:
     _output_of_sound(board)
-    play = play_request(board, _SEQUENCE, loops=0, unattended_ms=5000)
-    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(3_000_000))
+    play_later(board, _SEQUENCE, 3_000_000, unattended_ms=5000)
 
 
 def _output_of_playback(board: BoardClient) -> None:

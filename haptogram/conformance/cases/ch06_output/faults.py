@@ -1,4 +1,4 @@
-"""HG-6.2, HG-6.6, HG-6.8: a fault of the hardware, where something can bring one about."""
+"""HG-5.7, HG-6.2, HG-6.6, HG-6.8: a fault of the hardware, where something can bring one about."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
         if event is OutputInput.NEW_SESSION:
             board.hello()
         elif event is OutputInput.LATCH:
-            with board.counting(dropped_state=1, latched=0):
+            with board.counting(dropped_state=None, latched=0):
                 board.link.send(board.link.stream_wire(board.flat_phases()))
         elif due is None:
             flags = 0x10 if event is OutputInput.PLAY else 0
@@ -164,6 +164,21 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
         due = OutputState.FAULT if due is None else due
         check(found is due, f"{event.name} in FAULT: {found.name}, due is {due.name}")
         recover_from_hardware_fault(board)
+
+
+@case(
+    "HG-5.7/1",
+    "in FAULT frames of every message and format are counted in dropped_state, none is latched",
+    variant="fault",
+    evidence=SELF_REPORTED,
+)
+def a_hardware_fault_drops_stream_frames(board: BoardClient) -> None:
+    fail_hardware(board)
+    kinds = stream_kinds(board)
+    with board.counting(dropped_state=len(kinds), latched=0):
+        for kind in kinds:
+            board.link.send(board.link.stream_wire(kind.make()))
+    recover_from_hardware_fault(board)
 
 
 @case(
@@ -190,7 +205,7 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
 
 @case(
     "HG-6.2/1",
-    "in FAULT stream frames are dropped, all else is answered: settings, uploads, readings, STATUS",
+    "in FAULT all requests but ARM and PLAY are carried out: settings, uploads, readings, STATUS",
     variant="requests",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
@@ -211,10 +226,6 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
         text = f"{message.TYPE.name} in FAULT: {board.link.answer_text(answer)}"
         check(is_refused == isinstance(message, Arm | Play), text)
     send_phases_to_store(board, _SEQUENCE, frames=1)
-    kinds = stream_kinds(board)
-    with board.counting(dropped_state=len(kinds), latched=0, timeouts=0):
-        for kind in kinds:
-            board.link.send(board.link.stream_wire(kind.make()))
     board.configure(status_period_ms=period_ms, late_window_us=777)
     since = board.link.mark()
     board.wire.idle(3 * period_ms * 1000 + 2 * _SHORT_MS * 1000)

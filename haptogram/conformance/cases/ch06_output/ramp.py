@@ -154,7 +154,9 @@ def output_ramps_are_renewed(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def output_ramps_end_muted(board: BoardClient) -> None:
-    board.configure(hold_ms=60, ramp_ms=60)
+    hold_ms = 60 + board.wire.line_us(2 * board.identity.transducers + 200) // _MS
+    ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0
+    board.configure(hold_ms=hold_ms, ramp_ms=60)
     board.arm()
     with board.counting(timeouts=1, flushed=1, latched=1):
         since = board.link.mark()
@@ -162,9 +164,9 @@ def output_ramps_end_muted(board: BoardClient) -> None:
         start_us = board.clock.unwrap(board.status().last_latch_us)
         board.clock.require_horizon(2_000_000)
         board.link.send(board.link.stream_wire(board.flat_phases(), start_us + 2_000_000))
-        header, _ = judged_mute_by_timer(board, since, 400 * _MS, MuteReason.HOLD_EXPIRED)
-    ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0
-    judge_mute_time(board, start_us, header, 60 + ramp_ms, "hold_ms = 60 and the ramp")
+        timeout_us = (400 + hold_ms) * _MS
+        header, _ = judged_mute_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
+    judge_mute_time(board, start_us, header, hold_ms + ramp_ms, "the hold and its ramp")
 
 
 @case(

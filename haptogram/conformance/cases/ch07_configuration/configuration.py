@@ -103,7 +103,7 @@ def configuration_is_in_force_at_once(board: BoardClient) -> None:
     wanted = dataclasses.replace(
         board.base_config, late_window_us=100_000, status_period_ms=period_ms
     )
-    late_us = board.clock.device_us() - 1000
+    late_us = board.late_time_us(1000)
     with board.counting(late=1, latched=1):
         order, seq = board.link.request_wire(SetConfig(wanted))
         since = board.link.mark()

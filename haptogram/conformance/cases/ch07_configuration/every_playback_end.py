@@ -11,7 +11,6 @@ from haptogram_protocol.messages import (
     Feature,
     Mute,
     PlaybackEnded,
-    PlayReply,
     Status,
     Stop,
 )
@@ -21,11 +20,10 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches, latches_received_from_board
 from ...client.playback import (
-    UNATTENDED_MS,
     await_playback_end,
     period_to_play,
+    play_later,
     play_now,
-    play_request,
     send_phases_to_store,
 )
 from ...judge.timers import judged_mute_by_timer
@@ -43,8 +41,7 @@ _Act = Callable[[BoardClient], object]
 
 
 def _waiting_playback(board: BoardClient) -> None:
-    play = play_request(board, _SEQUENCE, loops=0, unattended_ms=UNATTENDED_MS)
-    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
+    play_later(board, _SEQUENCE, _AHEAD_US)
 
 
 def _playback_in_its_first_frame(board: BoardClient) -> None:
@@ -174,8 +171,7 @@ def a_configured_lease_leaves_the_playback_its_time(board: BoardClient) -> None:
         board.configure()
         board.arm()
         if is_waiting:
-            play = play_request(board, _SEQUENCE, loops=0, unattended_ms=alone_ms)
-            board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
+            play_later(board, _SEQUENCE, _AHEAD_US, unattended_ms=alone_ms)
         else:
             play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=alone_ms)
         since = board.link.mark()

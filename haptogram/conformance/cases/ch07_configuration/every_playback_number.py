@@ -19,6 +19,7 @@ from ...client.playback import (
     PERIOD_US,
     play_now,
     play_request,
+    require_time_to_play,
     send_phases_to_store,
     shortest_period_to_play_us,
 )
@@ -60,6 +61,7 @@ def _playback_loop_numbers(frames: int) -> list[int]:
 )
 def many_playback_loops_go_on(board: BoardClient) -> None:
     period_us = _playback_period_us(board)
+    require_time_to_play(board, (_SEEN + 1) * period_us)
     for frames in (1, 2, 3):
         send_phases_to_store(board, _SEQUENCE, frames=frames)
         for loops in _playback_loop_numbers(frames):

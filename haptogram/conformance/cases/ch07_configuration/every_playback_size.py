@@ -152,8 +152,8 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
     _begin_traced_playback(board)
     since = board.link.mark()
     period_us, seen_us = _shortest_playback_us(board), 20_000
-    if len(stored) * period_us <= seen_us:
-        not_observed(f"{len(stored)} frames at most are played within {seen_us} µs")
+    if (len(stored) - 1) * period_us <= seen_us:
+        not_observed(f"the last of {len(stored)} frames at most is played within {seen_us} µs")
     play_now(board, _SEQUENCE, loops=1, period_us=period_us)
     board.wire.idle(seen_us)
     board.link.call(Stop(), StopReply)
@@ -266,7 +266,7 @@ def many_playback_frames_are_counted(board: BoardClient) -> None:
 def _check_playback_in_the_ring(board: BoardClient) -> None:
     """FAILED unless the ring numbers the last latches, and one late frame, beyond 16 bits."""
     last = board.link.stream_next
-    board.link.send(board.link.stream_wire(board.flat_phases(), board.clock.device_us() - 5000))
+    board.link.send(board.link.stream_wire(board.flat_phases(), board.late_time_us(5000)))
     board.clock.wait_latched(2 * board.identity.transducers)
     reply = board.link.call(ReadTrace(_MANY - 2, 9), TraceReply)
     due = [(n, _SEQUENCE, n, 0, 0) for n in (_MANY - 2, _MANY - 1)]
@@ -340,7 +340,7 @@ def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
         for _ in range(3):
             for lateness_us in (None, _WINDOW_US // 20, -_WINDOW_US // 2):
                 keys.append((0, board.link.stream_next))
-                at_us = None if lateness_us is None else board.clock.device_us() - lateness_us
+                at_us = None if lateness_us is None else board.late_time_us(lateness_us)
                 board.link.send(board.link.stream_wire(board.flat_phases(), at_us))
                 board.wire.idle(max(0, -(lateness_us or 0)))
                 board.clock.wait_latched(2 * board.identity.transducers)

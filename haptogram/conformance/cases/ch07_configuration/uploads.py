@@ -84,7 +84,7 @@ def refuses_uploads_too_large(board: BoardClient) -> None:
     variant="limits",
 )
 def takes_uploads_at_its_limits(board: BoardClient) -> None:
-    kind, target, frame = _upload_kind(board)
+    kind, _, frame = _upload_kind(board)
     identity = board.identity
     sizes = {(kind, 0 if kind is not UploadKind.POINTS else 1, frame)}
     if board.has(Feature.SEQUENCE_POINTS):
@@ -93,7 +93,8 @@ def takes_uploads_at_its_limits(board: BoardClient) -> None:
     for one, points, size in sorted(sizes):
         most = min(identity.max_sequence_frames, identity.max_upload_bytes // size)
         most = 1 if one is UploadKind.CORRECTION else most
-        for frames in {1, most - 1, most} & set(range(1, most + 1)):
+        for frames in {frames for frames in (1, most - 1, most) if 1 <= frames <= most}:
+            target = int(one is not UploadKind.CORRECTION)
             begin = UploadBegin(one, points, target, frames * size, 0)
             board.link.call(begin, UploadBeginReply)
     board.hello()  # which abandons the upload

@@ -11,7 +11,6 @@ from haptogram_protocol.messages import (
     Feature,
     LatchKey,
     Mute,
-    PlayReply,
     ReadDrive,
     UploadKind,
 )
@@ -19,7 +18,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, play_request, send_phases_to_store_if_supported
+from ...client.playback import play_later, play_now, send_phases_to_store_if_supported
 from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check
 
@@ -42,8 +41,7 @@ def _wait_with_a_frame(board: BoardClient) -> None:
 
 def _wait_with_a_playback(board: BoardClient) -> None:
     board.arm()
-    play = play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)
-    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
+    play_later(board, _SEQUENCE, _AHEAD_US, loops=1, unattended_ms=2000)
 
 
 def _drop_a_frame(board: BoardClient) -> None:

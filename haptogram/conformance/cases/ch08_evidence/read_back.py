@@ -11,12 +11,13 @@ from haptogram_protocol.messages import (
     Feature,
     LatchKey,
     ReadDrive,
+    TraceMode,
 )
 
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import (
-    ask_for_board_latches,
+    ask_for_board_latches_if_supported,
     client_drive_of_reply,
     latch_now,
     latches_received_from_board,
@@ -70,7 +71,7 @@ def reads_back_no_more_transducers(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def reads_back_one_latch(board: BoardClient) -> None:
-    mode = ask_for_board_latches(board) if board.has(Feature.CONFIG | Feature.TRACE) else None
+    mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
     board.arm()
     for _ in range(8):
         registers, index = board.random_registers(), board.link.stream_next
@@ -82,7 +83,7 @@ def reads_back_one_latch(board: BoardClient) -> None:
         status = board.status()
         got, due = shown.reply.t_latch_us, status.last_latch_us
         check(got == due, f"the read-back was latched at {got} µs, says STATUS {due} µs")
-        if mode is not None:
+        if mode is not TraceMode.OFF:
             seen = latches_received_from_board(board, since, mode)
             check(bool(seen) and seen[-1].crc == shown.crc, "trace and read-back disagree")
 

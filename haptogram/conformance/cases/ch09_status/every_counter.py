@@ -186,7 +186,7 @@ def _move_all_counters(board: BoardClient) -> None:
     if board.has(Feature.CONFIG):
         board.configure(late_window_us=_WINDOW_US)
         board.arm()
-        late_us = board.clock.device_us() - _WINDOW_US // 2
+        late_us = board.late_time_us(_WINDOW_US // 2)
         board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
         board.clock.wait_latched()
         _run_out_timers_at_counters(board)

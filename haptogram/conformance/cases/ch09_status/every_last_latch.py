@@ -13,7 +13,6 @@ from haptogram_protocol.messages import (
     LatchKey,
     Mute,
     Play,
-    PlayReply,
     Stop,
     UploadKind,
 )
@@ -24,9 +23,9 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back
 from ...client.playback import (
     let_play,
+    play_later,
     play_now,
     play_out,
-    play_request,
     send_phases_to_store_if_supported,
 )
 from ...client.stream_kinds import valid_requests_to_send
@@ -80,8 +79,7 @@ def _status_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
 
 
 def _play_later_than_last_latch(board: BoardClient) -> None:
-    play = play_request(board, _SEQUENCE, loops=1, unattended_ms=5000)
-    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(3_000_000))
+    play_later(board, _SEQUENCE, 3_000_000, loops=1, unattended_ms=5000)
 
 
 def _time_out_after_last_latch(board: BoardClient) -> None:

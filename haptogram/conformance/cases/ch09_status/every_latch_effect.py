@@ -106,10 +106,10 @@ def _latch_in_time_for_status(board: BoardClient, _: bytes) -> _LatchEffectInSta
 
 def _late_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
     key, (registers, frame) = _stream_key_in_status(board), _new_frame_for_status(board)
-    t_us = board.clock.device_us() - _LATE_US
+    t_us = board.late_time_us(_LATE_US)
     wire = board.link.stream_wire(frame, t_us)
     board.link.send(wire)
-    board.clock.require_in_time(t_us + _WINDOW_US)
+    board.clock.require_in_time(t_us + _WINDOW_US - board.ready_after_us())
     board.clock.wait_latched(len(wire))
     return _LatchEffectInStatus(key, registers, (1, 1, 1, 0))
 

@@ -42,6 +42,7 @@ _WITH_MARGIN: Final = ("dropped_order", "dropped_full", "dropped_future", "dropp
     evidence=SELF_REPORTED,
 )
 def status_margins_outlive_requests(board: BoardClient) -> None:
+    board.require_no_status()
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     messages = [m for m in valid_requests_to_send(board, _SEQUENCE) if not isinstance(m, GetStatus)]
     every: list[Message] = [Mute(), Arm(), *messages, board.hello_message(board.new_nonce())]
@@ -65,7 +66,7 @@ def status_is_never_late(board: BoardClient) -> None:
     board.configure(late_window_us=100_000, status_period_ms=period_ms, trace_mode=trace)
     board.arm()
     since = board.link.mark()
-    late_us = board.clock.device_us() - 5000
+    late_us = board.late_time_us(5000)
     board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
     board.clock.wait_latched(4000)
     board.wire.idle(1200 * period_ms + board.wire.limits.slack_us)

@@ -72,6 +72,7 @@ def status_begins_with_nothing(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def status_tells_margins(board: BoardClient) -> None:
+    board.require_no_status()
     board.arm()
     board.status()
     empty = board.status()
@@ -115,6 +116,7 @@ def _check_margins(
     evidence=SELF_REPORTED,
 )
 def status_tells_wide_margins(board: BoardClient) -> None:
+    board.require_no_status()
     board.arm()
     good = board.shortest_stream()
     most_us = 2**31 - 60_000_000
@@ -146,6 +148,7 @@ def status_tells_wide_margins(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def status_margins_count_from_ready(board: BoardClient) -> None:
+    board.require_no_status()
     board.arm()
     kinds: list[tuple[Message, int]] = [(board.flat_phases(), 0)]
     if board.has(Feature.POINTS):
@@ -190,10 +193,10 @@ def status_tells_of_one_moment(board: BoardClient) -> None:
             name: (getattr(status.counters, name) - getattr(first.counters, name)) & 0xFFFFFFFF
             for name in Counters.WIRE
         }
-        total = sum(counted[name] for name in PARTS_OF_FRAMES)
+        parts = {name: counted[name] for name in PARTS_OF_FRAMES if counted[name]}
         check(
-            (counted["frames"] - total) & 0xFFFFFFFF == 0,
-            f"frames and what they became: {counted}",
+            (counted["frames"] - sum(parts.values())) & 0xFFFFFFFF == 0,
+            f"frames has grown by {counted['frames']}, its parts by {parts}",
         )
         stream = counted["latched"] + counted["flushed"] + status.queued - first.queued
         check(

@@ -27,6 +27,7 @@ from ...client.playback import (
     send_phases_to_store,
     shortest_period_to_play_us,
 )
+from ...client.request_client import LONGEST_BURST_BYTES
 from ...outcome import SELF_REPORTED, check
 
 _ASKED: Final = 40
@@ -45,7 +46,7 @@ _STATUS_TOLD: Final = 4  # STATUS while the uplink is full
 )
 def free_bytes_in_status_are_free(board: BoardClient) -> None:
     frames = board.link.stream_wire(board.flat_phases())
-    count = max(1, board.status().free_bytes // len(frames))
+    count = max(1, min(board.status().free_bytes, LONGEST_BURST_BYTES) // len(frames))
     with board.counting(dropped_state=count):
         board.link.send(
             frames, *(board.link.stream_wire(board.flat_phases()) for _ in range(count - 1))

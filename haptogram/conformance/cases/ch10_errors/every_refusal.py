@@ -13,7 +13,6 @@ from haptogram_protocol.messages import (
     ErrorCode,
     Feature,
     Mute,
-    PlayReply,
     TraceMode,
     UploadBeginReply,
     UploadChunk,
@@ -26,7 +25,12 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import let_play, play_now, play_request, send_phases_to_store_if_supported
+from ...client.playback import (
+    let_play,
+    play_later,
+    play_now,
+    send_phases_to_store_if_supported,
+)
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import send_upload_chunks, upload_request, upload_to_board
 from ...judge.held_state import Held, held_state_changes, judged_held_state
@@ -140,8 +144,7 @@ def _waiting_before_refusal(board: BoardClient) -> int:
     _set_before_refusal(board)
     board.arm()
     latch_now(board, stream_kinds(board)[-1].make())
-    play = play_request(board, STORED, loops=0, unattended_ms=9_999)
-    board.link.call(play, PlayReply, time_us=board.clock.ahead_us(_AHEAD_US))
+    play_later(board, STORED, _AHEAD_US, unattended_ms=9_999)
     return 0
 
 

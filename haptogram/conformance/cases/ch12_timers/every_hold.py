@@ -253,7 +253,7 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
         if way == "at once":
             latch_now(board, board.flat_phases())
         elif way == "late":
-            late_us = board.clock.device_us() - 20 * _MS
+            late_us = board.late_time_us(20 * _MS)
             board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
             board.clock.wait_latched(1000, board.ready_after_us())
         elif way == "played":

@@ -96,10 +96,16 @@ def _start_lease_for_reason(board: BoardClient, reason: MuteReason, length_ms: i
     return start_us
 
 
+def _lease_length_ms(board: BoardClient, frames: Frames) -> int:
+    """Return the length of a timer within which the line carries *frames* three times."""
+    size = sum(len(data) for some in frames.values() for data in some)
+    return _LENGTH_MS + 5 * board.wire.line_us(size) // _MS
+
+
 def _lease_ran_out_ms(board: BoardClient, reason: MuteReason, frames: Frames) -> float:
     """Return how late the timer mutes, in ms, with *frames* sent three times meanwhile."""
     wires = [data for some in frames.values() for data in some]
-    length_ms = _LENGTH_MS + 5 * board.wire.line_us(sum(map(len, wires))) // _MS
+    length_ms = _lease_length_ms(board, frames)
     since = board.link.mark()
     start_us = _start_lease_for_reason(board, reason, length_ms)
     for moment in _MOMENTS:
@@ -116,7 +122,8 @@ def _judge_lease(board: BoardClient, make: Callable[[BoardClient], Frames]) -> N
     reasons = [MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT]
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_to_store(board, _SEQUENCE, frames=2)
-        reasons.append(MuteReason.UNATTENDED)
+        if _lease_length_ms(board, make(board)) <= board.identity.max_unattended_ms:
+            reasons.append(MuteReason.UNATTENDED)
     for reason in reasons:
         late_ms = _lease_ran_out_ms(board, reason, make(board))
         if abs(late_ms) * _MS <= EXACT_US:

@@ -30,6 +30,7 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import (
+    play_later,
     play_now,
     play_request,
     send_phases_to_store,
@@ -124,9 +125,7 @@ def wait_for_timer(board: BoardClient, t_us: int) -> None:
 
 def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
     """Let a playback of the stored sequence wait for its start so far ahead."""
-    start_us = board.clock.ahead_us(ahead_ms * _MS)
-    play = play_request(board, STORED, loops=0, period_us=SLOW_US, unattended_ms=alone_ms)
-    board.link.call(play, PlayReply, time_us=start_us)
+    play_later(board, STORED, ahead_ms * _MS, period_us=SLOW_US, unattended_ms=alone_ms)
 
 
 @case(
@@ -264,6 +263,8 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
     for stream_kind in kinds:
         yield stream_kind.name, partial(_stream_frame_that_renews, board, stream_kind)
     for drop in DROPS:
+        if not any(drop.frames(board, kinds[0], 0)):
+            continue
         if drop.armed and not drop.queued and drop.counter != "stale_session":
             yield (
                 f"a frame {drop.summary}",

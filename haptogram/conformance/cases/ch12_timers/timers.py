@@ -59,7 +59,8 @@ def timers_are_exact(board: BoardClient) -> None:
 
 @case("HG-12.2/1", "without a frame the board is muted host_timeout_ms later", needs=Feature.CONFIG)
 def lease_runs_out(board: BoardClient) -> None:
-    for timeout_ms in (80, 200):
+    ready_ms = board.ready_after_us() // _MS
+    for timeout_ms in (80 + ready_ms, 200 + ready_ms):
         board.configure(host_timeout_ms=timeout_ms)
         board.arm()
         latch_now(board, board.flat_phases())
@@ -150,6 +151,7 @@ def the_first_timer_wins(board: BoardClient) -> None:
         (MuteReason.HOLD_EXPIRED, 60, 120, 100),
         (MuteReason.HOST_SILENT, 160, 80, 100),
     ):
+        hold_ms, lease_ms = (ms + board.ready_after_us() // _MS for ms in (hold_ms, lease_ms))
         board.configure(hold_ms=hold_ms, host_timeout_ms=lease_ms, ramp_ms=ramp_ms)
         board.arm()
         since = board.link.mark()

@@ -44,3 +44,18 @@ class DialogueConditions:
     def can(self) -> Feature:
         """The capabilities of the board that this text knows."""
         return Feature(self.identity.features & sum(Feature))
+
+
+class DialogueMaker:
+    """Makes some of what a random host sends in one dialogue.
+
+    Parameters
+    ----------
+    conditions : DialogueConditions
+        Conditions of the dialogue.
+    """
+
+    def __init__(self, conditions: DialogueConditions) -> None:
+        self._identity = conditions.identity
+        self._random = conditions.random
+        self._can = conditions.can

@@ -9,7 +9,7 @@ from haptogram_protocol.messages import Config, Feature, TraceMode
 
 from ..actions import LATE_WINDOWS_US, SLOT_US
 from ..tables.limit_requests import REFUSED_CONFIG
-from .conditions import DialogueConditions
+from .conditions import DialogueConditions, DialogueMaker
 
 _SLOT_MS: Final = SLOT_US // 1000
 #: Lengths that no dialogue outlasts; a board that keeps too few bits of them ends early.
@@ -29,18 +29,13 @@ _CEILINGS: Final = (255, 200, 100, 60, 0)
 _LONGEST_RAMP_MS: Final = 418  # in a scene
 
 
-class RandomConfigs:
+class RandomConfigs(DialogueMaker):
     """Makes configurations and lengths of time for one dialogue.
 
     Frames arrive at the beginning of a slot and are latched there or in its middle, so that the
     hold ends at 0.2 or 0.7 of one; the lease at 0.35, behind a playback that ends at up to 0.58 at
     0.93; an unattended playback at 0.85; a STATUS is sent at 0.85, 0.7 and
     so on.
-
-    Parameters
-    ----------
-    conditions : DialogueConditions
-        Conditions of the dialogue.
 
     Attributes
     ----------
@@ -53,9 +48,8 @@ class RandomConfigs:
     """
 
     def __init__(self, conditions: DialogueConditions) -> None:
-        self._random = source = conditions.random
-        self._can = conditions.can
-        self._most_unattended_ms = conditions.identity.max_unattended_ms
+        super().__init__(conditions)
+        source = conditions.random
         self._drives = conditions.drives
         self.with_status = conditions.timed and source.random() < 0.3
         self.with_timers = conditions.timed and not self.with_status
@@ -126,12 +120,14 @@ class RandomConfigs:
         if self.with_timers:
             lengths += [0, *[self.short_unattended_ms] * 3]
         length = self._random.choice(lengths)
-        return min(length, self._most_unattended_ms)
+        return min(length, self._identity.max_unattended_ms)
 
     @property
     def short_unattended_ms(self) -> int:
         """An unattended time that ends in a dialogue."""
-        return min(_in_slots_ms(_UNATTENDED_SLOTS, _UNATTENDED_PART), self._most_unattended_ms)
+        return min(
+            _in_slots_ms(_UNATTENDED_SLOTS, _UNATTENDED_PART), self._identity.max_unattended_ms
+        )
 
     def _lengths(self, slots: tuple[int, ...], part: float) -> list[int]:
         never = [self._random.choice(_NEVER_MS)]

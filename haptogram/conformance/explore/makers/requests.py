@@ -29,7 +29,7 @@ from haptogram_protocol.messages import (
 from ..actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES, UPLOADED
 from ..host import DialogueHost
 from ..tables.limit_requests import random_limit_requests
-from .conditions import DialogueConditions
+from .conditions import DialogueConditions, DialogueMaker
 from .configurations import RandomConfigs
 from .stream import ODD_FLAGS, WRONG_SESSIONS, MadeAction
 from .uploads import RandomUploads
@@ -58,7 +58,7 @@ DEFECTS: Final[dict[str, dict[str, int]]] = {
 _LONG_PERIOD_US: Final = 450  # 100 loops of 1 to 3 frames, and 300, end where no bytes arrive
 
 
-class RandomRequests:
+class RandomRequests(DialogueMaker):
     """Makes requests.
 
     Parameters
@@ -70,10 +70,9 @@ class RandomRequests:
     """
 
     def __init__(self, conditions: DialogueConditions, configs: RandomConfigs) -> None:
+        super().__init__(conditions)
         self._coverage = conditions.coverage
         self._same_number = False
-        self._identity = conditions.identity
-        self._random = conditions.random
         self._configs = configs
         waiting = (0.5, 1.5, 1.5) if conditions.timed else (100, 100, 100)
         self._starts = [0.5, *waiting, -2.0, -0.25, 10_000]  # slots from now
@@ -85,7 +84,6 @@ class RandomRequests:
         self._periods = [(SLOT_US, 0), (SLOT_US, 1), (SLOT_US, 4), (SLOT_US + 7, 3)]
         if conditions.fast:
             self._periods += [(1003, 1), (1003, 2), (507, 3)] * (1 if conditions.timed else 4)
-        self._can = conditions.can
         self._uploads = RandomUploads(conditions)
 
     @property

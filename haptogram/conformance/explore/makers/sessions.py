@@ -8,24 +8,18 @@ from haptogram_protocol.framing import HEADER_BYTES
 from haptogram_protocol.messages import Hello, Ping
 
 from ..host import DialogueHost
-from .conditions import DialogueConditions
+from .conditions import DialogueConditions, DialogueMaker
 from .stream import WRONG_SESSIONS, MadeAction
 
 _MOST_U16: Final = 0xFFFF
 _FIRST_NUMBERS: Final = (0xFFFF, 0x7FFF, 0xFF, 0x100FE)
 
 
-class RandomSessions:
-    """Makes HELLO, and requests of sessions before.
-
-    Parameters
-    ----------
-    conditions : DialogueConditions
-        Conditions of the dialogue.
-    """
+class RandomSessions(DialogueMaker):
+    """Makes HELLO, and requests of sessions before."""
 
     def __init__(self, conditions: DialogueConditions) -> None:
-        self._random = conditions.random
+        super().__init__(conditions)
         self._table = conditions.identity.description_hash
 
     def greeting(self) -> MadeAction:

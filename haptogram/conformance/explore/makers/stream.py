@@ -22,7 +22,7 @@ from haptogram_protocol.messages import (
 
 from ..actions import LATE_WINDOWS_US, SLOT_US
 from ..host import DialogueHost
-from .conditions import DialogueConditions
+from .conditions import DialogueConditions, DialogueMaker
 from .words import words_of_oddities
 
 #: What an action is made of: its name, its text and the body.
@@ -43,19 +43,12 @@ _EDGE_SHARE: Final = 0.3  # of the points
 _EDGES_U16: Final = (0, 1, 0x4000, 0x7FFF, 0x8000, 0xFFFF)
 
 
-class RandomStream:
-    """Makes stream frames.
-
-    Parameters
-    ----------
-    conditions : DialogueConditions
-        Conditions of the dialogue.
-    """
+class RandomStream(DialogueMaker):
+    """Makes stream frames."""
 
     def __init__(self, conditions: DialogueConditions) -> None:
-        self._identity = identity = conditions.identity
-        self._random = conditions.random
-        self._can = conditions.can
+        super().__init__(conditions)
+        identity = conditions.identity
         self._count = identity.transducers
         # The points of a slot are computed before its middle.
         fitting = SLOT_US // 4 // (_FRAMES * identity.point_time_us or 1)

@@ -23,7 +23,7 @@ from ..actions import (
     UPLOADED,
     has_room_in_dialogue,
 )
-from .conditions import DialogueConditions
+from .conditions import DialogueConditions, DialogueMaker
 from .stream import MadeAction
 from .words import words_of_message
 
@@ -37,21 +37,13 @@ _LONG_BYTES: Final = 70_000  # more than 16 bits count
 _ROOM: Final = 8  # uploads of so many bytes fit into the store at least
 
 
-class RandomUploads:
-    """Makes uploads.
-
-    Parameters
-    ----------
-    conditions : DialogueConditions
-        Conditions of the dialogue.
-    """
+class RandomUploads(DialogueMaker):
+    """Makes uploads."""
 
     def __init__(self, conditions: DialogueConditions) -> None:
-        self._identity = identity = conditions.identity
-        self._random = conditions.random
-        self._count = identity.transducers
-        self._can = conditions.can
-        self._largest = min(identity.max_chunk, _LONGEST_CHUNK)
+        super().__init__(conditions)
+        self._count = self._identity.transducers
+        self._largest = min(self._identity.max_chunk, _LONGEST_CHUNK)
 
     def _kinds(self) -> list[UploadKind]:
         kinds = []

@@ -51,7 +51,7 @@ def test_every_miss_has_a_cause(run):
 
 
 def test_a_board_at_a_port_is_measured_by_its_own_word(board):
-    run = run_bench(BenchConfig(port=board.url, rate_hz=200, seconds=0.5))
+    run = run_bench(BenchConfig(port=board.url, rate_hz=200, seconds=0.5, lead_ms=600))
     assert run.percentiles()["board"].count == 0
     assert run.percentiles()["latch"].count == run.latched > 0
 

@@ -167,6 +167,11 @@ def test_a_file_is_no_port(tmp_path):
     assert path.read_text() == "not a port"
 
 
+def test_a_folder_is_no_port(tmp_path):
+    with pytest.raises(LinkError, match="it is a folder; name a port"):
+        open_transport(str(tmp_path))
+
+
 def test_nobody_listens(listener):
     port = listener.getsockname()[1]
     listener.close()

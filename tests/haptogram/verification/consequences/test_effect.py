@@ -58,7 +58,7 @@ def test_before_the_first_latch_there_is_silence() -> None:
     found = effect_of(lost(0, SILENCE), frame(1))
     assert (found.away_ms, found.silent_ms, found.farthest_mm) == (1.0, 1.0, None)
     assert str(found) == (
-        "not where it should be for 1.0 ms, 1.0 ms at a time, silent for 1.0 ms, "
+        "not as intended for 1.0 ms, 1.0 ms at a time, silent for 1.0 ms, "
         "0 Pa instead of 4000 Pa at the targets meanwhile"
     )
 

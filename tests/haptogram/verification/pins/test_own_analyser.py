@@ -10,7 +10,7 @@ from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.verification import Verdict
-from haptogram.verification.pins.joined import verify_captures
+from haptogram.verification.pins.judge import verify_captured_pins
 from pin_oracle import Analyser, Board, edges_of, write_sr, write_vcd
 
 MODEL = AcousticModel(TransducerArray.grid(4, 4, pitch_m=0.01), Medium.air(20.0), Transducer())
@@ -43,7 +43,7 @@ def judged_file(board, path, pins=range(16), reference="clk", **more):
         )
         for number in range(count)
     ]
-    return verify_captures([record], intended, model=MODEL, min_verified=0.0).pins[0]
+    return verify_captured_pins(record, intended, model=MODEL)
 
 
 def drawn(seed, frames=10):

@@ -20,17 +20,17 @@ from haptogram_protocol.messages import (
     UploadCommit,
 )
 
-from ..board.board import Board
-from ..board.counters import Drop
-from ..board.output import BoardOutput
-from ..board.playback import BoardPlayback
-from ..board.refusal import RefusalError
-from ..board.registers import radiated_drive_of_registers
-from ..board.stream_queue import StreamFrame
-from ..board.timers import NEVER_US, BoardTimers
-from ..board.uploads import BoardUploads, Upload
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
+from ...board.board import Board
+from ...board.counters import Drop
+from ...board.output import BoardOutput
+from ...board.playback import BoardPlayback
+from ...board.refusal import RefusalError
+from ...board.registers import radiated_drive_of_registers
+from ...board.stream_queue import StreamFrame
+from ...board.timers import NEVER_US, BoardTimers
+from ...board.uploads import BoardUploads, Upload
+from ...dialects.haptogram import VirtualHaptogramDialect
+from ..mutant import Mutant
 
 _MASK_32: Final = 0xFFFFFFFF
 
@@ -158,16 +158,6 @@ class HoldTakenUpByConfig(BoardTimers):
         if now_us < self._stopped_us < NEVER_US:
             self._restart_hold(self._stopped_us, config)
         super().reconfigure(now_us, last_latch_us, config)
-
-
-class RampFollowsConfig(BoardTimers):
-    """Gives a ramp that has begun its new length."""
-
-    def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
-        """Give every hold its new ramp."""
-        super().reconfigure(now_us, last_latch_us, config)
-        if self._hold.deadline_us < NEVER_US:
-            self._restart_hold(self._hold.deadline_us, config)
 
 
 class RequestsRestartStatus(VirtualHaptogramDialect):
@@ -371,7 +361,6 @@ MUTANTS: Final = (
     Mutant.of(ConfigSparesHold, "HG-7.1/3", _WIRE),
     Mutant.of(ConfigRestartsHold, "HG-7.1/3", _WIRE),
     Mutant.of(HoldTakenUpByConfig, "HG-12.2/2", _WIRE),
-    Mutant.of(RampFollowsConfig, "HG-7.1/3", _WIRE),
     Mutant.of(RequestsRestartStatus, "HG-9.1/1", _WIRE),
     Mutant.of(CeilingFromNextLatch, "HG-7.1/3", _SELF),
     Mutant.of(RefusedPlayFlushes, "HG-10.1/1", _SELF),

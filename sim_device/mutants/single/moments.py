@@ -15,12 +15,12 @@ from haptogram_protocol.framing import DELIMITER
 from haptogram_protocol.messages import Config, ErrorCode, TraceMode, signed_difference
 from haptogram_protocol.state import MuteReason, OutputState
 
-from ..board.board import Board
-from ..board.counters import Drop
-from ..board.output import BoardOutput
-from ..board.stream_queue import BoardQueue, QueueEntry, StreamFrame
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
+from ...board.board import Board
+from ...board.counters import Drop
+from ...board.output import BoardOutput
+from ...board.stream_queue import BoardQueue, QueueEntry, StreamFrame
+from ...dialects.haptogram import VirtualHaptogramDialect
+from ..mutant import Mutant
 
 _FULL: Final = 255
 _MS: Final = 1000

@@ -23,8 +23,8 @@ from haptogram_protocol.messages import (
     signed_difference,
 )
 
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
+from ...dialects.haptogram import VirtualHaptogramDialect
+from ..mutant import Mutant
 
 _LONG: Final = 2048
 _ANSWER_BYTES: Final = 128  # of a memory for one reply

@@ -1,0 +1,1 @@
+"""Boards that are wrong for one type, at one moment, or for one timer alone; no others."""
