@@ -19,6 +19,7 @@ myst_enable_extensions = [
     "fieldlist"
 ]  # no mathematics: it would be drawn by a script from elsewhere
 myst_heading_anchors = 4
+highlight_language = "none"  # a block names its language; drawings and output have none
 #: Pages of the site that show files of the checkout, by the names of those files.
 _PAGES = {"SPEC.md": "spec", "firmware.md": "firmware"}
 autodoc_typehints = "none"  # the docstrings give types, shapes and units

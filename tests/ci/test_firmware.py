@@ -115,6 +115,22 @@ def stated_memory(name):
     return int(re.search(rf"^{name} +\d+ +(\d+)$", PAGE.read_text("utf-8"), re.MULTILINE)[1])
 
 
+@pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="no compiler for ARM")
+def test_the_page_states_the_sizes_of_the_firmware(tmp_path):
+    make = ["make", "-s", "-C", ROOT / "protocol" / "c", f"BUILD={tmp_path}", "sizes"]
+    made = sizes_in(subprocess.run(make, check=True, capture_output=True, text=True).stdout)
+    stated = sizes_in(PAGE.read_text("utf-8").split("<!-- sizes -->")[1].split("<!-- end -->")[0])
+    assert len(made) == 9
+    # Other releases of the compiler make some bytes more or less.
+    assert stated == {name: pytest.approx(size, rel=0.03) for name, size in made.items()}
+
+
+def sizes_in(text):
+    """The bytes of flash by name, of a table of `make sizes`."""
+    rows = re.findall(r"^(\S.*?) +(\d+) +[\d-]+$", text, re.MULTILINE)
+    return {name: int(size) for name, size in rows}
+
+
 def test_the_firmware_passes_verify_in_the_emulated_chip(firmware, tmp_path):
     with running("musca_b1", firmware("musca_b1")) as emulator:
         step = steps.verify(PORTS["musca_b1"], emulator.url, tmp_path, quick=True)
