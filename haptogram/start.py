@@ -25,6 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     finally:
         # The verdict is told: an interrupt now would only break the end of the interpreter.
         _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
+        exec("")  # an interrupt that came within an exec, of dataclasses say, would be our status
 
 
 def _run_after_start(argv: Sequence[str] | None) -> int:

@@ -5,12 +5,17 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NoReturn
 
 if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
     from .backdoor.line_tap import OpenRecording
 
+_ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_AGAIN_S = 0.02
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -20,8 +25,8 @@ def main(
     open_recording: OpenRecording | None = None,
 ) -> int:
     """Settle the signals and, before numpy is imported, the number of threads; run the board."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _leave)  # until the board runs: what is open is closed
+    _answer_signals(_leave)  # until the board runs: what is open is closed
+    sys.unraisablehook = _leave_after_callback
     # A real-time process that computes on two threads waits for the second one.
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     from .command.command import PROGRAM
@@ -30,8 +35,24 @@ def main(
     return run(sys.argv[1:] if words is None else words, program or PROGRAM, open_recording)
 
 
+def _answer_signals(handler: signal.Handlers | Callable[..., object]) -> None:
+    for number in _ENDINGS:
+        signal.signal(number, handler)
+
+
 def _leave(*_: object) -> NoReturn:
+    _answer_signals(signal.SIG_IGN)  # another one would cut short what the first one closes
     raise SystemExit(0)
+
+
+def _leave_after_callback(unraisable: UnraisableHookArgs) -> None:
+    """Repeat a signal that came inside a callback, as an import has them: its end is dropped."""
+    if unraisable.exc_type is SystemExit:
+        _answer_signals(_leave)
+        main_thread = threading.main_thread().ident  # whose wait must end, not that of the timer
+        threading.Timer(_AGAIN_S, signal.pthread_kill, (main_thread, signal.SIGTERM)).start()
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 if __name__ == "__main__":

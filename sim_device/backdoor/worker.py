@@ -28,6 +28,7 @@ _LOG: Final = logging.getLogger(__name__)
 
 QUEUE_LATCHES: Final = 16_384  # records that may wait for the worker: 16 s at 1 kHz
 START_TIMEOUT_S: Final = 60.0
+STOP_TIMEOUT_S: Final = 8.0  # of a worker that has not begun: it may be compiling
 DRAIN_TIMEOUT_S: Final = 120.0
 SKIP_FIELDS_AFTER_S: Final = 20.0  # from then on the last records come without their field
 
@@ -77,9 +78,13 @@ class ReconstructionWorker:
         self._alive = True
         self._failure = ""
         self._process = _start_worker_process()
-        self._input.write(packed_worker_batch([WorkerJob(settings, target, reconstruct)]))
-        self._input.flush()
-        self._await_ready()
+        try:
+            self._input.write(packed_worker_batch([WorkerJob(settings, target, reconstruct)]))
+            self._input.flush()
+            self._await_ready()
+        except BaseException:
+            self._leave_nothing_behind()
+            raise
         if reconstruct and find_spec("numba") is None:
             _LOG.info("fields are rebuilt without numba, several times slower")
         _widen_worker_pipe(self._input.fileno())
@@ -192,13 +197,20 @@ class ReconstructionWorker:
         answer = _read_worker_line(self._process.stdout, START_TIMEOUT_S)
         if answer == READY:
             return
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._input, self._process.stdout):
-            _close_worker_pipe(pipe)
         if answer:
             raise ConfigurationError(answer.decode(errors="replace").strip())
+        self._process.kill()
         raise HaptogramError("the reconstruction worker has not started")
+
+    def _leave_nothing_behind(self) -> None:
+        """Wait for the end of a worker that is not needed: it would make its output later."""
+        for pipe in (self._input, self._process.stdout):
+            _close_worker_pipe(pipe)
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
 
 
 def _start_worker_process() -> subprocess.Popen[bytes]:
@@ -211,7 +223,13 @@ def _start_worker_process() -> subprocess.Popen[bytes]:
         "-c",
         f"from {_PROCESS} import run_reconstruction_worker as w; w()",
     ]
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=environment,
+        start_new_session=True,  # a terminal's Ctrl-C and its end are for the board
+    )
 
 
 def _widen_worker_pipe(pipe: int) -> None:

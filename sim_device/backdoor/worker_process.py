@@ -35,7 +35,7 @@ def run_reconstruction_worker() -> None:
     signal.signal(SKIP_FIELDS, signal.SIG_IGN)  # until there is something to leave out
     items = _items_at_worker(_READ_BYTES)
     job = next((item for item in items if item is not None), None)
-    if job is None:
+    if job is None or not _is_board_of_worker_there():
         return  # the board has ended before it began
     try:
         sink = open_backdoor_sink(job.target, _is_board_of_worker_there)

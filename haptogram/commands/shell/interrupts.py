@@ -6,6 +6,7 @@ import _thread
 import atexit
 import contextlib
 import gc
+import signal
 import sys
 import threading
 from collections.abc import Iterator
@@ -28,7 +29,7 @@ def hear_interrupts_in_callbacks() -> Iterator[None]:
     def hook(unraisable: UnraisableHookArgs) -> None:
         if unraisable.exc_type is KeyboardInterrupt:
             # Later, since what is raised in here is dropped as well.
-            threading.Timer(_AGAIN_S, _thread.interrupt_main).start()
+            threading.Timer(_AGAIN_S, _interrupt_main_thread).start()
         else:
             before(unraisable)
 
@@ -37,6 +38,14 @@ def hear_interrupts_in_callbacks() -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = before
+
+
+def _interrupt_main_thread() -> None:
+    """Send a signal, which ends what the main thread waits for; a flag alone would not."""
+    if sys.platform == "win32" or (main_thread := threading.main_thread().ident) is None:
+        _thread.interrupt_main()
+    else:
+        signal.pthread_kill(main_thread, signal.SIGINT)
 
 
 def exit_at_once() -> None:

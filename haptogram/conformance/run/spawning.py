@@ -13,6 +13,7 @@ from typing import IO, Final
 
 from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, open_transport
 from haptogram.errors import ConfigurationError, plain_reason
+from haptogram.machine.interrupts import DelayedInterrupts
 
 from .access import access_fault_raiser, open_access_port
 
@@ -106,27 +107,32 @@ class SpawnAccess:
     def reset(self) -> Transport:
         """Start the process anew and open its port."""
         self.close()
-        self._output = self._start()
-        self.url = self._wait_for_port(self._output)
+        self.url = self._wait_for_port(self._start())
         return open_access_port(
             lambda: open_transport(self.url, baudrate=self.baudrate), self.boot_timeout_s
         )
 
     def _start(self) -> _SpawnAccessOutput:
+        interrupts = DelayedInterrupts()  # one that came before there is a process would leave it
+        interrupts.install()
         try:
-            self._process = subprocess.Popen(
-                self._arguments,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,  # so that all of it can be ended
-            )
+            with interrupts:
+                self._process = subprocess.Popen(
+                    self._arguments,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,  # so that all of it can be ended
+                )
+                assert self._process.stdout is not None  # PIPE
+                self._output = _SpawnAccessOutput(self._process.stdout)
         except (OSError, ValueError) as error:
             raise ConfigurationError(
                 f"--spawn {self._arguments[0]} cannot be started: {plain_reason(error)}"
             ) from error
-        assert self._process.stdout is not None  # PIPE
-        return _SpawnAccessOutput(self._process.stdout)
+        finally:
+            interrupts.remove()
+        return self._output
 
     def _wait_for_port(self, output: _SpawnAccessOutput) -> str:
         assert self._process is not None  # _start has set it

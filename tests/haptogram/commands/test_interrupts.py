@@ -16,10 +16,10 @@ def interrupted():
     raise KeyboardInterrupt
 
 
-def call_and_go_on():
+def call_and_wait():
     ctypes.CFUNCTYPE(None)(interrupted)()
-    for _ in range(1000):
-        time.sleep(0.01)
+    time.sleep(30)
+    raise TimeoutError
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def heeded():
 @pytest.mark.usefixtures("heeded")
 def test_an_interrupt_that_was_dropped_comes_again():
     with pytest.raises(KeyboardInterrupt), hear_interrupts_in_callbacks():
-        call_and_go_on()
+        call_and_wait()
     assert sys.unraisablehook.__module__ != "haptogram.commands.shell.interrupts"
 
 
@@ -101,6 +101,27 @@ def test_an_interrupt_at_any_moment_is_one_line_and_status_130(command, tmp_path
         assert said.startswith(f"haptogram {command}: interrupted".encode())
         assert said.count(b"\n") == 1
         assert list(tmp_path.iterdir()) == []
+
+
+#: An interrupt that meets the methods of a dataclass, which are made by exec, and is caught.
+INSIDE_EXEC = """
+import sys
+from haptogram import start
+def run(argv):
+    try:
+        exec("raise KeyboardInterrupt")
+    except KeyboardInterrupt:
+        return 130
+start._run_after_start = run
+sys.exit(start.main())
+"""
+
+
+def test_an_interrupt_inside_an_exec_leaves_the_status_of_the_program(tmp_path):
+    """``python -m`` ends by SIGINT if the last exec of a text was interrupted, though caught."""
+    (tmp_path / "interrupted.py").write_text(INSIDE_EXEC)
+    command = [sys.executable, "-m", "interrupted"]
+    assert subprocess.run(command, cwd=tmp_path, check=False).returncode == 130
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])

@@ -3,6 +3,8 @@
 import functools
 import random
 import shlex
+import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -40,6 +42,30 @@ def test_a_board_that_is_deaf_while_it_boots_passes(tmp_path):
     judged = [result for result in suite.results if "this depth" not in result.detail]
     assert {r.case: r.detail for r in judged if r.behaviour is not Behaviour.OK} == {}
     assert all(result.recovers for result in suite.results)
+
+
+def test_an_interrupt_while_a_board_is_started_leaves_no_process(monkeypatch):
+    """The system starts it before Python has its number: an interrupt came between the two."""
+    started = []
+
+    class InterruptedStart(subprocess.Popen):
+        def __init__(self, *words, **values):
+            super().__init__(*words, **values)
+            started.append(self)
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(subprocess, "Popen", InterruptedStart)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    access = SpawnAccess("sleep 60")
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            access.open()
+        access.close()
+        assert started[0].poll() is not None
+        access._output.end(60)  # noqa: SLF001  its thread closes the pipe
+    finally:
+        signal.signal(signal.SIGINT, before)
+        started[0].kill()
 
 
 def slower_than_stated(baud):

@@ -181,3 +181,24 @@ worker.ReconstructionWorker(BoardSettings(model=AcousticModel.default(4, 4)), {s
     while Path(f"/proc/{worker}/cmdline").exists() and time.monotonic() < end_s:
         time.sleep(0.02)
     assert not Path(f"/proc/{worker}/cmdline").exists()
+
+
+def test_a_board_that_is_told_to_end_at_its_start_waits_for_its_worker(tmp_path, monkeypatch):
+    """One that went on by itself made its output anew after the board had removed the folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(reconstruction, "STOP_TIMEOUT_S", 60.0)
+    started = []
+
+    def start(start_process=reconstruction._start_worker_process):  # noqa: SLF001
+        started.append(start_process())
+        return started[0]
+
+    def leave(*_):
+        raise SystemExit(0)
+
+    monkeypatch.setattr(reconstruction, "_start_worker_process", start)
+    monkeypatch.setattr(reconstruction, "_read_worker_line", leave)
+    with pytest.raises(SystemExit):
+        ReconstructionWorker(SETTINGS, "unix:door", reconstruct=False)
+    assert started[0].returncode == 0
+    assert list(tmp_path.iterdir()) == []
