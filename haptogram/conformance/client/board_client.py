@@ -218,15 +218,14 @@ class BoardClient:
         if isinstance(answer, ConfigReply):
             self.config = answer.config
         if self.has(Feature.CONFIG):
-            self._prepare_config()
+            answer = self.link.ask(SetConfig(self.base_config)).message
+        if isinstance(answer, (ConfigReply, SetConfigReply)):
+            self._prepare_correction(answer)
         with contextlib.suppress(CaseEndedError):
             self.clock.device_us()
 
-    def _prepare_config(self) -> None:
-        """Set timers that no case runs into by chance, and a correction of 0."""
-        reply = self.link.ask(SetConfig(self.base_config)).message
-        if not isinstance(reply, SetConfigReply):
-            return
+    def _prepare_correction(self, reply: ConfigReply | SetConfigReply) -> None:
+        """Note the configuration in force, and set a correction of 0."""
         self.config = reply.config
         none = bytes(self.identity.transducers)
         wanted = zlib.crc32(reply.config.pack() + none)

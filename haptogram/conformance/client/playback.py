@@ -35,10 +35,21 @@ def send_phases_to_store(board: BoardClient, sequence: int, *, frames: int) -> l
     return registers
 
 
+def send_phases_that_fit(board: BoardClient, sequence: int, *, frames: int) -> None:
+    """Upload a sequence of random drives to play: so many, or fewer if one upload takes no more."""
+    send_phases_to_store(board, sequence, frames=phases_that_fit(board, frames))
+
+
+def phases_that_fit(board: BoardClient, frames: int) -> int:
+    """Return how many drives of *frames*, one at least, one upload takes."""
+    room = board.identity.max_upload_bytes // board.identity.transducers
+    return max(1, min(frames, room))
+
+
 def send_phases_to_store_if_supported(board: BoardClient, sequence: int, *, frames: int) -> None:
     """Upload a sequence of random drives, for requests to name, unless the board takes none."""
     if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, sequence, frames=frames)
+        send_phases_that_fit(board, sequence, frames=frames)
 
 
 def least_period_us(board: BoardClient) -> int:
@@ -82,6 +93,15 @@ def play_request(
     return Play(sequence, period_us, loops, alone_ms)
 
 
+def _require_hold(board: BoardClient, period_us: int) -> None:
+    """End the case as NOT-OBSERVED if a hold that nothing extends ends between two frames."""
+    hold_ms = board.config.hold_ms
+    if period_us >= 1000 * hold_ms and not board.has(Feature.CONFIG):
+        not_observed(
+            f"a frame every {period_us} µs, and a hold of {hold_ms} ms that no SET_CONFIG extends"
+        )
+
+
 def play_now(
     board: BoardClient,
     sequence: int,
@@ -94,6 +114,7 @@ def play_now(
     play = play_request(
         board, sequence, loops=loops, period_us=period_us, unattended_ms=unattended_ms
     )
+    _require_hold(board, play.period_us)
     reply = board.link.call(play, PlayReply, flags=Flag.IMMEDIATE)
     board.wire.idle(board.ready_after_us())
     return reply
@@ -112,6 +133,7 @@ def play_at(
     play = play_request(
         board, sequence, loops=loops, period_us=period_us, unattended_ms=unattended_ms
     )
+    _require_hold(board, play.period_us)
     answer = board.link.ask(play, time_us=start_us)
     if isinstance(answer.message, Error):
         board.clock.require_in_time(start_us - board.ready_after_us())

@@ -16,7 +16,7 @@ from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_that_fit
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _SEQUENCE: Final = 4
@@ -70,7 +70,7 @@ def damaged_mutes_mute_nothing(board: BoardClient) -> None:
         not_observed("the longest of these bytes take too long on this line")
     plays = board.has(Feature.SEQUENCE_PHASES) and board.thorough
     if plays:
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
     for _ in board.wire.ways_of_mute():
         for is_played in (False, True) if plays else (False,):
             _judge_damaged_mutes(board, is_played=is_played)

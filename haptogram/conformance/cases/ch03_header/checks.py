@@ -28,7 +28,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent
-from ...client.playback import play_request, send_phases_to_store, wait_for_no_latch
+from ...client.playback import play_request, send_phases_that_fit, wait_for_no_latch
 from ...client.stream_kinds import points_of_stream_kind
 from ...outcome import SELF_REPORTED, check, fail, not_observed
 
@@ -152,7 +152,7 @@ def _answer_to_checked_message(
 def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
     plays = board.has(Feature.SEQUENCE_PHASES)
     if plays:
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
     for _ in board.wire.ways_of_mute():
         for session, sounds in itertools.product((board.link.session, 0), (False, True)):
             board.arm()

@@ -25,7 +25,7 @@ from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.capabilities import UPLOADS, requests_that_board_takes, session_for_request
-from ...client.playback import send_phases_to_store
+from ...client.playback import send_phases_that_fit
 from ...client.stream_kinds import (
     refused_requests_to_send,
     request_types_of_host,
@@ -88,7 +88,7 @@ def _damaged_of_every_type(body: bytes) -> bytes:
 def _requests_of_every_type(board: BoardClient) -> list[Message]:
     """Return a valid request of every type; the sequence that they play is stored."""
     if any(isinstance(message, Play) for message in valid_requests_to_send(board, _SEQUENCE)):
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
     board.arm()
     return list(valid_requests_to_send(board, _SEQUENCE))
 

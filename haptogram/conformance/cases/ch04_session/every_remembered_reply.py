@@ -23,7 +23,7 @@ from ...client.capabilities import UPLOADS
 from ...client.playback import (
     PERIOD_US,
     play_now,
-    send_phases_to_store,
+    send_phases_that_fit,
     shortest_period_to_play_us,
 )
 from ...client.stream_kinds import refused_requests_to_send
@@ -106,7 +106,7 @@ def remembered_reply_outlives_refusals(board: BoardClient) -> None:
 )
 def every_reply_is_remembered(board: BoardClient) -> None:
     if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
         _fill_ring_for_remembered_reply(board)
     board.arm()
     for message in [*refused_requests_to_send(board), *_largest_remembered_request(board)]:

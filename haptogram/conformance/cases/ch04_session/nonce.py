@@ -33,6 +33,7 @@ from ...client.latching import latch_now
 from ...client.playback import (
     let_play,
     play_now,
+    send_phases_that_fit,
     send_phases_to_store,
     wait_for_no_latch,
 )
@@ -140,7 +141,7 @@ def a_new_nonce_flushes(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES,
 )
 def a_new_nonce_ends_playback(board: BoardClient) -> None:
-    send_phases_to_store(board, 3, frames=4)
+    send_phases_that_fit(board, 3, frames=4)
     board.arm()
     play_now(board, 3, loops=0)
     board.hello()

@@ -30,7 +30,7 @@ from haptogram_protocol.messages import (
 
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_that_fit
 from ...outcome import check, not_observed
 
 _PROMPT_US: Final = 10_000
@@ -156,7 +156,7 @@ def responses_come_before_reports(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES,
 )
 def responses_come_before_the_playback_ends(board: BoardClient) -> None:
-    send_phases_to_store(board, 1, frames=2)
+    send_phases_that_fit(board, 1, frames=2)
     hello = board.hello_message(board.new_nonce())
     orders: tuple[tuple[Message, int, tuple[type[Message], ...]], ...] = (
         (Stop(), board.link.session, (StopReply, PlaybackEnded)),

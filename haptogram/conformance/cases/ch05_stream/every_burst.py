@@ -34,6 +34,7 @@ from ...client.playback import (
     play_at,
     play_out,
     play_request,
+    send_phases_that_fit,
     send_phases_to_store,
     send_phases_to_store_if_supported,
 )
@@ -367,7 +368,7 @@ def _moments_of_burst(board: BoardClient) -> range:
 
 def _play_and_stop_in_a_burst(board: BoardClient) -> None:
     """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
-    send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_that_fit(board, _SEQUENCE, frames=2)
     play = play_request(board, _SEQUENCE, loops=0, unattended_ms=2000)
     for off_us in _moments_of_burst(board):
         boundary_us = board.clock.soon_us(bytes(2000))

@@ -27,7 +27,7 @@ from ...client.latching import (
     latches_received_from_board,
     send_to_arrive_at,
 )
-from ...client.playback import PERIOD_US, play_now, send_phases_to_store
+from ...client.playback import PERIOD_US, play_now, send_phases_that_fit
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, not_observed
 
@@ -252,7 +252,7 @@ _FLUSHES: Final[dict[str, Callable[[BoardClient], None]]] = {
 def flushed_frames_leave_no_order(board: BoardClient) -> None:
     plays = board.has(Feature.SEQUENCE_PHASES)
     if plays:
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
     board.arm()
     apart_us = max(1, board.clock.carrier_us // 4)
     for name, flush in _FLUSHES.items():

@@ -24,6 +24,7 @@ from ...client.playback import (
     PERIOD_US,
     let_play,
     period_to_play,
+    phases_that_fit,
     play_later,
     play_now,
     send_phases_to_store_if_supported,
@@ -34,6 +35,7 @@ from ..ch05_stream.every_drop import fill_queue
 
 _MS: Final = 1000
 _SEQUENCE: Final = 7
+_STORED: Final = 2  # frames of it, if one upload takes them
 _QUEUED: Final = 2
 _AFTER_MS: Final = 20  # how long the board is watched afterwards, behind its hold if that is short
 _HOLD_MS: Final = 200
@@ -234,7 +236,7 @@ def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
     board.link.barrier()
     told = [event for _, event in board.link.events(PlaybackEnded, since)]
-    due = int(moment.frames is not None)
+    due, stored = int(moment.frames is not None), phases_that_fit(board, _STORED)
     check(len(told) == due, f"{len(told)} PLAYBACK_ENDED, due are {due}")
     for event in told:
         least = moment.frames or 0
@@ -243,8 +245,8 @@ def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) 
         least_most = least if moment.frames in (0, 1) else event.frames
         check(event.sequence == _SEQUENCE, f"PLAYBACK_ENDED of sequence {event.sequence}")
         check(
-            least <= event.frames <= least_most and event.loops == event.frames // 2,
-            f"PLAYBACK_ENDED says {event.frames} frames, {event.loops} passes of 2",
+            least <= event.frames <= least_most and event.loops == event.frames // stored,
+            f"PLAYBACK_ENDED says {event.frames} frames, {event.loops} passes of {stored}",
         )
 
 
@@ -262,7 +264,7 @@ def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> No
 
 def _case_of_output_end(end: End) -> Case:
     def body(board: BoardClient) -> None:
-        send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+        send_phases_to_store_if_supported(board, _SEQUENCE, frames=_STORED)
         for moment in _MOMENTS:
             if not board.has(moment.needs):
                 continue

@@ -26,7 +26,14 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
-from ...client.playback import let_play, play_now, play_out, play_request, send_phases_to_store
+from ...client.playback import (
+    let_play,
+    play_now,
+    play_out,
+    play_request,
+    send_phases_that_fit,
+    send_phases_to_store,
+)
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...outcome import SELF_REPORTED, check, not_observed
 
@@ -58,7 +65,7 @@ def _queue_output_before_fault(board: BoardClient) -> None:
 
 
 def _play_output_before_fault(board: BoardClient) -> None:
-    send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_that_fit(board, _SEQUENCE, frames=2)
     play_now(board, _SEQUENCE, loops=0)
     let_play(board, 5)
 
@@ -140,7 +147,7 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
         OutputInput.DISARM: Disarm(),
     }
     if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
         inputs |= {OutputInput.PLAY: play_request(board, _SEQUENCE, loops=1, unattended_ms=100)}
     if board.identity.features & _PLAYBACK:
         inputs |= {OutputInput.STOP: Stop()}

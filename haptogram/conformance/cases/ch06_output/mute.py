@@ -24,7 +24,7 @@ from ...client.latching import client_drive_of_reply, is_board_silent, latch_now
 from ...client.playback import (
     let_play,
     play_now,
-    send_phases_to_store,
+    send_phases_that_fit,
     wait_for_no_latch,
 )
 from ...outcome import EXTERNAL, SELF_REPORTED, check
@@ -94,7 +94,7 @@ def _check_mute_flushes(board: BoardClient, message: Message) -> None:
 def _check_mute_ends_playback(board: BoardClient, message: Message) -> None:
     if not board.has(Feature.SEQUENCE_PHASES):
         return
-    send_phases_to_store(board, 2, frames=3)
+    send_phases_that_fit(board, 2, frames=3)
     board.arm()
     since = board.link.mark()
     play_now(board, 2, loops=0)

@@ -18,7 +18,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now, read_back_radiated
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_that_fit
 from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check
@@ -203,7 +203,7 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
 )
 def output_ramps_end_playback(board: BoardClient) -> None:
     board.configure(hold_ms=50)
-    send_phases_to_store(board, 1, frames=2)
+    send_phases_that_fit(board, 1, frames=2)
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=0, period_us=500_000)

@@ -22,7 +22,7 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
-from ...client.playback import send_phases_to_store
+from ...client.playback import send_phases_that_fit
 from ...outcome import SELF_REPORTED, check, fail
 
 _SEQUENCES: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
@@ -96,7 +96,7 @@ def _do_output_event(board: BoardClient, event: OutputInput) -> None:
 @case("HG-6.2/1", "PLAY while DISARMED and MUTED is refused", variant="play")
 def plays_only_in_armed_state(board: BoardClient) -> None:
     board.need(Feature.SEQUENCE_PHASES)
-    send_phases_to_store(board, 1, frames=2)
+    send_phases_that_fit(board, 1, frames=2)
     for state in (OutputState.DISARMED, OutputState.MUTED):
         board.bring_to(state)
         board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, int(state), flags=0x10)

@@ -15,7 +15,7 @@ from ...client.latching import latch_now
 from ...client.playback import (
     PERIOD_US,
     play_now,
-    send_phases_to_store,
+    send_phases_that_fit,
     send_phases_to_store_if_supported,
 )
 from ...judge.timers import EXACT_US, judge_mute_time, judge_status_steps, judged_mute_by_timer
@@ -126,7 +126,7 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
         ramps += [{"ramp_ms": 90}, {"ramp_ms": 90, "hold_ms": _LENGTH_MS - 50}]
     starts = [_start_hold_to_configure]
     if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
         starts.append(_start_played_hold_to_configure)
     lengths: list[tuple[int, dict[str, Any]]] = [
         (_LENGTH_MS, {"hold_ms": _LENGTH_MS - 50}),

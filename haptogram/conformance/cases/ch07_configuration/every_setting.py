@@ -39,6 +39,7 @@ from ...client.playback import (
     period_to_play,
     play_now,
     play_out,
+    send_phases_that_fit,
     send_phases_to_store,
     send_phases_to_store_if_supported,
 )
@@ -126,7 +127,7 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
         TraceMode.RING: (Feature.TRACE_RING, None),
     }
     modes = [mode for mode, (feature, _) in events.items() if board.has(feature)]
-    send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_that_fit(board, _SEQUENCE, frames=2)
     board.arm()
     play_now(board, _SEQUENCE, loops=0, period_us=10 * _MS)
     for mode in [*modes, *reversed(modes)]:
@@ -216,7 +217,7 @@ def _judge_queued_points(
 )
 def configuration_leaves_a_playback(board: BoardClient) -> None:
     count = board.identity.transducers
-    send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_that_fit(board, _SEQUENCE, frames=2)
     other = board.random_registers()
     board.link.call(
         UploadBegin(UploadKind.PHASES, 0, _SEQUENCE + 1, count, zlib.crc32(other)), UploadBeginReply

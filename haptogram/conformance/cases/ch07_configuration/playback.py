@@ -29,6 +29,7 @@ from ...client.playback import (
     play_now,
     play_out,
     play_request,
+    send_phases_that_fit,
     send_phases_to_store,
     shortest_period_to_play_us,
     wait_for_no_latch,
@@ -57,7 +58,7 @@ def _playback_ended(board: BoardClient, since: int, timeout_us: int) -> Playback
     needs=_NEEDS,
 )
 def refuses_playback_in_wrong_state(board: BoardClient) -> None:
-    send_phases_to_store(board, 1, frames=2)
+    send_phases_that_fit(board, 1, frames=2)
     play = play_request(board, 1, loops=1)
     board.link.refused(play, ErrorCode.BAD_STATE, 0, flags=0x10)
     board.arm()
@@ -74,7 +75,7 @@ def refuses_playback_in_wrong_state(board: BoardClient) -> None:
     needs=_NEEDS,
 )
 def checks_the_times_of_playback(board: BoardClient) -> None:
-    send_phases_to_store(board, 1, frames=2)
+    send_phases_that_fit(board, 1, frames=2)
     board.arm()
     identity = board.identity
     least_us = least_period_us(board)
@@ -177,7 +178,7 @@ def plays_the_sequence_in_time(board: BoardClient) -> None:
 )
 def playback_may_be_left_alone(board: BoardClient) -> None:
     board.configure(host_timeout_ms=60)
-    send_phases_to_store(board, 1, frames=2)
+    send_phases_that_fit(board, 1, frames=2)
     alone_ms = min(300, board.identity.max_unattended_ms)
     if alone_ms <= 100:
         not_observed("max_unattended_ms is too short to tell it from host_timeout_ms")
@@ -197,7 +198,7 @@ def playback_may_be_left_alone(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def playback_loops_until_it_is_ended(board: BoardClient) -> None:
-    send_phases_to_store(board, 1, frames=2)
+    send_phases_that_fit(board, 1, frames=2)
     for message in (Stop(), Disarm(), Mute(), None):
         board.arm()
         since = board.link.mark()
@@ -218,7 +219,7 @@ def playback_loops_until_it_is_ended(board: BoardClient) -> None:
 
 @case("HG-7.7/1", "STOP ends a playback; the board stays ARMED and holds the drive", needs=_NEEDS)
 def stop_ends_the_playback(board: BoardClient) -> None:
-    send_phases_to_store(board, 1, frames=2)
+    send_phases_that_fit(board, 1, frames=2)
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=0)
@@ -267,7 +268,7 @@ def tells_the_end_of_playback(board: BoardClient) -> None:
 
 @case("HG-7.8/2", "after the last frame the board is ARMED and latches stream frames", needs=_NEEDS)
 def streams_after_playback(board: BoardClient) -> None:
-    send_phases_to_store(board, 1, frames=2)
+    send_phases_that_fit(board, 1, frames=2)
     board.arm()
     play_out(board, 1, 2)
     with board.counting(latched=1):

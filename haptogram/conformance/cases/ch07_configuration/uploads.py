@@ -20,7 +20,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches, latches_received_from_board
-from ...client.playback import play_now, play_out, send_phases_to_store
+from ...client.playback import play_now, play_out, send_phases_that_fit, send_phases_to_store
 from ...client.uploads import (
     begin_upload,
     send_upload_chunks,
@@ -142,7 +142,7 @@ def upload_begins_anew(board: BoardClient) -> None:
     needs=Feature.SEQUENCE_PHASES,
 )
 def upload_spares_the_playing_sequence(board: BoardClient) -> None:
-    send_phases_to_store(board, 5, frames=2)
+    send_phases_that_fit(board, 5, frames=2)
     board.arm()
     play_now(board, 5, loops=0)
     size = board.identity.transducers

@@ -27,7 +27,11 @@ from ...client.latching import (
     latches_received_from_board,
     read_back,
 )
-from ...client.playback import play_out, send_phases_to_store, send_phases_to_store_if_supported
+from ...client.playback import (
+    play_out,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+)
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check

@@ -16,7 +16,11 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import full_client_drive, latch_now
-from ...client.playback import play_out, send_phases_to_store, shortest_period_to_play_us
+from ...client.playback import (
+    play_out,
+    send_phases_to_store,
+    shortest_period_to_play_us,
+)
 from ...outcome import SELF_REPORTED, check
 
 _MODES: Final = (

@@ -21,7 +21,11 @@ from ...client.latching import (
     latch_now,
     latches_received_from_board,
 )
-from ...client.playback import flood_with_traces, play_out, send_phases_to_store
+from ...client.playback import (
+    flood_with_traces,
+    play_out,
+    send_phases_to_store,
+)
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _KINDS: Final = (Trace, TracePlayback, TraceDrive)

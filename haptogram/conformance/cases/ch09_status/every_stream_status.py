@@ -24,7 +24,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_out, send_phases_to_store, send_phases_to_store_if_supported
+from ...client.playback import play_out, send_phases_that_fit, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...outcome import SELF_REPORTED, check, fail
 from ..ch05_stream.every_drop import DROPS, frames_to_drop
@@ -86,7 +86,7 @@ def status_is_never_late(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def last_seq_in_status_is_of_the_stream(board: BoardClient) -> None:
-    send_phases_to_store(board, _SEQUENCE, frames=3)
+    send_phases_that_fit(board, _SEQUENCE, frames=3)
     board.arm()
     index = latch_now(board, board.flat_phases())
     first = board.status()

@@ -24,7 +24,7 @@ from ...client.board_client import BoardClient
 from ...client.playback import (
     flood_with_traces,
     play_now,
-    send_phases_to_store,
+    send_phases_that_fit,
     shortest_period_to_play_us,
 )
 from ...client.request_client import LONGEST_BURST_BYTES
@@ -87,7 +87,7 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     period_ms = board.quick_status_ms
     board.configure(trace_mode=mode, status_period_ms=period_ms)
     board.hello()
-    send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_that_fit(board, _SEQUENCE, frames=2)
     board.arm()
     before = board.status().counters
     period_us = board.clock.on_carrier(shortest_period_to_play_us(board))
@@ -126,7 +126,7 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
 def no_event_uses_a_number_while_the_uplink_is_full(board: BoardClient) -> None:
     plays = board.has(Feature.SEQUENCE_PHASES)
     if plays:
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
     modes = [mode for feature, mode in _TRACES if plays and board.has(feature)]
     for state in (OutputState.DISARMED, OutputState.ARMED):
         _fill_uplink(board, state, TraceMode.OFF)

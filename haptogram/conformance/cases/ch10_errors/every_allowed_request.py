@@ -28,7 +28,7 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.playback import (
     play_out,
-    send_phases_to_store,
+    send_phases_that_fit,
     send_phases_to_store_if_supported,
     shortest_period_to_play_us,
 )
@@ -125,7 +125,7 @@ def an_allowed_speed_is_told_by_hello(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def events_of_many_allowed_requests_are_numbered(board: BoardClient) -> None:
-    send_phases_to_store(board, STORED, frames=2)
+    send_phases_that_fit(board, STORED, frames=2)
     board.configure(trace_mode=TraceMode.CRC)
     board.hello()
     board.link.call(Arm(), ArmReply)

@@ -24,7 +24,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now, read_back_radiated
-from ...client.playback import play_now, play_request, send_phases_to_store
+from ...client.playback import play_now, play_request, send_phases_that_fit
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...judge.ramps import judge_straight_ramp, judged_ramp_reading
 from ...judge.refused_requests import requests_refused_by_link
@@ -137,7 +137,7 @@ def nothing_else_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
 )
 def playback_restarts_the_hold(board: BoardClient) -> None:
     board.configure(hold_ms=100)
-    send_phases_to_store(board, STORED, frames=2)
+    send_phases_that_fit(board, STORED, frames=2)
     board.arm()
     since = board.link.mark()
     play_now(board, STORED, loops=50, period_us=4 * _MS)
@@ -157,7 +157,7 @@ def playback_restarts_the_hold(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def stop_leaves_the_hold(board: BoardClient) -> None:
-    send_phases_to_store(board, STORED, frames=2)
+    send_phases_that_fit(board, STORED, frames=2)
     for name in ("a playback that waits, muted", "a playback that waits", "a slow playback"):
         board.hello()
         board.configure(hold_ms=TIMER_MS)
@@ -227,7 +227,7 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     full = bytes([FULL]) * board.identity.transducers
     ways = ["at once", "queued", "queued, with others behind it", "late"]
     if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, STORED, frames=2)
+        send_phases_that_fit(board, STORED, frames=2)
         ways += ["played", "played later"]
     for way in ways:
         board.hello()

@@ -13,7 +13,7 @@ from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_that_fit
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...judge.timers import EXACT_US, judge_mute_time, judged_mute_by_timer
 from ...outcome import check, fail
@@ -121,7 +121,7 @@ def _judge_lease(board: BoardClient, make: Callable[[BoardClient], Frames]) -> N
     """FAILED if hold, lease or unattended time end late because of these frames."""
     reasons = [MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT]
     if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=2)
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
         if _lease_length_ms(board, make(board)) <= board.identity.max_unattended_ms:
             reasons.append(MuteReason.UNATTENDED)
     for reason in reasons:

@@ -17,7 +17,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_that_fit
 from ...judge.timers import EXACT_US, judge_mute_time, judged_mute_by_timer
 from ...outcome import check, fail
 
@@ -100,7 +100,7 @@ def holds_of_every_length_do_not_wrap(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def unattended_times_of_every_length_do_not_wrap(board: BoardClient) -> None:
-    send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_that_fit(board, _SEQUENCE, frames=2)
     for length_ms in wrapping_timer_lengths(
         1, board.identity.max_unattended_ms, thorough=board.thorough
     ):
@@ -164,7 +164,7 @@ def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
         if plays and not board.has(Feature.SEQUENCE_PHASES):
             continue
         if plays:
-            send_phases_to_store(board, _SEQUENCE, frames=2)
+            send_phases_that_fit(board, _SEQUENCE, frames=2)
         board.configure(ramp_ms=ramp_ms, **changes)
         board.arm()
         with board.counting(timeouts=1):
@@ -228,7 +228,7 @@ def _start_hold(board: BoardClient, length_ms: int) -> int:
 
 def _start_unattended(board: BoardClient, length_ms: int) -> int:
     board.configure(host_timeout_ms=50, hold_ms=10_000)
-    send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_that_fit(board, _SEQUENCE, frames=2)
     board.arm()
     play_now(board, _SEQUENCE, loops=0, unattended_ms=length_ms, period_us=_PERIOD_US)
     return board.clock.device_us()

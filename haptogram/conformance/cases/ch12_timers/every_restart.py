@@ -33,7 +33,7 @@ from ...client.playback import (
     play_later,
     play_now,
     play_request,
-    send_phases_to_store,
+    send_phases_that_fit,
     send_phases_to_store_if_supported,
 )
 from ...client.stream_kinds import (
@@ -136,7 +136,7 @@ def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> N
     depth=Depth.DEFAULT,
 )
 def waits_unattended(board: BoardClient) -> None:
-    send_phases_to_store(board, STORED, frames=2)
+    send_phases_that_fit(board, STORED, frames=2)
     board.configure(host_timeout_ms=80, hold_ms=10_000)
     for name, ahead_ms, alone_ms in (
         ("its start comes", 250, 400),

@@ -18,7 +18,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, latches_received_from_board, read_back
-from ...client.playback import play_now, play_request, send_phases_to_store
+from ...client.playback import play_now, play_request, send_phases_that_fit, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, CaseEndedError, check, fail
@@ -119,7 +119,7 @@ def _ramp_of_timer_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
 
 
 def _unattended_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
-    send_phases_to_store(board, _SEQUENCE, frames=2)
+    send_phases_that_fit(board, _SEQUENCE, frames=2)
     board.configure(host_timeout_ms=20)
     board.arm()
     play_now(board, _SEQUENCE, loops=0, unattended_ms=200)

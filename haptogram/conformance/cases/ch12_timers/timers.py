@@ -17,7 +17,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...client.playback import play_now, send_phases_to_store
+from ...client.playback import play_now, send_phases_that_fit
 from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import SEQUENCES
 from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
@@ -129,7 +129,7 @@ def hold_timer_runs_from_the_last_latch(board: BoardClient) -> None:
 )
 def lease_is_back_after_playback(board: BoardClient) -> None:
     board.configure(host_timeout_ms=150, hold_ms=5000)
-    send_phases_to_store(board, 1, frames=2)
+    send_phases_that_fit(board, 1, frames=2)
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=150, period_us=1000, unattended_ms=5000)
