@@ -25,6 +25,7 @@ from haptogram_protocol.messages import (
 
 from .board_client import BoardClient
 from .latching import latch_now
+from .playback import phases_that_fit
 from .uploads import upload_to_board
 from .wire import ReceivedByClient
 
@@ -94,7 +95,8 @@ def _stream_in_client_dialogue(board: BoardClient) -> None:
 
 
 def _play_in_client_dialogue(board: BoardClient) -> None:
-    data = b"".join(board.random_registers() for _ in range(_FRAMES))
+    frames = phases_that_fit(board, _FRAMES)
+    data = b"".join(board.random_registers() for _ in range(frames))
     upload_to_board(board, UploadKind.PHASES, _SEQUENCE, data)
     if board.has(Feature.CONFIG | Feature.TRACE):
         board.configure(trace_mode=TraceMode.CRC)

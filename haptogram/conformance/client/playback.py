@@ -41,7 +41,7 @@ def send_phases_that_fit(board: BoardClient, sequence: int, *, frames: int) -> N
 
 
 def phases_that_fit(board: BoardClient, frames: int) -> int:
-    """Return how many drives of *frames*, one at least, one upload takes."""
+    """Return the number of drives for a sequence: *frames*, or fewer if one upload has no room."""
     room = board.identity.max_upload_bytes // board.identity.transducers
     return max(1, min(frames, room))
 

@@ -27,6 +27,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import (
     let_play,
+    phases_that_fit,
     play_later,
     play_now,
     send_phases_to_store_if_supported,
@@ -50,6 +51,7 @@ from ...outcome import SELF_REPORTED, check, fail
 from ..ch05_stream.every_drop import fill_queue
 
 _FRAMES: Final = 3
+_GAP_BYTES: Final = 5  # of the shortest upload with bytes before a gap, in it and behind it
 _AHEAD_US: Final = 8_000_000  # queued frames and a waiting playback are due then
 _FRESH_US: Final = 4_000_000  # a situation is brought about again after this time
 _PERIOD_US: Final = 9_000_000
@@ -114,7 +116,9 @@ def _set_before_refusal(board: BoardClient) -> None:
 
 def pending_before_refusal(board: BoardClient) -> bytes:
     """Return the bytes of the upload that is under way in every situation."""
-    return bytes(number % 251 for number in range(_FRAMES * board.identity.transducers))
+    count = board.identity.transducers
+    frames = phases_that_fit(board, _FRAMES) if count >= _GAP_BYTES else _FRAMES
+    return bytes(number % 251 for number in range(frames * count))
 
 
 def _begin_upload_before_refusal(board: BoardClient, data: bytes, crc: int) -> None:
@@ -270,7 +274,7 @@ def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
     taken = board.link.ask(UploadCommit(PENDING)).message
     check(isinstance(taken, UploadCommitReply), f"{name}: the upload cannot be committed any more")
     board.hello()
-    for sequence, frames in ((STORED, 1), (PENDING, _FRAMES)):
+    for sequence, frames in ((STORED, 1), (PENDING, len(data) // board.identity.transducers)):
         board.arm()
         with board.counting(latched=frames):
             play_now(board, sequence, loops=1)
