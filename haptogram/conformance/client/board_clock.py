@@ -142,11 +142,17 @@ class ClockClient:
         The board makes them ready in *ready_us*; None: as long as it may need for any frame.
         """
         slack_us = self._wire.limits.slack_us
-        if slack_us:  # only an answer shows that a board that had to wait has read the bytes
-            self._link.barrier()
         boundary_us = (self.lead_us if ready_us is None else ready_us) + 4 * self.carrier_us
-        line_us = max(self._wire.line_us(size), self._wire.backlog_us)
-        self._wire.idle(line_us + boundary_us + slack_us // 10)
+        if not slack_us:
+            line_us = max(self._wire.line_us(size), self._wire.backlog_us)
+            self._wire.idle(line_us + boundary_us)
+            return
+        # Only an answer shows that a board that had to wait has read the bytes, and how late it is.
+        latched_us = self.device_us() + boundary_us
+        given_up_us = self._wire.now_us() + boundary_us + slack_us // 10
+        self._wire.idle(boundary_us)
+        while self.device_us() < latched_us and self._wire.now_us() < given_up_us:
+            pass
 
     def require_in_time(self, t_device_us: int, came_us: int | None = None) -> None:
         """End the case as INCONCLUSIVE if the frames that were sent may have come after that.

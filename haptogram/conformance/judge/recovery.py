@@ -72,7 +72,7 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
         board.link.ask(Arm())
         before = board.link.ask(GetStatus()).message
         board.link.send(board.link.stream_wire(board.flat_phases()))
-        board.clock.wait_latched()
+        board.clock.wait_latched(ready_us=board.ready_after_us())
         after = board.link.ask(GetStatus()).message
         if isinstance(after, StatusReply) and after.queued:  # it still computes those of the case
             board.wire.idle(board.identity.queue_depth * board.clock.lead_us)
