@@ -37,6 +37,7 @@ _UNKNOWN_REQUEST: Final = 0x7D
 _UNKNOWN_STREAM: Final = 0x3D
 _DEEPEST: Final = 512  # a queue deeper than this is not filled: it would take seconds
 _LATEST_US: Final = 1 << 30  # behind the last in the queue: what is half a turn ahead has passed
+_STATUS_BYTES: Final = 200  # of a STATUS_REPLY and of its request on the line, at most
 _STEP_US: Final = 1000
 _SEQUENCE: Final = 4
 
@@ -106,7 +107,7 @@ def checks_for_the_queue_in_order(board: BoardClient) -> None:
     board.hello()
     board.arm()
     points = points_of_stream_kind(good) * (depth + 4)
-    start_us = board.clock.soon_us(bytes(size * (depth + 4)), points=points)
+    start_us = board.clock.soon_us(bytes(size * (depth + 4) + _STATUS_BYTES), points=points)
     times = [start_us + number * _STEP_US for number in range(depth)]
     if times[-1] + _STEP_US > board.clock.device_us() + board.identity.max_horizon_us:
         not_observed(f"this line or board takes too long to fill a queue of {depth} frames")

@@ -32,7 +32,7 @@ _OTHER_MS: Final = 40
 _SHORT_RAMP_MS: Final = 150
 _UNDONE_MS: Final = 145  # from the first latch: both ramps run
 _LONG_RAMP_MS: Final = 2000
-_SLOW_LINE_US: Final = 20_000  # for 200 bytes; beyond it all lengths grow
+_SLOW_LINE_US: Final = 20_000  # for 200 bytes, or to a latch; beyond it all lengths grow
 _WATCHED_US: Final = 100_000  # at a wall clock, behind the first end
 _FRAME: Final = "a frame"
 _LATCH: Final = "a latch"
@@ -97,8 +97,9 @@ def _judge_ramp_pairs(board: BoardClient, *undone_by: str) -> None:
 
 
 def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
-    """Return a length of time, or a longer one on a slow line."""
-    return length_ms * max(1, board.wire.line_us(200) // _SLOW_LINE_US)
+    """Return a length of time, or a longer one on a slow line, or for a slow board."""
+    slow_line, slow_board = board.wire.line_us(200), board.ready_after_us()
+    return length_ms * max(1, slow_line // _SLOW_LINE_US, -(-slow_board // _SLOW_LINE_US))
 
 
 @dataclass(slots=True)

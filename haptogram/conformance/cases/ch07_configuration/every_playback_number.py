@@ -161,7 +161,8 @@ def every_playback_start_is_kept(board: BoardClient) -> None:
     aheads |= {(1 << width) + 50 * _MS for width in (15, 16, 20, 23, 24, 31)}
     alone_ms = min(60_000, board.identity.max_unattended_ms)
     most_us = min(horizon_us, alone_ms * _MS)
-    for ahead_us in sorted(ahead for ahead in aheads if 0 < ahead < most_us):
+    least_us = board.ready_after_us() + 20 * _MS  # a start before that is refused
+    for ahead_us in sorted(ahead for ahead in aheads if least_us < ahead < most_us):
         board.disarm()  # no hold runs
         board.arm()
         start_us = board.clock.on_carrier(board.clock.device_us() + ahead_us)

@@ -14,6 +14,7 @@ from haptogram_protocol.messages import (
     PlaybackEnded,
     Stop,
     StopReply,
+    TraceMode,
     UploadKind,
 )
 from haptogram_protocol.state import MuteReason, OutputState
@@ -152,7 +153,8 @@ def plays_the_sequence_in_time(board: BoardClient) -> None:
     mode = ask_for_board_latches(board)
     send_phases_to_store(board, 1, frames=3)
     least_us = shortest_period_to_play_us(board)
-    period_us, loops = max(1003, least_us), 20
+    room = board.identity.trace_ring if mode is TraceMode.RING else 60
+    period_us, loops = max(1003, least_us), min(20, room // 3)
     board.arm()
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(100), ahead_us=5003)

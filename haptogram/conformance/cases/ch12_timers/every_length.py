@@ -283,7 +283,8 @@ def timers_pass_their_whole_lengths(board: BoardClient) -> None:
         most_ms = timer.most_ms(board)
         lengths = [most_ms]
         if not board.wire.limits.slack_us:
-            lengths = [*wrapping_timer_lengths(timer.least_ms, most_ms), most_ms]
+            least_ms = timer.least_ms + board.ready_after_us() // _MS
+            lengths = [*wrapping_timer_lengths(least_ms, most_ms), most_ms]
         for length_ms in lengths:
             since = board.link.mark()
             start_us = timer.start(board, length_ms)

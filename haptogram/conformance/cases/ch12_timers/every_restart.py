@@ -124,8 +124,9 @@ def wait_for_timer(board: BoardClient, t_us: int) -> None:
 
 
 def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
-    """Let a playback of the stored sequence wait for its start so far ahead."""
-    play_later(board, STORED, ahead_ms * _MS, period_us=SLOW_US, unattended_ms=alone_ms)
+    """Let a playback of the stored sequence wait so long for its start, or until it is ready."""
+    ahead_us = max(ahead_ms * _MS, board.ready_after_us() + 20 * _MS)
+    play_later(board, STORED, ahead_us, period_us=SLOW_US, unattended_ms=alone_ms)
 
 
 @case(

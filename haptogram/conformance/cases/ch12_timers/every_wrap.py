@@ -70,7 +70,7 @@ def frames_on_both_sides_of_the_timer_wrap(board: BoardClient) -> None:
 
 def _play_across_timer_wrap(board: BoardClient) -> None:
     """Play frames whose start lies behind the wrap, then one from before it to behind it."""
-    lead_us = 100 * _MS + 2 * board.wire.limits.lead_us
+    lead_us = 100 * _MS + 2 * board.wire.limits.lead_us + board.ready_after_us()
     for offset_us in (30 * _MS, -30 * _MS):
         send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
         board.configure(trace_mode=TraceMode.CRC)
