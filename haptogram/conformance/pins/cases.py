@@ -23,6 +23,7 @@ _SUMMARIES: Final = {
     "HG-6.10/1": "the pins are silent once the board says that the hold ended the output",
     "HG-6.11/1": "in a ramp no pin gets louder",
     "HG-6.11/2": "in a ramp the amplitude at the pins follows the straight line to 0",
+    "HG-6.11/6": "what is set in a ramp leaves it as it is, but a lower ceiling cuts its line off",
     "HG-6.12/2": "from a reset until the first latch after ARM the pins are silent",
     "HG-7.6/4": "in a playback each frame of the sequence is at the pins, and when it is due",
     "HG-7.9/1": "the phases at the pins are those of the drive and the correction",

@@ -82,10 +82,24 @@ class ConfigurationsByPins:
             until = since
         return found[0] if len(found) == 1 else None
 
-    def least_ceiling(self, begin: float, end: float) -> int:
-        """Return the least ceiling that was set between two periods; 255 if none was."""
-        between = (config for t, config in self._configs if begin < t < end)
-        return min((c.amplitude_ceiling for c in between if c is not None), default=255)
+    def set_between(self, begin: float, end: float) -> list[tuple[float, float, int | None]]:
+        """Return the requests, replies and ceilings of what was set between two periods, in order.
+
+        It is in force from its reply on, and may be from its request on. None: it is not known,
+        and the reply is at the end.
+        """
+        found: list[tuple[float, float, int | None]] = []
+        asked: float | None = None
+        for t, config in self._configs:
+            if config is None:
+                asked = t if asked is None else asked
+            elif asked is not None:
+                if asked < end and t > begin:
+                    found.append((asked, t, config.amplitude_ceiling))
+                asked = None
+        if asked is not None and asked < end:
+            found.append((asked, end, None))
+        return found
 
     def correction(self, t: float) -> bytes | None:
         """Return the phase correction at a period of the capture; None: it is not known."""

@@ -29,7 +29,6 @@ from .device_clock import PinDialogueClock, last_mark_before_lost_samples
 
 _AT_RESET_US: Final = 4_284_967_296  # HG-6.9/4
 _BITS: Final = 32
-_ANSWER_MS: Final = 10.0  # HG-4.11/3
 _M = TypeVar("_M", bound=Message)
 
 
@@ -103,11 +102,6 @@ class PinDialogue:
         lost = [f.begin for f in replies if (f.header.session, f.header.seq) not in read]
         return sorted([*self.arms, *lost])
 
-    @property
-    def longest_answer(self) -> float:
-        """Periods from a request to its answer, at the most."""
-        return _ANSWER_MS * 1e-3 * self.record.carrier_hz
-
     @cached_property
     def sources(self) -> list[float]:
         """Arrivals of frames that may bring sound: of the stream, and PLAY."""
@@ -120,23 +114,43 @@ class PinDialogue:
     def next_arm(self, t: float) -> float:
         """Return when the board may sound again from *t* on: by ARM; else the end."""
         armed = _next_time_in_pin_dialogue(self._armings, t, self.record.end)
-        return max(t, self._earliest_requests.get(armed, armed))
+        if self.missing == "to_board":
+            armed = self.answered_before(armed)
+        return max(t, armed)
+
+    def is_arm_under_way(self, t: float) -> bool:
+        """Return True if an ARM may have arrived by *t* that is not answered by then.
+
+        No clause bounds the time that a board takes to carry it out: HG-4.11/3 is a SHOULD.
+        """
+        if self.missing == "to_board":
+            armed = _next_time_in_pin_dialogue(self._armings, t, self.record.end)
+            return armed < self.record.end and self.answered_before(armed) <= t
+        return any(begin <= t < end for begin, end in self._arms_under_way)
 
     @cached_property
-    def _earliest_requests(self) -> dict[float, float]:
-        """When the request of each response came at the earliest, by the begin of that response.
-
-        Where the board's line alone was captured: behind the response before it, as a host asks one
-        thing after the other, and no longer before than a board takes to answer.
-        """
-        if self.missing != "to_board":
-            return {}
-        found, before = {}, 0.0
-        for frame in self.to_host:
-            if frame.header.type in RESPONSE_RANGE:
-                found[frame.begin] = max(before, frame.begin - self.longest_answer)
-                before = frame.begin
+    def _arms_under_way(self) -> list[tuple[float, float]]:
+        """Arrival of each ARM, and the begin of its answer, or of the end of the wait for it."""
+        found = []
+        for frame in self.to_board:
+            if frame.header.type == MessageType.ARM:
+                answer = self.answer(frame, MessageType.ARM_REPLY)
+                end = frame.arrival + self._patience if answer is None else answer.begin
+                found.append((frame.arrival, end))
         return found
+
+    @cached_property
+    def _responses(self) -> list[float]:
+        return [f.begin for f in self.to_host if f.header.type in RESPONSE_RANGE]
+
+    def answered_before(self, t: float) -> float:
+        """Return the begin of the last response before *t*, 0 if there is none.
+
+        A host asks one thing after the other (HG-4.8/1): the request whose response begins at *t*
+        did not come before it.
+        """
+        place = bisect.bisect_left(self._responses, t)
+        return self._responses[place - 1] if place else 0.0
 
     def next_source(self, t: float) -> float:
         """Return the first arrival of a frame that may bring sound from *t* on, else the end."""
@@ -148,8 +162,10 @@ class PinDialogue:
         The board may have read it: then it may be anything. Where the board's line alone was
         captured, a piece of that may be the answer.
         """
-        line = self.unread_to_host if self.missing == "to_board" else self.unread_to_board
-        return _next_time_in_pin_dialogue(line, t, self.record.end)
+        if self.missing != "to_board":
+            return _next_time_in_pin_dialogue(self.unread_to_board, t, self.record.end)
+        piece = _next_time_in_pin_dialogue(self.unread_to_host, t, self.record.end)
+        return max(t, self.answered_before(piece)) if piece < self.record.end else piece
 
     def is_due(self, begin: float, end: float) -> bool:
         """Return True if a frame that arrived before *begin* may be due between the two."""

@@ -37,7 +37,7 @@ _BY_ONE_LINE: Final = {
     "to_board": {
         "HG-5.8/2": "",
         "HG-6.6/1": "a fault",
-        "HG-6.6/2": "the time up to 10 ms before the answer to ARM",
+        "HG-6.6/2": "the time up to the answer before that to ARM",
         "HG-6.10/1": "",
         "HG-6.12/2": "",
         "HG-8.3/1": "",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -20,7 +21,9 @@ from .told_drives import DrivesOfPinDialogue
 #: Timers whose ramps are judged: during that of an unattended playback latches go on.
 _TIMERS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
 _BEFORE: Final = 20.0  # periods of full output before a ramp
-_STEP: Final = 1.0 / 255.0
+_FULL: Final = 255.0
+_STEP: Final = 1.0 / _FULL
+_PULSE: Final = 2.0  # periods beside a new ceiling: a pulse meanwhile has neither width
 _LAG_MS: Final = 1.0  # HG-6.11/2: the line at this moment, or up to so long before
 _TIMER_MS: Final = 1.0  # HG-12.1/1
 _SAMPLES: Final = 2.0
@@ -39,20 +42,25 @@ def judge_ramp_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> No
         if changed.reason not in _TIMERS or end is None:
             continue
         found = configs.of_ramp(end, per_ms)
-        if found is None or not found[0].ramp_ms:
+        if found is None:
+            findings.missing["HG-6.11/2"] = "which configuration a ramp began with is not known"
             continue
-        config, begin = found
-        if configs.least_ceiling(begin, end) < config.amplitude_ceiling:
-            continue  # it cuts the line off, and a pulse of another width is neither of both
+        if not found[0].ramp_ms:
+            continue
+        _, begin = found
         # A latch meanwhile changes the amplitude that the ramp is of.
         since = begin - _BEFORE - 2.0 * _TIMER_MS * per_ms
         source = min(dialogue.next_source(since), dialogue.next_unread(since))
         if since > 0.0 and source > end and not dialogue.is_due(since, end):
-            _judge_ramp_clause(dialogue, begin, end, findings)
+            _judge_ramp_clause(dialogue, begin, end, configs.set_between(begin, end), findings)
 
 
 def _judge_ramp_clause(
-    dialogue: PinDialogue, begin: float, end: float, findings: PinClauseFindings
+    dialogue: PinDialogue,
+    begin: float,
+    end: float,
+    changes: Sequence[tuple[float, float, int | None]],
+    findings: PinClauseFindings,
 ) -> None:
     record = dialogue.record
     per_ms = record.carrier_hz * 1e-3
@@ -76,18 +84,28 @@ def _judge_ramp_clause(
             louder.append(element)
         within = dialogue.within(end)
         lag, timer = (_LAG_MS + _TIMER_MS) * per_ms + within, _TIMER_MS * per_ms + within
-        upper = full * _ramp_left_by_clause(times - lag, begin, end) + error
-        lower = full * _ramp_left_by_clause(times + timer, begin, end) - error
+        upper = full * _ramp_left_by_clause(times - lag, begin, end)
+        lower = full * _ramp_left_by_clause(times + timer, begin, end)
+        for asked, set_at, ceiling in changes:  # a lower ceiling cuts the line off for good
+            cut = 0.0 if ceiling is None else ceiling / _FULL
+            lower[times >= asked - _PULSE] = np.minimum(lower, cut)[times >= asked - _PULSE]
+            if ceiling is not None:
+                upper[times >= set_at + _PULSE] = np.minimum(upper, cut)[times >= set_at + _PULSE]
+        upper, lower = upper + error, lower - error
         if ((fading > upper) | (fading < lower)).any():
             off_line.append(element)
     if not seen:
         return
     where = f"in the ramp that ends {time_by_pins(record, end)}"
     names = names_of_pins(record, louder) if louder else ""
+    wrong = sorted({*louder, *off_line})
     findings.add("HG-6.11/1", f"{names} get louder {where}" if louder else "")
     names = names_of_pins(record, off_line) if off_line else ""
     text = f"{names} leave the straight line to 0 {where}"
     findings.add("HG-6.11/2", text if off_line else "")
+    if changes:
+        text = f"{names_of_pins(record, wrong)} do not keep what the ramp began with, {where}"
+        findings.add("HG-6.11/6", text if wrong else "")
 
 
 def _ramp_left_by_clause(times: FloatArray, begin: float, end: float) -> FloatArray:

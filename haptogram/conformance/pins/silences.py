@@ -32,7 +32,6 @@ _PERIOD: Final = 1.0  # HG-6.6/1
 _CLOCKS: Final = 0.5  # periods by which device time and capture may differ: HG-6.9/2 allows 10 us
 _TIMER_US: Final = 1_000  # HG-12.1/1
 _BEFORE: Final = 2.5  # periods before a cause: a pin with a pulse in them sounded
-_ARM_BEFORE: Final = 400.0  # periods by which a word may be older than an ARM that came before it
 _SAMPLES: Final = 2.0
 _BY_REASON: Final = {
     MuteReason.HOLD_EXPIRED: ("HG-6.10/1", "the end of the hold"),
@@ -200,11 +199,12 @@ def _silence_clause_by_words(
     dialogue: PinDialogue, frame: LineFrame, clause: str, cause: str, slack: float
 ) -> Iterator[SilenceDue]:
     moment = dialogue.told(frame)
-    if moment is None:
+    if moment is None or dialogue.is_arm_under_way(moment):
         return
     begin = moment + _PERIOD + _CLOCKS + slack + dialogue.within(moment)
-    until = dialogue.next_arm(moment - _ARM_BEFORE)
-    doubt = dialogue.next_unread(moment - _ARM_BEFORE)
+    until = dialogue.next_arm(moment)
+    # The board may not have answered yet what the analyser read wrongly.
+    doubt = dialogue.next_unread(min(moment, dialogue.answered_before(moment)))
     yield SilenceDue(moment, begin, until, clause, cause, doubt)
 
 

@@ -114,13 +114,16 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ToldLatch]:
     asked = DrivesOfPinDialogue(dialogue)
     configs = ConfigurationsByPins(dialogue, asked)
     per_ms = dialogue.record.carrier_hz * 1e-3
-    ends = _output_ends_of_pin_dialogue(dialogue)
+    changes = sorted(_output_ends_of_pin_dialogue(dialogue), key=lambda change: change[1])
+    ends = [last for _, last in changes]
+    firsts = np.minimum.accumulate([first for first, _ in changes][::-1])[::-1]
     told = [*_traced_latches(dialogue, configs), *_latches_read_back(dialogue, configs)]
     for at, frame, limit in sorted(told, key=_time_of_told_latch):
         known = configs.at(at)
         if known is None:
             continue
-        limit = min(limit, ends[bisect.bisect_right(ends, at)], at + known.hold_ms * per_ms)
+        changed = firsts[bisect.bisect_right(ends, at)]
+        limit = min(limit, max(at, changed), at + known.hold_ms * per_ms)
         found = asked.of(frame, at)
         due = shown = None
         if found is not None:
@@ -229,8 +232,8 @@ def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
     return [*missing, *dialogue.unread_to_host]
 
 
-def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
-    """Return when the output may change by something else than a latch, in order, and the end."""
+def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[tuple[float, float]]:
+    """Return between which times the output may change by something else than a latch."""
     kinds = {
         MessageType.HELLO,
         MessageType.ARM,
@@ -243,11 +246,13 @@ def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
     }
     found = [f.arrival for f in dialogue.to_board if f.header.type in kinds]
     found += dialogue.unread_to_board  # it may have been one of them
+    asked: list[tuple[float, float]] = []
     if dialogue.missing == "to_board":
         answers = (f for f in dialogue.to_host if f.header.type in _ANSWERS)
-        found += [f.begin - dialogue.longest_answer for f in answers]
+        asked = [(dialogue.answered_before(f.begin), f.begin) for f in answers]
     for frame, changed in dialogue.said(StateChanged):  # by a fault, which no request brings
         moment = dialogue.told(frame)
         if changed.state is not OutputState.ARMED and moment is not None:
             found += [moment - _BEFORE_WORD_MS * dialogue.record.carrier_hz * 1e-3, moment]
-    return sorted([*found, *dialogue.resets, dialogue.record.end, math.inf])
+    found += [*dialogue.resets, dialogue.record.end, math.inf]
+    return [*asked, *((t, t) for t in found)]

@@ -33,7 +33,7 @@ from haptogram.records.frame import Focus
 from haptogram.report.conformance.text import suite_text
 from haptogram.settings.board import PinCaptureConfig
 from haptogram.settings.faults.plan import FaultPlan
-from haptogram_protocol.messages import Mute, Ping, StateChanged, TraceMode
+from haptogram_protocol.messages import MessageType, Mute, Ping, StateChanged, TraceMode
 from haptogram_protocol.state import OutputState
 from sim_device.board.timers import BoardTimers
 from virtual_ports import BoardPort
@@ -106,21 +106,34 @@ def raised(board):
     board.wire.idle(200_000)
 
 
-@pytest.mark.parametrize("louder", [False, True])
-def test_a_ramp_keeps_the_ceiling_of_its_beginning(louder, tmp_path, monkeypatch):
-    reconfigure = BoardTimers.reconfigure
+@case("HG-6.11/6", "a lower ceiling, and then a higher one, are set during a ramp", variant="cut")
+def cut(board):
+    board.configure(hold_ms=60, ramp_ms=240)
+    board.arm()
+    latch_now(board, board.flat_phases())
+    board.wire.idle(100_000)
+    board.configure(hold_ms=60, ramp_ms=240, amplitude_ceiling=90)
+    board.wire.idle(60_000)
+    board.configure(hold_ms=60, ramp_ms=240)
+    board.wire.idle(140_000)
 
-    def set_louder(self, now_us, last_latch_us, config):
-        reconfigure(self, now_us, last_latch_us, config)
-        self._hold.ceiling = self._hold.cut = config.amplitude_ceiling
 
-    if louder:
-        monkeypatch.setattr(BoardTimers, "reconfigure", set_louder)
-    monkeypatch.setitem(run.__globals__, "all_cases", lambda: (raised,))
-    _, record = captured_suite(tmp_path / "pins.vcd", cases=(raised.id,))
+def set_louder(self, now_us, last_latch_us, config, was=BoardTimers.reconfigure):
+    was(self, now_us, last_latch_us, config)
+    self._hold.ceiling = self._hold.cut = config.amplitude_ceiling
+
+
+@pytest.mark.parametrize(
+    ("ramp", "wrong"), [(raised, None), (raised, set_louder), (cut, None), (cut, set_louder)]
+)
+def test_a_ramp_keeps_the_ceiling_of_its_beginning(ramp, wrong, tmp_path, monkeypatch):
+    if wrong is not None:
+        monkeypatch.setattr(BoardTimers, "reconfigure", wrong)
+    monkeypatch.setitem(run.__globals__, "all_cases", lambda: (ramp,))
+    _, record = captured_suite(tmp_path / "pins.vcd", cases=(ramp.id,))
     found = {r.clause: r.behaviour for r in judge_clauses_by_pins([record])}
-    due = Behaviour.FAILED if louder else Behaviour.OK
-    assert [found["HG-6.11/1"], found["HG-6.11/2"]] == [due, due]
+    due = Behaviour.OK if wrong is None else Behaviour.FAILED
+    assert [found[f"HG-6.11/{n}"] for n in (1, 2, 6)] == [due, due, due]
 
 
 def test_the_sessions_of_a_run_tell_its_capture_from_that_of_another(healthy):
@@ -398,6 +411,46 @@ def test_one_line_alone_shows_a_part_of_the_clauses(missing, healthy):
     assert f"without {missing} " in results["HG-6.6/2"].detail
     share = captured_share_of_run(one, suite.nonces, "the run")
     assert f"shows {len(suite.nonces)} of {len(suite.nonces)} sessions" in share
+
+
+def test_a_board_that_takes_longer_than_it_should_to_answer_arm_fails_nothing(tmp_path):
+    """HG-4.11/3 is a SHOULD: the pins may sound before the answer, and STATUS says MUTED before."""
+    path = tmp_path / "pins.vcd"
+    config = PinCaptureConfig(capture=path, capture_ms=10_000.0, capture_elements="0,5")
+    model = AcousticModel(
+        TransducerArray.parse("4x4", pitch_m=0.01), Medium.air(20.0), Transducer()
+    )
+    port = BoardPort(model=model, capture=config)
+    with Driver(port, seed=1) as driver:
+        driver.configure(trace_mode=TraceMode.CRC, status_period_ms=10, host_timeout_ms=1000)
+        for _ in range(2):
+            driver.arm()
+            driver.focus((0.0, 0.0, 0.15))
+            driver.hold(0.02)
+            driver.mute()
+            port.stall(50_000_000)
+            driver.status()  # behind its reply alone the ARM can have come
+            port.stall(50_000_000)
+    port.simulation.power_down()
+    port.pins.close()
+    record = pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", MAP))
+    dialogue = PinDialogue(record)
+    answer = [f.begin for f in dialogue.to_host if f.header.type == MessageType.ARM_REPLY][1]
+    line = record.to_board
+    arm = dialogue.arms[1]
+    waits = (line.times > arm - 20.0) & (line.times <= arm)  # 30 ms, in which STATUS comes thrice
+    times = np.where(waits, line.times - 1200.0, line.times)
+    slow = shifted(record, 5, answer - 700.0, answer - 690.0, 0.3)
+    for one in (
+        dataclasses.replace(slow, to_board=dataclasses.replace(line, times=times)),
+        dataclasses.replace(slow, to_board=None),
+    ):
+        results = judge_clauses_by_pins([one])
+        broken = {r.clause: r.detail for r in results if r.behaviour is Behaviour.FAILED}
+        assert set(broken) <= {"HG-6.3/1"}, broken  # no frame came
+    early = shifted(record, 5, answer - 3000.0, answer - 2990.0, 0.3)  # before the ARM of both
+    results = judge_clauses_by_pins([dataclasses.replace(early, to_board=None)])
+    assert "HG-6.6/2" in {r.clause for r in results if r.behaviour is Behaviour.FAILED}
 
 
 def test_pins_that_go_on_are_found_by_either_line_alone(tmp_path):
