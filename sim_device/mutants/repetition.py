@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Final
 
 from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import BoardConnection
-from haptogram_protocol.messages import Config, Hello, HelloReply, Mute, MuteReply
+from haptogram_protocol.messages import Hello, HelloReply, Mute, MuteReply
 
 from ..dialects.haptogram import VirtualHaptogramDialect
 from .mutant import Mutant
@@ -185,14 +185,27 @@ class RepetitionsRenewNothing(BoardConnection):
         return dataclasses.replace(event, renews_lease=False) if reason == "repeated" else event
 
 
-class ConfigurationLeftInMemory(VirtualHaptogramDialect):
-    """Finds ceiling and speed of sound of before a reset, which start-up leaves in its memory."""
+class _RemembersOverAReset(VirtualHaptogramDialect):
+    """Has a memory that outlives a reset, behind which a board has the next seed."""
 
-    _left: ClassVar[Config | None] = None
+    _memory: ClassVar[tuple[int, Any]] = (-1, None)  # seed of the board that wrote it, contents
 
     def __init__(self, *parts: Any) -> None:
         super().__init__(*parts)
-        if (left := type(self)._left) is not None:
+        seed, left = type(self)._memory
+        self._remember(left if seed == self.board.settings.seed - 1 else None)
+
+    def _remember(self, left: Any) -> None:
+        type(self)._memory = self.board.settings.seed, left
+
+
+class ConfigurationLeftInMemory(_RemembersOverAReset):
+    """Finds ceiling and speed of sound of before a reset, which start-up leaves in its memory."""
+
+    def __init__(self, *parts: Any) -> None:
+        super().__init__(*parts)
+        _, left = self._memory
+        if left is not None:
             speed, ceiling = left.sound_speed_mm_s, left.amplitude_ceiling
             config = dataclasses.replace(
                 self.board.config, sound_speed_mm_s=speed, amplitude_ceiling=ceiling
@@ -201,22 +214,21 @@ class ConfigurationLeftInMemory(VirtualHaptogramDialect):
 
     def _set_config(self, message: Any, request: Any) -> Any:
         reply = super()._set_config(message, request)
-        type(self)._left = message.config
+        self._remember(message.config)
         return reply
 
 
-class SequencesOutliveAReset(VirtualHaptogramDialect):
+class SequencesOutliveAReset(_RemembersOverAReset):
     """Finds the sequences of before a reset in its memory."""
-
-    _left: ClassVar[dict[int, Any]] = {}
 
     def __init__(self, *parts: Any) -> None:
         super().__init__(*parts)
-        self.board._sequences.update(type(self)._left)
+        _, left = self._memory
+        self.board._sequences.update(left or {})
 
     def _commit_upload(self, message: Any, request: Any) -> Any:
         reply = super()._commit_upload(message, request)
-        type(self)._left = dict(self.board._sequences)
+        self._remember(dict(self.board._sequences))
         return reply
 
 
