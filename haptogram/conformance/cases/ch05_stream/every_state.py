@@ -64,6 +64,7 @@ def _states_at_stream_frame(board: BoardClient) -> dict[str, Callable[[], object
 @case(
     "HG-5.7/1",
     "frames while DISARMED, MUTED, while a sequence plays or waits: dropped_state, none is latched",
+    variant="states",
     evidence=SELF_REPORTED,
 )
 def no_other_state_takes_stream_frames(board: BoardClient) -> None:

@@ -22,6 +22,23 @@ _MAX_LATE_US: Final = 100_000  # HG-7.1
 
 
 @case(
+    "HG-5.7/1",
+    "frames while DISARMED and MUTED are counted in dropped_state",
+    evidence=SELF_REPORTED,
+)
+def drops_stream_frames_unless_armed(board: BoardClient) -> None:
+    t_us = board.clock.soon_us(bytes(2000))
+    with board.counting(dropped_state=2, latched=0):
+        board.link.send(board.link.stream_wire(board.flat_phases()))
+        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.clock.wait_until(t_us)
+    board.arm()
+    board.link.ask_raw(0x42)
+    with board.counting(dropped_state=1, latched=0):
+        latch_now(board, board.flat_phases())
+
+
+@case(
     "HG-5.7/2",
     "frames not after the last queued one are counted in dropped_order",
     evidence=SELF_REPORTED,
