@@ -135,7 +135,7 @@ class BoardClient:
     """
 
     identity: HelloReply
-    config: Config = Config()
+    config: Config
     thorough: bool = True
     explore_us: int = 0
     correction: bytes | None = None

@@ -15,6 +15,7 @@ from haptogram_protocol.messages import (
     Ping,
     Pong,
     SetConfig,
+    SetConfigReply,
     StatusReply,
 )
 
@@ -67,8 +68,11 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
     if not board.has_phases:
         return ""
     with contextlib.suppress(CaseEndedError):
-        if board.has(Feature.CONFIG):  # timers of the case may end before a frame is ready
-            board.link.ask(SetConfig(board.base_config))
+        if board.has(Feature.CONFIG) and hasattr(board, "config"):
+            # Timers of the case may end before a frame is ready.
+            answer = board.link.ask(SetConfig(board.base_config)).message
+            if isinstance(answer, SetConfigReply):
+                board.config = answer.config
         board.link.ask(Arm())
         before = board.link.ask(GetStatus()).message
         board.link.send(board.link.stream_wire(board.flat_phases()))
