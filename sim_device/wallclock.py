@@ -43,6 +43,11 @@ class Heartbeat:
         Says how the counters move on.
     tap : LineTap or None
         Takes down the bytes of the port.
+
+    Attributes
+    ----------
+    was_stopped : bool
+        Whether :meth:`stop` was called: False if the board ended by itself, or runs.
     """
 
     def __init__(
@@ -55,7 +60,7 @@ class Heartbeat:
     ) -> None:
         self._simulation, self._port = simulation, port
         self._worker, self._counts, self._tap = worker, counts, tap
-        self._stopping = False
+        self._stopping = self.was_stopped = False
         self._is_plugged = True
         self._client_baud: int | None = None
         self._parents: list[int] = []  # whose end is that of the board
@@ -70,6 +75,7 @@ class Heartbeat:
 
     def stop(self) -> None:
         """Make :meth:`run` return; may be called from a signal handler, and after its end."""
+        self.was_stopped = True
         if not self._stopping:
             self._stopping = True
             os.write(self._wake_write, b"!")

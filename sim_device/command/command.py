@@ -89,6 +89,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
         raise ConfigurationError("--as-device holds one port; leave the fault line.disconnect out")
     board = blueprint_of(config)
     client: DeviceClient | None = None
+    heartbeat: Heartbeat | None = None
     settings, parts, plan = board.settings, board.parts, board.faults
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
@@ -133,7 +134,8 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
         finally:
             if port is not None:
                 port.close()
-            if client is not None and (failed := client.close()):
+            failed = None if client is None else client.close()
+            if failed and not (heartbeat and heartbeat.was_stopped):  # Ctrl-C ends both
                 ends.append(HaptogramError(f"{options.client[0]} ended with status {failed}"))
             failures = [_end_board_worker(worker) if worker is not None else ""]
             if pins is not None and port is not None:

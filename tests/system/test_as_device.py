@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 
@@ -22,6 +23,15 @@ assert product.read_text() == "Haptogram virtual board\\n"
 with serial.Serial(port, 230_400) as line:
     line.write(pathlib.Path(sys.argv[2]).read_bytes())
 sys.exit(int(sys.argv[3]))
+"""
+
+
+# Ctrl-C is ignored in what a shell runs in the background, and so are these tests.
+HEEDING = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from haptogram.start import main
+sys.exit(main())
 """
 
 
@@ -59,6 +69,24 @@ def test_a_program_finds_the_board_and_all_that_it_sent_counts(device, tmp_path,
         assert "ended with status 3" in done.stderr
     kinds = [json.loads(line)["kind"] for line in records.read_text().splitlines()]
     assert [kind for kind in kinds if kind != "output"] == ["board", *["pulses"] * 7, "end"]
+
+
+def test_ctrl_c_ends_the_board_and_its_program_and_neither_has_failed(device):
+    words = ["board", "--dialect", "sonicsurface", "--as-device", "--", "sleep", "60"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", HEEDING, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        assert process.stdout.readline() == f"listening on {device}\n"
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        _, said = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 0, said
 
 
 def test_where_the_system_does_not_permit_it_one_line_says_so(tmp_path):
