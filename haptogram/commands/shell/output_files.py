@@ -73,7 +73,7 @@ class CommandOutputs:
         self._check_formats(pictures=pictures)
         for folder in dict.fromkeys(path.parent for path in self.paths.values()):
             if not folder.exists():
-                print(f"{folder}: a new folder, made for what is written", file=sys.stderr)
+                print(f"{folder}: a new folder, to be made for what is written", file=sys.stderr)
 
     def _check_formats(self, *, pictures: bool) -> None:
         if "--picture" in self.paths:

@@ -247,5 +247,5 @@ def test_a_new_folder_is_told_before_the_work_and_made(
 ) -> None:
     path = tmp_path / "a" / "b" / "figures.json"
     assert main(["presets", "paper", "--json", str(path)]) == 0
-    assert capsys.readouterr().err.startswith(f"{path.parent}: a new folder, made for what is")
+    assert capsys.readouterr().err.startswith(f"{path.parent}: a new folder, to be made for what")
     assert path.exists()
