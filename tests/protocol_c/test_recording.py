@@ -28,7 +28,8 @@ def test_boards_that_need_time_to_make_a_frame_ready_live_alike(tmp_path, monkey
     program = tmp_path / "board_steps"
     status, output = make(tmp_path, program, CC=compiler(), CFLAGS=f"-O0 {defines}")
     assert (status, output) == (0, "")
-    cases = [c for c in select(all_cases(), ABOUT_TIME) if c.body is not None and not c.judges_all]
+    some = [c for c in select(all_cases(), ABOUT_TIME) if c.body is not None and not c.judges_all]
+    cases = [case for case in some if case.variant != "fault"]  # no hardware of theirs fails
     with CBoard(tmp_path) as board:
         found = {case.id: spoken(case, LIMITS | NEEDS_TIME, board) for case in cases}
     assert [name for name, steps in found.items() if steps is None] == []

@@ -1,4 +1,4 @@
-"""HG-6.2, HG-6.4: the state and its reason, after every input in every state."""
+"""HG-5.7, HG-6.2, HG-6.4: state and reason after every input in every state; frames in FAULT."""
 
 from __future__ import annotations
 
@@ -25,9 +25,11 @@ from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYBACK
 from ...client.latching import latch_now
 from ...client.playback import play_now, play_request, send_phases_to_store_if_supported
+from ...client.stream_kinds import stream_kinds
 from ...judge.effects import StateAndReason, state_and_reason_after
 from ...judge.timers import judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check
+from .faults import fail_hardware, recover_from_hardware_fault
 
 _MS: Final = 1000
 _SEQUENCE: Final = 5
@@ -69,6 +71,21 @@ def every_mute_in_every_output_state(board: BoardClient) -> None:
                 since, before = board.link.mark(), board.status().counters
                 _judge_input_to_output_state(board, due, text, OutputInput.MUTE, mute_all)
                 _judge_rest_behind_mutes(board, since, before, f"{text} in {_state_text(due)}")
+
+
+@case(
+    "HG-5.7/1",
+    "in FAULT frames of every message and format are counted in dropped_state, none is latched",
+    variant="fault",
+    evidence=SELF_REPORTED,
+)
+def a_hardware_fault_drops_stream_frames(board: BoardClient) -> None:
+    fail_hardware(board)
+    kinds = stream_kinds(board)
+    with board.counting(dropped_state=len(kinds), latched=0):
+        for kind in kinds:
+            board.link.send(board.link.stream_wire(kind.make()))
+    recover_from_hardware_fault(board)
 
 
 def _judge_input_to_output_state(

@@ -1,4 +1,4 @@
-"""HG-5.7, HG-6.2, HG-6.6, HG-6.8: a fault of the hardware, where something can bring one about."""
+"""HG-6.2, HG-6.6, HG-6.8: a fault of the hardware, where something can bring one about."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from ...client.playback import (
     send_phases_that_fit,
     send_phases_to_store,
 )
-from ...client.stream_kinds import stream_kinds, valid_requests_to_send
+from ...client.stream_kinds import valid_requests_to_send
 from ...outcome import SELF_REPORTED, check, not_observed
 
 _SEQUENCE: Final = 4
@@ -171,21 +171,6 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
         due = OutputState.FAULT if due is None else due
         check(found is due, f"{event.name} in FAULT: {found.name}, due is {due.name}")
         recover_from_hardware_fault(board)
-
-
-@case(
-    "HG-5.7/1",
-    "in FAULT frames of every message and format are counted in dropped_state, none is latched",
-    variant="fault",
-    evidence=SELF_REPORTED,
-)
-def a_hardware_fault_drops_stream_frames(board: BoardClient) -> None:
-    fail_hardware(board)
-    kinds = stream_kinds(board)
-    with board.counting(dropped_state=len(kinds), latched=0):
-        for kind in kinds:
-            board.link.send(board.link.stream_wire(kind.make()))
-    recover_from_hardware_fault(board)
 
 
 @case(
