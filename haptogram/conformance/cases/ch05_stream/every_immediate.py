@@ -11,10 +11,10 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches, latches_received_from_board
 from ...client.playback import (
-    UNATTENDED_MS,
     await_playback_end,
     period_to_play,
     play_request,
+    require_time_to_play,
     send_phases_to_store,
 )
 from ...client.stream_kinds import points_of_stream_kind, stream_kinds
@@ -125,7 +125,8 @@ def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     board.arm()
     period_us = board.clock.on_carrier(period_to_play(board))
-    play = play_request(board, _SEQUENCE, loops=1, period_us=period_us, unattended_ms=UNATTENDED_MS)
+    require_time_to_play(board, _FRAMES * period_us)
+    play = play_request(board, _SEQUENCE, loops=1, period_us=period_us)
     for number, name in enumerate(_times_of_immediate_frames(board)):
         board.wire.idle(1 + 7 * number % board.clock.carrier_us)
         since, start_us = board.link.mark(), board.clock.device_us()
