@@ -12,6 +12,7 @@ from .capture import Capture, ChannelEdges
 
 _Floats: TypeAlias = NDArray[np.float64]
 _AROUND: Final = 8  # pulses on both sides that must agree on the jump: one alone is a disturbance
+_FEWEST: Final = 3  # of these, near both ends of a capture
 _SAMPLES: Final = 2.5  # by which two edges and the fit of a period may be off
 _LEAST: Final = 0.01  # of a period, by which a clock that no sample is lost of may jitter
 _LONGEST: Final = 2.5  # periods without a pulse: a longer pause is that of a clock that stops
@@ -62,7 +63,7 @@ def _first_jump_in_capture(rises: _Floats, sample: float) -> float | None:
     for place in np.flatnonzero(off & (steps < _LONGEST * period)).tolist():
         before = rises[max(0, place - _AROUND + 1) : place + 1]
         after = rises[place + 1 : place + 1 + _AROUND]
-        if min(len(before), len(after)) < _AROUND:
+        if min(len(before), len(after)) < _FEWEST:
             continue
         phases = [np.exp(2j * np.pi * (times - rises[place]) / period) for times in (before, after)]
         jump = np.angle(np.median(phases[1].real) + 1j * np.median(phases[1].imag)) - np.angle(
