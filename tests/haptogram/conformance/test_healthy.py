@@ -54,7 +54,7 @@ NEVER_SHOWN = {
 #: What this board does not show: it can do everything, and its line is fast.
 NOT_HERE = {"HG-1.2/2", "HG-1.2/3", "HG-7.1/2"}
 #: Its line takes too long for 65 536 events, and for two frames within one carrier period.
-LINE = {"HG-3.6/2", "HG-5.7/2", "HG-5.7/6"}
+LINE = {"HG-3.6/2", "HG-5.7/2", "HG-5.7/6", "HG-5.8/3"}
 #: A drive of so few transducers fills no piece of COBS.
 SMALL = {"HG-2.2/1"}
 
