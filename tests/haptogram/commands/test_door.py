@@ -24,6 +24,7 @@ NEEDED = {
 }
 LIMITS = re.compile(r"must be (a number, |a whole number, )?(\S+) to (\S+)")
 CHOICES = re.compile(r"known are (.*)")
+ABSENT = 99  # of no clause of that section
 UNKNOWN_CLAUSE = "there is no such case or clause; --list shows all cases"
 COORDINATES = re.compile(r"must be X,Y,Z, each (\S+) to (\S+) mm")
 
@@ -179,7 +180,11 @@ OTHERS = [
     ("soak", "--mutant crc-61", "is 'crc-61'; docs/kill-matrix.md lists those known; did you"),
     ("conform", "--clause HG-99", f"HG-99: {UNKNOWN_CLAUSE}"),
     ("conform", "--clause 2.4/2", f"2.4/2: {UNKNOWN_CLAUSE}; did you mean HG-2.4/2?"),
-    ("conform", "--clause HG-2.4/99", f"HG-2.4/99: {UNKNOWN_CLAUSE}; did you mean HG-2.4/"),
+    (
+        "conform",
+        f"--clause HG-2.4/{ABSENT}",
+        f"HG-2.4/{ABSENT}: {UNKNOWN_CLAUSE}; did you mean HG-2.4/",
+    ),
     ("conform", "--port-regex ( --spawn true", "'(' is no regular expression: "),
     ("conform", "--port-regex x --spawn true", "'x' has no group; put the port in parentheses"),
     ("conform", "--spawn ./nowhere", "./nowhere cannot be started: there is no such file"),

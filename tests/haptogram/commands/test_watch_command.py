@@ -182,7 +182,7 @@ def test_the_page_has_verdict_defects_latches_and_the_view(tmp_path, capsys):
     text = page.read_text()
     assert (status, err) == (1, f"wrote {page}\n")
     assert "<h1>FAIL: " in text
-    assert text.count("<td>off target (S") == 3
+    assert text.count(">off target (S") == 3
     assert text.count('<span class="badge good">not found</span>') == len(Defect)
     assert "(40.0, 170.0, 0.0)" in text  # expected, in the client's axes
     scene = zlib.decompress(base64.b64decode(text.split('id="scene">')[1].split("<")[0]))
@@ -198,7 +198,7 @@ def test_the_page_keeps_the_last_latches_only(tmp_path, monkeypatch, capsys):
     watch(capsys, *words, *AIR)
     text = page.read_text()
     assert "The last of 41." in text
-    assert text.count("<td>swap</td>") == 5
+    assert text.count(">swap</td>") == 5
 
 
 def test_nothing_latched_is_status_3(tmp_path, capsys):
