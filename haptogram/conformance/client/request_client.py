@@ -284,13 +284,11 @@ class RequestClient:
         """Return the reply in *answer*; FAILED if the answer is something else."""
         if isinstance(answer.message, reply):
             return answer.message
+        name = annotated_type_name(kind)
         if answer.message is None:
-            fail(f"the answer to {annotated_type_name(kind)} cannot be read: {answer.fault}")
-        fail(
-            f"{annotated_type_name(kind)} was answered by "
-            f"{annotated_type_name(answer.message.TYPE)} "
-            f"({self.answer_text(answer)}) instead of {reply.TYPE.name}"
-        )
+            fail(f"the answer to {name} cannot be read: {answer.fault}")
+        got = self.answer_text(answer).replace(f") to {name},", "),")  # only another is named
+        fail(f"{name} was answered by {got}, not by {reply.TYPE.name}")
 
     def refused(
         self,

@@ -62,7 +62,7 @@ def time_by_pins(record: PinRecord, periods: float) -> str:
 
 def duration_by_pins(record: PinRecord, periods: float) -> str:
     """Return a length of time in words."""
-    return f"{periods * 1e6 / record.carrier_hz:.0f} us"
+    return f"{periods * 1e6 / record.carrier_hz:.0f} µs"
 
 
 def names_of_pins(record: PinRecord, elements: list[int]) -> str:

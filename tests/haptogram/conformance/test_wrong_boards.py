@@ -14,7 +14,15 @@ from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour, CaseResult, suite_exit_status
 from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder, encode_frame
-from haptogram_protocol.messages import DriveReply, Feature, MessageType, build_body, parse_body
+from haptogram_protocol.messages import (
+    DriveReply,
+    Error,
+    ErrorCode,
+    Feature,
+    MessageType,
+    build_body,
+    parse_body,
+)
 from sim_device.board.counters import BoardCounters, Drop
 from sim_device.board.output import BoardOutput
 
@@ -330,3 +338,18 @@ def made(behaviour, expected=None):
 )
 def test_exit_status(results, status):
     assert suite_exit_status(results) == status
+
+
+def test_a_refusal_that_should_be_a_reply_is_told_once():
+    def refused(body):
+        if body[0] != MessageType.ARM_REPLY:
+            return body
+        header, _ = parse_body(body)
+        keys = {"seq": header.seq, "time_us": header.time_us, "session": header.session}
+        error = Error(MessageType.ARM, ErrorCode.BAD_STATE, 2)
+        return build_body(error, flags=0, **keys)
+
+    access = virtual(array="4x4", wrap=lambda inner: Rewritten(inner, refused))
+    [result] = run(access, "HG-6.3/1").results
+    assert result.behaviour is Behaviour.FAILED
+    assert result.detail == "ARM was answered by ERROR(BAD_STATE), detail 0x2, not by ARM_REPLY"

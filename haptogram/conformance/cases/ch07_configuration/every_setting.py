@@ -190,7 +190,7 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
                 shown = read_back(board)
             late_us = board.clock.unwrap(shown.reply.t_latch_us) - at_us
             in_time = 0 <= late_us <= board.clock.carrier_us
-            judge_in_time(board, in_time, f"{name}: latched {late_us} us behind its time")
+            judge_in_time(board, in_time, f"{name}: latched {late_us} µs behind its time")
             if isinstance(frame, Points):
                 _judge_queued_points(model, points, shown, name)
             else:
@@ -237,7 +237,7 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
         status = board.status()
         late_us = (board.clock.unwrap(status.last_latch_us) - first_us) % period_us
         name = f"{changes} while a sequence plays"
-        judge_in_time(board, late_us == 0, f"{name}: a latch is {late_us} us behind its time")
+        judge_in_time(board, late_us == 0, f"{name}: a latch is {late_us} µs behind its time")
         check(status.state is OutputState.ARMED, f"{name}: {status.state.name}")
     asked_us = board.clock.device_us() - board.clock.carrier_us
     board.link.call(Stop(), StopReply)
