@@ -10,7 +10,14 @@ from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
 from ..formats.job_summary import Finding, JobSummary, Level, SummaryTable
 from .matrix import conformance_chapters_of_cases
-from .wording import case_finding, common_finding_line, suite_board, suite_counts, suite_verdict
+from .wording import (
+    case_finding,
+    common_finding_line,
+    suite_behaviours,
+    suite_board,
+    suite_counts,
+    suite_verdict,
+)
 
 
 def suite_summary(suite: SuiteResult) -> JobSummary:
@@ -46,7 +53,7 @@ def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
 
 
 def _chapter_table(suite: SuiteResult) -> SummaryTable:
-    shown = [behaviour for behaviour in Behaviour if suite.count(behaviour)]
+    shown = suite_behaviours(suite)
     rows = []
     for chapter, results in conformance_chapters_of_cases(suite.results).items():
         counts = Counter(result.behaviour for result in results)

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from haptogram.conformance.causes import CommonFinding
-from haptogram.conformance.verdict import FAIL, PASS, Behaviour, CaseResult, SuiteResult
+from haptogram.conformance.verdict import (
+    FAIL,
+    INCONCLUSIVE_STATUS,
+    MEANINGS,
+    PASS,
+    Behaviour,
+    CaseResult,
+    SuiteResult,
+)
 
 
 def suite_verdict(suite: SuiteResult) -> str:
@@ -12,9 +20,16 @@ def suite_verdict(suite: SuiteResult) -> str:
 
 
 def suite_counts(suite: SuiteResult) -> str:
-    """Return the number of cases, and of those with each verdict."""
-    counts = ", ".join(f"{suite.count(b)} {b}" for b in Behaviour if suite.count(b))
+    """Return the number of cases, and of those with each verdict, what decides first."""
+    counts = ", ".join(f"{suite.count(b)} {b}" for b in suite_behaviours(suite))
     return f"{len(suite.results)} cases: {counts}"
+
+
+def suite_behaviours(suite: SuiteResult) -> list[Behaviour]:
+    """Return the verdicts that a case has: failures first, then those that were not judged."""
+    first = (FAIL, INCONCLUSIVE_STATUS, PASS)
+    found = [behaviour for behaviour in Behaviour if suite.count(behaviour)]
+    return sorted(found, key=lambda behaviour: first.index(MEANINGS[behaviour].exit_status))
 
 
 def suite_board(suite: SuiteResult) -> str:

@@ -1,6 +1,7 @@
 """``haptogram conform``: its files, its exit status, a baseline, a board in another process."""
 
 import json
+import re
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -38,9 +39,12 @@ def test_a_run_writes_all_its_files(tmp_path, capsys):
 
 def test_a_failure_is_a_failure_everywhere(tmp_path, capsys):
     files = ["--junit", str(tmp_path / "a.xml"), "--html", str(tmp_path / "a.html")]
-    run = [*broken("crc-unchecked"), "--clause", "HG-2.4/2", *files]
-    assert main(["conform", *run]) == 1
+    clauses = ["--clause", "HG-2.3", "--clause", "HG-2.4/2", "--clause", "HG-11.4/1"]
+    assert main(["conform", *broken("crc-unchecked"), *clauses, *files]) == 1
     out = capsys.readouterr().out
+    heading = re.search(r"<h1>FAIL: (.* cases: .*)</h1>", (tmp_path / "a.html").read_text())[1]
+    assert re.search(r"cases: \d+ FAILED, \d+ OK, \d+ NOT-OBSERVED$", heading)
+    assert f"cases        {heading}\n" in out
     assert "HG-2.4/2  FAILED" in out
     assert "requirement  A receiver MUST drop a frame whose CRC is wrong" in out
     suite = ElementTree.parse(tmp_path / "a.xml").getroot().find("testsuite")
