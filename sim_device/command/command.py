@@ -43,7 +43,7 @@ def main(
 ) -> int:
     """Run a board until it is told to stop; return the exit status.
 
-    0 after SIGINT or SIGTERM, 1 if the port was lost, 2 for arguments that cannot be used.
+    0 after SIGINT, SIGTERM or SIGHUP, 1 if the port was lost, 2 for arguments that cannot be used.
 
     Parameters
     ----------

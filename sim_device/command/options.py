@@ -44,11 +44,11 @@ With --baud a byte takes 10 bits, in both directions; the other options give the
 imperfections of a real one.  The bytes that it loses by them are counted in the log at the end
 and in the last record of the back door.
 
-The board ends on SIGINT or SIGTERM: muted, every record written, the link removed.
+The board ends on SIGINT, SIGTERM or SIGHUP: muted, every record written, the link removed.
 
 exit status:
-  0  ended by SIGINT, SIGTERM, by the program of --as-device or, with --until-eof, by the end of
-     standard input
+  0  ended by SIGINT, SIGTERM or SIGHUP, by the program of --as-device or, with --until-eof, by
+     the end of standard input
   1  the port was lost, or the program of --as-device failed
   2  usage or environment error
 """
