@@ -19,7 +19,7 @@ from .frame.verdict import (
     verdict_pressure_text,
 )
 from .run import check_run_judgement, verify_run
-from .run_verdict import RunVerdict, cut_run_verdict_text
+from .run_verdict import RunVerdict, cut_run_verdict_text, grouped_frame_findings
 from .tolerance import (
     REAL_BOARD,
     Tolerance,
@@ -46,6 +46,7 @@ __all__ = [
     "check_frame_tolerance",
     "check_run_judgement",
     "cut_run_verdict_text",
+    "grouped_frame_findings",
     "name_drive_faults",
     "tolerance_of",
     "tolerance_text",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -100,19 +100,7 @@ class RunVerdict:
 
     def findings(self) -> Iterator[tuple[str, list[FrameVerdict]]]:
         """Yield a line for each odd frame; of many, one for all with the same thing wrong."""
-        odd = self.odd_frames
-        if len(odd) <= _NAMED_FRAMES:
-            yield from ((frame_verdict_text(frame), [frame]) for frame in odd)
-            return
-        groups: dict[tuple[str, ...], list[FrameVerdict]] = defaultdict(list)
-        for frame in odd:
-            groups[_wrong_in_run_verdict(frame)].append(frame)
-        for what, frames in sorted(groups.items(), key=lambda group: -len(group[1])):
-            is_group = len(frames) > 1
-            line = (
-                _run_verdict_group_line(what, frames) if is_group else frame_verdict_text(frames[0])
-            )
-            yield line, frames
+        yield from grouped_frame_findings(self.odd_frames)
 
     def raise_for_verdict(self) -> None:
         """Raise unless the run passed.
@@ -230,6 +218,22 @@ def _run_verdict_summary(run: RunVerdict) -> Iterator[str]:
     yield from (f"  {line}" for line, _ in groups[:_NAMED_FRAMES])
     if left := sum(len(frames) for _, frames in groups[_NAMED_FRAMES:]):
         yield f"  ... and {left} frames more, in the JSON file"
+
+
+def grouped_frame_findings(
+    odd: Sequence[FrameVerdict],
+) -> Iterator[tuple[str, list[FrameVerdict]]]:
+    """Yield a line for each odd frame; of many, one for all with the same thing wrong."""
+    if len(odd) <= _NAMED_FRAMES:
+        yield from ((frame_verdict_text(frame), [frame]) for frame in odd)
+        return
+    groups: dict[tuple[str, ...], list[FrameVerdict]] = defaultdict(list)
+    for frame in odd:
+        groups[_wrong_in_run_verdict(frame)].append(frame)
+    for what, frames in sorted(groups.items(), key=lambda group: -len(group[1])):
+        is_group = len(frames) > 1
+        line = _run_verdict_group_line(what, frames) if is_group else frame_verdict_text(frames[0])
+        yield line, frames
 
 
 def cut_run_verdict_text(counts: Mapping[str, int]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from haptogram.verification import FrameStatus, FrameVerdict
+from haptogram.verification import FrameStatus, FrameVerdict, grouped_frame_findings
 from haptogram.verification.frame.verdict import WRONG
 from haptogram.verification.watch import WatchResult
 
@@ -28,11 +28,11 @@ def watch_summary(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> JobS
 def _watch_findings(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> Iterator[Finding]:
     for diagnosis in result.diagnoses:
         yield Finding(Level.ERROR, str(diagnosis.defect), str(diagnosis))
-    for verdict in verdicts:
-        if verdict.status in WRONG:
-            yield Finding(Level.ERROR, f"latch {verdict.number}", str(verdict))
-    for verdict in verdicts:
-        if verdict.status not in WRONG and verdict.status is not FrameStatus.ON_TARGET:
-            yield Finding(Level.ERROR, f"latch {verdict.number}", str(verdict))
+    wrong = [verdict for verdict in verdicts if verdict.status in WRONG]
+    passed = {*WRONG, FrameStatus.ON_TARGET}
+    unjudged = [verdict for verdict in verdicts if verdict.status not in passed]
+    for line, frames in (*grouped_frame_findings(wrong), *grouped_frame_findings(unjudged)):
+        name = f"latch {frames[0].number}" if len(frames) == 1 else f"{len(frames)} latches"
+        yield Finding(Level.ERROR, name, line)
     if result.missing:
         yield Finding(Level.ERROR, "missing", result.missing)

@@ -172,6 +172,21 @@ def test_a_failed_run_fails_in_junit_as_well(tmp_path, capsys):
     assert "is where it was expected" in suite.find(".//testcase[failure]").attrib["name"]
 
 
+def test_the_summary_takes_many_latches_off_target_together(tmp_path, capsys):
+    one = Path(capture("sonicsurface/focus_0_120_0")).read_bytes()
+    (tmp_path / "ten.bin").write_bytes(10 * one)
+    summary = tmp_path / "out.md"
+    status, _, _ = watch(
+        capsys,
+        *(str(tmp_path / "ten.bin"), "--dialect", "sonicsurface", *AIR, "--quiet"),
+        *("--expect", "0,90,0", "--summary", str(summary)),
+    )
+    assert status == 1
+    rows = [line for line in summary.read_text().splitlines() if line.startswith("| error")]
+    assert len(rows) == 1
+    assert rows[0].startswith("| error | 10 latches | 10 frames (")
+
+
 def test_the_page_has_verdict_defects_latches_and_the_view(tmp_path, capsys):
     page = tmp_path / "watch.html"
     status, _, err = watch(
