@@ -12,7 +12,8 @@ class Viewer {
     this.#fillTroubles(0);
     this.#listen();
     this.#takeColours();
-    this.show(Math.max(0, this.firstTrouble)); // what failed comes first
+    const newest = isLive && this.part("newest").checked; // else what failed comes first
+    this.show(newest ? scene.frames - 1 : Math.max(0, this.firstTrouble));
     root.dataset.ready = "true";
   }
 

@@ -312,6 +312,8 @@ def test_page_follows_the_board(
       return x > 0 && y > 0 && x < picture.view.width && y < picture.view.height;
     }"""
     assert page.evaluate(inside)  # the picture grows with what it shows
+    late = open_page(server.address)  # whoever comes later begins with the newest frame
+    assert late.evaluate("() => haptogramViewer.frame") == 2
     page.click("[data-part=back]")  # who looks at a frame keeps it
     take(server, latches[:1] * 5)
     page.wait_for_function("() => haptogramViewer.scene.frames === 8")
