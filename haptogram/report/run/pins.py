@@ -97,7 +97,7 @@ def run_capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
             f"{run_count_wording(frames['intended'], 'frame')} "
             f"judged; {one['sample_rate_hz'] / 1e6:g} Msamples/s show no phase error below "
             f"{one['smallest_phase_error_deg']:.2f} degrees; carrier {one['carrier_hz']:.2f} Hz "
-            f"({one['carrier_drift_ppm']:+.1f} ppm on the analyser's clock)."
+            f"({one['carrier_drift_ppm']:+z.1f} ppm on the analyser's clock)."
         )
     if captures["no_field"]:
         yield f"By the pins alone there is no field and no focus: {captures['no_field']}."

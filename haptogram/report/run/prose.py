@@ -54,7 +54,6 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     if "captures" in result:
         yield from run_capture_sentences(result["captures"])
     if not result.get("run_judged", True):
-        yield from [f"Why: {'; '.join(result['reasons'])}."] if result["reasons"] else []
         return
     yield (
         f"{run_count_wording(frames['sent'], 'frame')} sent, {frames['latched']} latched, "

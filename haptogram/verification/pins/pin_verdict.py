@@ -221,7 +221,7 @@ def pin_verdict_lines(pins: PinVerdict) -> Iterator[str]:
             "arrived; 1 passes"
         )
     yield (
-        f"  carrier   {pins.carrier_hz:.2f} Hz, {pins.drift_ppm:+.1f} ppm on the analyser's clock"
+        f"  carrier   {pins.carrier_hz:.2f} Hz, {pins.drift_ppm:+z.1f} ppm on the analyser's clock"
     )
     lines = [line for lines in pins.findings.values() for line in lines]
     yield from _shown_pin_verdict_lines([f"  wrong     {line}" for line in lines])
