@@ -141,6 +141,7 @@ def test_a_page_fits_the_screen(
         viewport={"width": width, "height": 800},
         color_scheme=scheme,
     )
+    page.evaluate("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
