@@ -274,7 +274,7 @@ class RequestClient:
         return self.wire.wait_for(answers, since, timeout_us)
 
     def _patience(self, extra_us: int) -> str:
-        return f"{(self.wire.limits.answer_us + extra_us) / 1e6:g} s"
+        return f"{(self.wire.limits.answer_us + extra_us) / 1e6:.4g} s"
 
     def call(self, message: Message, reply: type[_M], **header: Any) -> _M:
         """Send a request and return its reply; FAILED if it is refused or not answered."""

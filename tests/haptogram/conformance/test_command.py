@@ -210,3 +210,17 @@ def test_a_port_without_a_board_is_status_2_for_every_command(words, capsys):
     assert said.out == ""
     assert said.err.startswith(f"haptogram {words[0]}: ")
     assert said.err.count("\n") == 1
+
+
+def test_the_page_tells_a_case_after_which_the_board_does_not_recover(tmp_path):
+    page = tmp_path / "a.html"
+    gone = "haptogram://?clock=virtual&baud=3000000&fault=line.half_open+from=60ms"
+    run = ["--quick", "--quiet", "--clause", "HG-2", "--port", gone]
+    assert main(["conform", *run, "--html", str(page)]) == 1
+    rows = re.findall(r"<td>(.*?)</td>\n<td class=\"wide\">(.*)<br>", page.read_text())
+    told = [(re.sub("<.*?>", "", badge), text) for badge, text in rows if "recovery not" in text]
+    assert (
+        "not recovered",
+        "recovery not clean: a request in a new session is not answered",
+    ) in told
+    assert any(badge == "FAILED" and " s; recovery not clean: " in text for badge, text in told)
