@@ -43,6 +43,8 @@ class PinDrives:
         Largest phase error that passes.
     limit_amplitude : float
         Largest error of an amplitude that passes.
+    turns_rad : (F,) numpy.ndarray
+        Phase of the pins on the clock of the capture, which the drives have no more.
     """
 
     run: PinRunDrives
@@ -50,6 +52,7 @@ class PinDrives:
     before: np.ndarray
     limit_rad: FloatArray
     limit_amplitude: float
+    turns_rad: FloatArray
 
     def errors_rad(self, meant: ComplexArray, place: int) -> FloatArray:
         """Return the (F,) phase errors of one pin against *meant*; NaN where either is silent."""

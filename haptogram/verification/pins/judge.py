@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, phase_step_rad
-from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
@@ -39,8 +39,10 @@ _NEARLY_ALL: Final = 0.9
 _NEAR_RAD: Final = 2.0 * phase_step_rad(8)  # a board may be off by, which shows this run
 _FITTING_SHARE: Final = 0.25  # of the pins that show this run in nearly all frames: no chance
 _FEWEST_FITTING: Final = 3
+_FEWEST_ALIKE: Final = 2  # late frames at the begin of a run: those of one jump
 _FEWEST_AGREEING: Final = 2  # drives, beyond those that agree by chance
 _MOST_DRIFT_PPM: Final = 1000.0
+_LEAST_PERIODS_OF_CARRIER: Final = 40.0  # that tell its frequency where samples are missing
 _SAMPLES_OF_8_BITS: Final = 512.0  # of a period: one is half a step
 
 
@@ -76,6 +78,15 @@ def verify_captured_pins(
     run = PinRunDrives.of(intended, sorted(record.pins), record.carrier_hz)
     record, shown = frames_before_lost_samples(record, run)
     return _PinJudge(record, run, model, shown).judge()
+
+
+def _drives_told_apart(weights: ComplexArray, apart: float) -> int:
+    """Return how many of *weights* (K,) are *apart* from each other: those that suffice at most."""
+    found = 0
+    while len(weights) and found < _FEWEST_AGREEING + 2:
+        found += 1
+        weights = weights[np.abs(weights - weights[0]) > apart]
+    return found
 
 
 @dataclass
@@ -157,6 +168,17 @@ class _PinJudge:
         for frame in self._late_frames:
             late_us = self.shown.late[frame] * self._period_us
             self.events.append(f"{frame}: latched {late_us:.0f} µs after most others")
+        latched = np.flatnonzero(self.shown.latched.any(axis=1) & self.shown.seen)
+        later = self.shown.late[latched] > LATE_PERIODS
+        first = latched[: int(later.argmin())] if len(later) else latched
+        late_us = self.shown.late[first] * self._period_us
+        alike = late_us - late_us.min(initial=np.inf) <= LATE_PERIODS * self._period_us
+        if alike.sum() >= max(_FEWEST_ALIKE, _HALF * len(first)):
+            self.missing.append(
+                f"the frames up to {first[-1]} come {late_us.min():.0f} µs later than all others, "
+                "or more: samples are missing behind them, or the board latches early from there "
+                "on; capture again to know"
+            )
 
     def _end(self) -> EndOfSound:
         """Judge how the output falls silent at the end."""
@@ -221,7 +243,7 @@ class _PinJudge:
             codes = run.weights[known[near], place]
             if own is not None:
                 codes = codes * np.conj(run.weights[known[near], own])
-            agreeing += len(np.unique(np.round(codes, 3))) - 1
+            agreeing += _drives_told_apart(codes, 2.0 * limit) - 1
         return agreeing >= _FEWEST_AGREEING
 
     def _share_near(self, judged: Bools) -> float:
@@ -262,7 +284,8 @@ class _PinJudge:
         unlike: list[int] = []
         for place, element in enumerate(self.run.elements):
             pin = self.record.pins[element]
-            is_silent = not self.run.amplitudes[alone, element].any()
+            sizes = np.abs(self.run.weights[alone, place])
+            is_silent = not (sizes > drives.limit_amplitude).any()
             for text in pin.defects:
                 if not (is_silent and pin.is_dead):  # then it is as it shall be
                     faults.setdefault("pins", []).append((element, pin.channel, text))
@@ -293,7 +316,7 @@ class _PinJudge:
         """The phase that the pins share against a clock of the carrier; None: there is none."""
         if self.record.reference_element is not None:
             return None
-        return shared_turns_of_pins(self.record, self.run, self.shown)
+        return shared_turns_of_pins(self.shown)
 
     def _check_turns(self, judged: Bools) -> None:
         """Find frames in which all pins are turned together against the clock of the carrier.
@@ -306,7 +329,7 @@ class _PinJudge:
         in_time = self.shown.late <= LATE_PERIODS  # the mean of a late frame may hold two drives
         frames = np.flatnonzero(judged & np.isfinite(turns) & in_time)
         away = wrapped_pin_angles(turns[frames] - pins_phase(turns[frames], self._limits.phase_rad))
-        limit = 2.0 * self._limits.phase_rad + self.run.allowed_rad[frames]
+        limit = 2.0 * np.median(self.shown.drives.limit_rad[frames], axis=1)
         for place in np.flatnonzero(np.abs(away) > limit):
             self._find(
                 "phases",
@@ -320,7 +343,12 @@ class _PinJudge:
 
     def _check_carrier(self) -> None:
         drift = self.record.drift_ppm
-        if abs(drift) > _MOST_DRIFT_PPM:
+        if self.record.cut and self.record.end < _LEAST_PERIODS_OF_CARRIER:
+            self.not_judged["carrier"] = (
+                f"{self.record.end:.0f} periods are left beside missing samples; "
+                f"{_LEAST_PERIODS_OF_CARRIER:.0f} tell"
+            )
+        elif abs(drift) > _MOST_DRIFT_PPM:
             hz = 1.0 / self.record.period_s
             self._find(
                 "carrier",

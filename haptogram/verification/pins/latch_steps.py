@@ -24,6 +24,9 @@ _LEAST_DISTANCE: Final = 0.06
 _LATCH: Final = 1.25  # periods: a pulse that begins so long before a frame is none of it
 _UNCLEAR: Final = 0.1  # share of pulses on the wrong side of a step
 _FAINT: Final = 4.0  # samples of a pulse: a shorter one may not be seen
+_FIRST_PERIODS: Final = 3.0  # of a capture that begins with the run
+_PRIOR_PERIODS: Final = 8.0  # before the run
+_SETTLED: Final = 2.0  # periods after which a frame is judged that began before the capture
 _LEAD: Final = 4.0  # periods by which the search begins and ends earlier
 
 
@@ -59,6 +62,7 @@ def pin_steps(
     turn_rad: float | FloatArray,
     *,
     early: float = 0.0,
+    not_before: FloatArray | None = None,
 ) -> PinSteps:
     """Return the steps of every pin.
 
@@ -72,20 +76,27 @@ def pin_steps(
         Phase of the pins against the drives.
     early : float
         Share of the frame before that belongs to the search.
+    not_before : (F,) numpy.ndarray, optional
+        Times before which the drive of the frame before was not there yet: it came late.
     """
     lead = np.full(run.count, min(_LEAD, run.gap / 4.0))
     if early:
         lead = lead + early * np.diff(starts, prepend=starts[0] - run.gap)
     lows, highs = starts - lead, np.append(starts[1:] - lead[1:], ends[-1] - lead[-1])
+    if starts[0] >= -_SETTLED:
+        lows[0] = max(lows[0], 0.0)
+    if not_before is not None:
+        lows = np.maximum(lows, not_before)
     is_seen = (lows >= 0.0) & (highs <= record.end)
     shape = run.count, len(run.elements)
     after, first = np.full(shape, np.nan), np.full(shape, np.nan)
     inside = np.zeros(shape, np.bool_)
+    prior = sound_before_run(record, run, float(starts[0]))
     turns = np.exp(1j * np.broadcast_to(turn_rad, (run.count,)))
     faint = math.sin(math.pi * _FAINT / record.samples)
     for place, element in enumerate(run.elements):
         wanted = run.weights[:, place] * turns
-        old = np.where(before >= 0, run.weights[before, place], 0.0) * turns
+        old = np.where(before >= 0, run.weights[before, place] * turns, prior[place])
         far = np.abs(wanted - old) > max(_LEAST_DISTANCE, _SAMPLES * np.pi / record.samples)
         told = is_seen & far
         centres, vectors = fundamentals_of_run_drives(record.pins[element])
@@ -100,23 +111,25 @@ def pin_steps(
             faint,
             (after[:, place], first[:, place], inside[:, place]),
         )
-    unknown = _frames_after_other_sound(record, run, lows, starts) & (before < 0)
-    inside[unknown] = False
     after -= starts[:, None]
     first -= starts[:, None]
     return PinSteps(after, first, inside)
 
 
-def _frames_after_other_sound(
-    record: PinRecord, run: PinRunDrives, lows: FloatArray, starts: FloatArray
-) -> Bools:
-    """Return the (F,) frames before which most pins sound."""
-    counts = np.zeros(run.count)
-    for element in run.elements:
-        rises = record.pins[element].rises
-        counts += np.searchsorted(rises, starts - _LATCH) > np.searchsorted(rises, lows)
-    sounding: Bools = 2 * counts > len(run.elements)
-    return sounding
+def sound_before_run(record: PinRecord, run: PinRunDrives, start: float) -> ComplexArray:
+    """Return the (E,) drives that the pins show just before the run, which begins at *start*.
+
+    They are those on the phase of the capture. A capture that begins later has them in its first
+    periods, if the first frame comes late.
+    """
+    end = max(start - _LEAD - _LATCH, _FIRST_PERIODS)
+    begin = max(0.0, end - _PRIOR_PERIODS)
+    found = np.zeros(len(run.elements), np.complex128)
+    for place, element in enumerate(run.elements):
+        centres, vectors = fundamentals_of_run_drives(record.pins[element])
+        low, high = np.searchsorted(centres, [begin, end])
+        found[place] = vectors[low:high].sum() / max(float(high - low), np.floor(end - begin))
+    return found
 
 
 def _step_of_pin(

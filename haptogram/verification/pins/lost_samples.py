@@ -48,6 +48,8 @@ def frames_before_lost_samples(
         assert at is not None
         record = record.between(begin, end, _why_samples_are_missing(record, at, begin))
         shown = frames_shown_by_pins(record, run)
+    if record.cut:
+        shown = shown.without_wrong_edges(_fitting_pins(shown), first=begin > 0.0)
     return record, shown
 
 
@@ -68,25 +70,27 @@ def _why_samples_are_missing(record: PinRecord, at: float, begin: float) -> str:
 def _missing_stretch(
     record: PinRecord, run: PinRunDrives, shown: FramesShownByPins
 ) -> MissingStretch | None:
+    return missing_stretch_of_capture(record, run, shown, _fitting_pins(shown))
+
+
+def _fitting_pins(shown: FramesShownByPins) -> Bools:
+    """Return the (E,) pins that show the run; the others are wrong whatever is missing."""
     judged = shown.seen & ~shown.lost
-    if not judged.any():
-        return None
-    fitting = shown.right[judged].mean(axis=0) >= _HALF
-    return missing_stretch_of_capture(record, run, shown, fitting)
+    fitting: Bools = shown.right[judged].sum(axis=0) >= max(_HALF * judged.sum(), _HALF)
+    return fitting
 
 
 def _end_before_lost_samples(
     record: PinRecord, run: PinRunDrives, shown: FramesShownByPins
 ) -> float | None:
     """Return the period up to which no sample is missing; None: none is, or nobody knows."""
-    judged = shown.seen & ~shown.lost
-    if record.reference_element is None or not judged.any():
+    judged, fitting = shown.seen & ~shown.lost, _fitting_pins(shown)
+    if record.reference_element is None or not fitting.any():
         return None
-    fitting = shown.right[judged].mean(axis=0) >= _HALF
     right = shown.right[:, fitting].all(axis=1) & judged & ~shown.torn
     right &= shown.late <= LATE_PERIODS
     wrong = np.flatnonzero(judged & ~right)
-    if not fitting.any() or not len(wrong):
+    if not len(wrong):
         return None
     first, last = int(wrong[0]), int(wrong[-1])
     end = float(shown.starts[first])

@@ -28,6 +28,7 @@ _LEAST: Final = 1.25  # periods by which frames are ahead: what is less turns th
 _LONGEST: Final = 4000.0  # periods of a stretch that is sought
 _FRAMES: Final = 64  # of the run that are compared with a window
 _ERRORS: Final = 3.0  # limits of a whole frame that one window may be off
+_SMOOTHED_RAD: Final = 0.04  # by which a clock may be off beside samples that are missing
 _FEWEST: Final = 2  # windows that show that frames are not in time
 _IN_TIME: Final = 1.0  # periods
 _BESIDE: Final = 3.0  # windows between the last one in time and a jump of the phase
@@ -91,6 +92,7 @@ class _StretchSearch:
     limit_rad: float
     limit_amplitude: float
     turn_rad: float | None
+    pass_periods: float
 
     @classmethod
     def of(
@@ -99,7 +101,7 @@ class _StretchSearch:
         limits = PinCaptureLimits.of(record)
         turn = None
         if record.reference_element is None:
-            turns = shared_turns_of_pins(record, run, shown)
+            turns = shared_turns_of_pins(shown)
             known = turns[np.isfinite(turns)]
             turn = pins_phase(known, limits.phase_rad) if len(known) else 0.0
         return cls(
@@ -108,9 +110,10 @@ class _StretchSearch:
             shown.starts,
             np.flatnonzero(fitting),
             float(np.clip(_SHARE_OF_FRAME * run.gap, *_WINDOW)),
-            _ERRORS * limits.phase_rad + float(run.allowed_rad.max()),
+            _ERRORS * limits.phase_rad + float(run.allowed_rad.max()) + _SMOOTHED_RAD,
             _ERRORS * limits.amplitude,
             turn,
+            run.pass_periods,
         )
 
     def explanations(
@@ -165,7 +168,10 @@ class _StretchSearch:
         fits = np.array([one[order] for one, _ in found])
         tells = np.array([one[order] for _, one in found])
         ahead = _ahead_in_parts(fits, tells, split)
-        if ahead is not None and aheads[ahead] == 0.0 and not is_turned:
+        is_edge = end >= self.record.end if sign > 0.0 else begin <= 0.0
+        if ahead is None and is_edge and count - split <= _LOST + 1:
+            ahead = 0  # too little is left to tell
+        elif ahead is not None and aheads[ahead] == 0.0 and not is_turned:
             ahead = _ahead_in_parts(fits[1:], tells[1:], split)
         if ahead is None:
             return None
@@ -221,20 +227,30 @@ class _StretchSearch:
         silence.
         """
         times = middles + ahead
+        shown = self._in_pass(times)
         due = np.searchsorted(self.starts, times, side="right") - 1
-        column = due - (frames[0] if len(frames) else 0)
+        column = np.searchsorted(self.starts, shown, side="right") - 1
+        column -= frames[0] if len(frames) else 0
         inside = (column >= 0) & (column < len(frames))
         rows = np.arange(len(middles))
         tells = np.zeros(len(middles), np.bool_)
         tells[inside] = shows[rows[inside], column[inside]]
         tells |= (times > self.starts[-1] + self.run.gap / 2.0) & self._fading(seen)
         tells |= (due < 0) & (self._alike(seen, seen[0]) | self._alike(seen, seen[1]))
-        if self.turn_rad is None:
-            tells |= (times > self.starts[-1] + self.run.gap) & self._alike(seen, seen[-1])
+        later = self._alike(seen, seen[-1])
+        later |= np.convolve(later, np.ones(5), "same") > 0.0  # pulses that are cut
+        tells |= (times > self.starts[-1] + self.run.gap) & later
         older = (column >= 1) & (column <= len(frames))
-        fits = tells | self._beside_latches(times, frames)
+        fits = tells | self._beside_latches(shown, frames)
         fits[older] |= shows[rows[older], column[older] - 1]
         return fits, tells
+
+    def _in_pass(self, times: FloatArray) -> FloatArray:
+        """Return times before the run as those of the same drives in it, if its object repeats."""
+        if not self.pass_periods:
+            return times
+        folded = self.starts[0] + np.mod(times - self.starts[0], self.pass_periods)
+        return np.where(times < self.starts[0], folded, times)
 
     def _beside_latches(self, times: FloatArray, frames: NDArray[np.intp]) -> Bools:
         """Return the (W,) windows in which pins may latch."""
@@ -304,9 +320,11 @@ def _ahead_in_parts(fits: Bools, tells: Bools, begin: int) -> int | None:
             return None
         rest = fits[least:, first:]
         reach = np.where(rest.all(axis=1), count, first + (~rest).argmax(axis=1))
-        best = int(reach.argmax())
-        if tells[least + best, first : reach[best]].sum() < _FEWEST:
+        inside = np.arange(first, count) < reach[:, None]
+        enough = (tells[least:, first:] & inside).sum(axis=1) >= _FEWEST
+        if not enough.any():
             return None
+        best = int(np.where(enough, reach, 0).argmax())
         if reach[best] == count:
             return least + best
         least, begin = least + best, int(reach[best])

@@ -10,10 +10,8 @@ import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.records.frame import Intended
-from haptogram.records.pins import PinRecord
 
-from .pin_weights import SETTLED, pin_weights, wrapped_pin_angles
-from .run_drives import PinRunDrives
+from .pin_weights import wrapped_pin_angles
 from .shown_frames import FramesShownByPins
 
 if TYPE_CHECKING:
@@ -80,23 +78,13 @@ def why_pin_phases_are_apart(
     return "; ".join(_pin_phase_lines(pins, len(frames), apart, worst_rad))
 
 
-def shared_turns_of_pins(
-    record: PinRecord, run: PinRunDrives, shown: FramesShownByPins
-) -> FloatArray:
+def shared_turns_of_pins(shown: FramesShownByPins) -> FloatArray:
     """Return the (F,) phase that the pins share, on the clock of the capture, in radians.
 
-    NaN: the frame is not seen.
+    NaN: no pin that sounds shows the frame.
     """
-    steps, shape = shown.steps, (run.count, len(run.elements))
-    lows = np.broadcast_to(shown.starts[:, None], shape) + SETTLED
-    highs = np.broadcast_to(shown.ends[:, None], shape) - 1.0
-    highs[-1] = (shown.starts[-1] + shown.ends[-1]) / 2.0
-    lows += np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
-    highs[:-1] += np.where(steps.is_inside, np.minimum(steps.before, 1.0), 1.0)[1:] - 1.0
-    on_clock = pin_weights(record, run, lows, highs).weights
-    product = np.where(shown.right, on_clock * np.conj(shown.drives.weights), 0.0)
-    total = np.nansum(product, axis=1)
-    return np.where(np.abs(total) > 0.0, np.angle(total), np.nan)
+    sounding = np.abs(np.where(shown.right, shown.drives.weights, 0.0)) > 0.0
+    return np.where(sounding.any(axis=1), shown.drives.turns_rad, np.nan)
 
 
 def _share_pin_element(

@@ -16,7 +16,7 @@ from haptogram.records.pins import PinRecord
 
 from .alignment import PinAlignment, align_pins_by_onset, align_pins_to_run, rates_of_pin_alignment
 from .element_faults import PinDrives
-from .latch_steps import PinSteps, pin_steps
+from .latch_steps import PinSteps, pin_steps, sound_before_run
 from .pin_weights import SETTLED, common_turns_of_pins, pin_weights, pin_weights_of_frame
 from .run_drives import Bools, PinRunDrives
 
@@ -27,6 +27,8 @@ TORN_PERIODS: Final = 1.25
 #: A frame is late from here on: one for the boundary that is awaited, one for its pulse in it.
 LATE_PERIODS: Final = 2.0
 _HALF: Final = 0.5
+_EDGE: Final = 2  # frames
+_SILENT: Final = 2.5  # periods without a pulse
 _LAST_PERIODS: Final = 7.0  # of a frame: a latch so late shows nothing that can be judged
 _LATCH_PERIODS: Final = 1.5  # in which all pins latch: one, and a pulse that the latch cut
 _EARLY_PINS: Final = 0.25  # share of the pins that may latch before a frame counts as latched
@@ -127,9 +129,34 @@ class FramesShownByPins:
 
     @cached_property
     def torn(self) -> Bools:
-        """(F,) whether the pins did not latch within one period."""
-        torn: Bools = (self.latched.sum(axis=1) > 1) & (self.apart > TORN_PERIODS)
+        """(F,) whether the pins did not latch within one period.
+
+        Steps before the time of a frame behind a lost one are the latch of that: it came in its
+        last periods. Those before the first frame are of another sound.
+        """
+        firsts: FloatArray = np.where(self.latched, self.steps.before, np.inf).min(axis=1)
+        early: Bools = firsts < -TORN_PERIODS
+        early &= np.append(True, self.lost[:-1])
+        torn: Bools = (self.latched.sum(axis=1) > 1) & (self.apart > TORN_PERIODS) & ~early
         return torn
+
+    def without_wrong_edges(self, fitting: Bools, *, first: bool) -> FramesShownByPins:
+        """Return the frames without those, next to missing samples, that are wrong.
+
+        Both clocks are known less well there. With *first*, samples are missing before the frames
+        too.
+        """
+        judged = np.flatnonzero(self.seen & ~self.lost)
+        is_right: Bools = np.asarray(self.right[judged][:, fitting].all(axis=1))
+        blurred = self.blurred.copy()
+        if is_right.any():
+            begin = int(is_right.argmax()) if first else 0
+            end = len(judged) - int(is_right[::-1].argmax())
+            if begin <= _EDGE:
+                blurred[judged[:begin]] = True
+            if len(judged) - end <= _EDGE:
+                blurred[judged[end:]] = True
+        return replace(self, blurred=blurred)
 
 
 def frames_shown_by_pins(record: PinRecord, run: PinRunDrives) -> FramesShownByPins:
@@ -137,7 +164,9 @@ def frames_shown_by_pins(record: PinRecord, run: PinRunDrives) -> FramesShownByP
     limits = PinCaptureLimits.of(record)
     found = _best_pin_alignment(record, run, limits)
     starts, ends = found.starts(run), found.ends(run)
-    lost, before = _frames_lost_on_pins(record, _pin_drives(record, run, found, limits, each=False))
+    plain_drives = _pin_drives(record, run, found, limits, each=False)
+    prior = sound_before_run(record, run, float(starts[0]))
+    lost, before = _frames_lost_on_pins(record, plain_drives, prior)
     weights = pin_weights_of_frame(record, run, starts, ends).weights
     steps, drives = _steps_and_drives(record, run, found, limits, weights, before, each=True)
     if not drives.all_right().all() and record.reference_element is None:
@@ -164,6 +193,10 @@ def _steps_and_drives(
     starts, ends = found.starts(run), found.ends(run)
     turns = common_turns_of_pins(record, run, weights, limits.phase_rad, each=each)
     steps = pin_steps(record, run, starts, ends, before, turns)
+    latest = np.where(steps.is_inside, steps.after, 0.0).max(axis=1)[:-1]
+    held = np.append(-np.inf, starts[:-1] + latest + TORN_PERIODS)
+    if (held > starts - LATE_PERIODS).any():  # the search for a latch begins a little earlier
+        steps = pin_steps(record, run, starts, ends, before, turns, not_before=held)
     return steps, _pin_drives(record, run, found, limits, steps, before, each=each)
 
 
@@ -180,7 +213,8 @@ def _nearer_frames_on_pins(
     )
     weights = np.where(chosen, plain[1].weights, own[1].weights)
     limit_rad = np.where(chosen, plain[1].limit_rad, own[1].limit_rad)
-    return steps, replace(own[1], weights=weights, limit_rad=limit_rad)
+    turns_rad = np.where(better, plain[1].turns_rad, own[1].turns_rad)
+    return steps, replace(own[1], weights=weights, limit_rad=limit_rad, turns_rad=turns_rad)
 
 
 def _frames_blurred_on_pins(drives: PinDrives, lost: Bools, late: FloatArray) -> Bools:
@@ -234,7 +268,7 @@ def _best_pin_alignment(
             most, best = found, place
     # A run that begins behind silence, and that no latch tells the place of, begins with the sound.
     is_told = most >= _NO_RUN and not best.within
-    return best if onset is None or is_told else onset
+    return best if onset is None or is_told or share(onset) < _HALF * most else onset
 
 
 def _share_of_right_pins(drives: PinDrives) -> float:
@@ -284,6 +318,7 @@ def _pin_drives(
         limits.phase_rad + jitter + run.allowed_rad[:, None],
         # The width of a pulse scatters as its centre does.
         limits.amplitude + max(0.0, float(np.median(jitter)) - limits.phase_rad),
+        turns,
     )
 
 
@@ -294,11 +329,13 @@ def _end_of_last_pin_frame(
     middle = float(starts[-1] + ends[-1]) / 2.0
     pins = [record.pins[element] for element in run.elements]
     silent = max((float(pin.falls[-1]) for pin in pins if len(pin.falls)), default=middle)
-    is_short = float(starts[-1]) + SETTLED + 1.0 < silent < middle
+    is_short = float(starts[-1]) + SETTLED + 1.0 < silent < min(middle, record.end - _SILENT)
     return silent - 1.0 if is_short else middle
 
 
-def _frames_lost_on_pins(record: PinRecord, drives: PinDrives) -> tuple[Bools, NDArray[np.int64]]:
+def _frames_lost_on_pins(
+    record: PinRecord, drives: PinDrives, prior: ComplexArray
+) -> tuple[Bools, NDArray[np.int64]]:
     """Return the (F,) frames that the pins do not show, and the one shown before each.
 
     A frame is lost if every pin shows the drive of the one before, and not every pin its own. A
@@ -311,13 +348,15 @@ def _frames_lost_on_pins(record: PinRecord, drives: PinDrives) -> tuple[Bools, N
     shown = -1
     for frame in range(run.count):
         before[frame] = shown
-        if shown >= 0 and np.isfinite(weights[frame]).all() and sound.any():
+        if (shown >= 0 or frame == 0) and np.isfinite(weights[frame]).all() and sound.any():
             seen, old, new = weights[frame], run.weights[shown], run.weights[frame]
+            if shown < 0:
+                old = prior * np.exp(-1j * drives.turns_rad[frame])
             if not _pin_shows_frame(drives, frame, seen, new)[sound].all():
                 turned = _pins_on_phase_of_reference(record, run, seen, old)
                 lost[frame] = _pin_keeps_frame(drives, frame, turned, old)[sound].all()
                 last = frame - 1  # which may have come too late to be seen itself
-                if not lost[frame] and shown < last:
+                if not lost[frame] and 0 <= shown < last:
                     turned = _pins_on_phase_of_reference(record, run, seen, run.weights[last])
                     lost[frame] = _pin_shows_frame(drives, frame, turned, run.weights[last])[
                         sound

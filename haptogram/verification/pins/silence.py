@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -17,6 +18,8 @@ from .shown_frames import FramesShownByPins
 _SILENT_PERIODS: Final = 2.5  # without a pulse
 _FADED: Final = 0.9  # of its amplitude: a pin that has less before its end is on a ramp
 _MUTE_SAMPLES: Final = 2.0  # of two edges, or of an edge and the last bit of MUTE
+_FAINT: Final = 4.0  # samples of a pulse: a shorter one may be taken for a disturbance
+_FAINT_PERIODS: Final = 0.008
 _LAST_PULSES: Final = 3  # the last of which may have been cut
 
 
@@ -76,11 +79,12 @@ def pin_stops(record: PinRecord, run: PinRunDrives, shown: FramesShownByPins) ->
         return None
     last = frames[-1]
     sizes = np.abs(shown.drives.weights[last])
+    faint = math.sin(math.pi * max(_FAINT / record.samples, _FAINT_PERIODS))
     stops, rises, sounding, faded = {}, {}, [], 0
     for place, element in enumerate(run.elements):
         pin = record.pins[element]
         first = int(np.searchsorted(pin.rises, shown.starts[last]))
-        if sizes[place] <= shown.drives.limit_amplitude or first >= len(pin.rises):
+        if sizes[place] <= max(shown.drives.limit_amplitude, faint) or first >= len(pin.rises):
             continue
         silences = np.flatnonzero(np.diff(pin.rises[first:]) > _SILENT_PERIODS)
         end = first + int(silences[0]) if len(silences) else len(pin.rises) - 1

@@ -26,6 +26,7 @@ def test_a_wrong_pin_of_a_long_run_is_named_without_the_drives_of_all_elements()
         np.arange(-1, FRAMES - 1),
         np.full((FRAMES, 1), 0.02),
         0.01,
+        np.zeros(FRAMES),
     )
     tracemalloc.start()
     fault = faults_of_pins(drives, [0], np.ones(FRAMES, np.bool_))[0]

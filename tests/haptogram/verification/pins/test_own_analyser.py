@@ -411,3 +411,118 @@ def test_a_run_that_other_sound_precedes_has_no_torn_first_frame(tmp_path):
     pins = judged_file(told, tmp_path / "pins.vcd")
     assert pins.findings == {}
     assert pins.counts["right"] == 5
+
+
+def told_without_the_first(board, first):
+    """Return *board* as one that was told its later frames: what comes before is another sound."""
+    return Board(board.turns[first:], board.amplitudes[first:], board.period_ms)
+
+
+@pytest.mark.parametrize("pins", [2, 5])
+def test_a_still_object_behind_another_sound_is_not_turned_in_its_first_frame(pins, tmp_path):
+    random = np.random.default_rng(10)
+    turns = np.tile(random.integers(0, 256, 16) / 256, (16, 1))
+    turns[0] = random.integers(0, 256, 16) / 256
+    board = Board(turns, np.ones((16, 16)))
+    path = tmp_path / "pins.vcd"
+    judged(board, Analyser(), path, random, range(pins))
+    assert judged_file(told_without_the_first(board, 1), path, range(pins)).findings == {}
+
+
+@pytest.mark.parametrize("reference", ["clk", "p0"])
+@pytest.mark.parametrize("begin_ms", [-0.5, 3.95])
+@pytest.mark.parametrize("fault", ["late", "lost", "wrong"])
+def test_another_sound_reaches_into_a_first_frame_that_comes_late(
+    fault, begin_ms, reference, tmp_path
+):
+    random = np.random.default_rng(11)
+    board = Board(random.integers(0, 256, (14, 16)) / 256, np.ones((14, 16)))
+    told = told_without_the_first(board, 4)
+    if fault == "late":
+        board.late_ms = {4: 0.4}
+    elif fault == "lost":
+        board.lost = (4,)
+    else:
+        board.turns = board.turns.copy()
+        board.turns[4] = random.integers(0, 256, 16) / 256
+    path = tmp_path / "pins.vcd"
+    judged(board, Analyser(begin_ms=begin_ms), path, random, reference=reference)
+    pins = judged_file(told, path, reference=reference)
+    if fault != "late" and begin_ms > 0.0:  # what was there before is not known
+        assert pins.verdict is Verdict.INCONCLUSIVE
+    elif fault == "wrong":
+        assert pins.findings["frames"] == ("frame 0: 16 of 16 pins show another drive",)
+    else:
+        assert pins.findings == {}
+        assert pins.verdict is Verdict.PASS
+        assert pins.events[0].startswith("0: latched 39" if fault == "late" else "0: not latched")
+
+
+def test_a_pin_that_is_too_faint_for_the_samples_is_not_dead(tmp_path):
+    random = np.random.default_rng(12)
+    board = Board(random.integers(0, 256, (8, 16)) / 256, np.ones((8, 16)), low=(3,))
+    board.amplitudes[:, 3] = 2 / 255
+    path = tmp_path / "pins.vcd"
+    assert judged(board, Analyser(4e6), path, random).verdict is Verdict.PASS
+    board.amplitudes[4, 3] = 40 / 255
+    assert "dead" in judged(board, Analyser(4e6), path, random).findings["pins"][0]
+
+
+def test_faint_pulses_of_the_last_frame_tell_no_end(tmp_path):
+    """Disturbances are as long: of those pulses some are left out."""
+    random = np.random.default_rng(13)
+    board = Board(random.integers(0, 256, (8, 3)) / 256, np.ones((8, 3)), mute=False)
+    board.amplitudes[-1] = [1.0, 2 / 255, 2 / 255]
+    analyser = Analyser(50e6, jitter_ns=25.0, end_ms=3.0)
+    board.turns, board.amplitudes = (
+        np.tile(board.turns, 6)[:, :16],
+        np.tile(board.amplitudes, 6)[:, :16],
+    )
+    assert judged(board, analyser, tmp_path / "pins.vcd", random).findings == {}
+
+
+def test_the_carrier_of_a_few_periods_is_not_judged(tmp_path):
+    random, board = drawn(0)
+    analyser = Analyser(lost=((1_700, 7_464),))
+    pins = judged(board, analyser, tmp_path / "pins.sr", random)
+    assert pins.findings == {}
+    assert pins.verdict is Verdict.INCONCLUSIVE
+
+
+@pytest.mark.parametrize("reference", ["clk", "p0"])
+@pytest.mark.parametrize("late_ms", [0.9, 0.92, 0.94])
+def test_the_latch_behind_one_that_came_at_the_last_moment_is_not_torn(
+    late_ms, reference, tmp_path
+):
+    random = np.random.default_rng(14)
+    codes = random.integers(0, 256, 16) + np.cumsum(random.integers(-20, 21, (12, 16)), axis=0)
+    board = Board(codes % 256 / 256, np.ones((12, 16)), late_ms={6: late_ms})
+    path = tmp_path / "pins.vcd"
+    pins = judged(board, Analyser(12e6), path, random, reference=reference)
+    assert pins.findings == {}
+    board.pin_late_ms = dict.fromkeys(range(1, 6), 0.1)
+    assert "torn" in judged(board, Analyser(12e6), path, random, reference=reference).findings
+
+
+def test_a_jump_of_the_latches_passes_nothing(tmp_path):
+    """Frames that are early from one on look as if those before were late."""
+    random = np.random.default_rng(15)
+    board = Board(random.integers(0, 256, (16, 16)) / 256, np.ones((16, 16)))
+    told = told_without_the_first(board, 2)
+    board.late_ms = dict.fromkeys(range(7, 16), -0.2) | {4: 0.6}
+    judged(board, Analyser(), tmp_path / "pins.vcd", random)
+    pins = judged_file(told, tmp_path / "pins.vcd")
+    assert pins.findings == {}
+    assert pins.verdict is Verdict.INCONCLUSIVE
+    assert "come 196 µs later than all others, or more" in pins.reasons[0]
+
+
+def test_drives_that_samples_do_not_tell_apart_show_no_run(tmp_path):
+    random = np.random.default_rng(16)
+    moves = np.cumsum(random.integers(-1, 2, (6, 16)), axis=0)
+    told = Board((random.integers(0, 256, 16) + moves) % 256 / 256, np.ones((6, 16)))
+    other = Board(np.tile(random.integers(0, 256, 16) / 256, (6, 1)), np.ones((6, 16)))
+    judged(other, Analyser(8e6), tmp_path / "pins.vcd", random, range(2))
+    pins = judged_file(told, tmp_path / "pins.vcd", range(2))
+    assert pins.findings == {}
+    assert "does not show this run for certain" in pins.reasons[0]
