@@ -68,23 +68,31 @@ def test_an_interrupt_while_a_board_is_started_leaves_no_process(monkeypatch):
         started[0].kill()
 
 
-def slower_than_stated(baud):
-    """A board in virtual time that is judged as if its line were one of 3 Mbaud in real time."""
+def other_than_stated(baud, stated):
+    """A board in virtual time that is judged as if its line were of *stated* baud in real time."""
     sim_device.register_url_handler()
 
     def start(number):
         url = f"haptogram://?clock=virtual&baud={baud}&seed={number}"
         return PyserialTransport(serial.serial_for_url(url, timeout=0), url)
 
-    return VirtualAccess("slow", start, baudrate=3_000_000, virtual=False)
+    return VirtualAccess("other", start, baudrate=stated, virtual=False)
 
 
 @pytest.mark.parametrize("baud", [57_600, 921_600])
 def test_a_line_slower_than_stated_is_measured(baud):
-    suite = run(slower_than_stated(baud), "HG-3.8/1-queue", "HG-3.9/4", "HG-5.7/3")
+    suite = run(other_than_stated(baud, 3_000_000), "HG-3.8/1-queue", "HG-3.9/4", "HG-5.7/3")
     assert suite.settings["measured_baudrate"] == pytest.approx(baud, rel=0.02)
     assert {r.behaviour for r in suite.results} == {Behaviour.OK}
     assert f"{suite.settings['measured_baudrate']} Bd as measured" in suite_text(suite)
+
+
+def test_a_line_faster_than_stated_fails_no_board():
+    """That of an emulated chip brings a frame at once, at whatever rate it stands."""
+    suite = run(other_than_stated(3_000_000, 115_200), "HG-5.7", "HG-8.3", "HG-12.3")
+    judged = {result.behaviour for result in suite.results}
+    assert judged == {Behaviour.OK, Behaviour.NOT_OBSERVED}
+    assert {r.behaviour for r in suite.results if r.case == "HG-5.7/5-windows"} == {Behaviour.OK}
 
 
 def test_readings_may_take_longer_than_the_timers_of_an_event(monkeypatch):

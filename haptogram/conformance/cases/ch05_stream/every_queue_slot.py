@@ -153,8 +153,12 @@ def every_late_window_of_the_queue(board: BoardClient) -> None:
             board.clock.device_us()
             ready_us = board.clock.device_estimate_us() + wire_us + board.ready_after_us()
             t_us = ready_us - late_us
-            board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
-            board.clock.wait_latched(4000)
+            wire = board.link.stream_wire(board.flat_phases(), t_us)
+            board.link.send(wire)
+            board.clock.wait_latched(len(wire))
+            latched_us = t_us + 2 * board.clock.carrier_us
+            if board.clock.device_us() < latched_us:  # the line is faster than its rate
+                board.clock.wait_until(latched_us)
             found = board.status()
             counted = {
                 name: (getattr(found.counters, name) - getattr(before, name)) & 0xFFFFFFFF
@@ -162,7 +166,7 @@ def every_late_window_of_the_queue(board: BoardClient) -> None:
             }
             late_us = -found.margin_min_us  # as it arrived: the host may have been held up
             within = late_us <= window_us
-            late = within and late_us > 0  # a line may be faster than its rate
+            late = within and late_us > 0
             due = {"latched": within, "late": late, "dropped_late": not within}
             check(
                 counted == due,
