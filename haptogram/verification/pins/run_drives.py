@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Self, TypeAlias
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ LEAST_PERIODS: Final = 5.0
 _ROUNDING: Final = 1e-6  # of times that are whole microseconds
 _CODES: Final = 256
 _EVERY: Final = slice(None)
+_FUNDAMENTALS: Final[WeakKeyDictionary[PinPulses, ComplexArray]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,9 +129,13 @@ class PinRunDrives:
 def fundamentals_of_run_drives(pulses: PinPulses) -> tuple[FloatArray, ComplexArray]:
     """Return centre (P,) in periods and fundamental (P,) of each pulse.
 
-    A pulse from a to b has (e^{jb} - e^{ja}) / 2j: A e^{+j phi} as in a drive.
+    A pulse from a to b has (e^{jb} - e^{ja}) / 2j: A e^{+j phi} as in a drive. Every place of the
+    run that is tried asks for those of all pins: they are kept as long as the pulses are.
     """
     centres = (pulses.rises + pulses.falls) / 2.0
-    sizes = np.sin(np.pi * np.minimum(pulses.falls - pulses.rises, 1.0))
-    turns = np.exp(2j * np.pi * np.remainder(centres, 1.0))
-    return centres, (sizes * turns).astype(np.complex64)
+    found = _FUNDAMENTALS.get(pulses)
+    if found is None:
+        sizes = np.sin(np.pi * np.minimum(pulses.falls - pulses.rises, 1.0))
+        turns = np.exp(2j * np.pi * np.remainder(centres, 1.0))
+        found = _FUNDAMENTALS[pulses] = (sizes * turns).astype(np.complex64)
+    return centres, found
