@@ -37,7 +37,7 @@ class BoardNoticeLog:
 
     A host such as the conformance suite opens sessions and mutes a hundred times a second.  Where
     more than 20 such changes come within a few seconds, one a second is logged, with the number of
-    those left out before it.
+    those left out before it.  A fault of the hardware is always logged.
 
     Parameters
     ----------
@@ -56,14 +56,17 @@ class BoardNoticeLog:
 
     def notice(self, notice: Notice) -> None:
         """Log a change of the output."""
-        may_be_left_out = isinstance(notice, _FREQUENT) and not self._is_complete
-        if may_be_left_out and not self._has_room(notice.t_us):
+        if self._may_be_left_out(notice) and not self._has_room(notice.t_us):
             self._left_out += 1
             return
         if self._left_out:
             _LOG.info("%d changes before this one are left out; -v logs all", self._left_out)
             self._left_out = 0
         _LOG.info("%s, at %d us", describe_board_notice(notice), notice.t_us)
+
+    def _may_be_left_out(self, notice: Notice) -> bool:
+        is_fault = isinstance(notice, StateChange) and notice.state is OutputState.FAULT
+        return isinstance(notice, _FREQUENT) and not is_fault and not self._is_complete
 
     def _has_room(self, t_us: int) -> bool:
         """Take the room of a notice at *t_us*; return False if there is none."""

@@ -214,6 +214,8 @@ class Heartbeat:
             return  # it is due already: the next turn looks at the port all the same
         waiting = [self._wake_read, *self._signals, *self._parents, *self._clients, *reading]
         ready = self._waiter.wait(waiting, writing, _heartbeat_timeout_s(wait_ns))
+        for signals in ready.intersection(self._signals):
+            os.read(signals, _CHUNK)  # one with a handler of others would end every wait to come
         if any(client in ready and not os.read(client, _CHUNK) for client in self._clients):
             self._clients.clear()
             self._has_no_client = True

@@ -158,6 +158,31 @@ def test_a_signal_right_before_the_wait_ends_it(own_handlers, monkeypatch, numbe
     assert not own_handlers
 
 
+def test_a_signal_that_others_handle_ends_one_wait_alone(monkeypatch):
+    waits, handled = [], []
+
+    class SignalledWaiter(DescriptorWaiter):
+        def wait(self, reading, writing=(), *_):
+            if not waits:
+                signal.raise_signal(signal.SIGUSR1)
+            waits.append(super().wait(reading, writing, 0.0))
+            if len(waits) == 2:
+                heartbeat.stop()
+            return waits[-1]
+
+    monkeypatch.setattr(wallclock, "DescriptorWaiter", SignalledWaiter)
+    monkeypatch.setattr(End, "due_ns", None)
+    before = signal.signal(signal.SIGUSR1, lambda *_: handled.append(1))
+    try:
+        heartbeat = heartbeat_on(End(lambda: None))
+        with heartbeat.stopped_by_signals():
+            heartbeat.run()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert handled == [1]
+    assert [len(ready) for ready in waits] == [1, 0]
+
+
 def test_a_signal_after_the_end_writes_into_nothing(own_handlers):
     heartbeat = heartbeat_on(End(lose))
     with heartbeat.stopped_by_signals():
