@@ -35,7 +35,7 @@ _REASONS: Final = {
     errno.ENOTTY: "it is no serial port",
     errno.ENAMETOOLONG: "the name is too long",
     errno.EADDRNOTAVAIL: "this machine has no such address",
-    errno.EADDRINUSE: "another program listens on that port",
+    errno.EADDRINUSE: "another program listens at that address",
 }
 
 

@@ -114,7 +114,7 @@ class UnixListener:
         except OSError as error:
             self._socket.close()
             raise ConfigurationError(
-                f"cannot listen on unix:{path}: {plain_reason(error)}"
+                f"backdoor unix:{path}: cannot listen there: {plain_reason(error)}"
             ) from error
         self._doorman = SocketDoorman(self._socket, f"unix:{path}")
 

@@ -22,7 +22,8 @@ class TcpPort(BoardPort):
     Parameters
     ----------
     host, port
-        Where to listen; port 0 takes any that is free.
+        Where to listen, by IPv6 if the host is an address with colons; port 0 takes any that is
+        free.
 
     Raises
     ------
@@ -32,17 +33,17 @@ class TcpPort(BoardPort):
 
     def __init__(self, host: str, port: int) -> None:
         try:
-            self._server = socket.create_server((host, port))
+            self._server = socket.create_server((host, port), family=_tcp_family(host))
         except (OSError, OverflowError) as error:
             raise ConfigurationError(
-                f"tcp {host}:{port}: cannot listen there: {plain_reason(error)}; name another"
+                f"tcp {_tcp_address(host, port)}: cannot listen there: {plain_reason(error)}; "
+                "name another"
             ) from error
         self._server.setblocking(False)
         self._client: socket.socket | None = None
         self._departed = False
         self._is_there = True
-        name = self._server.getsockname()
-        super().__init__(-1, f"socket://{name[0]}:{name[1]}")
+        super().__init__(-1, f"socket://{_tcp_address(*self._server.getsockname()[:2])}")
         self._doorman = SocketDoorman(self._server, self.description)
 
     @property
@@ -102,12 +103,12 @@ class TcpPort(BoardPort):
             self._drop_client()
         if self._client is not None or not self._is_there:
             why = "there is one already" if self._client is not None else "the port is gone"
-            _LOG.info("client %s:%d turned away: %s", *address[:2], why)
+            _LOG.info("client %s turned away: %s", _tcp_address(*address[:2]), why)
             client.close()
             return
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._client, self._fd = client, client.fileno()
-        _LOG.info("client %s:%d connected", *address[:2])
+        _LOG.info("client %s connected", _tcp_address(*address[:2]))
 
     def _drop_client(self) -> None:
         if self._client is not None:
@@ -121,6 +122,14 @@ class TcpPort(BoardPort):
             return super()._lost(error)
         self._drop_client()
         return b""
+
+
+def _tcp_family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET
+
+
+def _tcp_address(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def _has_tcp_client_left(client: socket.socket) -> bool:
