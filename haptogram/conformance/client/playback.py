@@ -192,6 +192,11 @@ def wait_for_no_latch(board: BoardClient, least_us: int) -> None:
     board.wire.idle(max(least_us, 2 * period_to_play(board)))
 
 
+def most_periods_to_play(board: BoardClient, period_us: int) -> int:
+    """Return the number of periods, 1 at least, that end while the board is left alone."""
+    return max(1, (1000 * board.identity.max_unattended_ms - 1) // period_us)
+
+
 def require_time_to_play(board: BoardClient, lasts_us: int) -> None:
     """End the case as NOT-OBSERVED if a playback of so long outlasts the board or the case."""
     most_ms = board.identity.max_unattended_ms
@@ -205,7 +210,11 @@ def require_time_to_play(board: BoardClient, lasts_us: int) -> None:
 
 
 def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> PlaybackEnded:
-    """Return PLAYBACK_ENDED, from piece *since* on, of a playback of so long; FAILED without it."""
+    """Return PLAYBACK_ENDED, from piece *since* on, of a playback of so long; FAILED without it.
+
+    NOT-OBSERVED if the board, which is left alone meanwhile, mutes before the end.
+    """
+    require_time_to_play(board, lasts_us)
     timeout_us = 2 * lasts_us + 300_000 + 2 * board.wire.limits.slack_us
     found = board.link.await_event(PlaybackEnded, since, timeout_us)
     if found is None:

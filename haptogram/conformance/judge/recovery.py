@@ -24,6 +24,7 @@ from ..client.introduction import introduce_to_board
 from ..outcome import CaseEndedError
 from ..verdict import Recovery
 
+_LOOKS: Final = 1000  # at a frame that waits, of a board that computes others
 MAX_FRAMES: Final = 3  # requests, of which the board has to answer one
 
 
@@ -78,8 +79,10 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
         board.link.send(board.link.stream_wire(board.flat_phases()))
         board.clock.wait_latched(ready_us=board.ready_after_us())
         after = board.link.ask(GetStatus()).message
-        if isinstance(after, StatusReply) and after.queued:  # it still computes those of the case
-            board.wire.idle(board.identity.queue_depth * board.clock.lead_us)
+        for _ in range(min(_LOOKS, board.identity.queue_depth)):
+            if not isinstance(after, StatusReply) or not after.queued:
+                break
+            board.wire.idle(board.clock.lead_us)  # it still computes those of the case
             after = board.link.ask(GetStatus()).message
         board.link.ask(Disarm())
         if isinstance(before, StatusReply) and isinstance(after, StatusReply):

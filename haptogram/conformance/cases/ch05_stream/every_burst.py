@@ -381,6 +381,9 @@ def _play_and_stop_in_a_burst(board: BoardClient) -> None:
         play_at(board, _SEQUENCE, start_us, loops=0)
         passed_us = board.clock.soon_us(bytes(2000)) - start_us
         latch_us = start_us + -(-passed_us // play.period_us) * play.period_us
+        # A board that is left alone for the whole of a long period may mute.
+        board.wire.idle(latch_us - board.clock.device_us() - play.period_us // 2)
+        board.clock.device_us()
         stop, _ = board.link.request_wire(Stop())
         wires = stop + board.link.stream_wire(board.flat_phases())
         send_to_arrive_at(board, latch_us + off_us, wires)

@@ -218,7 +218,7 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
         with board.counting(latched=len(timed) + len(lows), late=0):
             first = kind.make()
             start_us = board.clock.soon_us(
-                bytes(len(timed) * len(first.serialize())),
+                bytes(len(timed) * len(board.link.stream_wire(first, 0, seq=0))),
                 points=len(timed) * points_of_stream_kind(first),
             )
             for place, low in enumerate(timed):

@@ -73,6 +73,7 @@ from ..ch10_errors.every_refusal import (
     WAITING,
     Situation,
     brought_to_refusal,
+    is_situation_old,
     pending_before_refusal,
     refusal_situations,
 )
@@ -81,7 +82,6 @@ from .faults import fail_hardware, recover_from_hardware_fault
 _OTHER: Final = 7  # sequence of an upload that is begun and not committed
 _FOREIGN: Final = 0x0550
 _UPLOADS: Final = Feature.SEQUENCE_PHASES
-_FRESH_US: Final = 4_000_000  # a situation is brought about again after this time
 _REUSED: Final = ErrorCode.SEQUENCE_REUSED
 _UNKNOWN_FLAG: Final = 0x40
 
@@ -282,9 +282,10 @@ def _judge_effects(board: BoardClient, effects: tuple[Effect, ...], situation: S
     for effect in effects:
         if effect.where and situation.name not in effect.where:
             continue
-        if before is None or board.wire.now_us() - brought_us > _FRESH_US:
+        if before is None or is_situation_old(board, brought_us):
+            brought_us = board.wire.now_us()
             last_us, before = brought_to_refusal(board, situation)
-            brought_us, config = board.wire.now_us(), board.config
+            config = board.config
         held = _held_after_effect(board, last_us, effect)
         due = effect.due(board, before)
         text = held_state_changes(before, held, due)

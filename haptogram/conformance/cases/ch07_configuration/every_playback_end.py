@@ -9,6 +9,7 @@ from typing import Final
 from haptogram_protocol.messages import (
     Disarm,
     Feature,
+    GetStatus,
     Mute,
     PlaybackEnded,
     Status,
@@ -52,7 +53,9 @@ def _playback_in_its_first_frame(board: BoardClient) -> None:
 def _playback_in_a_later_frame(board: BoardClient) -> None:
     period_us = period_to_play(board)
     play_now(board, _SEQUENCE, loops=0, period_us=period_us)
-    board.wire.idle((_FRAMES + 2) * period_us)
+    for _ in range(_FRAMES + 2):
+        board.wire.idle(period_us)
+        board.link.ask(GetStatus())  # a slow board is not left alone for so long
 
 
 #: Moments of a playback, with the least number of frames that it has latched.

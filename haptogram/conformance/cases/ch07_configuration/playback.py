@@ -23,8 +23,10 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
 from ...client.playback import (
+    await_playback_end,
     least_period_us,
     let_play,
+    most_periods_to_play,
     period_to_play,
     play_at,
     play_now,
@@ -154,12 +156,13 @@ def plays_the_sequence_in_time(board: BoardClient) -> None:
     send_phases_to_store(board, 1, frames=3)
     least_us = shortest_period_to_play_us(board)
     room = board.identity.trace_ring if mode is TraceMode.RING else 60
-    period_us, loops = max(1003, least_us), min(20, room // 3)
+    period_us = max(1003, least_us)
+    loops = max(1, min(20, room // 3, most_periods_to_play(board, period_us) // 3))
     board.arm()
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(100), ahead_us=5003)
     play_at(board, 1, start_us, loops=loops, period_us=period_us)
-    event = _playback_ended(board, since, 3 * loops * period_us + 200 * _MS)
+    event = await_playback_end(board, since, 3 * loops * period_us)
     seen = latches_received_from_board(board, since, mode)
     due = [
         (1, number // 3, number % 3, board.clock.on_carrier(start_us + number * period_us))

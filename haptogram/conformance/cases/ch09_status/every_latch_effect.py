@@ -27,6 +27,7 @@ from ...client.latching import (
 )
 from ...client.playback import (
     await_playback_end,
+    most_periods_to_play,
     period_to_play,
     play_at,
     play_now,
@@ -174,7 +175,11 @@ def _latch_paths_for_status(board: BoardClient) -> Iterator[tuple[str, _Path]]:
     if board.clock.carrier_us > 1:
         yield "a frame that replaces another", _replacing_latch_for_status
     yield "a frame that flushes another", _flushing_latch_for_status
-    if board.has(Feature.SEQUENCE_PHASES):
+    frames = _LOOPS * _FRAMES
+    if (
+        board.has(Feature.SEQUENCE_PHASES)
+        and most_periods_to_play(board, period_to_play(board)) > frames
+    ):
         yield "a sequence played at once", _played_latch_for_status
         yield "a sequence played in time", _played_in_time_for_status
 
@@ -275,7 +280,10 @@ def _check_status_against_traces(
 def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
     last = _stored_for_status(board)
     # A path waits for two frames, twice as long as the line needs, behind a third of the hold.
-    hold_ms = _HOLD_MS + board.wire.line_us(8 * len(board.flat_phases().serialize())) // _MS
+    line_us = board.wire.line_us(8 * len(board.flat_phases().serialize()))
+    period_us = period_to_play(board)  # between two latches of a playback
+    wait_us = line_us + 2 * period_us + 4 * board.clock.lead_us
+    hold_ms = min(10_000, _HOLD_MS + wait_us // _MS)
     board.configure(hold_ms=hold_ms, late_window_us=_WINDOW_US)
     for name, path in _latch_paths_for_status(board):
         board.arm()
@@ -283,9 +291,10 @@ def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
         begun_us = board.clock.unwrap(board.status().last_latch_us)
         board.wire.idle(hold_ms * _MS // 3)
-        path(board, last)
+        _, latches, _, _ = path(board, last).counted
         start_us = board.clock.unwrap(board.status().last_latch_us)
-        if start_us > begun_us + (hold_ms - 50) * _MS:
+        first_us = start_us - (latches - 1) * period_us
+        if first_us > begun_us + (hold_ms - 50) * _MS:
             inconclusive("the line or the host is too slow to latch within the hold")
         header, _ = judged_mute_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
         judge_mute_time(board, start_us, header, hold_ms, f"hold_ms = {hold_ms}, behind {name}")

@@ -222,12 +222,12 @@ def every_refusal_changes_nothing(board: BoardClient) -> None:
 
 def _judge_refusals_in_situation(board: BoardClient, situation: Situation) -> None:
     """FAILED with the name of the first refusal in a situation that changes anything."""
-    last_us, before = brought_to_refusal(board, situation)
     brought_us = board.wire.now_us()
+    last_us, before = brought_to_refusal(board, situation)
     for refusal in list(situation.refusals(board)):
-        if board.wire.now_us() - brought_us > _FRESH_US:
-            last_us, before = brought_to_refusal(board, situation)
+        if is_situation_old(board, brought_us):
             brought_us = board.wire.now_us()
+            last_us, before = brought_to_refusal(board, situation)
         text = held_state_changes(
             before, held_after_refusals(board, last_us, partial(refuse, board, refusal))
         )
@@ -240,6 +240,11 @@ def brought_to_refusal(board: BoardClient, situation: Situation) -> tuple[int, H
     last_us = situation.bring(board)
     board.status()  # the margins start anew
     return last_us, held_after_refusals(board, last_us)
+
+
+def is_situation_old(board: BoardClient, brought_us: int) -> bool:
+    """Return True if a situation was brought about so long ago that its hold may end soon."""
+    return board.wire.now_us() - brought_us > min(_FRESH_US, 300 * board.config.hold_ms)
 
 
 def held_after_refusals(
