@@ -115,7 +115,10 @@ def run_remedy_text(result: Mapping[str, Any]) -> str | None:
     is_late = "host" in result and "dropped_late" in result["troubles"].get("board", {})
     if run_host_delay_text(result) is None and not (is_virtual and is_late):
         return None
-    text = "run it again while this machine has less to do, or at a lower --rate-hz"
+    text = (
+        "run it again while this machine has less to do, with a longer --lead-ms or at a lower "
+        "--rate-hz"
+    )
     return f"{text}; with --virtual-time its load does not count" if is_virtual else text
 
 

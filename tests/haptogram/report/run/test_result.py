@@ -130,7 +130,8 @@ def test_a_run_that_a_busy_machine_left_inconclusive_says_what_to_do(model: Acou
         return [line for line in lines if line.startswith("to do: ")]
 
     assert told(host=held_up, configuration=real) == [
-        "to do: run it again while this machine has less to do, or at a lower --rate-hz"
+        "to do: run it again while this machine has less to do, with a longer --lead-ms or at a "
+        "lower --rate-hz"
     ]
     (line,) = told(host=in_time, troubles=late, configuration=virtual)
     assert line.endswith("; with --virtual-time its load does not count")
