@@ -194,15 +194,37 @@ class Reconstructor:
             as_weights(weights), step_rad, ramping=ramping, slack_rad=slack_rad
         )
 
+    def reconstruct_quickly(
+        self, weights: ArrayLike, *, step_rad: float, slack_rad: float = 0.0
+    ) -> Reconstruction | None:
+        """Return the focus that the compiled search or the last focus leads to.
+
+        None: only the search from every place of the volume would tell, which takes a hundred times
+        as long where there is no focus. Parameters and errors are those of
+        :meth:`reconstruct_weights`.
+        """
+        check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
+        radiated = self._radiated(as_weights(weights), step_rad, slack_rad)
+        return radiated if isinstance(radiated, NoFocus) else self._locate_quickly(radiated)[0]
+
     def _reconstruct(
         self, weights: ComplexArray, step_rad: float, *, ramping: bool, slack_rad: float = 0.0
     ) -> Reconstruction:
+        radiated = self._radiated(weights, step_rad, slack_rad)
+        if ramping:
+            return NoFocus("ramping")
+        if isinstance(radiated, NoFocus):
+            return radiated
+        found, tried = self._locate_quickly(radiated)
+        return self._search(tried, radiated) if found is None else found
+
+    def _radiated(
+        self, weights: ComplexArray, step_rad: float, slack_rad: float
+    ) -> _ReconstructedDrive | NoFocus:
         if weights.shape != (self._model.array.count,):
             raise ConfigurationError(
                 f"drive has shape {weights.shape}, array has {self._model.array.count} elements"
             )
-        if ramping:
-            return NoFocus("ramping")
         active = np.abs(weights) > _SILENT
         if self._heard is not None:
             active &= self._heard
@@ -211,18 +233,31 @@ class Reconstructor:
         phases = np.angle(weights)
         everything = np.count_nonzero(active) == self._heard_count
         codes = quantise_phase(phases, MAX_PHASE_BITS) if everything else None
-        return self._locate(
-            _ReconstructedDrive(weights, phases, active, step_rad, codes, slack_rad)
-        )
+        return _ReconstructedDrive(weights, phases, active, step_rad, codes, slack_rad)
 
-    def _locate(self, radiated: _ReconstructedDrive) -> Reconstruction:
-        """Try where the compiled search says; if that is nowhere, look with all means."""
+    def _locate_quickly(
+        self, radiated: _ReconstructedDrive
+    ) -> tuple[Reconstruction | None, list[PhaseFit]]:
+        """Try where the compiled search says, then beside the last focus; return the fits, too."""
         start, way = self._quick_search(radiated)
         if start is not None:
             fit = self._fit(radiated, start, radiated.active)
             if self._explains(fit, radiated):
-                return self._single(fit, radiated, way)
-        return self._locate_step_by_step(radiated)
+                return self._single(fit, radiated, way), []
+        tried: list[PhaseFit] = []
+        if self._last_focus is not None:
+            tried.append(self._fit(radiated, self._last_focus, radiated.active))
+            if self._explains(tried[0], radiated):
+                return self._single(tried[0], radiated, "warm"), tried
+            jumped = self._acquisition_for(radiated.active).widening_fit(
+                radiated.phases_rad, radiated.active, radiated.step_rad, self._last_focus
+            )
+            if self._explains(jumped, radiated):
+                return self._single(jumped, radiated, "warm"), tried
+            partial = self._fit_most(tried[0], radiated)
+            if partial is not None:
+                return self._all_or_most(partial, radiated), tried
+        return None, tried
 
     @cached_property
     def _tracker(self) -> FocusTracker | None:
@@ -246,24 +281,8 @@ class Reconstructor:
         found = self._tracker.explains(fix, limit_rad)
         return (np.array(fix.position_m) if found else None), "global"
 
-    def _locate_step_by_step(self, radiated: _ReconstructedDrive) -> Reconstruction:
-        """Try the last focus, then every other place; then let some elements be wrong."""
-        tried: list[PhaseFit] = []
-        if self._last_focus is not None:
-            tried.append(self._fit(radiated, self._last_focus, radiated.active))
-            if self._explains(tried[0], radiated):
-                return self._single(tried[0], radiated, "warm")
-            jumped = self._acquisition_for(radiated.active).widening_fit(
-                radiated.phases_rad, radiated.active, radiated.step_rad, self._last_focus
-            )
-            if self._explains(jumped, radiated):
-                return self._single(jumped, radiated, "warm")
-            partial = self._fit_most(tried[0], radiated)
-            if partial is not None:
-                return self._all_or_most(partial, radiated)
-        return self._search(tried, radiated)
-
     def _search(self, tried: list[PhaseFit], radiated: _ReconstructedDrive) -> Reconstruction:
+        """Try every place of the volume; then let some elements be wrong."""
         acquisition = self._acquisition_for(radiated.active)
         for fit in acquisition.fits(
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS

@@ -13,6 +13,7 @@ from haptogram.machine.terminal import terminal_error_line
 from ..shell.captures import read_capture_arguments, wait_for_capture_arguments
 from ..shell.exit_status import USAGE
 from .files import verify_seen_by_number, write_run_files
+from .progress import verify_bar
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
@@ -31,10 +32,13 @@ def verify_run_by_captures(
     model: AcousticModel,
     intended: Sequence[Intended],
     incomplete: str = "",
+    *,
+    quiet: bool,
 ) -> JoinedCaptureVerdict:
     """Return the verdict of the captures on the frames of a run.
 
-    *incomplete* is why frames may be missing: then nothing passes or fails.
+    *incomplete* is why frames may be missing: then nothing passes or fails. Unless it shall be
+    *quiet*, a bar shows the progress.
 
     Raises
     ------
@@ -44,15 +48,19 @@ def verify_run_by_captures(
     from haptogram.verification import tolerance_of, uncertainty_of
     from haptogram.verification.pins.joined import verify_captures
 
-    return verify_captures(
-        read_capture_arguments(config.captures),
-        intended,
-        model=model,
-        min_verified=config.least_verified,
-        tolerance=tolerance_of(config.tolerance),
-        uncertainty=uncertainty_of(config.uncertainty, at_port=True),
-        incomplete=incomplete,
-    )
+    with verify_bar("reading captures", quiet=quiet, unit="captures") as progress:
+        records = read_capture_arguments(config.captures, progress)
+    with verify_bar("judging captures", quiet=quiet) as progress:
+        return verify_captures(
+            records,
+            intended,
+            model=model,
+            min_verified=config.least_verified,
+            tolerance=tolerance_of(config.tolerance),
+            uncertainty=uncertainty_of(config.uncertainty, at_port=True),
+            incomplete=incomplete,
+            progress=progress,
+        )
 
 
 def verified_captures_at_port(
@@ -61,6 +69,8 @@ def verified_captures_at_port(
     result: dict[str, object],
     since_s: float,
     outputs: CommandOutputs,
+    *,
+    quiet: bool,
 ) -> dict[str, object] | None:
     """Return *result* with the verdict of the captures of a run at a port, and print that.
 
@@ -72,7 +82,7 @@ def verified_captures_at_port(
         if found.interrupted:
             raise KeyboardInterrupt
         wait_for_capture_arguments(config.captures, since_s)
-        verdict = verify_run_by_captures(config, found.model, found.intended)
+        verdict = verify_run_by_captures(config, found.model, found.intended, quiet=quiet)
     except KeyboardInterrupt:
         print("haptogram verify: interrupted; --capture was not judged", file=sys.stderr)
         return None
@@ -84,7 +94,7 @@ def verified_captures_at_port(
 
 
 def verify_recorded_captures(
-    config: VerifyConfig, outputs: CommandOutputs, provenance: Provenance
+    config: VerifyConfig, outputs: CommandOutputs, provenance: Provenance, *, quiet: bool
 ) -> int:
     """Judge captures by the frames of a recording, and return the exit status."""
     from haptogram.evidence.recordings.reader import Recording
@@ -96,7 +106,9 @@ def verify_recorded_captures(
         raise ConfigurationError("no --recording to judge by")
     recording = Recording(path)
     recorded = recorded_run(recording)
-    verdict = verify_run_by_captures(config, recorded.model, recorded.intended, recorded.incomplete)
+    verdict = verify_run_by_captures(
+        config, recorded.model, recorded.intended, recorded.incomplete, quiet=quiet
+    )
     run = verdict.run
     if run is None:  # a run that FAILs is false, too
         run = _verify_without_field(verdict, recorded.model)

@@ -8,7 +8,7 @@ import functools
 import sys
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import (
     DeviceError,
@@ -41,6 +41,7 @@ from .captures import verified_captures_at_port, verify_recorded_captures
 from .files import verify_seen_by_number, write_run_files
 from .live_view import VerifyLiveView, live_view
 from .options import add_verify_options
+from .progress import verify_bar
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
@@ -119,7 +120,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     )
     provenance = provenance_of_run(settings)
     if config.captures.recording is not None:
-        return verify_recorded_captures(config, outputs, provenance)
+        return verify_recorded_captures(config, outputs, provenance, quiet=arguments.quiet)
     boards = RunBoards.of(config, arguments, made)
     boards.virtual  # noqa: B018  it checks, before anything starts
     if arguments.view:
@@ -156,8 +157,8 @@ def _run_verify(
     try:
         with (
             boards.open(view.show) as board,
-            _verify_bar("displaying", quiet=quiet) as progress,
-            _verify_bar("waiting for what the board saw", quiet=quiet) as settling,
+            verify_bar("displaying", quiet=quiet) as progress,
+            verify_bar("waiting for what the board saw", quiet=quiet) as settling,
             _blaming_planned_faults(planned, board),
         ):
             found = _measured_by_verify(boards, board, progress, settling, writer, view.sink)
@@ -166,7 +167,7 @@ def _run_verify(
         return INCONCLUSIVE
     if found.interrupted:
         announce_interrupted_output("haptogram verify")
-    with _verify_bar("verifying", quiet=quiet) as progress:
+    with verify_bar("verifying", quiet=quiet) as progress:
         verdict = found.verdict(
             min_verified=config.least_verified,
             tolerance=tolerance_of(config.tolerance),
@@ -199,7 +200,7 @@ def _run_verify(
         outputs.print(f"  warning   {warning}")
     is_judged = True
     if config.captures.capture:
-        joined = verified_captures_at_port(config, found, result, begin_s, outputs)
+        joined = verified_captures_at_port(config, found, result, begin_s, outputs, quiet=quiet)
         is_judged, result = joined is not None, joined or result
     seen = verify_seen_by_number(found.intended, found.observations)
     if not write_run_files(config, verdict, result, found.model, seen, provenance, outputs):
@@ -278,32 +279,6 @@ def _planned_faults_text(error: HaptogramError, faults: dict[str, object] | None
     is_guess = isinstance(error, WrongProtocolError | VersionMismatchError)
     seen = "no frame came whole" if is_guess else error
     return f"inconclusive: the fault plan broke the session ({seen}); {told}"
-
-
-@contextlib.contextmanager
-def _verify_bar(what: str, *, quiet: bool) -> Iterator[Progress | None]:
-    """Show a progress bar on standard error, from the thread that works, 20 times a second."""
-    if quiet:
-        yield None
-        return
-    from tqdm import tqdm
-
-    # No monitor thread: it would run beside the 1 kHz loop.
-    tqdm.monitor_interval = 0
-    bar: Any = None  # until there is something to show
-
-    def show(done: int, total: int) -> None:
-        nonlocal bar
-        if bar is None:
-            bar = tqdm(desc=what, unit=" frames", leave=False, dynamic_ncols=True, disable=None)
-        bar.total = total
-        bar.update(done - bar.n)
-
-    try:
-        yield show
-    finally:
-        if bar is not None:
-            bar.close()
 
 
 def _verified_board_dict(found: RunRecord) -> dict[str, object]:

@@ -44,6 +44,8 @@ _ITS_OWN: Final = ("number", "key", "t_apply_us", "t_latch_us", "late", "early")
 _ON_THE_WIRE: Final = (
     "the bytes that left the host are the drive for this target; nobody saw what the board latched"
 )
+#: Wrong drives for which a focus is sought in the whole volume, in vain: 40 ms or more each.
+_MOST_SEARCHES: Final = 256
 _EXACT_RAD: Final = 1e-7  # positions that are whole micrometres, but for the arithmetic
 
 
@@ -76,6 +78,7 @@ class FrameJudge:
         self.uncertainty = Uncertainty() if uncertainty is None else uncertainty
         self._grain_rad = criteria.frame_position_grain_rad(model)
         self._reconstructors: dict[int, Reconstructor] = {}
+        self._searches = 0
         entry = _BYTES + _BYTES_PER_ELEMENT * model.array.count
         remembered = _REMEMBERED_BYTES // (_CACHES * entry)
         self._target = functools.lru_cache(remembered)(self._make_target)
@@ -183,9 +186,9 @@ class FrameJudge:
                 seen, intended, output, faults, ideals, self.tolerance, self.uncertainty
             )
         (target,) = targets
-        if found is None or (isinstance(found, NotSingle) and _is_frame_undecided(found, target)):
-            found = self._reconstruct(output, intended, target)
         one = SingleFocusFrame(intended, output, target)
+        if found is None or (isinstance(found, NotSingle) and _is_frame_undecided(found, target)):
+            found = self._reconstruct(one)
         return one.judge(seen, found, faults, self.uncertainty)
 
     def _faults(self, intended: Intended, latched: Drive, output: Drive) -> tuple[str, ...]:
@@ -232,18 +235,20 @@ class FrameJudge:
             latches=1,
         )
 
-    def _reconstruct(
-        self, latched: Drive, intended: Intended, target: FrameTarget
-    ) -> Reconstruction:
+    def _reconstruct(self, frame: SingleFocusFrame) -> Reconstruction | None:
+        """Return what a drive radiates; None: it is wrong anyhow, and too many like it were."""
         # The registers have 8 bits; how well the phases fit a focus depends on the wire's steps.
-        steps = intended.steps
+        steps = frame.intended.steps
         if steps not in self._reconstructors:
             self._reconstructors[steps] = Reconstructor(self._model)
-        return self._reconstructors[steps].reconstruct_weights(
-            latched.weights(),
-            step_rad=criteria.judged_frame_step_rad(intended),
-            slack_rad=target.tolerated_rad,
-        )
+        known = self._reconstructors[steps]
+        weights, slack_rad = frame.latched.weights(), frame.target.tolerated_rad
+        step_rad = criteria.judged_frame_step_rad(frame.intended)
+        if self._searches >= _MOST_SEARCHES and frame.is_wrong_without_search:
+            return known.reconstruct_quickly(weights, step_rad=step_rad, slack_rad=slack_rad)
+        found = known.reconstruct_weights(weights, step_rad=step_rad, slack_rad=slack_rad)
+        self._searches += isinstance(found, NotSingle) and not found.outliers
+        return found
 
 
 def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -25,7 +26,7 @@ from haptogram.records.frame import Intended
 from ..faults import faulty_elements_text
 from ..tolerance import Uncertainty
 from . import criteria
-from .status import frame_status_of, frame_warning_of, is_right_frame_status
+from .status import frame_status_of, frame_warning_of, is_frame_wrong, is_right_frame_status
 from .target import Bools, FrameTarget
 from .verdict import FrameStatus, FrameVerdict
 
@@ -37,6 +38,9 @@ _ABOUT: Final = 1.5  # of the phase limit: what a focus that somebody fitted may
 _AMBIGUOUS: Final = (
     "the phases suit the target, but a search that is not told the target finds another point or "
     "none: S2 is not judged"
+)
+_NOT_SEARCHED: Final = (
+    "where the drive focuses, if anywhere, was not searched for: many frames before have no focus"
 )
 _ELSEWHERE: Final = (
     "rounding has moved the focus further than in proportion: how far it is off does not show"
@@ -75,7 +79,7 @@ def judge_silent_frame(
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SingleFocusFrame:
     """A frame with one focus, and the drive that its board radiates.
 
@@ -96,7 +100,7 @@ class SingleFocusFrame:
     def judge(
         self,
         seen: FrameVerdict,
-        found: Reconstruction,
+        found: Reconstruction | None,
         faults: tuple[str, ...],
         known: Uncertainty,
     ) -> FrameVerdict:
@@ -106,18 +110,22 @@ class SingleFocusFrame:
         ----------
         seen : FrameVerdict
             Verdict of the frame so far.
-        found : Reconstruction
-            What is radiated, by somebody who does not know the target.
+        found : Reconstruction or None
+            What is radiated, by somebody who does not know the target; None: that was not searched
+            for, as the frame :attr:`is_wrong_without_search`.
         faults : tuple of str
             Faults that the codes prove.
         known : Uncertainty
             How well array and air are known.
         """
         target = self.target
-        measures, verdicts, peaks = self._drive_criteria()
+        by_drive, by_criterion, peaks = self._drive_criteria
+        measures, verdicts = by_drive.copy(), by_criterion.copy()
         notes = [seen.note] if seen.note else []
         unseen = [] if target.observable.all() else [_unobservable_frame_target(target)]
-        if self._is_ambiguous(measures, found):
+        if found is None:
+            notes.append(_NOT_SEARCHED)
+        elif self._is_ambiguous(measures, found):
             notes.append(_AMBIGUOUS)
             offset_m = target.nearest_focus_m(np.angle(self.latched.weights()), self._active)
             measures |= _place_against_frame_target(target, offset_m)
@@ -172,6 +180,13 @@ class SingleFocusFrame:
         sounding: Bools = self.latched.amplitude_codes > 0
         return sounding & self.target.active
 
+    @property
+    def is_wrong_without_search(self) -> bool:
+        """True if the drive alone fails the frame, wherever it focuses."""
+        _, verdicts, _ = self._drive_criteria
+        return is_frame_wrong(verdicts, self.target.tolerance)
+
+    @cached_property
     def _drive_criteria(
         self,
     ) -> tuple[dict[str, Any], dict[str, bool], list[criteria.PeakCriterion]]:

@@ -29,12 +29,17 @@ def frame_status_of(
     tolerance : Tolerance, optional
         Beyond a strict one, S1 warns and decides nothing.
     """
-    strict = tolerance is None or tolerance.is_strict
-    if all(ok for name, ok in verdicts.items() if strict or name != "S1"):
+    if not is_frame_wrong(verdicts, tolerance):
         return FrameStatus.CORRUPT if faults else FrameStatus.ON_TARGET
     if not faults or (focused and faults == (UNNAMED,)):
         return FrameStatus.OFF_TARGET  # the drive that was sent, in other air; or for another point
     return FrameStatus.WRONG_DRIVE
+
+
+def is_frame_wrong(verdicts: Mapping[str, bool], tolerance: Tolerance | None = None) -> bool:
+    """Return True if a criterion decides against the frame; beyond strictness, S1 decides none."""
+    strict = tolerance is None or tolerance.is_strict
+    return not all(ok for name, ok in verdicts.items() if strict or name != "S1")
 
 
 def is_right_frame_status(status: FrameStatus) -> bool:

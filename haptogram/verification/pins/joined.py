@@ -15,6 +15,7 @@ from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, Intended, Observation
 from haptogram.records.pins import PinRecord
+from haptogram.settings.arguments import Progress
 
 from ..frame.verdict import Verdict
 from ..run import verify_run
@@ -121,6 +122,7 @@ def verify_captures(
     tolerance: Tolerance | None = None,
     uncertainty: Uncertainty | None = None,
     incomplete: str = "",
+    progress: Progress | None = None,
 ) -> JoinedCaptureVerdict:
     """Judge captures of drive pins against the frames of a run.
 
@@ -141,6 +143,9 @@ def verify_captures(
     incomplete : str
         Why *intended* may lack frames of the run; empty: it has all. Otherwise the verdict is
         inconclusive: a frame that is missing is not judged, and pins that show it look wrong.
+    progress : callable, optional
+        Called with the number of frames judged and their total: those of each capture and, behind
+        these, those of the field.
 
     Raises
     ------
@@ -150,7 +155,12 @@ def verify_captures(
     if not records:
         raise ConfigurationError("no capture to judge by")
     frames = sorted(intended, key=lambda frame: frame.t_apply_us or 0)
-    pins = tuple(verify_captured_pins(record, frames, model=model) for record in records)
+    told = _JudgedFrames(len(frames), len(records), progress)
+    judged_pins = []
+    for number, record in enumerate(records):
+        told.tell(number * len(frames))
+        judged_pins.append(verify_captured_pins(record, frames, model=model))
+    pins = tuple(judged_pins)
     passes = list(_passes_over_pins(frames).values())
     apart = why_pin_phases_are_apart(pins, frames, passes) if len(pins) > 1 else ""
     no_field = incomplete or _why_pins_make_no_field(pins, frames, model) or apart
@@ -165,7 +175,9 @@ def verify_captures(
             unseen="the frame is not in the captures with all elements",
             tolerance=tolerance,
             uncertainty=uncertainty,
+            progress=told.field,
         )
+    told.field(len(frames), len(frames))
     wrong = [line for one in pins for line in one.reasons if one.verdict is Verdict.FAIL]
     missing = [line for one in pins for line in one.reasons if one.verdict is Verdict.INCONCLUSIVE]
     judged = np.any([one.judged for one in pins], axis=0)
@@ -194,6 +206,24 @@ def verify_captures(
         observations,
         tuple(frames),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _JudgedFrames:
+    """The progress of a verdict by *captures* of so many *frames*, and one of the field."""
+
+    frames: int
+    captures: int
+    progress: Progress | None
+
+    def tell(self, done: int) -> None:
+        """Tell how many frames were judged, of all captures and of the field."""
+        if self.progress is not None:
+            self.progress(done, (self.captures + 1) * self.frames)
+
+    def field(self, done: int, total: int) -> None:
+        """Tell how many frames of the field were judged, of a *total*."""
+        self.tell(self.captures * total + done)
 
 
 def _pins_too_rarely_seen(

@@ -218,3 +218,27 @@ def test_what_repeats_is_judged_once_but_for_its_times(monkeypatch):
     same = {"number": 0, "key": first.key, "t_apply_us": 0, "t_latch_us": 0, "late": False}
     assert dataclasses.replace(late, **same) == found
     assert not own.judge(again, seen(again, drive_of(-codes(again)))).criteria["S1"]
+
+
+def test_wrong_drives_without_a_focus_are_sought_in_the_whole_volume_a_limited_number_of_times(
+    monkeypatch,
+):
+    monkeypatch.setattr(judge_module, "_MOST_SEARCHES", 3)
+    rng = np.random.default_rng(1)
+    model = AcousticModel.default(4, 4)
+    limited = FrameJudge(model, carrier_us=25)
+    intended = intend(model, TARGET)
+    wrong = [
+        Drive(rng.integers(0, 256, 16).astype(np.uint8), np.full(16, 255, np.uint8))
+        for _ in range(5)
+    ]
+    found = [limited.judge(intended, seen(intended, drive)) for drive in wrong]
+    assert [verdict.status for verdict in found] == [FrameStatus.WRONG_DRIVE] * 5
+    assert ["not searched for" in verdict.note for verdict in found] == [False] * 3 + [True] * 2
+    assert "S2" not in found[-1].criteria
+    # What needs no such search is told as before: a right drive, and a focus that is elsewhere.
+    assert limited.judge(intended, seen(intended)).status is FrameStatus.ON_TARGET
+    away = aside(TARGET, 0.004, 0.0)
+    elsewhere = limited.judge(intended, seen(intended, intend(model, away).drive))
+    assert elsewhere.measured_m == pytest.approx(away, abs=1e-3)
+    assert not elsewhere.criteria["S2"]

@@ -58,7 +58,14 @@ def test_captures_that_are_apart_against_one_clock_pass_nothing(degrees, tmp_pat
 
 def test_captures_that_are_apart_in_one_frame_pass_nothing(tmp_path):
     run, first, second = halves(tmp_path / "pins.vcd")
-    assert verify_captures([first, second], run.intended, model=MODEL).verdict is Verdict.PASS
+    told = []
+    every = verify_captures(
+        [first, second], run.intended, model=MODEL, progress=lambda *done: told.append(done)
+    )
+    assert every.verdict is Verdict.PASS
+    # The frames of each capture, then those of the field.
+    assert told[:3] == [(0, 36), (12, 36), (25, 36)]
+    assert told[-1] == (36, 36)
     begin = second.latches[4]
     found = verify_captures(
         [first, turned(second, 0.25, begin, second.latches[5])], run.intended, model=MODEL
