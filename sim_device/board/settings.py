@@ -103,7 +103,8 @@ class BoardSettings:
     ------
     ConfigurationError
         If the carrier period is not a whole number of microseconds, a limit does not fit its field
-        of HELLO_REPLY, or the calibration is not of this array.
+        of HELLO_REPLY, the store has no room for the longest upload, or the calibration is not of
+        this array.
     """
 
     model: AcousticModel = field(default_factory=AcousticModel.default)
@@ -141,6 +142,11 @@ class BoardSettings:
             value = getattr(self, name)
             if not 1 <= value <= limit:
                 raise ConfigurationError(f"{name} is {value}, must be 1 to {limit}")
+        if self.max_stored_bytes < self.max_upload_bytes:
+            raise ConfigurationError(
+                f"max_stored_bytes is {self.max_stored_bytes}, must be max_upload_bytes, "
+                f"{self.max_upload_bytes}, or more"
+            )
         for name in ("latch_lead_us", "point_time_us"):
             value = getattr(self, name)
             if not 0 <= value <= MOST_LEAD_US:

@@ -142,7 +142,7 @@ def test_play_within_its_limits_and_not_over_another(host):
 
 
 def test_no_room_for_another_sequence_is_said_before_the_first_byte(host):
-    board = host(max_stored_bytes=48)
+    board = host(max_upload_bytes=48, max_stored_bytes=48)
     board.ask(begin(crc=zlib.crc32(bytes(32))))
     send_chunk(board, 0, bytes(32))
     board.ask(UploadCommit(1))

@@ -399,6 +399,12 @@ class BoardClient:
                 f"STATUS comes every {self.config.status_period_ms} ms, and begins the margins anew"
             )
 
+    def require_hold(self, lasts_us: int, what: str) -> None:
+        """End the case as NOT-OBSERVED if a hold that no SET_CONFIG extends ends within that."""
+        if lasts_us >= 1000 * self.config.hold_ms and not self.has(Feature.CONFIG):
+            hold_ms = self.config.hold_ms
+            not_observed(f"{what}, and a hold of {hold_ms} ms that no SET_CONFIG extends")
+
     @contextlib.contextmanager
     def counting(self, **wanted: int | None) -> Iterator[None]:
         """FAILED unless the counters grew by *wanted* meanwhile, and no counter of an error did.

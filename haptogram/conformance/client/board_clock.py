@@ -136,16 +136,15 @@ class ClockClient:
         """Wait until the board has computed so many points, which it has received."""
         self._wire.idle(points * self.point_time_us)
 
-    def wait_latched(self, size: int = 0, ready_us: int | None = None) -> None:
-        """Wait until *size* bytes have been sent and their frames have been latched.
+    def wait_latched(self, ready_us: int | None = None) -> None:
+        """Wait until the line has brought what was sent, and its frames have been latched.
 
         The board makes them ready in *ready_us*; None: as long as it may need for any frame.
         """
         slack_us = self._wire.limits.slack_us
         boundary_us = (self.lead_us if ready_us is None else ready_us) + 4 * self.carrier_us
         if not slack_us:
-            line_us = max(self._wire.line_us(size), self._wire.backlog_us)
-            self._wire.idle(line_us + boundary_us)
+            self._wire.idle(self._wire.backlog_us + boundary_us)
             return
         # Only an answer shows that a board that had to wait has read the bytes, and how late it is.
         latched_us = self.device_us() + boundary_us

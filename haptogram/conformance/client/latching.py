@@ -93,7 +93,7 @@ def latch_now(board: BoardClient, message: Message) -> int:
     index = board.link.stream_next
     wire = board.link.stream_wire(message)
     board.link.send(wire)
-    board.clock.wait_latched(len(wire), board.ready_after_us(points_of_stream_kind(message)))
+    board.clock.wait_latched(board.ready_after_us(points_of_stream_kind(message)))
     return index
 
 

@@ -95,11 +95,7 @@ def play_request(
 
 def _require_hold(board: BoardClient, period_us: int) -> None:
     """End the case as NOT-OBSERVED if a hold that nothing extends ends between two frames."""
-    hold_ms = board.config.hold_ms
-    if period_us >= 1000 * hold_ms and not board.has(Feature.CONFIG):
-        not_observed(
-            f"a frame every {period_us} µs, and a hold of {hold_ms} ms that no SET_CONFIG extends"
-        )
+    board.require_hold(period_us, f"a frame every {period_us} µs")
 
 
 def play_now(

@@ -232,7 +232,7 @@ SHORT = (
         "HG-6.2/1-requests",
         "HG-7.1/3-alone",
     ),
-    *("HG-7.2/1-limits", "HG-7.2/2", "HG-7.3/1-sizes", "HG-7.6/4-most", "HG-7.6/4-offsets"),
+    *("HG-7.2/7", "HG-7.2/2", "HG-7.3/1-sizes", "HG-7.6/4-most", "HG-7.6/4-offsets"),
     *("HG-10.1/1", "HG-10.2/1"),
 )
 NEAR = (
@@ -278,7 +278,7 @@ TOGETHER = (
         },
         (
             *("HG-3.6/1-sides", "HG-3.8/1-queue", "HG-5.6/1", "HG-5.7/3-types", "HG-5.7/4"),
-            *("HG-6.7/1-types", "HG-7.2/1-limits"),
+            *("HG-6.7/1-types", "HG-7.2/7"),
         ),
     ),
     (

@@ -32,10 +32,14 @@ _UNKNOWN_STREAM: Final = 0x3D
 def junk_headers_are_survived(board: BoardClient) -> None:
     boot_id, before = board.identity.boot_id, board.status()
     board.arm()
+    asked_us = board.wire.now_us()
     for _ in range(40):
         size = board.random.randrange(1, 600)
         board.link.send(b"\x00", board.random.randbytes(size), b"\x00")
         board.wire.idle(board.wire.line_us(size))
+        if board.wire.now_us() - asked_us > 250 * board.config.host_timeout_ms:
+            asked_us = board.wire.now_us()
+            board.link.call(Ping(size), Pong)  # junk restarts no lease
     after = board.status()
     check(after.state.name == "ARMED", f"junk has moved the board to {after.state.name}")
     check(after.counters.frames > before.counters.frames, "the counters began anew: a restart")

@@ -58,10 +58,10 @@ def crc_is_checked_at_every_header_type(board: BoardClient) -> None:
         body = board.link.body(kind, payload, seq=seq, session=session, flags=0x10 * stream)
         frames = [malformed_frames.malformed_with_wrong_crc(body, flip) for flip in _FLIPS]
         frames.append(_damaged_of_every_type(body))
-        with board.counting(crc=len(frames), frames=1, requests=1):  # the barrier's
+        wires = board.within_timers(map(malformed_frames.malformed_frame, frames))
+        with board.counting(crc=len(wires), frames=1, requests=1):  # the barrier's
             board.link.unanswered(
-                f"type {kind:#04x} with {len(payload)} bytes and a wrong CRC",
-                *map(malformed_frames.malformed_frame, frames),
+                f"type {kind:#04x} with {len(payload)} bytes and a wrong CRC", *wires
             )
 
 
@@ -101,9 +101,8 @@ def _requests_of_every_type(board: BoardClient) -> list[Message]:
 def every_header_type_has_its_session(board: BoardClient) -> None:
     requests, session = _requests_of_every_type(board), board.link.session
     others = [0, *(session ^ 1 << bit for bit in range(16))]
-    number = len(others) * len(requests)
-    with board.counting(stale_session=number, frames=number, requests=0):
-        for message in requests:
+    for message in requests:
+        with board.counting(stale_session=len(others), frames=len(others), requests=0):
             for wrong in others:
                 seq = board.link.next_seq()
                 board.link.refused(

@@ -6,7 +6,7 @@ import zlib
 from typing import Final
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
-from haptogram_protocol.messages import Feature, Mute, UploadChunk
+from haptogram_protocol.messages import Feature, FocalPoint, Mute, UploadChunk
 from haptogram_protocol.state import OutputState
 
 from ...case import case, case_about_host
@@ -26,6 +26,7 @@ LEAST_LIMITS: Final = (
     ("trace_ring", 16, Feature.TRACE_RING),
     ("upload_window", 1, _UPLOADS),
     ("max_chunk", 64, _UPLOADS),
+    ("max_upload_bytes", FocalPoint.LAYOUT.size, Feature.SEQUENCE_POINTS),
     ("max_sequence_frames", 16, _PLAYS),
     ("max_playback_rate_hz", 1, _PLAYS),
     ("max_unattended_ms", 1000, _PLAYS),

@@ -94,7 +94,7 @@ def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
             if name.startswith("HELLO"):
                 board.hello()  # behind that HELLO, whose session is not ours
             else:
-                board.clock.wait_latched(1000, board.ready_after_us())
+                board.clock.wait_latched(board.ready_after_us())
             board.clock.require_in_time(late_us + _WINDOW_US, board.clock.device_us())
             counted = board.counted_since(before)
             if name.startswith("MUTE") and counted["dropped_state"] == 1:
@@ -225,13 +225,13 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
         for off_us in _ROUNDED_US:
             wires = board.link.stream_wire(first.make()) + board.link.stream_wire(second.make())
             send_to_arrive_at(board, _next_latch_boundary_us(board) + off_us, wires)
-            board.clock.wait_latched(len(wires))
+            board.clock.wait_latched()
     for kind in kinds:
         for off_us in _moments_of_burst(board):
             t_us = board.clock.soon_us(bytes(4000))
             board.link.send(board.link.stream_wire(kind.make(), t_us))
             send_to_arrive_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
-            board.clock.wait_latched(4000)
+            board.clock.wait_latched()
     if board.has(Feature.SEQUENCE_PHASES):
         _play_and_stop_in_a_burst(board)
     times = sorted(latch.t_us for latch in latches_received_from_board(board, since, mode))
@@ -265,7 +265,7 @@ def frames_behind_immediate_ones_of_a_burst(board: BoardClient) -> None:
             wires = board.link.stream_wire(message) + board.link.stream_wire(behind, t_us)
             before = board.status().counters
             board.link.send(wires)
-            board.clock.wait_latched(len(wires), ready_us + computed_us)
+            board.clock.wait_latched(ready_us + computed_us)
             counted = board.counted_since(before)
             names = ("latched", "dropped_order", "flushed")
             got = tuple(counted[name] for name in names)
@@ -327,7 +327,7 @@ def _judge_latches_around_off(
     if is_slow and not board.wire.limits.slack_us:
         not_observed("no two frames come within one carrier period of this line")
     send_to_arrive_at(board, boundary_us + off_us, first + rest)
-    board.clock.wait_latched(len(first + rest))
+    board.clock.wait_latched()
     times = [latch.t_us for latch in latches_received_from_board(board, since, mode)]
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     check(not near, f"latch, {name}, ARM, latch at once: latches at {times[:2]} µs")
@@ -375,7 +375,7 @@ def _play_and_stop_in_a_burst(board: BoardClient) -> None:
         wires = board.link.stream_wire(board.flat_phases())
         wires += board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
         send_to_arrive_at(board, boundary_us + off_us, wires)
-        board.clock.wait_latched(len(wires))
+        board.clock.wait_latched()
         board.link.ask(Stop())
         start_us = board.clock.soon_us(bytes(200))
         play_at(board, _SEQUENCE, start_us, loops=0)
@@ -387,4 +387,4 @@ def _play_and_stop_in_a_burst(board: BoardClient) -> None:
         stop, _ = board.link.request_wire(Stop())
         wires = stop + board.link.stream_wire(board.flat_phases())
         send_to_arrive_at(board, latch_us + off_us, wires)
-        board.clock.wait_latched(len(wires))
+        board.clock.wait_latched()

@@ -179,7 +179,7 @@ def frames_to_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> tuple[in
     if drop.armed:
         board.arm()
     board.link.send(board.link.stream_wire(board.flat_phases()))  # the first number is used
-    board.clock.wait_latched(2000)
+    board.clock.wait_latched()
     last_us = fill_queue(board, depth if drop.queued < 0 else drop.queued) if drop.queued else 0
     board.link.barrier()
     waiting = board.status().queued
@@ -229,6 +229,6 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
             for low in lows:
                 past_us, flags = start_us - 1_000_000, Flag.IMMEDIATE | low
                 board.link.send(board.link.stream_wire(kind.make(), past_us, flags=flags))
-                board.clock.wait_latched(4000)
+                board.clock.wait_latched()
     late = sum(latch.late for latch in latches_received_from_board(board, since, mode))
     check(late == 0, f"{late} traces say LATE; no frame was late, some had flags or a time past")

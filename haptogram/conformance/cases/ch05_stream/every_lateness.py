@@ -94,7 +94,7 @@ def _judge_lateness(
     index = board.link.stream_next
     wire = board.link.stream_wire(message, t_us)
     board.link.send(wire)
-    board.clock.wait_latched(len(wire))
+    board.clock.wait_latched()
     board.clock.wait_until(t_us + board.clock.lead_us + 2 * board.clock.carrier_us)
     after = board.status()
     got_us = after.margin_min_us

@@ -59,7 +59,7 @@ def every_format_is_streamed_at_once(board: BoardClient) -> None:
                 board.link.send(
                     board.link.stream_wire(kind.make(), t_us - past_us, flags=Flag.IMMEDIATE)
                 )
-                board.clock.wait_latched(4000)
+                board.clock.wait_latched()
         check(board.status().queued == 0, f"{kind.name}: frames wait behind IMMEDIATE")
 
 
@@ -113,7 +113,7 @@ def every_format_is_streamed_late(board: BoardClient) -> None:
                     board.link.send(board.link.stream_wire(frame, at_us))
                     if at_us is not None:
                         board.clock.require_in_time(at_us + _WINDOW_US)
-                    board.clock.wait_latched(4000)
+                    board.clock.wait_latched()
             if mode is TraceMode.OFF:
                 continue
             seen = [
@@ -155,7 +155,7 @@ def every_late_window_of_the_queue(board: BoardClient) -> None:
             t_us = ready_us - late_us
             wire = board.link.stream_wire(board.flat_phases(), t_us)
             board.link.send(wire)
-            board.clock.wait_latched(len(wire))
+            board.clock.wait_latched()
             latched_us = t_us + 2 * board.clock.carrier_us
             if board.clock.device_us() < latched_us:  # the line is faster than its rate
                 board.clock.wait_until(latched_us)

@@ -51,7 +51,7 @@ def latches_frames_when_ready(board: BoardClient) -> None:
     for message, points in _kinds_of_ready_frames(board):
         for _ in range(_TRIES):
             around_us = send_between_pings(board, message)
-            board.clock.wait_latched(len(message.serialize()))
+            board.clock.wait_latched()
             got_us = board.clock.unwrap(board.status().last_latch_us)
             least_us, most_us = (
                 board.clock.on_carrier(t_us + board.ready_after_us(points)) for t_us in around_us
@@ -85,7 +85,7 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
         board.link.send(ping, first, second)
         answer = board.link.answer_to(Ping.TYPE, seq, since)
         from_us = board.clock.unwrap(board.link.reply_in(answer, Pong, Ping.TYPE).t_rx_us)
-        board.clock.wait_latched(len(first) + len(second))
+        board.clock.wait_latched()
         board.clock.wait_latched()
         got_us = board.clock.unwrap(board.status().last_latch_us)
         least_us = board.clock.on_carrier(from_us + board.ready_after_us(2 * most))

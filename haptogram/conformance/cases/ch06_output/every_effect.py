@@ -287,6 +287,11 @@ def _judge_effects(board: BoardClient, effects: tuple[Effect, ...], situation: S
             last_us, before = brought_to_refusal(board, situation)
             config = board.config
         held = _held_after_effect(board, last_us, effect)
+        muted = state_before_effect(held) == (OutputState.MUTED, MuteReason.HOLD_EXPIRED)
+        lasted_us = board.wire.now_us() - brought_us
+        if muted and not board.has(Feature.CONFIG) and lasted_us >= 1000 * board.config.hold_ms:
+            before = None  # this line takes longer than the hold, which nothing extends
+            continue
         due = effect.due(board, before)
         text = held_state_changes(before, held, due)
         judge_in_time(board, not text, f"{effect.name}: {text}")

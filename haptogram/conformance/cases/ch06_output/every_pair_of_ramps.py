@@ -166,7 +166,7 @@ def _begin_pair_of_ramps(board: BoardClient, pair: RampPair) -> tuple[_FadingTim
     if pair.other is MuteReason.UNATTENDED:
         period_us = ahead_us if pair.undone_by == _LATCH else SLOW_US
         play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=other_ms)
-        board.clock.wait_latched(0, board.ready_after_us())
+        board.clock.wait_latched(board.ready_after_us())
     else:
         latch_now(board, board.flat_phases())
     latch_us = board.clock.unwrap(board.status().last_latch_us)

@@ -109,7 +109,7 @@ def configuration_is_in_force_at_once(board: BoardClient) -> None:
         since = board.link.mark()
         board.link.send(order, board.link.stream_wire(board.flat_phases(), late_us))
         board.link.answer_to(SetConfig.TYPE, seq, since)
-        board.clock.wait_latched(400)
+        board.clock.wait_latched()
     board.config = wanted
     check(
         _configuration_in_force(board) == wanted,

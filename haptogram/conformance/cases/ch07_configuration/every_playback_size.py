@@ -267,7 +267,7 @@ def _check_playback_in_the_ring(board: BoardClient) -> None:
     """FAILED unless the ring numbers the last latches, and one late frame, beyond 16 bits."""
     last = board.link.stream_next
     board.link.send(board.link.stream_wire(board.flat_phases(), board.late_time_us(5000)))
-    board.clock.wait_latched(2 * board.identity.transducers)
+    board.clock.wait_latched()
     reply = board.link.call(ReadTrace(_MANY - 2, 9), TraceReply)
     due = [(n, _SEQUENCE, n, 0, 0) for n in (_MANY - 2, _MANY - 1)]
     due.append((_MANY, 0, 0, last, int(Flag.LATE)))
@@ -343,7 +343,7 @@ def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
                 at_us = None if lateness_us is None else board.late_time_us(lateness_us)
                 board.link.send(board.link.stream_wire(board.flat_phases(), at_us))
                 board.wire.idle(max(0, -(lateness_us or 0)))
-                board.clock.wait_latched(2 * board.identity.transducers)
+                board.clock.wait_latched()
             keys.append((_SEQUENCE, 0))
             play_out(board, _SEQUENCE, 1)
         counted = (board.status().counters.latched - latched) & 0xFFFFFFFF

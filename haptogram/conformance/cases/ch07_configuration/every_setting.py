@@ -181,7 +181,7 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
         for frame in frames:
             name = f"{frame.TYPE.name} in the queue, {changes} meanwhile"
             wire_bytes = bytes(2 * len(frame.serialize()) + 400)
-            at_us = board.clock.soon_us(wire_bytes, points=1) + _QUEUED_US
+            at_us = board.clock.soon_us(wire_bytes, points=1, ahead_us=_QUEUED_US)
             with board.counting(accepted=1, latched=1):
                 board.link.send(board.link.stream_wire(frame, at_us))
                 board.configure(**before | changes)
@@ -226,7 +226,7 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
     board.arm()
     since, before = board.link.mark(), board.status().counters.latched
     play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=10_000)
-    board.clock.wait_latched(0, board.ready_after_us())
+    board.clock.wait_latched(board.ready_after_us())
     begun = board.status()  # of the second frame or a later one, if the host was held up
     latched = (begun.counters.latched - before) & 0xFFFFFFFF
     first_us = board.clock.unwrap(begun.last_latch_us) - (latched - 1) * period_us

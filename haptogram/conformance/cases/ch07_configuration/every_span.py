@@ -33,6 +33,7 @@ from ...outcome import SELF_REPORTED, check
 _SEQUENCE: Final = 3
 _PIECES: Final = 12  # chunks of an upload
 _OVERLAP: Final = 3  # bytes that come twice
+_HOUR_US: Final = 3_600_000_000
 _Chunks = list[tuple[int, int]]
 
 
@@ -69,14 +70,19 @@ def every_span_of_the_geometry(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def every_span_of_drive_and_geometry(board: BoardClient) -> None:
-    board.arm()
-    latch_now(board, stream_kinds(board)[-1].make())  # with amplitudes that differ, where it can
+    frame = stream_kinds(board)[-1].make()  # with amplitudes that differ, where it can
     kinds = [DriveKind.LATCHED]
     if board.has(Feature.READ_RADIATED):
         kinds.append(DriveKind.RADIATED)
     for kind in kinds:
-        whole, total = read_back(board, kind), board.identity.transducers
+        latched_us, total = -_HOUR_US, board.identity.transducers
         for first, count in _spans_of_geometry(total):
+            if board.wire.now_us() - latched_us > 250 * board.config.hold_ms:
+                board.disarm()
+                board.arm()
+                latched_us = board.wire.now_us()
+                latch_now(board, frame)
+                whole = read_back(board, kind)
             reply = board.link.call(ReadDrive(kind, first, count), DriveReply)
             end = min(first + count, total)
             due = whole.phases[first:end] + whole.amplitudes[first:end]

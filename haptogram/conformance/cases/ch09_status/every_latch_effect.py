@@ -111,7 +111,7 @@ def _late_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus
     wire = board.link.stream_wire(frame, t_us)
     board.link.send(wire)
     board.clock.require_in_time(t_us + _WINDOW_US - board.ready_after_us())
-    board.clock.wait_latched(len(wire))
+    board.clock.wait_latched()
     return _LatchEffectInStatus(key, registers, (1, 1, 1, 0))
 
 

@@ -68,7 +68,7 @@ def status_is_never_late(board: BoardClient) -> None:
     since = board.link.mark()
     late_us = board.late_time_us(5000)
     board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
-    board.clock.wait_latched(4000)
+    board.clock.wait_latched()
     board.wire.idle(1200 * period_ms + board.wire.limits.slack_us)
     for message in [*valid_requests_to_send(board, _SEQUENCE), Mute()]:
         board.link.ask(message, flags=Flag.IMMEDIATE if isinstance(message, Play) else 0)

@@ -255,10 +255,10 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
         elif way == "late":
             late_us = board.late_time_us(20 * _MS)
             board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
-            board.clock.wait_latched(1000, board.ready_after_us())
+            board.clock.wait_latched(board.ready_after_us())
         elif way == "played":
             play_now(board, STORED, loops=0, period_us=SLOW_US)
-            board.clock.wait_latched(0, board.ready_after_us())
+            board.clock.wait_latched(board.ready_after_us())
         latched_us = board.clock.unwrap(board.status().last_latch_us)
         reading = judged_ramp_reading(board, latched_us + _HELD_MS * _MS)
         if reading.to_ms > _FADING_MS - 100:  # the ramp that was to end would be over, too
