@@ -84,6 +84,7 @@ def refuses_uploads_too_large(board: BoardClient) -> None:
     needs_reset=True,
 )
 def takes_uploads_at_its_limits(board: BoardClient) -> None:
+    board.hello()
     kind, _, frame = _upload_kind(board)
     identity = board.identity
     sizes = {(kind, 0 if kind is not UploadKind.POINTS else 1, frame)}
