@@ -28,7 +28,7 @@ from . import (
     session,
 )
 from .mutant import Mutant, mutants_by_name
-from .single import moments, timers, types
+from .single import moments, refusals, timers, types
 
 _PARTS: Final = (
     framing,
@@ -45,6 +45,7 @@ _PARTS: Final = (
     types,
     moments,
     timers,
+    refusals,
 )
 
 MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(

@@ -16,6 +16,7 @@ from haptogram_protocol.messages import (
     Arm,
     Config,
     Disarm,
+    Error,
     ErrorCode,
     Feature,
     Flag,
@@ -36,6 +37,7 @@ from haptogram_protocol.messages import (
 
 from ..client.board_client import BoardClient
 from ..client.playback import least_period_us, play_request
+from ..outcome import fail
 
 #: Sequence that is stored, and the one whose upload is under way.
 STORED: Final = 5
@@ -60,7 +62,7 @@ OUT_OF_BOUNDS: Final = tuple(
 )
 _FLAG: Final = 0x20
 #: What the session of another host differs by.
-FOREIGN: Final = 0x0300
+_FOREIGN: Final = 0x0300
 _ALONE_MS: Final = 900
 _FAR_US: Final = 60_000_000  # a slow line takes a while until this start is sent
 
@@ -213,7 +215,7 @@ def _uploads_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
     yield Refusal("UPLOAD_BEGIN, an unknown kind", UploadBegin.TYPE, unknown, bad)
 
 
-def plays_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
+def _plays_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
     """Yield every PLAY that an ARMED board without a playback has to refuse."""
     identity, bad = board.identity, ErrorCode.BAD_VALUE
     now_us = board.clock.device_us()
@@ -233,6 +235,14 @@ def plays_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
     if beyond_us is not None:
         at_us = now_us + beyond_us
         yield _request_to_be_refused("a start beyond the horizon", good, bad, time_us=at_us)
+
+
+def requests_refused_while_armed(board: BoardClient) -> Iterator[Refusal]:
+    """Yield every command that an ARMED board refuses, whatever it holds and latches."""
+    yield from requests_refused_by_link(board)
+    yield from requests_refused_by_value(board)
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield from _plays_to_be_refused(board)
 
 
 def requests_refused_now(board: BoardClient) -> Iterator[Refusal]:
@@ -261,6 +271,20 @@ def chunks_to_be_refused(board: BoardClient, size: int) -> Iterator[Refusal]:
     for target in (STORED, *(PENDING ^ 1 << bit for bit in (0, 8, 15)), 0):
         yield _request_to_be_refused(f"another target, {target:#06x}", UploadCommit(target), bad)
     yield _request_to_be_refused("with a gap", UploadCommit(PENDING), ErrorCode.INCOMPLETE)
+
+
+def judged_refusal(board: BoardClient, refusal: Refusal) -> Error:
+    """Send a request that has to be refused; FAILED unless it is."""
+    header = dict(refusal.header)
+    if refusal.code is ErrorCode.SEQUENCE_REUSED:
+        board.link.barrier()  # a refusal of the link before it used up no number
+        header["seq"] = board.link.seq - 1
+    if refusal.code is ErrorCode.STALE_SESSION:
+        header["session"] = board.link.session ^ _FOREIGN
+    answer = board.link.ask_raw(refusal.kind, refusal.payload, **header)
+    if not isinstance(answer.message, Error):
+        fail(f"{refusal.name} is answered by {board.link.answer_text(answer)}")
+    return answer.message
 
 
 def _play_not_to_be_refused(board: BoardClient) -> Play:

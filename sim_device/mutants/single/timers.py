@@ -1,4 +1,4 @@
-"""Boards that are wrong for one timer, length, refusal or playback.  SPEC.md 7 to 12."""
+"""Boards that are wrong for one timer, length or playback.  SPEC.md 7 to 12."""
 # ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
 
 from __future__ import annotations
@@ -14,10 +14,7 @@ from haptogram_protocol.messages import (
     ErrorCode,
     LatchKey,
     Message,
-    SetConfig,
     TraceDrive,
-    UploadBegin,
-    UploadCommit,
 )
 
 from ...board.board import Board
@@ -27,8 +24,7 @@ from ...board.playback import BoardPlayback
 from ...board.refusal import RefusalError
 from ...board.registers import radiated_drive_of_registers
 from ...board.stream_queue import StreamFrame
-from ...board.timers import NEVER_US, BoardTimers
-from ...board.uploads import BoardUploads, Upload
+from ...board.timers import NEVER_US, BoardTimers, Fade
 from ...dialects.haptogram import VirtualHaptogramDialect
 from ..mutant import Mutant
 
@@ -75,6 +71,27 @@ _WIDTHS: Final = {
     ("ramp_ms", "HG-6.11/2"): ((1000, 8), (1000, 10), (10, 16)),
     ("unattended_ms", "HG-7.6/5"): ((1000, 16), (100, 16), (1000, 15)),
 }
+
+
+def _mutant_ramp_on_counter(unit_us: int) -> type[BoardTimers]:
+    """Return timers that measure a ramp by a counter of 16 bits; its end is right."""
+
+    class OnCounter(BoardTimers):
+        def fades(self, t_us: int) -> tuple[Fade, ...]:
+            found = []
+            for timer in (self._lease, self._hold):
+                fade = timer.fade(t_us)
+                if fade is not None and fade.share > 0:
+                    passed_us = ((t_us - timer.deadline_us) // unit_us & 0xFFFF) * unit_us
+                    share = 1 - passed_us / (timer.end_us - timer.deadline_us)
+                    fade = dataclasses.replace(fade, share=share)
+                found.append(fade)
+            return tuple(fade for fade in found if fade is not None)
+
+    OnCounter.__name__ = f"RampOn16BitCounterOf{unit_us}Us"
+    OnCounter.__doc__ = f"Starts a ramp anew whenever a 16-bit counter of {unit_us} µs wraps in it."
+    return OnCounter
+
 
 # --- Timers ------------------------------------------------------------------------------------
 
@@ -183,59 +200,6 @@ class CeilingFromNextLatch(BoardOutput):
         return radiated_drive_of_registers(
             drive, self.correction, self._ceiling, self._timers.fades(t_us)
         )
-
-
-# --- Refusals ----------------------------------------------------------------------------------
-
-
-class RefusedPlayFlushes(Board):
-    """Flushes its queue for a PLAY that it refuses."""
-
-    def play(self, sequence: int, **more: Any) -> None:
-        """Flush the queue and then play."""
-        self.output.counters.flushed += self._queue.flush()
-        super().play(sequence, **more)
-
-
-class RefusedConfigSetsTrace(VirtualHaptogramDialect):
-    """Takes the trace fields of a configuration that it refuses."""
-
-    def _set_config(self, message: SetConfig, request: Any) -> Message:
-        wanted, output = message.config, self.board.output
-        output.config = dataclasses.replace(
-            output.config, trace_mode=wanted.trace_mode, trace_divider=max(1, wanted.trace_divider)
-        )
-        return super()._set_config(message, request)
-
-
-class RefusedBeginAbandons(BoardUploads):
-    """Abandons the upload under way for an UPLOAD_BEGIN that it refuses."""
-
-    def begin(self, begin: UploadBegin, room: int) -> None:
-        """Begin anew, and forget what was there."""
-        self.abandon()
-        super().begin(begin, room)
-
-
-class MismatchAbandons(BoardUploads):
-    """Abandons an upload whose commit it refuses with CRC_MISMATCH."""
-
-    def commit(self, commit: UploadCommit) -> Upload:
-        """Commit, or forget it."""
-        try:
-            return super().commit(commit)
-        except RefusalError as error:
-            if error.code is ErrorCode.CRC_MISMATCH:
-                self.abandon()
-            raise
-
-
-class NoUploadWhilePlaying(Board):
-    """Refuses every upload while any sequence plays."""
-
-    def _refuse_while_playing(self, sequence: int) -> None:
-        playing = sequence if self._playback is None else self._playback.sequence
-        super()._refuse_while_playing(playing)
 
 
 # --- Playback ----------------------------------------------------------------------------------
@@ -353,6 +317,7 @@ MUTANTS: Final = (
         for (field, clause), widths in _WIDTHS.items()
         for unit_us, bits in widths
     ),
+    *(Mutant.of(_mutant_ramp_on_counter(unit_us), "HG-6.11/2", _SELF) for unit_us in (1, 4, 8, 16)),
     Mutant.of(ArmRenewsHold, "HG-12.3/1", _WIRE),
     Mutant.of(StopRenewsHold, "HG-12.3/1", _WIRE),
     Mutant.of(LatchRenewsLease, "HG-12.2/1", _WIRE),
@@ -363,11 +328,6 @@ MUTANTS: Final = (
     Mutant.of(HoldTakenUpByConfig, "HG-12.2/2", _WIRE),
     Mutant.of(RequestsRestartStatus, "HG-9.1/1", _WIRE),
     Mutant.of(CeilingFromNextLatch, "HG-7.1/3", _SELF),
-    Mutant.of(RefusedPlayFlushes, "HG-10.1/1", _SELF),
-    Mutant.of(RefusedConfigSetsTrace, "HG-10.1/1", _SELF),
-    Mutant.of(RefusedBeginAbandons, "HG-10.1/1", _WIRE),
-    Mutant.of(MismatchAbandons, "HG-10.1/1", _WIRE),
-    Mutant.of(NoUploadWhilePlaying, "HG-7.2/5", _WIRE),
     Mutant.of(PlaybackDueOf32Bits, "HG-7.6/4", _SELF),
     Mutant.of(LoopsOf32Bits, "HG-7.6/4", _SELF),
     Mutant.of(PlayStartOnOneSide, "HG-3.6/1", _WIRE),

@@ -19,10 +19,11 @@ from ..ch07_configuration.every_running_timer import every_other_setting
 
 _MS: Final = 1000
 _HOLD_MS: Final = 60
-_RAMPS_MS: Final = (100, 300)
-_LONG_MS: Final = 2000
+_LONG_MS: Final = 2000  # the longest ramp: counters of 16 bits wrap in it, whose ticks are short
 _SEQUENCE: Final = 4
-_CEILINGS: Final = (255, 254, 128, 100, 1, 0)
+#: Ceilings, and the length of the ramp that begins below each.
+_RAMPS_MS: Final = {255: _LONG_MS, 254: 100, 128: 300, 100: 100, 1: 100, 0: 100}
+_PLAYED_RAMPS_MS: Final = {128: 300, 1: 100}  # at a wall clock
 _RAMPS_NEED: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
 #: Ceilings at the beginning of a ramp, and set one after the other within it.
 _CEILINGS_IN_RAMPS: Final = (
@@ -46,7 +47,7 @@ def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
 
 @case(
     "HG-6.11/2",
-    "ramps of amplitudes below, at and above each ceiling: straight from what was radiated",
+    "ramps of amplitudes at and beside each ceiling, one of 2 s too: straight from begin to end",
     variant="ceilings",
     needs=_RAMPS_NEED,
     evidence=SELF_REPORTED,
@@ -55,23 +56,22 @@ def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
 def output_ramps_begin_below_the_ceiling(board: BoardClient) -> None:
     played = board.has(Feature.SEQUENCE_PHASES)
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    for number, ceiling in enumerate(_CEILINGS):
-        ramp_ms = _RAMPS_MS[number % len(_RAMPS_MS)]
-        board.configure(hold_ms=_HOLD_MS, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
-        board.arm()
-        amplitudes = _latch_before_ramp(board, plays=False)
-        _judge_output_ramp(board, ramp_ms, amplitudes, "of a stream frame")
-        if played and (number % 2 == 0 or not board.wire.limits.slack_us):
-            board.arm()
-            amplitudes = _latch_before_ramp(board, plays=True)
-            _judge_output_ramp(board, ramp_ms, amplitudes, "of a played frame")
+    at_wall = board.wire.limits.slack_us > 0
+    played_ms = (_PLAYED_RAMPS_MS if at_wall else _RAMPS_MS) if played else {}
+    for ceiling, ramp_ms in _RAMPS_MS.items():
+        _judge_output_ramp(board, ceiling, ramp_ms, plays=False)
+    for ceiling, ramp_ms in played_ms.items():
+        _judge_output_ramp(board, ceiling, ramp_ms, plays=True)
 
 
-def _judge_output_ramp(board: BoardClient, ramp_ms: int, latched: bytes, name: str) -> None:
-    ceiling = board.config.amplitude_ceiling
-    begins = _below_ceiling(latched, ceiling)
+def _judge_output_ramp(board: BoardClient, ceiling: int, ramp_ms: int, *, plays: bool) -> None:
+    """Read a ramp of the hold from its begin to its end, every 40th of it."""
+    board.configure(hold_ms=_HOLD_MS, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
+    board.arm()
+    begins = _below_ceiling(_latch_before_ramp(board, plays=plays), ceiling)
     ramp = judged_ramp(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
-    judge_straight_ramp(board, ramp, ramp_ms, begins, f"ceiling {ceiling}, {name}: ")
+    name = f"ceiling {ceiling}, of a {'played' if plays else 'stream'} frame: "
+    judge_straight_ramp(board, ramp, ramp_ms, begins, name)
 
 
 def _latch_before_ramp(board: BoardClient, *, plays: bool) -> bytes:

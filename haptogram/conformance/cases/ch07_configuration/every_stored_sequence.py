@@ -14,6 +14,7 @@ from haptogram_protocol.messages import (
     Feature,
     Flag,
     FocalPoint,
+    Message,
     Mute,
     Play,
     PlayReply,
@@ -23,14 +24,23 @@ from haptogram_protocol.messages import (
     UploadBegin,
     UploadBeginReply,
     UploadChunk,
+    UploadCommit,
+    UploadCommitReply,
     UploadKind,
 )
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import full_client_drive, latches_received_from_board
-from ...client.playback import UNATTENDED_MS, period_to_play, play_now, play_out, play_request
-from ...client.uploads import SEQUENCES, begin_upload, upload_to_board
+from ...client.playback import (
+    UNATTENDED_MS,
+    period_to_play,
+    play_later,
+    play_now,
+    play_out,
+    play_request,
+)
+from ...client.uploads import SEQUENCES, begin_upload, send_upload_chunks, upload_to_board
 from ...outcome import SELF_REPORTED, check
 
 _IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
@@ -38,6 +48,7 @@ _ABSENT: Final = 0x6000  # of no sequence; those behind it are stored
 _MANY: Final = 70
 _FOCUS: Final = FocalPoint(0, 0, 100_000, 0xFFFF, 0)
 _AHEAD_US: Final = 5_000_000
+_WAITS_US: Final = 300_000
 _SIZES: Final = ((3, 1, 2), (1, 3, 2), (2, 2, 2))
 
 
@@ -141,6 +152,47 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     check(len(got) > 4, f"{len(got)} latches while others are uploaded")
     check(got == due[: len(got)], "the sequence that plays changes while others are uploaded")
     store.check_all("uploaded while another one played")
+
+
+@case(
+    "HG-7.2/5",
+    "an upload begun before PLAY is refused while its sequence waits or plays, and taken after it",
+    variant="commit",
+    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
+    evidence=SELF_REPORTED,
+)
+def no_upload_replaces_the_sequence_that_plays(board: BoardClient) -> None:
+    board.configure(trace_mode=TraceMode.CRC)
+    store = SequenceStore(board)
+    for waits, end in itertools.product((False, True), (Stop(), Mute())):
+        _judge_commit_of_playing_sequence(store, end, waits=waits)
+
+
+def _judge_commit_of_playing_sequence(store: SequenceStore, end: Message, *, waits: bool) -> None:
+    """Complete an upload, play the sequence that it is to replace, and commit it before *end*."""
+    board, sequence = store.board, _IDS[0]
+    name = f"a playback that {'waits' if waits else 'plays'}, until {end.TYPE.name}"
+    store.put(sequence, 1)
+    drive = board.random.randbytes(board.identity.transducers)
+    begin_upload(board, UploadKind.PHASES, sequence, drive)
+    send_upload_chunks(board, drive)
+    board.arm()
+    since = board.link.mark()
+    if waits:
+        play_later(board, sequence, _WAITS_US)
+    else:
+        play_now(board, sequence, loops=0)
+    for _ in range(2):
+        board.link.refused(UploadCommit(sequence), ErrorCode.BAD_STATE)
+    board.wire.idle(3 * period_to_play(board))
+    board.link.ask(end)
+    got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
+    check(waits or bool(got), f"{name}: nothing is latched")
+    same = got == store.crcs[sequence] * len(got)
+    check(same, f"{name}: an upload whose commit is refused is played")
+    board.link.call(UploadCommit(sequence), UploadCommitReply)
+    store.crcs[sequence] = [zlib.crc32(full_client_drive(drive))]
+    store.check_all(f"committed behind {name}")
 
 
 @case(

@@ -31,10 +31,9 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import flood_with_traces, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
-from ...judge.refused_requests import requests_refused_by_link
+from ...judge.refused_requests import judged_refusal, requests_refused_by_link
 from ...outcome import SELF_REPORTED, CaseEndedError, check
 from ..ch05_stream.every_drop import DROPS, frames_to_drop
-from ..ch10_errors.every_refusal import refuse
 
 _MS: Final = 1000
 _SEQUENCE: Final = 4
@@ -85,7 +84,7 @@ def _requests_at_counters(board: BoardClient) -> Iterator[tuple[str, Callable[[]
         again = partial(board.hello, board.link.session)
         yield f"HELLO again, behind {message.TYPE.name}", again
     for refusal in requests_refused_by_link(board):
-        yield refusal.name, partial(refuse, board, refusal)
+        yield refusal.name, partial(judged_refusal, board, refusal)
 
 
 @case(

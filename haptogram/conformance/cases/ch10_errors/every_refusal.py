@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 from haptogram_protocol.messages import (
-    Error,
     ErrorCode,
     Feature,
     Mute,
@@ -21,8 +20,9 @@ from haptogram_protocol.messages import (
     UploadCommitReply,
     UploadKind,
 )
+from haptogram_protocol.state import MuteReason
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import (
@@ -36,17 +36,18 @@ from ...client.stream_kinds import stream_kinds
 from ...client.uploads import send_upload_chunks, upload_request, upload_to_board
 from ...judge.held_state import Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import (
-    FOREIGN,
     PENDING,
     STORED,
     Refusal,
     chunks_to_be_refused,
-    plays_to_be_refused,
+    judged_refusal,
     requests_refused_by_link,
     requests_refused_by_value,
     requests_refused_now,
+    requests_refused_while_armed,
     uploads_refused_for_playing,
 )
+from ...judge.timers import judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, fail
 from ..ch05_stream.every_drop import fill_queue
 
@@ -58,6 +59,8 @@ _PERIOD_US: Final = 9_000_000
 _QUEUED: Final = 3
 _GAP: Final = 40
 _UNKNOWN_FLAG: Final = 0x40
+_MS: Final = 1000
+_LEASE_MS: Final = 90
 #: Names of the situations.
 QUEUED: Final = "with frames queued"
 PLAYING: Final = "while a sequence plays"
@@ -174,9 +177,9 @@ def _refusals_always(board: BoardClient) -> Iterator[Refusal]:
 
 
 def _refusals_while_streaming(board: BoardClient) -> Iterator[Refusal]:
-    yield from _refusals_always(board)
+    yield from requests_refused_while_armed(board)
     if board.has(Feature.SEQUENCE_PHASES):
-        yield from plays_to_be_refused(board)
+        yield from chunks_to_be_refused(board, len(pending_before_refusal(board)))
 
 
 def _refusals_while_playing(board: BoardClient) -> Iterator[Refusal]:
@@ -229,7 +232,7 @@ def _judge_refusals_in_situation(board: BoardClient, situation: Situation) -> No
             brought_us = board.wire.now_us()
             last_us, before = brought_to_refusal(board, situation)
         text = held_state_changes(
-            before, held_after_refusals(board, last_us, partial(refuse, board, refusal))
+            before, held_after_refusals(board, last_us, partial(judged_refusal, board, refusal))
         )
         if text:
             fail(f"{situation.name}, refused {refusal.name}: {text}")
@@ -256,20 +259,6 @@ def held_after_refusals(
         board.link.send(board.link.stream_wire(board.shortest_stream(), last_us))
     happen()
     return judged_held_state(board, since)
-
-
-def refuse(board: BoardClient, refusal: Refusal) -> Error:
-    """Send a request that has to be refused; FAILED unless it is."""
-    header = dict(refusal.header)
-    if refusal.code is ErrorCode.SEQUENCE_REUSED:
-        board.link.barrier()  # a refusal of the link before it used up no number
-        header["seq"] = board.link.seq - 1
-    if refusal.code is ErrorCode.STALE_SESSION:
-        header["session"] = board.link.session ^ FOREIGN
-    answer = board.link.ask_raw(refusal.kind, refusal.payload, **header)
-    if not isinstance(answer.message, Error):
-        fail(f"{refusal.name} is answered by {board.link.answer_text(answer)}")
-    return answer.message
 
 
 def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
@@ -310,6 +299,46 @@ def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
 
 
 @case(
+    "HG-10.1/1",
+    "behind a refusal of every kind lease and unattended time have their own lengths and reasons",
+    variant="timers",
+    needs=Feature.CONFIG,
+    depth=Depth.DEFAULT,
+)
+def a_refusal_leaves_every_timer(board: BoardClient) -> None:
+    send_phases_to_store_if_supported(board, STORED, frames=1)
+    for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
+        source = _refusals_while_playing if plays else requests_refused_while_armed
+        refusals = list(source(board))
+        at_once = board.wire.limits.slack_us > 0
+        for group in [refusals] if at_once else [[refusal] for refusal in refusals]:
+            _judge_timer_behind_refusals(board, group, plays=plays)
+
+
+def _judge_timer_behind_refusals(
+    board: BoardClient, refusals: Sequence[Refusal], *, plays: bool
+) -> None:
+    """FAILED unless the timer of the host, renewed once more, runs out with its own length."""
+    line_ms = board.wire.line_us(4 * board.identity.transducers) // _MS
+    lease_ms = _LEASE_MS + line_ms
+    board.hello()
+    board.configure(host_timeout_ms=2 * lease_ms if plays else lease_ms, hold_ms=10_000)
+    board.arm()
+    since = board.link.mark()
+    if plays:
+        play_now(board, STORED, loops=0, period_us=_PERIOD_US, unattended_ms=lease_ms)
+    else:
+        latch_now(board, board.flat_phases())
+    for refusal in refusals:
+        judged_refusal(board, refusal)
+    start_us = board.clock.device_us()
+    reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
+    header, _ = judged_mute_by_timer(board, since, 4 * lease_ms * _MS, reason)
+    name = f"{reason.name}, behind {refusals[0].name if len(refusals) == 1 else 'refusals'}"
+    judge_mute_time(board, start_us, header, lease_ms, name)
+
+
+@case(
     "HG-10.2/1",
     "a request of every type, refused for every reason, gets the code of that reason",
     variant="types",
@@ -318,6 +347,6 @@ def every_refusal_has_its_error_code(board: BoardClient) -> None:
     send_phases_to_store_if_supported(board, STORED, frames=1)
     _streaming_before_refusal(board)
     for refusal in list(_refusals_while_streaming(board)):
-        code = refuse(board, refusal).code
+        code = judged_refusal(board, refusal).code
         names = ErrorCode._value2member_map_
         check(code == refusal.code, f"{refusal.name}: {names.get(code, code)!r} instead")

@@ -27,7 +27,7 @@ from ...client.latching import FULL, latch_now, read_back_radiated
 from ...client.playback import play_now, play_request, send_phases_that_fit
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...judge.ramps import judge_straight_ramp, judged_ramp_reading
-from ...judge.refused_requests import requests_refused_by_link
+from ...judge.refused_requests import judged_refusal, requests_refused_while_armed
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, fail, inconclusive
 from ..ch05_stream.every_drop import DROPS, Drop, fill_queue
@@ -100,8 +100,8 @@ def _ask_all_during_hold(board: BoardClient) -> None:
     for message in valid_requests_to_send(board, STORED):
         if message.TYPE.name not in ("DISARM", "PLAY"):
             board.link.ask(message)
-    for refusal in requests_refused_by_link(board):
-        board.link.ask_raw(refusal.kind, refusal.payload, **{"session": 0} | dict(refusal.header))
+    for refusal in requests_refused_while_armed(board):
+        judged_refusal(board, refusal)
     board.hello(board.link.session)
 
 

@@ -12,6 +12,7 @@ from haptogram_protocol.messages import (
     STREAM_RANGE,
     Arm,
     ArmReply,
+    ErrorCode,
     Feature,
     Flag,
     Hello,
@@ -42,7 +43,11 @@ from ...client.stream_kinds import (
     stream_kinds,
     valid_requests_to_send,
 )
-from ...judge.refused_requests import Refusal, requests_refused_by_value
+from ...judge.refused_requests import (
+    Refusal,
+    judged_refusal,
+    requests_refused_while_armed,
+)
 from ...judge.timers import judge_in_time, judge_mute_time, judge_status_steps, judged_mute_by_timer
 from ...outcome import check
 from ..ch05_stream.every_drop import DROPS, Drop
@@ -278,8 +283,9 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
             yield message.TYPE.name, partial(_request_that_renews, board, message)
             name = f"{message.TYPE.name} with an unknown flag"
             yield name, partial(_request_that_renews, board, message, flags=_UNKNOWN_FLAG)
-    for refusal in requests_refused_by_value(board) if not board.wire.limits.slack_us else ():
-        if refusal.kind != Hello.TYPE:  # which is of no session
+    for refusal in requests_refused_while_armed(board) if not board.wire.limits.slack_us else ():
+        other = (ErrorCode.STALE_SESSION, ErrorCode.SEQUENCE_REUSED)
+        if refusal.kind != Hello.TYPE and refusal.code not in other:  # HELLO is of no session
             yield refusal.name, partial(_refused_request_that_renews, board, refusal)
 
 
@@ -333,7 +339,7 @@ def _request_that_renews(board: BoardClient, message: Message, flags: int = 0) -
 
 @case(
     "HG-9.1/1",
-    "while everything is sent that a host sends, STATUS comes at its time: only STATUS restarts it",
+    "STATUS comes at its time whatever is sent and refused meanwhile: only STATUS restarts it",
     variant="types",
     needs=Feature.CONFIG,
     depth=Depth.DEFAULT,
@@ -348,6 +354,10 @@ def nothing_else_restarts_the_status_timer(board: BoardClient) -> None:
         for message in valid_requests_to_send(board, STORED):
             if not isinstance(message, SetConfig):
                 board.link.ask(message)
+            board.wire.idle(period_ms * _MS // 40)
+        board.arm()
+        for refusal in requests_refused_while_armed(board):
+            judged_refusal(board, refusal)
             board.wire.idle(period_ms * _MS // 40)
         board.hello(board.link.session)
     board.link.barrier()
