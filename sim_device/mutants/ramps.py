@@ -160,7 +160,7 @@ class LaterRampMutes(BoardTimers):
         return second if second.deadline_us <= first.end_us else first
 
 
-class SecondRampOfTheFirstLength(_PairedTimers):
+class SecondRampOfTheFirstLength(BoardTimers):
     """Gives the lease, renewed during the ramp of the hold, the ramp_ms of that."""
 
     def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:

@@ -149,20 +149,23 @@ class _StretchSearch:
         middles: FloatArray = begin + (np.arange(count, dtype=np.float64) + 0.5) * width
         seen = self._seen(middles)
         frames = self._frames_near(middles, sign)
+        longest = min(_LONGEST, float(self.starts[-1] - self.starts[0]) + 2.0 * self.run.gap)
+        if self._is_out_of_reach(middles, frames, sign, longest):
+            return None
+        beside = self._beside_run(seen)
         shows, turns = self._shows(seen, frames)
         order = slice(None, None, int(sign))
-        in_time, told = (one[order] for one in self._explained(middles, shows, frames, seen, 0.0))
+        in_time, told = (one[order] for one in self._explained(middles, shows, frames, beside, 0.0))
         wrong = np.flatnonzero(~in_time)
         split = int(wrong[0]) if len(wrong) else len(in_time)
         turned = self._turn_between(middles, turns, frames, seen)
         if split == len(in_time):
             return turned
         is_turned = turned is not None and abs(turned - middles[order][split]) <= _BESIDE * width
-        longest = min(_LONGEST, float(self.starts[-1] - self.starts[0]) + 2.0 * self.run.gap)
         aheads = np.zeros(0) if turned_only else np.arange(np.ceil(_LEAST), longest, 1.0)
         if self.turn_rad is None:
             aheads = np.append(0.0, aheads)
-        found = [self._explained(middles, shows, frames, seen, sign * a) for a in aheads]
+        found = [self._explained(middles, shows, frames, beside, sign * a) for a in aheads]
         if not found:
             return None
         fits = np.array([one[order] for one, _ in found])
@@ -184,6 +187,20 @@ class _StretchSearch:
         near = np.searchsorted(self.starts, middles[0 if sign > 0.0 else -1])
         low = near - 2 if sign > 0.0 else near - _FRAMES
         return np.arange(max(0, low), max(0, min(self.run.count, max(low, 0) + _FRAMES)))
+
+    def _is_out_of_reach(
+        self, middles: FloatArray, frames: NDArray[np.intp], sign: float, longest: float
+    ) -> bool:
+        """Return True if no time up to *longest* explains all windows: there are too many.
+
+        A window that is explained shows one of the *frames*, or what lies beyond the run.
+        """
+        if sign > 0.0:
+            end = np.append(self.starts, [np.inf, np.inf])[frames[-1] + 2]
+            hidden = (middles > end) & (middles + longest <= self.starts[-1] + self.run.gap / 2.0)
+        else:
+            hidden = (middles < self.starts[frames[0]]) & (middles - longest >= self.starts[0])
+        return int(np.count_nonzero(hidden)) > _PARTS * _LOST
 
     def _seen(self, middles: FloatArray) -> ComplexArray:
         """Return the (W, E) mean drive of each window."""
@@ -217,15 +234,15 @@ class _StretchSearch:
         middles: FloatArray,
         shows: Bools,
         frames: NDArray[np.intp],
-        seen: ComplexArray,
+        beside: tuple[Bools, Bools, Bools],
         ahead: float,
     ) -> tuple[Bools, Bools]:
         """Return the (W,) windows that show what is due *ahead* periods later, or tell nothing.
 
         The second of both are those that show it. A frame may come late: then the one before is
-        still there. Before the run and behind it lies what the first and the last window show, or
-        silence.
+        still there. Of what lies *beside* the run see :meth:`_beside_run`.
         """
+        before, fading, behind = beside
         times = middles + ahead
         shown = self._in_pass(times)
         due = np.searchsorted(self.starts, times, side="right") - 1
@@ -235,15 +252,23 @@ class _StretchSearch:
         rows = np.arange(len(middles))
         tells = np.zeros(len(middles), np.bool_)
         tells[inside] = shows[rows[inside], column[inside]]
-        tells |= (times > self.starts[-1] + self.run.gap / 2.0) & self._fading(seen)
-        tells |= (due < 0) & (self._alike(seen, seen[0]) | self._alike(seen, seen[1]))
-        later = self._alike(seen, seen[-1])
-        later |= np.convolve(later, np.ones(5), "same") > 0.0  # pulses that are cut
-        tells |= (times > self.starts[-1] + self.run.gap) & later
+        tells |= (times > self.starts[-1] + self.run.gap / 2.0) & fading
+        tells |= (due < 0) & before
+        tells |= (times > self.starts[-1] + self.run.gap) & behind
         older = (column >= 1) & (column <= len(frames))
         fits = tells | self._beside_latches(shown, frames)
         fits[older] |= shows[rows[older], column[older] - 1]
         return fits, tells
+
+    def _beside_run(self, seen: ComplexArray) -> tuple[Bools, Bools, Bools]:
+        """Return the (W,) windows that may lie before the run, at its end, and behind it.
+
+        There lies what the first and the last window show, or silence.
+        """
+        behind = self._alike(seen, seen[-1])
+        behind |= np.convolve(behind, np.ones(5), "same") > 0.0  # pulses that are cut
+        before = self._alike(seen, seen[0]) | self._alike(seen, seen[1])
+        return before, self._fading(seen), behind
 
     def _in_pass(self, times: FloatArray) -> FloatArray:
         """Return times before the run as those of the same drives in it, if its object repeats."""
@@ -254,9 +279,13 @@ class _StretchSearch:
 
     def _beside_latches(self, times: FloatArray, frames: NDArray[np.intp]) -> Bools:
         """Return the (W,) windows in which pins may latch."""
-        away = times[:, None] - self.starts[None, frames]
+        latches = self.starts[frames]
         before, behind = (self.width / 2.0 + periods for periods in _LATCH)
-        beside: Bools = np.any((away >= -before) & (away <= behind), axis=1)
+        low, high = (
+            np.searchsorted(latches, times - behind),
+            np.searchsorted(latches, times + before, side="right"),
+        )
+        beside: Bools = high > low
         return beside
 
     def _fading(self, seen: ComplexArray) -> Bools:

@@ -10,6 +10,7 @@ from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.verification import Verdict
+from haptogram.verification.pins import missing_stretch
 from haptogram.verification.pins.judge import verify_captured_pins
 from pin_oracle import Analyser, Board, edges_of, write_sr, write_vcd
 
@@ -206,6 +207,30 @@ def test_a_latch_that_comes_early_once_is_wrong_and_no_loss_of_samples(reference
     assert pins.findings == {}
     assert pins.verdict is Verdict.INCONCLUSIVE
     assert "go on too early" in pins.reasons[-1]
+
+
+@pytest.mark.parametrize("is_at_end", [True, False])
+def test_more_wrong_frames_than_a_loss_explains_are_not_searched_for_one(
+    is_at_end, tmp_path, monkeypatch
+):
+    """Every length that may be missing was compared with all of them: minutes for seconds."""
+    lengths = []
+    explained = missing_stretch._StretchSearch._explained  # noqa: SLF001
+
+    def counted(search, middles, *words):
+        lengths.append(len(middles))
+        return explained(search, middles, *words)
+
+    monkeypatch.setattr(missing_stretch._StretchSearch, "_explained", counted)  # noqa: SLF001
+    random = np.random.default_rng(17)
+    turns = random.integers(0, 256, (300, 16)) / 256
+    told = Board(turns, np.ones((300, 16)), period_ms=2.0)
+    board = Board(turns.copy(), told.amplitudes, period_ms=2.0)
+    wrong = slice(170, 300) if is_at_end else slice(130)
+    board.turns[wrong] = random.integers(0, 256, (130, 16)) / 256
+    judged(board, Analyser(), tmp_path / "pins.sr", random, range(2, 6))
+    assert judged_file(told, tmp_path / "pins.sr", range(2, 6)).verdict is Verdict.FAIL
+    assert not lengths
 
 
 def test_pins_that_each_end_at_their_own_period_fall_silent_together(tmp_path):
