@@ -209,6 +209,17 @@ def test_a_latch_that_comes_early_once_is_wrong_and_no_loss_of_samples(reference
     assert "go on too early" in pins.reasons[-1]
 
 
+@pytest.mark.parametrize(("step", "verdict"), [(2, Verdict.PASS), (6, Verdict.INCONCLUSIVE)])
+def test_latches_that_come_early_for_good_show_where_the_object_moves(step, verdict, tmp_path):
+    random = np.random.default_rng(18)
+    moves = np.cumsum(random.integers(-step, step + 1, (30, 16)), axis=0)
+    turns = (random.integers(0, 256, 16) + moves) % 256 / 256
+    board = Board(turns, np.ones((30, 16)), late_ms=dict.fromkeys(range(15, 30), -0.4))
+    pins = judged(board, Analyser(), tmp_path / "pins.sr", random, range(8), "p0")
+    assert pins.findings == {}
+    assert pins.verdict is verdict
+
+
 @pytest.mark.parametrize("is_at_end", [True, False])
 def test_more_wrong_frames_than_a_loss_explains_are_not_searched_for_one(
     is_at_end, tmp_path, monkeypatch
