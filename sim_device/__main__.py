@@ -37,7 +37,9 @@ def main(
 
 def _answer_signals(handler: signal.Handlers | Callable[..., object]) -> None:
     for number in _ENDINGS:
-        signal.signal(number, handler)
+        # SIGHUP stays ignored below nohup; SIGINT ends a board that a script started beside it.
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 def _leave(*_: object) -> NoReturn:

@@ -84,6 +84,8 @@ class Heartbeat:
     def stopped_by_signals(self) -> Iterator[None]:
         """Let SIGINT, SIGTERM and SIGHUP stop the board in good order, as long as this lasts.
 
+        A SIGHUP that is ignored (nohup) stays so.
+
         The system writes into a pipe for each: Python calls a handler between two instructions, so
         one that comes right before the wait would be heard after it, and an idle board waits long.
         """
@@ -94,7 +96,8 @@ class Heartbeat:
         self._signals.append(reading)
         try:
             for number in _ENDINGS:
-                signal.signal(number, lambda *_: self.stop())
+                if number != signal.SIGHUP or before[number] is not signal.SIG_IGN:
+                    signal.signal(number, lambda *_: self.stop())
             yield
         finally:
             for number, handler in before.items():

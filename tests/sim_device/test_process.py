@@ -86,6 +86,19 @@ def records(path):
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
+def test_a_board_below_nohup_outlives_its_terminal(start):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        board = start("--tcp", "0")
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert board.url
+    status = Path(f"/proc/{board.process.pid}/status").read_text()
+    ignored = int(status.partition("SigIgn:")[2].split()[0], 16)
+    assert ignored & 1 << signal.SIGHUP - 1
+    assert board.end(signal.SIGTERM) == 0
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_the_link_appears_and_a_signal_leaves_nothing_behind(start, tmp_path, number):
     link = tmp_path / "board"

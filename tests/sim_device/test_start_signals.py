@@ -14,6 +14,7 @@ def run(*_):
     {steps}
 
 command.main = run
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # these tests may run below nohup
 sys.exit(start.main([]))
 """
 TWICE = """
