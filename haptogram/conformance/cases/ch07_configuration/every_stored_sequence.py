@@ -49,6 +49,7 @@ _MANY: Final = 70
 _FOCUS: Final = FocalPoint(0, 0, 100_000, 0xFFFF, 0)
 _AHEAD_US: Final = 5_000_000
 _WAITS_US: Final = 300_000
+_TRACED_BYTES: Final = 150  # of a trace, and as much of replies
 _SIZES: Final = ((3, 1, 2), (1, 3, 2), (2, 2, 2))
 
 
@@ -139,7 +140,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
         store.put(sequence, 2)
     board.arm()
     since = board.link.mark()
-    play_now(board, second, loops=0, period_us=2000)
+    play_now(board, second, loops=0, period_us=_period_to_trace(board))
     store.put(first, 3)  # those before and behind the one that plays move it
     store.put(third, 1)
     store.put(first, 1)
@@ -152,6 +153,11 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     check(len(got) > 4, f"{len(got)} latches while others are uploaded")
     check(got == due[: len(got)], "the sequence that plays changes while others are uploaded")
     store.check_all("uploaded while another one played")
+
+
+def _period_to_trace(board: BoardClient) -> int:
+    """Return a period in which a slow line brings the trace of a latch beside the replies."""
+    return max(2000, board.wire.line_us(_TRACED_BYTES))
 
 
 @case(
@@ -177,14 +183,14 @@ def _judge_commit_of_playing_sequence(store: SequenceStore, end: Message, *, wai
     begin_upload(board, UploadKind.PHASES, sequence, drive)
     send_upload_chunks(board, drive)
     board.arm()
-    since = board.link.mark()
+    since, period_us = board.link.mark(), _period_to_trace(board)
     if waits:
-        play_later(board, sequence, _WAITS_US)
+        play_later(board, sequence, _WAITS_US, period_us=period_us)
     else:
-        play_now(board, sequence, loops=0)
+        play_now(board, sequence, loops=0, period_us=period_us)
     for _ in range(2):
         board.link.refused(UploadCommit(sequence), ErrorCode.BAD_STATE)
-    board.wire.idle(3 * period_to_play(board))
+    board.wire.idle(3 * period_us)
     board.link.ask(end)
     got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
     check(waits or bool(got), f"{name}: nothing is latched")
