@@ -217,6 +217,22 @@ class BytesRenewTheLease(VirtualHaptogramDialect):
             self.board.output.renew_lease()
 
 
+class ArrivalOfFirstByte(BoardConnection):
+    """Takes the time at which a frame begins for that of its arrival."""
+
+    _began_us, _is_within = 0, False
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Note when a frame begins."""
+        if not self._is_within:
+            self._began_us = now_us
+        self._is_within = not data.endswith(DELIMITER)
+        super().receive_data(data, now_us)
+
+    def _judge(self, body: bytes, t_rx_us: int) -> Any:
+        return super()._judge(body, min(self._began_us, t_rx_us))
+
+
 class LengthTrusted(BoardConnection):
     """Reads what it knows of a payload and does not mind what follows."""
 
@@ -328,6 +344,7 @@ MUTANTS: Final = (
     Mutant.of(BytesRenewTheLease, "HG-6.7/1", _WIRE),
     Mutant.of(LengthTrusted, "HG-3.2/4", _WIRE),
     Mutant.of(LowFlagsRefused, "HG-3.4/2", _SELF),
+    Mutant.of(ArrivalOfFirstByte, "HG-6.9/2", _WIRE),
     Mutant.of(UnknownFlagsTaken, "HG-3.4/1", _WIRE),
     Mutant.of(UnknownTypeIsDamage, "HG-3.3/2", _SELF),
     Mutant.of(StreamAnswered, "HG-10.1/2", _WIRE),

@@ -47,7 +47,6 @@ _HOLD_MS: Final = 450
 _STATUS_MS: Final = 220
 _LEASE_MS: Final = 300
 _STEP_MS: Final = 20
-_SPARE_US: Final = 300  # of the host's estimate of the device clock
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,17 +164,13 @@ def everything_goes_on_in_a_pause(board: BoardClient) -> None:
         board.wire.idle(_LONG_MS * _MS)
         header, _ = judged_mute_by_timer(board, since, 0, MuteReason.HOLD_EXPIRED)
         told = [board.clock.unwrap(head.time_us) for head, _ in board.link.events(Status, since)]
-        resumed_us = board.clock.device_estimate_us()
         board.link.send(ping[half:])
-        pong = board.link.reply_in(board.link.answer_to(Ping.TYPE, seq, since), Pong, Ping.TYPE)
+        board.link.reply_in(board.link.answer_to(Ping.TYPE, seq, since), Pong, Ping.TYPE)
     on_carrier_us = board.clock.on_carrier(times[1])
     judge_mute_time(board, on_carrier_us, header, _HOLD_MS, "hold_ms in a pause within a PING")
     judge_status_steps(board, told, status_ms, "in a pause within a PING")
     due = _LONG_MS // status_ms
     check(len(told) >= due - 1, f"{len(told)} STATUS in a pause of {due} periods within a PING")
-    early_us = resumed_us - board.clock.unwrap(pong.t_rx_us)
-    text = f"t_rx of a PING lies {early_us} µs before its second half was sent"
-    check(early_us <= board.wire.limits.slack_us + _SPARE_US, text)
 
 
 @case(

@@ -16,6 +16,8 @@ from ...outcome import SELF_REPORTED, check, not_observed
 
 _LIMIT_US: Final = 10
 _SAMPLES: Final = 24
+_SPARE_US: Final = 300  # of the host's estimate of the device clock
+_PAUSE_US: Final = 2000
 _AHEAD_US: Final = 1_000_000
 _AT_BOOT_US: Final = 2**32 - BOOT_US
 _BOOTED_US: Final = 9_000_000  # by when a board that was reset has been asked for its time
@@ -165,6 +167,31 @@ def clock_stamps_agree(board: BoardClient) -> None:
         f"t_rx is {least_us} µs behind the arrival of the frame right before the PING, by its "
         f"margin; the PING takes {line_us} µs on the line",
     )
+
+
+@case(
+    "HG-6.9/2",
+    "t_rx of a PING in two parts is the arrival of its end, however much came before a pause",
+    variant="pieces",
+    depth=Depth.DEFAULT,
+)
+def clock_stamps_the_end_of_a_ping(board: BoardClient) -> None:
+    slack_us = board.wire.limits.slack_us + _SPARE_US
+    for number in range(3):
+        ping, seq = board.link.request_wire(Ping(number))
+        before = (2, len(ping) // 2, len(ping) - 1)[number]
+        since = board.link.mark()
+        board.link.send(ping[:before])
+        board.wire.idle(2 * slack_us + _PAUSE_US)
+        resumed_us = board.clock.device_estimate_us()
+        board.link.send(ping[before:])
+        pong = _clock_of_pong(board, board.link.answer_to(Ping.TYPE, seq, since))
+        early_us = resumed_us - board.clock.unwrap(pong.t_rx_us)
+        check(
+            early_us <= slack_us,
+            f"t_rx of a PING lies {early_us} µs before the rest of it was sent, all behind its "
+            f"first {before} bytes",
+        )
 
 
 @case(

@@ -23,7 +23,7 @@ _LONG_MS: Final = 2000  # the longest ramp: counters of 16 bits wrap in it, whos
 _SEQUENCE: Final = 4
 #: Ceilings, and the length of the ramp that begins below each.
 _RAMPS_MS: Final = {255: _LONG_MS, 254: 100, 128: 300, 100: 100, 1: 100, 0: 100}
-_PLAYED_RAMPS_MS: Final = {128: 300, 1: 100}  # at a wall clock
+_PLAYED_RAMPS_MS: Final = {128: 300}  # at a wall clock
 _RAMPS_NEED: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
 #: Ceilings at the beginning of a ramp, and set one after the other within it.
 _CEILINGS_IN_RAMPS: Final = (
