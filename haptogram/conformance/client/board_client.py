@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import itertools
 import random
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -372,12 +371,16 @@ class BoardClient:
         """
         timers_ms = (self.config.hold_ms, self.config.host_timeout_ms)
         least_us = 500 * min(*timers_ms, self.identity.max_unattended_ms)
-        sizes = itertools.accumulate(map(len, wires := list(wires)))
-        return [
-            wire
-            for place, (wire, size) in enumerate(zip(wires, sizes, strict=True))
-            if place == 0 or self.wire.line_us(size) <= least_us
-        ]
+        taken: list[bytes] = []
+        made, size = iter(wires), 0
+        while True:
+            number = self.link.stream_next
+            wire = next(made, None)
+            size += len(wire or b"")
+            if wire is None or (taken and self.wire.line_us(size) > least_us):
+                self.link.stream_next = number  # that of a frame which is not sent, too
+                return taken
+            taken.append(wire)
 
     # --- status --------------------------------------------------------------------------------
 

@@ -86,6 +86,8 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
     since, waits_until_us = board.link.mark(), 0
     latch_in_us = min(_AHEAD_US // 2, 500 * board.config.hold_ms)
     for name, piece in _bytes_like_mute(board):
+        if board.wire.line_us(len(piece)) > latch_in_us // 2:
+            continue  # a hold that nothing extends may end meanwhile
         if (
             not is_played
             and waits_until_us - board.clock.device_estimate_us() < _AHEAD_US - latch_in_us

@@ -96,7 +96,8 @@ def _send_behind_immediate(
     size = sum(len(one.serialize()) for one in (first, second)) + 80
     points = sum(map(points_of_stream_kind, (first, second)))
     before = board.status().counters
-    due_us = board.clock.soon_us(bytes(size), points=points) + 10 * board.clock.carrier_us
+    later_us = 10 * board.clock.carrier_us
+    due_us = board.clock.soon_us(bytes(size), points=points, ahead_us=later_us)
     time_us = _times_of_immediate_frames(board)[name]
     at_us = board.clock.device_us() - _PAST_US if is_past else due_us
     board.link.send(

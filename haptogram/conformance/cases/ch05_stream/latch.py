@@ -164,7 +164,8 @@ def holds_the_last_latched_drive(board: BoardClient) -> None:
     latch_now(board, board.phases(before))
     for _ in range(8):
         registers = board.random_registers()
-        t_us = board.clock.soon_us(bytes(1000)) + 10_000 + board.wire.limits.lead_us
+        ahead_us = 10_000 + board.wire.limits.lead_us
+        t_us = board.clock.soon_us(bytes(1000), ahead_us=ahead_us)
         since = board.link.mark()
         board.link.send(board.link.stream_wire(board.phases(registers), t_us))
         if witness.mode is None:
