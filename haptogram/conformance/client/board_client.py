@@ -338,6 +338,11 @@ class BoardClient:
         state = self.link.call(Arm(), ArmReply).state
         check(state is OutputState.ARMED, f"ARM_REPLY says {state.name}")
 
+    def arm_anew(self) -> None:
+        """Arm so that no hold runs before the next latch (HG-12.2/2)."""
+        self.disarm()
+        self.arm()
+
     def arm_at(self, seq: int) -> None:
         """Arm by a request with the number *seq*."""
         self.link.call(Arm(), ArmReply, seq=seq)

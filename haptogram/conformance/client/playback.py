@@ -23,6 +23,7 @@ from .uploads import upload_to_board
 PERIOD_US: Final = 1000
 UNATTENDED_MS: Final = 2000
 _UNATTENDED_PERIODS: Final = 2000
+_SEEN_PERIODS: Final = 5  # that a case waits at most behind the last latch
 _FLOOD_FRAMES: Final = 400
 _BUFFERS_BYTES: Final = 1 << 17  # of drives in traces: more than a pty and a board hold
 _FLOOD_RATE_HZ: Final = 10_000
@@ -94,8 +95,8 @@ def play_request(
 
 
 def _require_hold(board: BoardClient, period_us: int) -> None:
-    """End the case as NOT-OBSERVED if a hold that nothing extends ends between two frames."""
-    board.require_hold(period_us, f"a frame every {period_us} µs")
+    """End the case as NOT-OBSERVED if a hold that nothing extends ends soon behind a frame."""
+    board.require_hold(_SEEN_PERIODS * period_us, f"a frame every {period_us} µs")
 
 
 def play_now(

@@ -60,8 +60,7 @@ def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -
     first, before, sent = board.link.stream_next, board.status().counters, 0
     for bits in range(least_bits, most_bits + 1):
         _go_up_to_unwrapped_number(board, (1 << bits) - 1)
-        board.disarm()  # or a hold that nothing extends may end before the next latch
-        board.arm()
+        board.arm_anew()  # or a hold that nothing extends may end before the next latch
         for index in range((1 << bits) - 1, (1 << bits) + 2):
             since = board.link.mark()
             latch_now(board, board.flat_phases())

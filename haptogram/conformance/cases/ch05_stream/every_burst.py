@@ -183,6 +183,7 @@ def _replace_in_burst(
     messages = [one for pair in frames for one in pair]
     size = sum(len(one.serialize()) + 20 for one in messages)
     points = sum(map(points_of_stream_kind, messages))
+    board.arm_anew()
     with board.counting(latched=len(frames), flushed=len(frames), late=0):
         start_us = board.clock.soon_us(bytes(size), points=points)
         for place, pair in enumerate(frames):

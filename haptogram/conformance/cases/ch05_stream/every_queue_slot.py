@@ -247,6 +247,8 @@ def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
     horizon_us = board.identity.max_horizon_us
     if board.clock.beyond_us(4) is None:
         not_observed(f"a t_apply beyond the horizon of {horizon_us} µs has passed")
+    if not board.clock.can_be_in_time(board.ready_after_us()):
+        not_observed(f"no frame for within the horizon of {horizon_us} µs is ready in time")
     wire_us = board.wire.line_us(len(board.link.stream_wire(board.flat_phases(), 0, seq=0)))
     for off_us in range(-3, 4):
         board.arm()

@@ -93,7 +93,6 @@ def orders_in_a_period(frames: int) -> list[PeriodOrder]:
 def every_order_of_times_in_a_period(board: BoardClient) -> None:
     board.clock.require_times_in_carrier()
     mode = ask_for_board_latches_if_supported(board)
-    board.arm()
     orders = [*orders_in_a_period(2), *orders_in_a_period(3)]
     room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
     turns = len(stream_kinds(board)) if board.thorough else 1
@@ -110,6 +109,7 @@ def _judge_orders(
     messages = [[next(kinds).make() for _ in order.ranks] for order in orders]
     every = [message for some in messages for message in some]
     points = sum(map(points_of_stream_kind, every))
+    board.arm_anew()
     since, before, due = board.link.mark(), board.status().counters, {}
     size = sum(len(message.serialize()) + 20 for message in every)
     start_us = board.clock.soon_us(bytes(size), points=points)
@@ -181,9 +181,9 @@ def _frames_that_replace_nothing(
 def frames_with_defects_replace_no_frame(board: BoardClient) -> None:
     board.clock.require_times_in_carrier()
     mode = ask_for_board_latches_if_supported(board)
-    board.arm()
     kinds = stream_kinds(board)
     for kind in kinds if board.thorough else kinds[:1]:
+        board.arm_anew()
         since, before, index = board.link.mark(), board.status().counters, board.link.stream_next
         queued, others = kind.make(), [one.make() for one in kinds]
         size = sum(8 * len(message.serialize()) + 200 for message in (queued, *others))

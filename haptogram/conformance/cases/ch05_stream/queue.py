@@ -149,12 +149,13 @@ def queue_has_its_horizon(board: BoardClient) -> None:
     now_us = board.clock.device_us()
     ahead_us = (horizon_us + slack_us, 2 * horizon_us, 2**31 - 1)
     beyond_us = [us for us in ahead_us if horizon_us < us < 2**31]  # later ones have passed
-    with board.counting(dropped_future=len(beyond_us), flushed=1):
+    can_wait = board.clock.can_be_in_time(board.ready_after_us())
+    with board.counting(dropped_future=len(beyond_us), flushed=int(can_wait)):
         for us in beyond_us:
             board.link.send(board.link.stream_wire(board.flat_phases(), now_us + us))
-        board.link.send(
-            board.link.stream_wire(board.flat_phases(), now_us + horizon_us - horizon_us // 100)
-        )
+        if can_wait:
+            near_us = now_us + horizon_us - horizon_us // 100
+            board.link.send(board.link.stream_wire(board.flat_phases(), near_us))
         board.link.barrier()
         board.disarm()
 

@@ -77,8 +77,7 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
     message = Points((_POINT,) * most)
     for _ in range(_TRIES):
         board.clock.wait_latched()
-        board.disarm()  # or the hold of the last latch may end before these are computed
-        board.arm()
+        board.arm_anew()  # or the hold of the last latch may end before these are computed
         first, second = (board.link.stream_wire(message) for _ in range(2))
         ping, seq = board.link.request_wire(Ping(0))
         since = board.link.mark()

@@ -330,6 +330,7 @@ def a_divider_divides_many_playback_latches(board: BoardClient) -> None:
 )
 def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=1)
+    board.clock.require_horizon(board.ready_after_us() + _WINDOW_US // 2)
     for divider in (2, 3, 4):
         board.configure(
             trace_mode=TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US

@@ -78,8 +78,7 @@ def every_span_of_drive_and_geometry(board: BoardClient) -> None:
         latched_us, total = -_HOUR_US, board.identity.transducers
         for first, count in _spans_of_geometry(total):
             if board.wire.now_us() - latched_us > 250 * board.config.hold_ms:
-                board.disarm()
-                board.arm()
+                board.arm_anew()
                 latched_us = board.wire.now_us()
                 latch_now(board, frame)
                 whole = read_back(board, kind)
