@@ -270,6 +270,10 @@ class BoardClient:
             frames.append(Points((FocalPoint(10_000, 5_000, 150_000, 0xFFFF, 0),)))
         return min(frames, key=lambda frame: len(frame.serialize()))
 
+    def bytes_of_frames(self, number: int) -> bytes:
+        """Return as many bytes as so many frames of PHASES and a few requests are on the line."""
+        return bytes(number * len(self.link.stream_wire(self.flat_phases(), 0, seq=0)) + 300)
+
     def random_registers(self) -> bytes:
         """Return random phase codes that every format can carry."""
         return bytes(code & 0xF8 for code in self.random.randbytes(self.identity.transducers))

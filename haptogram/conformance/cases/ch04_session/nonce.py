@@ -124,7 +124,7 @@ def a_new_nonce_and_the_state(board: BoardClient) -> None:
 )
 def a_new_nonce_flushes(board: BoardClient) -> None:
     board.arm()
-    start_us = board.clock.soon_us(bytes(4000))
+    start_us = board.clock.soon_us(board.bytes_of_frames(3))
     with board.counting(flushed=3, latched=0):
         for number in range(3):
             board.link.send(board.link.stream_wire(board.flat_phases(), start_us + number * 1000))

@@ -259,8 +259,7 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
         if flush is _flush_by_playback and not plays:
             continue
         ready_us = board.ready_after_us()  # of a frame that flushes
-        size = 4 * len(board.link.stream_wire(board.flat_phases(), 0, seq=0)) + 600
-        t_us = board.clock.soon_us(bytes(size), ahead_us=2 * PERIOD_US + ready_us)
+        t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=2 * PERIOD_US + ready_us)
         board.require_hold(t_us + _STEP_US - board.clock.device_us(), "a slow line")
         for later_us in (0, apart_us, 2 * apart_us):
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + later_us - apart_us))

@@ -186,8 +186,7 @@ def holds_the_last_latched_drive(board: BoardClient) -> None:
 )
 def immediate_frames_flush_the_queue(board: BoardClient) -> None:
     board.arm()
-    size = 4 * len(board.link.stream_wire(board.flat_phases(), 0, seq=0)) + 300
-    t_us = board.clock.soon_us(bytes(size), ahead_us=50_000)
+    t_us = board.clock.soon_us(board.bytes_of_frames(4), ahead_us=50_000)
     board.require_hold(t_us + 5000 - board.clock.device_us(), "a slow line")
     with board.counting(flushed=3, latched=1):
         for number in range(3):

@@ -45,7 +45,7 @@ def drops_stream_frames_unless_armed(board: BoardClient) -> None:
 )
 def queue_keeps_its_order(board: BoardClient) -> None:
     board.arm()
-    t_us = board.clock.soon_us(bytes(4000), ahead_us=20_000)
+    t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=20_000)
     good = board.flat_phases()
     with board.counting(dropped_order=3, latched=2):
         board.link.send(board.link.stream_wire(good, t_us))

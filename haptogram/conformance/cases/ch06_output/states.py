@@ -153,7 +153,8 @@ def armed_output_is_silent_until_a_latch(board: BoardClient) -> None:
 def arms_again_in_armed_state(board: BoardClient) -> None:
     board.arm()
     latch_now(board, board.flat_phases())
-    t_us = board.clock.soon_us(bytes(1500))
+    t_us = board.clock.soon_us(board.bytes_of_frames(2))
+    board.require_hold(t_us - board.clock.device_us(), "a slow line")
     with board.counting(latched=2, flushed=0):
         for number in range(2):
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))

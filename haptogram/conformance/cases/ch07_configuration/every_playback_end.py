@@ -53,8 +53,8 @@ def _playback_in_its_first_frame(board: BoardClient) -> None:
 def _playback_in_a_later_frame(board: BoardClient) -> None:
     period_us = period_to_play(board)
     play_now(board, _SEQUENCE, loops=0, period_us=period_us)
-    for _ in range(_FRAMES + 2):
-        board.wire.idle(period_us)
+    for _ in range(2 * (_FRAMES + 2)):
+        board.wire.idle(period_us // 2)
         board.link.ask(GetStatus())  # a slow board is not left alone for so long
 
 
