@@ -76,9 +76,9 @@ def random_limit_requests(identity: HelloReply, config: Config) -> list[Message]
         play = Play(STORED_PHASES, SLOT_US, 1, SLOT_US // 100)
         found += _limit_request_with(play, period_us=(0, least_us - 1), sequence=(0, ABSENT))
         found += _limit_request_with(play, loops=MANY_LOOPS)
-        found += _limit_request_with(
-            play, unattended_ms=(0, identity.max_unattended_ms + 1, _MOST[4])
-        )
+        longer_ms = (identity.max_unattended_ms + 1, _MOST[4])
+        beyond_ms = [ms for ms in longer_ms if identity.max_unattended_ms < ms <= _MOST[4]]
+        found += _limit_request_with(play, unattended_ms=(0, *beyond_ms))
     return found + list(_limit_requests_to_upload(identity))
 
 
