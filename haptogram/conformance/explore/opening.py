@@ -120,7 +120,7 @@ class DialogueOpening:
     def baseline(self, host: DialogueHost) -> tuple[DialogueBase, DialogueBase]:
         """Return the counters of both before slot 0."""
         stored = [0, 0]
-        if self._board.identity.features & Feature.SEQUENCE_PHASES:
+        if self._board.identity.features & (Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS):
             self._ask(host, Arm())
             refusals = self._ask(host, Play(ABSENT, SLOT_US, 1, 1000))
             stored = [
@@ -194,7 +194,8 @@ class DialogueOpening:
                 FocalPoint(9000, 5000 * n - 4000, 150_000, 50_000, 0) for n in range(STORED_FRAMES)
             )
             data = b"".join(point.pack() for point in points)
-            found += self._upload(UploadKind.POINTS, STORED_POINTS, data, 1)
+            for target in [STORED_POINTS] if can & Feature.SEQUENCE_PHASES else UPLOADED:
+                found += self._upload(UploadKind.POINTS, target, data, 1)
         if can & Feature.CORRECTION:
             found += self._upload(UploadKind.CORRECTION, 0, bytes(count), 0)
         return [*found, Arm(), Disarm()]

@@ -309,7 +309,35 @@ TOGETHER = (
         {"max_points": 255, "baud": 115_200, "max_unattended_ms": 1000},
         ("HG-2.4/2-timers", "HG-5.7/6-first", "HG-6.7/1-others", "HG-9.1/1-whole"),
     ),
+    (
+        {"max_playback_rate_hz": 1, "max_unattended_ms": 1000},
+        ("HG-3.6/4-playback", "HG-5.8/3-pairs", "HG-7.8/1-ends", "HG-12.3/1-latches"),
+    ),
+    ({"max_playback_rate_hz": 9}, ("HG-12.3/1-latches",)),
+    (
+        {"features": ALL_FEATURES & ~Feature.CONFIG, "baud": 115_200, "grid": (2, 8)},
+        (
+            *("HG-2.4/2-types", "HG-3.6/5-widths", "HG-3.9/3", "HG-4.6/3", "HG-4.12/1-types"),
+            *("HG-5.7/2-period", "HG-8.6/1-spans"),
+        ),
+    ),
+    (
+        {"features": ALL_FEATURES & ~Feature.TRACE, "trace_ring": 16, "queue_depth": 60},
+        ("HG-5.2/6-slots",),
+    ),
+    (
+        {"latch_lead_us": 100_000, "max_horizon_us": 100_000},
+        ("HG-5.7/4", "HG-5.8/5", "HG-8.4/1-kinds"),
+    ),
 )
+
+
+def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
+    features = ALL_FEATURES & ~Feature.SEQUENCE_PHASES
+    board = identity(features=features, max_unattended_ms=2**32 - 1)
+    options = {"depth": Depth.DEFAULT, "explore_s": 30}
+    (result,) = run(board, "HG-1.2/1-dialogues", **options).results
+    assert result.behaviour is Behaviour.OK, result.detail
 
 
 @pytest.mark.parametrize(
@@ -322,7 +350,7 @@ TOGETHER = (
         ({"max_upload_bytes": 2000, "max_stored_bytes": 3000}, ("HG-7.6/4-offsets",)),
         ({"max_sequence_frames": 16}, ("HG-7.3/5",)),
         ({"max_playback_rate_hz": 1}, SLOW),
-        ({"max_upload_bytes": 6}, SHORT),
+        ({"max_upload_bytes": 16, "grid": (4, 4)}, SHORT),
         ({"carrier_us": 1000}, ("HG-5.2/6-slots", "HG-5.7/5-margin", "HG-5.8/1", "HG-8.3")),
     ],
 )
