@@ -153,10 +153,27 @@ def estimated_capture_step(times: NDArray[np.int64]) -> float:
             finer *= _FINER
         return finer * estimated_capture_step(times // finer)
     distances = whole.astype(np.float64)
+    if (step := _shared_capture_step(distances, distances, times)) is not None:
+        return step
+    if distances[0] >= _MOST_SHARES * _LEAST_STEP:
+        # Where all distances are long, they differ by fewer steps than the least of them has.
+        apart = np.diff(distances)
+        every = np.unique(np.concatenate([apart[apart >= _LEAST_STEP], distances]))
+        if (step := _shared_capture_step(every, distances, times)) is not None:
+            return step
+    return float(divisor)
+
+
+def _shared_capture_step(
+    told: NDArray[np.float64], distances: NDArray[np.float64], times: NDArray[np.int64]
+) -> float | None:
+    """Return the step of all *distances* of times, sought from the least *told*; None: no such."""
     for share in range(1, _MOST_SHARES + 1):
-        step = _refined_capture_step(distances, float(distances[0]) / share)
+        step = _refined_capture_step(told, float(told[0]) / share)
         every = np.diff(times)
         every = every[every < _MOST_STEPS * step]
+        if not len(every):
+            break
         step = float(every.sum() / np.rint(every / step).sum())
         if step < _LEAST_STEP:
             break
@@ -164,7 +181,7 @@ def estimated_capture_step(times: NDArray[np.int64]) -> float:
         rest = short - np.rint(short / step) * step
         if np.abs(rest).max() < _ROUNDING:
             return step
-    return float(divisor)
+    return None
 
 
 def _refined_capture_step(distances: NDArray[np.float64], step: float) -> float:

@@ -38,3 +38,23 @@ def test_a_tick_of_a_quarter_of_a_sample_tells_the_rate(rate_hz, seed):
     samples = np.unique(np.ceil(pulses).astype(np.int64))
     found = 1e8 / estimated_capture_step(np.rint(samples * 1e8 / rate_hz).astype(np.int64))
     assert found == pytest.approx(rate_hz, rel=1e-4)
+
+
+@pytest.mark.parametrize("rate_hz", [7.3e6, 12.5e6, 16e6, 24e6])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_few_long_pulses_tell_no_finer_rate_than_that_of_their_samples(rate_hz, seed):
+    # Two pins whose drives hardly move in five frames: no two edges are near each other.
+    random = np.random.default_rng(seed)
+    period = rate_hz / 40e3
+    drives = np.array([0.1, 0.22]) + np.cumsum(random.integers(-3, 4, (5, 2)), axis=0) / 256.0
+    begins = (np.arange(100)[:, None] + drives.repeat(20, axis=0)) * period
+    edges = np.concatenate([begins, begins + period / 2.0])
+    samples = np.unique(np.ceil(edges + random.normal(0.0, 0.05, edges.shape)).astype(np.int64))
+    found = 1e9 / estimated_capture_step(np.rint(samples * 1e9 / rate_hz).astype(np.int64))
+    assert found <= 1.001 * rate_hz
+    assert found >= 0.05 * rate_hz
+
+
+def test_far_distances_that_share_no_step_are_those_of_single_ticks():
+    times = np.cumsum([0, 1_375_000, 1_375_005, 2_250_009, 1_391_017, 3_000_001])
+    assert estimated_capture_step(times) == 1.0
