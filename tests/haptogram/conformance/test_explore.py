@@ -167,7 +167,7 @@ def test_traces_that_find_no_room_on_a_slow_line_are_no_difference(monkeypatch):
         return host.request(Play(STORED_PHASES, 450, 300, 10_000), flags=Flag.IMMEDIATE)
 
     result = dialogues(monkeypatch, 115_200, [[arm, play], *[[]] * 8, [arm]])
-    assert result.behaviour is Behaviour.INCONCLUSIVE, result.detail
+    assert result.behaviour is Behaviour.NOT_OBSERVED, result.detail
 
 
 @pytest.fixture(scope="module")

@@ -71,8 +71,8 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
         lockstep.close()
     if 2 * compared < number and not board.wire.limits.slack_us:
         not_observed(
-            f"{compared} of {number} dialogues were compared: of the others it is unknown which of "
-            "their frames are in time, as this board computes points for long"
+            f"{compared} of {number} dialogues were compared: in the others this board computes "
+            "points for so long, or its line drops so many traces, that more than one course is due"
         )
     if 2 * compared < number:
         inconclusive(
