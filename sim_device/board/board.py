@@ -269,7 +269,7 @@ class Board:
         entry = self._queue.pop()
         self.last_stream_index = entry.index
         self.output.counters.late += entry.late
-        key = LatchKey(sequence=0, loop=0, index=entry.index)
+        key = LatchKey(sequence=0, loop=0, index=entry.index & 0xFFFFFFFF)
         self.output.latch(
             key,
             entry.drive,

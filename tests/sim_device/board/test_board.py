@@ -14,6 +14,7 @@ from haptogram.acoustics import AcousticModel, Drive
 from haptogram_protocol.messages import (
     Config,
     ErrorCode,
+    LatchKey,
     UploadBegin,
     UploadChunk,
     UploadCommit,
@@ -225,6 +226,15 @@ def test_hold_ramp_and_mute_come_to_the_microsecond():
         assert board.radiated(board.now_us).amplitude_codes[0] == code
     assert (board.state, board.reason) == (OutputState.MUTED, MuteReason.HOLD_EXPIRED)
     assert board.counters.timeouts == 1
+
+
+def test_a_latch_is_named_by_the_32_bits_that_a_trace_holds():
+    board = a_board()
+    board.arm()
+    board.submit(StreamFrame((1 << 32) + 5, None, a_drive(1)))
+    board.advance_to(-(-board.now_us // CARRIER_US) * CARRIER_US)
+    (latch,) = board.take_latches()
+    assert latch.key == LatchKey(sequence=0, loop=0, index=5)
 
 
 def test_a_latch_in_the_ramp_of_the_hold_restores_full_output():

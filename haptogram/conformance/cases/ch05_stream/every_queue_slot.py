@@ -131,7 +131,7 @@ def every_format_is_streamed_late(board: BoardClient) -> None:
 def _part_of_its_time_on_the_line_us(board: BoardClient, frame: Message) -> int:
     """Return less than a late frame may be late, however fast the line turns out to be."""
     wire = board.link.stream_wire(frame, 0, seq=0)
-    return min(board.wire.line_us(len(wire)), _WINDOW_US // 4)
+    return min(board.wire.line_us(len(wire)), _WINDOW_US // 2 - 2000)
 
 
 @case(
