@@ -144,9 +144,11 @@ class FramesShownByPins:
         """Return the frames without those, next to missing samples, that are wrong.
 
         Both clocks are known less well there. With *first*, samples are missing before the frames
-        too.
+        too. Where a frame or two are all that is left, none of them tells which pins show the run.
         """
         judged = np.flatnonzero(self.seen & ~self.lost)
+        if len(judged) <= _EDGE:
+            fitting = np.ones_like(fitting)
         is_right: Bools = np.asarray(self.right[judged][:, fitting].all(axis=1))
         blurred = self.blurred.copy()
         if is_right.any():
@@ -156,6 +158,8 @@ class FramesShownByPins:
                 blurred[judged[:begin]] = True
             if len(judged) - end <= _EDGE:
                 blurred[judged[end:]] = True
+        elif len(judged) <= _EDGE:
+            blurred[judged] = True
         return replace(self, blurred=blurred)
 
 

@@ -342,6 +342,20 @@ def test_a_capture_that_was_cut_off_passes_nothing(tmp_path):
     assert any("cut off" in reason for reason in found.reasons)
 
 
+def test_a_frame_alone_before_missing_samples_fails_nothing(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+    for element in range(9):  # of 16: the others may be right by chance
+        pin = record.pins[element]
+        record = changed(record, element, rises=pin.rises + 0.05, falls=pin.falls + 0.05)
+    few = record.between(0.0, float(record.latches[1]) + 1.0, "samples are missing")
+    found = judged_record(run, few)
+    assert found.verdict is Verdict.INCONCLUSIVE, found.reasons
+    # Several frames beside each other are shown for certain.
+    most = record.between(0.0, float(record.latches[6]), "samples are missing")
+    assert judged_record(run, most).verdict is Verdict.FAIL
+
+
 def test_a_latch_pin_tells_frames_of_one_drive_apart(tmp_path):
     run = captured_run(tmp_path / "pins.vcd", mode="drives")
     record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
