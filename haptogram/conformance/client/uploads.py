@@ -67,11 +67,16 @@ def begin_upload(
     NOT-OBSERVED if it is more than this board takes in one upload, or has room for by its own word.
     """
     begin = upload_request(board, kind, target, len(data), points, crc=zlib.crc32(data))
+    return announce_upload(board, begin)
+
+
+def announce_upload(board: BoardClient, begin: UploadBegin) -> UploadBeginReply:
+    """Send *begin*; NOT-OBSERVED if what is stored leaves less room by the board's own word."""
     answer = board.link.ask(begin)
-    if isinstance(answer.message, Error) and answer.message.code is ErrorCode.TOO_LARGE:
-        left = board.link.error_in(answer, UploadBegin.TYPE, ErrorCode.TOO_LARGE).detail
-        if left < len(data):
-            not_observed(f"this case stores {len(data)} bytes, and the board has room for {left}")
+    if isinstance(answer.message, Error) and answer.message.code == ErrorCode.TOO_LARGE:
+        left = answer.message.detail
+        if left < begin.size:
+            not_observed(f"this case stores {begin.size} bytes, and the board has room for {left}")
     return board.link.reply_in(answer, UploadBeginReply, UploadBegin.TYPE)
 
 

@@ -348,6 +348,7 @@ def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
         ({"grid": (32, 32), "rx_window": 4098, "max_chunk": 512}, ("HG-2.4/2-timers",)),
         ({"max_unattended_ms": 1000}, ("HG-7.6/4-long", "HG-7.8/1-many", "HG-8.4/1-many")),
         ({"max_upload_bytes": 2000, "max_stored_bytes": 3000}, ("HG-7.6/4-offsets",)),
+        ({"max_upload_bytes": 16, "max_stored_bytes": 16}, ("HG-7.2", "HG-7.4", "HG-7.6")),
         ({"max_sequence_frames": 16}, ("HG-7.3/5",)),
         ({"max_playback_rate_hz": 1}, SLOW),
         ({"max_upload_bytes": 16, "grid": (4, 4)}, SHORT),

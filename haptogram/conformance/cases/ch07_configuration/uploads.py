@@ -22,6 +22,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches, latches_received_from_board
 from ...client.playback import play_now, play_out, send_phases_that_fit, send_phases_to_store
 from ...client.uploads import (
+    announce_upload,
     begin_upload,
     send_upload_chunks,
     send_upload_in_pieces,
@@ -153,7 +154,7 @@ def upload_spares_the_playing_sequence(board: BoardClient) -> None:
 @case("HG-7.2/6", "UPLOAD_BEGIN_REPLY names max_chunk and upload_window of HELLO_REPLY")
 def names_the_limits_of_uploads(board: BoardClient) -> None:
     _, _, frame = _upload_kind(board)
-    reply = board.link.call(_begin_upload_of_size(board, frame), UploadBeginReply)
+    reply = announce_upload(board, _begin_upload_of_size(board, frame))
     due = board.identity.max_chunk, board.identity.upload_window
     told = reply.max_chunk, reply.window
     check(told == due, f"max_chunk and window are {told}, in HELLO_REPLY {due}")
@@ -313,7 +314,7 @@ def refuses_upload_commits_of_other_bytes(board: BoardClient) -> None:
     kind, target, frame = _upload_kind(board)
     data = board.random.randbytes(frame)
     begin = _begin_upload_of_size(board, frame, zlib.crc32(data) ^ 0x10)
-    board.link.ask(begin)
+    announce_upload(board, begin)
     send_upload_chunks(board, data)
     board.link.refused(UploadCommit(target), ErrorCode.CRC_MISMATCH, zlib.crc32(data))
     check(kind is begin.kind, "the upload is of another kind")

@@ -21,7 +21,6 @@ from haptogram_protocol.messages import (
     ReadDrive,
     SetConfig,
     UploadBegin,
-    UploadBeginReply,
     UploadChunk,
     UploadCommit,
     UploadKind,
@@ -34,7 +33,7 @@ from ...client.playback import (
     play_request,
     send_phases_to_store,
 )
-from ...client.uploads import SEQUENCES
+from ...client.uploads import SEQUENCES, announce_upload
 from ...judge.refused_requests import CONFIG_BOUNDS
 from ...outcome import SELF_REPORTED, check, fail
 
@@ -121,7 +120,7 @@ def _begin_upload_with_limits(board: BoardClient) -> int:
     most = board.identity.max_upload_bytes // board.identity.transducers
     size = min(_SIZE_FRAMES, most) * board.identity.transducers
     begin = UploadBegin(UploadKind.PHASES, 0, _SEQUENCE, size, 0)
-    board.link.call(begin, UploadBeginReply)
+    announce_upload(board, begin)
     return size
 
 

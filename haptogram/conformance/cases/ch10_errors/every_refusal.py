@@ -13,7 +13,6 @@ from haptogram_protocol.messages import (
     Feature,
     Mute,
     TraceMode,
-    UploadBeginReply,
     UploadChunk,
     UploadChunkReply,
     UploadCommit,
@@ -33,7 +32,7 @@ from ...client.playback import (
     send_phases_to_store_if_supported,
 )
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import send_upload_chunks, upload_request, upload_to_board
+from ...client.uploads import announce_upload, send_upload_chunks, upload_request, upload_to_board
 from ...judge.held_state import Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import (
     PENDING,
@@ -127,7 +126,7 @@ def pending_before_refusal(board: BoardClient) -> bytes:
 def _begin_upload_before_refusal(board: BoardClient, data: bytes, crc: int) -> None:
     """Begin an upload, and send its first byte and its last."""
     begin = upload_request(board, UploadKind.PHASES, PENDING, len(data), crc=crc)
-    board.link.call(begin, UploadBeginReply)
+    announce_upload(board, begin)
     for at in (0, len(data) - 1):
         board.link.call(UploadChunk(at, data[at : at + 1]), UploadChunkReply)
 
