@@ -144,10 +144,10 @@ class FramesShownByPins:
         """Return the frames without those, next to missing samples, that are wrong.
 
         Both clocks are known less well there. With *first*, samples are missing before the frames
-        too. Where a frame or two are all that is left, none of them tells which pins show the run.
+        too. Where a frame or two are all that is left, and most pins are wrong, none tells the run.
         """
         judged = np.flatnonzero(self.seen & ~self.lost)
-        if len(judged) <= _EDGE:
+        if len(judged) <= _EDGE and 2 * fitting.sum() < len(fitting):
             fitting = np.ones_like(fitting)
         is_right: Bools = np.asarray(self.right[judged][:, fitting].all(axis=1))
         blurred = self.blurred.copy()
@@ -158,7 +158,7 @@ class FramesShownByPins:
                 blurred[judged[:begin]] = True
             if len(judged) - end <= _EDGE:
                 blurred[judged[end:]] = True
-        elif len(judged) <= _EDGE:
+        elif len(judged) <= _EDGE and fitting.all():
             blurred[judged] = True
         return replace(self, blurred=blurred)
 
