@@ -346,8 +346,8 @@ def test_a_frame_alone_before_missing_samples_fails_nothing(tmp_path):
     run = captured_run(tmp_path / "pins.vcd")
     record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     for element in range(9):  # of 16: the others may be right by chance
-        pin = record.pins[element]
-        record = changed(record, element, rises=pin.rises + 0.05, falls=pin.falls + 0.05)
+        pin, late = record.pins[element], 0.03 * (element + 1)
+        record = changed(record, element, rises=pin.rises + late, falls=pin.falls + late)
     few = record.between(0.0, float(record.latches[1]) + 1.0, "samples are missing")
     found = judged_record(run, few)
     assert found.verdict is Verdict.INCONCLUSIVE, found.reasons
