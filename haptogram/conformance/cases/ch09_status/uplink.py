@@ -93,8 +93,8 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     period_us = board.clock.on_carrier(shortest_period_to_play_us(board))
     alone_ms = min(_STATUS_TOLD * period_ms + period_ms // 2, board.identity.max_unattended_ms)
     since = board.link.mark()
+    start_us = board.clock.device_us()  # an answer behind the first traces may wait for the line
     play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
-    start_us = board.clock.device_us()
     board.wire.look_away((alone_ms + 5) * _MS)
     timeout_us = 20 * alone_ms * _MS + 2 * board.wire.limits.slack_us
     changed = board.link.await_event(StateChanged, since, timeout_us)
