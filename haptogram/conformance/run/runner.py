@@ -29,6 +29,8 @@ CaseProgress: TypeAlias = Callable[[int, int, str], None]
 _HELD_UP_S: Final = 1.0  # a host held up for longer may have missed a timer of the board
 _DOUBTFUL: Final = (Behaviour.FAILED, Behaviour.INCONCLUSIVE)
 _TRIES: Final = 3
+_LEAST_BAUD: Final = 115_200  # of lines that every case reckons with
+_MEASURED_SHARE: Final = 0.95  # of the rate of a line that is found at least when it is measured
 _EARLY_US: Final = 1_800_000  # how long a case may wait for the wrap of the clock
 
 
@@ -303,6 +305,8 @@ class SuiteRunner:
         if ended.behaviour is Behaviour.FAILED and away_s > _HELD_UP_S:
             text = f"the host was held up for {away_s:.1f} s, and then: {ended}"
             return _Outcome(Behaviour.INCONCLUSIVE, text)
+        if ended.behaviour is Behaviour.FAILED and self._is_slow:
+            return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))
         lenient = clause.level is Level.SHOULD and not self._options.strict
         if ended.behaviour is Behaviour.FAILED and lenient:
             return _Outcome(Behaviour.NON_STRICT, str(ended))
@@ -331,7 +335,20 @@ class SuiteRunner:
             self._connection.revive()
         elif recovery.clean and case.needs_reset:
             self._connection.lost = ""
+        if self._is_slow and not recovery.clean:
+            detail = outcome.detail or self._on_slow_line(str(recovery))
+            return dataclasses.replace(outcome, behaviour=Behaviour.INCONCLUSIVE, detail=detail)
         return dataclasses.replace(outcome, recovery=recovery)
+
+    @property
+    def _is_slow(self) -> bool:
+        return self._connection.baudrate < _MEASURED_SHARE * _LEAST_BAUD
+
+    def _on_slow_line(self, found: str) -> str:
+        return (
+            f"a line of {self._connection.baudrate} Bd is too slow for a verdict, "
+            f"{_LEAST_BAUD} Bd are enough: {found}"
+        )
 
     def _lost(self, outcome: _Outcome, board: BoardClient) -> _Outcome:
         """Return the outcome of a case that lost the port, and try to revive the board."""

@@ -14,6 +14,7 @@ from boards import Wrapped, run, virtual
 from identities import identity
 
 import sim_device
+from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases, select
 from haptogram.conformance.cases.ch06_output import every_effect
 from haptogram.conformance.client import malformed_frames
@@ -23,7 +24,7 @@ from haptogram.conformance.judge.held_state import judged_held_state
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.run.spawning import SpawnAccess
-from haptogram.conformance.verdict import Behaviour
+from haptogram.conformance.verdict import INCONCLUSIVE_STATUS, Behaviour
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.report.conformance.text import suite_text
 from haptogram_protocol.framing import FrameDecoder, cobs_encode
@@ -85,6 +86,15 @@ def test_a_line_slower_than_stated_is_measured(baud):
     assert suite.settings["measured_baudrate"] == pytest.approx(baud, rel=0.02)
     assert {r.behaviour for r in suite.results} == {Behaviour.OK}
     assert f"{suite.settings['measured_baudrate']} Bd as measured" in suite_text(suite)
+
+
+def test_a_line_too_slow_for_a_verdict_fails_no_board():
+    suite = run(virtual(baud=57_600), "HG-8.3/2-paths", "HG-8.7", "HG-9.5/1", depth=Depth.DEFAULT)
+    told = [r for r in suite.results if r.behaviour is Behaviour.INCONCLUSIVE]
+    assert told
+    assert all("a line of 57600 Bd is too slow" in r.detail for r in told)
+    assert Behaviour.FAILED not in {r.behaviour for r in suite.results}
+    assert suite.exit_status == INCONCLUSIVE_STATUS
 
 
 def test_a_line_faster_than_stated_fails_no_board():
