@@ -304,6 +304,8 @@ def counts_the_points_of_a_frame(board: BoardClient) -> None:
     most = board.identity.max_points
     if (most + 1) * FocalPoint.LAYOUT.size > 4000:
         not_observed("more points than max_points do not fit into a frame")
+    size = (min(most + 1, 250) + min(2 * most, 250)) * FocalPoint.LAYOUT.size
+    board.require_hold(2 * board.wire.line_us(size), f"frames of {most + 1} points and more")
     board.arm()
     point = FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
     with board.counting(latched=1, bad_value=2, bad_length=1):

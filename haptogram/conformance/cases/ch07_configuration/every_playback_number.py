@@ -127,8 +127,8 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
     if alone_ms * _MS < 2 * _SLOW_US:
         not_observed(f"frames are {_SLOW_US} µs apart; max_unattended_ms is {alone_ms}")
     board.arm()
-    since, now_us = board.link.mark(), board.clock.device_us()
-    start_us = now_us + board.ready_after_us() + 20 * _MS
+    since = board.link.mark()
+    start_us = board.clock.ahead_us(board.ready_after_us() + 20 * _MS)
     play = play_request(board, _SEQUENCE, loops=0, period_us=_SLOW_US, unattended_ms=alone_ms)
     board.link.call(play, PlayReply, time_us=start_us)
     for number in range(frames):

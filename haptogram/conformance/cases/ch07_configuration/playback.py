@@ -131,7 +131,7 @@ def playback_leaves_time_to_compute(board: BoardClient) -> None:
 def playback_flushes_the_queue(board: BoardClient) -> None:
     send_phases_to_store(board, 1, frames=2)
     for plays_later in (False, True):
-        board.arm()
+        board.arm_anew()
         t_us = board.clock.soon_us(bytes(2000), ahead_us=30_000)
         with board.counting(flushed=3, latched=2):
             for number in range(3):

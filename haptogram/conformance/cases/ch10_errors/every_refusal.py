@@ -318,8 +318,8 @@ def _judge_timer_behind_refusals(
     board: BoardClient, refusals: Sequence[Refusal], *, plays: bool
 ) -> None:
     """FAILED unless the timer of the host, renewed once more, runs out with its own length."""
-    line_ms = board.wire.line_us(4 * board.identity.transducers) // _MS
-    lease_ms = _LEASE_MS + line_ms
+    line_us = board.wire.line_us(4 * board.identity.transducers)
+    lease_ms = _LEASE_MS + (line_us + board.ready_after_us()) // _MS
     board.hello()
     board.configure(host_timeout_ms=2 * lease_ms if plays else lease_ms, hold_ms=10_000)
     board.arm()
