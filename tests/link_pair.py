@@ -13,6 +13,7 @@ from haptogram_protocol.connection import (
 )
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
+    VERSION_MAJOR,
     Arm,
     ArmReply,
     Disarm,
@@ -43,7 +44,7 @@ BOARD_AHEAD_US = 2**32 - 10_000_000  # the device clock is not the host's
 def hello_reply(nonce: int, **changes: int | str) -> HelloReply:
     """A HELLO_REPLY in which only what the link needs is set."""
     fields: dict[str, int | str] = dict.fromkeys(HelloReply.WIRE, 0)
-    fields |= {"major": 1, "nonce": nonce, "description_hash": HASH, "firmware": "test"}
+    fields |= {"major": VERSION_MAJOR, "nonce": nonce, "description_hash": HASH, "firmware": "test"}
     fields |= {"state": OutputState.DISARMED}
     return HelloReply(**(fields | changes))
 

@@ -12,6 +12,7 @@ from haptogram_protocol.export.vectors.samples import vector_sample
 from haptogram_protocol.framing import PURE_PYTHON, FrameDecoder, encode_frame, fastest_cobs
 from haptogram_protocol.messages import (
     MESSAGES,
+    VERSION_MAJOR,
     Drives,
     HelloReply,
     PhaseFormat,
@@ -60,7 +61,9 @@ class Pair:
         self.host.send_hello(0)
         hello = self.carry_to_board()
         self.board.open_session(1)
-        greeting = dataclasses.replace(vector_sample(HelloReply, "random"), major=1, nonce=1)
+        greeting = dataclasses.replace(
+            vector_sample(HelloReply, "random"), major=VERSION_MAJOR, nonce=1
+        )
         self.board.reply(hello, greeting, 0)
         self.carry_to_host()
 

@@ -14,7 +14,7 @@
 
 #define HG_STATIC_ASSERT(condition, name) typedef char hg_assert_##name[(condition) ? 1 : -1]
 
-#define HG_VERSION_MAJOR 1u
+#define HG_VERSION_MAJOR 2u
 #define HG_VERSION_MINOR 0u
 #define HG_HEADER_BYTES 10u
 #define HG_CRC_BYTES 4u
@@ -24,7 +24,7 @@
 #define HG_FIRST_STREAM_SEQ 65520u
 #define HG_RESPONSE_OFFSET 64u
 #define HG_MUST_UNDERSTAND 240u
-#define HG_DESCRIPTION_HASH 0x4b622f6cu
+#define HG_DESCRIPTION_HASH 0x92a8c185u
 
 /* --- Enumerations ----------------------------------------------------------------------------- */
 

@@ -7,7 +7,14 @@ from typing import Any, Final
 
 from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import NEED_DATA, BoardConnection
-from haptogram_protocol.messages import STREAM_RANGE, Feature, Hello, HelloReply, signed_difference
+from haptogram_protocol.messages import (
+    STREAM_RANGE,
+    VERSION_MAJOR,
+    Feature,
+    Hello,
+    HelloReply,
+    signed_difference,
+)
 
 from ..board.counters import BoardCounters
 from ..board.output import BoardOutput
@@ -128,7 +135,7 @@ class VersionIgnored(BoardConnection):
     """Opens a session for a host of any major version."""
 
     def _judge_hello(self, frame: Any, hello: Hello) -> Any:
-        return super()._judge_hello(frame, dataclasses.replace(hello, major=1))
+        return super()._judge_hello(frame, dataclasses.replace(hello, major=VERSION_MAJOR))
 
 
 class EventNumbersStuck(BoardConnection):

@@ -28,6 +28,7 @@ from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
+    VERSION_MAJOR,
     Arm,
     ArmReply,
     Config,
@@ -204,7 +205,7 @@ class Board:
         return None
 
     def hello(self, nonce=SESSION):
-        self.send(Hello(1, 0, nonce, description_hash()), 0, session=0)
+        self.send(Hello(VERSION_MAJOR, 0, nonce, description_hash()), 0, session=0)
         return self.wait_for(HelloReply)
 
     def arm_and_latch(self):
@@ -254,7 +255,7 @@ def test_mute_switches_off_in_the_interrupt_though_the_main_loop_hangs(firmware,
     with board_with_pin("netduinoplus2", elf, tmp_path) as (board, pin):
         board.arm_and_latch()
         assert pin.wait_for(level=True, patience_s=PATIENCE_S)
-        board.send(Hello(1, 0, SESSION + 1, description_hash()), 5, session=0)
+        board.send(Hello(VERSION_MAJOR, 0, SESSION + 1, description_hash()), 5, session=0)
         assert board.wait_for(HelloReply, patience_s=0.5) is None  # the main loop hangs
         assert pin.levels()[-1]
         board.send(Mute(), 2, session=0)

@@ -26,6 +26,7 @@ from haptogram_protocol.connection import (
 from haptogram_protocol.errors import LocalProtocolError
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
+    VERSION_MAJOR,
     Arm,
     ArmReply,
     Counters,
@@ -66,7 +67,7 @@ def _replies(data: bytes) -> list[tuple[Header, Message]]:
 
 def _opened_board() -> Bench:
     bench = Bench()
-    bench.receive(wire(Hello(1, 0, NONCE, HASH), seq=0, session=0), 0)
+    bench.receive(wire(Hello(VERSION_MAJOR, 0, NONCE, HASH), seq=0, session=0), 0)
     bench.events.clear()
     bench.carried_out.clear()
     return bench
@@ -219,12 +220,12 @@ REFUSED = {
         NONCE,
     ),
     "another major version": (
-        build_body(Hello(2, 0, 9, 0), flags=0, seq=0, time_us=0, session=0),
+        build_body(Hello(1, 0, 9, 0), flags=0, seq=0, time_us=0, session=0),
         ErrorCode.VERSION,
-        1,
+        2,
     ),
     "nonce 0": (
-        build_body(Hello(1, 0, 0, 0), flags=0, seq=0, time_us=0, session=0),
+        build_body(Hello(VERSION_MAJOR, 0, 0, 0), flags=0, seq=0, time_us=0, session=0),
         ErrorCode.BAD_VALUE,
         2,
     ),
@@ -391,7 +392,7 @@ def test_misuse_of_the_boards_end() -> None:
     for nonce in (0, 65536):
         with pytest.raises(LocalProtocolError, match=str(nonce)):
             board.open_session(nonce)
-    board.receive_data(wire(Hello(1, 0, 9, 0), seq=0, session=0), 0)
+    board.receive_data(wire(Hello(VERSION_MAJOR, 0, 9, 0), seq=0, session=0), 0)
     hello = board.next_event()
     with pytest.raises(LocalProtocolError, match="nonce 9"):
         board.reply(hello, hello_reply(9), 0)  # without open_session
@@ -419,7 +420,13 @@ def test_misuse_of_the_hosts_end() -> None:
     with pytest.raises(LocalProtocolError, match=r"REQUEST_SENT.*CLOSED"):
         host.send_chunk(UploadChunk(0, b""), 0)
     host = _opened_host()
-    for message in (Hello(1, 0, 1, 0), Mute(), UploadChunk(0, b""), PHASES, Pong(1, 2, 3)):
+    for message in (
+        Hello(VERSION_MAJOR, 0, 1, 0),
+        Mute(),
+        UploadChunk(0, b""),
+        PHASES,
+        Pong(1, 2, 3),
+    ):
         with pytest.raises(LocalProtocolError, match=message.TYPE.name):
             host.send_request(message, 0)
     with pytest.raises(LocalProtocolError, match="ARM takes no time"):
@@ -507,13 +514,13 @@ def test_differences_that_do_no_harm_are_warnings() -> None:
     assert "00000001" in host.warnings[0]
     assert f"{HASH:08x}" in host.warnings[0]
     host, _ = _greeted(minor=3, description_hash=1)
-    assert host.warnings == ["board speaks version 1.3, host 1.0: both use 1.0"]
+    assert host.warnings == ["board speaks version 2.3, host 2.0: both use 2.0"]
 
 
 def test_another_major_version_is_refused_by_either_end() -> None:
-    host, event = _greeted(major=2)
+    host, event = _greeted(major=1)
     assert isinstance(event, RequestRefused)
-    assert (event.error.code, event.error.detail) == (ErrorCode.VERSION, 2)
+    assert (event.error.code, event.error.detail) == (ErrorCode.VERSION, 1)
     assert host.link_state is LinkState.FAILED
     assert host.identity is None
     host.send_hello(5)

@@ -17,6 +17,7 @@ from haptogram_protocol.connection import (
 )
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
+    VERSION_MAJOR,
     Arm,
     ArmReply,
     Disarm,
@@ -69,7 +70,7 @@ def test_a_lost_greeting_is_sent_again_and_a_lost_reply_opens_one_session() -> N
         link.host.send_hello(0)
         link.wait_idle()
         assert link.host.link_state is LinkState.OPEN
-        assert link.bench.carried_out == [Hello(1, 0, NONCE, HASH)]
+        assert link.bench.carried_out == [Hello(VERSION_MAJOR, 0, NONCE, HASH)]
 
 
 def test_the_same_nonce_again_has_no_side_effect_and_the_first_state(link: Link) -> None:
@@ -362,7 +363,7 @@ def test_the_board_sees_stream_frames_as_they_were_sent(link: Link) -> None:
 def test_a_greeting_and_what_follows_it_may_come_in_one_chunk() -> None:
     bench = Bench()
     answer = bench.receive(
-        wire(Hello(1, 0, NONCE, HASH), seq=0, session=0)
+        wire(Hello(VERSION_MAJOR, 0, NONCE, HASH), seq=0, session=0)
         + wire(Arm(), seq=1, session=NONCE)
         + wire(PHASES, seq=0xFFF0, session=NONCE, flags=0x10),
         0,

@@ -10,6 +10,7 @@ from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
+    VERSION_MAJOR,
     Arm,
     Config,
     Disarm,
@@ -82,7 +83,7 @@ def messages(sent):
 
 
 def test_a_hardware_fault_switches_off_until_disarm(c_board):
-    c_board(1000, frame(Hello(1, 0, SESSION, 0), 1, session=0))
+    c_board(1000, frame(Hello(VERSION_MAJOR, 0, SESSION, 0), 1, session=0))
     c_board(1000, frame(Arm(), 2))
     c_board(1004, frame(Phases(PhaseFormat.BITS_8, 0, bytes(COUNT)), FIRST_STREAM_SEQ, flags=0x10))
     (changed,) = messages(c_board.raise_hardware_fault(2000))
@@ -102,7 +103,7 @@ def test_a_hardware_fault_switches_off_until_disarm(c_board):
 @pytest.mark.parametrize("session", [SESSION, 0])
 def test_a_mute_that_overtakes_switches_off_for_good_what_came_before_it(c_board, session, first):
     sequence = bytes(COUNT)
-    c_board(1000, frame(Hello(1, 0, SESSION, 0), 1, session=0))
+    c_board(1000, frame(Hello(VERSION_MAJOR, 0, SESSION, 0), 1, session=0))
     begin = UploadBegin(UploadKind.PHASES, 0, 1, COUNT, zlib.crc32(sequence))
     for seq, message in enumerate((begin, UploadChunk(0, sequence), UploadCommit(1), Arm()), 2):
         c_board(1000, frame(message, seq))
@@ -138,7 +139,7 @@ def test_a_mute_that_overtakes_switches_off_for_good_what_came_before_it(c_board
 
 
 def test_what_was_taken_for_a_mute_and_is_none_refuses_nothing_behind_it(c_board):
-    c_board(1000, frame(Hello(1, 0, SESSION, 0), 1, session=0))
+    c_board(1000, frame(Hello(VERSION_MAJOR, 0, SESSION, 0), 1, session=0))
     c_board(1000, frame(Arm(), 2))
     overtaken, found = frame(Arm(), 3), frame(Ping(9), 4)
     assert c_board.overtake(2000, len(overtaken) + len(found)) == b""
@@ -151,7 +152,7 @@ def test_what_was_taken_for_a_mute_and_is_none_refuses_nothing_behind_it(c_board
 
 
 def test_mute_that_overtakes_disarm_in_fault_ends_as_behind_it(c_board):
-    c_board(1000, frame(Hello(1, 0, SESSION, 0), 1, session=0))
+    c_board(1000, frame(Hello(VERSION_MAJOR, 0, SESSION, 0), 1, session=0))
     c_board.raise_hardware_fault(1000)
     disarm, mute = frame(Disarm(), 2), frame(Mute(), 3)
     c_board.overtake(2000, len(disarm) + len(mute))
@@ -164,7 +165,7 @@ def test_a_reset_keeps_configuration_and_correction_where_the_board_has_memory_f
     programs, keeps
 ):
     codes, other = b"\1\2\3\4", Config(hold_ms=77, sound_speed_mm_s=350_000)
-    asked = (Hello(1, 0, SESSION, 0), 1), (GetConfig(), 2)
+    asked = (Hello(VERSION_MAJOR, 0, SESSION, 0), 1), (GetConfig(), 2)
     seen = []
     with contextlib.closing(CBoard(programs, keeps=keeps)) as board:
         for _ in range(3):
@@ -188,7 +189,7 @@ def test_a_reset_keeps_configuration_and_correction_where_the_board_has_memory_f
 def test_what_waits_for_the_line_is_bounded_and_trace_gives_way(programs):
     board = CBoard(programs, grid_nx=32, grid_ny=32)
     config = Config(trace_mode=TraceMode.DRIVE, status_period_ms=0)
-    board(1000, frame(Hello(1, 0, SESSION, 0), 1, session=0))
+    board(1000, frame(Hello(VERSION_MAJOR, 0, SESSION, 0), 1, session=0))
     board(1000, frame(SetConfig(config), 2))
     board(1000, frame(Arm(), 3))
     frames = b"".join(
@@ -234,7 +235,9 @@ class Life:
         return self.t_us, act()
 
     def hello(self):
-        return lambda: self.sent(Hello(1, 0, self.session, description_hash()), session=0)
+        return lambda: self.sent(
+            Hello(VERSION_MAJOR, 0, self.session, description_hash()), session=0
+        )
 
     def upload_begin(self):
         crc = zlib.crc32(self.sequence)

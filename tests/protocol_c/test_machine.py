@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
+    VERSION_MAJOR,
     Arm,
     Config,
     Disarm,
@@ -50,7 +51,7 @@ class Host:
 
     def __init__(self, board):
         self.board, self.seq, self.index = board, 0, FIRST_STREAM_SEQ - 1
-        self.ask(0, Hello(1, 0, SESSION, 0), session=0)
+        self.ask(0, Hello(VERSION_MAJOR, 0, SESSION, 0), session=0)
 
     def ask(self, now_us, message, *, session=SESSION, flags=0, at_us=0):
         self.seq += 1
@@ -108,7 +109,7 @@ def test_every_report_of_a_latch_has_the_measured_time(host):
     assert [record.t_latch_us for record in reply.records] == [measured]
 
 
-@pytest.mark.parametrize("message", [Mute(), Disarm(), Hello(1, 0, SESSION + 1, 0)])
+@pytest.mark.parametrize("message", [Mute(), Disarm(), Hello(VERSION_MAJOR, 0, SESSION + 1, 0)])
 def test_the_machine_is_switched_off_at_once(host, message):
     host.ask(T_US, Arm())
     host.stream(T_US, phases(1))
@@ -240,7 +241,7 @@ def test_every_frame_of_a_playback_is_loaded_ahead(host):
     ]
 
 
-@pytest.mark.parametrize("message", [Mute(), Disarm(), Hello(1, 0, SESSION + 1, 0)])
+@pytest.mark.parametrize("message", [Mute(), Disarm(), Hello(VERSION_MAJOR, 0, SESSION + 1, 0)])
 def test_what_was_loaded_is_not_radiated_after_the_end(host, message):
     host.ask(T_US, Arm())
     host.stream(T_US, phases(1), due(5004))

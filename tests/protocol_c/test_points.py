@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
+    VERSION_MAJOR,
     Arm,
     Config,
     DriveKind,
@@ -35,7 +36,7 @@ class PointsBoard:
         self.board = CBoard(programs, grid_nx=nx, grid_ny=ny)
         self.nx, self.ny = nx, ny
         self.seq, self.index = 0, 0xFFF0 - 1
-        self.ask(Hello(1, 0, SESSION, 0), session=0)
+        self.ask(Hello(VERSION_MAJOR, 0, SESSION, 0), session=0)
 
     def ask(self, message, *, flags=0, session=SESSION, seq=None):
         if seq is None:

@@ -9,6 +9,7 @@ from typing import Final
 
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
+    VERSION_MAJOR,
     Arm,
     Config,
     Counters,
@@ -158,7 +159,7 @@ class DialogueOpening:
         nonce = board.new_nonce()
         board.hello(nonce)
         host.seq = board.link.seq - 1
-        hello = Hello(1, 0, nonce, board.description_hash)
+        hello = Hello(VERSION_MAJOR, 0, nonce, board.description_hash)
         self._tell_model(host.hello(hello))
 
     def _ask(self, host: DialogueHost, message: Message) -> tuple[Message, Message]:

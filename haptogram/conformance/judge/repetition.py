@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final, TypeAlias
 
 from haptogram_protocol.messages import (
+    VERSION_MAJOR,
     ErrorCode,
     Flag,
     GetGeometry,
@@ -153,10 +154,10 @@ REFUSALS_BETWEEN: Final[dict[str, Between]] = {
         ErrorCode.SEQUENCE_REUSED, Ping(5), ahead=-30_000
     ),
     "a HELLO of another version": _refused_between_repetitions(
-        ErrorCode.VERSION, Hello(2, 0, 1, 0), session=0
+        ErrorCode.VERSION, Hello(VERSION_MAJOR + 1, 0, 1, 0), session=0
     ),
     "a HELLO of nonce 0": _refused_between_repetitions(
-        ErrorCode.BAD_VALUE, Hello(1, 0, 0, 0), session=0
+        ErrorCode.BAD_VALUE, Hello(VERSION_MAJOR, 0, 0, 0), session=0
     ),
     "stream frames": _stream_between_repetitions,
     "damaged frames": _damaged_between_repetitions,

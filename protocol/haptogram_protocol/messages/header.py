@@ -9,7 +9,7 @@ from ..documented import DocumentedEnum, DocumentedFlag
 from ..record import Record, record, wire
 from ..state import OutputState
 
-VERSION_MAJOR: Final = 1  # HG-4.2
+VERSION_MAJOR: Final = 2  # HG-4.2
 VERSION_MINOR: Final = 0
 MAX_TRANSDUCERS: Final = 1024  # HG-5.1
 FIRST_STREAM_SEQ: Final = 0xFFF0  # HG-3.6: so that every run crosses the wrap

@@ -59,6 +59,7 @@ from haptogram.conformance.verdict import Behaviour
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
     RESPONSE_RANGE,
+    VERSION_MAJOR,
     Arm,
     ArmReply,
     Config,
@@ -537,7 +538,7 @@ def models():
     host = DialogueHost(identity, 0, 0, SLOT_US)
     pair = DialogueModels(identity, knows_time=False)
     pair.reset(0)
-    for body in (host.hello(Hello(1, 0, 7, 0)), host.request(Arm())):
+    for body in (host.hello(Hello(VERSION_MAJOR, 0, 7, 0)), host.request(Arm())):
         pair.ask(10, encode_frame(body))
     yield host, pair
     pair.close()

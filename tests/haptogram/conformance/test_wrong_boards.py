@@ -154,12 +154,12 @@ def test_a_port_that_is_no_board(behaviour, why):
 
 
 def test_a_board_of_another_version():
-    def version_2(body):
+    def version_1(body):
         if body[0] == MessageType.HELLO_REPLY:
-            return bytes([MessageType.ERROR]) + body[1:10] + b"\x40\x07\x02\x00\x00\x00"
+            return bytes([MessageType.ERROR]) + body[1:10] + b"\x40\x07\x01\x00\x00\x00"
         return body
 
-    suite = run(virtual(wrap=lambda inner: Rewritten(inner, version_2)), *FEW)
+    suite = run(virtual(wrap=lambda inner: Rewritten(inner, version_1)), *FEW)
     assert "another major version" in suite.cut_short
     found = behaviours(suite)
     assert found["HG-2.4/1"] is found["HG-6.2/1"] is Behaviour.INCONCLUSIVE

@@ -9,6 +9,7 @@ from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     REQUEST_RANGE,
     RESPONSE_OFFSET,
+    VERSION_MAJOR,
     Error,
     ErrorCode,
     Flag,
@@ -265,8 +266,8 @@ def every_reply_has_the_header_of_its_request(board: BoardClient) -> None:
         _check_header(board, board.link.ask(Mute(), session=session), Mute())
     for hello in (
         board.hello_message(board.link.session),
-        Hello(2, 0, board.link.session, 0),
-        Hello(1, 0, 0, 0),
+        Hello(VERSION_MAJOR + 1, 0, board.link.session, 0),
+        Hello(VERSION_MAJOR, 0, 0, 0),
     ):
         _check_header(board, board.link.ask(hello, session=0), hello)
     _check_header(board, board.link.ask_raw(_UNKNOWN_REQUEST), None)

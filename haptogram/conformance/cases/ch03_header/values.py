@@ -7,6 +7,7 @@ from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import (
+    VERSION_MAJOR,
     ConfigReply,
     Drives,
     ErrorCode,
@@ -168,7 +169,7 @@ def drops_a_wrong_length_of_type(board: BoardClient) -> None:
 
 @case("HG-3.2/5", "values that no table has are refused with BAD_VALUE and the field's offset")
 def refuses_values_of_no_table(board: BoardClient) -> None:
-    wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, b"\x01\x00\x00\x00" + bytes(4), 2)]
+    wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, bytes([VERSION_MAJOR, *bytes(7)]), 2)]
     if board.has(Feature.READ_LATCHED):
         wrong.append((ReadDrive.TYPE, b"\x07\x00\x00\x01\x00", 0))
     if board.identity.features & UPLOADS:

@@ -7,6 +7,7 @@ from typing import Final
 from haptogram_protocol.messages import (
     REQUEST_RANGE,
     STREAM_RANGE,
+    VERSION_MAJOR,
     ErrorCode,
     Flag,
     Hello,
@@ -73,8 +74,8 @@ def closed_link_has_session_0(board: BoardClient) -> None:
         "PING": board.link.ask(Ping(1)),
         "PING of a session": board.link.ask(Ping(1), session=0x1234),
         "an unknown request": board.link.ask_raw(_UNKNOWN_REQUEST),
-        "HELLO of another version": board.link.ask(Hello(2, 0, 1, 0)),
-        "HELLO of nonce 0": board.link.ask(Hello(1, 0, 0, 0)),
+        "HELLO of another version": board.link.ask(Hello(VERSION_MAJOR + 1, 0, 1, 0)),
+        "HELLO of nonce 0": board.link.ask(Hello(VERSION_MAJOR, 0, 0, 0)),
     }
     for name, answer in answers.items():
         session = answer.header.session if answer.header is not None else -1

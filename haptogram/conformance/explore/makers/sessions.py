@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol.framing import HEADER_BYTES
-from haptogram_protocol.messages import Hello, Ping
+from haptogram_protocol.messages import VERSION_MAJOR, Hello, Ping
 
 from ..host import DialogueHost
 from .conditions import DialogueConditions, DialogueMaker
@@ -26,7 +26,7 @@ class RandomSessions(DialogueMaker):
         """Return a HELLO of a new session, whose numbers soon wrap, or pass the middle."""
         across, pick = self._random.randrange, self._random.choice
         nonce, seq = across(1, 0x10000), pick(_FIRST_NUMBERS) - across(6)
-        hello = Hello(1, 0, nonce, self._table)
+        hello = Hello(VERSION_MAJOR, 0, nonce, self._table)
 
         def body(host: DialogueHost) -> bytes:
             host.seq = seq
@@ -62,7 +62,7 @@ class RandomSessions(DialogueMaker):
             "near",
             "largest",
         )
-        which = which or pick((*whiches, "0", "major 2"))
+        which = which or pick((*whiches, "0", "next major"))
         new, near = across(1, 0x10000), pick(WRONG_SESSIONS)
         table = pick((self._table, across(2**32)))
         minor, back = pick((0, 0, 1, 0xFF)), pick((0, 0, 0, 1, 5, 0x4000))
@@ -73,8 +73,8 @@ class RandomSessions(DialogueMaker):
             if host.sessions:
                 known |= {"last": host.sessions[-1], "earlier": host.sessions[0]}
             nonce = known.get(which, new)
-            message = Hello(1 + (which == "major 2"), minor, nonce, table)
-            takes = which not in ("0", "major 2")
+            message = Hello(VERSION_MAJOR + (which == "next major"), minor, nonce, table)
+            takes = which not in ("0", "next major")
             is_new = takes and nonce != host.session
             return host.hello(message, takes=takes, back=back if is_new else 0)
 

@@ -36,7 +36,7 @@ from ..makers.stream import ODD_FLAGS, MadeAction
 from ..tables.limit_requests import REFUSED_CONFIG
 from .told import Told, told_as_made
 
-_HELLOS: Final = ("open", "last", "earlier", "new", "near", "0", "major 2")
+_HELLOS: Final = ("open", "last", "earlier", "new", "near", "0", "next major")
 _UNKNOWN_TYPES: Final = (0x04, 0x3F, 0x50, 0x7F, 0x80, 0x90, 0xBF, 0xC0, 0xFF)
 #: First words of names that a state is likely to treat alike.
 _GROUPS: Final = (

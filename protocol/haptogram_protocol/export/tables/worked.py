@@ -19,7 +19,7 @@ _EIGHT: Final = m.PhaseFormat.BITS_8
 # Title, message, header fields.  The arrays are small so that the bytes can be read.
 WORKED_FRAMES: Final[Mapping[str, tuple[m.Message, dict[str, int]]]] = {
     "HELLO, nonce 0x5EED, description hash 0x01020304": (
-        m.Hello(1, 0, _SESSION, 0x01020304),
+        m.Hello(m.VERSION_MAJOR, m.VERSION_MINOR, _SESSION, 0x01020304),
         {"seq": 0, "session": 0},
     ),
     "ARM, the request after it": (m.Arm(), {"seq": 1}),
