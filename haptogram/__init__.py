@@ -15,10 +15,11 @@ Examples
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any, Final
+TYPE_CHECKING = False  # without typing: Ctrl-C is answered once .start is loaded
 
 if TYPE_CHECKING:
+    from typing import Any, Final
+
     from .acoustics import Calibration
     from .driver.driver import Driver
     from .errors import (
@@ -67,6 +68,8 @@ _HOME: Final = {
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
 
 

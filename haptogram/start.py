@@ -9,7 +9,10 @@ from __future__ import annotations
 import _signal  # type: ignore[import-not-found]  # of signal, the part that is built in
 import os
 import sys
-from collections.abc import Sequence
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _INTERRUPTED = 130
 _BOARD = "board"  # ends with 0, whenever it is told to

@@ -1,6 +1,7 @@
-"""Settings that every test shares: one numerical thread, and the Hypothesis profiles."""
+"""Settings that every test shares: one numerical thread, signals, and the Hypothesis profiles."""
 
 import os
+import signal
 from collections import Counter
 
 from hypothesis import HealthCheck, settings
@@ -11,6 +12,12 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 
 # The tests may run in a job of GitHub; those of its annotations set this themselves.
 os.environ.pop("GITHUB_ACTIONS", None)
+
+# What a script starts in the background ignores these signals, and so would the programs that a
+# test ends by one. A handler is not inherited: programs have the default, the tests go on.
+for _number in (signal.SIGINT, signal.SIGHUP):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, lambda *_: None)
 
 # A shared machine may stop for a while at any point, so slowness is no failure.
 _UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}

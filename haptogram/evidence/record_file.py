@@ -171,7 +171,7 @@ def read_records(path: str | Path) -> Records:
                 reader.take(line)
     except OSError as error:
         raise unreadable_file(path, error) from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         where = f"{path}:{reader.lines}"
         raise ConfigurationError(f"{where}: not a line of a record: {error!r}") from error
     if not reader.whole:

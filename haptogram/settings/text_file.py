@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from haptogram.errors import ConfigurationError, plain_reason, unreadable_file
 
+_MOST_TEXT: Final = 1 << 26  # characters; a device such as /dev/zero has no end
+_MOST_TOML: Final = 1 << 18  # a thousand faults, or a thousand channels, with room
+_DEEPEST: Final = 32
+_KEY: Final = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+#: A dotted key as deep as no document here is; the time to read one grows with its square.
+_DEEP_KEY: Final = re.compile(rf"(?<![\w-]){_KEY}(?:[ \t]*+\.[ \t]*+{_KEY}){{{_DEEPEST}}}")
 
-def read_text_file(path: Path, option: str) -> str:
+
+def read_text_file(path: Path, option: str, most: int = _MOST_TEXT) -> str:
     """Return the text of a file in UTF-8, whose name is the value of *option*.
+
+    Parameters
+    ----------
+    most : int
+        Characters that it may hold.
 
     Raises
     ------
@@ -17,9 +30,13 @@ def read_text_file(path: Path, option: str) -> str:
         Names the option, the file and the reason.
     """
     try:
-        return path.read_text(encoding="utf-8-sig")
+        with path.open(encoding="utf-8-sig") as file:
+            text = file.read(most + 1)
+        if len(text) > most:
+            raise ValueError(f"it has more than {most} characters")
     except (OSError, ValueError) as error:  # ValueError: also a path with a null character
         raise unreadable_file(path, error, option) from error
+    return text
 
 
 def read_toml_file(path: Path, option: str) -> dict[str, Any]:
@@ -32,9 +49,13 @@ def read_toml_file(path: Path, option: str) -> dict[str, Any]:
     """
     import tomllib  # not for --help
 
-    text = read_text_file(path, option)
+    text = read_text_file(path, option, _MOST_TOML)
     try:
-        return tomllib.loads(text)
+        if _DEEP_KEY.search(text):
+            raise RecursionError
+        document = tomllib.loads(text)
+        _check_depth(document)
+        return document
     except (ValueError, RecursionError) as error:  # ValueError: also a number of 5000 digits
         raise ConfigurationError(f"{option} '{path}' is no TOML: {plain_reason(error)}") from error
 
@@ -51,6 +72,17 @@ def read_json_file(path: Path, option: str) -> Any:
 
     text = read_text_file(path, option)
     try:
-        return json.loads(text)
+        document = json.loads(text)
+        _check_depth([document])
+        return document
     except (ValueError, RecursionError) as error:
         raise ConfigurationError(f"{option} '{path}' is no JSON: {plain_reason(error)}") from error
+
+
+def _check_depth(document: dict[str, Any] | list[Any], left: int = _DEEPEST) -> None:
+    """Raise RecursionError for a document that is deeper than what shows or compares it can go."""
+    if not left:
+        raise RecursionError
+    for item in document.values() if isinstance(document, dict) else document:
+        if isinstance(item, dict | list):
+            _check_depth(item, left - 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import signal
@@ -13,8 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
-from haptogram.errors import ConfigurationError, HaptogramError, unreadable_file
+from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram.machine.files import write_json_file
+from haptogram.settings.text_file import read_json_file
 
 from .account.tally import MEMORY_GREW, SoakTally
 from .memory import SoakMemory, resident_soak_bytes
@@ -67,14 +67,12 @@ class SoakCampaign:
         ConfigurationError
             If it holds something else, or another soak.
         """
-        try:
-            state = json.loads(path.read_bytes())
-            known = state["kind"], state["version"]
-        except FileNotFoundError:
+        if not path.exists():
             return cls(setup)
-        except OSError as error:
-            raise unreadable_file(path, error, "resume") from error
-        except (ValueError, KeyError, TypeError) as error:
+        state = read_json_file(path, "resume")
+        try:
+            known = state["kind"], state["version"]
+        except (KeyError, TypeError) as error:
             raise ConfigurationError(f"{path} is no checkpoint of a soak") from error
         if known != ("haptogram soak", VERSION):
             raise ConfigurationError(f"{path} is no checkpoint of a soak of version {VERSION}")

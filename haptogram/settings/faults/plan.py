@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 from haptogram.errors import ConfigurationError
 
 from ..arguments import check_texts
-from ..text_file import read_text_file
+from ..text_file import read_toml_file
 from .checks import (
     FOR_EVER_NS,
     check_fault_direction,
@@ -28,6 +28,8 @@ from .kinds import FAULT_KINDS, fault_number_text, fault_words
 
 #: The largest seed of chance that a plan takes.
 MOST_FAULT_SEED: Final = 2**64 - 1
+#: As many faults as a plan takes.
+MOST_FAULTS: Final = 1000
 _NS_PER_MS: Final = 1_000_000
 _BOTH: Final = "both"
 _DISCONNECT: Final = "line.disconnect"
@@ -87,11 +89,12 @@ class Fault:
         if not isinstance(text, str):
             raise ConfigurationError(f"fault {text!r}: must be a text such as {_SUCH_AS!r}")
         name, *words = text.split() or [""]
-        pairs = [word.partition("=")[::2] for word in words]
-        for number, (key, value) in enumerate(pairs):
-            if key in (earlier for earlier, _ in pairs[:number]):
+        values: dict[str, str] = {}
+        for key, _, value in (word.partition("=") for word in words):
+            if key in values:
                 raise ConfigurationError(f"{name} {key}={value}: {key} is said twice; say it once")
-        return cls.of(name, dict(pairs), text)
+            values[key] = value
+        return cls.of(name, values, text)
 
     @classmethod
     def of(cls, name: str, texts: Mapping[str, str], written: str = "") -> Self:
@@ -162,6 +165,8 @@ class FaultPlan:
         """Refuse objects that are no faults, and faults that exclude each other."""
         if not all(isinstance(fault, Fault) for fault in self.faults):
             raise ConfigurationError("the faults of a plan must be Fault; see FaultPlan.parse")
+        if len(self.faults) > MOST_FAULTS:
+            raise ConfigurationError(f"{len(self.faults)} faults; a plan takes {MOST_FAULTS}")
         if len(wraps := [str(fault) for fault in self.named("clock.wrap")]) > 1:
             raise ConfigurationError(f"{' and '.join(wraps)}: the clock wraps once; say it once")
 
@@ -177,7 +182,7 @@ class FaultPlan:
         return cls(parse_faults(texts), seed)
 
     def as_toml(self) -> str:
-        """Return the document that :func:`faults_of_toml` reads as this plan."""
+        """Return the text of the document that :func:`faults_of_toml` reads as this plan."""
         tables = (
             "\n".join(
                 ["[[fault]]", *(f"{key} = {_fault_value_toml(value)}" for key, value in items)]
@@ -219,10 +224,10 @@ def read_faults(
         added = parse_faults(texts)
     if file is None:
         return added, None
-    text = read_text_file(Path(file), "fault_plan")
+    document = read_toml_file(Path(file), "fault_plan")
     option = f"fault_plan '{file}':"
     with _named_fault_option(option):
-        faults, seed = faults_of_toml(text)
+        faults, seed = faults_of_toml(document)
     return tuple(dataclasses.replace(fault, option=option) for fault in faults) + added, seed
 
 
@@ -235,23 +240,17 @@ def _named_fault_option(option: str) -> Iterator[None]:
         raise ConfigurationError(f"{option} {error}") from error
 
 
-def faults_of_toml(text: str) -> tuple[tuple[Fault, ...], int | None]:
+def faults_of_toml(document: Mapping[str, Any]) -> tuple[tuple[Fault, ...], int | None]:
     """Return the faults of a TOML document, tables ``[[fault]]``, and its ``seed``, if it has one.
 
     Raises
     ------
     ConfigurationError
-        If it is no TOML, or for what :meth:`Fault.parse` refuses.
+        For what :meth:`Fault.parse` refuses.
     """
-    import tomllib  # not for --help
-
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError(str(error)) from error
-    tables, seed = document.pop("fault", []), document.pop("seed", None)
-    if document:
-        raise ConfigurationError(f"{', '.join(document)} is not read; known are seed and [[fault]]")
+    tables, seed = document.get("fault", []), document.get("seed")
+    if unknown := [key for key in document if key not in ("fault", "seed")]:
+        raise ConfigurationError(f"{unknown[0]} is not read; known are seed and [[fault]]")
     if seed is not None and (type(seed) is not int or not 0 <= seed <= MOST_FAULT_SEED):
         raise ConfigurationError(f"seed = {seed}, must be a whole number, 0 to {MOST_FAULT_SEED}")
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):

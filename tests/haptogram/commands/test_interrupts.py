@@ -6,10 +6,13 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from haptogram.commands.shell.interrupts import hear_interrupts_in_callbacks
+
+ROOT = Path(__file__).parents[3]
 
 
 def interrupted():
@@ -58,6 +61,16 @@ def test_the_end_of_the_program_looks_for_no_cycles():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "end\n"
+
+
+def test_nothing_else_is_loaded_before_an_interrupt_is_answered():
+    """Until then Python itself answers, with a traceback."""
+    code = "import sys; sys.path.insert(0, ''); import os; before = set(sys.modules)\n"
+    code += "import haptogram.start; print(*sorted(set(sys.modules) - before))"
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.stdout.split() == ["__future__", "haptogram", "haptogram.start"], done.stderr
 
 
 #: Says when this program, not the interpreter, answers an interrupt: with its handler in place.

@@ -1,6 +1,7 @@
 """The effects of planned faults on frames, reports, port and transducers; refusals of a plan."""
 
 import base64
+import tomllib
 
 import pytest
 import serial
@@ -49,7 +50,7 @@ def test_the_last_record_repeats_the_run(open_host):
     ends = []
     for url in (url_of(*faults) + "&seed=5", None, f"{url_of(*faults)}&seed=6"):
         if url is None:
-            again, seed = faults_of_toml(ends[0]["fault_plan"])
+            again, seed = faults_of_toml(tomllib.loads(ends[0]["fault_plan"]))
             url = f"{url_of(*map(str, again))}&seed={seed}"
         host = open_host(url)
         host.arm()

@@ -2,6 +2,7 @@
 
 import math
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -54,13 +55,15 @@ def fault_texts(draw):
 @given(st.lists(fault_texts(), max_size=4), st.integers(0, 2**64 - 1))
 def test_a_plan_can_be_pasted_back_as_text_and_as_toml(texts, seed):
     plan = FaultPlan.parse(texts, seed)
-    assert FaultPlan(*faults_of_toml(plan.as_toml())) == plan
+    assert FaultPlan(*faults_of_toml(tomllib.loads(plan.as_toml()))) == plan
     assert FaultPlan.parse([str(fault) for fault in plan.faults], seed) == plan
 
 
 def test_toml_says_the_same_as_the_command_line():
-    assert FaultPlan(*faults_of_toml(EXAMPLE)) == FaultPlan.parse(["line.flip ber=1e-5 from=2s"], 7)
-    assert faults_of_toml("") == ((), None)
+    assert FaultPlan(*faults_of_toml(tomllib.loads(EXAMPLE))) == FaultPlan.parse(
+        ["line.flip ber=1e-5 from=2s"], 7
+    )
+    assert faults_of_toml({}) == ((), None)
 
 
 def test_a_file_and_the_command_line_add_up(tmp_path):
@@ -76,7 +79,6 @@ def test_a_file_and_the_command_line_add_up(tmp_path):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("seed =", "Invalid value"),
         ("sead = 1", "sead is not read; known are seed and [[fault]]"),
         ("seed = -1", "seed = -1, must be a whole number, 0 to 18446744073709551615"),
         (f"seed = {2**64}", f"seed = {2**64}, must be a whole number, 0 to 1844674407370955161"),
@@ -90,7 +92,7 @@ def test_a_file_and_the_command_line_add_up(tmp_path):
 )
 def test_toml_that_makes_no_sense_is_refused_as_text_is(text, problem):
     with pytest.raises(ConfigurationError, match=re.escape(problem)):
-        faults_of_toml(text)
+        faults_of_toml(tomllib.loads(text))
 
 
 @pytest.mark.parametrize(
@@ -194,7 +196,7 @@ def refused(act):
 @pytest.mark.parametrize(("text", "problem"), NEVER.items())
 def test_what_cannot_be_is_refused_with_fault_parameter_value_and_limit(text, problem):
     assert problem in refused(lambda: FaultPlan.parse([text]))
-    assert problem in refused(lambda: faults_of_toml(toml_of(text)))
+    assert problem in refused(lambda: faults_of_toml(tomllib.loads(toml_of(text))))
 
 
 @pytest.mark.parametrize(
@@ -245,7 +247,9 @@ def test_a_plan_is_made_of_faults():
 
 def test_a_string_of_a_file_does_not_break_the_line():
     text = '[[fault]]\nname = "line.flip"\nber = "a\\nb"\n'
-    assert "ber=a b, must be a number, 0 to 1" in refused(lambda: faults_of_toml(text))
+    assert "ber=a b, must be a number, 0 to 1" in refused(
+        lambda: faults_of_toml(tomllib.loads(text))
+    )
 
 
 def test_a_port_may_be_gone_until_a_time():
