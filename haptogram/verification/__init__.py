@@ -19,7 +19,12 @@ from .frame.verdict import (
     verdict_pressure_text,
 )
 from .run import check_run_judgement, verify_run
-from .run_verdict import RunVerdict, cut_run_verdict_text, grouped_frame_findings
+from .run_verdict import (
+    RunVerdict,
+    cut_run_verdict_text,
+    grouped_frame_findings,
+    worst_frame_of,
+)
 from .tolerance import (
     REAL_BOARD,
     Tolerance,
@@ -54,4 +59,5 @@ __all__ = [
     "verdict_consequence_text",
     "verdict_pressure_text",
     "verify_run",
+    "worst_frame_of",
 ]

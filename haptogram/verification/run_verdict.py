@@ -308,16 +308,20 @@ def _run_verdict_group_line(what: tuple[str, ...], frames: list[FrameVerdict]) -
     """Return the common fault of frames, and its worst consequence."""
     numbers = ", ".join(str(frame.number) for frame in frames[:_NAMED_FRAMES])
     more = ", ..." if len(frames) > _NAMED_FRAMES else ""
-    worst = "; ".join(frame_verdict_measures(max(frames, key=_damaged_in_run_verdict)))
+    worst = "; ".join(frame_verdict_measures(worst_frame_of(frames)))
     at_worst = [f"at the worst {worst}"] if worst else []
     return f"{len(frames)} frames ({numbers}{more}): {'; '.join([*what, *at_worst])}"
 
 
-def _damaged_in_run_verdict(frame: FrameVerdict) -> tuple[float, float]:
-    """Return by what the worst frame of a group is found: distance, then what is missing."""
-    effect = frame.consequence
-    away_mm = (effect.focus_error_mm if effect else None) or frame.error_mm or 0.0
-    return away_mm, -(frame.target_pressure_rms_pa or 0.0)
+def worst_frame_of(frames: Sequence[FrameVerdict]) -> FrameVerdict:
+    """Return the frame with the farthest focus, then with the least pressure at its target."""
+
+    def damage(frame: FrameVerdict) -> tuple[float, float]:
+        effect = frame.consequence
+        away_mm = (effect.focus_error_mm if effect else None) or frame.error_mm or 0.0
+        return away_mm, -(frame.target_pressure_rms_pa or 0.0)
+
+    return max(frames, key=damage)
 
 
 # --- Numbers and words -------------------------------------------------------------------------

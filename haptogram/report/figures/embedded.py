@@ -1,15 +1,20 @@
-"""Pictures that are part of a page."""
+"""Pictures that are part of a page, and follow its theme."""
 
 from __future__ import annotations
 
 import base64
+import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 from .style import PAGE_DPI, encode_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+#: Ink, ground, lines and remarks of a picture: in a light page, and in a dark one (style.css).
+_DARK: Final = {"000000": "e4e6e8", "ffffff": "16181b", "dddddd": "3a3f45", "555555": "a8adb3"}
+_MOST_SHAPES: Final = 500  # of one artist; more of them become pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +23,7 @@ class PagePicture:
 
     Attributes
     ----------
-    png : bytes
+    svg : bytes
         The picture.
     title : str
         What it is a picture of; read aloud in its place.
@@ -26,16 +31,37 @@ class PagePicture:
         What to see in it.
     """
 
-    png: bytes
+    svg: bytes
     title: str
     caption: str = ""
 
     @property
     def source(self) -> str:
         """The picture as the address of an image."""
-        return f"data:image/png;base64,{base64.b64encode(self.png).decode('ascii')}"
+        return f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode('ascii')}"
 
 
 def embed_picture(figure: Figure, title: str, caption: str = "") -> PagePicture:
-    """Return *figure* as a picture for a page."""
-    return PagePicture(encode_figure(figure, ".png", PAGE_DPI), title, caption)
+    """Return *figure* as a picture for a page, dark in a dark one."""
+    for artist in figure.findobj(lambda artist: _shapes_of(artist) > _MOST_SHAPES):
+        with warnings.catch_warnings():  # matplotlib says that it ignores this in 3D, and does it
+            warnings.simplefilter("ignore")
+            artist.set_rasterized(True)
+    svg = encode_figure(figure, ".svg", PAGE_DPI, transparent=True).decode()
+    for colour in _DARK:
+        svg = svg.replace(f"#{colour}", f"var(--c{colour})")
+    light, dark = (
+        f"svg{{{';'.join(f'--c{name}:#{colour}' for name, colour in colours.items())}}}"
+        for colours in ({name: name for name in _DARK}, _DARK)
+    )
+    # What has no colour of its own is black in SVG.
+    theme = f"{light}svg{{fill:var(--c000000)}}@media screen and (prefers-color-scheme:dark)"
+    svg = svg.replace("</style>", f"{theme}{{{dark}}}</style>", 1)
+    return PagePicture(svg.encode(), title, caption)
+
+
+def _shapes_of(artist: Any) -> int:
+    """Return the number of points that a line or a scatter draws."""
+    if hasattr(artist, "get_offsets"):
+        return len(artist.get_offsets())
+    return len(artist.get_xdata()) if hasattr(artist, "get_xdata") else 0

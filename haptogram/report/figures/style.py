@@ -43,12 +43,14 @@ _STYLE: Final[dict[str, Any]] = {
     "axes.spines.top": False,
     "axes.titlelocation": "left",
     "axes.titlesize": 10.0,
+    **{f"axes3d.{axis}axis.panecolor": (1.0, 1.0, 1.0, 0.0) for axis in "xyz"},
     "figure.titlesize": 10.0,
     "font.size": 9.0,
     "grid.color": "#dddddd",
     "grid.linewidth": 0.6,
     "image.cmap": MAGNITUDE_MAP,
     "legend.fontsize": 8.0,
+    "legend.edgecolor": "#dddddd",
     "legend.framealpha": 0.9,
     "svg.fonttype": "none",
     "svg.hashsalt": "haptogram",  # the same picture gives the same file
@@ -96,18 +98,25 @@ def check_picture_format(path: Path) -> None:
     require_report_packages("pictures", "matplotlib")
 
 
-def encode_figure(figure: Figure, suffix: str, dpi: float | None = None) -> bytes:
+def encode_figure(
+    figure: Figure, suffix: str, dpi: float | None = None, *, transparent: bool = False
+) -> bytes:
     """Return *figure* in the format of *suffix*, one of `FORMATS`, without date and version.
 
     Parameters
     ----------
     dpi : float, optional
         Pixels to an inch; `DPI` without it.
+    transparent : bool
+        Leave out the white ground.
     """
-    undated = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    left_out = {".png": ("Software",), ".svg": ("Date", "Creator"), ".pdf": ("CreationDate",)}
+    metadata: Any = dict.fromkeys(left_out[suffix])
     buffer = io.BytesIO()
     with _styled():
-        figure.savefig(buffer, format=suffix[1:], dpi=dpi or DPI, metadata=undated[suffix])
+        figure.savefig(
+            buffer, format=suffix[1:], dpi=dpi or DPI, metadata=metadata, transparent=transparent
+        )
     return buffer.getvalue()
 
 

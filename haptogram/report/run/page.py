@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +19,7 @@ from ..formats.html import check_html_page, html_setting_rows, write_html_page
 from ..viewer.run_scene import viewer_scene_of_run
 from . import pictures, prose
 from .check import CheckOutcome
-from .checks import NAMED_FRAMES, run_checks_of_result
+from .checks import run_checks_of_result
 from .fieldmap import RunFieldPicture, frame_field_picture
 from .frame_rows import run_frame_place_text, run_frame_table
 from .pins import run_capture_figures, run_result_sentence
@@ -81,14 +80,15 @@ def write_run_page(
         heading=run_result_sentence(run, result),
         tone=_TONES[Verdict(result["verdict"])],
         lead=[*prose.run_summary_sentences(result), *effect],
+        tested=list(prose.run_tested_rows(result, model)),
         key_figures=_run_key_figures(result),
         faults=_run_fault_rows(result["faults"]) if "faults" in result else None,
         troubles=_run_trouble_rows(result["troubles"]),
         scene=viewer_scene_of_run(run, model, seen).embedded() if run.frames else None,
         checks=run_checks_of_result(run, result),
         tones=_CHECK_TONES,
-        pictures=list(_run_page_pictures(run, model, shown, result["board"].get("phase_steps"))),
-        findings=list(islice(run.findings(), NAMED_FRAMES)),
+        focus=list(_run_focus_pictures(shown, model, result["board"].get("phase_steps"))),
+        pictures=list(_run_page_pictures(run, model)),
         frames=run_frame_table(run),
         judged=any(frame.criteria for frame in run.frames),
         criteria=prose.CRITERIA,
@@ -176,9 +176,26 @@ def _run_circumstances(result: Mapping[str, Any]) -> dict[str, list[tuple[str, s
 # --- Pictures ----------------------------------------------------------------------------------
 
 
-def _run_page_pictures(
-    run: RunVerdict, model: AcousticModel, shown: RunFieldPicture | None, steps: int | None
+def _run_focus_pictures(
+    shown: RunFieldPicture | None, model: AcousticModel, steps: int | None
 ) -> Iterator[PagePicture]:
+    """Yield the field of one frame, and its close-up; nothing if no frame was sent."""
+    if shown is None:
+        return
+    yield embed_picture(
+        pictures.draw_run_field(shown, model, close=False),
+        "Pressure around one focus.",
+        f"Frame {shown.frame.number}, target {run_frame_place_text(shown.frame)} mm: level and "
+        "vertical plane through the target.",
+    )
+    yield embed_picture(
+        pictures.draw_run_field(shown, model, close=True),
+        "Close-ups of the white frames.",
+        _run_field_caption(shown, steps),
+    )
+
+
+def _run_page_pictures(run: RunVerdict, model: AcousticModel) -> Iterator[PagePicture]:
     yield embed_picture(
         pictures.draw_run_foci(run, model),
         "Intended and measured foci over the array.",
@@ -188,11 +205,6 @@ def _run_page_pictures(
     measured = any(frame.lateral_error_mm is not None for frame in run.frames)
     if measured:
         yield from _pictures_of_errors(run, model)
-    yield embed_picture(
-        pictures.draw_run_field(shown, model),
-        "Pressure around one focus.",
-        _run_field_caption(shown, steps),
-    )
     if any(frame.pressure_rms_pa is not None for frame in run.frames):
         yield embed_picture(
             pictures.draw_run_along_object(run),
@@ -224,10 +236,8 @@ def _pictures_of_errors(run: RunVerdict, model: AcousticModel) -> Iterator[PageP
     )
 
 
-def _run_field_caption(shown: RunFieldPicture | None, steps: int | None) -> str:
-    """Return the caption; *steps* are those of boards whose steps are no bits."""
-    if shown is None:
-        return "There is none: no frame was sent."
+def _run_field_caption(shown: RunFieldPicture, steps: int | None) -> str:
+    """Return the origin of a field; *steps* are those of boards whose steps are no bits."""
     of_board = f"{steps} steps a period" if steps else f"{shown.phase_bits} bits"
     source = (
         "the drive that was latched, or seen to be radiated in its place, with phases of "
@@ -237,10 +247,6 @@ def _run_field_caption(shown: RunFieldPicture | None, steps: int | None) -> str:
         "bits, and not what was latched"
     )
     return (
-        f"Frame {shown.frame.number}, target {run_frame_place_text(shown.frame)} mm. "
-        f"Above: the plane "
-        "z = target and the vertical plane through the target; below: close-ups of the white "
-        "frames. "
-        f"Calculated from {source}. The peak need not sit on the focus: diffraction shifts it, "
-        "mostly towards the array."
+        f"Calculated from {source}. Diffraction shifts the peak off the focus, mostly towards the "
+        "array."
     )

@@ -151,7 +151,7 @@ def error_panel(axes: Axes, series: ErrorSeries) -> None:
     )
     axes.axvline(float(least), color="black", lw=1.0, ls="--", label="smallest bound of all frames")
     axes.axvspan(
-        float(least), float(most), color="#d8d8d8", lw=0, zorder=0, label="bounds of quantisation"
+        float(least), float(most), color="#dddddd", lw=0, zorder=0, label="bounds of quantisation"
     )
     axes.set(xscale="log", xlim=(low, high), xlabel=f"{series.name} error (mm)")
     axes.margins(y=0.35)  # room for the legend
@@ -196,7 +196,7 @@ def _mark_panel_window(axes: Axes, window: RunFieldMap) -> None:
 
     left, bottom = window.across_mm[0], window.up_mm[0]
     sides = window.across_mm[-1] - left, window.up_mm[-1] - bottom
-    axes.add_patch(Rectangle((left, bottom), *sides, fill=False, ec="white", lw=0.8))
+    axes.add_patch(Rectangle((left, bottom), *sides, fill=False, ec="#fefefe", lw=0.8))
 
 
 def _mark_panel_foci(axes: Axes, field: RunFieldMap, shown: RunFieldPicture) -> None:

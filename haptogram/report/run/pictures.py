@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _WIDTH_IN: Final = 8.0
+_HALF_WIDTH_IN: Final = 5.1  # two beside each other in a page
 _MOST_POINTS: Final = 5000  # in one panel; wrong frames always stay
 
 
@@ -61,20 +62,17 @@ def draw_run_errors(run: RunVerdict, model: AcousticModel) -> Figure:
     return figure
 
 
-def draw_run_field(shown: RunFieldPicture | None, model: AcousticModel) -> Figure:
-    """Draw |p| in two planes through one focus, and below them close-ups with the marks."""
-    with new_figure(_WIDTH_IN, 7.5) as figure:
-        if shown is None:
-            empty_panel(figure.subplots(), "no frame was sent")
-            return figure
-        panels = figure.subplots(2, 2)
-        for axes, plane in zip(panels[0], (shown.level, shown.upright), strict=True):
-            map_panel(axes, plane, shown, model, close=False)
-        for axes, plane in zip(panels[1], (shown.close_level, shown.close_upright), strict=True):
-            image = map_panel(axes, plane, shown, model, close=True)
-        figure.colorbar(image, ax=panels, label="pressure (kPa RMS)", shrink=0.6, aspect=30)
-        handles, labels = axes.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+def draw_run_field(shown: RunFieldPicture, model: AcousticModel, *, close: bool) -> Figure:
+    """Draw |p| in two planes through one focus; close up with the marks."""
+    planes = (shown.close_level, shown.close_upright) if close else (shown.level, shown.upright)
+    with new_figure(_HALF_WIDTH_IN, 2.5) as figure:
+        figure.set_layout_engine("compressed")  # no gaps beside pictures of fixed aspect
+        panels = figure.subplots(1, 2)
+        for axes, plane in zip(panels, planes, strict=True):
+            image = map_panel(axes, plane, shown, model, close=close)
+        figure.colorbar(image, ax=panels, label="pressure (kPa RMS)", aspect=30)
+        if close:
+            figure_legend(figure)
     return figure
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from haptogram.acoustics import AcousticModel
+from haptogram.acoustics.model.lattice import find_lattice
 from haptogram.records.frame import Evidence
 from haptogram.verification import Tolerance, cut_run_verdict_text, tolerance_text
 
@@ -34,6 +36,8 @@ CRITERIA: Final = (
     "each other; more: they are so near that one beam serves several.",
 )
 
+_SIZED: Final = ("hemisphere", "sphere", "circle", "line")  # shapes that have a radius
+
 _LIMITS: Final = (
     "The field is computed from the latched drive, in linear acoustics and a free field: no hand, "
     "no reflections, no streaming, no nonlinear losses. No pressure was measured in air.",
@@ -46,6 +50,40 @@ _LIMITS: Final = (
     "at the focus. What a person feels is not part of it.",
     "Times are those of the board's clock.",
 )
+
+
+def run_tested_rows(result: Mapping[str, Any], model: AcousticModel) -> Iterator[tuple[str, str]]:
+    """Yield name and text of what was tested: object, rate, array, mode, link and evidence."""
+    asked, frames = result["configuration"], result["frames"]["sent"]
+    if asked.get("recording") is None and "object" in asked:  # else another run had another one
+        yield "object", _run_object_text(asked)
+        rate = f" at {asked['rate_hz']:g} Hz" if "rate_hz" in asked else ""
+        yield "frames", f"{frames}{rate}, {asked.get('mode')} of {asked.get('phase_bits')} bits"
+    yield "array", _run_array_text(model, asked.get("array"))
+    if "is" in result["board"]:
+        line = f", {asked['baud']} Bd" if "baud" in asked else ""
+        yield "link", f"{result['board']['is']}{line}"
+    kinds = result["evidence"]
+    yield "evidence", (kinds if isinstance(kinds, str) else ", ".join(kinds)) or "none"
+
+
+def _run_object_text(asked: Mapping[str, Any]) -> str:
+    """Return shape, size, place and modulation of an object."""
+    name, center = asked["object"], ", ".join(f"{value:g}" for value in asked["center_mm"])
+    size = f" of {asked['radius_mm']:g} mm" if name in _SIZED and "radius_mm" in asked else ""
+    text = f"{name}{size} at {center} mm"
+    if asked.get("modulation"):
+        text += f", {asked['modulation']} at {asked['modulation_hz']:g} Hz"
+    return text + (f", {asked['foci']} foci a frame" if asked.get("foci", 1) > 1 else "")
+
+
+def _run_array_text(model: AcousticModel, file: str | None) -> str:
+    """Return the number of transducers, rows and columns, and the file of the array."""
+    count, lattice = model.array.count, find_lattice(model.array)
+    text = f"{count} transducers"
+    if lattice is not None and lattice.elements.size == count:
+        text += ", " + " × ".join(map(str, lattice.elements.shape))
+    return text + (f", {file}" if file and "." in file else "")
 
 
 def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:

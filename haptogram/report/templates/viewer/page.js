@@ -4,7 +4,7 @@ const SPEEDS = [1, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001]; // of the device's time
 
 class Viewer {
   constructor(root, scene, isLive) {
-    Object.assign(this, { root, scene, isLive, frame: 0, playing: false });
+    Object.assign(this, { root, scene, isLive, frame: 0, playing: false, troubles: new Map() });
     this.picture = new Picture(this.part("picture"), scene);
     this.timeline = new Timeline(this.part("timeline"), scene);
     this.#fillControls();
@@ -13,7 +13,7 @@ class Viewer {
     this.#listen();
     this.#takeColours();
     const newest = isLive && this.part("newest").checked; // else what failed comes first
-    this.show(newest ? scene.frames - 1 : Math.max(0, this.firstTrouble));
+    this.show(newest ? scene.frames - 1 : this.firstTrouble ?? 0);
     root.dataset.ready = "true";
   }
 
@@ -98,11 +98,10 @@ class Viewer {
       const [row, axes] = [scene.row(name, frame), scene.header.client_axes];
       return row && axes ? placeText([0, 1, 2].map((at) => [0, 1, 2].reduce((sum, n) => sum + axes[n][at] * row[n], 0))) : null;
     };
-    const timing = ["", ", late", ", early"][scene.column("timing")[frame]];
     const rows = { // what is not known has no row
       frame: `${scene.column("number")[frame]} (${frame + 1} of ${scene.frames})`,
       time: `${((scene.timeOf(frame) - scene.startUs) / 1000).toFixed(3)} ms`,
-      status: `${scene.status(frame)}${timing}`,
+      status: this.#statusText(frame),
       "target x, y, z": place("target_mm"),
       "focus x, y, z": place("found_mm"),
       "in the client's axes": clientPlace("found_mm"),
@@ -119,25 +118,35 @@ class Viewer {
     slider.setAttribute("aria-valuetext", `frame ${rows.frame}, ${rows.status}`);
   }
 
-  // List the frames from the first new one on that want attention; the first 500 are named.
+  // Count the frames from the first new one on that want attention, with a button for each kind of them.
   #fillTroubles(first) {
-    const { scene } = this;
-    const list = this.part("troubles");
-    const count = scene.frames - first;
-    const odd = Array.from({ length: count }, (_, at) => first + at).filter((at) => troubleOf(scene, at).rank > 0);
-    this.troubles = (this.troubles ?? 0) + odd.length;
-    this.firstTrouble ??= odd.at(0) ?? -1;
-    this.part("trouble-count").textContent = this.troubles ? `${this.troubles}` : "none";
-    for (const frame of odd.slice(0, Math.max(0, 500 - list.children.length))) {
-      const number = scene.column("number")[frame];
-      const button = document.createElement("button");
-      button.textContent = `${number}: ${scene.status(frame)}`;
-      button.addEventListener("click", () => this.showNumber(number));
-      const item = document.createElement("li");
-      item.append(button);
-      list.append(item);
+    const { scene, troubles } = this;
+    for (let frame = first; frame < scene.frames; frame += 1) {
+      if (troubleOf(scene, frame).rank === 0) continue;
+      const kind = this.#statusText(frame);
+      troubles.set(kind, (troubles.get(kind) ?? 0) + 1);
+      this.firstTrouble ??= frame;
     }
+    const count = [...troubles.values()].reduce((sum, of) => sum + of, 0);
+    this.part("trouble-count").textContent = count || "none";
+    this.part("troubles").replaceChildren(...Array.from(troubles, ([kind, of]) => {
+      const button = document.createElement("button");
+      button.textContent = `next of ${of}: ${kind}`;
+      button.addEventListener("click", () => this.#showNext(kind));
+      return button;
+    }));
     fillTable(this.part("counters"), Object.entries(scene.header.counters));
+  }
+
+  #statusText(frame) {
+    return this.scene.status(frame) + ["", ", late", ", early"][this.scene.column("timing")[frame]];
+  }
+
+  // Show the next frame of a kind; behind the last one follows the first.
+  #showNext(kind) {
+    const { frames } = this.scene;
+    const after = Array.from({ length: frames }, (_, at) => (this.frame + 1 + at) % frames);
+    this.#jump(after.find((frame) => this.#statusText(frame) === kind) ?? -1);
   }
 
   // Show the frame of this number, if there is one.

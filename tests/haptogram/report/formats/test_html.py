@@ -47,7 +47,7 @@ def test_a_value_that_is_missing_is_an_error_and_no_gap():
 
 
 def test_a_picture_is_part_of_the_page():
-    assert PagePicture(b"png", "").source == "data:image/png;base64,cG5n"
+    assert PagePicture(b"svg", "").source == "data:image/svg+xml;base64,c3Zn"
 
 
 def test_dark_and_light_and_print_are_one_style_sheet():

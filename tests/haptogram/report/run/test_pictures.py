@@ -1,9 +1,10 @@
 from __future__ import annotations
 
 import functools
-import struct
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -32,13 +33,19 @@ Scene = tuple[RunVerdict, AcousticModel]
 PICTURES: dict[str, Callable[[RunVerdict, AcousticModel], Figure]] = {
     "foci": pictures.draw_run_foci,
     "errors": pictures.draw_run_errors,
-    "field": lambda run, model: pictures.draw_run_field(
-        frame_field_picture(run, model, None, 8), model
-    ),
+    "field": lambda run, model: field(run, model, close=False),
+    "close-up of the field": lambda run, model: field(run, model, close=True),
     "along_object": lambda run, _: pictures.draw_run_along_object(run),
     "lateness": pictures.draw_run_lateness,
 }
-LEAST_BYTES = 5_000  # of a picture that holds no more than a sentence
+_COLOUR = re.compile(rb"#[0-9a-f]{6}")
+_THEMED = {b"#000000", b"#ffffff", b"#dddddd", b"#555555", b"#e4e6e8", b"#16181b", b"#3a3f45"}
+
+
+def field(run: RunVerdict, model: AcousticModel, *, close: bool) -> Figure:
+    shown = frame_field_picture(run, model, None, 8)
+    assert shown is not None
+    return pictures.draw_run_field(shown, model, close=close)
 
 
 def line_model() -> AcousticModel:
@@ -72,24 +79,41 @@ def scene(name: str) -> Scene:
 
 SCENES = ["no frames", "one frame", "nothing verified", "line", "everything"]
 #: The field alone looks for the longer side.
-CASES = [*((place, name) for place in SCENES for name in PICTURES), ("column", "field")]
+CASES = [
+    *(
+        (place, name)
+        for place in SCENES
+        for name in PICTURES
+        if (place, "field") != (SCENES[0], name[-5:])
+    ),
+    ("column", "field"),
+]
 
 
 @pytest.mark.parametrize(("place", "name"), CASES)
 def test_every_run_gives_every_picture(place: str, name: str) -> None:
-    png = embed_picture(PICTURES[name](*scene(place)), name).png
-    assert png[:8] == b"\x89PNG\r\n\x1a\n"
-    width, height = struct.unpack(">II", png[16:24])
-    assert width == 1200
-    assert 400 <= height <= width
-    assert len(png) > LEAST_BYTES
+    svg = embed_picture(PICTURES[name](*scene(place)), name).svg
+    root = ElementTree.fromstring(svg)
+    width, height = (float(root.attrib[side].removesuffix("pt")) for side in ("width", "height"))
+    assert width == pytest.approx(367.2 if "field" in name else 576.0)
+    assert 0.33 * width <= height <= width
+    # In a dark page nothing is black on black: all but the colours of data follows the theme.
+    drawn = svg[svg.index(b"</style>") :]
+    assert set(_COLOUR.findall(drawn)).isdisjoint(_THEMED)
+    assert b"prefers-color-scheme:dark" in svg
 
 
 def test_the_same_run_gives_the_same_picture(good_run: RunVerdict, model: AcousticModel) -> None:
-    png, again = (
-        embed_picture(pictures.draw_run_errors(good_run, model), "").png for _ in range(2)
+    svg, again = (
+        embed_picture(pictures.draw_run_errors(good_run, model), "").svg for _ in range(2)
     )
-    assert png == again
+    assert svg == again
+
+
+def test_many_points_become_pixels(model: AcousticModel) -> None:
+    few, many = (make_run(model, targets(count)) for count in (300, 600))
+    sizes = [len(embed_picture(pictures.draw_run_foci(run, model), "").svg) for run in (few, many)]
+    assert sizes[1] < sizes[0]
 
 
 def test_a_picture_leaves_the_settings_of_the_user_alone(good_run: RunVerdict) -> None:

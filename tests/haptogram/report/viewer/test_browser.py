@@ -228,6 +228,11 @@ def test_lost_and_late_frames_show_on_the_time_line(page: Any) -> None:
     assert colours[2][:3] == [0xB0, 0x56, 0x8A]  # lost
     assert colours[3][:3] == [0xA8, 0x74, 0x00]  # late
     assert page.locator("[data-part=trouble-count]").inner_text() == "2"
+    buttons = page.locator("[data-part=troubles] button")  # one for each kind, not for each frame
+    assert buttons.all_inner_texts() == ["next of 1: lost", "next of 1: on target, late"]
+    for number in (3, 3, 2):  # behind the last one follows the first
+        buttons.nth(0 if number == 2 else 1).click()
+        assert page.evaluate("() => haptogramViewer.frame") == number
 
 
 def test_arrival_margins_stand_on_the_time_line(page: Any) -> None:
@@ -262,7 +267,7 @@ def test_controls_step_play_pause_and_jump(page: Any) -> None:
     for key, frame in (("End", 3), ("ArrowLeft", 2), ("Home", 0), ("ArrowRight", 1)):
         page.keyboard.press(key)
         assert page.evaluate(shown) == frame
-    page.click("text=2: lost")
+    page.click("text=next of 1: lost")
     assert page.evaluate(shown) == 2
     page.evaluate("() => haptogramViewer.show(0)")
     page.select_option("[data-part=speed]", "0.1")
