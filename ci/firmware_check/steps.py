@@ -118,7 +118,7 @@ def judge_pins(records: Path, count: int, recording: Path, folder: Path) -> Step
     write_capture(records, count, capture)
     channels.write_text(CHANNELS, "utf-8")
     words = ["--capture", str(capture), "--channels", str(channels), *_files(folder, "pins")]
-    return _run("pins", ["verify", "--recording", str(recording), *words], folder)
+    return _run("pins", ["verify", "--from-recording", str(recording), *words], folder)
 
 
 def _files(folder: Path, name: str) -> list[str]:

@@ -150,18 +150,18 @@ _VERIFY_RUN: Final[Rows] = {
 
 def _acts_on_a_run(row: Acting | None) -> Acting:
     """Return the row of an option that does nothing where a recording is judged."""
-    where = "on a run (a recording has its own; not with --recording)"
+    where = "on a run (a recording has its own; not with --from-recording)"
     if row is None:
-        return Acting(where, lambda s: s.recording is None)
-    return Acting(row.where, lambda s: s.recording is None and row.is_there(s))
+        return Acting(where, lambda s: s.from_recording is None)
+    return Acting(row.where, lambda s: s.from_recording is None and row.is_there(s))
 
 
 _VERIFY: Final[Rows] = {
     **{name: _acts_on_a_run(row) for name, row in _VERIFY_RUN.items()},
     **_option_acts_always(
         "tolerance_mm tolerance_c tolerance_humidity uncertainty_c uncertainty_humidity "
-        "uncertainty_position_mm uncertainty_phase_rad min_verified capture channels recording "
-        "frames json junit html summary config quiet"
+        "uncertainty_position_mm uncertainty_phase_rad min_verified capture channels "
+        "from_recording frames json junit html summary config quiet"
     ),
     "stamp": _STAMPED,
 }
@@ -177,8 +177,8 @@ def _acts_in_resets_of_a_port(arguments: Namespace) -> bool:
 
 
 _RUN: Final = Acting(
-    "where cases are run (not with --list, --compare or --recording)",
-    lambda a: _acts_in_conform_run(a) and a.recording is None,
+    "where cases are run (not with --list, --compare or --from-recording)",
+    lambda a: _acts_in_conform_run(a) and a.from_recording is None,
 )
 _RUN_OPTIONS: Final = (
     "port baud spawn port_regex reset_cmd fault_cmd dtr rts quick full explore strict timeout seed "
@@ -188,7 +188,7 @@ _RESULT: Final = Acting(
     "where there is a result (not with --list or --compare)", _acts_in_conform_run
 )
 _RESULT_OPTIONS: Final = (
-    "baseline junit json summary write_baseline verbose capture channels recording"
+    "baseline junit json summary write_baseline verbose capture channels from_recording"
 )
 _CONFORM: Final[Rows] = {
     **dict.fromkeys(_RUN_OPTIONS.split(), _RUN),
@@ -198,7 +198,8 @@ _CONFORM: Final[Rows] = {
         lambda a: _acts_in_conform_run(a) and _acts_in_resets_of_a_port(a),
     ),
     "clause": Acting(
-        "without --compare and --recording", lambda a: not a.compare and a.recording is None
+        "without --compare and --from-recording",
+        lambda a: not a.compare and a.from_recording is None,
     ),
     "html": Acting("without --list", lambda a: not a.list),
     "stamp": _STAMPED,

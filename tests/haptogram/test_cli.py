@@ -127,6 +127,14 @@ def test_a_soak_begins_no_day_unasked(words: list[str], capsys: pytest.CaptureFi
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", ["verify", "conform"])
+def test_one_word_writes_a_recording_and_another_reads_one(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, "--recording", "run.mcap"]) == 2
+    assert "--recording is now --from-recording" in capsys.readouterr().err
+
+
 HEAVY = {"numpy", "scipy", "serial", "haptogram_protocol", "matplotlib", "tqdm"}
 
 

@@ -62,7 +62,7 @@ def set_up_conform(parser: Parser, virtual: Virtual) -> None:
         "  3    no verdict has 1, and one has 3\n"
         "  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)\n"
     )
-    parser.rename(link_baud="baud")
+    parser.rename(link_baud="baud", recording="from_recording")
     parser.set_defaults(run=functools.partial(run_conform, virtual=virtual))
     add_conform_options(parser)
 
@@ -93,9 +93,9 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
         pictures=False,
     )
     provenance = provenance_of_run(arguments)
-    if captures.recording is not None:
+    if captures.from_recording is not None:
         suite = conform_recorded_captures(
-            captures, captures.recording, _expected_to_conform(arguments)
+            captures, captures.from_recording, _expected_to_conform(arguments)
         )
         outputs.print(suite_text(suite, verbose=arguments.verbose))
         _write_conform_results(arguments, suite, outputs, provenance)

@@ -35,7 +35,7 @@ examples:
       what takes no time, for every commit; --full before a release
   haptogram conform --port /dev/ttyACM0 --clause HG-2 --clause HG-3.4/1
       one chapter and one clause
-  haptogram conform --recording run.mcap --capture pins.sr --channels map.toml
+  haptogram conform --from-recording run.mcap --capture pins.sr --channels map.toml
       by its drive pins, what the board's own words in a run with --record run.mcap cannot prove
   haptogram conform --compare a.json b.json --html matrix.html
       two devices side by side
@@ -121,11 +121,11 @@ class PinConfig(CaptureConfig):
         CaptureConfig,
         "capture",
         help="capture of drive pins and UART (VCD, or .sr of sigrok) of the run at --port, or of "
-        "the one in --recording; may be repeated",
+        "the one in --from-recording; may be repeated",
     )
-    recording: Path | None = option_of(
+    from_recording: Path | None = option_of(
         CaptureConfig,
-        "recording",
+        "from_recording",
         help="judge --capture beside the results in this recording (--record), and run nothing",
     )
 
@@ -192,8 +192,9 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
     """
     if arguments.capture and not _is_conform_port(arguments):
         raise ConfigurationError(
-            "--capture is of a run at --port, or with --recording of the run in it; a board that "
-            "--spawn starts writes its capture when it ends: use --record, and --recording later"
+            "--capture is of a run at --port, or with --from-recording of the run in it; a board "
+            "that --spawn starts writes its capture when it ends: use --record, and "
+            "--from-recording later"
         )
     if arguments.spawn is not None and arguments.port is not None:
         raise ConfigurationError("--spawn names its own port: --port is one too many")

@@ -58,7 +58,7 @@ def wait_for_capture_arguments(config: CaptureConfig, since_s: float) -> None:
             if time.monotonic() > end_s:
                 raise ConfigurationError(
                     f"--capture {path}: not written within {_PATIENCE_S:g} s of the end of the "
-                    "run; record the run (--record) and judge the capture by --recording later"
+                    "run; record the run (--record) and judge the capture by --from-recording later"
                 )
             if not told:
                 print(f"waiting for {path}: end the capture", file=sys.stderr, flush=True)

@@ -30,7 +30,7 @@ INPUTS: Final[Mapping[str, Callable[[str], bool]]] = {
     **dict.fromkeys(
         ("baseline", "calibration", "compare", "config", "drive", "expect_file", "fault_plan"), bool
     ),
-    **dict.fromkeys(("capture", "channels", "file", "map", "recording"), bool),
+    **dict.fromkeys(("capture", "channels", "file", "map", "from_recording"), bool),
 }
 
 _POSITIONAL: Final = ("file", "source")

@@ -101,9 +101,9 @@ def verify_recorded_captures(
     from haptogram.evidence.recordings.recorded_run import recorded_run
     from haptogram.report import run as report
 
-    path = config.captures.recording
+    path = config.captures.from_recording
     if path is None:
-        raise ConfigurationError("no --recording to judge by")
+        raise ConfigurationError("no --from-recording to judge by")
     recording = Recording(path)
     recorded = recorded_run(recording)
     verdict = verify_run_by_captures(

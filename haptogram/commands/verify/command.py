@@ -21,7 +21,7 @@ from haptogram.machine.terminal import terminal_error_line
 from haptogram.settings.option import options_of
 from haptogram.settings.run.outputs import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig
-from haptogram.settings.run.verify_file import load_verify_config, read_settings_table
+from haptogram.settings.run.verify_file import RENAMED, load_verify_config, read_settings_table
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
@@ -68,7 +68,7 @@ examples:
       the same job, finer, without a wall clock: exact and repeatable
   haptogram verify --port /dev/ttyUSB0
       a real board, by its own trace
-  haptogram verify --recording run.mcap --capture pins.sr --channels map.toml
+  haptogram verify --from-recording run.mcap --capture pins.sr --channels map.toml
       the same board, by its drive pins: what a logic analyser saw of a run with --record run.mcap
   haptogram verify --object shape.stl --mode sequence --html out.html
       a mesh, uploaded once and played on the board's clock
@@ -95,7 +95,7 @@ def set_up_verify(
         "focus of what the board latched really is."
     )
     parser.epilog = _EXAMPLES + "\n" + EXIT_STATUS
-    parser.rename(link_baud="baud", report="html")
+    parser.rename(**RENAMED)
     parser.set_defaults(run=functools.partial(run_verify, made=made))
     add_verify_options(parser)
 
@@ -119,7 +119,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         settings, *(name for name in options_of(OutputConfig) if name != "stamp")
     )
     provenance = provenance_of_run(settings)
-    if config.captures.recording is not None:
+    if config.captures.from_recording is not None:
         return verify_recorded_captures(config, outputs, provenance, quiet=arguments.quiet)
     boards = RunBoards.of(config, arguments, made)
     boards.virtual  # noqa: B018  it checks, before anything starts

@@ -16,7 +16,7 @@ class CaptureConfig(Settings):
         (),
         unit="FILE",
         help="capture of drive pins (VCD, or .sr of sigrok) of the run at --port, or of the one in "
-        "--recording; may be repeated: captures of all elements are joined",
+        "--from-recording; may be repeated: captures of all elements are joined",
         absent="none",
     )
     channels: tuple[Path, ...] = option(
@@ -25,7 +25,7 @@ class CaptureConfig(Settings):
         help="TOML map of the channels of --capture (docs/captures.md); repeated, one for each",
         absent="none",
     )
-    recording: Path | None = option(
+    from_recording: Path | None = option(
         None,
         unit="FILE",
         help="judge --capture by the frames of this recording (--record), and run nothing",
@@ -35,8 +35,10 @@ class CaptureConfig(Settings):
     def __post_init__(self) -> None:
         """Check that there is a map for every capture."""
         super().__post_init__()
-        if self.recording is not None and not self.capture:
-            raise SettingError("recording", "is what a capture is judged by: name the --capture")
+        if self.from_recording is not None and not self.capture:
+            raise SettingError(
+                "from_recording", "is what a capture is judged by: name the --capture"
+            )
         if self.capture and not self.channels:
             raise SettingError("channels", "is missing: a capture needs the map of its channels")
         if self.capture and len(self.channels) not in (1, len(self.capture)):

@@ -55,9 +55,9 @@ class VerifyConfig(Settings):
             raise SettingError(
                 "solver", f"is {solver!r}; the board solves frames of points, by superposition"
             )
-        if self.elements.compensate and self.captures.recording is None:
+        if self.elements.compensate and self.captures.from_recording is None:
             self._check_compensation()
-        if self.captures.capture and self.captures.recording is None and self.link.dialect:
+        if self.captures.capture and self.captures.from_recording is None and self.link.dialect:
             raise SettingError(
                 "capture",
                 f"is judged by frames of Haptogram's own wire, not of {self.link.dialect}: give "
@@ -65,11 +65,11 @@ class VerifyConfig(Settings):
             )
         if self.link.port is not None:
             self._check_port(self.link.port)
-        elif self.captures.capture and self.captures.recording is None:
+        elif self.captures.capture and self.captures.from_recording is None:
             raise SettingError(
                 "capture",
-                "is of a board at --port, or of the run in a --recording; a virtual board writes "
-                "one of its own: haptogram board --capture",
+                "is of a board at --port, or of the run in a --from-recording; a virtual board "
+                "writes one of its own: haptogram board --capture",
             )
 
     def _check_modulation(self) -> None:

@@ -15,7 +15,8 @@ from .verify import VerifyConfig
 
 _SECTION: Final = "verify"
 #: Former keys, and those that replaced them.
-_RENAMED: Final = {"link_baud": "baud", "report": "html"}
+#: Former names of settings.
+RENAMED: Final = {"link_baud": "baud", "report": "html", "recording": "from_recording"}
 
 
 def load_verify_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig:
@@ -63,8 +64,8 @@ def read_settings_table(path: Path) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise ConfigurationError(f"{path}: must have one table [{_SECTION}]")
     for name in table.keys() - options_of(VerifyConfig).keys():
-        if name in _RENAMED:
-            raise ConfigurationError(f"{path}: {name!r} is now {_RENAMED[name]!r}")
+        if name in RENAMED:
+            raise ConfigurationError(f"{path}: {name!r} is now {RENAMED[name]!r}")
         known = unknown_setting_text(name, options_of(VerifyConfig))
         raise ConfigurationError(f"{path}: {name!r} is not a setting{known}")
     return table

@@ -10,7 +10,7 @@ import pytest
 from haptogram.cli import COMMANDS, command_parser, main
 from haptogram.commands.acting_options import ACTING
 
-RECORDED = "--recording run.mcap --capture pins.vcd --channels map.toml"
+RECORDED = "--from-recording run.mcap --capture pins.vcd --channels map.toml"
 #: For every option that does not always act: a command line where it acts and one where not.
 CASES = {
     "verify": dict.fromkeys(
@@ -48,7 +48,7 @@ CASES = {
     | {
         "capture": ("--port /dev/absent --channels a.toml", "--list"),
         "channels": ("--port /dev/absent --capture a.vcd", "--list"),
-        "recording": ("--capture a.vcd --channels a.toml", "--list"),
+        "from_recording": ("--capture a.vcd --channels a.toml", "--list"),
         "spawn": ("", "--list"),
         "port": ("", "--list"),
         "port_regex": ("--spawn true", "--compare a.json --html b.html"),

@@ -31,7 +31,7 @@ BOARD = (
 )
 RUN = "--clause HG-8.3/1 --clause HG-6.11/1 --quiet"
 ANOTHER = "conform --clause HG-8.3/1 --quiet --record run.mcap"
-JUDGED = "conform --recording run.mcap --capture pins.vcd --channels map.toml"
+JUDGED = "conform --from-recording run.mcap --capture pins.vcd --channels map.toml"
 
 
 def run_of_a_board(*options):
@@ -103,7 +103,7 @@ def test_failures_of_pins_can_be_expected(capsys):
 
 BAD = {
     "conform --capture pins.vcd --channels map.toml": "--capture is of a run at --port",
-    "conform --recording run.mcap": "name the --capture",
+    "conform --from-recording run.mcap": "name the --capture",
     "conform --port x --capture pins.vcd": "--channels is missing",
     f"{JUDGED} --port x": "--port acts only where cases are run",
     JUDGED.replace("map.toml", "blind.toml"): "neither line of the UART",

@@ -35,7 +35,7 @@ NEEDED = {
 BESIDE = {
     "capture": ["--port", "none", "--channels", "map.toml"],
     "channels": ["--port", "none", "--capture", "pins.vcd"],
-    "recording": ["--capture", "pins.vcd", "--channels", "map.toml"],
+    "from_recording": ["--capture", "pins.vcd", "--channels", "map.toml"],
 }
 CAPTURED = {"conform", "verify"}
 SUFFIX = {"picture": ".svg"}
@@ -59,7 +59,7 @@ PAIRS = [
     for reader in sorted(file_options(command).keys() & INPUTS.keys())
     for writer in sorted(file_options(command).keys() & OUTPUTS)
     if reader != "compare" or (command, writer) in (("conform", "html"), ("bench", "json"))
-    if (reader, writer) != ("recording", "record")  # a recording is judged where nothing runs
+    if (reader, writer) != ("from_recording", "record")  # a recording is judged where nothing runs
 ]
 
 

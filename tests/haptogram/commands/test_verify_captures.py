@@ -21,7 +21,7 @@ from pin_captures import captured_run
 
 MAP = 'reference = "carrier"\nlatch = "latch"\nelements = "e{}"\n'
 PART = 'reference = "carrier"\n[elements]\ne1 = 1\ne2 = 2\ne9 = 9\n'
-JUDGED = "verify --recording run.mcap --capture pins.vcd --channels"
+JUDGED = "verify --from-recording run.mcap --capture pins.vcd --channels"
 
 
 @pytest.fixture(autouse=True)
@@ -93,7 +93,7 @@ def test_captures_of_several_passes_are_joined(capsys):
         Path("pins.vcd").rename(f"{number}.vcd")
         rows = "".join(f"e{n} = {n}\n" for n in elements)
         Path(f"{number}.toml").write_text(f'reference = "carrier"\n[elements]\n{rows}')
-    words = "verify --recording run.mcap --capture 0.vcd --channels 0.toml"
+    words = "verify --from-recording run.mcap --capture 0.vcd --channels 0.toml"
     assert main([*words.split()]) == 0
     assert "7 of 16 elements were not captured" in capsys.readouterr().out
     assert main([*f"{words} --capture 1.vcd --channels 1.toml".split()]) == 0
@@ -101,7 +101,7 @@ def test_captures_of_several_passes_are_joined(capsys):
 
 
 BAD = {
-    "--recording": ("name the --capture", 2),
+    "--from-recording": ("name the --capture", 2),
     "--capture pins.vcd": ("--channels is missing: a capture needs the map of its channels", 2),
     "--capture pins.vcd --channels map.toml": ("haptogram board --capture", 2),
     "--channels map.toml": ("name the --capture", 2),
@@ -110,13 +110,19 @@ BAD = {
     f"{JUDGED} clock.toml": ("no channel 'D0'", 2),
     f"{JUDGED} far.toml": ("the array has the elements 0 to 15", 2),
     f"{JUDGED} alone.toml": ("capture the clock of the carrier", 2),
-    "verify --recording run.mcap --capture empty.vcd --channels map.toml": ("no edge on any", 2),
-    "verify --recording run.mcap --capture slow.vcd --channels map.toml": (
+    "verify --from-recording run.mcap --capture empty.vcd --channels map.toml": (
+        "no edge on any",
+        2,
+    ),
+    "verify --from-recording run.mcap --capture slow.vcd --channels map.toml": (
         "for 8-bit phases at 2.048e+07 Hz",
         2,
     ),
-    "verify --recording empty.vcd --capture pins.vcd --channels map.toml": ("is no recording", 2),
-    "verify --recording bytes.mcap --capture pins.vcd --channels map.toml": (
+    "verify --from-recording empty.vcd --capture pins.vcd --channels map.toml": (
+        "is no recording",
+        2,
+    ),
+    "verify --from-recording bytes.mcap --capture pins.vcd --channels map.toml": (
         "does not hold the frames that were intended",
         2,
     ),
@@ -135,7 +141,7 @@ def test_bad_input_is_one_line(words, told, status, capsys):
     Path("empty.vcd").write_text(f"{header}#1000\n")
     RecordingWriter(Path("bytes.mcap"), command="board").close()
     line = words if words.startswith("verify") else f"verify {words}"
-    line = f"{line} run.mcap" if line.endswith("--recording") else line
+    line = f"{line} run.mcap" if line.endswith("--from-recording") else line
     assert main([*line.split(), "--quiet"]) == status
     said = capsys.readouterr()
     assert told in said.err
@@ -147,7 +153,7 @@ def test_another_run_and_a_cut_off_file_are_inconclusive(capsys):
     captured(seed=2)
     shutil.copy("pins.vcd", "other.vcd")
     captured()
-    words = "verify --recording run.mcap --capture other.vcd --channels map.toml"
+    words = "verify --from-recording run.mcap --capture other.vcd --channels map.toml"
     assert main([*words.split()]) == 3
     assert "the capture does not show this run" in capsys.readouterr().out
     data = Path("pins.vcd").read_bytes()

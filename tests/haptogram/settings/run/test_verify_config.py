@@ -99,6 +99,7 @@ def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: st
         ("[verify]\nphase_bits = 8.0\n", r"run\.toml: phase_bits is 8\.0; known are 8, 6, 5"),
         ("[verify]\njson = ''\n", r"run\.toml: json is '', must be the name of a file"),
         ("[verify]\nlink_baud = 9600\n", "'link_baud' is now 'baud'"),
+        ("[verify]\nrecording = 'a'\n", "'recording' is now 'from_recording'"),
         ("[verfy]\n", r"\[verfy\] is not read; .* one table \[verify\]; did you mean verify"),
         ("[other]\n", r"\[other\] is not read; all settings are in one table \[verify\]"),
         ("rate_hz = 5\n", r"\[rate_hz\] is not read"),
