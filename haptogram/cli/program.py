@@ -53,7 +53,7 @@ examples:
   haptogram verify                          a hemisphere at 1 kHz on the virtual board
   haptogram conform --port /dev/ttyACM0     firmware in CI: a verdict for every clause
   haptogram board --link /tmp/board         a serial port without hardware
-  haptogram COMMAND --help                  options, examples and exit status of a command
+  haptogram COMMAND -h                      what matters most of a command; --help: all of it
 """
 
 

@@ -79,6 +79,7 @@ def set_up_soak(
         "explained.  See docs/soak.md."
     )
     parser.epilog = _EPILOG
+    parser.main_options = "hours fault_rate seed jobs resume json junit html record"
     parser.refused["--virtual-time"] = "does nothing: a soak has no other time; leave it out"
     parser.set_defaults(run=functools.partial(run_soak, board_maker=board_maker))
     add_command_options(parser, options_of(SoakSetup).values())

@@ -63,7 +63,7 @@ def set_up_view(parser: Parser) -> None:
     parser.add_argument(
         "source",
         metavar="SOURCE",
-        help="a recording, FILE.mcap; or the back door of a board: unix:PATH, or the file that the "
+        help="a recording, FILE.mcap, or the back door of a board: unix:PATH, or the file that the "
         "board appends to",
     )
     parser.add_argument(

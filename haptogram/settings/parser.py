@@ -1,14 +1,17 @@
 """The parser of every command line: a refusal is one line with a guess at the right word.
 
 It takes no abbreviations, knows the former names of options, and notes which options were given.
+``-h`` prints a page, ``--help`` all of it.
 """
 
 from __future__ import annotations
 
 import argparse
+import copy
 import os
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn, TypeVar
@@ -19,6 +22,12 @@ from .arguments import check_choice, did_you_mean
 _T = TypeVar("_T")
 _COLUMNS: Final = 80
 _SHOWN: Final = 40  # characters of a value that are printed
+_EXAMPLES_ON_A_PAGE: Final = 2
+#: A help text: its first clause, the rest, and its default unless that is none.
+_CLAUSES: Final = re.compile(
+    r"(.*?)(?:(?:;|\.(?= [A-Z])) .*?)?(?: \[none\]|( \[[^]]*\]))?", re.DOTALL
+)
+_EXAMPLE: Final = re.compile(r"^  \S.*\n(?:   .*\n)*", re.MULTILINE)
 _OPTION: Final = re.compile(r"--[a-z][a-z0-9-]*")
 _NEGATIVE: Final = re.compile(r"-(?:[\d.].*|inf|nan)")
 #: The words of argparse that a user does not know, and plain ones.
@@ -53,6 +62,22 @@ class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
     def __init__(self, prog: str) -> None:
         super().__init__(prog, width=_parser_columns() - 2)
 
+    def words_of(self, argument: argparse.Action) -> str:
+        """Return how often an argument without an option can stand, with its placeholder."""
+        return self._format_args(argument, str(argument.metavar))
+
+
+class _Help(argparse.Action):
+    """``-h``: the page of the command; ``--help``: all of it."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *called: Any, **_: Any) -> None:
+        """Print and end."""
+        if isinstance(parser, Parser) and called[-1] == "-h":
+            sys.stdout.write(parser.format_page())
+        else:
+            sys.stdout.write(parser.format_help())
+        parser.exit()
+
 
 def _parser_columns() -> int:
     """Return the columns that COLUMNS names, else those of the terminal, else 80."""
@@ -72,6 +97,8 @@ class Parser(argparse.ArgumentParser):
     ----------
     refused : dict of str to str
         Options that exist no more, and the rest of the sentence that begins with their name.
+    main_options : str
+        Names of the options that ``-h`` shows, apart by spaces; all, if there are few.
     """
 
     def __init__(self, prog: str, **options: Any) -> None:
@@ -79,7 +106,16 @@ class Parser(argparse.ArgumentParser):
             prog,
             allow_abbrev=False,
             formatter_class=_HelpFormatter,
+            add_help=False,
             **options,
+        )
+        self.main_options = ""
+        self.add_argument(
+            *("-h", "--help"),
+            action=_Help,
+            nargs=0,
+            default=argparse.SUPPRESS,
+            help="-h: the options that matter most; --help: all of them",
         )
         self.refused: dict[str, str] = {}
         self._in_file: dict[str, str] = {}
@@ -88,6 +124,27 @@ class Parser(argparse.ArgumentParser):
     def option_actions(self) -> dict[str, argparse.Action]:
         """The actions by the words that call them."""
         return self._option_string_actions
+
+    def format_page(self) -> str:
+        """Return what matters most: usage, some options, two examples; of all commands, all."""
+        if self._subparsers is not None:
+            return self.format_help()
+        named = [a for a in self._actions if a.option_strings and a.dest != "help"]
+        words = [a for a in self._actions if not a.option_strings]
+        main = [a for a in named if a.dest in self.main_options.split()]
+        formatter = _HelpFormatter(self.prog)
+        for title, actions in (("arguments", words), ("options", main or named)):
+            formatter.start_section(title)
+            formatter.add_arguments(map(_in_short, actions))
+            formatter.end_section()
+        usage = " ".join(["usage:", self.prog, "[OPTIONS]", *map(formatter.words_of, words)])
+        about = (self.description or "").partition(". ")[0].rstrip(".") + "."
+        shown = _EXAMPLE.findall((self.epilog or "").partition("\n\n")[0] + "\n")
+        examples = "".join(shown[:_EXAMPLES_ON_A_PAGE])
+        more = f"{self.prog} --help shows all options, more examples and the exit status"
+        about = textwrap.fill(about, _parser_columns())
+        parts = (usage, about, formatter.format_help(), f"examples:\n{examples}", f"{more}.")
+        return "\n\n".join(part.rstrip() for part in parts if part) + "\n"
 
     def rename(self, **names: str) -> None:
         """Refuse each former name of an option, in favour of its new one."""
@@ -169,6 +226,14 @@ class Parser(argparse.ArgumentParser):
         return (
             actions[word].dest for word in _options_among_command_words(words) if word in actions
         )
+
+
+def _in_short(action: argparse.Action) -> argparse.Action:
+    """Return *action* with the first clause of its help, and its default."""
+    found = _CLAUSES.fullmatch(action.help or "")
+    short = copy.copy(action)
+    short.help = "".join(part or "" for part in found.groups()) if found else action.help
+    return short
 
 
 def _setting_as_option(name: str) -> str:

@@ -58,6 +58,7 @@ def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) ->
     """Describe the command and add its options."""
     parser.description = "A virtual ultrasonic phased array at the far end of a serial line."
     parser.epilog = _board_epilog(parser.prog)
+    parser.main_options = "link tcp array dialect baud fault seed backdoor record view"
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument(
         "--link", metavar="PATH", type=name_option, help="pseudo-terminal with this stable name"

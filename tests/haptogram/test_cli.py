@@ -135,14 +135,36 @@ def test_one_word_writes_a_recording_and_another_reads_one(
     assert "--recording is now --from-recording" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["", *COMMANDS])
+def test_the_short_help_is_a_page(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*name.split(), "-h"])
+    assert ended.value.code == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 45
+    assert all(len(line) <= 100 for line in lines)
+    assert f"  haptogram {name}" in "\n".join(lines)
+    if not name:
+        return
+    parser = command_parser(name)
+    options = {word for word in parser.option_actions if word.startswith("--") and word != "--help"}
+    main_options = {f"--{option.replace('_', '-')}" for option in parser.main_options.split()}
+    shown = {line.split()[0].rstrip(",") for line in lines if line.startswith("  --")}
+    assert main_options <= options
+    assert len(shown) <= 10
+    assert shown == main_options or not main_options
+    assert lines[-1].startswith(f"haptogram {name} --help ")
+
+
 HEAVY = {"numpy", "scipy", "serial", "haptogram_protocol", "matplotlib", "tqdm"}
 
 
 @pytest.mark.parametrize("name", ["", *COMMANDS])
-def test_help_imports_no_heavy_part(name: str) -> None:
+@pytest.mark.parametrize("wish", ["-h", "--help"])
+def test_help_imports_no_heavy_part(name: str, wish: str) -> None:
     code = "import sys\nfrom haptogram.cli import main\ntry: main(sys.argv[1:])\n"
     code += f"except SystemExit: pass\nprint(sorted({HEAVY!r} & set(sys.modules)))"
-    words = [*name.split(), "--help"]
+    words = [*name.split(), wish]
     ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
     assert ended.stdout.splitlines()[-1] == "[]"
 

@@ -62,6 +62,7 @@ def set_up_conform(parser: Parser, virtual: Virtual) -> None:
         "  3    no verdict has 1, and one has 3\n"
         "  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)\n"
     )
+    parser.main_options = "port baud spawn port_regex reset_cmd clause quick full junit html"
     parser.rename(link_baud="baud", recording="from_recording")
     parser.set_defaults(run=functools.partial(run_conform, virtual=virtual))
     add_conform_options(parser)

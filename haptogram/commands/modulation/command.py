@@ -76,6 +76,9 @@ def set_up_modulation(parser: Parser) -> None:
         "line of its spectrum, and which of them come from the steps between frames."
     )
     parser.epilog = _EPILOG
+    parser.main_options = (
+        "modulation_hz depth object rate_hz center_mm array at_mm picture csv json"
+    )
     parser.add_argument(
         "kind",
         choices=KINDS,

@@ -95,6 +95,9 @@ def set_up_verify(
         "focus of what the board latched really is."
     )
     parser.epilog = _EXAMPLES + "\n" + EXIT_STATUS
+    parser.main_options = (
+        "object rate_hz array port dialect virtual_time fault tolerance_mm junit html"
+    )
     parser.rename(**RENAMED)
     parser.set_defaults(run=functools.partial(run_verify, made=made))
     add_verify_options(parser)

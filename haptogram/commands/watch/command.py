@@ -68,6 +68,9 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
         "gets the verdict of haptogram verify, for the steps that the board has."
     )
     parser.epilog = _EXAMPLES
+    parser.main_options = (
+        "dialect array link expect expect_file tolerance_mm frames json junit html"
+    )
     parser.set_defaults(run=functools.partial(run_watch, replay=replay))
     parser.add_argument(
         "source",

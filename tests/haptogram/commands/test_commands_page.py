@@ -15,7 +15,7 @@ HEAD = """\
 # Commands
 
 This page is written from the parsers of the commands, and a test holds it up to date. Every command
-prints the same with `--help`.
+prints the same with `--help`, and with `-h` a page of what matters most.
 
 - An option has one name, with its unit, in all commands, in TOML files and in `haptogram://` URLs.
   There are no abbreviations.
