@@ -126,7 +126,7 @@ class Parser(argparse.ArgumentParser):
         return self._option_string_actions
 
     def format_page(self) -> str:
-        """Return what matters most: usage, some options, two examples; of all commands, all."""
+        """Return usage, main options and two examples; for the list of commands, all of it."""
         if self._subparsers is not None:
             return self.format_help()
         named = [a for a in self._actions if a.option_strings and a.dest != "help"]
