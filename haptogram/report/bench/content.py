@@ -13,6 +13,7 @@ Result = Mapping[str, Any]
 STAGE_HEAD: Final = ("stage (µs)", *(f"p{level:g}" for level in LEVELS), "max", "n", "meaning")
 MISS_HEAD: Final = ("later than", "measured", "frames", "causes", "control loop stalled too")
 
+_NOTABLE_SHARE: Final = 0.01  # of all frames
 _PLACES: Final = {"at_port": "at the port", "at_board": "complete at the board"}
 
 
@@ -28,6 +29,23 @@ def bench_conditions_rows(result: Result) -> str:
             *extras,
         ]
     )
+
+
+def bench_outcome(result: Result) -> tuple[str, str]:
+    """Return tone and sentence of a run: what reached the output late, else what ran late."""
+    due = result["frames"]["due"]
+    if not result["stages"]["latch"]["n"] and not result["stages"]["margin"]["n"]:
+        return "plain", "nobody saw what reached the output"
+    missed = max(result["focus_error"]["frames"], due - result["frames"]["latched"])
+    if missed:
+        tone = "bad" if missed >= _NOTABLE_SHARE * due else "doubt"
+        return tone, f"{missed} of {due} frames were late or lost at the output"
+    misses = (miss for found in result["misses"].values() for miss in found)
+    worst = max(misses, key=lambda miss: (miss["limit_us"], miss["count"]))
+    if worst["count"] >= _NOTABLE_SHARE * due:
+        late = f"{worst['count']} of {due} came later than {worst['limit_us']:g} µs"
+        return "doubt", f"every frame was in time at the output, by its lead: {late}"
+    return "good", "every frame was in time at the output"
 
 
 def bench_frames_rows(result: Result) -> str:

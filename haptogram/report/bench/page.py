@@ -35,13 +35,14 @@ def write_bench_page(
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
     result = bench_dict(run)
+    tone, outcome = content.bench_outcome(result)
     write_html_page(
         path,
         "bench.html",
         provenance,
         title="Haptogram: timing of the loop",
-        heading="Timing of the loop",
-        tone="plain",
+        heading=f"Timing of the loop: {outcome}",
+        tone=tone,
         lead=[f"{content.bench_conditions_rows(result)}.", f"{content.bench_frames_rows(result)}."],
         stage_head=content.STAGE_HEAD,
         stages=list(content.bench_stages_rows(result)),

@@ -17,7 +17,7 @@ from .matrix import (
     conformance_chapters_of_clauses,
     conformance_messages_of_cases,
 )
-from .wording import common_finding_line, suite_board, suite_counts, suite_verdict
+from .wording import case_counts, common_finding_line, suite_board, suite_counts, suite_verdict
 
 _TONES: Final = {
     Behaviour.OK: "good",
@@ -66,7 +66,7 @@ def write_conformance_page(
         meanings=[
             (_TONES[behaviour], behaviour, meaning.text) for behaviour, meaning in MEANINGS.items()
         ],
-        results=suite.results,
+        counts_of=case_counts,
         spec=conformance_chapters_of_clauses(),
         cases_of=cases_of,
         settings=[*html_setting_rows(suite.device), *html_setting_rows(suite.settings)],

@@ -13,7 +13,7 @@ from .matrix import conformance_chapters_of_cases
 from .wording import (
     case_finding,
     common_finding_line,
-    suite_behaviours,
+    ordered_behaviours,
     suite_board,
     suite_counts,
     suite_verdict,
@@ -53,7 +53,7 @@ def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
 
 
 def _chapter_table(suite: SuiteResult) -> SummaryTable:
-    shown = suite_behaviours(suite)
+    shown = ordered_behaviours(result.behaviour for result in suite.results)
     rows = []
     for chapter, results in conformance_chapters_of_cases(suite.results).items():
         counts = Counter(result.behaviour for result in results)

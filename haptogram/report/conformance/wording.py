@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
 from haptogram.conformance.causes import CommonFinding
 from haptogram.conformance.verdict import (
     FAIL,
@@ -21,15 +24,21 @@ def suite_verdict(suite: SuiteResult) -> str:
 
 def suite_counts(suite: SuiteResult) -> str:
     """Return the number of cases, and of those with each verdict, what decides first."""
-    counts = ", ".join(f"{suite.count(b)} {b}" for b in suite_behaviours(suite))
-    return f"{len(suite.results)} cases: {counts}"
+    return case_counts(suite.results)
 
 
-def suite_behaviours(suite: SuiteResult) -> list[Behaviour]:
-    """Return the verdicts that a case has: failures first, then those that were not judged."""
+def case_counts(results: Sequence[CaseResult]) -> str:
+    """Return the number of *results*, and of those with each verdict, what decides first."""
+    found = Counter(result.behaviour for result in results)
+    counts = ", ".join(f"{found[behaviour]} {behaviour}" for behaviour in ordered_behaviours(found))
+    return f"{len(results)} case{'s' * (len(results) != 1)}: {counts}"
+
+
+def ordered_behaviours(found: Iterable[Behaviour]) -> list[Behaviour]:
+    """Return the verdicts: failures first, then those that were not judged."""
     first = (FAIL, INCONCLUSIVE_STATUS, PASS)
-    found = [behaviour for behaviour in Behaviour if suite.count(behaviour)]
-    return sorted(found, key=lambda behaviour: first.index(MEANINGS[behaviour].exit_status))
+    kinds = [behaviour for behaviour in Behaviour if behaviour in set(found)]
+    return sorted(kinds, key=lambda behaviour: first.index(MEANINGS[behaviour].exit_status))
 
 
 def suite_board(suite: SuiteResult) -> str:

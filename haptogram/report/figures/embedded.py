@@ -7,7 +7,7 @@ import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from .style import PAGE_DPI, encode_figure
+from .style import BLACK, GREY, PAGE_DPI, encode_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,10 +43,13 @@ class PagePicture:
 
 def embed_picture(figure: Figure, title: str, caption: str = "") -> PagePicture:
     """Return *figure* as a picture for a page, dark in a dark one."""
-    for artist in figure.findobj(lambda artist: _shapes_of(artist) > _MOST_SHAPES):
+    shapes: list[Any] = figure.findobj(lambda artist: _shapes_of(artist) > _MOST_SHAPES)
+    for artist in shapes:
         with warnings.catch_warnings():  # matplotlib says that it ignores this in 3D, and does it
             warnings.simplefilter("ignore")
             artist.set_rasterized(True)
+        if getattr(artist, "get_color", str)() == BLACK:
+            artist.set_color(GREY)  # pixels keep their colour in the dark
     svg = encode_figure(figure, ".svg", PAGE_DPI, transparent=True).decode()
     for colour in _DARK:
         svg = svg.replace(f"#{colour}", f"var(--c{colour})")

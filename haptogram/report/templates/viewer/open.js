@@ -42,13 +42,12 @@ function tell(root, text) {
 // The next frames are asked for when the last ones are drawn: a slow page skips, and holds nobody up.
 async function follow(root) {
   root.querySelector("[data-part=live]").hidden = false;
-  tell(root, "Nothing has been radiated yet.");
   for (let shown = 0, ended = false; !ended; ) {
     const scene = await framesAfter(shown);
     if (scene) {
       ({ shown, ended } = scene.header);
-      if (scene.frames) take(root, scene);
-      if (window.haptogramViewer) tell(root, ended ? "The board has ended." : "");
+      take(root, scene); // the array is there before the first frame
+      tell(root, ended ? "The board has ended." : shown ? "" : "Nothing has been radiated yet.");
     } else {
       tell(root, "No connection to the board; what came is kept.");
     }
@@ -57,8 +56,8 @@ async function follow(root) {
 }
 
 function take(root, scene) {
-  if (window.haptogramViewer) window.haptogramViewer.append(scene);
-  else show(root, scene, true);
+  if (!window.haptogramViewer) show(root, scene, true);
+  else if (scene.frames) window.haptogramViewer.append(scene);
 }
 
 async function framesAfter(shown) {

@@ -84,6 +84,7 @@ class Viewer {
 
   #fillFrame() {
     const { scene, frame } = this;
+    if (!scene.frames) return; // a board that has radiated nothing yet
     const number = (name, digits, unit) => {
       const value = scene.value(name, frame);
       return value === null ? null : `${fixed(value, digits)} ${unit}`;
@@ -186,7 +187,7 @@ class Viewer {
 
   #fillControls() {
     const run = (this.timeline.end - this.timeline.start) / 1e6;
-    const chosen = SPEEDS.find((speed) => run / speed >= 8) ?? SPEEDS.at(-1);
+    const chosen = this.isLive ? 1 : SPEEDS.find((speed) => run / speed >= 8) ?? SPEEDS.at(-1);
     for (const speed of SPEEDS) {
       const option = new Option(speed === 1 ? "real time" : `${speed} of real time`, speed);
       option.selected = speed === chosen;
@@ -208,6 +209,7 @@ class Viewer {
   }
 
   play(playing) {
+    if (!this.scene.frames) return;
     this.playing = playing;
     if (playing) this.part("newest").checked = false;
     this.part("play").textContent = playing ? "Pause" : "Play";

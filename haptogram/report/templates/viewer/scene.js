@@ -43,6 +43,7 @@ class Scene {
   // Take the frames of another scene behind these; return how many of the oldest are dropped for it.
   append(batch) {
     const dropped = Math.max(0, this.frames + batch.frames - KEPT);
+    if (!this.frames) this.startUs = batch.startUs;
     this.#tellAmplitudes();
     batch.#tellAmplitudes();
     for (const name of FRAME_COLUMNS) {

@@ -15,8 +15,8 @@ class Timeline {
       last = Math.max(last, scene.timeOf(frame));
       return last;
     });
-    this.start = this.times.reduce((least, t) => Math.min(least, t), Infinity);
-    this.end = this.times.reduce((most, t) => Math.max(most, t), this.start + 1);
+    this.start = this.times[0] ?? 0;
+    this.end = Math.max(this.times.at(-1) ?? 0, this.start + 1);
     this.limit = scene.column("across_mm").reduce((most, v) => (v > most ? v : most), 0) || 1;
     this.longest = scene.column("margin_ms").reduce((most, v) => (v > most ? v : most), 0);
   }

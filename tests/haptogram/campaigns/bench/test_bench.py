@@ -13,6 +13,7 @@ from haptogram.campaigns.bench.result import STAGES, bench_dict, read_bench_resu
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.report.bench.content import bench_outcome
 
 pytestmark = [pytest.mark.pty, pytest.mark.realtime]
 
@@ -70,9 +71,25 @@ def test_the_command_writes_compares_and_draws(run, tmp_path, capsys):
         assert name in text
         assert meaning in text
     assert json.loads(new.read_text())["frames"]["due"] == 250
-    assert page.read_text().count("data:image/png") == 2
+    assert page.read_text().count("data:image/svg") == 2
     assert picture.read_text().startswith("<?xml")
     assert read_bench_result(new)["configuration"]["trim"]
+
+
+def test_a_bench_has_the_tone_of_what_reached_the_output(run):
+    result = bench_dict(run)
+    for frames, held, late, tone in (
+        (400, 0, 0, "good"),
+        (400, 0, 300, "doubt"),
+        (400, 1, 0, "doubt"),
+        (400, 400, 400, "bad"),
+        (0, 0, 0, "bad"),
+    ):
+        result["frames"] |= {"due": 400, "latched": frames}
+        result["focus_error"]["frames"] = held
+        for miss in result["misses"]["at_board"] + result["misses"]["at_port"]:
+            miss["count"] = late
+        assert bench_outcome(result)[0] == tone
 
 
 def test_a_result_survives_its_file(run, tmp_path):

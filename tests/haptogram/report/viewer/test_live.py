@@ -70,6 +70,25 @@ def take(server: ViewServer, records: list[dict[str, Any]], *, ended: bool = Fal
     server.take(server.scene, records, ended=ended)
 
 
+def test_the_array_is_there_before_the_first_frame(
+    server: ViewServer, records: list[dict[str, Any]], open_page: Callable[..., Any]
+) -> None:
+    page = open_page(server.address)
+    view = "() => [haptogramViewer.scene.elements, haptogramViewer.scene.frames]"
+    assert page.evaluate(view) == [64, 0]
+    assert page.locator("[data-part=failure]").inner_text() == "Nothing has been radiated yet."
+    drawn = """() => {
+      const { context, canvas: { width, height } } = haptogramViewer.picture;
+      return new Set(context.getImageData(0, 0, width, height).data).size;
+    }"""
+    assert page.evaluate(drawn) > 5
+    page.click("[data-part=play]")
+    take(server, records[1:])
+    page.wait_for_function("() => haptogramViewer.scene.frames === 3")
+    page.wait_for_function("() => haptogramViewer.frame === 2")
+    assert page.evaluate("() => haptogramViewer.scene.startUs > 0")
+
+
 class Answer(NamedTuple):
     status: int
     policy: str | None
