@@ -54,7 +54,7 @@ def make_run(
 def make_result(run: RunVerdict, **changes: Any) -> dict[str, Any]:
     """Return the result of a run in virtual time."""
     arguments: dict[str, Any] = {
-        "configuration": {"object": "circle", "phase_bits": 8, "center_mm": (0.0, 0.0, 100.0)},
+        "configuration": {"object": "circle", "center_mm": (0.0, 0.0, 100.0)},
         "seed": 7,
         "board": {"label": "virtual board", "firmware": "1.0"},
         "warnings": [],

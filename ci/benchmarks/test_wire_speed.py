@@ -15,7 +15,6 @@ from haptogram_protocol.messages import (
     VERSION_MAJOR,
     Drives,
     HelloReply,
-    PhaseFormat,
     Phases,
     Ping,
     Pong,
@@ -32,14 +31,14 @@ COBS = {"C": fastest_cobs, "Python": lambda: PURE_PYTHON}
 
 
 def phases(codes):
-    return Phases(PhaseFormat.BITS_8, 0, bytes(codes))
+    return Phases(bytes(codes))
 
 
 CONTENTS = {
     "random": phases(random.Random(1).randbytes(256)),
     "plane wave": phases(256),  # every phase zero
     "all equal": phases([77] * 256),
-    "muted": Drives(PhaseFormat.BITS_8, 0, bytes(512)),  # every phase and amplitude zero
+    "muted": Drives(bytes(512)),  # every phase and amplitude zero
     "alternating": phases([0, 77] * 128),
     "zeros in runs of 7": phases(([0] * 7 + [77]) * 32),  # what decoding in Python likes least
 }

@@ -107,7 +107,7 @@ class Exchanger:
         link.request(wanted, SetConfigReply)
         self._clock = ClockEstimate(identity.clock_ppm)
         self._pinger = Pinger(link, self._clock)
-        self._frames = FrameBuilder(model, identity, 8).build(
+        self._frames = FrameBuilder(model, identity).build(
             as_frame_foci(bench_circle(frames, 1000.0)), "phases"
         )
         self._intended = KeptRecords[Intended](None)

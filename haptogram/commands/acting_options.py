@@ -134,11 +134,6 @@ _VERIFY_RUN: Final[Rows] = {
             lambda s: s.dialect is None,
         ),
     ),
-    "phase_bits": Acting(
-        "on frames of phases (--mode phases, and sequence without amplitudes) of Haptogram's own "
-        "wire",
-        lambda s: s.frame_kind == "phases" and s.dialect is None,
-    ),
     "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
     "view": Acting(
         "on the virtual board and the wall clock (without --port and --virtual-time; --html holds "
@@ -301,13 +296,13 @@ ACTING: Final[Mapping[str, Rows]] = {
     },
     "bench": {
         **_option_acts_always(
-            "port rate_hz seconds baud phase_bits lead_ms trim spin_us realtime json html summary "
+            "port rate_hz seconds baud lead_ms trim spin_us realtime json html summary "
             "picture compare record quiet"
         ),
         "stamp": _STAMPED,
     },
     "budget": {
-        **_option_acts_always("baud rate_hz phase_bits transducers dialect"),
+        **_option_acts_always("baud rate_hz transducers dialect"),
         "boards": Acting("with --dialect", lambda a: a.dialect is not None),
     },
     "view": {

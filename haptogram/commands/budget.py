@@ -11,7 +11,7 @@ from haptogram.settings.arguments import check_choice
 from haptogram.settings.board import MOST_TRANSDUCERS
 from haptogram.settings.command_line import add_setting_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.run.frames import DriveConfig, PaceConfig
+from haptogram.settings.run.frames import PaceConfig
 from haptogram.settings.run.link import LinkConfig
 
 from .acting_options import refuse_idle_options
@@ -27,8 +27,8 @@ _TIMERS_MS: Final = {
 }
 _EXAMPLES: Final = """\
 examples:
-  haptogram budget --baud 3000000 --rate-hz 1000 --phase-bits 8
-      256 phases of 8 bit a thousand times a second over 3 Mbaud
+  haptogram budget --baud 3000000 --rate-hz 1000
+      256 phases a thousand times a second over 3 Mbaud
   haptogram budget --baud 921600 --transducers 64
   haptogram budget --dialect sonicsurface --rate-hz 100
       a board that somebody else has built
@@ -46,7 +46,6 @@ class BudgetConfig(Settings):
     """The frames whose time is looked at, and their line."""
 
     baud: int = option_of(LinkConfig, "baud")
-    phase_bits: int = option_of(DriveConfig, "phase_bits")
     rate_hz: float = option_of(PaceConfig, "rate_hz", low=0.001, help="frames per second")
     transducers: int = option(
         256, unit="N", low=1, high=MOST_TRANSDUCERS, help="transducers of the array"
@@ -95,7 +94,7 @@ def _run_own_budget(config: BudgetConfig) -> int:
         measure_frame_budget(name, message, baudrate=config.baud)
         for name, message in bench_frame_formats(config.transducers).items()
     ]
-    asked = next(b for b in budgets if b.name == f"phases, {config.phase_bits} bit")
+    asked = next(b for b in budgets if b.name == "phases")
     print(_budget_of_one_frame(asked, wake_ns, config))
     print(_budget_table(budgets, wake_ns))
     print(_budget_of_answers(config.baud))
@@ -107,10 +106,8 @@ def _run_dialect_budget(arguments: argparse.Namespace) -> int:
     from haptogram.driver.line.budget import highest_line_rate_hz, line_transmission_ns
     from haptogram_protocol.dialects.table import DIALECTS
 
-    for name in ("phase_bits", "transducers"):
-        if getattr(arguments, name) is not None:
-            word = f"--{name.replace('_', '-')}"
-            raise ConfigurationError(f"{word} acts on frames of Haptogram; leave it out")
+    if arguments.transducers is not None:
+        raise ConfigurationError("--transducers acts on frames of Haptogram; leave it out")
     check_choice("--dialect", arguments.dialect, tuple(DIALECTS))
     config = BudgetConfig.of(**given_options(arguments, options_of(BudgetConfig)))
     dialect, boards = DIALECTS[arguments.dialect], config.boards

@@ -12,7 +12,7 @@ from haptogram.acoustics import AcousticModel, Calibration, Medium, TransducerAr
 from haptogram.acoustics.solvers.several import Method
 from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.driver.frames.builder import FrameBuilder
-from haptogram.driver.frames.frame import REGISTER_BITS, Frame, Mode
+from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.driver.identity import check_air_of_identity, read_geometry
 from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, check_port
@@ -67,8 +67,6 @@ class Driver(ClosedByWith):
         Seed that draws the nonce: runs with a board that was just started repeat exactly.
     timeout_s : float
         Longest time in seconds in which the board must answer and the port take a byte.
-    phase_bits : int
-        Bits per phase on the wire.
     model : AcousticModel, optional
         Array and air that the host assumes; by default the board's own array in *medium*.
     medium : Medium, optional
@@ -116,7 +114,7 @@ class Driver(ClosedByWith):
         Every way in which connecting can fail.
     ConfigurationError
         An argument is out of its limits (before the port is opened), the model is not that of the
-        board, the calibration not that of its array, or the board does not take *phase_bits*.
+        board, or the calibration not that of its array.
 
     Examples
     --------
@@ -142,7 +140,6 @@ class Driver(ClosedByWith):
         nonce: int | None = None,
         seed: int | None = None,
         timeout_s: float = 2.0,
-        phase_bits: int = 8,
         model: AcousticModel | None = None,
         medium: Medium | None = None,
         calibration: Calibration | str | Path | None = None,
@@ -151,7 +148,6 @@ class Driver(ClosedByWith):
         sink: Sink | None = None,
         dialect: str | Dialect | None = None,  # noqa: ARG002  another one has come by here
     ) -> None:
-        check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
         check_port(port, baudrate, timeout_s)
         check_air_of_identity(model, medium)
         if trace is not None:
@@ -173,13 +169,13 @@ class Driver(ClosedByWith):
         self.observations, self.events = self._session.observations, self._session.events
         self.warnings = self._session.warnings
         self.intended = KeptRecords[Intended](keep, sink)
-        self._link, self._pinger, self._phase_bits = link, pinger, phase_bits
+        self._link, self._pinger = link, pinger
         self._closed = False
         try:
             self.model = self._session.start(model, medium, elements)
             if trace is not None:
                 self.configure(trace_mode=trace)
-            self._builder()  # refuses *phase_bits* that the board does not take
+            self._builder()  # refuses a model of another array
         except BaseException:
             self._session.abandon()
             raise
@@ -425,4 +421,4 @@ class Driver(ClosedByWith):
         return self._output.play(frames, timing, progress)
 
     def _builder(self) -> FrameBuilder:
-        return FrameBuilder(self.model, self.identity, self._phase_bits)
+        return FrameBuilder(self.model, self.identity)

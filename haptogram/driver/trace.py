@@ -59,7 +59,7 @@ class DriverTraceReader:
         elif isinstance(message, TracePlayback):
             key, drive, crc = message.key, None, message.crc
         elif isinstance(message, TraceDrive):
-            drive = self._drive(message.data, message.bits)
+            drive = self._drive(message.data)
             key, crc = message.key, drive.digest()
         else:
             return None
@@ -120,7 +120,7 @@ class DriverTraceReader:
     def _joined(self, replies: list[DriveReply], now_ns: int) -> Observation:
         halves = [(r.data[: len(r.data) // 2], r.data[len(r.data) // 2 :]) for r in replies]
         data = b"".join(phases for phases, _ in halves) + b"".join(levels for _, levels in halves)
-        drive = self._drive(data, replies[0].bits)
+        drive = self._drive(data)
         return Observation(
             key=self._key(replies[0].key),
             t_latch_us=self._unwrap(replies[0].t_latch_us, now_ns),
@@ -145,7 +145,7 @@ class DriverTraceReader:
     def _unwrap(self, wire_us: int, near_ns: int) -> int:
         return unwrap(wire_us, self._clock.to_device_us(near_ns), 32)
 
-    def _drive(self, data: bytes, bits: int) -> Drive:
+    def _drive(self, data: bytes) -> Drive:
         """Return the drive of N phase codes and N amplitude codes, or raise."""
         codes = np.frombuffer(data, dtype=np.uint8)
         count = len(codes) // 2
@@ -154,6 +154,6 @@ class DriverTraceReader:
                 f"a drive of {count} transducers; the board has {self._transducers}"
             )
         try:
-            return Drive(codes[:count], codes[count:], bits)
+            return Drive(codes[:count], codes[count:])
         except ConfigurationError as error:
             raise WrongProtocolError(f"a drive that cannot be: {error}") from error

@@ -155,7 +155,6 @@ def measure_run(
         tap or board.port,
         baudrate=config.link.baud,
         seed=config.limits.seed if config.link.virtual_time else None,
-        phase_bits=config.drive.phase_bits,
         model=None if own_array else model,
         medium=model.medium,
         calibration=elements if config.elements.compensate else None,

@@ -144,7 +144,7 @@ def _mixed_up_drive_fault(
     """Name the mistake in the order, the sign or the packing that would make this drive."""
     # A board that mixes up the elements may round the halves its own way: then a step is allowed.
     for allowance in (0, -(-_TURN // intended.steps)):
-        for name, candidate in _drive_fault_candidates(model, intended, wanted):
+        for name, candidate in _drive_fault_candidates(model, wanted):
             # What is that near to the right drive proves nothing.
             if _is_same_faulty_drive(found, candidate, allowance) and not _is_same_faulty_drive(
                 wanted, candidate, allowance
@@ -180,14 +180,10 @@ def _rounded_down_drive_fault(model: AcousticModel, intended: Intended) -> Codes
     return found
 
 
-def _drive_fault_candidates(
-    model: AcousticModel, intended: Intended, wanted: Codes
-) -> Iterator[tuple[str, Codes]]:
+def _drive_fault_candidates(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
     """Yield the drives that typical mistakes would have made, the simplest first."""
     yield "opposite sign of all phases", -wanted
     yield from _drive_fault_orders(model, wanted)
-    if intended.phase_bits < 8:
-        yield from _drive_fault_packings(wanted, intended.phase_bits)
     yield from (
         (f"{name}, and opposite sign", -candidate)
         for name, candidate in _drive_fault_orders(model, wanted)
@@ -231,19 +227,6 @@ def _serpentine_drive_order(grid: Codes) -> Codes:
     result = grid.copy()
     result[1::2] = result[1::2, ::-1]
     return result
-
-
-def _drive_fault_packings(wanted: Codes, bits: int) -> Iterator[tuple[str, Codes]]:
-    """Yield the drive whose packed bits are read with the highest bit first."""
-    codes = wanted >> (8 - bits)
-    stream = (codes[:, None] >> np.arange(bits)) & 1  # lowest bit first, as on the wire
-    padded = np.zeros(-(-stream.size // 8) * 8, dtype=np.int64)
-    padded[: stream.size] = stream.ravel()
-    packed = padded.reshape(-1, 8)
-    read = packed[:, ::-1].ravel()[: stream.size].reshape(-1, bits)
-    yield "packed phases read highest bit first", read @ (1 << np.arange(bits)[::-1]) << (8 - bits)
-    swapped = stream[:, ::-1]
-    yield "bits of every phase in reverse order", swapped @ (1 << np.arange(bits)) << (8 - bits)
 
 
 def _swapped_drive_fault(

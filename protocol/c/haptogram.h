@@ -24,7 +24,7 @@
 #define HG_FIRST_STREAM_SEQ 65520u
 #define HG_RESPONSE_OFFSET 64u
 #define HG_MUST_UNDERSTAND 240u
-#define HG_DESCRIPTION_HASH 0x92a8c185u
+#define HG_DESCRIPTION_HASH 0x7c21f751u
 
 /* --- Enumerations ----------------------------------------------------------------------------- */
 
@@ -115,13 +115,6 @@ enum hg_feature {
     HG_FEATURE_SYNC_IN = 0x800, /* reserved: several boards on one trigger */
     HG_FEATURE_COMMIT = 0x1000, /* reserved: one latch for several frames */
     HG_FEATURE_CONFIG_KEPT = 0x2000 /* the configuration survives a reset */
-};
-
-/* Bits per phase.  HG-5.2. */
-enum hg_phase_format {
-    HG_FORMAT_BITS_8 = 0x08, /* 256 steps a turn */
-    HG_FORMAT_BITS_6 = 0x06, /* 64 steps a turn */
-    HG_FORMAT_BITS_5 = 0x05 /* 32 steps a turn */
 };
 
 /* Report of a board about every latch.  HG-8.1. */
@@ -497,32 +490,6 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_trace_record, crc) == 18,
 HG_STATIC_ASSERT(offsetof(struct hg_wire_trace_record, flags) == 22,
                  trace_record_flags);
 
-#define HG_SIZE_PHASES 2u
-#define HG_OFFSET_PHASES_BITS 0u
-#define HG_OFFSET_PHASES_BANK 1u
-struct hg_wire_phases {
-    uint8_t bits[1]; /* bits per phase: 8, 6 or 5 */
-    uint8_t bank[1]; /* bank of transducers; 0 in this version */
-};
-HG_STATIC_ASSERT(sizeof(struct hg_wire_phases) == 2, size_of_phases);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_phases, bits) == 0,
-                 phases_bits);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_phases, bank) == 1,
-                 phases_bank);
-
-#define HG_SIZE_DRIVES 2u
-#define HG_OFFSET_DRIVES_BITS 0u
-#define HG_OFFSET_DRIVES_BANK 1u
-struct hg_wire_drives {
-    uint8_t bits[1]; /* bits per phase: 8 */
-    uint8_t bank[1]; /* bank of transducers; 0 in this version */
-};
-HG_STATIC_ASSERT(sizeof(struct hg_wire_drives) == 2, size_of_drives);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_drives, bits) == 0,
-                 drives_bits);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_drives, bank) == 1,
-                 drives_bank);
-
 #define HG_SIZE_HELLO 8u
 #define HG_OFFSET_HELLO_MAJOR 0u
 #define HG_OFFSET_HELLO_MINOR 1u
@@ -669,7 +636,7 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_read_trace, first) == 0,
 HG_STATIC_ASSERT(offsetof(struct hg_wire_read_trace, count) == 4,
                  read_trace_count);
 
-#define HG_SIZE_HELLO_REPLY 112u
+#define HG_SIZE_HELLO_REPLY 110u
 #define HG_OFFSET_HELLO_REPLY_MAJOR 0u
 #define HG_OFFSET_HELLO_REPLY_MINOR 1u
 #define HG_OFFSET_HELLO_REPLY_NONCE 2u
@@ -684,26 +651,24 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_read_trace, count) == 4,
 #define HG_OFFSET_HELLO_REPLY_PITCH_UM 28u
 #define HG_OFFSET_HELLO_REPLY_GEOMETRY_HASH 32u
 #define HG_OFFSET_HELLO_REPLY_SOUND_SPEED_MM_S 36u
-#define HG_OFFSET_HELLO_REPLY_PHASE_FORMATS 40u
-#define HG_OFFSET_HELLO_REPLY_MAX_POINTS 41u
-#define HG_OFFSET_HELLO_REPLY_BANKS 42u
-#define HG_OFFSET_HELLO_REPLY_STATE 43u
-#define HG_OFFSET_HELLO_REPLY_QUEUE_DEPTH 44u
-#define HG_OFFSET_HELLO_REPLY_TRACE_RING 46u
-#define HG_OFFSET_HELLO_REPLY_MAX_HORIZON_US 48u
-#define HG_OFFSET_HELLO_REPLY_RX_WINDOW 52u
-#define HG_OFFSET_HELLO_REPLY_MAX_FRAME_RATE_HZ 56u
-#define HG_OFFSET_HELLO_REPLY_MAX_SEQUENCE_FRAMES 60u
-#define HG_OFFSET_HELLO_REPLY_MAX_UPLOAD_BYTES 64u
-#define HG_OFFSET_HELLO_REPLY_MAX_PLAYBACK_RATE_HZ 68u
-#define HG_OFFSET_HELLO_REPLY_MAX_UNATTENDED_MS 72u
-#define HG_OFFSET_HELLO_REPLY_UPLOAD_WINDOW 76u
-#define HG_OFFSET_HELLO_REPLY_MAX_CHUNK 78u
-#define HG_OFFSET_HELLO_REPLY_LATCH_LEAD_US 80u
-#define HG_OFFSET_HELLO_REPLY_POINT_TIME_US 84u
-#define HG_OFFSET_HELLO_REPLY_BOOT_ID 88u
-#define HG_OFFSET_HELLO_REPLY_CONFIG_CRC 92u
-#define HG_OFFSET_HELLO_REPLY_FIRMWARE 96u
+#define HG_OFFSET_HELLO_REPLY_MAX_POINTS 40u
+#define HG_OFFSET_HELLO_REPLY_STATE 41u
+#define HG_OFFSET_HELLO_REPLY_QUEUE_DEPTH 42u
+#define HG_OFFSET_HELLO_REPLY_TRACE_RING 44u
+#define HG_OFFSET_HELLO_REPLY_MAX_HORIZON_US 46u
+#define HG_OFFSET_HELLO_REPLY_RX_WINDOW 50u
+#define HG_OFFSET_HELLO_REPLY_MAX_FRAME_RATE_HZ 54u
+#define HG_OFFSET_HELLO_REPLY_MAX_SEQUENCE_FRAMES 58u
+#define HG_OFFSET_HELLO_REPLY_MAX_UPLOAD_BYTES 62u
+#define HG_OFFSET_HELLO_REPLY_MAX_PLAYBACK_RATE_HZ 66u
+#define HG_OFFSET_HELLO_REPLY_MAX_UNATTENDED_MS 70u
+#define HG_OFFSET_HELLO_REPLY_UPLOAD_WINDOW 74u
+#define HG_OFFSET_HELLO_REPLY_MAX_CHUNK 76u
+#define HG_OFFSET_HELLO_REPLY_LATCH_LEAD_US 78u
+#define HG_OFFSET_HELLO_REPLY_POINT_TIME_US 82u
+#define HG_OFFSET_HELLO_REPLY_BOOT_ID 86u
+#define HG_OFFSET_HELLO_REPLY_CONFIG_CRC 90u
+#define HG_OFFSET_HELLO_REPLY_FIRMWARE 94u
 struct hg_wire_hello_reply {
     uint8_t major[1]; /* major version of the board */
     uint8_t minor[1]; /* minor version of the board */
@@ -719,9 +684,7 @@ struct hg_wire_hello_reply {
     uint8_t pitch_um[4]; /* pitch of the grid, micrometres, 0 if it is none */
     uint8_t geometry_hash[4]; /* CRC-32 over the geometry records in order */
     uint8_t sound_speed_mm_s[4]; /* sound speed used for POINTS, mm/s */
-    uint8_t phase_formats[1]; /* bit 0: 8 bits, bit 1: 6 bits, bit 2: 5 bits per phase */
     uint8_t max_points[1]; /* focal points in one POINTS frame, at most */
-    uint8_t banks[1]; /* banks of transducers; 1 in this version */
     uint8_t state[1]; /* output state */
     uint8_t queue_depth[2]; /* frames that may wait for their t_apply */
     uint8_t trace_ring[2]; /* latches that the trace ring keeps */
@@ -740,7 +703,7 @@ struct hg_wire_hello_reply {
     uint8_t config_crc[4]; /* CRC-32 of configuration and phase correction */
     uint8_t firmware[16]; /* name and version of the firmware, UTF-8, zero-padded */
 };
-HG_STATIC_ASSERT(sizeof(struct hg_wire_hello_reply) == 112, size_of_hello_reply);
+HG_STATIC_ASSERT(sizeof(struct hg_wire_hello_reply) == 110, size_of_hello_reply);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, major) == 0,
                  hello_reply_major);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, minor) == 1,
@@ -769,45 +732,41 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, geometry_hash) == 32,
                  hello_reply_geometry_hash);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, sound_speed_mm_s) == 36,
                  hello_reply_sound_speed_mm_s);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, phase_formats) == 40,
-                 hello_reply_phase_formats);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_points) == 41,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_points) == 40,
                  hello_reply_max_points);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, banks) == 42,
-                 hello_reply_banks);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, state) == 43,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, state) == 41,
                  hello_reply_state);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, queue_depth) == 44,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, queue_depth) == 42,
                  hello_reply_queue_depth);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, trace_ring) == 46,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, trace_ring) == 44,
                  hello_reply_trace_ring);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_horizon_us) == 48,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_horizon_us) == 46,
                  hello_reply_max_horizon_us);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, rx_window) == 52,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, rx_window) == 50,
                  hello_reply_rx_window);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_frame_rate_hz) == 56,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_frame_rate_hz) == 54,
                  hello_reply_max_frame_rate_hz);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_sequence_frames) == 60,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_sequence_frames) == 58,
                  hello_reply_max_sequence_frames);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_upload_bytes) == 64,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_upload_bytes) == 62,
                  hello_reply_max_upload_bytes);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_playback_rate_hz) == 68,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_playback_rate_hz) == 66,
                  hello_reply_max_playback_rate_hz);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_unattended_ms) == 72,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_unattended_ms) == 70,
                  hello_reply_max_unattended_ms);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, upload_window) == 76,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, upload_window) == 74,
                  hello_reply_upload_window);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_chunk) == 78,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, max_chunk) == 76,
                  hello_reply_max_chunk);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, latch_lead_us) == 80,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, latch_lead_us) == 78,
                  hello_reply_latch_lead_us);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, point_time_us) == 84,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, point_time_us) == 82,
                  hello_reply_point_time_us);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, boot_id) == 88,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, boot_id) == 86,
                  hello_reply_boot_id);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, config_crc) == 92,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, config_crc) == 90,
                  hello_reply_config_crc);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, firmware) == 96,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, firmware) == 94,
                  hello_reply_firmware);
 
 #define HG_SIZE_ARM_REPLY 1u
@@ -942,29 +901,25 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_geometry_reply, total) == 0,
 HG_STATIC_ASSERT(offsetof(struct hg_wire_geometry_reply, first) == 2,
                  geometry_reply_first);
 
-#define HG_SIZE_DRIVE_REPLY 18u
+#define HG_SIZE_DRIVE_REPLY 17u
 #define HG_OFFSET_DRIVE_REPLY_KIND 0u
-#define HG_OFFSET_DRIVE_REPLY_BITS 1u
-#define HG_OFFSET_DRIVE_REPLY_KEY 2u
-#define HG_OFFSET_DRIVE_REPLY_T_LATCH_US 12u
-#define HG_OFFSET_DRIVE_REPLY_FIRST 16u
+#define HG_OFFSET_DRIVE_REPLY_KEY 1u
+#define HG_OFFSET_DRIVE_REPLY_T_LATCH_US 11u
+#define HG_OFFSET_DRIVE_REPLY_FIRST 15u
 struct hg_wire_drive_reply {
     uint8_t kind[1]; /* 0 latched, 1 radiated */
-    uint8_t bits[1]; /* bits per phase of the codes below */
     struct hg_wire_latch_key key; /* the drive that is latched */
     uint8_t t_latch_us[4]; /* device time of that latch */
     uint8_t first[2]; /* first transducer in this reply */
 };
-HG_STATIC_ASSERT(sizeof(struct hg_wire_drive_reply) == 18, size_of_drive_reply);
+HG_STATIC_ASSERT(sizeof(struct hg_wire_drive_reply) == 17, size_of_drive_reply);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_drive_reply, kind) == 0,
                  drive_reply_kind);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_drive_reply, bits) == 1,
-                 drive_reply_bits);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_drive_reply, key) == 2,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_drive_reply, key) == 1,
                  drive_reply_key);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_drive_reply, t_latch_us) == 12,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_drive_reply, t_latch_us) == 11,
                  drive_reply_t_latch_us);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_drive_reply, first) == 16,
+HG_STATIC_ASSERT(offsetof(struct hg_wire_drive_reply, first) == 15,
                  drive_reply_first);
 
 #define HG_SIZE_UPLOAD_BEGIN_REPLY 4u
@@ -1121,18 +1076,14 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_trace_playback, key) == 0,
 HG_STATIC_ASSERT(offsetof(struct hg_wire_trace_playback, crc) == 10,
                  trace_playback_crc);
 
-#define HG_SIZE_TRACE_DRIVE 11u
+#define HG_SIZE_TRACE_DRIVE 10u
 #define HG_OFFSET_TRACE_DRIVE_KEY 0u
-#define HG_OFFSET_TRACE_DRIVE_BITS 10u
 struct hg_wire_trace_drive {
     struct hg_wire_latch_key key; /* which frame */
-    uint8_t bits[1]; /* bits per phase of the codes below */
 };
-HG_STATIC_ASSERT(sizeof(struct hg_wire_trace_drive) == 11, size_of_trace_drive);
+HG_STATIC_ASSERT(sizeof(struct hg_wire_trace_drive) == 10, size_of_trace_drive);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_trace_drive, key) == 0,
                  trace_drive_key);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_trace_drive, bits) == 10,
-                 trace_drive_bits);
 
 #define HG_SIZE_STATE_CHANGED 2u
 #define HG_OFFSET_STATE_CHANGED_STATE 0u
@@ -1167,8 +1118,8 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_playback_ended, frames) == 6,
 /* Every message: X(name, type, bytes of the fixed part, unit of the tail or 0 without one, units
    that it has at least). */
 #define HG_MESSAGES(X) \
-    X(PHASES, 0x01, 2, 1, 0) \
-    X(DRIVES, 0x02, 2, 2, 0) \
+    X(PHASES, 0x01, 0, 1, 0) \
+    X(DRIVES, 0x02, 0, 2, 0) \
     X(POINTS, 0x03, 0, 16, 1) \
     X(HELLO, 0x40, 8, 0, 0) \
     X(ARM, 0x41, 0, 0, 0) \
@@ -1186,7 +1137,7 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_playback_ended, frames) == 6,
     X(PLAY, 0x4d, 14, 0, 0) \
     X(STOP, 0x4e, 0, 0, 0) \
     X(READ_TRACE, 0x4f, 6, 0, 0) \
-    X(HELLO_REPLY, 0x80, 112, 0, 0) \
+    X(HELLO_REPLY, 0x80, 110, 0, 0) \
     X(ARM_REPLY, 0x81, 1, 0, 0) \
     X(MUTE_REPLY, 0x82, 1, 0, 0) \
     X(DISARM_REPLY, 0x83, 1, 0, 0) \
@@ -1195,7 +1146,7 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_playback_ended, frames) == 6,
     X(CONFIG_REPLY, 0x86, 24, 0, 0) \
     X(SET_CONFIG_REPLY, 0x87, 24, 0, 0) \
     X(GEOMETRY_REPLY, 0x88, 4, 18, 0) \
-    X(DRIVE_REPLY, 0x89, 18, 2, 0) \
+    X(DRIVE_REPLY, 0x89, 17, 2, 0) \
     X(UPLOAD_BEGIN_REPLY, 0x8a, 4, 0, 0) \
     X(UPLOAD_CHUNK_REPLY, 0x8b, 4, 0, 0) \
     X(UPLOAD_COMMIT_REPLY, 0x8c, 4, 0, 0) \
@@ -1206,19 +1157,17 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_playback_ended, frames) == 6,
     X(STATUS, 0xc0, 130, 0, 0) \
     X(TRACE, 0xc1, 8, 0, 0) \
     X(TRACE_PLAYBACK, 0xc2, 14, 0, 0) \
-    X(TRACE_DRIVE, 0xc3, 11, 2, 0) \
+    X(TRACE_DRIVE, 0xc3, 10, 2, 0) \
     X(STATE_CHANGED, 0xc4, 2, 0, 0) \
     X(PLAYBACK_ENDED, 0xc5, 10, 0, 0)
 
 /* Bytes of a payload that may have some values only: X(name, offset, mask); bit v of the mask
    allows the value v. */
 #define HG_ALLOWED_VALUES(X) \
-    X(PHASES, 0, 0x0160) \
-    X(DRIVES, 0, 0x0160) \
     X(SET_CONFIG, 16, 0x000f) \
     X(READ_DRIVE, 0, 0x0003) \
     X(UPLOAD_BEGIN, 0, 0x000e) \
-    X(HELLO_REPLY, 43, 0x000f) \
+    X(HELLO_REPLY, 41, 0x000f) \
     X(ARM_REPLY, 0, 0x000f) \
     X(MUTE_REPLY, 0, 0x000f) \
     X(DISARM_REPLY, 0, 0x000f) \

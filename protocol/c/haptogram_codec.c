@@ -284,30 +284,3 @@ int hg_check_message(uint8_t type, const uint8_t *payload, size_t length, size_t
     *offset = 0;
     return HG_OK;
 }
-
-size_t hg_packed_size(size_t count, unsigned bits)
-{
-    return (count * bits + 7) / 8;
-}
-
-int hg_unpack_phases(uint8_t *codes, size_t count, const uint8_t *packed, size_t length,
-                     unsigned bits)
-{
-    uint32_t window = 0; /* bits that were read and not yet returned */
-    unsigned held = 0;
-    size_t next = 0;
-    size_t i;
-
-    if (length != hg_packed_size(count, bits))
-        return HG_COUNTER_BAD_LENGTH;
-    for (i = 0; i < count; i++) {
-        if (held < bits) {
-            window |= (uint32_t)packed[next++] << held;
-            held += 8;
-        }
-        codes[i] = (uint8_t)(window & ((1u << bits) - 1u));
-        window >>= bits;
-        held -= bits;
-    }
-    return window == 0 ? HG_OK : HG_COUNTER_BAD_VALUE;
-}

@@ -95,14 +95,6 @@ int hg_check_message(uint8_t type, const uint8_t *payload, size_t length, size_t
 /* Bytes of the fixed part of a message, and the unit of its tail, 0 without one; 0 if unknown. */
 int hg_message_layout(uint8_t type, size_t *fixed, size_t *unit);
 
-/* Bytes that `count` phases of `bits` take. */
-size_t hg_packed_size(size_t count, unsigned bits);
-
-/* Unpack `count` phases of 8, 6 or 5 bits, the first in the lowest bits: HG_OK,
-   HG_COUNTER_BAD_LENGTH, or HG_COUNTER_BAD_VALUE if a spare bit is set. */
-int hg_unpack_phases(uint8_t *codes, size_t count, const uint8_t *packed, size_t length,
-                     unsigned bits);
-
 #ifdef __cplusplus
 }
 #endif

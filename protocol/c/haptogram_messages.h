@@ -273,42 +273,6 @@ static inline void hg_trace_record_write(uint8_t *to, const struct hg_trace_reco
     hg_put_u8(to + 22, value->flags);
 }
 
-/* PHASES: Phases of every transducer at full amplitude.  HG-5.2. */
-struct hg_phases {
-    uint8_t bits; /* bits per phase: 8, 6 or 5 */
-    uint8_t bank; /* bank of transducers; 0 in this version */
-};
-
-static inline void hg_phases_read(struct hg_phases *value, const uint8_t *from)
-{
-    value->bits = hg_get_u8(from + 0);
-    value->bank = hg_get_u8(from + 1);
-}
-
-static inline void hg_phases_write(uint8_t *to, const struct hg_phases *value)
-{
-    hg_put_u8(to + 0, value->bits);
-    hg_put_u8(to + 1, value->bank);
-}
-
-/* DRIVES: Phase and amplitude of every transducer.  HG-5.3. */
-struct hg_drives {
-    uint8_t bits; /* bits per phase: 8 */
-    uint8_t bank; /* bank of transducers; 0 in this version */
-};
-
-static inline void hg_drives_read(struct hg_drives *value, const uint8_t *from)
-{
-    value->bits = hg_get_u8(from + 0);
-    value->bank = hg_get_u8(from + 1);
-}
-
-static inline void hg_drives_write(uint8_t *to, const struct hg_drives *value)
-{
-    hg_put_u8(to + 0, value->bits);
-    hg_put_u8(to + 1, value->bank);
-}
-
 /* HELLO: Open a session; this layout is frozen across major versions.  HG-4.1. */
 struct hg_hello {
     uint8_t major; /* major version of the host */
@@ -518,9 +482,7 @@ struct hg_hello_reply {
     uint32_t pitch_um; /* pitch of the grid, micrometres, 0 if it is none */
     uint32_t geometry_hash; /* CRC-32 over the geometry records in order */
     uint32_t sound_speed_mm_s; /* sound speed used for POINTS, mm/s */
-    uint8_t phase_formats; /* bit 0: 8 bits, bit 1: 6 bits, bit 2: 5 bits per phase */
     uint8_t max_points; /* focal points in one POINTS frame, at most */
-    uint8_t banks; /* banks of transducers; 1 in this version */
     uint8_t state; /* output state */
     uint16_t queue_depth; /* frames that may wait for their t_apply */
     uint16_t trace_ring; /* latches that the trace ring keeps */
@@ -556,26 +518,24 @@ static inline void hg_hello_reply_read(struct hg_hello_reply *value, const uint8
     value->pitch_um = hg_get_u32(from + 28);
     value->geometry_hash = hg_get_u32(from + 32);
     value->sound_speed_mm_s = hg_get_u32(from + 36);
-    value->phase_formats = hg_get_u8(from + 40);
-    value->max_points = hg_get_u8(from + 41);
-    value->banks = hg_get_u8(from + 42);
-    value->state = hg_get_u8(from + 43);
-    value->queue_depth = hg_get_u16(from + 44);
-    value->trace_ring = hg_get_u16(from + 46);
-    value->max_horizon_us = hg_get_u32(from + 48);
-    value->rx_window = hg_get_u32(from + 52);
-    value->max_frame_rate_hz = hg_get_u32(from + 56);
-    value->max_sequence_frames = hg_get_u32(from + 60);
-    value->max_upload_bytes = hg_get_u32(from + 64);
-    value->max_playback_rate_hz = hg_get_u32(from + 68);
-    value->max_unattended_ms = hg_get_u32(from + 72);
-    value->upload_window = hg_get_u16(from + 76);
-    value->max_chunk = hg_get_u16(from + 78);
-    value->latch_lead_us = hg_get_u32(from + 80);
-    value->point_time_us = hg_get_u32(from + 84);
-    value->boot_id = hg_get_u32(from + 88);
-    value->config_crc = hg_get_u32(from + 92);
-    memcpy(value->firmware, from + 96, 16);
+    value->max_points = hg_get_u8(from + 40);
+    value->state = hg_get_u8(from + 41);
+    value->queue_depth = hg_get_u16(from + 42);
+    value->trace_ring = hg_get_u16(from + 44);
+    value->max_horizon_us = hg_get_u32(from + 46);
+    value->rx_window = hg_get_u32(from + 50);
+    value->max_frame_rate_hz = hg_get_u32(from + 54);
+    value->max_sequence_frames = hg_get_u32(from + 58);
+    value->max_upload_bytes = hg_get_u32(from + 62);
+    value->max_playback_rate_hz = hg_get_u32(from + 66);
+    value->max_unattended_ms = hg_get_u32(from + 70);
+    value->upload_window = hg_get_u16(from + 74);
+    value->max_chunk = hg_get_u16(from + 76);
+    value->latch_lead_us = hg_get_u32(from + 78);
+    value->point_time_us = hg_get_u32(from + 82);
+    value->boot_id = hg_get_u32(from + 86);
+    value->config_crc = hg_get_u32(from + 90);
+    memcpy(value->firmware, from + 94, 16);
 }
 
 static inline void hg_hello_reply_write(uint8_t *to, const struct hg_hello_reply *value)
@@ -594,26 +554,24 @@ static inline void hg_hello_reply_write(uint8_t *to, const struct hg_hello_reply
     hg_put_u32(to + 28, value->pitch_um);
     hg_put_u32(to + 32, value->geometry_hash);
     hg_put_u32(to + 36, value->sound_speed_mm_s);
-    hg_put_u8(to + 40, value->phase_formats);
-    hg_put_u8(to + 41, value->max_points);
-    hg_put_u8(to + 42, value->banks);
-    hg_put_u8(to + 43, value->state);
-    hg_put_u16(to + 44, value->queue_depth);
-    hg_put_u16(to + 46, value->trace_ring);
-    hg_put_u32(to + 48, value->max_horizon_us);
-    hg_put_u32(to + 52, value->rx_window);
-    hg_put_u32(to + 56, value->max_frame_rate_hz);
-    hg_put_u32(to + 60, value->max_sequence_frames);
-    hg_put_u32(to + 64, value->max_upload_bytes);
-    hg_put_u32(to + 68, value->max_playback_rate_hz);
-    hg_put_u32(to + 72, value->max_unattended_ms);
-    hg_put_u16(to + 76, value->upload_window);
-    hg_put_u16(to + 78, value->max_chunk);
-    hg_put_u32(to + 80, value->latch_lead_us);
-    hg_put_u32(to + 84, value->point_time_us);
-    hg_put_u32(to + 88, value->boot_id);
-    hg_put_u32(to + 92, value->config_crc);
-    memcpy(to + 96, value->firmware, 16);
+    hg_put_u8(to + 40, value->max_points);
+    hg_put_u8(to + 41, value->state);
+    hg_put_u16(to + 42, value->queue_depth);
+    hg_put_u16(to + 44, value->trace_ring);
+    hg_put_u32(to + 46, value->max_horizon_us);
+    hg_put_u32(to + 50, value->rx_window);
+    hg_put_u32(to + 54, value->max_frame_rate_hz);
+    hg_put_u32(to + 58, value->max_sequence_frames);
+    hg_put_u32(to + 62, value->max_upload_bytes);
+    hg_put_u32(to + 66, value->max_playback_rate_hz);
+    hg_put_u32(to + 70, value->max_unattended_ms);
+    hg_put_u16(to + 74, value->upload_window);
+    hg_put_u16(to + 76, value->max_chunk);
+    hg_put_u32(to + 78, value->latch_lead_us);
+    hg_put_u32(to + 82, value->point_time_us);
+    hg_put_u32(to + 86, value->boot_id);
+    hg_put_u32(to + 90, value->config_crc);
+    memcpy(to + 94, value->firmware, 16);
 }
 
 /* ARM_REPLY: Answer to ARM. */
@@ -784,7 +742,6 @@ static inline void hg_geometry_reply_write(uint8_t *to, const struct hg_geometry
 /* DRIVE_REPLY: Phase and amplitude, as they are at one moment.  HG-8.6. */
 struct hg_drive_reply {
     uint8_t kind; /* 0 latched, 1 radiated */
-    uint8_t bits; /* bits per phase of the codes below */
     struct hg_latch_key key; /* the drive that is latched */
     uint32_t t_latch_us; /* device time of that latch */
     uint16_t first; /* first transducer in this reply */
@@ -793,19 +750,17 @@ struct hg_drive_reply {
 static inline void hg_drive_reply_read(struct hg_drive_reply *value, const uint8_t *from)
 {
     value->kind = hg_get_u8(from + 0);
-    value->bits = hg_get_u8(from + 1);
-    hg_latch_key_read(&value->key, from + 2);
-    value->t_latch_us = hg_get_u32(from + 12);
-    value->first = hg_get_u16(from + 16);
+    hg_latch_key_read(&value->key, from + 1);
+    value->t_latch_us = hg_get_u32(from + 11);
+    value->first = hg_get_u16(from + 15);
 }
 
 static inline void hg_drive_reply_write(uint8_t *to, const struct hg_drive_reply *value)
 {
     hg_put_u8(to + 0, value->kind);
-    hg_put_u8(to + 1, value->bits);
-    hg_latch_key_write(to + 2, &value->key);
-    hg_put_u32(to + 12, value->t_latch_us);
-    hg_put_u16(to + 16, value->first);
+    hg_latch_key_write(to + 1, &value->key);
+    hg_put_u32(to + 11, value->t_latch_us);
+    hg_put_u16(to + 15, value->first);
 }
 
 /* UPLOAD_BEGIN_REPLY: The board is ready for the upload.  HG-7.2. */
@@ -1015,19 +970,16 @@ static inline void hg_trace_playback_write(uint8_t *to, const struct hg_trace_pl
 /* TRACE_DRIVE: A drive was latched at the header's t_device, in full.  HG-8.4. */
 struct hg_trace_drive {
     struct hg_latch_key key; /* which frame */
-    uint8_t bits; /* bits per phase of the codes below */
 };
 
 static inline void hg_trace_drive_read(struct hg_trace_drive *value, const uint8_t *from)
 {
     hg_latch_key_read(&value->key, from + 0);
-    value->bits = hg_get_u8(from + 10);
 }
 
 static inline void hg_trace_drive_write(uint8_t *to, const struct hg_trace_drive *value)
 {
     hg_latch_key_write(to + 0, &value->key);
-    hg_put_u8(to + 10, value->bits);
 }
 
 /* STATE_CHANGED: The output state changed without a request.  HG-6.8. */
@@ -1132,10 +1084,6 @@ static inline void hg_playback_ended_write(uint8_t *to, const struct hg_playback
     X(TRACE_RECORD, t_latch_us, 14, U32) \
     X(TRACE_RECORD, crc, 18, U32) \
     X(TRACE_RECORD, flags, 22, U8) \
-    X(PHASES, bits, 0, U8) \
-    X(PHASES, bank, 1, U8) \
-    X(DRIVES, bits, 0, U8) \
-    X(DRIVES, bank, 1, U8) \
     X(HELLO, major, 0, U8) \
     X(HELLO, minor, 1, U8) \
     X(HELLO, nonce, 2, U16) \
@@ -1182,26 +1130,24 @@ static inline void hg_playback_ended_write(uint8_t *to, const struct hg_playback
     X(HELLO_REPLY, pitch_um, 28, U32) \
     X(HELLO_REPLY, geometry_hash, 32, U32) \
     X(HELLO_REPLY, sound_speed_mm_s, 36, U32) \
-    X(HELLO_REPLY, phase_formats, 40, U8) \
-    X(HELLO_REPLY, max_points, 41, U8) \
-    X(HELLO_REPLY, banks, 42, U8) \
-    X(HELLO_REPLY, state, 43, U8) \
-    X(HELLO_REPLY, queue_depth, 44, U16) \
-    X(HELLO_REPLY, trace_ring, 46, U16) \
-    X(HELLO_REPLY, max_horizon_us, 48, U32) \
-    X(HELLO_REPLY, rx_window, 52, U32) \
-    X(HELLO_REPLY, max_frame_rate_hz, 56, U32) \
-    X(HELLO_REPLY, max_sequence_frames, 60, U32) \
-    X(HELLO_REPLY, max_upload_bytes, 64, U32) \
-    X(HELLO_REPLY, max_playback_rate_hz, 68, U32) \
-    X(HELLO_REPLY, max_unattended_ms, 72, U32) \
-    X(HELLO_REPLY, upload_window, 76, U16) \
-    X(HELLO_REPLY, max_chunk, 78, U16) \
-    X(HELLO_REPLY, latch_lead_us, 80, U32) \
-    X(HELLO_REPLY, point_time_us, 84, U32) \
-    X(HELLO_REPLY, boot_id, 88, U32) \
-    X(HELLO_REPLY, config_crc, 92, U32) \
-    X(HELLO_REPLY, firmware, 96, TEXT) \
+    X(HELLO_REPLY, max_points, 40, U8) \
+    X(HELLO_REPLY, state, 41, U8) \
+    X(HELLO_REPLY, queue_depth, 42, U16) \
+    X(HELLO_REPLY, trace_ring, 44, U16) \
+    X(HELLO_REPLY, max_horizon_us, 46, U32) \
+    X(HELLO_REPLY, rx_window, 50, U32) \
+    X(HELLO_REPLY, max_frame_rate_hz, 54, U32) \
+    X(HELLO_REPLY, max_sequence_frames, 58, U32) \
+    X(HELLO_REPLY, max_upload_bytes, 62, U32) \
+    X(HELLO_REPLY, max_playback_rate_hz, 66, U32) \
+    X(HELLO_REPLY, max_unattended_ms, 70, U32) \
+    X(HELLO_REPLY, upload_window, 74, U16) \
+    X(HELLO_REPLY, max_chunk, 76, U16) \
+    X(HELLO_REPLY, latch_lead_us, 78, U32) \
+    X(HELLO_REPLY, point_time_us, 82, U32) \
+    X(HELLO_REPLY, boot_id, 86, U32) \
+    X(HELLO_REPLY, config_crc, 90, U32) \
+    X(HELLO_REPLY, firmware, 94, TEXT) \
     X(ARM_REPLY, state, 0, U8) \
     X(MUTE_REPLY, state, 0, U8) \
     X(DISARM_REPLY, state, 0, U8) \
@@ -1266,12 +1212,11 @@ static inline void hg_playback_ended_write(uint8_t *to, const struct hg_playback
     X(GEOMETRY_REPLY, total, 0, U16) \
     X(GEOMETRY_REPLY, first, 2, U16) \
     X(DRIVE_REPLY, kind, 0, U8) \
-    X(DRIVE_REPLY, bits, 1, U8) \
-    X(DRIVE_REPLY, key.sequence, 2, U16) \
-    X(DRIVE_REPLY, key.loop, 4, U32) \
-    X(DRIVE_REPLY, key.index, 8, U32) \
-    X(DRIVE_REPLY, t_latch_us, 12, U32) \
-    X(DRIVE_REPLY, first, 16, U16) \
+    X(DRIVE_REPLY, key.sequence, 1, U16) \
+    X(DRIVE_REPLY, key.loop, 3, U32) \
+    X(DRIVE_REPLY, key.index, 7, U32) \
+    X(DRIVE_REPLY, t_latch_us, 11, U32) \
+    X(DRIVE_REPLY, first, 15, U16) \
     X(UPLOAD_BEGIN_REPLY, max_chunk, 0, U16) \
     X(UPLOAD_BEGIN_REPLY, window, 2, U16) \
     X(UPLOAD_CHUNK_REPLY, received, 0, U32) \
@@ -1327,7 +1272,6 @@ static inline void hg_playback_ended_write(uint8_t *to, const struct hg_playback
     X(TRACE_DRIVE, key.sequence, 0, U16) \
     X(TRACE_DRIVE, key.loop, 2, U32) \
     X(TRACE_DRIVE, key.index, 6, U32) \
-    X(TRACE_DRIVE, bits, 10, U8) \
     X(STATE_CHANGED, state, 0, U8) \
     X(STATE_CHANGED, reason, 1, U8) \
     X(PLAYBACK_ENDED, sequence, 0, U16) \

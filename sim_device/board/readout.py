@@ -11,7 +11,6 @@ import numpy as np
 from haptogram.acoustics import Drive
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
 from haptogram_protocol.messages import (
-    PHASE_FORMAT_BIT,
     VERSION_MAJOR,
     VERSION_MINOR,
     Counters,
@@ -36,7 +35,6 @@ from haptogram_protocol.state import MuteReason, OutputState
 from .board import Board
 from .events import Latch
 from .refusal import RefusalError
-from .registers import REGISTER_BITS
 from .settings import BoardSettings
 
 StatusFields: TypeAlias = tuple[
@@ -76,8 +74,6 @@ def board_identity(board: Board, description_hash: int) -> HelloReply:
         pitch_um=round((array.pitch_m or 0.0) * 1e6) if array.grid_shape else 0,
         geometry_hash=array.digest(),
         sound_speed_mm_s=board.config.sound_speed_mm_s,
-        phase_formats=sum(PHASE_FORMAT_BIT[bits] for bits in settings.phase_formats),
-        banks=1,
         state=board.state,
         max_frame_rate_hz=settings.carrier_hz,
         config_crc=board.config_crc,
@@ -133,7 +129,6 @@ def board_drive(board: Board, request: ReadDrive) -> DriveReply:
         shown = latch.drive if latch else Drive.muted(board.settings.count)
     return DriveReply(
         kind=request.kind,
-        bits=REGISTER_BITS,
         key=latch.key if latch else _NO_LATCH,
         t_latch_us=latch.t_latch_us & _U32 if latch else 0,
         first=first,

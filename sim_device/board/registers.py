@@ -24,10 +24,10 @@ _TURN: Final = 65_536  # HG-5.4: steps of its phase
 Content: TypeAlias = Drive | Sequence[FocalPoint]
 
 
-def full_amplitude_registers(phase_codes: bytes, bits: int) -> Drive:
+def full_amplitude_registers(phase_codes: bytes) -> Drive:
     """Return the drive of a PHASES frame: every amplitude 255.  HG-5.2."""
     codes = np.frombuffer(phase_codes, dtype=np.uint8)
-    return Drive(codes, _full_register_codes(len(codes)), bits)
+    return Drive(codes, _full_register_codes(len(codes)))
 
 
 @functools.cache
@@ -35,12 +35,6 @@ def _full_register_codes(count: int) -> NDArray[np.uint8]:
     codes = np.full(count, 255, dtype=np.uint8)
     codes.flags.writeable = False
     return codes
-
-
-def split_register_codes(data: bytes) -> Drive:
-    """Return the drive of N phase codes followed by N amplitude codes.  HG-5.3."""
-    codes = np.frombuffer(data, dtype=np.uint8)
-    return Drive(codes[: len(codes) // 2], codes[len(codes) // 2 :])
 
 
 def to_registers(drive: Drive) -> Drive:
@@ -67,11 +61,7 @@ class BoardFocuser:
         phases_rad = np.array([p.phase for p in points]) * (2 * math.pi / _TURN)
         weights = superpose_foci(self._model, positions_m, amplitudes, phases_rad)
         drive = Drive.from_weights(saturated_weights(weights))
-        return (
-            drive
-            if self._graded
-            else full_amplitude_registers(drive.phase_codes.tobytes(), REGISTER_BITS)
-        )
+        return drive if self._graded else full_amplitude_registers(drive.phase_codes.tobytes())
 
     def registers(self, content: Content) -> tuple[Drive, int]:
         """Return the register codes of *content*, and the resolution it was commanded in."""

@@ -11,7 +11,7 @@ from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import MOST_LEAD_US, BoardConfig
 from haptogram.settings.line import LineSettings
-from haptogram_protocol.messages import Feature, PhaseFormat
+from haptogram_protocol.messages import Feature
 
 BOOT_US: Final = 2**32 - 10_000_000  # the 32-bit clock of every run wraps 10 s after power-up
 ALL_FEATURES: Final = (
@@ -94,8 +94,6 @@ class BoardSettings:
         Unwrapped device time at power-up.
     line : LineSettings
         The line to the host.
-    phase_formats : tuple of PhaseFormat
-        Resolutions that PHASES frames may have.
     wiring : Wiring or None
         Of a board that speaks another dialect; None: Haptogram's own.
 
@@ -111,7 +109,6 @@ class BoardSettings:
     calibration: Calibration | None = None
     seed: int = 0
     features: Feature = ALL_FEATURES
-    phase_formats: tuple[PhaseFormat, ...] = tuple(PhaseFormat)
     queue_depth: int = 128
     max_horizon_us: int = 10_000_000
     latch_lead_us: int = 0

@@ -71,7 +71,7 @@ class Upload:
     def __getitem__(self, index: int) -> Content:
         piece = self.data[index * self.frame_size : (index + 1) * self.frame_size]
         if self.begin.kind is UploadKind.PHASES:
-            return full_amplitude_registers(piece, 8)
+            return full_amplitude_registers(piece)
         return _points_uploaded_to_board(piece)
 
 

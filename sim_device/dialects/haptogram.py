@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final, TypeAlias
 
+import numpy as np
+
+from haptogram.acoustics import Drive
 from haptogram_protocol.connection import (
     NEED_DATA,
     BoardConnection,
@@ -34,7 +37,6 @@ from haptogram_protocol.messages import (
     Message,
     Mute,
     MuteReply,
-    PhaseFormat,
     Phases,
     Ping,
     Play,
@@ -61,7 +63,7 @@ from haptogram_protocol.messages import (
     UploadChunkReply,
     UploadCommit,
     UploadCommitReply,
-    unpack_phases,
+    drive_codes,
     unwrap,
 )
 
@@ -70,7 +72,7 @@ from ..board.board import Board
 from ..board.clock import earliest_board_time
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange
 from ..board.refusal import RefusalError
-from ..board.registers import REGISTER_BITS, Content, full_amplitude_registers, split_register_codes
+from ..board.registers import Content
 from ..board.stream_queue import StreamFrame
 from .features import unsupported_messages
 
@@ -246,19 +248,10 @@ class VirtualHaptogramDialect:
                 len(message.points) <= self.board.settings.max_points, "too many points"
             )
             return message.points
-        if isinstance(message, Drives):
-            _refuse_by_dialect_unless(len(message.data) == 2 * count, "not 2 N codes", "bad_length")
-            _refuse_by_dialect_unless(
-                message.bits is PhaseFormat.BITS_8, f"drives of {message.bits} bits"
-            )
-            _refuse_by_dialect_unless(message.bank == 0, f"bank {message.bank}, there is 0")
-            return split_register_codes(message.data)
-        known = message.bits in self.board.settings.phase_formats
-        # without bits there is no right length
-        _refuse_by_dialect_unless(known, f"phases of {message.bits} bits")
-        codes = unpack_phases(message.data, message.bits, count)
-        _refuse_by_dialect_unless(message.bank == 0, f"bank {message.bank}, there is 0")
-        return full_amplitude_registers(codes, message.bits)
+        codes = drive_codes(message, count)
+        assert codes is not None  # of PHASES and DRIVES
+        phases, amplitudes = (np.frombuffer(part, np.uint8) for part in codes)
+        return Drive(phases, amplitudes)
 
     def _greet(self, hello: Hello, request: RequestReceived) -> None:
         self.board.open_session(hello.nonce)
@@ -368,7 +361,7 @@ class VirtualHaptogramDialect:
             self._traced += 1
             due = (self._traced - 1) % config.trace_divider == 0
             data = readout.register_codes(latch.drive)
-            return TraceDrive(key=key, bits=REGISTER_BITS, data=data) if due else None
+            return TraceDrive(key=key, data=data) if due else None
         if config.trace_mode is not TraceMode.CRC:
             return None
         if key.sequence:

@@ -1,8 +1,8 @@
 """``python -m sim_device.driven.stepped_board LIMITS``: the virtual board, step by step.
 
 LIMITS is a JSON object of fields of :class:`~sim_device.board.settings.BoardSettings`, with
-``grid_nx``, ``grid_ny`` and ``pitch_um`` of the array, and the bits of ``phase_formats``.  Steps
-and answers are those of ``protocol/c/tools/board_steps.c``; times are microseconds after power-up.
+``grid_nx``, ``grid_ny`` and ``pitch_um`` of the array.  Steps and answers are those
+of ``protocol/c/tools/board_steps.c``; times are microseconds after power-up.
 ``reset US`` starts the device clock at US instead of 2^32 - 10 s.  ``next`` is answered by the time
 at which the board does something by itself, ``-`` if never.  ``through TIME`` lets time pass while
 somebody reads: its answer holds all that the board sends up to then.
@@ -18,7 +18,7 @@ from typing import Any, TextIO
 
 from haptogram.acoustics import AcousticModel
 from haptogram_protocol.export.tables import description_hash
-from haptogram_protocol.messages import PHASE_FORMAT_BIT, Feature
+from haptogram_protocol.messages import Feature
 
 from ..assembly import HEALTHY
 from ..board.settings import BoardSettings
@@ -95,9 +95,6 @@ def _settings_of_stepped_board(limits: dict[str, Any]) -> BoardSettings:
     """Return the board of *limits*."""
     nx, ny, pitch_um = (limits.pop(name) for name in ("grid_nx", "grid_ny", "pitch_um"))
     limits["features"] = Feature(limits.pop("features"))
-    if (offered := limits.pop("phase_formats", None)) is not None:
-        formats = (form for form, bit in PHASE_FORMAT_BIT.items() if offered & bit)
-        limits["phase_formats"] = tuple(formats)
     model = AcousticModel.default(nx, ny, pitch_m=pitch_um * 1e-6)
     return BoardSettings(model=model, **limits)
 

@@ -64,14 +64,6 @@ class PitchOfAnother(LyingMutant):
         return {"pitch_um": message.pitch_um + 160}
 
 
-class EightBitsUnclaimed(LyingMutant):
-    """Advertises phases of 6 and 5 bits only."""
-
-    def lie(self, message: Any) -> dict[str, Any]:
-        """Return other formats."""
-        return {"phase_formats": message.phase_formats & ~1}
-
-
 class QueueOfTwo(LyingMutant):
     """Advertises a queue of two frames."""
 
@@ -133,7 +125,6 @@ MUTANTS: Final = (
     Mutant.of(GeometryFromTheCorner, "HG-5.1/3", _WIRE),
     Mutant.of(GeometryFacingDown, "HG-5.1/3", _WIRE),
     Mutant.of(PitchOfAnother, "HG-7.5/3", _WIRE),
-    Mutant.of(EightBitsUnclaimed, "HG-4.3/7", _WIRE),
     Mutant.of(QueueOfTwo, "HG-4.3/8", _WIRE),
     Mutant.of(RingOfEight, "HG-4.3/8", _WIRE),
     Mutant.of(ChunksBeyondTheFrame, "HG-4.3/8", _WIRE),

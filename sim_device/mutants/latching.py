@@ -23,7 +23,7 @@ from haptogram_protocol.messages import (
 from ..board.board import Board
 from ..board.counters import Drop
 from ..board.output import BoardOutput
-from ..board.registers import Content, to_registers
+from ..board.registers import Content
 from ..board.stream_queue import BoardQueue, QueueEntry, StreamFrame
 from ..board.uploads import BoardUploads
 from ..dialects.haptogram import VirtualHaptogramDialect
@@ -198,33 +198,6 @@ class ImmediateKeepsQueue(Board):
         return None
 
 
-class PackedHighBitFirst(VirtualHaptogramDialect):
-    """Takes packed phases from the highest bit of every byte on."""
-
-    def _content(self, message: Any) -> Content:
-        content = super()._content(message)
-        bits = getattr(message, "bits", 8)
-        if bits == 8 or not isinstance(content, Drive):
-            return content
-        digits = "".join(f"{byte:08b}" for byte in message.data)
-        codes = [
-            int(digits[k * bits : (k + 1) * bits], 2) for k in range(self.board.settings.count)
-        ]
-        return Drive(np.array(codes, dtype=np.uint8), content.amplitude_codes, content.phase_bits)
-
-
-class RoundsToTheMiddle(VirtualHaptogramDialect):
-    """Latches a code of 6 or 5 bits in the middle of its step, not at its beginning."""
-
-    def _content(self, message: Any) -> Content:
-        content = super()._content(message)
-        if not isinstance(content, Drive) or content.phase_bits == 8:
-            return content
-        registers = to_registers(content)
-        half = np.uint8(1 << (7 - content.phase_bits))
-        return Drive(registers.phase_codes + half, registers.amplitude_codes)
-
-
 class PhasesAtHalfAmplitude(VirtualHaptogramDialect):
     """Drives PHASES frames with amplitude 128."""
 
@@ -353,8 +326,6 @@ MUTANTS: Final = (
     Mutant.of(OrderOutlivesTheQueue, "HG-5.7/2", _SELF),
     Mutant.of(HorizonIgnored, "HG-5.7/4", _SELF),
     Mutant.of(ImmediateKeepsQueue, "HG-5.9/1", _SELF),
-    Mutant.of(PackedHighBitFirst, "HG-5.2/1", _SELF),
-    Mutant.of(RoundsToTheMiddle, "HG-5.2/7", _SELF),
     Mutant.of(PhasesAtHalfAmplitude, "HG-5.2/6", _SELF),
     Mutant.of(PlaybackRoundsUp, "HG-7.6/4", _SELF),
     Mutant.of(UploadUnchecked, "HG-7.4/3", Evidence.WIRE),

@@ -255,15 +255,6 @@ class MarginsKept(VirtualHaptogramDialect):
         return fields
 
 
-class SixBitsClaimed(VirtualHaptogramDialect):
-    """Advertises phases of 6 bits and drops them."""
-
-    def _content(self, message: Any) -> Any:
-        if getattr(message, "bits", 8) == 6:
-            message = dataclasses.replace(message, bank=1)  # what it would refuse
-        return super()._content(message)
-
-
 class RingClaimed(BoardOutput):
     """Advertises a trace ring and keeps one latch in it."""
 
@@ -308,7 +299,6 @@ MUTANTS: Final = (
     Mutant.of(RestartsOnJunk, "HG-3.9/3", _WIRE),
     Mutant.of(StatusNeverSent, "HG-9.1/1", _WIRE),
     Mutant.of(MarginsKept, "HG-9.3/1", _SELF),
-    Mutant.of(SixBitsClaimed, "HG-5.2/5", _SELF),
     Mutant.of(RingClaimed, "HG-8.5/1", _SELF),
     Mutant.of(ReservedBitClaimed, "HG-11.5/1", _WIRE),
 )

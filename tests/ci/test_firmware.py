@@ -37,7 +37,6 @@ from haptogram_protocol.messages import (
     Hello,
     HelloReply,
     Mute,
-    PhaseFormat,
     Phases,
     Ping,
     Points,
@@ -212,7 +211,7 @@ class Board:
         self.hello()
         self.send(Arm(), 1)
         assert self.wait_for(ArmReply)
-        self.send(Phases(PhaseFormat.BITS_8, 0, bytes(256)), FIRST_STREAM_SEQ, flags=0x10)
+        self.send(Phases(bytes(256)), FIRST_STREAM_SEQ, flags=0x10)
 
 
 @contextlib.contextmanager
@@ -325,7 +324,7 @@ def unwrapped(t_us):
 
 
 def frames():
-    yield Phases(PhaseFormat.BITS_8, 0, bytes(range(256)))
+    yield Phases(bytes(range(256)))
     for count in (1, 2, 4, 8):
         yield Points(tuple(FocalPoint(1000 * n, 500, 150_000 + n, 9999, n) for n in range(count)))
 
@@ -367,7 +366,7 @@ def test_a_drive_that_waits_is_in_the_second_registers_before_it_is_due(firmware
         board = TimedBoard(emulator.url)
         codes = bytes(range(256))
         due_us = board.ask(Ping(1), Pong).t_rx_us + 5_000_000
-        board.send(Phases(PhaseFormat.BITS_8, 0, codes), FIRST_STREAM_SEQ, time_us=due_us)
+        board.send(Phases(codes), FIRST_STREAM_SEQ, time_us=due_us)
         status = board.ask(GetStatus(), StatusReply)
         assert (status.queued, status.counters.latched) == (1, 0)
         address, size = memory.symbol(elf, "registers")
@@ -382,7 +381,7 @@ def test_the_timer_takes_the_next_drive_on_time_though_the_main_loop_hangs(firmw
         board = TimedBoard(emulator.url)
         t_us = board.ask(Ping(1), Pong).t_rx_us + 1_000_000
         for number, code in enumerate((1, 2)):
-            frame = Phases(PhaseFormat.BITS_8, 0, bytes([code]) * 256)
+            frame = Phases(bytes([code]) * 256)
             board.send(frame, FIRST_STREAM_SEQ + number, time_us=t_us + 400_000 * number)
         end_s = time.monotonic() + PATIENCE_S
         while (driven := driving(elf, emulator)) != 2 and time.monotonic() < end_s:

@@ -39,7 +39,6 @@ from haptogram_protocol.messages import (
     Message,
     MessageType,
     Mute,
-    PhaseFormat,
     Phases,
     Ping,
     Play,
@@ -58,7 +57,7 @@ from haptogram_protocol.state import LinkState, OutputState
 from link_pair import HASH, NONCE, Bench, Link, hello_reply, wire
 from strategies_protocol import chunkings, headers, messages, noise
 
-PHASES = Phases(PhaseFormat.BITS_8, 0, bytes(4))
+PHASES = Phases(bytes(4))
 
 
 def _replies(data: bytes) -> list[tuple[Header, Message]]:
@@ -309,8 +308,7 @@ def test_play_carries_its_start_time() -> None:
         (wire(Pong(1, 2, 3), seq=0, session=NONCE), "unknown_type"),
         (wire(Trace(1, 2), seq=0, session=NONCE), "unknown_type"),
         (wire(PHASES, seq=0xFFF0, session=NONCE, flags=0x20), "unsupported"),
-        (encode_frame(b"\1\0\xf0\xff" + bytes(4) + b"\xed\x5e\x08"), "bad_length"),
-        (encode_frame(b"\1\0\xf0\xff" + bytes(4) + b"\xed\x5e\x07\0\1"), "bad_value"),
+        (encode_frame(b"\2\0\xf0\xff" + bytes(4) + b"\xed\x5e\x08"), "bad_length"),
         (wire(PHASES, seq=0xFFF0, session=1), "stale_session"),
         (wire(PHASES, seq=0xFFEF, session=NONCE), "duplicate"),
     ],
@@ -327,7 +325,7 @@ def test_what_is_dropped_is_counted_and_not_answered(frame: bytes, reason: str) 
     [
         encode_frame(b"\x3f\0\xf0\xff" + bytes(4) + b"\xed\x5e"),
         wire(PHASES, seq=0xFFF0, session=NONCE, flags=0x20),
-        encode_frame(b"\1\0\xf0\xff" + bytes(4) + b"\xed\x5e\x08"),
+        encode_frame(b"\2\0\xf0\xff" + bytes(4) + b"\xed\x5e\x08"),
     ],
 )
 def test_a_dropped_stream_frame_uses_up_its_number(damaged: bytes) -> None:

@@ -28,7 +28,6 @@ from haptogram_protocol.messages import (
     MessageType,
     Mute,
     MuteReply,
-    PhaseFormat,
     Phases,
     Ping,
     Pong,
@@ -41,7 +40,7 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import LinkState, OutputState
 from link_pair import BOARD_AHEAD_US, HASH, NONCE, Bench, Link, losing, wire
 
-PHASES = Phases(PhaseFormat.BITS_8, 0, bytes(4))
+PHASES = Phases(bytes(4))
 
 
 @pytest.fixture

@@ -27,7 +27,6 @@ from haptogram_protocol.connection import (
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
     Disarm,
-    PhaseFormat,
     Phases,
     Ping,
     Pong,
@@ -126,7 +125,7 @@ class AnyLine(RuleBasedStateMachine):
     @rule(data=st.binary(min_size=4, max_size=8), harms=few_harms)
     def stream(self, data, harms=()):
         self.down.harms.extend(harms)
-        message = Phases(PhaseFormat.BITS_8, 0, data)
+        message = Phases(data)
         index, wire = self.host.stream_frame(message, t_apply_us=len(self.streamed))
         assert index == FIRST_STREAM_SEQ + len(self.streamed)
         self.streamed[index] = message

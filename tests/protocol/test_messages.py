@@ -9,9 +9,7 @@ from hypothesis import strategies as st
 from haptogram_protocol.errors import LocalProtocolError, RemoteProtocolError
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
-    MAX_TRANSDUCERS,
     MESSAGES,
-    PHASE_FORMAT_BIT,
     REQUEST_RANGE,
     RESPONSE_OFFSET,
     ArmReply,
@@ -28,7 +26,6 @@ from haptogram_protocol.messages import (
     Message,
     MessageType,
     Mute,
-    PhaseFormat,
     Phases,
     Points,
     SetConfig,
@@ -36,11 +33,9 @@ from haptogram_protocol.messages import (
     TraceMode,
     TraceReply,
     build_body,
-    pack_phases,
-    packed_size,
+    drive_codes,
     parse_body,
     signed_difference,
-    unpack_phases,
     unwrap,
 )
 from haptogram_protocol.record import Record, record, repeated, wire
@@ -63,11 +58,11 @@ GOLDEN: dict[str, tuple[Message, dict[str, int], str, str]] = {
         "42 00 0700 00000000 0000 |",
         "00 0242 0207 01 01 01 01 01 01 03f2b6 0273 00",
     ),
-    "four phases of 6 bits, at once": (
-        Phases(PhaseFormat.BITS_6, 0, bytes.fromhex("8130fc")),
+    "three phases, at once": (
+        Phases(bytes.fromhex("8130fc")),
         {"flags": 0x10, "seq": 0xFFF1, "time_us": 0, "session": 0x5EED},
-        "01 10 f1ff 00000000 ed5e | 06 00 8130fc",
-        "00 050110f1ff 01 01 01 04ed5e06 088130fc93b782a9 00",
+        "01 10 f1ff 00000000 ed5e | 8130fc",
+        "00 050110f1ff 01 01 01 0aed5e8130fc cf9fdc07 00",
     ),
     "error": (
         Error(request=MessageType.ARM, code=4, detail=3),
@@ -91,7 +86,7 @@ PAYLOADS: dict[str, tuple[Message, str]] = {
         SetConfig(Config(trace_mode=TraceMode.RING)),
         "c800 3200 f401 6400 00000000 a03c0500 03 ff 0100",
     ),
-    "drives": (Drives(PhaseFormat.BITS_8, 0, bytes([10, 20, 255, 128])), "08 00 0a14 ff80"),
+    "drives": (Drives(bytes([10, 20, 255, 128])), "0a14 ff80"),
     "arm reply": (ArmReply(OutputState.ARMED), "01"),
 }
 
@@ -127,12 +122,12 @@ def test_every_type_has_its_message_and_every_request_its_response() -> None:
 
 def test_the_sizes_that_firmware_is_built_on() -> None:
     assert Header.LAYOUT.size == 10
-    assert HelloReply.LAYOUT.size == 112
+    assert HelloReply.LAYOUT.size == 110
     assert (
         len(
             encode_frame(
                 build_body(
-                    Phases(PhaseFormat.BITS_8, 0, b"\1" * 256),
+                    Phases(b"\1" * 256),
                     flags=0,
                     seq=257,
                     time_us=0x01010101,
@@ -140,9 +135,8 @@ def test_the_sizes_that_firmware_is_built_on() -> None:
                 )
             )
         )
-        == 276
-    )  # 920 µs at 3 Mbaud
-    assert [packed_size(256, bits) for bits in PHASE_FORMAT_BIT] == [256, 192, 160]
+        == 274
+    )  # 913 µs at 3 Mbaud
 
 
 @given(messages, headers)
@@ -268,7 +262,7 @@ def test_text_that_is_no_utf8_is_shown_not_refused() -> None:
         Hello(256, 0, 1, 0),
         Points(()),
         Points((FocalPoint(2**31, 0, 0, 0, 0),)),
-        Drives(PhaseFormat.BITS_8, 0, b"abc"),
+        Drives(b"abc"),
         Trace(-1, 0),
     ],
 )
@@ -287,45 +281,11 @@ def test_a_trace_reply_may_hold_no_record() -> None:
     assert TraceReply.deserialize(bytes(8)) == TraceReply(0, 0, ())
 
 
-# --- packed phases (HG-5.2) --------------------------------------------------------------------
-
-
-@st.composite
-def _codes(draw: st.DrawFn) -> tuple[int, bytes]:
-    bits = int(draw(st.sampled_from(PhaseFormat)))
-    return bits, bytes(draw(st.lists(st.integers(0, 2**bits - 1), max_size=70)))
-
-
-@given(_codes())
-def test_phases_are_packed_lowest_bit_first(case: tuple[int, bytes]) -> None:
-    bits, codes = case
-    packed = pack_phases(codes, bits)
-    stream = [byte >> bit & 1 for byte in packed for bit in range(8)]
-    wanted = [code >> bit & 1 for code in codes for bit in range(bits)]
-    assert stream[: len(wanted)] == wanted
-    assert not any(stream[len(wanted) :])
-    assert len(packed) == packed_size(len(codes), bits)
-    assert unpack_phases(packed, bits, len(codes)) == codes
-
-
-@pytest.mark.parametrize("bits", [5, 6])
-def test_a_code_that_needs_more_bits_is_refused(bits: int) -> None:
-    with pytest.raises(LocalProtocolError, match=f"{2**bits}.*{2**bits - 1}"):
-        pack_phases(bytes([0, 2**bits]), bits)
-
-
-@pytest.mark.parametrize("bits", [8, 6, 5])
-def test_a_wrong_number_of_phases_is_bad_length(bits: int) -> None:
+@pytest.mark.parametrize("message", [Phases(bytes(3)), Drives(bytes(6)), Phases(b"")])
+def test_a_wrong_number_of_codes_is_bad_length(message: Message) -> None:
     with pytest.raises(RemoteProtocolError) as caught:
-        unpack_phases(bytes(packed_size(MAX_TRANSDUCERS, bits) + 1), bits, MAX_TRANSDUCERS)
+        drive_codes(message, 4)
     assert caught.value.reason == "bad_length"
-
-
-def test_spare_bits_must_be_clear() -> None:
-    assert unpack_phases(b"\x3f", 6, 1) == b"\x3f"
-    with pytest.raises(RemoteProtocolError) as caught:
-        unpack_phases(b"\x7f", 6, 1)
-    assert caught.value.reason == "bad_value"
 
 
 # --- numbers that wrap (HG-3.6) ----------------------------------------------------------------

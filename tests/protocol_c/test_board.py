@@ -26,7 +26,6 @@ from haptogram_protocol.messages import (
     GetStatus,
     Hello,
     Mute,
-    PhaseFormat,
     Phases,
     Ping,
     Play,
@@ -44,7 +43,6 @@ from haptogram_protocol.messages import (
     UploadCommit,
     UploadKind,
     build_body,
-    packed_size,
     parse_body,
 )
 from haptogram_protocol.state import MuteReason, OutputState
@@ -85,7 +83,7 @@ def messages(sent):
 def test_a_hardware_fault_switches_off_until_disarm(c_board):
     c_board(1000, frame(Hello(VERSION_MAJOR, 0, SESSION, 0), 1, session=0))
     c_board(1000, frame(Arm(), 2))
-    c_board(1004, frame(Phases(PhaseFormat.BITS_8, 0, bytes(COUNT)), FIRST_STREAM_SEQ, flags=0x10))
+    c_board(1004, frame(Phases(bytes(COUNT)), FIRST_STREAM_SEQ, flags=0x10))
     (changed,) = messages(c_board.raise_hardware_fault(2000))
     assert changed == StateChanged(OutputState.FAULT, MuteReason.FAULT)
     (refused,) = messages(c_board(2000, frame(Arm(), 3)))
@@ -112,7 +110,7 @@ def test_a_mute_that_overtakes_switches_off_for_good_what_came_before_it(c_board
     due = [
         (frame(Arm(), 7), Error(Arm.TYPE, ErrorCode.BAD_STATE, OutputState.MUTED)),
         (frame(Ping(9), 8), Pong(9, t_us, t_us)),
-        (frame(Phases(PhaseFormat.BITS_8, 0, sequence), FIRST_STREAM_SEQ, flags=0x10), None),
+        (frame(Phases(sequence), FIRST_STREAM_SEQ, flags=0x10), None),
     ]
     sooner, mute = frame(Mute(), 6), frame(Mute(), 9, session=session)
     length = len(sooner) * first + sum(len(data) for data, _ in due) + len(mute)
@@ -194,7 +192,7 @@ def test_what_waits_for_the_line_is_bounded_and_trace_gives_way(programs):
     board(1000, frame(Arm(), 3))
     frames = b"".join(
         frame(
-            Phases(PhaseFormat.BITS_8, 0, bytes(1024)),
+            Phases(bytes(1024)),
             FIRST_STREAM_SEQ + n & 0xFFFF,
             time_us=BOOT_US + 2000 + 1000 * n,
         )
@@ -272,13 +270,11 @@ class Life:
         return frame(message, seq, session=self.session, flags=flags, time_us=self.when())
 
     def drive(self):
-        bits = self.random.choice(list(PhaseFormat))
-        size = packed_size(COUNT, bits) + self.random.choice([0] * 12 + [1, -1])
-        codes = self.random.randbytes(size)
+        size = COUNT + self.random.choice([0] * 12 + [1, -1])
         kinds = [
-            Phases(bits, 0, bytes([codes[0], codes[1], codes[-1] & 0x0F]) if bits == 5 else codes),
-            Phases(PhaseFormat.BITS_8, 0, self.random.randbytes(COUNT)),
-            Drives(PhaseFormat.BITS_8, 0, self.random.randbytes(2 * COUNT)),
+            Phases(self.random.randbytes(size)),
+            Phases(self.random.randbytes(COUNT)),
+            Drives(self.random.randbytes(2 * COUNT)),
             Points(tuple(self.point() for _ in range(self.random.choice([1, 2, 8, 9])))),
         ]
         return self.random.choice(kinds)

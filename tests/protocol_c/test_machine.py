@@ -20,7 +20,6 @@ from haptogram_protocol.messages import (
     GetConfig,
     Hello,
     Mute,
-    PhaseFormat,
     Phases,
     Play,
     ReadDrive,
@@ -81,7 +80,7 @@ def host(programs):
 
 
 def phases(code):
-    return Phases(PhaseFormat.BITS_8, 0, bytes([code]) * COUNT)
+    return Phases(bytes([code]) * COUNT)
 
 
 def steps(radiated):

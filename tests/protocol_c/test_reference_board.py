@@ -33,7 +33,6 @@ from haptogram_protocol.messages import (
     ErrorCode,
     GetGeometry,
     GetStatus,
-    PhaseFormat,
     Phases,
     Ping,
     Play,
@@ -164,7 +163,7 @@ def host(board):
 
 
 def phases(code):
-    return Phases(PhaseFormat.BITS_8, 0, bytes([code]) * COUNT)
+    return Phases(bytes([code]) * COUNT)
 
 
 def test_it_says_what_it_is(host):

@@ -137,7 +137,6 @@ def spoil(document, path, value):
         ("frames-valid.json", ["vectors", 0, "outcome", 0, "frame", "header", "seq"], None),
         ("frames-valid.json", ["vectors", 0, "more"], 1),
         ("frames-invalid.json", ["vectors", 0, "outcome", 0, "drop"], "parity"),
-        ("packing.json", ["vectors", 0, "bits"], 7),
         ("dialogues.json", ["vectors", 0, "steps", 0, "at_us"], -1),
         ("dialogues.json", ["vectors", 0, "steps", 0, "expect", 0, "message"], "error"),
         ("dialogues.json", ["vectors", 0, "board", "grid_nx"], True),

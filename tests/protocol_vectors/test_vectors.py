@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.export.vectors import FILES, vector_file_text, write_vectors
 from haptogram_protocol.export.vectors.__main__ import vectors_export_main
 from haptogram_protocol.framing import FrameDecoder, encode_frame
-from haptogram_protocol.messages import MESSAGES, pack_phases, unpack_phases
+from haptogram_protocol.messages import MESSAGES
 from protocol_vectors.vector_files import (
     DIALOGUE_FILES,
     EVERY_FILE,
@@ -82,18 +81,6 @@ def test_the_python_encoder_gives_the_bytes_of_valid_frames():
     for vector in vectors("frames-valid.json"):
         (found,) = vector["outcome"]
         assert encode_frame(bytes.fromhex(found["frame"]["body"])).hex() == vector["line"]
-
-
-@pytest.mark.parametrize("vector", vectors("packing.json"), ids=lambda vector: vector["id"])
-def test_python_packs_and_unpacks_alike(vector):
-    packed, bits, count = bytes.fromhex(vector["packed"]), vector["bits"], vector["count"]
-    if "reject" in vector:
-        with pytest.raises(RemoteProtocolError) as caught:
-            unpack_phases(packed, bits, count)
-        assert caught.value.reason == vector["reject"]
-    else:
-        assert unpack_phases(packed, bits, count).hex() == vector["codes"]
-        assert pack_phases(bytes.fromhex(vector["codes"]), bits) == packed
 
 
 @pytest.mark.parametrize("dialogue", DIALOGUES, ids=lambda dialogue: dialogue["id"])

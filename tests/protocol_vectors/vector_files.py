@@ -11,7 +11,7 @@ from haptogram_protocol.messages import EVENT_RANGE, MessageType, parse_body
 FOLDER = Path(__file__).resolve().parents[2] / "protocol" / "vectors"
 FRAME_FILES = ("frames-valid.json", "frames-acceptable.json", "frames-invalid.json")
 DIALOGUE_FILES = ("dialogues.json", "dialogues-typed.json")
-EVERY_FILE = (*FRAME_FILES, "packing.json", *DIALOGUE_FILES)
+EVERY_FILE = (*FRAME_FILES, *DIALOGUE_FILES)
 
 
 def read(name):

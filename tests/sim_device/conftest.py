@@ -15,7 +15,7 @@ from haptogram_protocol.connection import (
     RequestRefused,
 )
 from haptogram_protocol.export.tables import description_hash
-from haptogram_protocol.messages import Arm, Config, PhaseFormat, Phases, SetConfig, unwrap
+from haptogram_protocol.messages import Arm, Config, Phases, SetConfig, unwrap
 
 PATIENCE_NS = 20_000_000_000
 
@@ -67,7 +67,7 @@ class SmallHost:
         return unwrap(reply.t_device_us, sim_device.BoardSettings().boot_us, 32)
 
     def stream(self, codes, t_apply_us=None):
-        frame = Phases(PhaseFormat.BITS_8, 0, codes)
+        frame = Phases(codes)
         index, wire = self.link.stream_frame(frame, t_apply_us=t_apply_us)
         self.port.write(wire)
         return index, wire

@@ -18,7 +18,6 @@ from haptogram_protocol.messages import (
     GetGeometry,
     GetStatus,
     Mute,
-    PhaseFormat,
     Phases,
     Play,
     Points,
@@ -153,16 +152,13 @@ def test_no_room_for_another_sequence_is_said_before_the_first_byte(host):
 @pytest.mark.parametrize(
     ("message", "counter"),
     [
-        (Phases(PhaseFormat.BITS_5, 0, bytes(10)), "bad_value"),
-        (Phases(PhaseFormat.BITS_8, 1, bytes(16)), "bad_value"),
-        (Phases(PhaseFormat.BITS_8, 0, bytes(15)), "bad_length"),
-        (Drives(PhaseFormat.BITS_6, 0, bytes(32)), "bad_value"),
-        (Drives(PhaseFormat.BITS_8, 0, bytes(30)), "bad_length"),
+        (Phases(bytes(15)), "bad_length"),
+        (Drives(bytes(30)), "bad_length"),
         (Points((FocalPoint(0, 0, 50_000, 65_535, 0),) * 9), "bad_value"),
     ],
 )
 def test_stream_frames_with_wrong_values_are_counted_once(host, message, counter):
-    board = host(phase_formats=(PhaseFormat.BITS_8, PhaseFormat.BITS_6))
+    board = host()
     before = board.ask(GetStatus()).message.counters
     _, wire = board.link.stream_frame(message, t_apply_us=None)
     board.port.write(wire)
@@ -199,7 +195,7 @@ def test_a_trace_that_a_board_lacks_cannot_be_set(host):
 def test_a_board_without_amplitudes_mutes_hard_and_knows_only_full_ones(host):
     board = host(features=ALL_FEATURES ^ Feature.AMPLITUDE)
     faint = Points((FocalPoint(0, 0, 50_000, 6_000, 0),))
-    for message in (Drives(PhaseFormat.BITS_8, 0, bytes(32)), faint):
+    for message in (Drives(bytes(32)), faint):
         board.port.write(board.link.stream_frame(message, t_apply_us=None)[1])
     board.port.simulation.advance_to(board.port.now_ns() + 25_000)  # to the carrier's boundary
     drive = board.ask(ReadDrive(DriveKind.LATCHED, 0, 16)).message

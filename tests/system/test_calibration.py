@@ -67,7 +67,7 @@ def verify(folder: Path, *words: str) -> tuple[int, dict[str, Any]]:
 @pytest.mark.parametrize(
     "words",
     [
-        ["--phase-bits", "5"],
+        ["--mode", "drives"],
         ["--mode", "points"],
         ["--mode", "sequence"],
         ["--foci", "2"],
@@ -92,7 +92,7 @@ def test_equal_elements_in_their_places_change_no_verdict(tmp_path: Path, words:
     ("array", "words"),
     [
         ("16x16", []),
-        ("8x8", ["--phase-bits", "6"]),
+        ("8x8", []),
         ("16x16", ["--mode", "drives", "--rate-hz", "400"]),
         ("8x8", ["--mode", "sequence"]),
         ("16x16", ["--foci", "2", "--solver", "gradient"]),

@@ -150,8 +150,6 @@ class Session:
         Of the air over the board: that of the truth.
     mode : str
         ``phases``, ``drives``, ``points`` or ``sequence`` (of phases).
-    bits : int
-        Of a phase on the wire.
     frames : list of Wanted
     elements : Elements or None
         How they really are; None: as the layout says, and alike.
@@ -169,7 +167,6 @@ class Session:
     temperature_c: float
     humidity_percent: float
     mode: str
-    bits: int
     frames: list[Wanted]
     elements: Elements | None = None
     allowance: Allowance | None = None
@@ -195,7 +192,7 @@ class Session:
     @property
     def wire_bits(self) -> int:
         """Resolution of the phases that reach the registers."""
-        return self.bits if self.mode in ("phases", "sequence") else 8
+        return 8
 
 
 def session_of(group: Group, seed: int) -> Session:
@@ -203,12 +200,11 @@ def session_of(group: Group, seed: int) -> Session:
     random = np.random.default_rng([{"honest": 1, "wrong": 2}[group], seed])
     layout = _layout(random, seed)
     mode = str(random.choice(MODES, p=[0.4, 0.3, 0.15, 0.15]))
-    bits = int(random.choice([8, 6, 5]))
     temperature = 20.0 if random.random() < 0.3 else float(random.uniform(-20.0, 50.0))
     solver = str(random.choice(SOLVERS)) if mode != "points" else "naive"
     one = random.random() < 0.6 or layout.count < 8
     frames = [_wanted(random, layout, mode, solver, one=one) for _ in range(FRAMES)]
-    session = Session(seed, group, layout, temperature, 50.0, mode, bits, frames)
+    session = Session(seed, group, layout, temperature, 50.0, mode, frames)
     how = random.random()
     if mode != "points" and how < 0.2:
         session = replace(session, elements=_elements(random, layout))

@@ -38,7 +38,7 @@ from haptogram.evidence.boards import InProcessBoardUnderTest
 from haptogram.records import frame as records
 from haptogram.verification import Cut, RunVerdict, Tolerance, verify_run
 from haptogram.verification.frame.verdict import FrameVerdict
-from haptogram_protocol.messages import Drives, PhaseFormat, Phases, pack_phases
+from haptogram_protocol.messages import Drives, Phases
 
 from . import truth, wrongs
 from .cases import Random, Session, Wanted, superposed
@@ -195,7 +195,6 @@ def _run(ran: Ran, program: Program, random: Random) -> None:
             board.port,
             baudrate=BAUD,
             seed=session.seed,
-            phase_bits=session.bits,
             model=host,
             **_compensating(ran, program),
         )
@@ -376,10 +375,9 @@ def _holding(session: Session, frame: Frame, registers: Registers, *, of_host: b
     phases, amplitudes = registers
     message: Drives | Phases
     if session.mode == "drives":
-        message = Drives(PhaseFormat.BITS_8, 0, phases.tobytes() + amplitudes.tobytes())
+        message = Drives(phases.tobytes() + amplitudes.tobytes())
     else:
-        codes = (phases >> (8 - session.bits)).tobytes()
-        message = Phases(PhaseFormat(session.bits), 0, pack_phases(codes, session.bits))
+        message = Phases(phases.tobytes())
     drive = Drive(phases, amplitudes) if of_host else frame.drive
     return dataclasses.replace(frame, message=message, drive=drive)
 

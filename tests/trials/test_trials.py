@@ -90,7 +90,6 @@ def test_a_judge_that_says_nothing_of_a_large_array_is_caught():
         cases.session_of("honest", 0),
         layout=cases.grid(16, 16, 0.010),
         mode="phases",
-        bits=8,
         elements=None,
         allowance=None,
         host_warmer_c=0.0,
@@ -149,7 +148,6 @@ def test_cases_reach_every_size_kind_and_pose():
     assert max(layout.count for layout in layouts) == 400
     assert min(np.diff([layout.frame[2] for layout in layouts])[:, 1]) < 0.0  # some face down
     assert {session.mode for session in sessions} == set(cases.MODES)
-    assert {session.bits for session in sessions} == {5, 6, 8}
     frames = [wanted for session in sessions for wanted in session.frames]
     assert {wanted.aperture for wanted in frames} == set(cases.APERTURES)
     assert {len(wanted.foci) for wanted in frames} == set(range(1, 7))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from haptogram.settings.option import SettingError, Settings, option, option_of
-from haptogram.settings.run.frames import DriveConfig, PaceConfig
+from haptogram.settings.run.frames import PaceConfig
 from haptogram.settings.run.link import LinkConfig
 
 MAX_FRAMES: Final = 300_000
@@ -30,7 +30,6 @@ class BenchConfig(Settings):
     )
     seconds: float = option(10.0, unit="S", low=1e-3, high=86_400.0, help="duration of the stream")
     baud: int = option_of(LinkConfig, "baud")
-    phase_bits: int = option_of(DriveConfig, "phase_bits")
     lead_ms: float | None = option_of(PaceConfig, "lead_ms")
     trim: bool = option(False, help="shorten the lead to what the arrival margins allow")
     spin_us: int = option(

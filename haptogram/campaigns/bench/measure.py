@@ -100,9 +100,7 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
     """
     targets_m = bench_circle(max(1, round(config.rate_hz * config.seconds)), config.rate_hz)
     with _bench_board(config, writer) as (label, port, prepare, collect):
-        with Driver(
-            port, baudrate=config.baud, phase_bits=config.phase_bits, keep=len(targets_m)
-        ) as driver:
+        with Driver(port, baudrate=config.baud, keep=len(targets_m)) as driver:
             prepare(driver)
             driver.arm()
             control = NoiseFloorLoop(round(1e9 / config.rate_hz), config.seconds + _SETTLING_S)
@@ -262,5 +260,4 @@ def _bench_host_times(driver: Driver, device_us: NDArray[np.float64]) -> NDArray
 
 
 def _bench_transmission_ns(config: BenchConfig, driver: Driver) -> int:
-    payload = 2 + -(-driver.identity.transducers * config.phase_bits // 8)
-    return line_transmission_ns(frame_bytes_on_line(payload), config.baud)
+    return line_transmission_ns(frame_bytes_on_line(driver.identity.transducers), config.baud)

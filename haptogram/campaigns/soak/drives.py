@@ -5,12 +5,11 @@ from __future__ import annotations
 import random
 from typing import Any, Final, TypeAlias
 
-from haptogram_protocol.messages import Drives, PhaseFormat, Phases, pack_phases
+from haptogram_protocol.messages import Drives, Phases
 
 _COUNT: Final = 61  # prime, so that it meets every phase of what repeats
 _FULL: Final = 255
 _AMPLITUDES_EVERY: Final = 8
-_SIX_BITS: Final = 5  # one of them: it is costly to unpack
 
 _Registers: TypeAlias = tuple[bytes, bytes]  # phases and amplitudes, 8 bits each
 
@@ -43,13 +42,9 @@ class SoakDrives:
 def _make_soak_drives(
     number: int, count: int, source: random.Random
 ) -> tuple[Phases | Drives, _Registers]:
-    """Return a frame and its registers; some are of another format than most."""
-    codes, full = source.randbytes(count), bytes([_FULL]) * count
+    """Return a frame and its registers; some have amplitudes."""
+    codes = source.randbytes(count)
     if number % _AMPLITUDES_EVERY == 0:
         amplitudes = source.randbytes(count)
-        return Drives(PhaseFormat.BITS_8, 0, codes + amplitudes), (codes, amplitudes)
-    bits = PhaseFormat.BITS_6 if number == _SIX_BITS else PhaseFormat.BITS_8
-    shift = PhaseFormat.BITS_8 - bits  # HG-5.2/7: missing low bits are 0
-    registers = bytes(code >> shift << shift for code in codes)
-    packed = pack_phases(bytes(code >> shift for code in codes), bits)
-    return Phases(bits, 0, packed), (registers, full)
+        return Drives(codes + amplitudes), (codes, amplitudes)
+    return Phases(codes), (codes, bytes([_FULL]) * count)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 
 from haptogram.settings.command_line import add_command_options, add_setting_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.run.frames import DriveConfig
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig
 
@@ -58,9 +57,7 @@ class FieldConfig(Settings):
     drive: Path | None = option(
         None, unit="FILE", help="codes of every element as CSV", absent="one focus"
     )
-    phase_bits: int = option(
-        DriveConfig.phase_bits, unit="BITS", low=1, high=8, help="resolution of the phases, 1 to 8"
-    )
+    phase_bits: int = option(8, unit="BITS", low=1, high=8, help="resolution of the phases, 1 to 8")
     modulation: str = option_of(
         ModulationConfig,
         "modulation",

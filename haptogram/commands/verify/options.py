@@ -38,7 +38,7 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "tolerance and uncertainty": (*options_of(ToleranceConfig), *options_of(UncertaintyConfig)),
     "board and link": (
         *options_of(LinkConfig),
-        *("mode", "phase_bits", "lead_ms", "seed"),
+        *("mode", "lead_ms", "seed"),
         *options_of(FaultWords),
     ),
     "drive pins": tuple(options_of(CaptureConfig)),

@@ -13,7 +13,6 @@ from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
     GROWING_COUNTERS,
-    PHASE_FORMAT_BIT,
     VERSION_MAJOR,
     VERSION_MINOR,
     Arm,
@@ -34,7 +33,6 @@ from haptogram_protocol.messages import (
     HelloReply,
     Message,
     Mute,
-    PhaseFormat,
     Phases,
     Points,
     SetConfig,
@@ -45,7 +43,6 @@ from haptogram_protocol.messages import (
     UploadChunk,
     UploadCommit,
     UploadKind,
-    pack_phases,
 )
 from haptogram_protocol.state import OutputState
 
@@ -239,25 +236,9 @@ class BoardClient:
 
     # --- phases --------------------------------------------------------------------------------
 
-    @property
-    def has_phases(self) -> bool:
-        """True if the board takes PHASES in any format."""
-        return bool(self.identity.phase_formats & 7)
-
-    @property
-    def finest(self) -> PhaseFormat:
-        """The finest format of PHASES that the board advertises."""
-        offered = [form for form, bit in PHASE_FORMAT_BIT.items() if self._offers(bit)]
-        return max(offered, default=PhaseFormat.BITS_8)
-
-    def _offers(self, bit: int) -> bool:
-        return bool(self.identity.phase_formats & bit)
-
     def phases(self, registers: bytes) -> Phases:
         """Return the PHASES frame after which the registers hold *registers*."""
-        shift = 8 - self.finest
-        packed = pack_phases(bytes(code >> shift for code in registers), self.finest)
-        return Phases(self.finest, 0, packed)
+        return Phases(registers)
 
     def flat_phases(self, code: int = 0) -> Phases:
         """Return a PHASES frame with the same code for all."""
@@ -275,8 +256,8 @@ class BoardClient:
         return bytes(number * len(self.link.stream_wire(self.flat_phases(), 0, seq=0)) + 300)
 
     def random_registers(self) -> bytes:
-        """Return random phase codes that every format can carry."""
-        return bytes(code & 0xF8 for code in self.random.randbytes(self.identity.transducers))
+        """Return random phase codes."""
+        return self.random.randbytes(self.identity.transducers)
 
     @property
     def base_config(self) -> Config:

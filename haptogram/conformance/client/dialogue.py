@@ -80,8 +80,6 @@ def _ask_in_client_dialogue(board: BoardClient) -> None:
 
 
 def _stream_in_client_dialogue(board: BoardClient) -> None:
-    if not board.has_phases:
-        return
     # No zero in the registers, nor in the amplitudes: the longest runs that COBS has to cut.
     latch_now(board, board.flat_phases(0x88))
     latch_now(board, board.phases(board.random_registers()))
@@ -117,8 +115,7 @@ def _time_out_in_client_dialogue(board: BoardClient) -> None:
         return
     board.configure(hold_ms=20)
     board.link.ask(Arm())
-    if board.has_phases:
-        latch_now(board, board.flat_phases())
+    latch_now(board, board.flat_phases())
     board.wire.idle(40_000)
 
 

@@ -10,7 +10,6 @@ from typing import Final, TypeAlias
 from haptogram_protocol.messages import (
     Feature,
     Message,
-    PhaseFormat,
     Phases,
     Points,
     Stop,
@@ -83,7 +82,7 @@ def _drive_path_of_played_phases(board: BoardClient) -> Message:
     frames = [board.random.randbytes(board.identity.transducers) for _ in range(_FRAMES)]
     upload_to_board(board, UploadKind.PHASES, _SEQUENCE, b"".join(frames))
     _play_points_on_drive_path(board)
-    return Phases(PhaseFormat.BITS_8, 0, frames[-1])
+    return Phases(frames[-1])
 
 
 def _drive_path_while_phases_play(board: BoardClient) -> Message:
@@ -91,7 +90,7 @@ def _drive_path_while_phases_play(board: BoardClient) -> Message:
     upload_to_board(board, UploadKind.PHASES, _SEQUENCE, frame)
     play_now(board, _SEQUENCE, loops=0)
     let_play(board, 5)
-    return Phases(PhaseFormat.BITS_8, 0, frame)
+    return Phases(frame)
 
 
 def _drive_path_of_played_points(board: BoardClient, number: int) -> Message:

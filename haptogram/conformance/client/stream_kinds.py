@@ -9,7 +9,6 @@ from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import (
     MESSAGES,
-    PHASE_FORMAT_BIT,
     STREAM_RANGE,
     Arm,
     Disarm,
@@ -21,8 +20,6 @@ from haptogram_protocol.messages import (
     GetGeometry,
     GetStatus,
     Message,
-    PhaseFormat,
-    Phases,
     Ping,
     Points,
     ReadDrive,
@@ -33,7 +30,6 @@ from haptogram_protocol.messages import (
     UploadChunk,
     UploadCommit,
     UploadKind,
-    pack_phases,
 )
 
 from .board_client import BoardClient
@@ -63,7 +59,7 @@ class StreamKind:
 
 def stream_kinds(board: BoardClient) -> list[StreamKind]:
     """Return every message and format of the stream that the board advertises."""
-    found = [_stream_kind_of_phases(board, form) for form in stream_kinds_of_formats(board)]
+    found = [StreamKind("PHASES", lambda: board.phases(board.random_registers()))]
     if board.has(Feature.AMPLITUDE):
         found.append(StreamKind("DRIVES", lambda: _stream_kind_of_drives(board)))
     if board.has(Feature.POINTS):
@@ -77,21 +73,8 @@ def points_of_stream_kind(message: Message) -> int:
     return len(message.points) if isinstance(message, Points) else 0
 
 
-def stream_kinds_of_formats(board: BoardClient) -> list[PhaseFormat]:
-    """Return the formats of PHASES that the board advertises."""
-    return [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
-
-
-def _stream_kind_of_phases(board: BoardClient, form: PhaseFormat) -> StreamKind:
-    def make() -> Message:
-        codes = (board.random.randrange(1 << form) for _ in range(board.identity.transducers))
-        return Phases(form, 0, pack_phases(bytes(codes), form))
-
-    return StreamKind(f"PHASES of {form:d} bits", make)
-
-
 def _stream_kind_of_drives(board: BoardClient) -> Message:
-    return Drives(PhaseFormat.BITS_8, 0, board.random.randbytes(2 * board.identity.transducers))
+    return Drives(board.random.randbytes(2 * board.identity.transducers))
 
 
 def _stream_kind_of_points(board: BoardClient, number: int) -> StreamKind:

@@ -48,7 +48,6 @@ _LIMITS: Final = (
     "grid_ny",
     "pitch_um",
     "features",
-    "phase_formats",
     "queue_depth",
     "max_horizon_us",
     "latch_lead_us",

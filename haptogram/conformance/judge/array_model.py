@@ -29,8 +29,8 @@ def judged_model_of_board(board: BoardClient) -> AcousticModel:
     return model.with_sound_speed(board.config.sound_speed_mm_s / 1000)
 
 
-def judged_drive_of_registers(registers: bytes, amplitudes: bytes, bits: int) -> Intended:
+def judged_drive_of_registers(registers: bytes, amplitudes: bytes) -> Intended:
     """Return a drive that was sent, as verification takes intended frames."""
     drive = Drive(np.frombuffer(registers, np.uint8), np.frombuffer(amplitudes, np.uint8))
     key = FrameKey(session=0, sequence=0, loop=0, index=0)
-    return Intended(0, key, None, (), drive, bits)
+    return Intended(0, key, None, (), drive, 8)

@@ -28,18 +28,10 @@ def judged_host_frames(
     model: AcousticModel,
     identity: HelloReply,
     targets_m: Sequence[tuple[float, float, float]],
-    bits: int,
     mode: Mode = "phases",
 ) -> list[Frame]:
     """Return a frame per target, as a host computes it."""
-    builder = FrameBuilder(
-        model, identity, bits if mode == "phases" else _any_judged_format(identity)
-    )
-    return builder.build(as_frame_foci(list(targets_m)), mode)
-
-
-def _any_judged_format(identity: HelloReply) -> int:
-    return next(bits for bits, bit in ((8, 1), (6, 2), (5, 4)) if identity.phase_formats & bit)
+    return FrameBuilder(model, identity).build(as_frame_foci(list(targets_m)), mode)
 
 
 def judge_of_model(model: AcousticModel) -> FrameJudge:
@@ -63,7 +55,7 @@ def judge_focus(judge: FrameJudge, frame: Frame, shown: ClientDrive) -> None:
         place = ("?" if value is None else f"{1e3 * value:.1f}" for value in verdict.measured_m)
         found = "(" + ", ".join(place) + ") mm"
     named = "; ".join(verdict.faults) or verdict.status.value
-    fail(f"{named}: focus commanded to ({where}) mm, found {found} ({frame.phase_bits} bits)")
+    fail(f"{named}: focus commanded to ({where}) mm, found {found}")
 
 
 def weights_of_points(

@@ -66,8 +66,6 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
     """Return the defect of the stream of a new session, empty if a frame is latched."""
     if not isinstance(introduce_to_board(board), HelloReply):
         return "HELLO is not answered"
-    if not board.has_phases:
-        return ""
     with contextlib.suppress(CaseEndedError):
         if board.has(Feature.CONFIG) and hasattr(board, "config"):
             # Timers of the case may end before a frame is ready.

@@ -48,7 +48,6 @@ from .sent_drives import SentDrives
 
 _WRAP: Final = 1 << 32
 _LONG_US: Final = 1_000_000_000  # beyond this two times of 32 bits tell no difference
-_REGISTER_BITS: Final = 8
 _SPARE_US: Final = 5_000_000  # what waits on its way is that old
 #: Fields of HELLO_REPLY that a new session may find changed.
 _OF_SESSION: Final = ("nonce", "state", "sound_speed_mm_s", "config_crc")
@@ -108,7 +107,6 @@ class StandingRules:
             self._judge_upload_limits,
             self._judge_events,
             self._judge_traces,
-            self._judge_bits,
             self._judge_order,
             self._judge_times,
             self._judge_drives,
@@ -240,11 +238,6 @@ class StandingRules:
         due = identity.max_chunk, identity.upload_window
         text = f"max_chunk and window are {told}, in HELLO_REPLY {due}"
         yield "HG-7.2/6", text if told != due else ""
-
-    def _judge_bits(self, _: ReceivedByClient, message: Message) -> Broken:
-        if isinstance(message, DriveReply | TraceDrive):
-            text = f"bits is {message.bits}; registers have 8"
-            yield "HG-5.2/7", text if message.bits != _REGISTER_BITS else ""
 
     # --- Events ----------------------------------------------------------------------------------
 

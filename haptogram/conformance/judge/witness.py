@@ -45,15 +45,11 @@ class JudgeWitness:
             unimplemented("the board shows no drive: neither READ_LATCHED nor a trace")
         return cls(board, ask_for_board_latches(board))
 
-    def expect(
-        self, registers: bytes, amplitudes: bytes | None = None, *, bits: int = 8, since: int = 0
-    ) -> None:
+    def expect(self, registers: bytes, amplitudes: bytes | None = None, *, since: int = 0) -> None:
         """FAILED unless the last latch put this drive into the registers."""
         amplitudes = bytes([FULL]) * len(registers) if amplitudes is None else amplitudes
         if self.mode is None:
-            expect_witnessed_drive(
-                self.board, read_back(self.board), registers, amplitudes, bits=bits
-            )
+            expect_witnessed_drive(self.board, read_back(self.board), registers, amplitudes)
             return
         seen = latches_received_from_board(self.board, since, self.mode)
         check(bool(seen), "no latch is traced")
@@ -65,7 +61,7 @@ class JudgeWitness:
 
 
 def expect_witnessed_drive(
-    board: BoardClient, shown: ClientDrive, registers: bytes, amplitudes: bytes, *, bits: int = 8
+    board: BoardClient, shown: ClientDrive, registers: bytes, amplitudes: bytes
 ) -> None:
     """FAILED, with the name of the fault, unless *shown* is the drive that was sent."""
     if (shown.phases, shown.amplitudes) == (registers, amplitudes):
@@ -81,7 +77,7 @@ def expect_witnessed_drive(
         )
         if found != due
     ]
-    named = ", ".join(_drive_faults_of_witness(board, shown, registers, amplitudes, bits))
+    named = ", ".join(_drive_faults_of_witness(board, shown, registers, amplitudes))
     fail(
         f"{named or 'another drive'}: {len(wrong)} transducers differ "
         f"((phase, amplitude) of {'; '.join(wrong[:_SHOWN])})"
@@ -89,7 +85,7 @@ def expect_witnessed_drive(
 
 
 def _drive_faults_of_witness(
-    board: BoardClient, shown: ClientDrive, registers: bytes, amplitudes: bytes, bits: int
+    board: BoardClient, shown: ClientDrive, registers: bytes, amplitudes: bytes
 ) -> tuple[str, ...]:
     """Return the names of the faults of a drive, judged by the array's geometry."""
     # Imported here: only a wrong drive pays for the acoustics.
@@ -104,4 +100,4 @@ def _drive_faults_of_witness(
         np.frombuffer(shown.phases, np.uint8), np.frombuffer(shown.amplitudes, np.uint8)
     )
     model = judged_model_of_board(board)
-    return name_drive_faults(model, judged_drive_of_registers(registers, amplitudes, bits), latched)
+    return name_drive_faults(model, judged_drive_of_registers(registers, amplitudes), latched)

@@ -19,7 +19,6 @@ from haptogram.verification.pins.line_frames import LineFrame
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
-    PHASE_FORMAT_BIT,
     STREAM_RANGE,
     DriveReply,
     Drives,
@@ -31,7 +30,6 @@ from haptogram_protocol.messages import (
     LatchKey,
     Message,
     MessageType,
-    PhaseFormat,
     Phases,
     Play,
     Points,
@@ -123,26 +121,20 @@ class ToldDrive:
 def drive_path(message: Message, flags: int, *, is_played: bool) -> str:
     """Return message, format and way of a drive to the registers, in words."""
     way = "played" if is_played else "at once" if flags & Flag.IMMEDIATE else "at its time"
-    if isinstance(message, Phases) and not is_played:
-        return f"PHASES of {message.bits:d} bits, {way}"
     return f"{type(message).__name__.upper()}, {way}"
 
 
 def advertised_drive_paths(identity: HelloReply) -> Iterator[tuple[str, str]]:
     """Yield clause and name of every path of a drive that a board advertises."""
-    kinds: list[Message] = [
-        Phases(form, 0, b"")
-        for form, bit in PHASE_FORMAT_BIT.items()
-        if identity.phase_formats & bit
-    ]
+    kinds: list[Message] = [Phases(b"")]
     if identity.features & Feature.AMPLITUDE:
-        kinds.append(Drives(PhaseFormat.BITS_8, 0, b""))
+        kinds.append(Drives(b""))
     if identity.features & Feature.POINTS:
         kinds.append(Points(()))
     for message, flags in product(kinds, (Flag.IMMEDIATE, 0)):
         yield DRIVE_CLAUSES[type(message), False], drive_path(message, flags, is_played=False)
     for feature, message in (
-        (Feature.SEQUENCE_PHASES, Phases(PhaseFormat.BITS_8, 0, b"")),
+        (Feature.SEQUENCE_PHASES, Phases(b"")),
         (Feature.SEQUENCE_POINTS, Points(())),
     ):
         if identity.features & feature:
@@ -312,5 +304,5 @@ class DrivesOfPinDialogue:
         part = data[key.index * size : (key.index + 1) * size]
         if len(part) < size:
             return None
-        message = Points.deserialize(part) if points else Phases(PhaseFormat.BITS_8, 0, part)
+        message = Points.deserialize(part) if points else Phases(part)
         return ToldDrive(frame, message, play, key.loop * (len(data) // size) + key.index)

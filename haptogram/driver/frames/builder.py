@@ -29,17 +29,14 @@ from haptogram.driver.frames.frame import (
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
-from haptogram.settings.arguments import check_argument_kind, check_choice, check_whole
+from haptogram.settings.arguments import check_argument_kind, check_choice
 from haptogram_protocol.messages import (
-    PHASE_FORMAT_BIT,
     Drives,
     Feature,
     FocalPoint,
     HelloReply,
-    PhaseFormat,
     Phases,
     Points,
-    pack_phases,
 )
 
 _U16: Final = 65_535
@@ -57,16 +54,14 @@ class FrameBuilder:
         Array and air that the host assumes.
     identity : HelloReply
         The board's answer to HELLO, with its features and limits.
-    phase_bits : int
-        Bits per phase on the wire, in the mode ``phases``.
 
     Raises
     ------
     ConfigurationError
-        If the board has no such phase format, or another number of transducers.
+        If the board has another number of transducers.
     """
 
-    def __init__(self, model: AcousticModel, identity: HelloReply, phase_bits: int) -> None:
+    def __init__(self, model: AcousticModel, identity: HelloReply) -> None:
         check_argument_kind("model", model, AcousticModel, "an AcousticModel")
         if model.array.count != identity.transducers:
             raise ConfigurationError(
@@ -74,7 +69,6 @@ class FrameBuilder:
             )
         self._model = model
         self._identity = identity
-        self._bits = _frame_phase_format(identity, phase_bits)
         self._geometry_hash = model.array.digest()
         self._graded = bool(identity.features & Feature.AMPLITUDE)
 
@@ -90,7 +84,7 @@ class FrameBuilder:
         """
         if are_driver_frames(targets, Frame):
             check_frame_request(targets, mode, solver)
-            check_frames_to_send(targets, self._model, self._identity, int(self._bits))
+            check_frames_to_send(targets, self._model, self._identity)
             return list(targets)
         foci = as_frame_foci(cast("Targets", targets))
         return self.build(
@@ -161,14 +155,13 @@ class FrameBuilder:
             check_full_frame_amplitude(number, foci, "the board drives")
 
     def _phases(self, foci: list[tuple[Focus, ...]], solver: Method) -> list[Frame]:
-        shift = REGISTER_BITS - self._bits
-        codes = quantise_phase(frame_phases_rad(self._model, foci, solver), self._bits)
+        codes = quantise_phase(frame_phases_rad(self._model, foci, solver), REGISTER_BITS)
         full = np.full(codes.shape[1], FULL_AMPLITUDE, dtype=np.uint8)
         return [
             Frame(
                 group,
-                Drive(row << shift, full),
-                Phases(self._bits, 0, pack_phases(row.tobytes(), self._bits)),
+                Drive(row, full),
+                Phases(row.tobytes()),
                 self._geometry_hash,
                 solver,
             )
@@ -178,7 +171,7 @@ class FrameBuilder:
     def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:
         drive = Drive.from_weights(frame_weights(self._model, foci, solver), REGISTER_BITS)
         data = drive.phase_codes.tobytes() + drive.amplitude_codes.tobytes()
-        message = Drives(PhaseFormat.BITS_8, 0, data)
+        message = Drives(data)
         return Frame(foci, drive, message, self._geometry_hash, solver)
 
     def _points(self, foci: tuple[Focus, ...]) -> Frame:
@@ -235,16 +228,6 @@ def frame_phases_rad(
 def frame_sound_speed_mm_s(model: AcousticModel) -> int:
     """Return the model's speed of sound as a board is told it, in whole mm/s."""
     return round(model.medium.sound_speed_m_s * 1000)
-
-
-def _frame_phase_format(identity: HelloReply, bits: int) -> PhaseFormat:
-    check_whole("phase_bits", bits, 1, REGISTER_BITS)
-    offered = [int(f) for f, bit in PHASE_FORMAT_BIT.items() if identity.phase_formats & bit]
-    if bits not in offered:
-        raise ConfigurationError(
-            f"phase_bits is {bits}; the board takes {', '.join(map(str, offered)) or 'none'}"
-        )
-    return PhaseFormat(bits)
 
 
 def _check_frame_solver(solver: Method, mode: Mode) -> None:

@@ -64,11 +64,6 @@ class Frame:
         return identity.latch_lead_us + self.computing_us(identity)
 
     @property
-    def phase_bits(self) -> int:
-        """Resolution of the phases on the wire; of the registers where the board computes them."""
-        return REGISTER_BITS if isinstance(self.message, Points) else int(self.message.bits)
-
-    @property
     def board_computed(self) -> bool:
         """True if the board computes the drive."""
         return isinstance(self.message, Points)
@@ -78,7 +73,7 @@ class Frame:
         """Length of the payload."""
         if isinstance(self.message, Points):
             return len(self.message.points) * FocalPoint.LAYOUT.size
-        return self.message.LAYOUT.size + len(self.message.data)
+        return len(self.message.data)
 
     def intended(self, number: int, key: FrameKey, t_apply_us: int | None) -> Intended:
         """Return the record that it is to be latched."""
@@ -88,7 +83,7 @@ class Frame:
             t_apply_us=t_apply_us,
             foci=self.foci,
             drive=self.drive,
-            phase_bits=self.phase_bits,
+            phase_bits=REGISTER_BITS,
             board_computed=self.board_computed,
             solver=self.solver,
         )
@@ -131,9 +126,9 @@ def check_frame_request(frames: Sequence[Frame], mode: Mode | None, solver: Meth
 
 
 def check_frames_to_send(
-    frames: Sequence[Frame], model: AcousticModel, identity: HelloReply, phase_bits: int
+    frames: Sequence[Frame], model: AcousticModel, identity: HelloReply
 ) -> None:
-    """Refuse frames that were made for another board, array or phase format.
+    """Refuse frames that were made for another board or array.
 
     Raises
     ------
@@ -142,7 +137,7 @@ def check_frames_to_send(
     """
     geometry_hash = model.array.digest()
     for number, frame in enumerate(frames):
-        misfit = _frame_misfit(frame, geometry_hash, identity, phase_bits)
+        misfit = _frame_misfit(frame, geometry_hash, identity)
         if misfit is not None:
             raise ConfigurationError(f"frame {number} {misfit}; make it anew with frames()")
     speeds = sorted({f.sound_speed_mm_s for f in frames if f.sound_speed_mm_s is not None})
@@ -153,9 +148,7 @@ def check_frames_to_send(
         )
 
 
-def _frame_misfit(
-    frame: Frame, geometry_hash: int, identity: HelloReply, phase_bits: int
-) -> str | None:
+def _frame_misfit(frame: Frame, geometry_hash: int, identity: HelloReply) -> str | None:
     """Return why *frame* is not for this board; None: it is."""
     message, mode = frame.message, frame.mode
     if frame.drive.count != identity.transducers:
@@ -167,8 +160,6 @@ def _frame_misfit(
         )
     if mode in NEEDED_FEATURE and not identity.features & NEEDED_FEATURE[mode]:
         return f"is of the mode {mode}; the board takes no such frames"
-    if isinstance(message, Phases) and frame.phase_bits != phase_bits:
-        return f"has phases of {frame.phase_bits} bits; this driver sends {phase_bits}"
     if isinstance(message, Points):
         if len(message.points) > identity.max_points:
             return f"has {len(message.points)} foci; the board takes {identity.max_points}"

@@ -24,7 +24,7 @@ def bench_conditions_rows(result: Result) -> str:
     extras += ["fixed priority asked"] if asked["realtime"] else []
     return "; ".join(
         [
-            f"{asked['rate_hz']:g} Hz for {asked['seconds']:g} s, {asked['phase_bits']} bit at "
+            f"{asked['rate_hz']:g} Hz for {asked['seconds']:g} s at "
             f"{asked['baudrate']} baud, on {result['board']}",
             *extras,
         ]

@@ -68,10 +68,9 @@ def write_run_page(
     """
     check_html_page()
     effect = [] if run.effect is None else [f"The focus was {run.effect}."]
-    bits = result["configuration"].get("phase_bits", _BITS)
     seen = observations or {}
     drives = {number: one.output for number, one in seen.items() if one.output is not None}
-    shown = frame_field_picture(run, model, drives, bits)
+    shown = frame_field_picture(run, model, drives, _BITS)
     write_html_page(
         path,
         "run.html",

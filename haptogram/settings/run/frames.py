@@ -8,7 +8,6 @@ from typing import Final
 from ..option import Settings, option
 
 MODES: Final = ("phases", "drives", "points", "sequence")
-PHASE_BITS: Final = (8, 6, 5)
 # Those of haptogram.acoustics.solvers.several, which takes numpy: --help shall not.
 SOLVERS: Final = ("naive", "ibp", "gs", "wgs", "gspat", "gradient")
 
@@ -50,4 +49,3 @@ class DriveConfig(Settings):
         help="phases: the host computes every drive; drives: with amplitudes; points: the board "
         "does; sequence: uploaded once, played on the board's clock",
     )
-    phase_bits: int = option(8, choices=PHASE_BITS, help="bits per phase on the wire")

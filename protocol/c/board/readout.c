@@ -38,9 +38,7 @@ void readout_identity(const struct board *board, struct hg_hello_reply *reply)
     reply->pitch_um = board->array.pitch_um;
     reply->geometry_hash = board->geometry_hash;
     reply->sound_speed_mm_s = board->config.sound_speed_mm_s;
-    reply->phase_formats = 7;
     reply->max_points = BOARD_MAX_POINTS;
-    reply->banks = 1;
     reply->state = board->state;
     reply->queue_depth = BOARD_QUEUE;
     reply->trace_ring = BOARD_RING;
@@ -188,7 +186,6 @@ void readout_drive(struct board *board, const struct request *request)
         drive = &radiated;
     }
     reply.kind = asked.kind;
-    reply.bits = 8;
     reply.key = board->latest.key;
     reply.t_latch_us = (uint32_t)board->latest.t_us;
     reply.first = asked.first;

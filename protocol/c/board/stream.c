@@ -19,63 +19,29 @@ void stream_flush(struct board *board)
 
 /* --- What a frame carries --------------------------------------------------------------------- */
 
-static int check_phases(const struct board *board, const struct hg_frame *frame)
-{
-    unsigned bits = frame->payload[HG_OFFSET_PHASES_BITS];
-    const uint8_t *codes = frame->payload + HG_SIZE_PHASES;
-    size_t length = frame->payload_length - HG_SIZE_PHASES;
-
-    if (length != hg_packed_size(board->count, bits))
-        return HG_COUNTER_BAD_LENGTH;
-    if (codes[length - 1] >> ((board->count * bits - 1) % 8 + 1) != 0)
-        return HG_COUNTER_BAD_VALUE; /* HG-5.2/2 */
-    return frame->payload[HG_OFFSET_PHASES_BANK] != 0 ? HG_COUNTER_BAD_VALUE : HG_OK;
-}
-
-static int check_drives(const struct board *board, const struct hg_frame *frame)
-{
-    if (frame->payload_length - HG_SIZE_DRIVES != 2u * board->count)
-        return HG_COUNTER_BAD_LENGTH;
-    if (frame->payload[HG_OFFSET_DRIVES_BITS] != 8 || frame->payload[HG_OFFSET_DRIVES_BANK] != 0)
-        return HG_COUNTER_BAD_VALUE;
-    return HG_OK;
-}
-
 /* Steps 9 and 10 of HG-3.8, as far as they depend on the array; nothing is computed here. */
 static int check_drive(const struct board *board, const struct hg_frame *frame)
 {
     switch (frame->header.type) {
     case HG_TYPE_PHASES:
-        return check_phases(board, frame);
+        return frame->payload_length != board->count ? HG_COUNTER_BAD_LENGTH : HG_OK;
     case HG_TYPE_DRIVES:
-        return check_drives(board, frame);
+        return frame->payload_length != 2u * board->count ? HG_COUNTER_BAD_LENGTH : HG_OK;
     default:
         return frame->payload_length > BOARD_MAX_POINTS * HG_SIZE_FOCAL_POINT ? HG_COUNTER_BAD_VALUE
                                                                              : HG_OK;
     }
 }
 
-static void take_phases(const struct board *board, const struct hg_frame *frame,
-                        struct drive *drive)
-{
-    unsigned bits = frame->payload[HG_OFFSET_PHASES_BITS];
-    size_t n;
-
-    hg_unpack_phases(drive->phase, board->count, frame->payload + HG_SIZE_PHASES,
-                     frame->payload_length - HG_SIZE_PHASES, bits);
-    for (n = 0; n < board->count; n++)
-        drive->phase[n] = (uint8_t)(drive->phase[n] << (8 - bits)); /* HG-5.2/7 */
-    memset(drive->amplitude, 255, board->count);
-}
-
 static void take_drive(const struct board *board, const struct hg_frame *frame,
                        struct drive *drive)
 {
-    const uint8_t *codes = frame->payload + HG_SIZE_DRIVES;
+    const uint8_t *codes = frame->payload;
 
     switch (frame->header.type) {
     case HG_TYPE_PHASES:
-        take_phases(board, frame, drive);
+        memcpy(drive->phase, codes, board->count);
+        memset(drive->amplitude, 255, board->count);
         break;
     case HG_TYPE_DRIVES:
         memcpy(drive->phase, codes, board->count);

@@ -56,7 +56,6 @@ static void report_drive(struct board *board, const struct latch *latch)
     if (board->traced++ % board->config.trace_divider != 0)
         return;
     trace.key = latch->key;
-    trace.bits = 8;
     hg_trace_drive_write(payload, &trace);
     memcpy(payload + HG_SIZE_TRACE_DRIVE, board->latched.phase, count);
     memcpy(payload + HG_SIZE_TRACE_DRIVE + count, board->latched.amplitude, count);

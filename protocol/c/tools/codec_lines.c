@@ -2,8 +2,6 @@
 
    codec_lines CHUNK < LINES   each line: hex of bytes on the line, fed CHUNK at a time (0: all)
    codec_lines encode < LINES  each line: hex of a body; prints the frame
-   codec_lines unpack < LINES  each line: BITS COUNT and hex of packed phases; prints the codes in
-                               hex, or "bad REASON"
 
    Of every line of input, in order:
      frame TYPE FLAGS SEQ TIME SESSION     the header, then of its message
@@ -182,24 +180,6 @@ static void encode(size_t length)
     printf("\n");
 }
 
-static void unpack(void)
-{
-    static uint8_t codes[HG_MAX_TRANSDUCERS];
-    unsigned bits = 8, number = 0;
-    size_t length;
-    int start = 0;
-    int reason;
-
-    sscanf(text, "%u %u %n", &bits, &number, &start);
-    length = hex_read(data, sizeof data, text + start);
-    reason = hg_unpack_phases(codes, number % (HG_MAX_TRANSDUCERS + 1u), data, length, bits);
-    if (reason != HG_OK)
-        printf("bad %s", reasons[reason]);
-    else
-        hex_print(codes, number);
-    printf("\n");
-}
-
 int main(int count, char **values)
 {
     const char *mode = count > 1 ? values[1] : "0";
@@ -207,9 +187,7 @@ int main(int count, char **values)
     while (fgets(text, sizeof text, stdin) != NULL) {
         size_t length = hex_read(data, sizeof data, text);
 
-        if (strcmp(mode, "unpack") == 0)
-            unpack();
-        else if (strcmp(mode, "encode") == 0)
+        if (strcmp(mode, "encode") == 0)
             encode(length);
         else
             decode(length, strtoul(mode, NULL, 10));

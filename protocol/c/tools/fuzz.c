@@ -285,13 +285,13 @@ static size_t add_playback(uint8_t *to, size_t room, uint16_t *seq)
 /* More frames than the queue holds, each later than the one before. */
 static size_t add_stream(uint8_t *to, size_t room, uint16_t *seq, uint16_t *index)
 {
-    uint8_t payload[HG_SIZE_PHASES + 16] = {8, 0};
+    uint8_t payload[16];
     uint32_t count = next(2 * BOARD_QUEUE) + 1;
     struct hg_header header = {HG_TYPE_PHASES, 0, 0, (uint32_t)BOARD_BOOT_US + 300000, 7};
     size_t length = add_request(to, room, seq, HG_TYPE_ARM, 0, payload, 0);
 
     while (count-- > 0) {
-        fill(payload + HG_SIZE_PHASES, 16);
+        fill(payload, sizeof payload);
         header.seq = (*index)++;
         header.time_us += next(100);
         length += hg_build_frame(to + length, room - length, &header, payload, sizeof payload);

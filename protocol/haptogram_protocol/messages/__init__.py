@@ -69,7 +69,6 @@ from .playback import (
     UploadKind,
 )
 from .session import (
-    PHASE_FORMAT_BIT,
     Arm,
     ArmReply,
     Disarm,
@@ -87,13 +86,9 @@ from .status import GROWING_COUNTERS, Counters, GetStatus, Status, StatusReply
 from .stream import (
     Drives,
     FocalPoint,
-    PhaseFormat,
     Phases,
     Points,
     drive_codes,
-    pack_phases,
-    packed_size,
-    unpack_phases,
 )
 
 _KINDS: Final[tuple[type[Message], ...]] = (
@@ -206,7 +201,6 @@ __all__ = [
     "MAX_TRANSDUCERS",
     "MESSAGES",
     "MUST_UNDERSTAND",
-    "PHASE_FORMAT_BIT",
     "REQUEST_RANGE",
     "RESPONSE_OFFSET",
     "RESPONSE_RANGE",
@@ -242,7 +236,6 @@ __all__ = [
     "MessageType",
     "Mute",
     "MuteReply",
-    "PhaseFormat",
     "Phases",
     "Ping",
     "Play",
@@ -274,10 +267,7 @@ __all__ = [
     "UploadKind",
     "build_body",
     "drive_codes",
-    "pack_phases",
-    "packed_size",
     "parse_body",
     "signed_difference",
-    "unpack_phases",
     "unwrap",
 ]

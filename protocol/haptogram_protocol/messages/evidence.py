@@ -41,7 +41,6 @@ class DriveReply(Message):
 
     TYPE: ClassVar[MessageType] = MessageType.DRIVE_REPLY
     kind: DriveKind = wire("B", "0 latched, 1 radiated", enum=DriveKind)
-    bits: int = wire("B", "bits per phase of the codes below")
     key: LatchKey = nested(LatchKey, "the drive that is latched")
     t_latch_us: int = wire("I", "device time of that latch")
     first: int = wire("H", "first transducer in this reply")
@@ -72,7 +71,6 @@ class TraceDrive(Message):
 
     TYPE: ClassVar[MessageType] = MessageType.TRACE_DRIVE
     key: LatchKey = nested(LatchKey, "which frame")
-    bits: int = wire("B", "bits per phase of the codes below")
     data: bytes = tail("N phases u8, then N amplitudes u8", unit=2)
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import ClassVar
 
 from ..documented import DocumentedFlag
 from ..record import record, wire
 from ..state import MuteReason, OutputState
 from .header import Ack, Message, MessageType
-from .stream import PhaseFormat
 
 
 class Feature(DocumentedFlag):
@@ -60,9 +59,7 @@ class HelloReply(Message):
     pitch_um: int = wire("I", "pitch of the grid, micrometres, 0 if it is none")
     geometry_hash: int = wire("I", "CRC-32 over the geometry records in order")
     sound_speed_mm_s: int = wire("I", "sound speed used for POINTS, mm/s")
-    phase_formats: int = wire("B", "bit 0: 8 bits, bit 1: 6 bits, bit 2: 5 bits per phase")
     max_points: int = wire("B", "focal points in one POINTS frame, at most")
-    banks: int = wire("B", "banks of transducers; 1 in this version")
     state: OutputState = wire("B", "output state", enum=OutputState)
     queue_depth: int = wire("H", "frames that may wait for their t_apply")
     trace_ring: int = wire("H", "latches that the trace ring keeps")
@@ -80,9 +77,6 @@ class HelloReply(Message):
     boot_id: int = wire("I", "changes with every reset")
     config_crc: int = wire("I", "CRC-32 of configuration and phase correction")
     firmware: str = wire("16s", "name and version of the firmware, UTF-8, zero-padded")
-
-
-PHASE_FORMAT_BIT: Final = {PhaseFormat.BITS_8: 1, PhaseFormat.BITS_6: 2, PhaseFormat.BITS_5: 4}
 
 
 @record

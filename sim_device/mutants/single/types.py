@@ -303,15 +303,6 @@ class DamageRenewsPlayback(VirtualHaptogramDialect):
         super()._dispatch(event)
 
 
-class BankBeforeLength(VirtualHaptogramDialect):
-    """Judges the bank of PHASES before their length."""
-
-    def _content(self, message: Any) -> Any:
-        if message.TYPE == MessageType.PHASES and message.bank:
-            raise RemoteProtocolError("another bank", reason="bad_value")
-        return super()._content(message)
-
-
 def _mutant_codes(encoded: bytes) -> list[int]:
     """Return the code bytes of a frame."""
     found, at = [], 0
@@ -349,5 +340,4 @@ MUTANTS: Final = (
     Mutant.of(UnknownRequestsOfOthersAreStale, "HG-3.8/1", _WIRE),
     Mutant.of(RefusedPlayUncounted, "HG-3.9/2", _SELF),
     Mutant.of(DamageRenewsPlayback, "HG-2.4/2", _WIRE),
-    Mutant.of(BankBeforeLength, "HG-3.8/1", _SELF),
 )

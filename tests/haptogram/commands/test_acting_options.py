@@ -27,7 +27,6 @@ CASES = {
         "dwell_ms": ("", "--modulation stm"),
         "solver": ("--foci 2", ""),
         "pitch_mm": ("--array 8x8", "--array array.csv"),
-        "phase_bits": ("--mode sequence", "--mode points"),
         "mode": ("", "--dialect sonicsurface"),
         "lead_ms": ("", "--dialect sonicsurface"),
         "dialect_option": ("--dialect sonicsurface", ""),

@@ -42,7 +42,7 @@ def test_the_verdict_follows_from_bytes_and_baud(name, capsys):
     [
         (["--dialect", "sonicsurfac"], "sonicsurface"),
         (["--dialect", "autd3"], "no serial line"),
-        (["--dialect", "sonicsurface", "--phase-bits", "8"], "--phase-bits"),
+        (["--dialect", "sonicsurface", "--transducers", "8"], "--transducers"),
         (["--boards", "2"], "--dialect"),
     ],
 )

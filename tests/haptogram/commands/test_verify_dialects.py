@@ -204,7 +204,6 @@ def test_a_line_that_breaks_ends_the_run_and_not_its_results(capsys):
     [
         (("--dialect", "sonicsurfaces"), "--dialect is 'sonicsurfaces'; known are sonicsurface, "),
         (("--dialect", "sonicsurface", "--mode", "points"), "--mode acts only on Haptogram's own"),
-        (("--dialect", "sonicsurface", "--phase-bits", "5"), "--phase-bits acts only on"),
         (("--dialect", "sonicsurface", "--lead-ms", "5"), "--lead-ms acts only on Haptogram's own"),
         (("--dialect-option", "boards=2"), "--dialect-option acts only with --dialect"),
         (("--dialect", "sonicsurface", "--dialect-option", "boards=3"), "must be 1 to 2"),

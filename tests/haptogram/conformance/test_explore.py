@@ -77,7 +77,6 @@ from haptogram_protocol.messages import (
     HelloReply,
     LatchKey,
     MessageType,
-    PhaseFormat,
     Phases,
     Ping,
     Play,
@@ -108,7 +107,7 @@ def latched_as_it_comes(host):
     """A frame due in half a slot, but for its flags: IMMEDIATE, and one that may be ignored."""
     host.stream_next += 1
     time_us = host.slot_us + SLOT_US // 2
-    frame = Phases(PhaseFormat.BITS_8, 0, bytes([host.stream_next & 0xFF]))
+    frame = Phases(bytes([host.stream_next & 0xFF]))
     flags, seq = Flag.IMMEDIATE | 0x08, host.stream_next
     return build_body(frame, flags=flags, seq=seq, time_us=time_us, session=host.session)
 
@@ -153,7 +152,7 @@ def test_a_frame_is_as_late_for_the_model_as_the_line_makes_it_for_the_board(mon
     def late(host):
         host.stream_next += 1
         seq, time_us = host.stream_next, host.slot_us - 60_000
-        frame = Phases(PhaseFormat.BITS_8, 0, b"a")
+        frame = Phases(b"a")
         return build_body(frame, flags=0, seq=seq, time_us=time_us, session=host.session)
 
     pings = [lambda host: host.request(Ping(1))] * 60
@@ -369,7 +368,7 @@ def test_each_state_meets_each_group_of_inputs_before_any_does_again(timed):
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_what_happens_within_microseconds_is_met_where_bytes_take_no_time(exact):
-    changes = {"features": 2047, "phase_formats": 7, "queue_depth": 16, "firmware": "x"}
+    changes = {"features": 2047, "queue_depth": 16, "firmware": "x"}
     identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 9) | changes)
     coverage, actions = DialogueCoverage(), []
     for seed in range(100):
@@ -393,7 +392,7 @@ def test_each_byte_of_a_frame_has_every_value_but_where_timers_would_end():
 
     assert places("short", "READ_DRIVE") == {0: 256, HEADER_BYTES: 256}  # type and kind
     assert places("long", "READ_DRIVE") == dict.fromkeys((1, *range(11, 15)), 256)
-    assert places("short", "PHASES") == dict.fromkeys((0, 10, 11), 256)  # type, bits, bank
+    assert places("short", "PHASES") == dict.fromkeys((0,), 256)  # type
     wire = Config.WIRE
     assert not places("long", "SET_CONFIG").keys() & {HEADER_BYTES + wire["hold_ms"].offset}
     assert HEADER_BYTES + wire["trace_mode"].offset in places("short", "SET_CONFIG")
@@ -401,7 +400,7 @@ def test_each_byte_of_a_frame_has_every_value_but_where_timers_would_end():
 
 
 def radiated(data):
-    return DriveReply(DriveKind.RADIATED, 8, LatchKey(0, 0, 1), 0, 0, data)
+    return DriveReply(DriveKind.RADIATED, LatchKey(0, 0, 1), 0, 0, data)
 
 
 def status_reply(**counted):
@@ -547,7 +546,7 @@ def models():
 def phases(host, *, ahead_us=0, flags=0):
     host.stream_next += 1
     seq, time_us = host.stream_next & 0xFFFF, SLOT_US + ahead_us
-    message = Phases(PhaseFormat.BITS_8, 0, b"ab")
+    message = Phases(b"ab")
     return encode_frame(
         build_body(message, flags=flags, seq=seq, time_us=time_us, session=host.session)
     )

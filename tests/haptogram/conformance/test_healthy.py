@@ -100,7 +100,7 @@ def result(array, baud=3_000_000, depth=Depth.QUICK):
 @pytest.mark.parametrize(
     ("array", "baud", "not_here", "depth"),
     [
-        ("16x16", 3_000_000, NOT_HERE | LINE | {"HG-5.2/2"}, Depth.DEFAULT),
+        ("16x16", 3_000_000, NOT_HERE | LINE, Depth.DEFAULT),
         ("5x3", 3_000_000, NOT_HERE | SMALL, Depth.QUICK),  # leaves spare bits, and is not square
         (
             "5x5",
@@ -293,7 +293,6 @@ TOGETHER = (
             *(
                 "HG-3.4/1-stream",
                 "HG-3.8/4-burst",
-                "HG-5.2/4",
                 "HG-5.4/2",
                 "HG-5.4/3-faint",
                 "HG-5.5/1",

@@ -28,7 +28,6 @@ from haptogram_protocol.messages import (
     HelloReply,
     LatchKey,
     Message,
-    PhaseFormat,
     Phases,
     Ping,
     PlaybackEnded,
@@ -144,7 +143,6 @@ def test_a_reply_from_memory_in_the_microsecond_of_its_first_sending_is_the_same
         ("HG-3.9/2", [status(frames=1)]),
         ("HG-4.3/1", [HELLO, dataclasses.replace(HELLO, firmware="two")]),
         ("HG-4.11/5", [(PlaybackEnded(1, 1, 1), {"time_us": 9}), (MUTED, {"time_us": 9})]),
-        ("HG-5.2/7", [TraceDrive(LatchKey(0, 0, 1), 5, b"")]),
         ("HG-5.8/3", [HELLO, (TRACE, {"time_us": 50}), (TRACE, {"time_us": 60})]),
         ("HG-6.2/3", [status(reason=MuteReason.NONE)]),
         ("HG-7.1/3", [SetConfigReply(5, CONFIG), ConfigReply(5, OTHER)]),
@@ -171,33 +169,33 @@ def latches_of(*codes: int) -> list[Message]:
     crc = zlib.crc32(data)
     return [
         Trace(65_520, crc),
-        TraceDrive(key, 8, data),
+        TraceDrive(key, data),
         TraceReply(0, 1, (TraceRecord(0, key, 1, crc, 0),)),
-        DriveReply(DriveKind.LATCHED, 8, key, 1, 0, data),
-        DriveReply(DriveKind.LATCHED, 8, key, 1, 1, data[1::2]),
+        DriveReply(DriveKind.LATCHED, key, 1, 0, data),
+        DriveReply(DriveKind.LATCHED, key, 1, 1, data[1::2]),
     ]
 
 
 def test_a_latch_of_the_codes_that_were_sent_breaks_nothing():
-    drives = sent_frame(Drives(PhaseFormat.BITS_8, 0, bytes([1, 2, 3, 4])))
+    drives = sent_frame(Drives(bytes([1, 2, 3, 4])))
     assert findings(HELLO, *latches_of(1, 2, 3, 4), sent=drives) == {}
     points = sent_frame(Points((FocalPoint(0, 0, 100_000, 1000, 0),)))
     assert findings(HELLO, *latches_of(9, 9, 9, 9), sent=points) == {}
     assert findings(HELLO, *latches_of(9, 9, 9, 9), sent=sent_frame(Ping(1))) == {}
-    of_another = sent_frame(Phases(PhaseFormat.BITS_8, 0, bytes(2)), seq=5)
+    of_another = sent_frame(Phases(bytes(2)), seq=5)
     assert findings(HELLO, *latches_of(9, 9, 9, 9), sent=of_another) == {}
 
 
 @pytest.mark.parametrize("place", range(5))
 def test_a_latch_of_codes_that_were_not_sent_is_found_wherever_it_is_told(place):
-    drives = sent_frame(Drives(PhaseFormat.BITS_8, 0, bytes([1, 2, 3, 4])))
+    drives = sent_frame(Drives(bytes([1, 2, 3, 4])))
     clause = "HG-8.3/2" if place < 3 else "HG-8.6/3"
     wrong = latches_of(1, 2, 3, 5)[place]
     assert list(findings(HELLO, wrong, sent=drives)) == [clause]
 
 
 def test_of_frames_with_one_number_any_may_be_latched():
-    one, two = (Phases(PhaseFormat.BITS_8, 0, bytes([code, 7])) for code in (1, 2))
+    one, two = (Phases(bytes([code, 7])) for code in (1, 2))
     sent = sent_frame(one) + sent_frame(two)
     assert findings(HELLO, latches_of(2, 7, 255, 255)[0], sent=sent) == {}
     assert findings(HELLO, latches_of(3, 7, 255, 255)[0], sent=sent) != {}
@@ -207,7 +205,7 @@ def test_of_more_frames_than_are_kept_the_newest_are_known():
     """They are asked for in between: what is forgotten makes room for the next."""
     sent = SentDrives()
     for number in range(5000):
-        sent.take(sent_frame(Phases(PhaseFormat.BITS_8, 0, bytes([number & 0xFF])), number))
+        sent.take(sent_frame(Phases(bytes([number & 0xFF])), number))
         if number % 1000 == 999:
             assert sent.codes_of(SESSION, 65_536 + number, 1)
     known = [number for number in range(5000) if sent.codes_of(SESSION, 65_536 + number, 1)]

@@ -76,10 +76,9 @@ def driver(port):
         yield driver
 
 
-@pytest.mark.parametrize("bits", [8, 6, 5])
 @pytest.mark.parametrize(("way", "mode", "foci"), CASES)
-def test_what_is_latched_is_what_was_intended(port, way, mode, foci, bits):
-    with Driver(port, seed=1, medium=WARM, phase_bits=bits) as driver:
+def test_what_is_latched_is_what_was_intended(port, way, mode, foci):
+    with Driver(port, seed=1, medium=WARM) as driver:
         driver.arm()
         WAYS[way](driver, FOCI[mode][foci], mode)
         assert_latched_as_intended(port, driver)
@@ -208,10 +207,10 @@ def test_a_board_without_amplitudes_is_expected_to_drive_in_full():
 # --- what does not fit ---------------------------------------------------------------------------
 
 
-def other(mode="phases", targets=FULL, bits=8, model=MODEL, medium=None, **settings):
+def other(mode="phases", targets=FULL, model=MODEL, medium=None, **settings):
     """Frames that another driver made."""
     port = BoardPort(model=model, **settings)
-    with Driver(port, phase_bits=bits, medium=medium) as driver:
+    with Driver(port, medium=medium) as driver:
         return driver.frames(targets, mode=mode)
 
 
@@ -230,8 +229,6 @@ MISFITS = [
     ("both", {"targets": other("points", model=LARGE)}, "is for 25 transducers"),
     ("both", {"targets": other(model=BOWL)}, "frame 0 is for another array"),
     ("both", {"targets": other("points", model=BOWL)}, "frame 0 is for another array"),
-    ("both", {"targets": other(bits=6)}, "phases of 6 bits; this driver sends 8"),
-    ("both", {"targets": [*other(), *other(bits=5)]}, "frame 3 has phases of 5 bits"),
     ("both", {"targets": other("points"), "mode": "phases"}, "mode is 'phases'; the frames were"),
     ("both", {"targets": other(), "mode": "points"}, "made with phases: leave mode out"),
     ("both", {"targets": other(), "solver": "wgs"}, "made with naive: leave solver out"),

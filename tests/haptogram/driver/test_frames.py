@@ -18,7 +18,6 @@ from haptogram.driver.frames.builder import FrameBuilder, frame_sound_speed_mm_s
 from haptogram.driver.frames.targets import as_frame_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
-from haptogram_protocol.messages import unpack_phases
 from virtual_ports import BoardPort
 
 MODEL = AcousticModel.default(5, 4)
@@ -32,21 +31,21 @@ def identity():
         return driver.identity
 
 
-@given(st.lists(POSITION, min_size=1, max_size=5), st.sampled_from([8, 6, 5]))
-def test_phases_are_the_conjugate_ones_rounded_to_the_wire(identity, positions, bits):
-    frames = FrameBuilder(MODEL, identity, bits).build(as_frame_foci(positions), "phases")
+@given(st.lists(POSITION, min_size=1, max_size=5))
+def test_phases_are_the_conjugate_ones_rounded_to_the_wire(identity, positions):
+    frames = FrameBuilder(MODEL, identity).build(as_frame_foci(positions), "phases")
     for frame, position in zip(frames, positions, strict=True):
         turns = focus_phases(MODEL, position) / math.tau
-        codes = np.floor(turns * 2**bits + 0.5).astype(int) % 2**bits
-        assert list(unpack_phases(frame.message.data, bits, 20)) == codes.tolist()
-        assert frame.drive.phase_codes.tolist() == (codes << (8 - bits)).tolist()
+        codes = np.floor(turns * 256 + 0.5).astype(int) % 256
+        assert list(frame.message.data) == codes.tolist()
+        assert frame.drive.phase_codes.tolist() == codes.tolist()
         assert set(frame.drive.amplitude_codes) == {255}
-        assert (frame.phase_bits, frame.board_computed) == (bits, False)
+        assert not frame.board_computed
 
 
 @given(st.lists(FOCUS, min_size=1, max_size=4))
 def test_points_expect_what_the_rounded_foci_give(identity, foci):
-    (frame,) = FrameBuilder(MODEL, identity, 8).build([tuple(foci)], "points")
+    (frame,) = FrameBuilder(MODEL, identity).build([tuple(foci)], "points")
     for focus, rounded, point in zip(foci, frame.foci, frame.message.points, strict=True):
         assert np.abs(np.subtract(focus.position_m, rounded.position_m)).max() <= 0.5001e-6
         assert abs(focus.amplitude - rounded.amplitude) <= 0.5001 / 65535
@@ -65,7 +64,7 @@ def test_points_expect_what_the_rounded_foci_give(identity, foci):
 
 @given(st.lists(FOCUS, min_size=1, max_size=4))
 def test_drives_carry_phases_then_amplitudes(identity, foci):
-    (frame,) = FrameBuilder(MODEL, identity, 8).build([tuple(foci)], "drives")
+    (frame,) = FrameBuilder(MODEL, identity).build([tuple(foci)], "drives")
     codes = np.frombuffer(frame.message.data, dtype=np.uint8)
     assert codes[:20].tolist() == frame.drive.phase_codes.tolist()
     assert codes[20:].tolist() == frame.drive.amplitude_codes.tolist()
@@ -73,7 +72,7 @@ def test_drives_carry_phases_then_amplitudes(identity, foci):
 
 @given(st.lists(FOCUS, min_size=2, max_size=3), POSITION)
 def test_phases_of_several_foci_are_those_of_their_sum(identity, foci, position):
-    frames = FrameBuilder(MODEL, identity, 8).build(
+    frames = FrameBuilder(MODEL, identity).build(
         [tuple(foci), *as_frame_foci([position])], "phases"
     )
     weights = superpose_foci(
@@ -91,12 +90,12 @@ def test_phases_of_several_foci_are_those_of_their_sum(identity, foci, position)
 
 @pytest.mark.parametrize("mode", ["phases", "drives", "points"])
 def test_the_payload_is_as_long_as_announced(identity, mode):
-    frames = FrameBuilder(MODEL, identity, 5).build(as_frame_foci([(0, 0, 0.1)]), mode)
+    frames = FrameBuilder(MODEL, identity).build(as_frame_foci([(0, 0, 0.1)]), mode)
     assert frames[0].payload_bytes == len(frames[0].message.serialize())
 
 
 def test_a_common_phase_turns_every_element(identity):
-    builder = FrameBuilder(MODEL, identity, 8)
+    builder = FrameBuilder(MODEL, identity)
     plain, turned = builder.build(
         [(Focus((0.0, 0.01, 0.1)),), (Focus((0.0, 0.01, 0.1), 1.0, math.pi / 2),)], "phases"
     )
@@ -135,7 +134,7 @@ PAIR = (Focus((0.02, 0.0, 0.1), 0.8), Focus((-0.02, 0.01, 0.12), 0.4))
 @pytest.mark.parametrize("solver", METHODS)
 @pytest.mark.parametrize("mode", ["phases", "drives"])
 def test_several_foci_get_the_drive_of_the_solver(identity, solver, mode):
-    (frame,) = FrameBuilder(MODEL, identity, 8).build([PAIR], mode, solver)
+    (frame,) = FrameBuilder(MODEL, identity).build([PAIR], mode, solver)
     positions, levels = [f.position_m for f in PAIR], [f.amplitude for f in PAIR]
     wanted = (
         superpose_foci(MODEL, positions, levels, [0.0, 0.0])
@@ -149,7 +148,7 @@ def test_several_foci_get_the_drive_of_the_solver(identity, solver, mode):
 
 
 def test_one_focus_needs_no_solver(identity):
-    builder = FrameBuilder(MODEL, identity, 8)
+    builder = FrameBuilder(MODEL, identity)
     (alone,) = builder.build([PAIR[:1]], "drives", "wgs")
     (plain,) = builder.build([PAIR[:1]], "drives")
     assert alone.drive == plain.drive
@@ -166,4 +165,4 @@ def test_one_focus_needs_no_solver(identity):
 )
 def test_what_a_solver_cannot_do_is_refused(identity, foci, mode, solver, text):
     with pytest.raises(ConfigurationError, match=text):
-        FrameBuilder(MODEL, identity, 8).build([foci], mode, solver)
+        FrameBuilder(MODEL, identity).build([foci], mode, solver)

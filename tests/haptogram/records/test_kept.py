@@ -175,7 +175,7 @@ class Lying(BoardPort):
         if not (data and self.session):
             return data
         self.told += 1
-        drive = TraceDrive(LatchKey(0, 0, 0), 8, bytes(2 * (17 + self.told % 300)))
+        drive = TraceDrive(LatchKey(0, 0, 0), bytes(2 * (17 + self.told % 300)))
         return data + wire(drive, seq=self.told, session=self.session)
 
 

@@ -102,7 +102,6 @@ DRIVER = {
     "nonce": (*WHOLE, 0, 65_536),
     "seed": WHOLE,
     "timeout_s": (None, *NUMBER, 0),
-    "phase_bits": (None, *WHOLE, 0, 9),
     "model": OTHER,
     "medium": OTHER,
     "calibration": OTHER,

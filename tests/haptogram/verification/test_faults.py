@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray, focus_phases
 from haptogram.acoustics.model.transducer import Transducer
 from haptogram.verification import FrameJudge, FrameStatus, name_drive_faults
-from haptogram_protocol.messages import pack_phases
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume
 
 MODEL = AcousticModel.default()
@@ -158,21 +157,6 @@ def test_a_phase_that_all_share_is_named_but_moves_nothing(target, steps):
     signed = (steps + 128) % 256 - 128
     assert found.faults == (f"all phases off by {signed:+d} LSB, the focus is not",)
     assert (found.status, all(found.criteria.values())) == (FrameStatus.CORRUPT, True)
-
-
-@few
-@given(working_volume(off_x=0.002, off_y=0.002, off_diagonal=0.002), st.sampled_from([6, 5]))
-def test_packed_phases_read_in_the_wrong_order(target, bits):
-    intended = intend(MODEL, target, bits)
-    sent = (codes(intended).ravel() >> (8 - bits)).astype(np.uint8)
-    packed = pack_phases(sent.tobytes(), bits)
-    text = "".join(f"{byte:08b}" for byte in packed)
-    read = [int(text[start : start + bits], 2) for start in range(0, 256 * bits, bits)]
-    drive = drive_of(np.array(read) << (8 - bits))
-    assert_wrong(intended, drive, "packed phases read highest bit first")
-    turned = [int(f"{code >> (8 - bits):0{bits}b}"[::-1], 2) for code in codes(intended).ravel()]
-    drive = drive_of(np.array(turned) << (8 - bits))
-    assert_wrong(intended, drive, "bits of every phase in reverse order")
 
 
 @pytest.mark.parametrize("bits", [8, 6, 5])

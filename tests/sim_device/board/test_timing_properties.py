@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol.connection import HostConnection, ReplyReceived
 from haptogram_protocol.export.tables import description_hash
-from haptogram_protocol.messages import Arm, Config, PhaseFormat, Phases, SetConfig
+from haptogram_protocol.messages import Arm, Config, Phases, SetConfig
 from haptogram_protocol.state import OutputState
 from sim_device.board.events import PowerDown, StateChange
 from sim_device.board.settings import board_settings
@@ -93,7 +93,7 @@ def streamed(scenario):
         jitter_us = chance.randrange(-scenario["jitter_us"], scenario["jitter_us"] + 1)
         t_apply_us = start_us + k * scenario["period_us"] + jitter_us
         codes = bytes(chance.randrange(256) for _ in range(16))
-        index, wire = link.stream_frame(Phases(PhaseFormat.BITS_8, 0, codes), t_apply_us=t_apply_us)
+        index, wire = link.stream_frame(Phases(codes), t_apply_us=t_apply_us)
         frames.append((index, t_apply_us, wire))
     run.first = frames[0][0]
     for k in scenario["swaps"]:

@@ -21,7 +21,6 @@ from haptogram_protocol.messages import (
     Arm,
     GetStatus,
     Hello,
-    PhaseFormat,
     Phases,
     Ping,
     build_body,
@@ -132,7 +131,7 @@ def run(*faults, seed=1):
     simulation.host_write(b"\x00\x02\x09\x00", 3 * MS)  # for a status that lies to hide
     for ms in range(5, END_MS):
         due_us = (simulation.device_us(ms * MS) + 1_500) & 0xFFFFFFFF
-        frame = Phases(PhaseFormat.BITS_8, 0, CODES[ms % 2])
+        frame = Phases(CODES[ms % 2])
         simulation.host_write(wire(frame, FIRST_STREAM_SEQ + ms - 5, time_us=due_us), ms * MS)
         asked = Ping(ms) if ms % 2 else GetStatus()
         simulation.host_write(wire(asked, ms), ms * MS + 500_100)

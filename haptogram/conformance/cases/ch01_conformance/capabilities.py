@@ -13,7 +13,6 @@ from haptogram_protocol.messages import (
     Feature,
     FocalPoint,
     Message,
-    PhaseFormat,
     Play,
     Points,
     ReadDrive,
@@ -78,7 +77,7 @@ _REQUESTS: Final[tuple[tuple[Feature, Callable[[BoardClient], Message]], ...]] =
 
 
 def _advertised_drives(board: BoardClient) -> Drives:
-    return Drives(PhaseFormat.BITS_8, 0, bytes([255]) * 2 * board.identity.transducers)
+    return Drives(bytes([255]) * 2 * board.identity.transducers)
 
 
 def _is_advertised_drive_latched(board: BoardClient, message: Message, name: str) -> None:

@@ -29,7 +29,6 @@ _RULES: Final[dict[str, tuple[str, Evidence]]] = {
     "HG-4.3/1": ("HELLO_REPLY names the same board each time", WIRE),
     "HG-4.11/1": ("each response answers one request, by its type and number", WIRE),
     "HG-4.11/5": ("of one moment STATE_CHANGED comes before PLAYBACK_ENDED", WIRE),
-    "HG-5.2/7": ("drives are shown with 8 bits a phase", SELF_REPORTED),
     "HG-5.8/3": ("no two latches are traced in one carrier period", SELF_REPORTED),
     "HG-6.2/3": ("the reason in a status suits its state", SELF_REPORTED),
     "HG-7.1/3": ("the configuration is the one that was set last", SELF_REPORTED),

@@ -13,7 +13,6 @@ from haptogram_protocol.messages import (
     Feature,
     Message,
     Mute,
-    PhaseFormat,
     Phases,
     ReadDrive,
     TraceMode,
@@ -71,10 +70,10 @@ def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, Message, bytes]]
         codes = bytearray(_full_stuffing_piece(board, room))
         codes[run] = 0
         if graded:
-            yield run, Drives(PhaseFormat.BITS_8, 0, bytes(codes)), bytes(codes)
+            yield run, Drives(bytes(codes)), bytes(codes)
         else:
             registers = bytes(codes) + bytes([FULL]) * count
-            yield run, Phases(PhaseFormat.BITS_8, 0, bytes(codes)), registers
+            yield run, Phases(bytes(codes)), registers
 
 
 @case(
@@ -85,8 +84,6 @@ def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, Message, bytes]]
     evidence=SELF_REPORTED,
 )
 def every_drive_is_stuffed(board: BoardClient) -> None:
-    if not board.identity.phase_formats & 1 and not board.has(Feature.AMPLITUDE):
-        not_observed("this board takes no codes of 8 bits, so that no run can be chosen")
     if board.has(Feature.TRACE_DRIVE | Feature.CONFIG):
         board.configure(trace_mode=TraceMode.DRIVE)
     board.arm()

@@ -69,7 +69,6 @@ def checks_requests_in_order(board: BoardClient) -> None:
 def checks_stream_frames_in_order(board: BoardClient) -> None:
     stale, good = board.link.session ^ _STALE, board.flat_phases()
     payload = good.serialize()
-    bank = bytes([payload[0], 1]) + payload[2:]
     first = board.link.stream_wire(good)
     used = board.link.stream_next - 1
     tests: list[tuple[str, bytes]] = [
@@ -84,7 +83,6 @@ def checks_stream_frames_in_order(board: BoardClient) -> None:
     tests += [
         ("unsupported", board.link.stream_raw(Phases.TYPE, b"", flags=0x40)),
         ("bad_length", board.link.stream_raw(Phases.TYPE, payload + b"\x00")),
-        ("bad_value", board.link.stream_raw(Phases.TYPE, bank)),
         ("dropped_state", board.link.stream_wire(good, 0)),
     ]
     for counter, wire in tests:

@@ -18,7 +18,6 @@ from haptogram_protocol.messages import (
     Message,
     Ping,
     Play,
-    Points,
     Pong,
     UploadChunk,
 )
@@ -152,10 +151,6 @@ def _header_number_defect(board: BoardClient, frame: _Frame) -> _Frame:
     return replace(frame, seq=used & 0xFFFF)
 
 
-def _bank_value_defect(_: BoardClient, frame: _Frame) -> _Frame:
-    return replace(frame, payload=frame.payload[:1] + b"\x01" + frame.payload[2:])
-
-
 #: In the order of HG-3.8.
 _OF_REQUESTS: Final = (
     _Defect("type", "unsupported", _header_type_defect, ErrorCode.UNSUPPORTED),
@@ -170,7 +165,6 @@ _OF_STREAM: Final = (
     _Defect("number", "duplicate", _header_number_defect),
     _Defect("flags", "unsupported", _header_flags_defect),
     _Defect("length", "bad_length", _length_defect),
-    _Defect("bank", "bad_value", _bank_value_defect),
 )
 
 
@@ -240,8 +234,7 @@ def stream_frames_with_every_two_defects_are_checked_in_order(board: BoardClient
     board.link.send(board.link.stream_wire(board.flat_phases()))  # the first number is used
     for kind in stream_kinds(board):
         message = kind.make()
-        defects = [d for d in _OF_STREAM if d.name != "bank" or not isinstance(message, Points)]
-        for some in _pairs_of_defects(board, defects):
+        for some in _pairs_of_defects(board, _OF_STREAM):
             frame = _Frame(
                 message.TYPE,
                 message.serialize(),

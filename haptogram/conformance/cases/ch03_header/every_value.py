@@ -9,13 +9,10 @@ from typing import Final
 from haptogram_protocol.messages import (
     VERSION_MAJOR,
     DriveKind,
-    Drives,
     ErrorCode,
     Feature,
     FocalPoint,
     Message,
-    PhaseFormat,
-    Phases,
     ReadDrive,
     SetConfig,
     UploadBegin,
@@ -25,17 +22,10 @@ from haptogram_protocol.record import Record
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.stream_kinds import stream_kinds
 from ...outcome import SELF_REPORTED, unimplemented
 
 _ALL: Final = range(0x100)
 _TARGET: Final = 9
-#: Values of bytes that a sentence allows, and no enumeration of the field's own.
-_SAID: Final[dict[tuple[type[Message], str], Collection[int]]] = {
-    (Phases, "bank"): (0,),
-    (Drives, "bank"): (0,),
-    (Drives, "bits"): (PhaseFormat.BITS_8,),
-}
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -60,11 +50,8 @@ def _value_bytes(kind: type[Record], at: int = 0) -> Iterator[_ValueByte]:
     """Yield the bytes of a record that may have some values only, those of its records too."""
     for name, form in kind.WIRE.items():
         offset = at + form.offset
-        said = _SAID.get((kind, name)) if issubclass(kind, Message) else None
         if form.record is not None:
             yield from _value_bytes(form.record, offset)
-        elif said is not None:
-            yield _ValueByte(name, offset, said)
         elif form.enumeration is not None:
             yield _ValueByte(name, offset, [int(value) for value in form.enumeration])
 
@@ -106,32 +93,6 @@ def every_value_of_no_table_is_refused(board: BoardClient) -> None:
                 for value in values:
                     payload = byte.put(message.serialize(), value)
                     board.link.refused_raw(message.TYPE, payload, ErrorCode.BAD_VALUE, byte.offset)
-
-
-@case(
-    "HG-3.2/5",
-    "each value that is not allowed in a byte of PHASES and DRIVES is dropped: bad_value",
-    variant="stream",
-    evidence=SELF_REPORTED,
-)
-def every_stream_value_of_no_table_is_dropped(board: BoardClient) -> None:
-    board.arm()
-    kinds = [kind for kind in stream_kinds(board) if any(_value_bytes(type(kind.make())))]
-    for place, kind in enumerate(kinds):
-        message = kind.make()
-        for byte in _value_bytes(type(message)):
-            near = byte.wrong_values(thorough=False)
-            rest = set(byte.wrong_values(thorough=board.thorough)) - set(near)
-            # All others go round the kinds: each of them with one, for the time on the line.
-            values = [*near, *(value for value in rest if value % len(kinds) == place)]
-            with board.counting(bad_value=len(values), accepted=0):
-                board.link.unanswered(
-                    f"{kind.name} with a wrong {byte.name}",
-                    *(
-                        board.link.stream_raw(message.TYPE, byte.put(message.serialize(), value))
-                        for value in values
-                    ),
-                )
 
 
 @case(

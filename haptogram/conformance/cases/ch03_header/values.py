@@ -154,10 +154,10 @@ def _wrong_lengths_of_payload_type(right: int) -> tuple[int, ...]:
 )
 def drops_a_wrong_length_of_type(board: BoardClient) -> None:
     right = board.flat_phases()
-    payloads = [right.serialize() + b"\x00", right.serialize()[:-1], b"\x08"]
+    payloads = [right.serialize() + b"\x00", right.serialize()[:-1], b""]
     bodies = [(Phases.TYPE, payload) for payload in payloads]
     if board.has(Feature.AMPLITUDE):
-        bodies += [(Drives.TYPE, b"\x08\x00" + bytes(2 * board.identity.transducers - 2))]
+        bodies += [(Drives.TYPE, bytes(2 * board.identity.transducers - 2))]
     if board.has(Feature.POINTS):
         bodies += [(Points.TYPE, b""), (Points.TYPE, bytes(15)), (Points.TYPE, bytes(17))]
     with board.counting(bad_length=len(bodies)):

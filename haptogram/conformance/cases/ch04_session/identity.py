@@ -85,12 +85,6 @@ def identity_has_the_geometry_hash(board: BoardClient) -> None:
     check(got == due, f"geometry_hash is {got:#010x}, that of the records {due:#010x}")
 
 
-@case("HG-4.3/7", "bit 0 of phase_formats is set: phases of 8 bits are taken")
-def identity_offers_8_bits(board: BoardClient) -> None:
-    formats = board.identity.phase_formats
-    check(formats & 1 == 1, f"phase_formats is {formats:#04x}: no phases of 8 bits")
-
-
 @case("HG-4.3/8", "every limit of what is advertised has the least value that a host may rely on")
 def identity_has_large_enough_limits(board: BoardClient) -> None:
     identity = board.identity

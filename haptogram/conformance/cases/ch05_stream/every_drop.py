@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Phases, Points
+from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Points
 
 from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
@@ -79,25 +79,6 @@ def _wrong_length_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable
         yield board.link.stream_raw(message.TYPE, one)
 
 
-def _wrong_value_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    message = kind.make()
-    if isinstance(message, Points):
-        more = message.points[:1] * (board.identity.max_points + 1)
-        if len(more) * 16 < 4000:
-            yield board.link.stream_wire(Points(more))
-        return
-    payload = message.serialize()
-    for bits in {0, 4, 7, 9, 255} if isinstance(message, Phases) else {0, 5, 6, 7, 9, 255}:
-        # The length of the right format: a board may judge the length of a format first.
-        wrong = bytes([bits, 0]) + payload[2:]
-        if isinstance(message, Phases):
-            size = -(-board.identity.transducers * bits // 8)
-            wrong = bytes([bits, 0]) + bytes(min(size, 2048))
-        yield board.link.stream_raw(message.TYPE, wrong)
-    for bank in (1, 128, 255):
-        yield board.link.stream_raw(message.TYPE, payload[:1] + bytes([bank]) + payload[2:])
-
-
 def _any_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
     yield board.link.stream_wire(kind.make())
     yield board.link.stream_wire(kind.make(), board.clock.device_us() + _AHEAD_US)
@@ -134,7 +115,6 @@ DROPS: Final = (
     Drop("HG-5.5/1", "seen before", "duplicate", _old_drop),
     Drop("HG-3.4/1", "with unknown flags that must be understood", "unsupported", _flagged_drop),
     Drop("HG-3.2/4", "of a wrong length", "bad_length", _wrong_length_drop),
-    Drop("HG-3.2/5", "with a value that no table has", "bad_value", _wrong_value_drop),
     Drop("HG-5.7/1", "while DISARMED", "dropped_state", _any_drop, armed=False),
     Drop("HG-5.7/2", "not after the last queued one", "dropped_order", _disordered_drop, queued=1),
     Drop("HG-5.7/3", "that meet a full queue", "dropped_full", _overflow_drop, queued=-1),

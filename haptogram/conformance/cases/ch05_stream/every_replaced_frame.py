@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptogram_protocol.messages import (
-    Drives,
     Feature,
     Message,
     Mute,
-    Phases,
     Points,
     Stop,
     TraceMode,
@@ -158,11 +156,7 @@ def _frames_that_replace_nothing(
     payload, kind = message.serialize(), message.TYPE
     yield "a byte too much", board.link.stream_raw(kind, payload + b"\x00", t_us)
     yield "a byte too little", board.link.stream_raw(kind, payload[:-1], t_us)
-    if isinstance(message, Phases | Drives):
-        yield "bits 7", board.link.stream_raw(kind, b"\x07" + payload[1:], t_us)
-        bank = payload[:1] + b"\x01" + payload[2:]
-        yield "bank 1", board.link.stream_raw(kind, bank, t_us)
-    elif isinstance(message, Points) and board.identity.max_points < 250:
+    if isinstance(message, Points) and board.identity.max_points < 250:
         many = message.points[:1] * (board.identity.max_points + 1)
         yield "too many points", board.link.stream_wire(Points(many), t_us)
     yield "an unknown flag", board.link.stream_wire(message, t_us, flags=_UNKNOWN_FLAG)

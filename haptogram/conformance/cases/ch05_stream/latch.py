@@ -169,14 +169,14 @@ def holds_the_last_latched_drive(board: BoardClient) -> None:
         since = board.link.mark()
         board.link.send(board.link.stream_wire(board.phases(registers), t_us))
         if witness.mode is None:
-            witness.expect(before, bits=board.finest)
+            witness.expect(before)
             board.clock.require_in_time(t_us)
         board.clock.wait_until(t_us + 100)
-        witness.expect(registers, bits=board.finest, since=since)
+        witness.expect(registers, since=since)
         before = registers
     board.wire.idle(200_000)
     if witness.mode is None:
-        witness.expect(before, bits=board.finest)
+        witness.expect(before)
 
 
 @case(

@@ -42,12 +42,11 @@ def counts_stream_gaps(board: BoardClient) -> None:
 
 @case(
     "HG-5.6/1",
-    "frames dropped for type, flags, length, value, state and time use up their numbers",
+    "frames dropped for type, flags, length, state and time use up their numbers",
     evidence=SELF_REPORTED,
 )
 def stream_numbers_are_used_up(board: BoardClient) -> None:
     good = board.flat_phases()
-    payload = good.serialize()
     board.link.send(board.link.stream_wire(good))  # not armed: dropped_state
     board.arm()
     past_us = board.clock.device_us() - 1_000_000
@@ -55,8 +54,7 @@ def stream_numbers_are_used_up(board: BoardClient) -> None:
     dropped = {
         "unknown_type": board.link.stream_raw(0x3B, b""),
         "unsupported": board.link.stream_wire(good, flags=0x40),
-        "bad_length": board.link.stream_raw(Phases.TYPE, payload + b"\x00"),
-        "bad_value": board.link.stream_raw(Phases.TYPE, bytes([payload[0], 9]) + payload[2:]),
+        "bad_length": board.link.stream_raw(Phases.TYPE, good.serialize() + b"\x00"),
         "dropped_late": board.link.stream_wire(good, past_us),
     }
     if beyond_us is not None:

@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
-from haptogram_protocol.messages import PHASE_FORMAT_BIT, Feature, FocalPoint, PhaseFormat, Points
+from haptogram_protocol.messages import Feature, FocalPoint, Points
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -65,7 +65,7 @@ def _judge_latched_foci(board: BoardClient, model: AcousticModel, frames: Iterab
 
 @case(
     "HG-5.2/1",
-    "PHASES for a focus, in every format: the focus of the latched drive lies on its target",
+    "PHASES for each of several foci: the focus of the latched drive lies on its target",
     variant="focus",
     needs=Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
@@ -75,12 +75,7 @@ def streamed_phases_make_a_focus(board: BoardClient) -> None:
     from ...judge.focusing import judged_host_frames
 
     model = _model_of_streamed_points(board)
-    offered = [form for form, bit in PHASE_FORMAT_BIT.items() if board.identity.phase_formats & bit]
-    frames = [
-        judged_host_frames(model, board.identity, (target,), form)
-        for form, target in zip(offered, _TARGETS_M, strict=False)
-    ]
-    _judge_latched_foci(board, model, itertools.chain.from_iterable(frames))
+    _judge_latched_foci(board, model, judged_host_frames(model, board.identity, _TARGETS_M))
 
 
 @case(
@@ -95,8 +90,7 @@ def streamed_drives_make_a_focus(board: BoardClient) -> None:
     from ...judge.focusing import judged_host_frames
 
     model = _model_of_streamed_points(board)
-    form = PhaseFormat.BITS_8
-    frames = judged_host_frames(model, board.identity, _TARGETS_M[:2], form, "drives")
+    frames = judged_host_frames(model, board.identity, _TARGETS_M[:2], "drives")
     _judge_latched_foci(board, model, frames)
 
 
@@ -110,8 +104,7 @@ def streamed_points_make_a_focus(board: BoardClient) -> None:
     from ...judge.focusing import judged_host_frames
 
     model = _model_of_streamed_points(board)
-    form = PhaseFormat.BITS_8
-    frames = judged_host_frames(model, board.identity, _TARGETS_M[:2], form, "points")
+    frames = judged_host_frames(model, board.identity, _TARGETS_M[:2], "points")
     _judge_latched_foci(board, model, frames)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from haptogram_protocol.messages import Drives, Feature, PhaseFormat
+from haptogram_protocol.messages import Drives, Feature
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
@@ -82,7 +82,7 @@ def _latch_before_ramp(board: BoardClient, *, plays: bool) -> bytes:
         board.clock.wait_latched()
         return bytes([FULL]) * count
     amplitudes = _amplitudes_in_ramps(board.config.amplitude_ceiling, count)
-    latch_now(board, Drives(PhaseFormat.BITS_8, 0, bytes(count) + amplitudes))
+    latch_now(board, Drives(bytes(count) + amplitudes))
     return amplitudes
 
 
@@ -224,7 +224,7 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
     board.wire.idle(5 * _HOLD_MS * _MS)
     board.configure(**long | {"amplitude_ceiling": then})
     if timer == "hold":
-        latch_now(board, Drives(PhaseFormat.BITS_8, 0, bytes(len(latched)) + latched))
+        latch_now(board, Drives(bytes(len(latched)) + latched))
     if timer.startswith("both"):  # the ramp of the hold goes on, as it began
         start_us = latch_us + short["hold_ms"] * _MS
         reading = judged_ramp_reading(board, start_us)

@@ -78,7 +78,7 @@ def reads_back_one_latch(board: BoardClient) -> None:
         since = board.link.mark()
         latch_now(board, board.phases(registers))
         shown = read_back(board)
-        expect_witnessed_drive(board, shown, registers, b"\xff" * len(registers), bits=board.finest)
+        expect_witnessed_drive(board, shown, registers, b"\xff" * len(registers))
         check(shown.reply.key == LatchKey(0, 0, index), f"key {shown.reply.key}, due is {index}")
         status = board.status()
         got, due = shown.reply.t_latch_us, status.last_latch_us

@@ -87,7 +87,6 @@ def _stream_key_in_status(board: BoardClient) -> LatchKey:
 
 def _new_frame_for_status(board: BoardClient) -> tuple[bytes, Message]:
     registers = board.random_registers()
-    registers = bytes(code >> (8 - board.finest) << (8 - board.finest) for code in registers)
     return registers, board.phases(registers)
 
 

@@ -61,7 +61,6 @@ def stream_gets_no_error(board: BoardClient) -> None:
         board.link.stream_wire(good, board.clock.device_us() + board.identity.max_horizon_us * 2),
         board.link.stream_raw(0x3C, b"abc"),
         board.link.stream_raw(good.TYPE, b""),
-        board.link.stream_raw(good.TYPE, b"\x07" + good.serialize()[1:]),
     ]
     board.link.unanswered("a stream frame", *frames)
     board.disarm()

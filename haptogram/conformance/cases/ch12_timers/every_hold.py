@@ -10,7 +10,6 @@ from haptogram_protocol.messages import (
     Feature,
     FocalPoint,
     Message,
-    PhaseFormat,
     PlaybackEnded,
     PlayReply,
     Points,
@@ -204,7 +203,7 @@ def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
     silent: dict[str, tuple[Message, int]] = {}
     if board.has(Feature.AMPLITUDE):
         codes = board.random.randbytes(count) + bytes(count)
-        silent["DRIVES of amplitude 0"] = Drives(PhaseFormat.BITS_8, 0, codes), FULL
+        silent["DRIVES of amplitude 0"] = Drives(codes), FULL
         silent["PHASES under a ceiling of 0"] = board.flat_phases(5), 0
     if board.has(Feature.POINTS):
         points = (FocalPoint(10_000, 5_000, 150_000, 0, 0),)

@@ -7,17 +7,14 @@ from typing import Any, Final
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
 from haptogram_protocol.messages import (
-    PHASE_FORMAT_BIT,
     Drives,
     Feature,
     Flag,
     FocalPoint,
     Message,
-    PhaseFormat,
     Phases,
     Points,
     build_body,
-    pack_phases,
 )
 
 from ..actions import LATE_WINDOWS_US, SLOT_US
@@ -202,13 +199,10 @@ class RandomStream(DialogueMaker):
     def kinds(self) -> dict[str, Callable[[], Message]]:
         """Makers of the message of a frame, by type and format."""
         kinds: dict[str, Callable[[], Message]] = {}
-        for bits, bit in PHASE_FORMAT_BIT.items():
-            if self._identity.phase_formats & bit:
-                kinds[f"PHASES {bits:d}"] = lambda bits=bits: self._phases(bits)  # type: ignore[misc]
+        codes = self._random.randbytes
+        kinds["PHASES"] = lambda: Phases(codes(self._count))
         if self._can & Feature.AMPLITUDE:
-            kinds["DRIVES"] = lambda: Drives(
-                PhaseFormat.BITS_8, 0, self._random.randbytes(2 * self._count)
-            )
+            kinds["DRIVES"] = lambda: Drives(codes(2 * self._count))
         if self._most_points:
             kinds["POINTS"] = self._points
         return kinds
@@ -216,10 +210,6 @@ class RandomStream(DialogueMaker):
     def any(self) -> Message:
         """Return the message of a frame of any kind."""
         return self._random.choice(list(self.kinds.values()))()
-
-    def _phases(self, bits: PhaseFormat) -> Message:
-        codes = bytes(self._random.randrange(1 << bits) for _ in range(self._count))
-        return Phases(bits, 0, pack_phases(codes, bits))
 
     def _points(self) -> Message:
         most = self._most_points
@@ -253,18 +243,5 @@ class RandomStream(DialogueMaker):
         if isinstance(made, Points):
             return Points(tuple(self._point() for _ in range(self._identity.max_points + 1)))
         assert isinstance(made, Phases | Drives)
-        bits: int = made.bits
-        bank, data = made.bank, made.data
-        chance = self._random.randrange(5)
-        if chance == 0:
-            bank = pick((1, 0xFF))
-        elif chance == 1:
-            bits = pick((0, 5, 6, 7, 8, 9, 0xFF, *(bits | 1 << high for high in range(4, 8))))
-        elif chance == 2:
-            unit = 1 if isinstance(made, Phases) else 2
-            data = pick((data[:-unit], data + bytes(unit), b"", data[: len(data) // 4 * 2]))
-        else:  # spare bits, where there are any
-            data = data[:-1] + bytes(
-                [data[-1] | pick((0x80, 0xFF, 0x10, 1 << self._random.randrange(8)))]
-            )
-        return type(made)(bits, bank, data)  # type: ignore[arg-type]
+        unit, data = 1 if isinstance(made, Phases) else 2, made.data
+        return type(made)(pick((data[:-unit], data + bytes(unit), b"", data[: len(data) // 4 * 2])))

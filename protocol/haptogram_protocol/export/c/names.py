@@ -39,7 +39,6 @@ PREFIXES: Final[dict[type[enum.IntEnum] | type[enum.IntFlag], str]] = {
     m.Flag: "HG_FLAG",
     m.ErrorCode: "HG_ERROR",
     m.Feature: "HG_FEATURE",
-    m.PhaseFormat: "HG_FORMAT",
     m.TraceMode: "HG_TRACE",
     m.UploadKind: "HG_UPLOAD",
     m.DriveKind: "HG_DRIVE",

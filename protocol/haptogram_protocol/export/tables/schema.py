@@ -22,7 +22,6 @@ ENUMERATIONS: Final[tuple[type[enum.IntEnum] | type[enum.IntFlag], ...]] = (
     m.Flag,
     m.ErrorCode,
     m.Feature,
-    m.PhaseFormat,
     m.TraceMode,
     m.UploadKind,
     m.DriveKind,

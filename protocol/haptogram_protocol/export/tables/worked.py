@@ -14,7 +14,6 @@ from ...state import OutputState
 # --- Frames ------------------------------------------------------------------------------------
 
 _SESSION: Final = 0x5EED
-_EIGHT: Final = m.PhaseFormat.BITS_8
 
 # Title, message, header fields.  The arrays are small so that the bytes can be read.
 WORKED_FRAMES: Final[Mapping[str, tuple[m.Message, dict[str, int]]]] = {
@@ -24,28 +23,20 @@ WORKED_FRAMES: Final[Mapping[str, tuple[m.Message, dict[str, int]]]] = {
     ),
     "ARM, the request after it": (m.Arm(), {"seq": 1}),
     "MUTE without a session": (m.Mute(), {"seq": 7, "session": 0}),
-    "PHASES, 8 bits, N = 4: 0, 64, 128, 192, t_apply 0xFFFFFF00, first of the session": (
-        m.Phases(_EIGHT, 0, bytes([0, 64, 128, 192])),
+    "PHASES, N = 4: 0, 64, 128, 192, t_apply 0xFFFFFF00, first of the session": (
+        m.Phases(bytes([0, 64, 128, 192])),
         {"seq": m.FIRST_STREAM_SEQ, "time_us": 0xFFFFFF00},
     ),
-    "PHASES, 6 bits, N = 4: 1, 2, 3, 63, as soon as complete": (
-        m.Phases(m.PhaseFormat.BITS_6, 0, m.pack_phases(bytes([1, 2, 3, 63]), 6)),
-        {"flags": m.Flag.IMMEDIATE, "seq": 0xFFF1},
-    ),
-    "PHASES, 5 bits, N = 4: 1, 2, 3, 31, as soon as complete": (
-        m.Phases(m.PhaseFormat.BITS_5, 0, m.pack_phases(bytes([1, 2, 3, 31]), 5)),
-        {"flags": m.Flag.IMMEDIATE, "seq": 0xFFF2},
-    ),
     "DRIVES, N = 2: phases 10, 20, amplitudes 255, 128": (
-        m.Drives(_EIGHT, 0, bytes([10, 20, 255, 128])),
+        m.Drives(bytes([10, 20, 255, 128])),
         {"seq": 0xFFF3, "time_us": 1000},
     ),
     "POINTS, one: (-10, 0, 150) mm, full amplitude, phase a quarter of a turn": (
         m.Points((m.FocalPoint(-10_000, 0, 150_000, 65535, 16384),)),
         {"seq": 0, "time_us": 2000},
     ),
-    "PHASES, 8 bits, N = 256, every phase 1: a run of more than 254 bytes without a zero": (
-        m.Phases(_EIGHT, 0, bytes([1]) * 256),
+    "PHASES, N = 256, every phase 1: a run of more than 254 bytes without a zero": (
+        m.Phases(bytes([1]) * 256),
         {"seq": 0x0101, "time_us": 0x01010101},
     ),
     "PLAY of sequence 3, 1000 µs a frame, twice, unattended 5000 ms": (
@@ -140,9 +131,7 @@ _IDENTITY: Final = m.HelloReply(
     pitch_um=_PITCH_UM,
     geometry_hash=zlib.crc32(b"".join(element.pack() for element in _ELEMENTS)),
     sound_speed_mm_s=_DEFAULT.sound_speed_mm_s,
-    phase_formats=1,
     max_points=0,
-    banks=1,
     state=OutputState.DISARMED,
     queue_depth=32,
     trace_ring=0,
@@ -217,7 +206,7 @@ EXCHANGE: Final[tuple[WorkedStep, ...]] = (
     _worked_host_step(
         5004,
         "PHASES: the first stream frame, seq 0xFFF0, t_apply 10 ms after the start; no answer",
-        m.Phases(_EIGHT, 0, _PHASES),
+        m.Phases(_PHASES),
         seq=m.FIRST_STREAM_SEQ,
         time_us=_worked_wire_us(10_000),
     ),

@@ -1,4 +1,4 @@
-"""Test vectors that are typed by hand: frames, packings, and the few dialogues without a case.
+"""Test vectors that are typed by hand: frames, and the few dialogues without a case.
 
 ``python -m haptogram_protocol.export.vectors`` writes them to ``protocol/vectors``; the schema of
 every file is ``protocol/vectors/schema.json``. The meaning of a frame is taken from the message
@@ -16,7 +16,6 @@ from typing import Any, Final
 from .acceptable import acceptable_frame_vectors
 from .dialogues import dialogue_vectors
 from .invalid import invalid_frame_vectors
-from .packing import packing_vectors
 from .valid import valid_frame_vectors
 
 _Vectors = list[dict[str, Any]]
@@ -32,7 +31,6 @@ FILES: Final[Mapping[str, tuple[Callable[[], _Vectors], str]]] = {
         invalid_frame_vectors,
         "Bytes that a receiver must drop, each with the counter that counts them.",
     ),
-    "packing.json": (packing_vectors, "Phase codes of 8, 6 and 5 bits, packed and unpacked."),
     "dialogues-typed.json": (
         dialogue_vectors,
         "Dialogues of host and board, by the board's clock, about clauses that no case judges.",

@@ -104,9 +104,9 @@ def _vector_of_amplitude_zero() -> DialogueScript:
     s.answer(m.ArmReply(OutputState.ARMED))
     drive = bytes([1, 2, 3, 4]) + bytes(4)
     header = {"seq": m.FIRST_STREAM_SEQ, "flags": m.Flag.IMMEDIATE}
-    s.raw(m.Drives(m.PhaseFormat.BITS_8, 0, drive), **header)
+    s.raw(m.Drives(drive), **header)
     s.request(m.ReadDrive(m.DriveKind.LATCHED, 0, 4))
-    s.answer_with(_T.DRIVE_REPLY, {"kind": m.DriveKind.LATCHED, "bits": 8, "data": drive})
+    s.answer_with(_T.DRIVE_REPLY, {"kind": m.DriveKind.LATCHED, "data": drive})
     s.request(m.GetStatus())
     s.answer_with(_T.STATUS_REPLY, {"counters": {"latched": 1}})
     return s

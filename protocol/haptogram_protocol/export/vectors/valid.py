@@ -19,7 +19,6 @@ from .vector import (
     vector_wire,
 )
 
-_EIGHT: Final = m.PhaseFormat.BITS_8
 # The header goes along with the payload: from all zeros to all ones.
 _HEADERS: Final[dict[str, dict[str, int]]] = {
     "least": {"flags": 0, "seq": 0, "time_us": 0, "session": 0},
@@ -103,13 +102,8 @@ def _array_vectors() -> Iterator[dict[str, Any]]:
     """Yield stream frames of arrays of many sizes."""
     for count in (1, 2, 63, 64, 100, 255, 256, 257, 512, 1024):
         codes = bytes(n * 37 % 256 for n in range(count))
-        for bits in m.PhaseFormat:
-            packed = m.pack_phases(bytes(code >> (8 - bits) for code in codes), bits)
-            message = m.Phases(bits, 0, packed)
-            yield _stream_vector(
-                f"phases-{bits}-{count}", message, f"{count} phases of {bits} bits"
-            )
-        drives = m.Drives(_EIGHT, 0, codes + codes[::-1])
+        yield _stream_vector(f"phases-{count}", m.Phases(codes), f"{count} phases")
+        drives = m.Drives(codes + codes[::-1])
         yield _stream_vector(
             f"drives-{count}", drives, f"phases and amplitudes of {count} transducers"
         )

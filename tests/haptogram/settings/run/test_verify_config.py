@@ -30,7 +30,7 @@ def test_command_line_wins_over_file_wins_over_default(tmp_path: Path) -> None:
 def test_file_converts_to_the_type_of_the_setting(tmp_path: Path) -> None:
     path = _file(
         tmp_path,
-        '[verify]\ncenter_mm = [1, 2, 120]\njson = "a.json"\nvirtual_time = true\nphase_bits = 6\n'
+        '[verify]\ncenter_mm = [1, 2, 120]\njson = "a.json"\nvirtual_time = true\nfoci = 6\n'
         "min_verified = 1\nboard_temperature_c = 25\n",
     )
     config = load_verify_config(path, {})
@@ -38,7 +38,7 @@ def test_file_converts_to_the_type_of_the_setting(tmp_path: Path) -> None:
     assert config.outputs.json == Path("a.json")
     assert (
         config.link.virtual_time,
-        config.drive.phase_bits,
+        config.drive.foci,
         config.limits.min_verified,
     ) == (True, 6, 1.0)
     assert config.elements.board_temperature_c == 25.0
@@ -57,7 +57,6 @@ def test_the_solvers_are_those_that_there_are() -> None:
         ({"rate_hz": 0.0}, "--rate-hz is 0, must be 1 to 40000"),
         ({"resolution_mm": -1.0}, "--resolution-mm is -1, must be 0.1 to 100"),
         ({"mode": "morse"}, "--mode is 'morse'; known are phases, drives, points"),
-        ({"phase_bits": 7}, "--phase-bits is 7; known are 8, 6, 5"),
         ({"foci": 33}, "--foci is 33, must be 1 to 32"),
         ({"solver": "best"}, "--solver is 'best'; known are naive, ibp"),
         ({"solver": "wgs", "mode": "points"}, "the board solves frames of points"),
@@ -96,7 +95,7 @@ def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: st
             "'rate-hz' is not a setting; did you mean rate_hz",
         ),
         ("[verify]\nxyzzy = 500\n", "'xyzzy' is not a setting; known are object, resolution_mm"),
-        ("[verify]\nphase_bits = 8.0\n", r"run\.toml: phase_bits is 8\.0; known are 8, 6, 5"),
+        ("[verify]\nmode = 'morse'\n", r"run\.toml: mode is 'morse'; known are phases, drives"),
         ("[verify]\njson = ''\n", r"run\.toml: json is '', must be the name of a file"),
         ("[verify]\nlink_baud = 9600\n", "'link_baud' is now 'baud'"),
         ("[verify]\nrecording = 'a'\n", "'recording' is now 'from_recording'"),
