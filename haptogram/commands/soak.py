@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
 
+_MEASURED_S: Final = 5.0  # before the estimate
 _EPILOG: Final = """\
 examples:
   haptogram soak --hours 0.1
@@ -76,7 +77,8 @@ def set_up_soak(
     parser.description = (
         "Stream to the virtual board at 1 kHz, in virtual time, over a line that "
         "damages frames, with pauses, outages and new sessions; at the end every fault must be "
-        "explained.  See docs/soak.md."
+        "explained.  After some seconds the command says how long the rest takes.  See "
+        "docs/soak.md."
     )
     parser.epilog = _EPILOG
     parser.main_options = "hours fault_rate seed jobs resume json junit html record"
@@ -172,7 +174,7 @@ def _how_to_resume_soak_command(arguments: argparse.Namespace, campaign: SoakCam
 
 @contextlib.contextmanager
 def _soak_command_progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[Progress | None]:
-    """Show the progress: a bar on a terminal, a line for each segment elsewhere."""
+    """Show the progress: a bar on a terminal; elsewhere an estimate, and a line a segment."""
     if quiet:
         yield None
     elif sys.stderr.isatty():
@@ -206,10 +208,22 @@ def _soak_command_bar(campaign: SoakCampaign) -> Iterator[Progress]:
 
 
 def _soak_command_lines(campaign: SoakCampaign) -> Progress:
-    told = campaign.done
+    told, is_estimated = campaign.done, False
+    start_s, began_s = campaign.done_s, time.monotonic()
 
-    def show(_: float) -> None:
-        nonlocal told
+    def show(done_s: float) -> None:
+        nonlocal told, is_estimated
+        spent_s = time.monotonic() - began_s
+        if not is_estimated and done_s > start_s and spent_s > _MEASURED_S:
+            is_estimated = True
+            speed = (done_s - start_s) / spent_s
+            left_min = (campaign.setup.seconds - done_s) / speed / 60
+            print(
+                f"soak: {speed:.1f} x real time on this machine; the rest takes about "
+                f"{left_min:.0f} min (--jobs N shares it out, --resume FILE goes on later)",
+                file=sys.stderr,
+                flush=True,
+            )
         if campaign.done > told:
             told = campaign.done
             wrong = sum(campaign.failures.values())

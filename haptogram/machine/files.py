@@ -90,7 +90,7 @@ def write_file_atomically(path: Path, content: bytes) -> None:
         elif kind in (Kind.PIPE, Kind.DEVICE):
             target.write_bytes(content)
         else:
-            _make_folder(target.parent)
+            _make_folder_of_output(path, target)
             _replace_file(target, content)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
         raise unwritable_file(path, error) from error
@@ -167,6 +167,7 @@ def check_files_writable(outputs: Mapping[str, Path], *, in_place: bool = False)
 def _check_folder_takes_files(path: Path, target: Path) -> None:
     """Raise unless a file can be made beside *target*, which *path* leads to, and take its name."""
     folder = next(parent for parent in target.parents if parent.exists())
+    _refuse_folder_in_root(path, folder)
     if not folder.is_dir():
         raise unwritable_file(path, NotADirectoryError(errno.ENOTDIR, ""))
     temporary = _temporary_file(folder)
@@ -192,15 +193,28 @@ def make_folder_of(path: Path, purpose: str = "what is written") -> None:
     import logging  # not for --help
 
     if not (folder := path.parent).exists():
-        _make_folder(folder)
+        _make_folder_of_output(path, path)
         logging.getLogger(__name__).info("%s: a new folder, made for %s", folder, purpose)
 
 
-def _make_folder(folder: Path) -> None:
+def _make_folder_of_output(path: Path, target: Path) -> None:
+    """Make the folder of *target*, which *path* leads to."""
+    found = next((parent for parent in target.parents if parent.exists()), target)
+    _refuse_folder_in_root(path, found)
     try:
-        folder.mkdir(parents=True, exist_ok=True)  # another process may make it meanwhile
+        target.parent.mkdir(parents=True, exist_ok=True)  # another process may make it meanwhile
     except FileExistsError as error:
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from error
+
+
+def _refuse_folder_in_root(path: Path, found: Path) -> None:
+    """Raise if *path*, of which *found* is there, would make a folder beside those of the system.
+
+    A relative path does, where the root is the current folder.
+    """
+    if path.is_absolute() and found == Path(path.anchor) and path.parent != found:
+        folder = Path(*path.parts[:2])
+        raise OSError(f"there is no folder '{folder}', and none is made in '{found}'")
 
 
 def check_distinct_files(

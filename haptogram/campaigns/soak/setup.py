@@ -30,7 +30,7 @@ class SoakSetup(Settings):
         unit="HOURS",
         low=1e-6,
         high=100_000.0,
-        help="virtual time to stream; an hour takes minutes",
+        help="virtual time to stream; an hour takes ten minutes on a free core",
     )
     fault_rate: float = option(
         1e-2, unit="SHARE", low=0.0, high=_MOST_RATE, help="share of frames hit in each direction"

@@ -254,3 +254,20 @@ def test_a_new_folder_is_told_before_the_work_and_made(
     assert main(["presets", "paper", "--json", str(path)]) == 0
     assert capsys.readouterr().err.startswith(f"{path.parent}: a new folder, to be made for what")
     assert path.exists()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "presets paper --json",
+        "verify --virtual-time --record",
+        "board --tcp 0 --backdoor",
+        "board --link",
+    ],
+)
+def test_no_folder_is_made_beside_those_of_the_system(
+    line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*line.split(), "/no-such-folder/b"]) == 2
+    assert "there is no folder '/no-such-folder'" in capsys.readouterr().err
+    assert not Path("/no-such-folder").exists()

@@ -233,6 +233,17 @@ def test_damage_of_some_bytes_costs_the_part_that_they_are_in(tmp_path):
     assert list(Recording(tmp_path / "copy.mcap").entries()) == found
 
 
+def test_a_repair_that_finds_no_message_writes_no_copy(tmp_path):
+    path = write(tmp_path / "run.mcap")
+    content = bytearray(path.read_bytes())
+    begin = content.index(b"haptogram", 100)  # the metadata
+    content[begin + 2000 :] = bytes(len(content) - begin - 2000)
+    path.write_bytes(content)
+    with pytest.raises(ConfigurationError, match="no message in it can be read"):
+        repair_recording(path, tmp_path / "copy.mcap")
+    assert not (tmp_path / "copy.mcap").exists()
+
+
 def test_damage_between_chunks_is_one_line_and_what_lies_before_is_saved(tmp_path):
     path = write(tmp_path / "run.mcap")
     content = bytearray(path.read_bytes())
