@@ -70,13 +70,14 @@ def test_the_tutorial_installs_what_its_examples_import() -> None:
     """Each module is the standard library's, a dependency, or of an extra that the page names."""
     page = (DOCS / "tutorials" / "driver-without-hardware.md").read_text("utf-8")
     needed: set[str] = set()
-    for name in re.findall(r"literalinclude\} \.\./(examples/\w+\.py)", page):
+    for name in re.findall(r"\]\(\.\./(examples/\w+\.py)\)", page):
+        assert f"```python\n{(DOCS / name).read_text('utf-8')}```\n" in page
         for node in ast.walk(ast.parse((DOCS / name).read_text("utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             needed |= {name.partition(".")[0] for name in names}
     needed -= {*sys.stdlib_module_names, "haptogram"}
-    assert "pytest" in needed
+    assert needed == {"pytest", "serial"}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     extras = set(re.findall(r"pip install '\.\[(\w+)\]'", page))
     lists = [project["dependencies"], *(project["optional-dependencies"][name] for name in extras)]

@@ -96,6 +96,18 @@ def test_tables_of_a_page_have_rows_as_wide_as_their_heads(page: Path) -> None:
     assert wrong == []
 
 
+#: Pages that are there for the site alone; GitHub shows a directive as it is written.
+OF_THE_SITE = {"changes.md", "firmware-c.md", "index.md", "python.md", "spec.md"}
+
+
+def test_a_page_reads_well_where_it_is_not_built(page: Path) -> None:
+    if page.parent == ROOT / "docs" and page.name in OF_THE_SITE:
+        return
+    assert "```{" not in page.read_text(encoding="utf-8")
+    names = {Path(link.partition("#")[0]).name for link in _LINK.findall(prose(page))}
+    assert names & OF_THE_SITE == set()
+
+
 def test_no_dollar_of_a_page_begins_mathematics(page: Path) -> None:
     """GitHub takes what stands between two dollars of a paragraph for LaTeX."""
     paragraphs = re.split(r"\n\s*\n", prose(page))
@@ -107,12 +119,14 @@ def test_the_checks_see_what_is_wrong(tmp_path: Path) -> None:
     bad.write_text(
         "# A `b` (c), d\n\n# A `b` (c), d\n\n[x](nowhere.md) [y](#nothing) [z](#a-b-c-d-1)\n\n"
         "| a | b |\n|---|---|\n| 1 | 2 | 3 |\n\nfrom $5 to 6$ apart\n\n```\n[q](none)\n```\n"
+        "```{include}\n```\n"
     )
     assert anchors(bad) == {"a-b-c-d", "a-b-c-d-1"}
     for check in (
         test_links_and_anchors_of_a_page_lead_somewhere,
         test_tables_of_a_page_have_rows_as_wide_as_their_heads,
         test_no_dollar_of_a_page_begins_mathematics,
+        test_a_page_reads_well_where_it_is_not_built,
     ):
         with pytest.raises(AssertionError):
             check(bad)
