@@ -8,9 +8,10 @@ from typing import Final
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, DeviceError, WrongProtocolError
 from haptogram.settings.arguments import check_argument_kind
 from haptogram_protocol.messages import (
+    ErrorCode,
     Feature,
     HelloReply,
     Points,
@@ -138,19 +139,37 @@ def upload_correction(link: Link, identity: HelloReply, codes: bytes) -> None:
 
 
 def _send_upload_chunks(link: Link, data: bytes, size: int) -> None:
-    """Send every chunk; the link repeats lost ones."""
+    """Send every chunk; behind a lost one, go back to what the board has."""
+    received = 0
+    while received < len(data):
+        before, received = received, _send_chunks_from(link, data, size, received)
+        if received <= before:
+            raise WrongProtocolError(f"{link.url}: UPLOAD_CHUNK at {before} adds nothing")
+
+
+def _send_chunks_from(link: Link, data: bytes, size: int, offset: int) -> int:
+    """Send chunks until one is refused behind a lost one; return the bytes that are there.
+
+    The link repeats the lost one.
+    """
     waiting: list[int] = []
-    offsets = iter(range(0, len(data), size))
-    offset = next(offsets, None)
-    while offset is not None or waiting:
-        while offset is not None and _may_send_chunk(link, size):
+    received = 0
+    while offset < len(data) or waiting:
+        while offset < len(data) and _may_send_chunk(link, size):
             waiting.append(link.send_chunk(UploadChunk(offset, data[offset:][:size])))
-            offset = next(offsets, None)
+            offset += size
         for seq in [seq for seq in waiting if link.answered(seq)]:
             waiting.remove(seq)
-            link.wait_for(seq, UploadChunkReply, link.now_ns())
-        if offset is not None or waiting:
-            link.turn(_next_chunk_turn_ns(link, size, all_sent=offset is None))
+            try:
+                reply = link.wait_for(seq, UploadChunkReply, link.now_ns())
+                received = max(received, reply.received)
+            except DeviceError as error:
+                if error.code != ErrorCode.INCOMPLETE:
+                    raise
+                offset = len(data)
+        if offset < len(data) or waiting:
+            link.turn(_next_chunk_turn_ns(link, size, all_sent=offset >= len(data)))
+    return received
 
 
 def _may_send_chunk(link: Link, size: int) -> bool:

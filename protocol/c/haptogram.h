@@ -93,7 +93,7 @@ enum hg_error_code {
     HG_ERROR_VERSION = 0x07, /* HELLO of another major version; detail: the board's major version */
     HG_ERROR_BUSY = 0x08, /* detail: milliseconds after which to ask again */
     HG_ERROR_TOO_LARGE = 0x09, /* detail: the limit */
-    HG_ERROR_INCOMPLETE = 0x0a, /* upload with a gap; detail: first byte that is missing */
+    HG_ERROR_INCOMPLETE = 0x0a, /* bytes of an upload are missing; detail: the first of them */
     HG_ERROR_CRC_MISMATCH = 0x0b, /* upload; detail: the CRC-32 that the board computed */
     HG_ERROR_FAULT = 0x0c, /* hardware fault; detail: board-specific */
     HG_ERROR_NOT_FOUND = 0x0d /* no such sequence, no such transducer; detail: how many there are */
@@ -938,7 +938,7 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_upload_begin_reply, window) == 2,
 #define HG_SIZE_UPLOAD_CHUNK_REPLY 4u
 #define HG_OFFSET_UPLOAD_CHUNK_REPLY_RECEIVED 0u
 struct hg_wire_upload_chunk_reply {
-    uint8_t received[4]; /* bytes from the start without a gap */
+    uint8_t received[4]; /* bytes that are there, from the start */
 };
 HG_STATIC_ASSERT(sizeof(struct hg_wire_upload_chunk_reply) == 4, size_of_upload_chunk_reply);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_upload_chunk_reply, received) == 0,

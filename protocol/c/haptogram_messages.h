@@ -785,7 +785,7 @@ static inline void hg_upload_begin_reply_write(uint8_t *to,
 
 /* UPLOAD_CHUNK_REPLY: Progress of the upload.  HG-7.3. */
 struct hg_upload_chunk_reply {
-    uint32_t received; /* bytes from the start without a gap */
+    uint32_t received; /* bytes that are there, from the start */
 };
 
 static inline void hg_upload_chunk_reply_read(struct hg_upload_chunk_reply *value,

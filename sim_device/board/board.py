@@ -306,7 +306,7 @@ class Board:
         self._uploads.begin(begin, self.settings.max_stored_bytes - kept)
 
     def store_chunk(self, chunk: UploadChunk) -> int:
-        """Store a piece of an upload; return the bytes from its start without a gap."""
+        """Store a piece of an upload; return how many of its bytes are there."""
         self._refuse_without_upload()
         return self._uploads.chunk(chunk)
 

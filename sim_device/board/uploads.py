@@ -27,21 +27,15 @@ _FEATURE = {
 
 
 class _BoardUpload:
-    """An upload that has begun: its bytes, and which of them have come."""
+    """An upload that has begun, and the bytes of it that have come."""
 
     def __init__(self, begin: UploadBegin) -> None:
         self.begin = begin
-        self.data = bytearray(begin.size)
-        self.received = 0  # bytes from the start without a gap
-        self._missing = bytearray(b"\x01" * begin.size)
+        self.data = bytearray()
 
     def store(self, offset: int, chunk: bytes) -> None:
-        """Take a piece, wherever it belongs; what came before stays."""
-        stop = offset + len(chunk)
-        self.data[offset:stop] = chunk
-        self._missing[offset:stop] = bytes(len(chunk))
-        gap = self._missing.find(1, self.received)
-        self.received = self.begin.size if gap < 0 else gap
+        """Take a piece that begins within what has come or right behind it."""
+        self.data[offset : offset + len(chunk)] = chunk
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,12 +107,13 @@ class BoardUploads:
         self._pending = _BoardUpload(begin)
 
     def chunk(self, chunk: UploadChunk) -> int:
-        """Store a piece; return how many bytes from the start are there without a gap.
+        """Store a piece; return how many bytes are there.
 
         Raises
         ------
         RefusalError
-            BAD_VALUE past the end of the upload, BAD_LENGTH for a chunk too long.
+            BAD_VALUE past the end of the upload, BAD_LENGTH for a chunk too long, INCOMPLETE for
+            one behind bytes that have not come.
         """
         pending = self._expect()
         if len(chunk.data) > self._settings.max_chunk:
@@ -129,8 +124,12 @@ class BoardUploads:
             raise RefusalError(
                 ErrorCode.BAD_VALUE, 0, f"chunk up to {end} of {pending.begin.size} bytes"
             )
+        received = len(pending.data)
+        if chunk.offset > received:
+            text = f"chunk at {chunk.offset}, received are {received} bytes"
+            raise RefusalError(ErrorCode.INCOMPLETE, received, text)
         pending.store(chunk.offset, chunk.data)
-        return pending.received
+        return len(pending.data)
 
     def commit(self, commit: UploadCommit) -> Upload:
         """Return the uploaded bytes.
@@ -144,9 +143,9 @@ class BoardUploads:
         if commit.target != pending.begin.target:
             text = f"commit of {commit.target}, begun was {pending.begin.target}"
             raise RefusalError(ErrorCode.BAD_VALUE, 0, text)
-        if pending.received < pending.begin.size:
-            text = f"{pending.received} of {pending.begin.size} bytes without a gap"
-            raise RefusalError(ErrorCode.INCOMPLETE, pending.received, text)
+        if (received := len(pending.data)) < pending.begin.size:
+            text = f"{received} of {pending.begin.size} bytes have come"
+            raise RefusalError(ErrorCode.INCOMPLETE, received, text)
         crc = zlib.crc32(pending.data)
         if crc != pending.begin.crc:
             text = f"CRC-32 is {crc:08x}, announced {pending.begin.crc:08x}"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable
-from typing import Final, TypeAlias
+from typing import Final
 
 from haptogram_protocol.messages import (
     Error,
@@ -109,34 +108,3 @@ def send_upload_chunks(board: BoardClient, data: bytes) -> None:
         received = board.link.call(chunk, UploadChunkReply).received
         due = start + len(chunk.data)
         check(received == due, f"UPLOAD_CHUNK_REPLY says {received} bytes, sent were {due}")
-
-
-def gaps_in_uploaded_chunks(came: bytes | bytearray) -> int:
-    """Return the gaps of HG-7.3 in a map that has a 1 for every byte that came."""
-    return sum(1 for run in bytes(came).rstrip(b"\x00").split(b"\x01") if run)
-
-
-Piece: TypeAlias = tuple[int, int]  # index of its first byte, and of the one behind it
-
-
-def send_upload_in_pieces(board: BoardClient, data: bytes, pieces: Iterable[Piece]) -> list[Piece]:
-    """Send pieces of *data*, and return those that the board refused for the gaps they would leave.
-
-    FAILED if another piece is refused, or a reply does not tell what is there.
-    """
-    came, refused = bytearray(len(data)), []
-    window = board.identity.upload_window
-    for start, stop in pieces:
-        after = bytearray(came)
-        after[start:stop] = b"\x01" * (stop - start)
-        answer = board.link.ask(UploadChunk(start, data[start:stop]))
-        if isinstance(answer.message, Error) and gaps_in_uploaded_chunks(after) > window:
-            error = board.link.error_in(answer, UploadChunk.TYPE, ErrorCode.TOO_LARGE)
-            check(error.detail >= window, f"{error.detail} gaps at most; the window is {window}")
-            refused.append((start, stop))
-            continue
-        reply = board.link.reply_in(answer, UploadChunkReply, UploadChunk.TYPE)
-        came = after
-        due = came.find(0) if 0 in came else len(data)
-        check(reply.received == due, f"{reply.received} bytes without a gap are there, not {due}")
-    return refused

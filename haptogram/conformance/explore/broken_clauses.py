@@ -91,7 +91,7 @@ REQUEST_REFUSAL_CLAUSES: Final[dict[tuple[int, int], str]] = {
     (UploadChunk.TYPE, ErrorCode.BAD_VALUE): "HG-7.3/4",
     (UploadChunk.TYPE, ErrorCode.BAD_STATE): "HG-7.3/4",
     (UploadChunk.TYPE, ErrorCode.BAD_LENGTH): "HG-7.3/3",
-    (UploadChunk.TYPE, ErrorCode.TOO_LARGE): "HG-7.3/5",
+    (UploadChunk.TYPE, ErrorCode.INCOMPLETE): "HG-7.3/1",
     (UploadCommit.TYPE, ErrorCode.BAD_VALUE): "HG-7.4/4",
     (UploadCommit.TYPE, ErrorCode.BAD_STATE): "HG-7.4/4",
     (Play.TYPE, ErrorCode.BAD_VALUE): "HG-7.6/2",

@@ -111,7 +111,7 @@ def effect_counted_once(name: str) -> Due:
 
 
 def effect_of_received(number: int) -> Due:
-    """Return the change by an upload of which so many bytes have come without a gap."""
+    """Return the change by an upload of which so many bytes have come."""
     return lambda _, __: {"the upload": UploadChunkReply(number)}
 
 

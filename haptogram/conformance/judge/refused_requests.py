@@ -259,18 +259,20 @@ def uploads_refused_for_playing(board: BoardClient) -> Iterator[Refusal]:
 
 
 def chunks_to_be_refused(board: BoardClient, size: int) -> Iterator[Refusal]:
-    """Yield chunks and commits that an upload of *size* bytes with a gap has to refuse."""
+    """Yield chunks and commits that an upload of *size* bytes, one of them there, refuses."""
     bad = ErrorCode.BAD_VALUE
     for offset, number in ((size, 1), (size - 1, 2), (0xFFFFFFFF, 2)):
         stray = UploadChunk(offset, b"\xaa" * number)
         yield _request_to_be_refused(f"{number} bytes at {offset} of {size}", stray, bad)
+    behind = UploadChunk(2, b"\xaa")
+    yield _request_to_be_refused("behind a gap", behind, ErrorCode.INCOMPLETE)
     longest = board.identity.max_chunk
     if longest < min(size, 4000):
         much = UploadChunk(0, b"\xaa" * (longest + 1))
         yield _request_to_be_refused("longer than max_chunk", much, ErrorCode.BAD_LENGTH)
     for target in (STORED, *(PENDING ^ 1 << bit for bit in (0, 8, 15)), 0):
         yield _request_to_be_refused(f"another target, {target:#06x}", UploadCommit(target), bad)
-    yield _request_to_be_refused("with a gap", UploadCommit(PENDING), ErrorCode.INCOMPLETE)
+    yield _request_to_be_refused("with bytes missing", UploadCommit(PENDING), ErrorCode.INCOMPLETE)
 
 
 def judged_refusal(board: BoardClient, refusal: Refusal) -> Error:

@@ -73,8 +73,8 @@ struct upload {
     int begun;
     struct hg_upload_begin begin;
     uint32_t frame_bytes;
-    uint32_t at;       /* place in the store; its map of bytes that came lies behind it */
-    uint32_t received; /* bytes from the start without a gap */
+    uint32_t at;       /* place in the store */
+    uint32_t received; /* bytes that are there */
 };
 
 struct sequence {

@@ -1,7 +1,6 @@
 /* Uploads: announced, sent in chunks, taken whole or not at all.  SPEC.md HG-7.2 to HG-7.4.
 
-   The store holds the sequences one behind the other, then the upload that is under way, then a map
-   of its bytes that came, one bit each: chunks may come in any order and in any size (HG-7.3/1). */
+   The store holds the sequences one behind the other, then the upload that is under way. */
 
 #include "uploads.h"
 
@@ -27,7 +26,6 @@ uint32_t upload_limit(const struct board *board, uint32_t taken_bytes)
 {
     uint32_t left = board->machine.store_bytes - taken_bytes;
 
-    left -= left / 9 + (left % 9 != 0); /* the map of an upload takes an eighth of its bytes */
     return left < BOARD_UPLOAD_BYTES ? left : BOARD_UPLOAD_BYTES;
 }
 
@@ -40,12 +38,6 @@ const uint8_t *upload_frame(const struct board *board, const struct sequence *se
 static int is_playing(const struct board *board, uint16_t target)
 {
     return board->playback.sequence != NULL && board->playback.sequence->id == target;
-}
-
-/* Return the map of the bytes that came. */
-static uint8_t *came(const struct board *board)
-{
-    return board->machine.store + board->upload.at + board->upload.begin.size;
 }
 
 /* --- Begin ------------------------------------------------------------------------------------ */
@@ -119,38 +111,10 @@ void upload_begin(struct board *board, const struct request *request)
     board->upload.frame_bytes = frame_bytes(board, &begin);
     board->upload.at = board->stored;
     board->upload.received = 0;
-    memset(came(board), 0, (begin.size + 7) / 8);
     link_reply(board, request, offer, sizeof offer);
 }
 
 /* --- Chunks ----------------------------------------------------------------------------------- */
-
-static void mark_came(struct board *board, uint32_t start, uint32_t stop)
-{
-    uint8_t *map = came(board);
-
-    for (; start < stop && start % 8 != 0; start++)
-        map[start / 8] = (uint8_t)(map[start / 8] | 1u << start % 8);
-    for (; stop - start >= 8; start += 8)
-        map[start / 8] = 0xFF;
-    for (; start < stop; start++)
-        map[start / 8] = (uint8_t)(map[start / 8] | 1u << start % 8);
-}
-
-static void advance_received(struct board *board)
-{
-    const uint8_t *map = came(board);
-    struct upload *upload = &board->upload;
-
-    while (upload->received < upload->begin.size) {
-        if (upload->received % 8 == 0 && map[upload->received / 8] == 0xFF)
-            upload->received += 8;
-        else if ((map[upload->received / 8] & 1u << upload->received % 8) != 0)
-            upload->received++;
-        else
-            break;
-    }
-}
 
 void upload_chunk(struct board *board, const struct request *request)
 {
@@ -165,11 +129,13 @@ void upload_chunk(struct board *board, const struct request *request)
         link_refuse(board, request, HG_ERROR_BAD_LENGTH, BOARD_CHUNK_BYTES);
     } else if ((uint64_t)offset + length > upload->begin.size) {
         link_refuse(board, request, HG_ERROR_BAD_VALUE, HG_OFFSET_UPLOAD_CHUNK_OFFSET);
+    } else if (offset > upload->received) {
+        link_refuse(board, request, HG_ERROR_INCOMPLETE, upload->received);
     } else {
         memcpy(board->machine.store + upload->at + offset, request->payload + HG_SIZE_UPLOAD_CHUNK,
                length);
-        mark_came(board, offset, offset + length);
-        advance_received(board);
+        if (offset + length > upload->received)
+            upload->received = offset + length;
         hg_put_u32(payload, upload->received);
         link_reply(board, request, payload, sizeof payload);
     }

@@ -94,7 +94,7 @@ class ErrorCode(DocumentedEnum):
     VERSION = 7, "HELLO of another major version; detail: the board's major version"
     BUSY = 8, "detail: milliseconds after which to ask again"
     TOO_LARGE = 9, "detail: the limit"
-    INCOMPLETE = 10, "upload with a gap; detail: first byte that is missing"
+    INCOMPLETE = 10, "bytes of an upload are missing; detail: the first of them"
     CRC_MISMATCH = 11, "upload; detail: the CRC-32 that the board computed"
     FAULT = 12, "hardware fault; detail: board-specific"
     NOT_FOUND = 13, "no such sequence, no such transducer; detail: how many there are"

@@ -52,7 +52,7 @@ class UploadChunkReply(Message):
     """Progress of the upload.  HG-7.3."""
 
     TYPE: ClassVar[MessageType] = MessageType.UPLOAD_CHUNK_REPLY
-    received: int = wire("I", "bytes from the start without a gap")
+    received: int = wire("I", "bytes that are there, from the start")
 
 
 @record

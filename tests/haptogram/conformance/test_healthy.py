@@ -19,7 +19,6 @@ from haptogram_protocol.messages import Feature, UploadCommit, UploadCommitReply
 from sim_device.board.board import Board
 from sim_device.board.settings import ALL_FEATURES
 from sim_device.mutants.mutant import Mutant
-from sim_device.mutants.replies import GapsLimited
 
 #: Clauses about the host, about this text, or that no line can show: never passed.
 NEVER_SHOWN = {
@@ -213,13 +212,6 @@ def test_a_board_that_takes_its_time_passes_what_reckons_with_it(times_us):
     assert {r.case: str(r.recovery) for r in suite.results if not r.recovers} == {}
 
 
-def test_a_board_that_limits_the_gaps_in_an_upload_passes(monkeypatch):
-    limited = Mutant.of(GapsLimited, "HG-7.3/5", Evidence.WIRE)
-    monkeypatch.setattr("sim_device.mutants.MUTANTS", {"limited": limited})
-    suite = run(virtual(array="4x4", mutant="limited"), "HG-7.3", "HG-7.4")
-    assert {r.behaviour for r in suite.results} == {Behaviour.OK}
-
-
 SLOW = (
     *("HG-3.8/4", "HG-4.6/3-playback", "HG-4.6/5-sequences", "HG-5.7/2-flushed", "HG-6.4/2"),
     *("HG-6.5/1-moments", "HG-7.4/1", "HG-7.6/2", "HG-7.6/6", "HG-7.8/1", "HG-8.2/1", "HG-9.1/2"),
@@ -348,7 +340,6 @@ def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
         ({"max_unattended_ms": 1000}, ("HG-7.6/4-long", "HG-7.8/1-many", "HG-8.4/1-many")),
         ({"max_upload_bytes": 2000, "max_stored_bytes": 3000}, ("HG-7.6/4-offsets",)),
         ({"max_upload_bytes": 16, "max_stored_bytes": 16}, ("HG-7.2", "HG-7.4", "HG-7.6")),
-        ({"max_sequence_frames": 16}, ("HG-7.3/5",)),
         ({"max_playback_rate_hz": 1}, SLOW),
         ({"max_upload_bytes": 16, "grid": (4, 4)}, SHORT),
         ({"carrier_us": 1000}, ("HG-5.2/6-slots", "HG-5.7/5-margin", "HG-5.8/1", "HG-8.3")),

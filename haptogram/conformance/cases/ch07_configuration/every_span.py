@@ -1,9 +1,7 @@
-"""HG-7.3, HG-7.5, HG-8.6: every span, every order of chunks."""
+"""HG-7.5, HG-8.6: every span."""
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Callable
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -14,27 +12,15 @@ from haptogram_protocol.messages import (
     GeometryReply,
     GetGeometry,
     ReadDrive,
-    TraceMode,
-    UploadChunk,
-    UploadChunkReply,
-    UploadCommit,
-    UploadCommitReply,
-    UploadKind,
 )
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.latching import full_client_drive, latch_now, latches_received_from_board, read_back
-from ...client.playback import play_out
+from ...client.latching import latch_now, read_back
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import begin_upload, send_upload_in_pieces
 from ...outcome import SELF_REPORTED, check
 
-_SEQUENCE: Final = 3
-_PIECES: Final = 12  # chunks of an upload
-_OVERLAP: Final = 3  # bytes that come twice
 _HOUR_US: Final = 3_600_000_000
-_Chunks = list[tuple[int, int]]
 
 
 def _spans_of_geometry(count: int) -> list[tuple[int, int]]:
@@ -90,71 +76,3 @@ def every_span_of_drive_and_geometry(board: BoardClient) -> None:
                 f"READ_DRIVE({kind.name}) of {count} from {first} shows other codes",
             )
             check(reply.key == whole.reply.key, f"READ_DRIVE from {first} names another latch")
-
-
-def _upload_chunks_forwards(chunks: _Chunks) -> _Chunks:
-    return chunks
-
-
-def _upload_chunks_backwards(chunks: _Chunks) -> _Chunks:
-    return chunks[::-1]
-
-
-def _upload_chunks_odd_first(chunks: _Chunks) -> _Chunks:
-    return chunks[1::2] + chunks[::2]
-
-
-def _upload_chunks_from_middle(chunks: _Chunks) -> _Chunks:
-    middle = len(chunks) // 2
-    return chunks[middle:] + chunks[:middle][::-1]
-
-
-def _upload_chunks_overlapping(chunks: _Chunks) -> _Chunks:
-    return [
-        (max(0, start - _OVERLAP), stop)
-        for start, stop in chunks[::3] + chunks[1::3] + chunks[2::3]
-    ]
-
-
-_ORDERS: Final[tuple[Callable[[_Chunks], _Chunks], ...]] = (
-    _upload_chunks_forwards,
-    _upload_chunks_backwards,
-    _upload_chunks_odd_first,
-    _upload_chunks_from_middle,
-    _upload_chunks_overlapping,
-)
-
-
-@case(
-    "HG-7.3/1",
-    "12 chunks forwards, backwards, every second first, from the middle, overlapping: all is there",
-    variant="orders",
-    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
-def every_order_of_upload_chunks(board: BoardClient) -> None:
-    count = board.identity.transducers
-    frames = max(3, -(-2 * _PIECES // count))
-    for order in _ORDERS:
-        name = order.__name__.strip("_").replace("_", " ")
-        drives = [board.random.randbytes(count) for _ in range(frames)]
-        data = b"".join(drives)
-        size = min(-(-len(data) // _PIECES), board.identity.max_chunk - _OVERLAP)
-        chunks = [(at, min(at + size, len(data))) for at in range(0, len(data), size)]
-        begin_upload(board, UploadKind.PHASES, _SEQUENCE, data)
-        refused = send_upload_in_pieces(board, data, order(chunks))
-        for start, stop in sorted(refused):  # each begins at the first byte that is missing now
-            board.link.call(UploadChunk(start, data[start:stop]), UploadChunkReply)
-        taken = board.link.call(UploadCommit(_SEQUENCE), UploadCommitReply).frames
-        check(taken == frames, f"{name}: {taken} frames are taken, not {frames}")
-        _uploaded_chunks_play(board, name, drives)
-
-
-def _uploaded_chunks_play(board: BoardClient, name: str, drives: list[bytes]) -> None:
-    board.configure(trace_mode=TraceMode.CRC)
-    board.arm()
-    since = board.link.mark()
-    play_out(board, _SEQUENCE, len(drives))
-    got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
-    due = [zlib.crc32(full_client_drive(drive)) for drive in drives]
-    check(got == due, f"{name}: the sequence that is played is not the one uploaded")

@@ -51,7 +51,7 @@ from ...outcome import SELF_REPORTED, check, fail
 from ..ch05_stream.every_drop import fill_queue
 
 _FRAMES: Final = 3
-_GAP_BYTES: Final = 5  # of the shortest upload with bytes before a gap, in it and behind it
+_GAP_BYTES: Final = 5  # of the shortest upload with bytes behind a gap, in it and behind it
 _AHEAD_US: Final = 8_000_000  # queued frames and a waiting playback are due then
 _FRESH_US: Final = 4_000_000  # a situation is brought about again after this time
 _PERIOD_US: Final = 9_000_000
@@ -91,7 +91,7 @@ class Situation:
 
 
 def _set_before_refusal(board: BoardClient) -> None:
-    """Open a session, with settings away from the default, and an upload with a gap."""
+    """Open a session, with settings away from the default, and an upload of one byte."""
     board.hello()
     board.link.stream_next += _GAP  # numbers of more than 16 bits
     board.link.send(board.link.stream_wire(board.shortest_stream(), flags=_UNKNOWN_FLAG))
@@ -124,11 +124,10 @@ def pending_before_refusal(board: BoardClient) -> bytes:
 
 
 def _begin_upload_before_refusal(board: BoardClient, data: bytes, crc: int) -> None:
-    """Begin an upload, and send its first byte and its last."""
+    """Begin an upload, and send its first byte."""
     begin = upload_request(board, UploadKind.PHASES, PENDING, len(data), crc=crc)
     announce_upload(board, begin)
-    for at in (0, len(data) - 1):
-        board.link.call(UploadChunk(at, data[at : at + 1]), UploadChunkReply)
+    board.link.call(UploadChunk(0, data[:1]), UploadChunkReply)
 
 
 def _streaming_before_refusal(board: BoardClient) -> int:

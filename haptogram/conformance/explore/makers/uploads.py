@@ -29,7 +29,7 @@ from .words import words_of_message
 
 _LONGEST_CHUNK: Final = 512
 _WAYS: Final = (
-    *("plain", "plain", "plain", "shuffled", "gap", "mismatch", "target", "odd"),
+    *("plain", "plain", "plain", "gap", "mismatch", "target", "odd"),
     *("overlap", "overlap", "again"),
 )
 _PIECES: Final = 6
@@ -73,13 +73,10 @@ class RandomUploads(DialogueMaker):
         commit = UploadCommit(target)
         chunks = self._chunks(data)
         how = pick(_WAYS)
-        if how == "shuffled":
-            self._random.shuffle(chunks)
         steps: list[Message] = [begin, *chunks, commit]
-        if how == "gap":  # the rest comes after the refused commit
+        if how == "gap":  # what is missing, and all behind it, comes after the refused commit
             missing = self._random.randrange(len(chunks))
-            steps = [begin, *chunks[:missing], *chunks[missing + 1 :], commit, chunks[missing]]
-            steps.append(commit)
+            steps[1:-1] = [*chunks[:missing], *chunks[missing + 1 :], commit, *chunks[missing:]]
         elif how == "mismatch":  # one byte is put right after the refused commit
             at = self._random.randrange(len(data))
             wrong = UploadChunk(at, bytes([data[at] ^ 1 << self._random.randrange(8)]))
