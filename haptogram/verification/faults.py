@@ -6,8 +6,8 @@ symmetry plane) is a correct drive.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Final, TypeAlias
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
 from haptogram.records.frame import Intended
 
-Codes: TypeAlias = NDArray[np.int64]
+from .mixed_up import Codes, mixed_up_drives, shaped_drive_fault
 
 #: A drive that is wrong in no way that has a name here.
 UNNAMED: Final = "most phases are not those intended"
@@ -23,6 +23,9 @@ UNNAMED: Final = "most phases are not those intended"
 _TURN: Final = 256  # codes in one turn, in the registers of the board
 _NAMED_ELEMENTS: Final = 8  # more than these are counted, not listed
 _FEW: Final = 0.25  # share of the elements that can be wrong one by one
+_MOST_UNITS: Final = 4  # that are each off by a phase of their own
+_CHANCE_BITS: Final = 16  # what all have in common by chance once in 2 to the power of so many
+_TWO: Final = 2
 
 
 def name_drive_faults(model: AcousticModel, intended: Intended, latched: Drive) -> tuple[str, ...]:
@@ -133,6 +136,9 @@ def _phase_drive_faults(
     )
     if not named and not few:
         named = _mixed_up_drive_fault(model, intended, wanted, found)
+        named = named or shaped_drive_fault(model, difference, step, allowance)
+        named = named or _units_out_of_step(model, difference, step)
+    named = named or _stuck_together(model, intended, found, off)
     if not named and few:
         named = list(_single_element_drive_faults(model, difference, off, step))
     return named or [UNNAMED]
@@ -144,7 +150,7 @@ def _mixed_up_drive_fault(
     """Name the mistake in the order, the sign or the packing that would make this drive."""
     # A board that mixes up the elements may round the halves its own way: then a step is allowed.
     for allowance in (0, -(-_TURN // intended.steps)):
-        for name, candidate in _drive_fault_candidates(model, wanted):
+        for name, candidate in mixed_up_drives(model, intended, wanted):
             # What is that near to the right drive proves nothing.
             if _is_same_faulty_drive(found, candidate, allowance) and not _is_same_faulty_drive(
                 wanted, candidate, allowance
@@ -180,33 +186,6 @@ def _rounded_down_drive_fault(model: AcousticModel, intended: Intended) -> Codes
     return found
 
 
-def _drive_fault_candidates(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
-    """Yield the drives that typical mistakes would have made, the simplest first."""
-    yield "opposite sign of all phases", -wanted
-    yield from _drive_fault_orders(model, wanted)
-    yield from (
-        (f"{name}, and opposite sign", -candidate)
-        for name, candidate in _drive_fault_orders(model, wanted)
-    )
-
-
-def _drive_fault_orders(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
-    """Yield the drive in other orders of the elements."""
-    if model.array.grid_shape is not None:
-        grid = wanted.reshape(model.array.grid_shape)
-        turns: list[tuple[str, Callable[[Codes], Codes]]] = [
-            ("x and y exchanged (transposed)", lambda g: g.T),
-            ("x mirrored", lambda g: g[::-1]),
-            ("y mirrored", lambda g: g[:, ::-1]),
-            ("x and y mirrored (turned by 180 degrees)", lambda g: g[::-1, ::-1]),
-            ("turned by 90 degrees", np.rot90),
-            ("turned by 270 degrees", lambda g: np.rot90(g, 3)),
-            ("every second column reversed", _serpentine_drive_order),
-        ]
-        for name, turn in turns:
-            yield name, np.ascontiguousarray(turn(grid)).ravel()
-
-
 def _rolled_drive_fault(found: Codes, wanted: Codes, allowance: int) -> int | None:
     """Return by how many places the elements were shifted, the shortest way round; None: not so."""
     count = len(wanted)
@@ -221,12 +200,6 @@ def _rolled_drive_fault(found: Codes, wanted: Codes, allowance: int) -> int | No
         if _is_same_faulty_drive(found, np.roll(wanted, shift), allowance):
             return int(shift if shift <= count // 2 else shift - count)
     return None
-
-
-def _serpentine_drive_order(grid: Codes) -> Codes:
-    result = grid.copy()
-    result[1::2] = result[1::2, ::-1]
-    return result
 
 
 def _swapped_drive_fault(
@@ -256,6 +229,40 @@ def _single_element_drive_faults(
         inverted = error == -_TURN // 2
         what = "inverted" if inverted else f"off by {_drive_fault_steps(error, step)}"
         yield from _drive_faults_by_line(model, wrong, what)
+
+
+def _units_out_of_step(model: AcousticModel, difference: Codes, step: float) -> list[str]:
+    """Name parts of the array that are each off by one phase, if that explains all errors."""
+    values, counts = np.unique(difference, return_counts=True)
+    relative = _signed_drive_difference(difference - values[counts.argmax()])
+    errors = [int(error) for error in np.unique(relative) if error]
+    bits = len(difference) * np.log2(_TURN / step / max(len(values), 1))
+    if len(values) > _MOST_UNITS or bits < _CHANCE_BITS or min(map(abs, errors)) < _TWO * step:
+        return []
+    return [
+        f"{_numbered_run_text(model, np.flatnonzero(relative == error))} "
+        + ("inverted" if error == -_TURN // 2 else f"off by {_drive_fault_steps(error, step)}")
+        for error in errors
+    ]
+
+
+def _numbered_run_text(model: AcousticModel, numbers: NDArray[np.intp]) -> str:
+    """Return "elements 64 to 127", or as many as there are if they are no neighbours by number."""
+    first, last = int(numbers[0]), int(numbers[-1])
+    if len(numbers) > _TWO and last - first + 1 == len(numbers):
+        return f"elements {first} to {last}"
+    return faulty_elements_text(model, numbers)
+
+
+def _stuck_together(
+    model: AcousticModel, intended: Intended, found: Codes, off: NDArray[np.bool_]
+) -> list[str]:
+    """Name wrong elements that all have one phase, if so many would hardly have it by chance."""
+    numbers = np.flatnonzero(off)
+    bits = (len(numbers) - 1) * np.log2(intended.steps)
+    if bits < _CHANCE_BITS or (found[numbers] != found[numbers[0]]).any():
+        return []
+    return [f"{faulty_elements_text(model, numbers)} stuck at phase {found[numbers[0]]}"]
 
 
 def _drive_fault_steps(error: int, step: float) -> str:

@@ -256,7 +256,7 @@ def _run_verdict_error_line(result: dict[str, Any]) -> str:
     shows = (
         "a miss that cannot be observed does not show"
         if smallest_mm is None
-        else f"the smallest miss that shows is {smallest_mm:.2f} mm"
+        else f"every miss from {smallest_mm:.2f} mm on shows"
     )
     return (
         f"  focus     off by {lateral['p50']:.3f} / {lateral['max']:.3f} mm across, "

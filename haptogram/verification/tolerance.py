@@ -1,7 +1,8 @@
 """The tolerance of a user, and the uncertainty of air and elements.
 
 Both are settings of a verification: a :class:`Tolerance` decides which miss passes, an
-:class:`Uncertainty` is told beside every result and decides nothing.
+:class:`Uncertainty` is told beside every result.  It decides nothing, but that one which is stated
+of the elements says how far one of them may be off where something is tolerated.
 """
 
 from __future__ import annotations
@@ -91,6 +92,8 @@ class Uncertainty:
         Of each coordinate of each element, 0 to 5 mm.
     phase_rad : float
         Of the phase that each element adds, 0 to 3.2.
+    is_guess : bool
+        Whether nobody stated those of the elements.
 
     Raises
     ------
@@ -107,6 +110,7 @@ class Uncertainty:
     humidity_percent: float = 0.0
     position_mm: float = 0.0
     phase_rad: float = 0.0
+    is_guess: bool = False
 
     def __post_init__(self) -> None:
         _check_uncertain_air(self.temperature_c, self.humidity_percent)
@@ -119,7 +123,9 @@ class Uncertainty:
 
 
 #: Uncertainty of a real board until the user states a better one.
-REAL_BOARD: Final = Uncertainty(GUESS_C, GUESS_HUMIDITY_PERCENT, GUESS_POSITION_MM, GUESS_PHASE_RAD)
+REAL_BOARD: Final = Uncertainty(
+    GUESS_C, GUESS_HUMIDITY_PERCENT, GUESS_POSITION_MM, GUESS_PHASE_RAD, is_guess=True
+)
 
 
 def tolerance_text(tolerance: Tolerance) -> str:
@@ -150,7 +156,9 @@ def uncertainty_of(config: UncertaintyConfig, *, at_port: bool) -> Uncertainty:
         "position_mm": config.uncertainty_position_mm,
         "phase_rad": config.uncertainty_phase_rad,
     }
-    return replace(guess, **{name: value for name, value in said.items() if value is not None})
+    stated = {name: value for name, value in said.items() if value is not None}
+    is_guess = guess.is_guess and not stated.keys() & {"position_mm", "phase_rad"}
+    return replace(guess, **stated, is_guess=is_guess)
 
 
 class VerdictUncertainty(NamedTuple):

@@ -280,7 +280,7 @@ def replay(case: str) -> int:
     layout = session.layout
     _say(f"array      {layout.name}, {layout.count} elements, pitch {layout.pitch_m * 1e3:g} mm")
     _say(f"session    {session.mode}, {session.temperature_c:.3f} C")
-    _say(f"           {ran.tags}, {session.allowance}, warmer by {session.host_warmer_c:.3g} C")
+    _say(f"           {ran.tags}, {session.allowance}, {session.host}")
     _say(f"wanted     {session.frames[place]}")
     if place < len(ran.frames):
         seen = ran.frames[place]

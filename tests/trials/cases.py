@@ -11,68 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import truth
+from .layouts import Layout, Random, direction, layout_of
 from .truth import Complexes, Floats, Scene
 
 Group = Literal["honest", "wrong"]
-Random = np.random.Generator
 
 FRAMES: Final = 12  # of one session: what opening it costs is shared
 SOLVERS: Final = ("naive", "ibp", "gs", "wgs", "gspat")
 MODES: Final = ("phases", "drives", "points", "sequence")
 APERTURES: Final = ("full", "half", "centre", "ring", "random", "gaussian", "cosine")
 _FULL: Final = 255
-_MOST: Final = 400  # elements
 _NEAREST_M: Final = 0.0215  # from an element; the program asks for 20 mm
 _MARGIN_M: Final = 0.149  # beside the array; the program allows 150 mm
-_STEEPEST_RAD: Final = math.radians(40.0)
-
-
-@dataclass(frozen=True)
-class Layout:
-    """An array, in its own place: where it is, and how it is told to the program.
-
-    Attributes
-    ----------
-    name : str
-        Grid such as ``8x8``, or the name of a CSV file to be written.
-    positions_m, normals : (N, 3)
-        As the program shall have them.
-    grid : (nx, ny) or None
-    pitch_m : float
-    centre_m : (3,)
-        Of the elements.
-    frame : (3, 3)
-        The array's own axes as rows: two across, one along which it faces.
-    kind : str
-        ``grid``, ``line``, ``bowl``; for the table.
-    posed : bool
-        Whether it was moved and turned.
-    """
-
-    name: str
-    positions_m: Floats
-    normals: Floats
-    grid: tuple[int, int] | None
-    pitch_m: float
-    centre_m: Floats
-    frame: Floats
-    kind: str
-    posed: bool
-    focus_m: Floats | None = None  # of a bowl
-
-    @property
-    def count(self) -> int:
-        return len(self.positions_m)
-
-    def write(self, folder: Path) -> str:
-        """Return what the program takes as its array: the grid, or the file, which is written."""
-        if not self.name.endswith(".csv"):
-            return self.name
-        rows = np.hstack([self.positions_m * 1e3, self.normals])
-        lines = [",".join(repr(float(value)) for value in row) for row in rows]
-        path = folder / self.name
-        path.write_text("\n".join(["x,y,z,nx,ny,nz", *lines]) + "\n", encoding="utf-8")
-        return str(path)
+#: Share of the sessions whose judge is told to tolerate something.
+TOLERANT: Final = 0.6
+_MOST_TOLERATED_RAD: Final = 0.8  # the program allows half of the focus: 0.831
+_STEEPEST_RAD: Final = math.radians(45.0)
 
 
 @dataclass(frozen=True)
@@ -95,11 +49,54 @@ class Elements:
 
 @dataclass(frozen=True)
 class Allowance:
-    """What a user tolerates: a miss, and air that is not quite what it is taken for."""
+    """What a user tolerates: a miss, and air that is not quite what it is taken for.
+
+    Attributes
+    ----------
+    miss_mm, temperature_c, humidity_percent : float
+    position_mm : float
+        Uncertainty of each coordinate of each element, which the user states beside that.
+    """
 
     miss_mm: float = 0.0
     temperature_c: float = 0.0
     humidity_percent: float = 0.0
+    position_mm: float = 0.0
+
+    def speed_share(self, temperature_c: float) -> float:
+        """By which share of it the speed of sound may be off: the colder, and the wetter."""
+        colder = truth.sound_speed_m_s(temperature_c - self.temperature_c)
+        wetter = truth.humid_speed_ratio(temperature_c, self.humidity_percent)
+        return truth.sound_speed_m_s(temperature_c) / colder - 1.0 + wetter - 1.0
+
+
+@dataclass(frozen=True)
+class Host:
+    """What a host takes the world for.
+
+    Attributes
+    ----------
+    speed_ratio : float
+        Its speed of sound over the true one.
+    away_m : (3,)
+        How far its focus is off.
+    scatter_m : (N, 3) or None
+        How far it has each element off its place.
+    """
+
+    speed_ratio: float = 1.0
+    away_m: Floats = field(default_factory=lambda: np.zeros(3))
+    scatter_m: Floats | None = None
+
+    @property
+    def knows_places(self) -> bool:
+        return not self.away_m.any() and self.scatter_m is None
+
+    def positions_m(self, true: Floats) -> Floats:
+        """Where it has the elements: its foci are displaced as they are, the other way."""
+        scatter = 0.0 if self.scatter_m is None else self.scatter_m
+        places: Floats = true - self.away_m + scatter
+        return places
 
 
 @dataclass(frozen=True)
@@ -155,8 +152,8 @@ class Session:
         How they really are; None: as the layout says, and alike.
     allowance : Allowance or None
         What the judge is told to tolerate; None: nothing.
-    host_warmer_c, host_wetter_percent : float
-        How much warmer and wetter a correct host takes the air to be: within the allowance.
+    host : Host
+        What a correct host is wrong about: within the allowance.
     tags : dict
         What is special about it.
     """
@@ -170,8 +167,7 @@ class Session:
     frames: list[Wanted]
     elements: Elements | None = None
     allowance: Allowance | None = None
-    host_warmer_c: float = 0.0
-    host_wetter_percent: float = 0.0
+    host: Host = field(default_factory=Host)
     tags: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -198,19 +194,16 @@ class Session:
 def session_of(group: Group, seed: int) -> Session:
     """Everything about a session but what is wrong with it."""
     random = np.random.default_rng([{"honest": 1, "wrong": 2}[group], seed])
-    layout = _layout(random, seed)
+    layout = layout_of(random, seed)
     mode = str(random.choice(MODES, p=[0.4, 0.3, 0.15, 0.15]))
     temperature = 20.0 if random.random() < 0.3 else float(random.uniform(-20.0, 50.0))
     solver = str(random.choice(SOLVERS)) if mode != "points" else "naive"
     one = random.random() < 0.6 or layout.count < 8
     frames = [_wanted(random, layout, mode, solver, one=one) for _ in range(FRAMES)]
     session = Session(seed, group, layout, temperature, 50.0, mode, frames)
-    how = random.random()
-    if mode != "points" and how < 0.2:
+    if mode != "points" and random.random() < 0.2:
         session = replace(session, elements=_elements(random, layout))
-    elif how > 0.85:
-        session = _tolerant(random, session)
-    return session
+    return _tolerant(random, session) if random.random() < TOLERANT else session
 
 
 def _elements(random: Random, layout: Layout) -> Elements:
@@ -224,136 +217,64 @@ def _elements(random: Random, layout: Layout) -> Elements:
 
 
 def _tolerant(random: Random, session: Session) -> Session:
-    """A judge that is told to tolerate, and, if all is well, a host within that."""
-    allowance = Allowance(temperature_c=float(random.uniform(0.1, 3.0)))
-    if random.random() < 0.3:
-        allowance = Allowance(miss_mm=float(random.uniform(0.1, 1.5)))
-    elif random.random() < 0.4:
-        allowance = replace(allowance, humidity_percent=float(random.uniform(5.0, 50.0)))
-    warmer = allowance.temperature_c * float(random.uniform(-0.95, 0.95))
-    wetter = allowance.humidity_percent * float(random.uniform(-0.95, 0.95))
-    if session.group == "wrong" or not -20.0 <= session.temperature_c + warmer <= 50.0:
-        warmer = wetter = 0.0
-    return replace(session, allowance=allowance, host_warmer_c=warmer, host_wetter_percent=wetter)
+    """A judge that is told to tolerate, and a host that makes use of it."""
+    which = [(random.random() < 0.6) * 1.0 for _ in range(3)]
+    if not any(which):
+        which[0] = 1.0
+    largest = np.array([log_uniform(random, 0.1, 3.0), random.uniform(0.1, 5.0),
+                        random.uniform(5.0, 50.0)]) * which  # fmt: skip
+    widest = max(_tolerated_rad(session, Allowance(*largest), wanted) for wanted in session.frames)
+    largest *= min(1.0, _MOST_TOLERATED_RAD / widest)
+    allowance = Allowance(*(float(value) for value in largest))
+    session = replace(session, allowance=allowance)
+    if session.group == "wrong" and random.random() < 0.5:
+        return session
+    return _within(random, session, allowance)
 
 
-# --- arrays ----------------------------------------------------------------------------------
+def _tolerated_rad(session: Session, allowance: Allowance, wanted: Wanted) -> float:
+    """The RMS change of the phases by what is tolerated, at the focus that shows it most."""
+    found, scene = [], session.scene
+    levels = np.ones(session.layout.count) if wanted.amplitudes is None else wanted.amplitudes / 255
+    for target in wanted.targets_m:
+        lie = truth.lie_of(scene, levels * np.abs(scene.sensitivity), target, session.wire_bits)
+        spread = float(np.std(scene.distances(target[None])[0][levels > 0.0]))
+        share = allowance.speed_share(session.temperature_c)
+        found.append(
+            allowance.miss_mm * 1e-3 / lie.units_m.min() + share * scene.wavenumber * spread
+        )
+    return max(found)
 
 
-def _layout(random: Random, seed: int) -> Layout:
-    kind = str(random.choice(["grid", "line", "bowl"], p=[0.74, 0.08, 0.18]))
-    pitch = float(np.round(random.uniform(5.0, 12.0), 2)) * 1e-3
-    if kind == "bowl":
-        layout = _bowl(random, pitch, seed)
-    else:
-        sides = _sides(random, line=kind == "line")
-        layout = grid(*sides, pitch)
-    return _posed(random, layout, seed)
+def _within(random: Random, session: Session, allowance: Allowance) -> Session:
+    """A host that is off by up to nearly all of the allowance."""
+    ratio = 1.0 + random.uniform(-0.97, 0.97) * allowance.speed_share(session.temperature_c)
+    left_m, scatter = 0.97e-3 * allowance.miss_mm, None
+    if allowance.miss_mm and session.mode != "points" and random.random() < 0.3:
+        scatter = np.clip(random.normal(size=(session.layout.count, 3)), -4.0, 4.0)
+        moved = max(_moved_by(session, wanted, scatter) for wanted in session.frames)
+        size = min(left_m / 2.0 / moved, 1e-4) * random.uniform(0.1, 1.0)
+        allowance = replace(allowance, position_mm=1e3 * size)
+        scatter, left_m = scatter * size, left_m - moved * size
+    away = direction(random) * left_m * math.sqrt(random.random())
+    return replace(session, allowance=allowance, host=Host(ratio, away, scatter))
 
 
-def _sides(random: Random, *, line: bool) -> tuple[int, int]:
-    if line:
-        sides = [1, int(random.integers(1, 21))]
-    elif random.random() < 0.12:
-        sides = [int(side) for side in random.integers(1, 5, 2)]
-    elif random.random() < 0.25:
-        side = int(random.integers(2, 21))
-        sides = [side, side]
-    else:
-        sides = [int(side) for side in random.integers(2, 21, 2)]
-    random.shuffle(sides)
-    return sides[0], sides[1]
+def _moved_by(session: Session, wanted: Wanted, scatter: Floats) -> float:
+    """How far, at most, a host that has its elements off by *scatter* moves a focus of *wanted*."""
+    used = slice(None) if wanted.amplitudes is None else wanted.amplitudes > 0
+    places = session.scene.positions_m[used]
+    found = []
+    for target in wanted.targets_m:
+        rays = (target - places) / np.linalg.norm(target - places, axis=1)[:, None]
+        late = (rays * scatter[used]).sum(axis=1)
+        slopes = rays - rays.mean(axis=0)
+        found.append(np.linalg.norm(np.linalg.pinv(slopes, rcond=1e-3) @ (late - late.mean())))
+    return float(max(found)) + 1e-9
 
 
-def grid(nx: int, ny: int, pitch_m: float) -> Layout:
-    """Element n = ix * ny + iy, around the origin, facing +z."""
-    ix, iy = np.divmod(np.arange(nx * ny), ny)
-    x, y = (ix - (nx - 1) / 2) * pitch_m, (iy - (ny - 1) / 2) * pitch_m
-    positions = np.stack([x, y, np.zeros(nx * ny)], axis=1)
-    kind = "line" if 1 in (nx, ny) else "grid"
-    return Layout(
-        f"{nx}x{ny}",
-        positions,
-        np.tile([0.0, 0.0, 1.0], (nx * ny, 1)),
-        (nx, ny),
-        pitch_m,
-        np.zeros(3),
-        np.eye(3),
-        kind,
-        posed=False,
-    )
-
-
-def _bowl(random: Random, pitch_m: float, seed: int) -> Layout:
-    """A spherical cap on which every element faces the centre of the sphere."""
-    radius = float(random.uniform(0.07, 0.30))
-    opening = float(random.uniform(0.15, 0.85))  # half of the cap, in radians
-    rings = max(1, int(radius * opening / pitch_m))
-    directions = [(0.0, 0.0)] if random.random() < 0.5 else []
-    for ring in range(1, rings + 1):
-        polar = opening * ring / rings
-        around = max(2, int(2.0 * math.pi * math.sin(polar) * radius / pitch_m))
-        start = random.uniform(0.0, 2.0 * math.pi)
-        if len(directions) + around > _MOST:
-            break  # whole rings: it shall face along its axis
-        directions += [(polar, start + 2.0 * math.pi * n / around) for n in range(around)]
-    polar, turn = np.array(directions).T
-    outward = np.stack(
-        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), -np.cos(polar)], axis=1
-    )
-    positions = radius * outward + [0.0, 0.0, radius]
-    return Layout(
-        f"bowl{seed}.csv",
-        positions,
-        -outward,
-        None,
-        pitch_m,
-        positions.mean(axis=0),
-        np.eye(3),
-        "bowl",
-        posed=False,
-        focus_m=np.array([0.0, 0.0, radius]),
-    )
-
-
-def _posed(random: Random, layout: Layout, seed: int) -> Layout:
-    """Move and turn it: not at all, a little, or anyhow."""
-    how = random.choice(["not", "tilted", "any"], p=[0.6, 0.15, 0.25])
-    if how == "not":
-        return layout
-    angle = random.uniform(0.0, 0.35) if how == "tilted" else random.uniform(0.0, math.pi)
-    turn = rotation(direction(random), angle)
-    shift = direction(random) * random.uniform(0.0, 0.3)
-    if random.random() < 0.2:
-        turn = np.eye(3)  # moved only
-
-    def moved(points: Floats) -> Floats:
-        result: Floats = points @ turn.T + shift
-        return result
-
-    return replace(
-        layout,
-        name=f"posed{seed}.csv",
-        positions_m=moved(layout.positions_m),
-        normals=layout.normals @ turn.T,
-        centre_m=moved(layout.centre_m),
-        frame=turn.T.copy(),
-        posed=True,
-        focus_m=None if layout.focus_m is None else moved(layout.focus_m),
-    )
-
-
-def direction(random: Random) -> Floats:
-    vector = random.normal(size=3)
-    unit: Floats = vector / np.linalg.norm(vector)
-    return unit
-
-
-def rotation(axis: Floats, angle_rad: float) -> Floats:
-    """Rodrigues: the matrix that turns by an angle around a unit vector."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + math.sin(angle_rad) * cross + (1.0 - math.cos(angle_rad)) * cross @ cross
+def log_uniform(random: Random, low: float, high: float) -> float:
+    return math.exp(random.uniform(math.log(low), math.log(high)))
 
 
 # --- frames ----------------------------------------------------------------------------------
@@ -403,10 +324,12 @@ def _in_reach(layout: Layout, point: Floats) -> bool:
     half = np.ptp(elements, axis=0) / 2.0
     ahead = ((point - layout.positions_m) * layout.normals).sum(axis=1)
     # Of an array that is turned, any two axes across may be its own: what is near suits them all.
-    across = np.full(2, np.linalg.norm(local[:2])) if layout.posed else np.abs(local[:2])
-    limit = np.full(2, half[:2].min()) if layout.posed else half[:2]
+    is_free = layout.grid is None or layout.posed
+    across = np.full(2, np.linalg.norm(local[:2])) if is_free else np.abs(local[:2])
+    limit = np.full(2, half[:2].min()) if is_free else half[:2]
+    between = bool((np.abs(local) < half).all())
     return bool(
-        local[2] > _NEAREST_M
+        (between if layout.kind == "facing pair" else local[2] > _NEAREST_M)
         and np.linalg.norm(local) < 0.99
         and (across < limit + _MARGIN_M).all()
         and np.linalg.norm(layout.positions_m - point, axis=1).min() > _NEAREST_M
@@ -471,7 +394,7 @@ def _aperture(random: Random, layout: Layout, kind: str) -> NDArray[np.uint8]:
 # --- the drive that is right -----------------------------------------------------------------
 
 
-def superposed(scene: Scene, foci: tuple[Focus, ...]) -> Complexes:
+def superposed(scene: Scene, foci: tuple[Focus, ...], *, cut: bool = True) -> Complexes:
     """The naive drive of several foci, cut to what an element can follow."""
     distances = scene.distances(np.array([focus.place_m for focus in foci]))
     levels = np.array([focus.amplitude for focus in foci])
@@ -479,7 +402,7 @@ def superposed(scene: Scene, foci: tuple[Focus, ...]) -> Complexes:
     own = np.angle(np.broadcast_to(scene.sensitivity, distances.shape[1:]))
     phases = lags[:, None] - scene.wavenumber * distances - own
     total: Complexes = (levels[:, None] * truth.turned(phases)).sum(axis=0)
-    return total / np.maximum(np.abs(total), 1.0)
+    return total / np.maximum(np.abs(total), 1.0) if cut else total
 
 
 def fresnel_number(

@@ -36,12 +36,13 @@ from haptogram.driver.line.port import PyserialTransport
 from haptogram.errors import ConfigurationError, HaptogramError, LinkError
 from haptogram.evidence.boards import InProcessBoardUnderTest
 from haptogram.records import frame as records
-from haptogram.verification import Cut, RunVerdict, Tolerance, verify_run
+from haptogram.verification import Cut, RunVerdict, Tolerance, Uncertainty, verify_run
 from haptogram.verification.frame.verdict import FrameVerdict
 from haptogram_protocol.messages import Drives, Phases
 
 from . import truth, wrongs
-from .cases import Random, Session, Wanted, superposed
+from .cases import Session, Wanted, superposed
+from .layouts import Random
 from .truth import Complexes
 from .wrongs import Registers, Slip, Wrong
 
@@ -108,6 +109,7 @@ class Program:
         if session.elements is not None:
             self.calibration = session.elements.write(folder / "calibration.csv")
             self._elements = Calibration.from_file(self.calibration)
+        self.told_to_host = self.host_calibration(folder)
 
     def known(self, model: AcousticModel) -> AcousticModel:
         """*model* with the elements as they really are: what a judge is told."""
@@ -122,6 +124,23 @@ class Program:
         return AcousticModel(
             self.array, dataclasses.replace(air, sound_speed_m_s=speed), Transducer()
         )
+
+    def host(self) -> AcousticModel:
+        """What a correct host takes the world for: within what is tolerated."""
+        host, model = self.session.host, self.model(self.session.host.speed_ratio)
+        if host.knows_places or self.session.mode == "points":
+            return model
+        places = host.positions_m(self.session.layout.positions_m)
+        array = TransducerArray.from_positions(places, self.session.layout.normals)
+        return dataclasses.replace(model, array=array)
+
+    def host_calibration(self, folder: Path) -> str | None:
+        """The calibration file of that host."""
+        own, host = self.session.elements, self.session.host
+        if own is None or host.knows_places:
+            return self.calibration
+        places = host.positions_m(own.positions_m)
+        return dataclasses.replace(own, positions_m=places).write(folder / "host.csv")
 
     def weights(self, wanted: Wanted, speed_ratio: float = 1.0, pitch: float = 1.0) -> Complexes:
         """The unrounded drive for *wanted*, in air and with a pitch that are off by factors.
@@ -251,15 +270,17 @@ def _verdicts(
 
 def _compensating(ran: Ran, program: Program) -> dict[str, Any]:
     """What the host is told of its elements: nothing, if that is what is wrong."""
-    told = program.calibration is not None and "uncompensated" not in ran.tags
-    return {"calibration": program.calibration} if told else {}
+    told = program.told_to_host is not None and "uncompensated" not in ran.tags
+    return {"calibration": program.told_to_host} if told else {}
 
 
 def _tolerating(session: Session) -> dict[str, Any]:
     if session.allowance is None:
         return {}
     allowed = {k: v for k, v in dataclasses.asdict(session.allowance).items() if v}
-    return {"tolerance": Tolerance(**allowed)}
+    scatter_mm = allowed.pop("position_mm", 0.0)
+    uncertainty = Uncertainty(position_mm=scatter_mm)
+    return {"tolerance": Tolerance(**allowed), "uncertainty": uncertainty}
 
 
 # --- board and host --------------------------------------------------------------------------
@@ -269,10 +290,7 @@ def _broken(ran: Ran, program: Program, random: Random) -> tuple[list[str], Acou
     """Return the faults of the board and the host's model: what is wrong for a whole session."""
     session = ran.session
     if session.group == "honest":
-        wetter = truth.humid_speed_ratio(session.temperature_c, abs(session.host_wetter_percent))
-        ratio = wetter if session.host_wetter_percent >= 0.0 else 1.0 / wetter
-        host_c = session.temperature_c + session.host_warmer_c
-        return [], program.model(ratio, temperature_c=host_c)
+        return [], program.host()
     how = str(random.choice(["frames", "air", "pitch", "fault"], p=[0.62, 0.1, 0.03, 0.25]))
     if session.elements is not None and random.random() < 0.3:
         how = "uncompensated"
@@ -280,7 +298,7 @@ def _broken(ran: Ran, program: Program, random: Random) -> tuple[list[str], Acou
     ran.tags["how"] = how
     if how == "fault":
         ran.tags["fault"] = wrongs.fault_of(session.layout, random)
-        return [ran.tags["fault"]], program.model()
+        return [ran.tags["fault"]], program.host()
     if how == "air":
         delta = random.choice([-1, 1]) * 10 ** random.uniform(-2.0, 1.85)
         host_c = float(np.clip(session.temperature_c + delta, -20.0, 50.0))
@@ -293,7 +311,7 @@ def _broken(ran: Ran, program: Program, random: Random) -> tuple[list[str], Acou
         places = layout.centre_m + (layout.positions_m - layout.centre_m) * (1.0 + size)
         array = TransducerArray.from_positions(places, layout.normals)
         return [], dataclasses.replace(model, array=array)
-    return [], program.model()
+    return [], program.host()
 
 
 class _Board(InProcessBoardUnderTest):
@@ -365,6 +383,9 @@ def _made(driver: Driver, session: Session, wanted: Wanted) -> Frame:
 def _right(driver: Driver, session: Session, wanted: Wanted) -> Frame:
     """The frame as a correct host makes it; apertures that no call offers are put in by hand."""
     frame = _made(driver, session, wanted)
+    if session.mode == "points" and session.host.away_m.any():
+        other = _made(driver, session, wrongs.moved(wanted, session.host.away_m))
+        return dataclasses.replace(other, foci=frame.foci)
     if wanted.amplitudes is None:
         return frame
     return _holding(session, frame, (frame.drive.phase_codes, wanted.amplitudes), of_host=True)

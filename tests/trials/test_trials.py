@@ -8,7 +8,7 @@ import pytest
 from tqdm import tqdm
 
 from haptogram.verification.frame.verdict import FrameStatus
-from trials import campaign, cases, chain, judging, results
+from trials import campaign, cases, chain, judging, layouts, results
 
 SEED = 10  # of the trials that run with every test
 HONEST, WRONG = 160, 160
@@ -88,12 +88,11 @@ def test_a_judge_that_fails_everything_is_caught():
 def test_a_judge_that_says_nothing_of_a_large_array_is_caught():
     session = dataclasses.replace(
         cases.session_of("honest", 0),
-        layout=cases.grid(16, 16, 0.010),
+        layout=layouts.grid(16, 16, 0.010),
         mode="phases",
         elements=None,
         allowance=None,
-        host_warmer_c=0.0,
-        host_wetter_percent=0.0,
+        host=cases.Host(),
         frames=[cases.Wanted((cases.Focus((0.01, 0.005 * n, 0.1)),)) for n in range(cases.FRAMES)],
     )
     ran, program = chain.run_session(session)
@@ -124,7 +123,7 @@ def test_what_a_small_array_cannot_show_must_not_pass():
     session = dataclasses.replace(
         cases.session_of("honest", 0),
         group="wrong",
-        layout=cases.grid(2, 2, 0.010),
+        layout=layouts.grid(2, 2, 0.010),
         temperature_c=50.0,
         mode="phases",
         frames=[cases.Wanted((cases.Focus((0.0, 0.0, 0.1)),))] * cases.FRAMES,
@@ -160,7 +159,7 @@ def test_every_kind_of_wrong_drive_and_of_fault_is_drawn():
     from trials import wrongs
 
     random = np.random.default_rng(0)
-    texts = [wrongs.fault_of(cases.grid(8, 8, 0.01), random) for _ in range(3000)]
+    texts = [wrongs.fault_of(layouts.grid(8, 8, 0.01), random) for _ in range(3000)]
     names = {text.split()[0] for text in texts}
     assert names == set(FAULT_KINDS) - {"device.ok"}  # it undoes others
 

@@ -12,7 +12,7 @@ import pytest
 from scipy.special import j1
 
 import oracles
-from trials import cases, truth
+from trials import cases, layouts, truth
 from trials.truth import Scene
 
 HERE = Path(__file__).resolve().parent
@@ -96,7 +96,7 @@ REFERENCES = [c for c in oracles.reference_fields()["configs"] if c.get("a") and
 
 @pytest.mark.parametrize("config", REFERENCES, ids=lambda config: config["name"])
 def test_the_field_is_that_of_the_reference_in_50_digits(config):
-    layout = cases.grid(config["nx"], config["ny"], float(config["pitch"]))
+    layout = layouts.grid(config["nx"], config["ny"], float(config["pitch"]))
     scene = scene_of(layout, float(config["k_rad_per_m"]), float(config["alpha"]))
     phases = focused(scene, [float(x) for x in config["target"]])
     if config["phase"] == "quant":
@@ -109,9 +109,9 @@ def test_the_field_is_that_of_the_reference_in_50_digits(config):
 
 
 def test_elements_radiate_alike_wherever_the_array_is_and_faces():
-    layout = cases.grid(5, 4, 0.009)
+    layout = layouts.grid(5, 4, 0.009)
     random = np.random.default_rng(4)
-    turn = cases.rotation(cases.direction(random), 1.3)
+    turn = layouts.rotation(layouts.direction(random), 1.3)
     points = np.array([[0.01, 0.02, 0.09], [-0.03, 0.0, 0.2]])
     shift = np.array([0.3, -0.2, 0.5])
     weights = truth.turned(random.uniform(0.0, 6.0, 20))
@@ -121,7 +121,7 @@ def test_elements_radiate_alike_wherever_the_array_is_and_faces():
 
 
 def test_an_element_shades_what_is_behind_it():
-    layout = cases.grid(1, 1, 0.01)
+    layout = layouts.grid(1, 1, 0.01)
     points = np.array([[0.0, 0.0, 0.1], [0.0, 0.0, -0.1]])
     front, back = np.abs(scene_of(layout).pressure(np.ones(1), points))
     assert front == pytest.approx(math.sqrt(2.0) * 3.10 / 0.1)
@@ -150,7 +150,7 @@ def test_phases_for_a_place_nearby_are_found_there(session, target):
 
 
 def test_wrong_air_moves_the_focus_of_a_grid_as_far_as_a_brute_force_search_finds():
-    scene = scene_of(cases.grid(16, 16, 0.010))
+    scene = scene_of(layouts.grid(16, 16, 0.010))
     target = np.array([0.0, 0.0, 0.15])
     phases = focused(dataclasses.replace(scene, wavenumber=K_20C / 1.01), target)
     heights = np.linspace(0.145, 0.155, 10_001)
@@ -163,7 +163,7 @@ def test_wrong_air_moves_the_focus_of_a_grid_as_far_as_a_brute_force_search_find
 
 
 def test_the_search_finds_what_every_place_of_a_fine_grid_does_not_beat():
-    scene = scene_of(cases.grid(6, 9, 0.011))
+    scene = scene_of(layouts.grid(6, 9, 0.011))
     random = np.random.default_rng(1)
     target = np.array([0.01, -0.02, 0.12])
     phases = focused(scene, target) + random.normal(0.0, 0.4, 54)
@@ -181,7 +181,7 @@ def test_the_search_finds_what_every_place_of_a_fine_grid_does_not_beat():
      ((16, 1), (0.02, 0.01, 0.1), 1), ((8, 8), (0.0, 0.0, 0.2), 0), ((3, 3), (0.01, 0.0, 0.1), 0)],
 )  # fmt: skip
 def test_what_cannot_be_observed_is_known(sides, target, flat):
-    scene = scene_of(cases.grid(*sides, 0.010))
+    scene = scene_of(layouts.grid(*sides, 0.010))
     lie = truth.lie_of(scene, np.ones(len(scene.positions_m)), np.array(target), 8)
     assert lie.flat.sum() == flat
     turned = focused(scene, target)
@@ -196,7 +196,7 @@ def test_what_cannot_be_observed_is_known(sides, target, flat):
     [(0.05, 0.35), (0.075, -0.02), (0.1, -0.67), (0.15, -3.15), (0.2, -7.69), (0.3, -24.4)],
 )
 def test_diffraction_pulls_the_loudest_place_as_far_as_was_computed_elsewhere(height_m, shift_mm):
-    scene = scene_of(cases.grid(16, 16, 0.010), 2.0 * math.pi * 40e3 / 343.2, 0.1518)
+    scene = scene_of(layouts.grid(16, 16, 0.010), 2.0 * math.pi * 40e3 / 343.2, 0.1518)
     target = np.array([0.0, 0.0, height_m])
     lie = truth.lie_of(scene, np.ones(256), target, 8)
     place = truth.loudest(scene, np.exp(1j * focused(scene, target)), target, lie)
@@ -242,7 +242,7 @@ def test_rounding_stays_within_what_is_allowed_for_it(session, target, bits):
 
 
 def test_the_worst_rounding_is_reached_by_the_signs_that_it_is_made_of():
-    scene = scene_of(cases.grid(10, 10, 0.010))
+    scene = scene_of(layouts.grid(10, 10, 0.010))
     target = np.array([0.0, 0.0, 0.12])
     rays = target - scene.positions_m
     slopes = scene.wavenumber * rays / np.linalg.norm(rays, axis=1)[:, None]
@@ -257,7 +257,7 @@ def test_the_worst_rounding_is_reached_by_the_signs_that_it_is_made_of():
 
 
 def test_what_rounding_reaches_for_several_foci_holds_for_every_common_lag():
-    scene = scene_of(cases.grid(12, 12, 0.010))
+    scene = scene_of(layouts.grid(12, 12, 0.010))
     targets = np.array([[0.02, 0.0, 0.12], [-0.02, 0.01, 0.13]])
     ideal = np.exp(1j * np.angle(np.exp(1j * focused(scene, targets[0]))
                                  + np.exp(1j * focused(scene, targets[1]))))  # fmt: skip

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -314,9 +314,15 @@ class Arrival:
 
 
 def arrival(
-    scene: Scene, phases_rad: Floats, amplitudes: Floats, target: Floats, lie: Lie
+    scene: Scene,
+    phases_rad: Floats,
+    amplitudes: Floats,
+    target: Floats,
+    lie: Lie,
+    window_rad: float = _WINDOW_RAD,
+    within_m: float = math.inf,
 ) -> Arrival:
-    """Where |sum_n A_n e^{j(phi_n + k r_n(x))}| is largest around *target*."""
+    """Where |sum_n A_n e^{j(phi_n + k r_n(x))}| is largest around *target*, *within_m* of it."""
     used = amplitudes > 0
     near = Scene(scene.positions_m[used], scene.normals[used], scene.wavenumber)
     heard = amplitudes * scene.sensitivity
@@ -330,9 +336,59 @@ def arrival(
         there = lie_of(near, np.abs(weights), place, 8)
         return there.axes * there.units_m[:, None]
 
-    place = highest(score, target, lie, _in_front(near, lie, target), again=steps_at)
+    in_front = _in_front(near, lie, target)
+
+    def allowed(points: Floats) -> NDArray[np.bool_]:
+        within: NDArray[np.bool_] = np.linalg.norm(points - target, axis=1) <= within_m
+        return within & in_front(points)
+
+    place = highest(score, target, lie, allowed, window_rad, again=steps_at)
     both = score(np.stack([place, target]))
     return Arrival(place, place - target, float(both[0]), float(both[1]))
+
+
+def nearest(
+    scene: Scene, phases_rad: Floats, amplitudes: Floats, target: Floats, lie: Lie, bits: int
+) -> Arrival:
+    """The same; of places that suit the phases alike, which rounding hides, that at the target."""
+    best = arrival(scene, phases_rad, amplitudes, target, lie)
+    here = arrival(scene, phases_rad, amplitudes, target, lie, _NEXT_RAD)
+    hidden = 2.0 * (1.0 - math.cos(math.pi / 2**bits))
+    is_nearer = np.linalg.norm(here.miss_m) < np.linalg.norm(best.miss_m)
+    return here if is_nearer and here.coherence > best.coherence - hidden else best
+
+
+def explained(
+    scene: Scene,
+    phases_rad: Floats,
+    amplitudes: Floats,
+    target: Floats,
+    within_m: float,
+    speed_share: float,
+    bits: int,
+) -> tuple[Scene, Floats]:
+    """The air and the place, both within what is tolerated, that suit the phases best.
+
+    Air within *speed_share* of the speed of sound, found by halving; a place within *within_m*.
+    """
+    loud = np.abs(amplitudes * scene.sensitivity)
+
+    def look(share: float) -> tuple[float, Scene, Floats]:
+        air = replace(scene, wavenumber=scene.wavenumber / (1.0 + share))
+        lie = lie_of(air, loud, target, bits)
+        found = arrival(air, phases_rad, amplitudes, target, lie, _NEXT_RAD, within_m)
+        return found.coherence, air, found.place_m
+
+    middle, step = 0.0, speed_share
+    best = look(0.0)
+    while step > speed_share / 100.0:
+        for share in (middle - step, middle + step):
+            if abs(share) <= speed_share and (other := look(share))[0] > best[0]:
+                best, middle = other, share
+                break
+        else:
+            step /= 2.0
+    return best[1], best[2]
 
 
 def loudest(scene: Scene, weights: Complexes, start: Floats, lie: Lie) -> Floats:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import truth
-from .cases import Focus, Layout, Random, Session, Wanted, direction, triple
+from .cases import Focus, Session, Wanted, log_uniform, triple
+from .layouts import Layout, Random, direction
 from .truth import Complexes, Floats
 
 Codes = NDArray[np.uint8]
@@ -80,10 +81,7 @@ class Wrong:
     size: float
     of_host: bool  # whether the host believes in it: its own drive is wrong
     nominal_m: float | None = None  # how far a large array would have missed
-
-
-def _log_uniform(random: Random, low: float, high: float) -> float:
-    return math.exp(random.uniform(math.log(low), math.log(high)))
+    off_rad: Floats | float = 0.0  # how far each phase is from what it should be
 
 
 # --- the host takes something for what it is not ----------------------------------------------
@@ -92,9 +90,9 @@ def _log_uniform(random: Random, low: float, high: float) -> float:
 def _air(slip: Slip, random: Random) -> Wrong:
     """The host is wrong about the air."""
     if len(slip.wanted.foci) > 1 and random.random() < 0.7:
-        ratio = 1.0 + random.choice([-1, 1]) * _log_uniform(random, 5e-4, 0.05)
+        ratio = 1.0 + random.choice([-1, 1]) * log_uniform(random, 5e-4, 0.05)
     else:
-        delta = random.choice([-1, 1]) * _log_uniform(random, 0.01, 70.0)
+        delta = random.choice([-1, 1]) * log_uniform(random, 0.01, 70.0)
         kelvin = slip.session.temperature_c + 273.15
         ratio = math.sqrt(max(kelvin + delta, 200.0) / kelvin)
     made = slip.for_other(slip.wanted, speed_ratio=ratio)
@@ -103,7 +101,7 @@ def _air(slip: Slip, random: Random) -> Wrong:
 
 
 def _pitch(slip: Slip, random: Random) -> Wrong:
-    size = random.choice([-1, 1]) * _log_uniform(random, 1e-4, 0.12)
+    size = random.choice([-1, 1]) * log_uniform(random, 1e-4, 0.12)
     return Wrong("pitch", slip.for_other(slip.wanted, pitch=1.0 + size), size, True)
 
 
@@ -122,14 +120,14 @@ def moved(wanted: Wanted, shift: Floats, which: int | None = None) -> Wanted:
 
 def _shift(slip: Slip, random: Random) -> Wrong:
     """The host aims elsewhere."""
-    size = _log_uniform(random, 1e-5, 0.1)
+    size = log_uniform(random, 1e-5, 0.1)
     made = slip.for_other(moved(slip.wanted, direction(random) * size))
     return Wrong("shifted target", made, size * 1e3, True, size)
 
 
 def _turn(slip: Slip, random: Random) -> Wrong:
     """The host's coordinates are turned around the axis of the array."""
-    angle = random.choice([-1, 1]) * _log_uniform(random, 1e-3, math.pi)
+    angle = random.choice([-1, 1]) * log_uniform(random, 1e-3, math.pi)
     frame, centre = slip.layout.frame, slip.layout.centre_m
     cosine, sine = math.cos(angle), math.sin(angle)
     spin = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
@@ -159,7 +157,7 @@ def _one_moved(slip: Slip, random: Random) -> Wrong | None:
     foci = slip.wanted.foci
     if len(foci) < 2:
         return None
-    size = _log_uniform(random, 1e-4, 0.05)
+    size = log_uniform(random, 1e-4, 0.05)
     which = int(random.integers(len(foci)))
     other = moved(slip.wanted, direction(random) * size, which)
     return Wrong("focus moved", slip.for_other(other), size * 1e3, True)
@@ -216,25 +214,30 @@ def _order(slip: Slip, random: Random) -> Wrong | None:
             order = np.roll(square, 1, axis=1).ravel()
         case _:
             order = places.reshape(ny, nx).T.ravel()
-    return Wrong(kind, _reordered(slip, order), 1.0, bool(random.random() < 0.5))
+    return Wrong(kind, _reordered(slip, order), 1.0, _is_of_host(random))
 
 
 def _swapped(slip: Slip, random: Random) -> Wrong | None:
     if slip.layout.count < 2:
         return None
-    pairs = max(1, int(_log_uniform(random, 1.0, slip.layout.count / 2 + 0.5)))
+    pairs = max(1, int(log_uniform(random, 1.0, slip.layout.count / 2 + 0.5)))
     chosen = random.permutation(slip.layout.count)[: 2 * pairs].reshape(-1, 2)
     order = np.arange(slip.layout.count)
     order[chosen[:, 0]], order[chosen[:, 1]] = chosen[:, 1], chosen[:, 0]
-    return Wrong("swapped pairs", _reordered(slip, order), pairs, bool(random.random() < 0.5))
+    return Wrong("swapped pairs", _reordered(slip, order), pairs, _is_of_host(random))
 
 
 # --- codes -----------------------------------------------------------------------------------
 
 
+def _is_of_host(random: Random) -> bool:
+    """Whether the host believes in what is wrong, so that no code tells."""
+    return bool(random.random() < 0.5)
+
+
 def _some(slip: Slip, random: Random) -> NDArray[np.intp]:
     """One to all of the elements."""
-    count = max(1, round(_log_uniform(random, 1.0, slip.layout.count)))
+    count = max(1, round(log_uniform(random, 1.0, slip.layout.count)))
     return random.permutation(slip.layout.count)[:count]
 
 
@@ -242,7 +245,7 @@ def _inverted(slip: Slip, random: Random) -> Wrong:
     chosen = _some(slip, random)
     codes = slip.codes.astype(np.int64)
     codes[chosen] += 1 << (slip.bits - 1)
-    return Wrong("inverted elements", slip.with_codes(codes), len(chosen), False)
+    return Wrong("inverted elements", slip.with_codes(codes), len(chosen), _is_of_host(random))
 
 
 def _slipped(slip: Slip, random: Random) -> Wrong:
@@ -252,26 +255,26 @@ def _slipped(slip: Slip, random: Random) -> Wrong:
     steps = int(random.choice([1, 1, 1, 2, 2, 3, 5, 8, 16]))
     signs = random.choice([-1, 1], len(chosen)) if random.random() < 0.5 else 1
     codes[chosen] += steps * signs
-    return Wrong(f"off by {steps} steps", slip.with_codes(codes), len(chosen), False)
+    return Wrong(f"off by {steps} steps", slip.with_codes(codes), len(chosen), _is_of_host(random))
 
 
 def _stuck(slip: Slip, random: Random) -> Wrong:
     chosen = _some(slip, random)
     codes = slip.codes.astype(np.int64)
     codes[chosen] = random.integers(1 << slip.bits)
-    return Wrong("stuck elements", slip.with_codes(codes), len(chosen), False)
+    return Wrong("stuck elements", slip.with_codes(codes), len(chosen), _is_of_host(random))
 
 
 def _garbage(slip: Slip, random: Random) -> Wrong:
     chosen = _some(slip, random)
     codes = slip.codes.astype(np.int64)
     codes[chosen] = random.integers(1 << slip.bits, size=len(chosen))
-    return Wrong("random phases", slip.with_codes(codes), len(chosen), False)
+    return Wrong("random phases", slip.with_codes(codes), len(chosen), _is_of_host(random))
 
 
 def _jitter(slip: Slip, random: Random) -> Wrong:
     """Every phase is off by a little at random."""
-    sigma = _log_uniform(random, 0.002, 1.0)
+    sigma = log_uniform(random, 0.002, 1.0)
     weights = slip.weights(slip.wanted, 1.0, 1.0)
     shaken = weights * truth.turned(random.normal(0.0, sigma, len(weights)))
     phases = slip.with_weights(shaken)[0]
@@ -298,6 +301,35 @@ def _coarse(slip: Slip, random: Random) -> Wrong | None:
     return Wrong("low bits lost", slip.with_codes(codes), lost, False)
 
 
+def _unit(slip: Slip, random: Random) -> Wrong:
+    """Neighbours by number, a driver chip or half of the array, are late by one phase."""
+    count = slip.layout.count
+    size = int(random.choice([8, 16, 32, 64, max(1, count // 2)]))
+    first = size * int(random.integers(max(1, count // size)))
+    codes = slip.codes.astype(np.int64)
+    codes[first : first + size] += int(random.integers(1, 1 << slip.bits))
+    return Wrong("unit out of step", slip.with_codes(codes), size, _is_of_host(random))
+
+
+def _copied(slip: Slip, random: Random) -> Wrong:
+    """Every second element has the phase of its neighbour."""
+    codes = slip.codes.astype(np.int64)
+    pairs = len(codes) // 2
+    codes[1 : 2 * pairs : 2] = codes[: 2 * pairs : 2]
+    return Wrong("elements copied", slip.with_codes(codes), pairs, _is_of_host(random))
+
+
+def _shaped(slip: Slip, random: Random) -> Wrong:
+    """A twin or a vortex in place of a focus: a half turned by pi, or all around the axis."""
+    x, y = ((slip.layout.positions_m - slip.layout.centre_m) @ slip.layout.frame.T)[:, :2].T
+    turn, charge = random.uniform(0.0, 2.0 * math.pi), int(random.choice([-2, -1, 0, 1, 2]))
+    around = np.arctan2(y, x) + turn
+    more = charge * around if charge else math.pi * (np.cos(around) > 0.0)
+    steps = np.rint(more / (2.0 * math.pi) * (1 << slip.bits)).astype(np.int64)
+    made = slip.with_codes(slip.codes.astype(np.int64) + steps)
+    return Wrong("vortex" if charge else "twin", made, charge, _is_of_host(random))
+
+
 def _stale(slip: Slip, _: Random) -> Wrong:
     return Wrong("drive of the frame before", slip.before, 1.0, False)
 
@@ -317,7 +349,7 @@ def _amplitudes(slip: Slip, random: Random) -> Wrong | None:
             size = random.uniform(0.3, 0.999)
             levels *= size
         case "noisy":
-            size = _log_uniform(random, 0.002, 0.5)
+            size = log_uniform(random, 0.002, 0.5)
             levels *= 1.0 + random.normal(0.0, size, len(levels))
         case "dead":
             levels[chosen] = 0.0
@@ -340,7 +372,8 @@ def _amplitudes(slip: Slip, random: Random) -> Wrong | None:
 _ONE_OF_SEVERAL: Final = (_missing, _one_moved, _weakened, _air)
 _ANY: Final = (
     _air, _air, _air, _pitch, _shift, _shift, _shift, _turn, _sign, _order, _order, _swapped,
-    _inverted, _slipped, _slipped, _stuck, _garbage, _jitter, _down, _bit_order, _coarse, _stale,
+    _inverted, _inverted, _slipped, _slipped, _stuck, _garbage, _jitter, _down, _bit_order, _coarse,
+    _stale, _unit, _unit, _copied, _shaped,
     _amplitudes, _amplitudes, _amplitudes,
 )  # fmt: skip
 
@@ -355,7 +388,8 @@ def wrong_with(slip: Slip, random: Random) -> Wrong | None:
             continue
         same = [np.array_equal(a, b) for a, b in zip(made.registers, slip.right, strict=True)]
         if not all(same):
-            return made
+            off = made.registers[0].astype(np.int64) - slip.right[0]
+            return replace(made, off_rad=((off + 128) % 256 - 128) * (2.0 * math.pi / 256.0))
     return None
 
 
@@ -387,13 +421,13 @@ def fault_of(layout: Layout, random: Random) -> str:
     """A fault of docs/faults.md that something may come of; mostly not before the first frame."""
     family = (_DEVICE, _DEVICE, _LINE, _CHUNK, _TIMING)[int(random.integers(5))]
     text = str(random.choice(np.array(family)))
-    chance = _log_uniform(random, 3e-4, 1e-2) if family is _LINE else random.uniform(0.1, 1.0)
+    chance = log_uniform(random, 3e-4, 1e-2) if family is _LINE else random.uniform(0.1, 1.0)
     words = text.format(
         chance,
         int(random.choice([-2, -1, 1, 3])),
         type=int(random.choice([0x11, 0x12, 0x3F])),
-        us=int(_log_uniform(random, 10, 1e6)),
-        ppm=int(_log_uniform(random, 10, 9e4)),
+        us=int(log_uniform(random, 10, 1e6)),
+        ppm=int(log_uniform(random, 10, 9e4)),
         code=int(random.integers(1, 256)),
     )
     if family is _DEVICE:
@@ -418,7 +452,7 @@ def other_foci(wanted: Wanted, random: Random) -> tuple[str, Wanted, float]:
     kinds = ["shifted target", "focus moved", "focus missing", "focus weakened"]
     kind = str(random.choice(kinds if len(wanted.foci) > 1 else kinds[:1]))
     which = int(random.integers(len(wanted.foci)))
-    size = _log_uniform(random, 2e-6, 0.02)
+    size = log_uniform(random, 2e-6, 0.02)
     match kind:
         case "shifted target":
             return kind, moved(wanted, direction(random) * size), size * 1e3

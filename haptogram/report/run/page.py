@@ -113,7 +113,7 @@ def _run_key_figures(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         ("error along the beam, median", run_figure_wording(axial["p50"], 4), "mm"),
         ("error along the beam, 99th percentile", run_figure_wording(axial["p99"], 4), "mm"),
         ("error along the beam, largest", run_figure_wording(axial["max"], 4), "mm"),
-        ("smallest miss that shows", run_figure_wording(result["smallest_miss_mm"]), "mm"),
+        ("every miss shows from", run_figure_wording(result["smallest_miss_mm"]), "mm"),
         (
             "uncertainty of the place, from air and elements",
             run_figure_wording(_run_total_row(result)),

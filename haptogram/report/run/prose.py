@@ -104,8 +104,8 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"The largest distance from a target was {lateral:.3f} mm across{along}."
     if result["smallest_miss_mm"] is not None:
         yield (
-            f"The smallest miss that shows is {result['smallest_miss_mm']:.2f} mm: a smaller one "
-            f"could come from the rounding of the phases{_run_tolerance_sentence_end(result)}."
+            f"Every miss from {result['smallest_miss_mm']:.2f} mm on shows; rounding of the phases"
+            f"{_run_tolerance_sentence_end(result)} can make a shorter one."
         )
     if (delay := run_host_delay_text(result)) is not None:
         yield f"{delay[0].upper()}{delay[1:]}."
@@ -117,7 +117,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
 
 def _run_tolerance_sentence_end(result: Mapping[str, Any]) -> str:
     stated = tolerance_text(Tolerance(**result["tolerance"]))
-    return " alone" if stated == "none" else f", on top of a tolerance of {stated}"
+    return "" if stated == "none" else f" and a tolerance of {stated}"
 
 
 def run_evidence_sentences(result: Mapping[str, Any]) -> Iterator[str]:

@@ -9,15 +9,15 @@ S4  the peak of |p| across and along the beam is where that of the ideal drive i
     that rounding can do.
 S5  every latched amplitude is the intended one, within half a step.
 
-A tolerance of the user widens S2 to S4, and S1 then only warns.  Several foci: see
-:mod:`.several`.
+With a tolerance of the user, S2 is wider by it, and S1, S3 and S4 ask for the drive of a host that
+is within it: see :mod:`.tolerated`.  Several foci: see :mod:`.several`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -28,12 +28,12 @@ from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
 from .peaks import ExpectedPeak
-from .target import Bools, FrameTarget
+from .target import FrameTarget
+from .tolerated import ToleratedHost
 
 _ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
 AMPLITUDE_STEP: Final = 1.0 / FULL_AMPLITUDE
 REGISTER_STEPS: Final = 256
-_LEAST_COHERENCE: Final = 0.5  # whatever is tolerated: half of the pressure is no focus any more
 _MM: Final = 1e3
 
 
@@ -76,16 +76,6 @@ def common_frame_error_rad(error: FloatArray) -> float:
     return float(np.ptp(wrapped_phases(error - common))) / 2.0
 
 
-def frame_phase_error_rad(target: FrameTarget, latched: Drive, active: Bools) -> float:
-    """S1: half the range of phi_n + k r_n(target) over the active elements, common phase out."""
-    return common_frame_error_rad(np.angle(latched.weights()[active]) - target.phases_rad[active])
-
-
-def suits_frame_target(target: FrameTarget, error_rad: float) -> bool:
-    """Return True if phase errors of *error_rad* (S1) suit the target, tolerance included."""
-    return error_rad <= target.phase_limit_rad + target.tolerated_peak_rad
-
-
 def focus_offset_from_target_m(target: FrameTarget, focus: SingleFocus | NotSingle) -> FloatArray:
     """S2: return where the reconstructed focus is, seen from the target, (3,) in metres."""
     return np.array(focus.position_m) - target.position_m
@@ -93,9 +83,7 @@ def focus_offset_from_target_m(target: FrameTarget, focus: SingleFocus | NotSing
 
 def is_frame_on_target(target: FrameTarget, offset_m: FloatArray) -> bool:
     """S2: return True if every coordinate that can be observed is within its bound."""
-    return within_frame_limit(
-        offset_m, target.bound_m + target.tolerated_m, target.tolerance.miss_mm
-    )
+    return target.beyond_m(offset_m) <= target.tolerance.miss_mm / _MM
 
 
 def within_frame_limit(offset_m: FloatArray, limit_m: FloatArray, tolerance_mm: float) -> bool:
@@ -111,18 +99,12 @@ def frame_coherence_at_target(target: FrameTarget, latched: ComplexArray) -> flo
 
 
 def least_frame_coherence(target: FrameTarget, allowed_codes: int = 0) -> float:
-    """Return S3's limit, cos of the phase limit, less the amplitude codes that may be missing.
-
-    Phases that are off by d_n leave 1 - var(d) / 2 or more: so much of a tolerated miss.
-    """
+    """Return S3's limit, cos of the phase limit, less the amplitude codes that may be missing."""
     loudness = np.abs(target.arrivals)
     largest = float(target.amplitudes @ loudness)
     missing = allowed_codes * AMPLITUDE_STEP * float(loudness.sum())
     share = max(0.0, 1.0 - missing / largest) if largest > 0.0 else 0.0
     least = math.cos(min(target.phase_limit_rad, math.pi))
-    if target.tolerated_rad > 0.0:
-        error_rad = target.phase_limit_rad + target.tolerated_rad
-        least = max(_LEAST_COHERENCE, 1.0 - error_rad**2 / 2.0)
     return least * share - _ROUNDING_RAD
 
 
@@ -133,7 +115,7 @@ class PeakCriterion:
     Attributes
     ----------
     ok : bool
-        Whether rounding and tolerance explain it.
+        Whether rounding explains it.
     offset_m : (3,) numpy.ndarray or None
         From its place to the peak; None: there is no peak.
     error_rad : float or None
@@ -152,15 +134,44 @@ class PeakCriterion:
         local = expected.offset_m(target.model, latched)
         if local is None:
             return cls(False, None, None)
-        limit_m = expected.rounding_m + np.abs(expected.response @ target.air_phases_rad)
         offset_m = local @ expected.direction.axes
-        ok = within_frame_limit(local, limit_m, target.tolerance.miss_mm)
+        ok = bool((np.abs(local) <= expected.rounding_m).all())
         return cls(ok, offset_m, expected.direction.length_rad(offset_m))
 
 
 def frame_peak_errors(target: FrameTarget, latched: ComplexArray) -> list[PeakCriterion]:
     """S4: return the errors of the peak across and along the beam; none where nothing can tell."""
     return [PeakCriterion.of(target, expected, latched) for expected in target.peaks]
+
+
+def judge_frame_drive(
+    target: FrameTarget, host: ToleratedHost, latched: ComplexArray, allowed_codes: int = 0
+) -> tuple[dict[str, bool], dict[str, Any]]:
+    """Return S1, S3 and S4 of a drive, and the measures that they rest on.
+
+    Parameters
+    ----------
+    target : FrameTarget
+        Where the focus shall be.
+    host : ToleratedHost
+        The host within the tolerance whose phases come nearest: it is asked of its drive.
+    """
+    asked = host.target if host.explains else target
+    peaks = frame_peak_errors(asked, latched)
+    verdicts = {
+        "S1": host.explains,
+        "S3": frame_coherence_at_target(asked, latched)
+        >= least_frame_coherence(asked, allowed_codes),
+    }
+    measures: dict[str, Any] = {
+        "phase_error_rad": host.error_rad,
+        "coherence": frame_coherence_at_target(target, latched),
+    }
+    if peaks:
+        lengths = [peak.error_rad for peak in peaks if peak.error_rad is not None]
+        measures["peak_error"] = max(lengths, default=None)
+        verdicts["S4"] = all(peak.ok for peak in peaks)
+    return verdicts, measures
 
 
 def frame_amplitudes_ok(intended: Intended, latched: Drive) -> bool:

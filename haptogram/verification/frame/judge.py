@@ -186,10 +186,10 @@ class FrameJudge:
                 seen, intended, output, faults, ideals, self.tolerance, self.uncertainty
             )
         (target,) = targets
-        one = SingleFocusFrame(intended, output, target)
+        one = SingleFocusFrame(intended, output, target, self.uncertainty)
         if found is None or (isinstance(found, NotSingle) and _is_frame_undecided(found, target)):
             found = self._reconstruct(one)
-        return one.judge(seen, found, faults, self.uncertainty)
+        return one.judge(seen, found, faults)
 
     def _faults(self, intended: Intended, latched: Drive, output: Drive) -> tuple[str, ...]:
         """Name the faults of the latched drive or, if it is right, of the output."""

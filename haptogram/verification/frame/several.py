@@ -30,6 +30,7 @@ from haptogram.acoustics.reconstruct.patterns.foci_fit import (
 )
 from haptogram.records.frame import Intended
 
+from ..faults import faulty_elements_text
 from ..tolerance import Tolerance, Uncertainty
 from . import criteria
 from .ideal_drive import (
@@ -40,12 +41,14 @@ from .ideal_drive import (
     meaningful_frame_elements,
 )
 from .peaks import LOST, WITHIN_LOBE_RAD
-from .status import frame_status_of, frame_warning_of, is_right_frame_status
+from .status import frame_status_of
 from .target import Bools, FrameTarget
+from .tolerated import FEW_FRAME_ELEMENTS, frame_scatter_rad
 from .verdict import FrameStatus, FrameVerdict, Vector
 
 _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # of the bound of the first order
+_OFF: Final = 2.0  # times the limit: an element that is off by itself
 _MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
 _OTHER_PEAKS: Final = "the pressure peaks of the foci are not where their phases put the foci"
@@ -69,12 +72,15 @@ class _Findings:
         Of each focus from its place.
     limits_m : sequence of (3,) numpy.ndarray, or None
         How far each may be off; None where a miss of one never shows.
+    outliers : tuple of int
+        Elements that are off by themselves, where S1 fails below a tolerance.
     """
 
     verdicts: dict[str, bool]
     unseen: list[str]
     offsets_m: Sequence[FloatArray | None]
     limits_m: Sequence[FloatArray] | None
+    outliers: tuple[int, ...] = ()
 
 
 def judge_several_foci(
@@ -110,14 +116,15 @@ def judge_several_foci(
     error_rad = ideal.phase_error_rad(latched, active)
     found = _judge_frame_foci_strictly(ideal, intended, latched, active, error_rad)
     if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
-        found = _judge_frame_foci_tolerantly(ideal, intended, latched, active, tolerance)
-    status = frame_status_of(found.verdicts, faults, focused=False, tolerance=tolerance)
+        found = _judge_frame_foci_tolerantly(ideal, intended, latched, active, tolerance, known)
+        if not faults and found.outliers:
+            names = faulty_elements_text(targets[0].model, found.outliers)
+            faults = (f"{names} out of step with the others",)
+    status = frame_status_of(found.verdicts, faults, focused=False)
     unseen = [*found.unseen, *_frame_foci_levels_not_made(levels, intended)]
     notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
     if status is FrameStatus.ON_TARGET and unseen:
         status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
-    if is_right_frame_status(status):
-        notes += frame_warning_of(found.verdicts, error_rad, targets[0].phase_limit_rad)
     worst_m = max(
         found.limits_m or [], key=lambda limit: float(np.linalg.norm(limit)), default=None
     )
@@ -171,7 +178,12 @@ def _judge_frame_foci_strictly(
 
 
 def _judge_frame_foci_tolerantly(
-    ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools, tolerance: Tolerance
+    ideal: IdealFrameDrive,
+    intended: Intended,
+    latched: Drive,
+    active: Bools,
+    tolerance: Tolerance,
+    known: Uncertainty,
 ) -> _Findings:
     """Return the findings about a drive for these foci in other air, or a little off.
 
@@ -182,7 +194,6 @@ def _judge_frame_foci_tolerantly(
     excess = ideal.excess_level(latched.weights(), tolerant=True)
     s5 = criteria.frame_amplitudes_ok(intended, latched)
     verdicts = {
-        "S1": False,
         "S3": excess <= _MOST_EXCESS,
         "S5": s5 and ideal.amplitudes_ok(latched, tolerant=True),
     }
@@ -190,20 +201,69 @@ def _judge_frame_foci_tolerantly(
     fit = _fit_frame_foci(ideal, intended, latched, active)
     if fit is None:
         return _Findings(verdicts, [*unseen, _NOT_THESE], [], None)
+    slack_rad = (
+        frame_scatter_rad(ideal.targets[0], known),
+        max(target.aberration_rad for target in ideal.targets),
+    )
+    outliers: tuple[int, ...] = ()
+    if (_sizes_of_frame_errors(fit, limit_rad, slack_rad) <= _SECOND_ORDER).all():
+        verdicts["S1"] = True
+    else:
+        outliers = _outliers_of_foci(ideal, intended, latched, active, fit, slack_rad)
     blurred = fit
     if fit.residual_rad > limit_rad:  # what is left unexplained may have moved the foci as well
         blurred = fit._replace(bound_m=3.0 * fit.residual_rad / limit_rad * fit.bound_m)
         unseen.append(_NOT_THESE)
     limits_m = _frame_foci_limits_m(ideal, blurred)
-    if limits_m is None:
-        return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
-    within = _are_frame_foci_within(fit, limits_m, tolerance.miss_mm)
-    if not within and not _are_frame_peaks_sharp(ideal, limits_m):
+    within = limits_m is not None and _are_frame_foci_within(fit, limits_m, tolerance.miss_mm)
+    if limits_m is None or not (within or _are_frame_peaks_sharp(ideal, limits_m)):
         return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
     verdicts["S2"] = within
+    if "S1" not in verdicts:
+        if outliers and within:  # a fit that found other foci proves nothing of the elements
+            verdicts["S1"] = False
+        else:
+            unseen, outliers = [*unseen, _NOT_THESE], ()
     if not _frame_peaks_follow(ideal, latched, limits_m, tolerance):
         unseen.append(_OTHER_PEAKS)
-    return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
+    verdicts = dict(sorted(verdicts.items()))
+    return _Findings(verdicts, unseen, list(fit.offsets_m), limits_m, outliers)
+
+
+def _sizes_of_frame_errors(
+    fit: FociFit, limit_rad: float, slack_rad: tuple[float, float]
+) -> FloatArray:
+    """Return (N,) the phase errors of the active elements over what rounding and tolerance make.
+
+    The slack is that of an element, which all its waves share, and that of each wave.
+    """
+    scatter_rad, aberration_rad = slack_rad
+    most = fit.limits_rad * (1.0 + scatter_rad / limit_rad) + fit.wave_limits * aberration_rad
+    sizes: FloatArray = np.abs(fit.errors_rad) / most
+    return sizes
+
+
+def _outliers_of_foci(
+    ideal: IdealFrameDrive,
+    intended: Intended,
+    latched: Drive,
+    active: Bools,
+    fit: FociFit,
+    slack_rad: tuple[float, float],
+) -> tuple[int, ...]:
+    """Return the few elements without which the foci explain all others; none: there are none."""
+    limit_rad = ideal.targets[0].phase_limit_rad
+    off = _sizes_of_frame_errors(fit, limit_rad, slack_rad) > _OFF
+    numbers = np.flatnonzero(active)[off]
+    if not off.any() or off.mean() > FEW_FRAME_ELEMENTS:
+        return ()
+    others = active.copy()
+    others[numbers] = False
+    again = _fit_frame_foci(ideal, intended, latched, others)
+    if again is None:
+        return ()
+    is_right = _sizes_of_frame_errors(again, limit_rad, slack_rad) <= _SECOND_ORDER
+    return tuple(numbers.tolist()) if is_right.all() else ()
 
 
 def _fit_frame_foci(

@@ -26,8 +26,9 @@ from haptogram.records.frame import Intended
 from ..faults import faulty_elements_text
 from ..tolerance import Uncertainty
 from . import criteria
-from .status import frame_status_of, frame_warning_of, is_frame_wrong, is_right_frame_status
+from .status import frame_status_of
 from .target import Bools, FrameTarget
+from .tolerated import ToleratedHost
 from .verdict import FrameStatus, FrameVerdict
 
 _MM: Final = 1e3
@@ -35,10 +36,6 @@ _STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
 _ACROSS_AND_ALONG: Final = 2
 _FINEST_RAD: Final = phase_step_rad(8) / 2.0  # whoever reconstructs may take all phases for 8 bits
 _ABOUT: Final = 1.5  # of the phase limit: what a focus that somebody fitted may leave
-_AMBIGUOUS: Final = (
-    "the phases suit the target, but a search that is not told the target finds another point or "
-    "none: S2 is not judged"
-)
 _NOT_SEARCHED: Final = (
     "where the drive focuses, if anywhere, was not searched for: many frames before have no focus"
 )
@@ -91,18 +88,20 @@ class SingleFocusFrame:
         Radiated drive.
     target : TargetField
         Demands of its focus on the field.
+    known : Uncertainty
+        How well array and air are known.
     """
 
     intended: Intended
     latched: Drive
     target: FrameTarget
+    known: Uncertainty
 
     def judge(
         self,
         seen: FrameVerdict,
         found: Reconstruction | None,
         faults: tuple[str, ...],
-        known: Uncertainty,
     ) -> FrameVerdict:
         """Return the verdict.
 
@@ -115,52 +114,42 @@ class SingleFocusFrame:
             for, as the frame :attr:`is_wrong_without_search`.
         faults : tuple of str
             Faults that the codes prove.
-        known : Uncertainty
-            How well array and air are known.
         """
         target = self.target
-        by_drive, by_criterion, peaks = self._drive_criteria
+        by_drive, by_criterion = self._drive_criteria
         measures, verdicts = by_drive.copy(), by_criterion.copy()
         notes = [seen.note] if seen.note else []
         unseen = [] if target.observable.all() else [_unobservable_frame_target(target)]
         if found is None:
             notes.append(_NOT_SEARCHED)
-        elif self._is_ambiguous(measures, found):
-            notes.append(_AMBIGUOUS)
+        elif self._is_ambiguous(verdicts, found):
+            notes.append(_ambiguous_frame_focus(target, found))
             offset_m = target.nearest_focus_m(np.angle(self.latched.weights()), self._active)
             measures |= _place_against_frame_target(target, offset_m)
-            if not criteria.is_frame_on_target(target, offset_m):
-                if verdicts["S1"]:
-                    unseen.append(_ELSEWHERE)
-                else:
-                    verdicts["S2"] = False
+            if criteria.is_frame_on_target(target, offset_m):
+                verdicts["S2"] = True
+            else:
+                unseen.append(_ELSEWHERE)
         else:
             if target.observable.any():
                 verdicts["S2"] = self._is_in_place(found)
             if isinstance(found, SingleFocus):
                 measures |= _where_against_frame_target(target, found)
+                faults += self._unexplained(verdicts, faults)
             elif isinstance(found, NotSingle):
-                faults += self._outliers(found, faults)
+                faults += self._unexplained(verdicts, faults) or self._outliers(found, faults)
                 if not faults:  # the right drive in other air: a focus, but not a sharp one
                     measures |= _where_against_frame_target(target, found)
                 elif measures["coherence"] >= _STILL_A_FOCUS:
+                    peaks = criteria.frame_peak_errors(target, self.latched.weights())
                     measures |= _where_the_frame_peak_is(target, peaks)
                     measures["pressure_rms_pa"] = found.pressure_rms_pa
                 notes.append(_frame_without_focus(found))
             elif not faults:
                 faults = (verdict_not_radiated(found),)
-        status = frame_status_of(
-            verdicts,
-            faults,
-            focused=isinstance(found, SingleFocus),
-            tolerance=target.tolerance,
-        )
+        status = frame_status_of(verdicts, faults, focused=isinstance(found, SingleFocus))
         if status is FrameStatus.ON_TARGET and unseen:
             status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
-        if is_right_frame_status(status):
-            notes += frame_warning_of(
-                verdicts, measures.get("phase_error_rad"), target.phase_limit_rad
-            )
         smallest_m = target.smallest_miss_m
         return dataclasses.replace(
             seen,
@@ -169,7 +158,7 @@ class SingleFocusFrame:
             faults=faults,
             bound_mm=_finite_frame_target_mm(target.bound_m),
             smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
-            uncertainty_mm=target.place_uncertainty(known),
+            uncertainty_mm=target.place_uncertainty(self.known),
             note="; ".join(notes),
             **measures,
         )
@@ -183,36 +172,27 @@ class SingleFocusFrame:
     @property
     def is_wrong_without_search(self) -> bool:
         """True if the drive alone fails the frame, wherever it focuses."""
-        _, verdicts, _ = self._drive_criteria
-        return is_frame_wrong(verdicts, self.target.tolerance)
+        return not all(self._drive_criteria[1].values())
 
     @cached_property
-    def _drive_criteria(
-        self,
-    ) -> tuple[dict[str, Any], dict[str, bool], list[criteria.PeakCriterion]]:
-        """Return measures and verdicts that need the drive alone, S1, S3, S4, S5, and the peaks."""
+    def _host(self) -> ToleratedHost:
+        """The host within the tolerance whose phases come nearest."""
+        phases_rad = np.angle(self.latched.weights())
+        return ToleratedHost.nearest(self.target, phases_rad, self._active, self.known)
+
+    @cached_property
+    def _drive_criteria(self) -> tuple[dict[str, Any], dict[str, bool]]:
+        """Return measures and verdicts that need the drive alone: S1, S3, S4 and S5."""
         intended, latched, target, active = self.intended, self.latched, self.target, self._active
         s5 = criteria.frame_amplitudes_ok(intended, latched)
         intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
         measures: dict[str, Any] = {"coherence": 0.0, "intended_pressure_rms_pa": intended_pa}
         if not active.any():
-            return measures, {"S1": False, "S3": False, "S5": s5}, []
-        sounding = latched.weights()
-        error_rad = criteria.frame_phase_error_rad(target, latched, active)
-        coherence = criteria.frame_coherence_at_target(target, sounding)
-        allowed = criteria.allowed_frame_codes(intended)
-        verdicts = {
-            "S1": error_rad <= target.phase_limit_rad,
-            "S3": coherence >= criteria.least_frame_coherence(target, allowed),
-            "S5": s5,
-        }
-        measures |= {"phase_error_rad": error_rad, "coherence": coherence}
-        peaks = criteria.frame_peak_errors(target, sounding)
-        if peaks:
-            lengths = [peak.error_rad for peak in peaks if peak.error_rad is not None]
-            measures["peak_error"] = max(lengths, default=None)
-            verdicts["S4"] = all(peak.ok for peak in peaks)
-        return measures, verdicts, peaks
+            return measures, {"S1": False, "S3": False, "S5": s5}
+        verdicts, by_drive = criteria.judge_frame_drive(
+            target, self._host, latched.weights(), criteria.allowed_frame_codes(intended)
+        )
+        return measures | by_drive, verdicts | {"S5": s5}
 
     def _is_in_place(self, found: Reconstruction) -> bool:
         """S2."""
@@ -222,16 +202,21 @@ class SingleFocusFrame:
             self.target, criteria.focus_offset_from_target_m(self.target, found)
         )
 
-    def _is_ambiguous(self, measures: dict[str, Any], found: Reconstruction) -> bool:
+    def _is_ambiguous(self, verdicts: dict[str, bool], found: Reconstruction) -> bool:
         """Return True if phases that suit the target were found to suit another point or none.
 
-        Few elements with few bits can fit two points, or a search that is not told the target none;
-        S2 then says nothing about the drive.
+        Few elements with few bits can fit two points, or a search that is not told the target none.
         """
-        error_rad = measures.get("phase_error_rad", math.inf)
-        if not criteria.suits_frame_target(self.target, error_rad) or self._is_in_place(found):
+        if not verdicts["S1"] or self._is_in_place(found):
             return False
         return isinstance(found, SingleFocus | NotSingle) and self._is_of_this_drive(found)
+
+    def _unexplained(self, verdicts: dict[str, bool], faults: tuple[str, ...]) -> tuple[str, ...]:
+        """Name what a tolerance leaves of the elements, if the codes show no fault."""
+        if faults or verdicts["S1"] or self.target.tolerance.is_strict or not self._active.any():
+            return ()
+        fault = self._host.fault()
+        return () if fault is None else (fault,)
 
     def _outliers(self, found: NotSingle, faults: tuple[str, ...]) -> tuple[str, ...]:
         """Name the elements that do not suit the focus of the others, if the codes show no fault.
@@ -262,6 +247,21 @@ class SingleFocusFrame:
         rms = math.sqrt(np.mean(error_rad[self._active & ~off] ** 2))
         within_rad = _ABOUT * limit_rad + self.target.tolerated_rad
         return rms <= within_rad and bool((error_rad[off] > _FINEST_RAD).all())
+
+
+def _ambiguous_frame_focus(target: FrameTarget, found: Reconstruction) -> str:
+    """Return a note that names the point, or none, that a search without the target finds."""
+    if not isinstance(found, SingleFocus):
+        return (
+            "the phases suit the target, but a search that is not told the target finds no focus: "
+            "S2 judges the one next to the target"
+        )
+    away_m = float(np.linalg.norm(np.array(found.position_m) - target.position_m))
+    waves = away_m / target.model.wavelength_m
+    return (
+        f"the phases suit another point as well, {_MM * away_m:.2f} mm ({waves:.2f} wavelengths) "
+        "from the target, and cannot tell which: S2 judges the one next to the target"
+    )
 
 
 def _frame_without_focus(found: NotSingle) -> str:

@@ -15,7 +15,7 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.levels.shift import focal_shift_covariance
 from haptogram.acoustics.model.own_axes import axes_about_normal
-from haptogram.acoustics.solvers.focus_fit import focus_phase_response
+from haptogram.acoustics.solvers.focus_fit import PhaseFit, focus_phase_response
 from haptogram.errors import ConfigurationError
 
 from ..tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
@@ -29,7 +29,7 @@ _NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proport
 _SECOND_ORDER: Final = 1.04  # of the bound of the first order
 _SAME_LINE: Final = 1e-6
 _AT_CENTRE_M: Final = 1e-6
-_MOST_TOLERATED_RAD: Final = 1.2  # beyond it any phase would suit
+_AIRS: Final = 41  # between the slowest and the fastest that is tolerated
 _WIDTH_RAD: Final = 2.0 * 0.831  # of a focus at -3 dB, in radians of phase
 
 
@@ -122,8 +122,10 @@ class FrameTarget:
 
     def nearest_focus_m(self, phases_rad: FloatArray, active: Bools) -> FloatArray:
         """Return (3,) the offset of the focus that a fit finds from the target on."""
-        fit = fit_focus(self.model, phases_rad, self.position_m, phase_bits=8, active=active)
-        return fit.position_m - self.position_m
+        return self._fit(phases_rad, active).position_m - self.position_m
+
+    def _fit(self, phases_rad: FloatArray, active: Bools) -> PhaseFit:
+        return fit_focus(self.model, phases_rad, self.position_m, phase_bits=8, active=active)
 
     @cached_property
     def observable(self) -> Bools:
@@ -183,16 +185,40 @@ class FrameTarget:
     @cached_property
     def air_phases_rad(self) -> FloatArray:
         """(N,) how the phases change over the tolerated range of the speed of sound."""
-        share = self.tolerance.speed_share(self.model.medium)
         distances = np.linalg.norm(self.position_m - self.model.array.positions_m, axis=1)
         change: FloatArray = distances - distances[self.active].mean()
-        return share * self.model.wavenumber * change
+        return self._speed_share * self.model.wavenumber * change
+
+    @property
+    def _speed_share(self) -> float:
+        return self.tolerance.speed_share(self.model.medium)
+
+    @cached_property
+    def _air_fits(self) -> tuple[PhaseFit, PhaseFit]:
+        """The foci that fit a host in the fastest and one in the slowest tolerated air."""
+        speed_m_s, share = self.model.medium.sound_speed_m_s, self._speed_share
+        hosts = (self.model.with_sound_speed(speed_m_s * (1.0 + sign * share)) for sign in (1, -1))
+        fast, slow = (focus_phases(host, self.position_m) for host in hosts)
+        return self._fit(fast, self.active), self._fit(slow, self.active)
 
     @cached_property
     def tolerated_m(self) -> FloatArray:
         """(3,) how far tolerated air moves the fitted focus per axis, in metres."""
-        moved: FloatArray = np.abs(self.response @ self.air_phases_rad)
-        return moved
+        moved = [np.abs(fit.position_m - self.position_m) for fit in self._air_fits]
+        return np.maximum(*moved)
+
+    @cached_property
+    def aberration_rad(self) -> float:
+        """Largest phase error of an element that tolerated air leaves of a focus."""
+        return max(float(np.abs(fit.residual_rad[self.active]).max()) for fit in self._air_fits)
+
+    def beyond_m(self, offset_m: FloatArray) -> float:
+        """Return the part of an offset (3,) beyond rounding and tolerated air, in metres."""
+        fast, slow = (fit.position_m - self.position_m for fit in self._air_fits)
+        share = np.linspace(-1.0, 1.0, _AIRS)[:, None]
+        drift = (fast - slow) / 2.0 * share + (fast + slow) / 2.0 * share**2
+        beyond = np.maximum(np.abs(offset_m - drift) - self.bound_m, 0.0)
+        return float(np.linalg.norm(beyond, axis=1).min())
 
     @cached_property
     def _steepness_rad_m(self) -> float:
@@ -231,16 +257,6 @@ class FrameTarget:
         """RMS change of the phases that a tolerated miss in tolerated air makes."""
         slack = self._steepness_rad_m * self.tolerance.miss_mm / _MM
         return float(slack + np.sqrt(np.mean(self.air_phases_rad[self.active] ** 2)))
-
-    @cached_property
-    def tolerated_peak_rad(self) -> float:
-        """Largest change of a phase that a tolerated miss in tolerated air makes."""
-        rays = self.position_m - self.model.array.positions_m[self.active]
-        rays /= np.linalg.norm(rays, axis=1)[:, None]
-        turned = float(np.linalg.norm(rays - rays.mean(axis=0), axis=1).max())
-        slack = self.model.wavenumber * turned * self.tolerance.miss_mm / _MM
-        change = slack + float(np.abs(self.air_phases_rad[self.active]).max())
-        return min(change, _MOST_TOLERATED_RAD)
 
     @property
     def smallest_miss_m(self) -> float | None:

@@ -269,7 +269,7 @@ def _frame_verdict_text(frame: FrameVerdict) -> str:
         parts.append(
             "a miss that cannot be observed does not show"
             if smallest_mm is None
-            else f"smallest miss that shows {smallest_mm:.3f} mm"
+            else f"every miss from {smallest_mm:.3f} mm on shows"
         )
     failed = "failed" if frame.status in WRONG else "warns"
     judged = [name if passed else f"{name} {failed}" for name, passed in frame.criteria.items()]

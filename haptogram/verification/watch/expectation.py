@@ -23,8 +23,9 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey
 
 from ..frame import criteria
-from ..frame.status import frame_status_of, frame_warning_of
+from ..frame.status import frame_status_of
 from ..frame.target import FrameTarget
+from ..frame.tolerated import ToleratedHost
 from ..frame.verdict import FrameStatus, FrameVerdict, Vector
 from ..tolerance import Tolerance, Uncertainty
 from .latch import SeenLatch
@@ -128,12 +129,7 @@ class Expectation:
         else:
             verdicts["S2"] = False
             faults = (f"{pattern.kind} where one focus was expected",)
-        status = frame_status_of(
-            verdicts, faults, focused=isinstance(pattern, OneFocus), tolerance=self.tolerance
-        )
-        notes = list(
-            frame_warning_of(verdicts, measures["phase_error_rad"], target.phase_limit_rad)
-        )
+        status, notes = frame_status_of(verdicts, faults, focused=isinstance(pattern, OneFocus)), []
         if status is FrameStatus.ON_TARGET and not target.observable.all():
             status = FrameStatus.NOT_VERIFIED
             notes = ["the elements that sound cannot tell where the focus is"]
@@ -171,26 +167,10 @@ class Expectation:
         self, target: FrameTarget, weights: ComplexArray
     ) -> tuple[dict[str, Any], dict[str, bool]]:
         """Return what the drive alone shows, and S1, S3 and S4."""
-        active = target.active
-        error_rad = criteria.common_frame_error_rad(
-            np.angle(weights[active]) - target.phases_rad[active]
-        )
-        coherence = criteria.frame_coherence_at_target(target, weights)
+        host = ToleratedHost.nearest(target, np.angle(weights), target.active)
         intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
-        verdicts = {
-            "S1": error_rad <= target.phase_limit_rad,
-            "S3": coherence >= criteria.least_frame_coherence(target),
-        }
-        measures: dict[str, Any] = {
-            "phase_error_rad": error_rad,
-            "coherence": coherence,
-            "intended_pressure_rms_pa": intended_pa,
-        }
-        if peaks := criteria.frame_peak_errors(target, weights):
-            lengths = [peak.error_rad for peak in peaks if peak.error_rad is not None]
-            measures["peak_error"] = max(lengths, default=None)
-            verdicts["S4"] = all(peak.ok for peak in peaks)
-        return measures, verdicts
+        verdicts, measures = criteria.judge_frame_drive(target, host, weights)
+        return measures | {"intended_pressure_rms_pa": intended_pa}, verdicts
 
     def _judge_several(
         self, seen: FrameVerdict, foci: FloatArray, pattern: Pattern

@@ -266,4 +266,70 @@ def test_dead_and_stuck_elements_of_an_array_without_a_grid():
     found = Drive(intended.drive.phase_codes, amplitudes)
     assert name_drive_faults(model, intended, found) == ("elements 3, 4 dead",)
     stuck = drive_of(np.full(60, 77))
-    assert name_drive_faults(model, intended, stuck) == ("most phases are not those intended",)
+    assert name_drive_faults(model, intended, stuck) == ("60 elements stuck at phase 77",)
+
+
+def spiral():
+    n = np.arange(120)
+    turn, far = n * 2.39996, 0.006 * np.sqrt(n + 0.5)
+    places = np.column_stack([far * np.cos(turn), far * np.sin(turn), np.zeros(120)])
+    return AcousticModel(TransducerArray.from_positions(places), MODEL.medium, Transducer())
+
+
+def off_in_order(found, _):
+    found[:] = found[::-1].copy()
+
+
+def off_in_low_bits(found, _):
+    found[:] = found >> 5 << 5
+
+
+def off_by_copies(found, _):
+    found[1::2] = found[::2]
+
+
+def off_by_units(found, _):
+    found[len(found) // 2 :] += 50
+
+
+def off_by_chips(found, _):
+    found[16:48] += 30
+    found[64:80] += 9
+
+
+def off_by_one_code(found, _):
+    found[10:70] = 33
+
+
+def off_by_a_twin(found, places):
+    found[places[:, 0] * 0.8 + places[:, 1] * 0.6 > 0.0] += 128
+
+
+def off_by_a_vortex(found, places):
+    found += np.rint(-256 * np.arctan2(places[:, 1], places[:, 0]) / math.tau).astype(int)
+
+
+@pytest.mark.parametrize("model", [MODEL, spiral()], ids=["grid", "spiral"])
+@pytest.mark.parametrize(
+    ("fault", "grid_name", "name"),
+    [
+        (
+            off_in_order,
+            "x and y mirrored (turned by 180 degrees)",
+            "order of the elements reversed",
+        ),
+        (off_in_low_bits, None, "lowest 5 bits of every phase lost"),
+        (off_by_copies, None, "every second element has the phase of the one before it"),
+        (off_by_units, "elements 128 to 255 off by +50 LSB", "elements 60 to 119 off by +50 LSB"),
+        (off_by_chips, "column 1 off by +30 LSB", "elements 64 to 79 off by +9 LSB"),
+        (off_by_one_code, None, "stuck at phase 33"),
+        (off_by_a_twin, None, "twin in place of a focus"),
+        (off_by_a_vortex, None, "vortex of charge -1 in place of a focus"),
+    ],
+)
+def test_what_is_wrong_with_much_of_an_array_has_a_name(model, fault, grid_name, name):
+    intended = intend(model, (0.013, -0.021, 0.11))
+    found = codes(intended).ravel() if model is MODEL else intended.drive.phase_codes.astype(int)
+    fault(found, model.array.positions_m)
+    faults = "; ".join(name_drive_faults(model, intended, drive_of(found)))
+    assert (name if model is not MODEL or grid_name is None else grid_name) in faults

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptogram.acoustics import AcousticModel, Medium, focus_phases
+from haptogram.acoustics import AcousticModel, Medium, TransducerArray, focus_phases
 from haptogram.acoustics.model.medium import air_speed_uncertainty
 from haptogram.acoustics.solvers.several import weights_for_foci
 from haptogram.errors import ConfigurationError
@@ -40,14 +40,10 @@ def judged(intended, drive=None, model=MODEL, **tolerance):
 
 @few
 @given(working_volume(), st.floats(-1.0, 1.0), st.floats(0.05, 3.0), st.sampled_from([8, 6, 5]))
-def test_air_within_the_tolerance_passes_and_s1_warns(target, share, degrees, bits):
+def test_air_within_the_tolerance_passes(target, share, degrees, bits):
     host = AcousticModel.default(temperature_c=20.0 + share * degrees)
-    intended = intend(host, target, bits)
-    found = judged(intended, temperature_c=degrees)
+    found = judged(intend(host, target, bits), temperature_c=degrees)
     assert found.status is FrameStatus.ON_TARGET, found
-    if not found.criteria["S1"]:
-        assert "S1 warns" in found.note
-        assert judged(intended).status is FrameStatus.OFF_TARGET
 
 
 @few
@@ -110,6 +106,76 @@ def test_several_foci_in_air_within_the_tolerance_pass_and_beyond_it_fail(solver
     assert set(statuses.values()) == {FrameStatus.ON_TARGET}, statuses
 
 
+def plates_face_to_face(side, apart_m):
+    places = 0.010 * (np.indices((side, side)).reshape(2, -1).T - (side - 1) / 2)
+    levels = np.repeat([-apart_m / 2, apart_m / 2], side * side)
+    positions = np.column_stack([np.tile(places, (2, 1)), levels])
+    normals = np.column_stack([np.zeros((len(levels), 2)), -np.sign(levels)])
+    return dataclasses.replace(MODEL, array=TransducerArray.from_positions(positions, normals))
+
+
+@pytest.mark.parametrize("side", [5, 8])
+@pytest.mark.parametrize(
+    ("waves", "passes"), [(0.0, True), (0.08, True), (0.5, False), (1.0, False)]
+)
+def test_a_trap_between_two_plates_that_is_off_by_half_a_wavelength_fails(side, waves, passes):
+    model = plates_face_to_face(side, 0.1)
+    target = (0.002, 0.001, 0.004)
+    drive = registers(focus_phases(model, np.add(target, (0.0, 0.0, waves * model.wavelength_m))))
+    found = judged(intend(model, target, drive=drive), model=model, miss_mm=1.0)
+    assert (found.status is FrameStatus.ON_TARGET) == passes, found
+    assert "S2" in found.criteria
+
+
+def test_a_steered_focus_that_is_off_sideways_passes():
+    """Its peak moves by 0.86 mm, and by 2.4 mm on the line of the beam."""
+    drive = registers(focus_phases(MODEL, (0.0809, 0.0, 0.15)))
+    found = judged(intend(MODEL, (0.08, 0.0, 0.15), drive=drive), miss_mm=1.0)
+    assert found.status is FrameStatus.ON_TARGET, found
+    assert found.criteria["S4"]
+
+
+def off_by_elements(fault, phases):
+    rng = np.random.default_rng(7)
+    match fault:
+        case "inverted":
+            phases[17] += math.pi
+        case "swapped":
+            phases[[17, 120]] = phases[[120, 17]]
+        case "scattered":
+            phases += rng.normal(0.0, 0.3, len(phases))
+    return registers(phases)
+
+
+@pytest.mark.parametrize("tolerance", [{"miss_mm": 1.0}, {"temperature_c": 3.0}, {"miss_mm": 0.5,
+                         "temperature_c": 2.0, "humidity_percent": 20.0}])  # fmt: skip
+@pytest.mark.parametrize("known", [Uncertainty(), REAL_BOARD])
+@pytest.mark.parametrize("fault", ["inverted", "swapped", "scattered"])
+def test_no_tolerance_of_place_or_air_hides_a_fault_of_elements(fault, known, tolerance):
+    host = AcousticModel.default(temperature_c=20.0 + 0.5 * tolerance.get("temperature_c", 0.0))
+    away = 0.5e-3 * tolerance.get("miss_mm", 0.0)
+    drive = off_by_elements(fault, focus_phases(host, np.add(TARGET, (away, 0.0, 0.0))))
+    judge = FrameJudge(MODEL, carrier_us=25, tolerance=Tolerance(**tolerance), uncertainty=known)
+    found = judge.judge(intended := intend(MODEL, TARGET, drive=drive), seen(intended))
+    assert found.status is FrameStatus.WRONG_DRIVE, found
+    assert not found.criteria["S1"]
+    assert fault in found.faults[0]
+    assert "17 (1, 1)" in found.faults[0] or fault == "scattered"
+
+
+def test_elements_that_are_off_by_what_is_stated_pass():
+    known = Uncertainty(position_mm=0.1, phase_rad=0.1)
+    rng = np.random.default_rng(3)
+    phases = focus_phases(MODEL, np.add(TARGET, (0.3e-3, 0.0, 0.0)))
+    drive = registers(phases + rng.normal(0.0, 0.11, len(phases)))
+    intended = intend(MODEL, TARGET, drive=drive)
+    for stated, status in ((known, FrameStatus.ON_TARGET), (None, FrameStatus.WRONG_DRIVE)):
+        judge = FrameJudge(
+            MODEL, carrier_us=25, tolerance=Tolerance(miss_mm=0.8), uncertainty=stated
+        )
+        assert judge.judge(intended, seen(intended)).status is status
+
+
 def test_a_broken_element_fails_whatever_is_tolerated():
     intended = intend(MODEL, TARGET)
     amplitudes = intended.drive.amplitude_codes.copy()
@@ -138,7 +204,7 @@ def test_a_tolerance_that_cannot_be_is_refused(name, value, limit):
     assert limit in str(raised.value) or "number" in str(raised.value)
 
 
-@pytest.mark.parametrize("name", [f.name for f in dataclasses.fields(Uncertainty)])
+@pytest.mark.parametrize("name", [f.name for f in dataclasses.fields(Uncertainty)][:-1])
 @pytest.mark.parametrize("value", [-1.0, math.inf, math.nan, "x", None])
 def test_an_uncertainty_that_cannot_be_is_refused(name, value):
     with pytest.raises(ConfigurationError, match=rf"^{name} is "):

@@ -26,6 +26,7 @@ _STEPS: Final = 25
 _SETTLED_M: Final = 1e-7
 _LONGEST_M: Final = 2e-3  # of a step
 _LEAST_SEEN: Final = 1e-5  # of the largest singular value: below it a direction cannot be observed
+_TINY: Final = 1e-300  # of a sum of waves that cancel
 _SEEN: Final = 1e-3  # share of a direction that is lost, and may still be in a coordinate
 
 
@@ -40,11 +41,19 @@ class FociFit(NamedTuple):
         Largest error that a phase error of the given limit can make; infinite: not observable.
     residual_rad : float
         RMS phase residual of the foci; elements where the waves cancel count less.
+    errors_rad : (N,) numpy.ndarray
+        Phase error of each active element.
+    limits_rad, wave_limits : (N,) numpy.ndarray
+        Largest error of each that phase errors of the given limit can make, and that each radian
+        of error of the waves can make, before they are summed.
     """
 
     offsets_m: Floats
     bound_m: Floats
     residual_rad: float
+    errors_rad: Floats
+    limits_rad: Floats
+    wave_limits: Floats
 
 
 def waves_of_foci_pattern(model: AcousticModel, *, superposed: bool) -> Waves:
@@ -99,7 +108,9 @@ def fit_foci(
             return None
         if longest < _SETTLED_M:
             bound_m = problem.bound_m(phase_limit_rad)
-            return FociFit(places - targets_m, bound_m, problem.rms_rad)
+            errors_rad, gross = np.angle(weights @ turned), np.abs(weights) @ np.abs(turned)
+            limits = phase_limit_rad * problem.left(problem.levels), problem.left(gross)
+            return FociFit(places - targets_m, bound_m, problem.rms_rad, errors_rad, *limits)
     return None
 
 
@@ -149,6 +160,13 @@ class _LinearisedPatternFoci(NamedTuple):
     def rms_rad(self) -> float:
         """RMS phase error, each element weighted by what it radiates."""
         return float(np.sqrt((self.residual**2).sum() / (self.levels**2).sum()))
+
+    def left(self, errors: Floats) -> Floats:
+        """Return (N,) the largest phase errors that errors of the sum (N,) leave the elements."""
+        fitted = self.rows @ np.linalg.pinv(self.rows, rcond=_LEAST_SEEN)
+        left = np.abs(np.eye(len(errors)) - fitted[:-1, :-1]) @ errors
+        phases: Floats = left / np.maximum(self.levels, _TINY)
+        return phases
 
     def bound_m(self, limit_rad: float) -> Floats:
         """Return (F, 3) how far phase errors of *limit_rad* can move the foci; infinite: lost."""

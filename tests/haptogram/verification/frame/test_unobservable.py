@@ -195,7 +195,7 @@ def test_a_verdict_is_true_for_a_pass_only(drives, verdict):
 def test_every_frame_says_what_its_verdict_rests_on():
     on_target, off = (str(frame) for frame in run_of(right, wrong).frames)
     assert on_target.startswith("frame 0: on target; ")
-    assert "smallest miss that shows" in on_target
+    assert "mm on shows" in on_target
     assert on_target.endswith("S1, S2, S3, S4, S5; external evidence")
     assert off.startswith("frame 1: wrong drive; opposite sign of all phases")
     assert "S1 failed" in off

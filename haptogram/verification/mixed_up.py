@@ -1,0 +1,110 @@
+"""Drives that mistakes in the order, the sign, the packing or the shape of a drive would make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics import AcousticModel
+from haptogram.records.frame import Intended
+
+Codes: TypeAlias = NDArray[np.int64]
+
+_TURN: Final = 256  # codes in one turn, in the registers of the board
+_CHARGES: Final = (1, -1, 2, -2, 3, -3)
+_LEAST_ELEMENTS: Final = 12  # of fewer, a half or a turn around the middle may be chance
+_MIDDLE: Final = 1e-6  # m: an element there has no direction
+_CHANGES: Final = 2  # around the middle of a twin
+_UNEVEN: Final = 0.2  # share of the elements by which its halves may differ
+
+
+def mixed_up_drives(
+    model: AcousticModel, intended: Intended, wanted: Codes
+) -> Iterator[tuple[str, Codes]]:
+    """Yield the drives that typical mistakes would have made, the simplest first."""
+    yield "opposite sign of all phases", -wanted
+    yield from _drive_fault_orders(model, wanted)
+    yield from _drive_fault_copies(wanted)
+    for lost in range(1, intended.phase_bits):
+        unit = 1 << (8 - intended.phase_bits + lost)
+        yield (
+            f"lowest {'bit' if lost == 1 else f'{lost} bits'} of every phase lost",
+            wanted // unit * unit,
+        )
+    yield from (
+        (f"{name}, and opposite sign", -candidate)
+        for name, candidate in _drive_fault_orders(model, wanted)
+    )
+
+
+def _drive_fault_orders(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
+    """Yield the drive in other orders of the elements."""
+    if model.array.grid_shape is None:
+        yield "order of the elements reversed", wanted[::-1]
+    else:
+        grid = wanted.reshape(model.array.grid_shape)
+        turns: list[tuple[str, Callable[[Codes], Codes]]] = [
+            ("x and y exchanged (transposed)", lambda g: g.T),
+            ("x mirrored", lambda g: g[::-1]),
+            ("y mirrored", lambda g: g[:, ::-1]),
+            ("x and y mirrored (turned by 180 degrees)", lambda g: g[::-1, ::-1]),
+            ("turned by 90 degrees", np.rot90),
+            ("turned by 270 degrees", lambda g: np.rot90(g, 3)),
+            ("every second column reversed", _serpentine_drive_order),
+        ]
+        for name, turn in turns:
+            yield name, np.ascontiguousarray(turn(grid)).ravel()
+
+
+def _drive_fault_copies(wanted: Codes) -> Iterator[tuple[str, Codes]]:
+    """Yield the drive whose elements share one phase by twos."""
+    pairs = wanted[: len(wanted) // 2 * 2].reshape(-1, 2)
+    for kept, name in ((0, "before"), (1, "behind")):
+        copied = wanted.copy()
+        copied[: pairs.size] = np.repeat(pairs[:, kept], 2)
+        yield f"every second element has the phase of the one {name} it", copied
+
+
+def _serpentine_drive_order(grid: Codes) -> Codes:
+    result = grid.copy()
+    result[1::2] = result[1::2, ::-1]
+    return result
+
+
+def shaped_drive_fault(
+    model: AcousticModel, difference: Codes, step: float, allowance: int
+) -> list[str]:
+    """Name a twin or a vortex in place of a focus, by the difference of the codes."""
+    array = model.array
+    local = array.local_m(array.positions_m)[:, :2]
+    around = np.arctan2(local[:, 1], local[:, 0])
+    seen = np.linalg.norm(local, axis=1) > _MIDDLE
+    if seen.sum() < _LEAST_ELEMENTS:
+        return []
+    limit = step / 2.0 + allowance + 1.0
+    for charge in _CHARGES:
+        turned = difference[seen] - charge * around[seen] * _TURN / (2.0 * np.pi)
+        if _most_apart(turned) <= 2.0 * limit:
+            return [f"vortex of charge {charge:+d} in place of a focus"]
+    if _is_half_plane(difference[seen], around[seen]):
+        return ["twin in place of a focus: one half of the elements inverted"]
+    return []
+
+
+def _most_apart(codes: NDArray[np.float64]) -> float:
+    """Return the range of codes after the one that all share is taken out."""
+    common = np.angle(np.exp(2j * np.pi * codes / _TURN).sum()) * _TURN / (2.0 * np.pi)
+    return float(np.ptp((codes - common + _TURN / 2.0) % _TURN))
+
+
+def _is_half_plane(difference: Codes, around: NDArray[np.float64]) -> bool:
+    """Return True if the codes differ by half a turn on the two sides of a line."""
+    turned = (difference - difference[0]) % _TURN == _TURN // 2
+    if not turned.any() or ((difference - difference[0]) % (_TURN // 2)).any():
+        return False
+    sides = turned[np.argsort(around)]
+    is_once = int((sides != np.roll(sides, 1)).sum()) == _CHANGES
+    return is_once and abs(float(turned.mean()) - 0.5) < _UNEVEN
