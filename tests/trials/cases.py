@@ -224,7 +224,7 @@ def _tolerant(random: Random, session: Session) -> Session:
     largest = np.array([log_uniform(random, 0.1, 3.0), random.uniform(0.1, 5.0),
                         random.uniform(5.0, 50.0)]) * which  # fmt: skip
     widest = max(_tolerated_rad(session, Allowance(*largest), wanted) for wanted in session.frames)
-    largest *= min(1.0, _MOST_TOLERATED_RAD / widest)
+    largest *= min(1.0, _MOST_TOLERATED_RAD / max(widest, 1e-9))
     allowance = Allowance(*(float(value) for value in largest))
     session = replace(session, allowance=allowance)
     if session.group == "wrong" and random.random() < 0.5:

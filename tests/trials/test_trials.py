@@ -140,18 +140,22 @@ def test_what_a_small_array_cannot_show_must_not_pass():
 
 def test_cases_reach_every_size_kind_and_pose():
     sessions = [cases.session_of("honest", seed) for seed in range(600)]
-    layouts = [session.layout for session in sessions]
-    sides = {side for layout in layouts if layout.grid for side in layout.grid}
+    drawn = [session.layout for session in sessions]
+    sides = {side for layout in drawn if layout.grid for side in layout.grid}
     assert sides == set(range(1, 21))
-    assert {layout.kind for layout in layouts} == {"grid", "line", "bowl"}
-    assert max(layout.count for layout in layouts) == 400
-    assert min(np.diff([layout.frame[2] for layout in layouts])[:, 1]) < 0.0  # some face down
+    assert {layout.kind for layout in drawn} == set(layouts.KINDS)
+    assert max(layout.count for layout in drawn) == 400
+    assert min(np.diff([layout.frame[2] for layout in drawn])[:, 1]) < 0.0  # some face down
     assert {session.mode for session in sessions} == set(cases.MODES)
     frames = [wanted for session in sessions for wanted in session.frames]
     assert {wanted.aperture for wanted in frames} == set(cases.APERTURES)
     assert {len(wanted.foci) for wanted in frames} == set(range(1, 7))
     assert {w.solver for w in frames if len(w.foci) > 1} == set(cases.SOLVERS)
     assert any(session.elements is not None for session in sessions)
+    hosts = [session.host for session in sessions if session.allowance is not None]
+    assert any(host.scatter_m is not None for host in hosts)
+    combined = [h.speed_ratio != 1.0 and h.away_m.any() for h in hosts]
+    assert 0.2 < np.mean(combined) < 0.8
 
 
 def test_every_kind_of_wrong_drive_and_of_fault_is_drawn():

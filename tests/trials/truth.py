@@ -155,7 +155,7 @@ class Lie:
     units_m : (3,)
         A radian along each; at most a quarter of the distance.
     distance_m : float
-        From the centre of what is driven.
+        From the centre of what is driven, or from the nearest element if that is more.
     outward : (3,)
         Unit vector from that centre to the target.
     flat : (3,) bool
@@ -174,14 +174,17 @@ def lie_of(scene: Scene, amplitudes: Floats, target: Floats, bits: int) -> Lie:
     share = amplitudes / amplitudes.sum()
     rays = target - scene.positions_m
     centre = share @ scene.positions_m
-    distance = float(np.linalg.norm(target - centre))
-    unit = rays / np.linalg.norm(rays, axis=1)[:, None]
+    far = np.linalg.norm(rays, axis=1)
+    from_centre = float(np.linalg.norm(target - centre))
+    distance = max(from_centre, float(far[share > 0.0].min()))
+    outward = (target - centre) / from_centre if from_centre > 1e-9 else scene.normals[0]
+    unit = rays / far[:, None]
     unit = unit - share @ unit
     values, vectors = np.linalg.eigh((unit * share[:, None]).T @ unit)
     slopes = scene.wavenumber * np.sqrt(np.maximum(values, 1e-18))
     units = np.minimum(1.0 / slopes, _LONGEST_UNIT * distance)
     flat = slopes * distance / 2.0 < math.pi / 2**bits
-    return Lie(vectors.T.copy(), units, distance, (target - centre) / distance, flat)
+    return Lie(vectors.T.copy(), units, distance, outward, flat)
 
 
 def rounding_mm(
