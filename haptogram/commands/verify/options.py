@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 _TOLERANCE: Final = (
     "A tolerance decides which miss passes, on top of what rounding of the phases makes; the "
-    "default is none. Of an uncertainty the result tells what it makes in mm; one that is stated of "
-    "the elements also says by how much one of them may be off where a miss is tolerated."
+    "default is none. Of an uncertainty the result tells what it makes in mm; one that is stated "
+    "of the elements also says by how much one of them may be off where a miss is tolerated."
 )
 #: The names of the options by group, in the order of the help text.
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
