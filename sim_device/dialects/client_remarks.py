@@ -181,8 +181,9 @@ class ClientRemarks:
     def left(self, unshown: UnshownToClient, t_us: int) -> None:
         """Look at all that came before the client left; the next one is judged anew."""
         if self._came:
-            waits = unshown.whole and not unshown.unfinished
-            self.silent(dataclasses.replace(unshown, whole=0) if waits == 1 else unshown, t_us)
+            waits = unshown.whole > 0 and not unshown.unfinished
+            is_one = waits and unshown.whole == 1
+            self.silent(dataclasses.replace(unshown, whole=0) if is_one else unshown, t_us)
             if waits:
                 self._is_stopped = True
                 self.frames_unfinished += not self._is_other
@@ -245,8 +246,23 @@ class ClientRemarks:
                 "and no commands of a controller in front of it",
                 t_us,
             )
+        elif not self._is_own and self._are_finer_frames():
+            self._is_own = True
+            fact, cause = _CLUES[_OF_WHOLE_FRAMES]
+            self._remark(About.OTHER_ARRAY, f"{fact}: the client has {cause}", t_us)
+            self._tell_compared(t_us)
         else:
             self._tell_compared(t_us)
+
+    def _are_finer_frames(self) -> bool:
+        """Return True for frames of the right size, some of whose codes are bytes of commands."""
+        data = bytes(self._first_bytes)
+        for size in self._sizes:
+            frames = [data[at : at + size] for at in range(0, len(data) - size + 1, size)]
+            ends = {(frame[0], frame[-1]) for frame in frames}
+            if len(frames) >= _ALIKE and len(ends) == 1 and len(set(frames[0])) > size // _FEW:
+                return True
+        return False
 
     def _say_clues(self, t_us: int) -> None:
         """Say once of each client what its frames have in common with no frame of this board."""

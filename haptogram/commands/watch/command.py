@@ -157,7 +157,10 @@ class _WatchRun:
         if arguments.html is not None:
             self._page = WatchPage(self._board)
         self._watch: Watch = Watch(
-            self._board.model, channels=self._board.channels, expectation=expectation
+            self._board.model,
+            channels=self._board.channels,
+            client_axes=self._board.client_axes,
+            expectation=expectation,
         )
         self._lines = LatchLines(text, self._board, quiet=arguments.quiet)
         self._arguments = arguments

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.model.boards.layout import Z_UP
+from haptogram.acoustics.model.boards.layout import Z_UP, Rows
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.dialects.pulse_records import pulse_observation_of
@@ -73,10 +73,9 @@ class WatchedBoard:
         return int(record.get("channel_count", self.model.array.count))
 
     @property
-    def client_axes(self) -> list[list[float]]:
+    def client_axes(self) -> Rows:
         """Rows of our axes in those of the client: ours = rows @ theirs."""
-        rows: list[list[float]] = self._axes.tolist()
-        return rows
+        return tuple(map(tuple, self._axes.tolist()))
 
     def ours_m(self, client_m: FloatArray) -> FloatArray:
         """Return (..., 3) points in the client's axes in those of the model."""

@@ -32,11 +32,12 @@ def watched_pattern_text(pattern: Pattern, board: WatchedBoard) -> str:
         return pattern.kind
     charge = f" of charge {pattern.charge:+d}" if isinstance(pattern, Vortex) else ""
     place = board.clients_m(np.array(pattern.position_m))
-    bound = np.abs(board.clients_m(np.array(pattern.bound_m)))
+    bound = np.array(pattern.bound_m)[np.abs(board.client_axes).argmax(axis=0)]
     limits = "/".join(f"{_MM * b:.1f}" if np.isfinite(b) else "?" for b in bound)
     text = f"{pattern.kind}{charge} at {watched_place_text(place)} mm, ±{limits} mm"
     if pattern.outliers:
-        text += f", {len(pattern.outliers)} elements out of step"
+        count = len(pattern.outliers)
+        text += f", {count} element{'' if count == 1 else 's'} out of step"
     return f"{text}, coherence {pattern.coherence:.4f}"
 
 

@@ -74,7 +74,7 @@ class DefectFinder:
         for defect in shown:
             if len(self._latches[defect]) < self._most:
                 self._latches[defect].append(latch.number)
-        if isinstance(pattern, Placed):
+        if isinstance(pattern, Placed) and not latch.torn:
             self._take_polarities(latch, pattern)
         return shown
 
@@ -126,9 +126,8 @@ class DefectFinder:
         A row, a rim or a half of the array that is off is a part of it that somebody left out.
         """
         silent = ~(np.abs(np.nan_to_num(latch.weights)) > _SOUNDING)
-        if not isinstance(pattern, Placed) or not silent.any() or silent.mean() > _FEW:
-            return frozenset()
-        if not self._is_near(pattern):
+        is_one = isinstance(pattern, Placed) and self._is_near(pattern) and not latch.torn
+        if not is_one or not silent.any() or silent.mean() > _FEW:
             return frozenset()
         if silent[self._neighbours[silent]].mean() > 1.0 - _SCATTERED or self._is_rim(silent):
             return frozenset()
@@ -154,9 +153,13 @@ class DefectFinder:
             if element not in pattern.outliers and abs(latch.weights[element]) > _SOUNDING:
                 seen.contradicted = True
 
+    @property
+    def reversed_elements(self) -> frozenset[int]:
+        """The elements that are proven to be half a turn off."""
+        return frozenset(n for n, seen in self._reversed.items() if seen.is_proven)
+
     def _reversals(self) -> list[Diagnosis]:
-        proven = [n for n, seen in sorted(self._reversed.items()) if seen.is_proven]
-        if not proven:
+        if not (proven := sorted(self.reversed_elements)):
             return []
         names = ", ".join(map(str, proven[:12])) + (", ..." if len(proven) > 12 else "")
         latches = max((self._reversed[n].drives for n in proven), key=len)

@@ -1,269 +1,200 @@
-"""Defects by name from where foci are and where they were expected.
+"""Defects by name from the phases that came and the foci that were expected.
 
-A hypothesis says where every focus would be: the elements in another order, the targets in other
-axes, the air of another speed of sound. One is named if it alone explains all foci: the expectation
-itself does not, no other simple one comes near, and no two are needed where one suffices.
+A hypothesis says which phases a mistake would have made. One is named if it alone explains the
+phases of nearly all frames: no mistake at all does not, no other simple one comes near, and no two
+are needed where one suffices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Final, TypeAlias
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.medium import air_temperature_c
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.reconstruct.patterns.fit import PatternPhases, fit_pattern_point
 
 from .defect import Defect, Diagnosis
+from .mistake_fit import UNKNOWNS, MistakeFit
+from .rearrangements import Part, Rearrangement
 
 LEAST_TARGETS: Final = 3
 _EXPLAINS: Final = 2.5  # standard deviations of rounding, in the root mean square
-_WORST: Final = 6.0  # of one coordinate: errors of rounding are not all independent
 _MARGIN: Final = 2.5  # between the explanation and the next best one
 _LEAST_RIVAL: Final = 4.0  # standard deviations that the next best one must be off
-_MOST_SHIFT_M: Final = 0.03
-_MOST_SPEED: Final = 0.04
-_STEP: Final = 0.01  # share of the speed of sound for a slope
+_IS_NOISE: Final = 1.3  # standard deviations: nothing but rounding is left
+_BETTER: Final = 6.0  # standard deviations by which it is more likely than the next best one
 _MM: Final = 1e3
-
-Places: TypeAlias = FloatArray
-#: From (T, 3) targets to where their foci would be.
-Moves: TypeAlias = Callable[[Places], Places]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Aim:
-    """One target and the focus that was found.
+    """One target, and the phases that came.
 
     Attributes
     ----------
-    target_m, found_m : (3,) numpy.ndarray
+    target_m : (3,) numpy.ndarray
         In the world.
-    std_m : (3,) numpy.ndarray
-        Standard deviation of that by the rounding of the phases; infinite where it does not show.
+    phases_rad : (N,) numpy.ndarray
+        Of the elements, not a number where they are silent.
+    step_rad : float
+        Step of the phases.
+    found_m : (3,) numpy.ndarray or None
+        The focus that they make; None if they make none.
     """
 
     target_m: FloatArray
-    found_m: FloatArray
-    std_m: FloatArray
+    phases_rad: FloatArray
+    step_rad: float
+    found_m: FloatArray | None
 
 
-@dataclass(frozen=True, slots=True)
-class _Order:
-    """Another order of the elements, which mirrors or turns the array onto itself."""
+class ClientMistakes:
+    """Looks for the mistake that explains the phases of a run.
 
-    name: str
-    matrix: tuple[tuple[int, int], tuple[int, int]]
-
-
-_ORDERS: Final = (
-    _Order("x mirrored", ((-1, 0), (0, 1))),
-    _Order("y mirrored", ((1, 0), (0, -1))),
-    _Order("x and y mirrored (turned by 180 degrees)", ((-1, 0), (0, -1))),
-    _Order("x and y exchanged (transposed)", ((0, 1), (1, 0))),
-    _Order("x and y exchanged and mirrored", ((0, -1), (-1, 0))),
-    _Order("turned by 90 degrees", ((0, -1), (1, 0))),
-    _Order("turned by 270 degrees", ((0, 1), (-1, 0))),
-)
-
-
-def name_client_mistake(model: AcousticModel, aims: Sequence[Aim]) -> Diagnosis | None:
-    """Return the mistake that explains where the foci are; None: none does, or several do."""
-    if len(_distinct_aims_of_mistakes(aims)) < LEAST_TARGETS:
-        return None
-    case = _MistakeCase(model, aims)
-    if case.misfit(case.targets) <= _EXPLAINS:
-        return None
-    for hypotheses in (case.simple(), case.double()):
-        scored = sorted(
-            ((case.misfit(places), name) for name, places in hypotheses), key=_first_client_mistake
-        )
-        best, name = scored[0]
-        if best > _EXPLAINS:
-            continue
-        rivals = [score for score, other in scored if other.key != name.key]
-        if rivals and rivals[0] < max(_MARGIN * best, _LEAST_RIVAL):
-            return None
-        return name.diagnosis()
-    return None
-
-
-def is_mistake_explained_alone(
-    model: AcousticModel, aims: Sequence[Aim], rivals: Sequence[Aim]
-) -> bool:
-    """Return True if *aims* are on target, and *rivals* neither are nor show another mistake."""
-    if (
-        len(_distinct_aims_of_mistakes(rivals)) < LEAST_TARGETS
-        or name_client_mistake(model, rivals) is not None
-    ):
-        return False
-    misfit, rival = (_MistakeCase(model, each).misfit_of_targets() for each in (aims, rivals))
-    return misfit <= _EXPLAINS and rival >= max(_MARGIN * misfit, _LEAST_RIVAL)
-
-
-def hint_at_mistaken_speed(model: AcousticModel, aims: Sequence[Aim]) -> str | None:
-    """Return which speed of sound would explain foci that are not on target; None: none does.
-
-    Unlike :func:`name_client_mistake` it takes any number of targets. What fits as well is named
-    beside it: a single focus is as well explained by a shift.
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air.
+    rearrangements : sequence of Rearrangement
+        The single mistakes that are thought of, the one that is none first.
+    client_axes : (3, 3) numpy.ndarray
+        Rows are our axes in those of the client.
+    aims : sequence of Aim
+        Frames that were expected to have one focus.
     """
-    if not aims:
+
+    def __init__(
+        self,
+        model: AcousticModel,
+        rearrangements: Sequence[Rearrangement],
+        client_axes: FloatArray,
+        aims: Sequence[Aim],
+    ) -> None:
+        self._case = _MistakeCase(model, client_axes, aims)
+        self._none, *self._others = rearrangements
+        self._aims = aims
+
+    def diagnosis(self) -> Diagnosis | None:
+        """Return the mistake that is proven; None: none explains the phases, or several do."""
+        for scored in self._levels():
+            best, parts = scored[0]
+            if best > _EXPLAINS:
+                continue
+            rivals = [score for score, other in scored if _key(other) != _key(parts)]
+            if rivals and not self._is_beyond(best, rivals[0]):
+                return None
+            (defect, detail), *others = parts
+            more = "".join(f"; and {other}: {text}" for other, text in others)
+            return Diagnosis(defect, detail + more, ()) if self._is_enough(parts) else None
         return None
-    case = _MistakeCase(model, aims)
-    if case.misfit_of_targets() <= _EXPLAINS:
+
+    def hint(self) -> str | None:
+        """Return what would explain the phases and is not proven; None: nothing, or a shift."""
+        for scored in self._levels():
+            fitting = dict.fromkeys(
+                "; and ".join(f"{defect}: {text}" for defect, text in parts)
+                for score, parts in scored
+                if score <= _EXPLAINS
+            )
+            if fitting and not all(str(Defect.AXES) in text for text in fitting):
+                tell = (
+                    f"{LEAST_TARGETS} targets or more tell"
+                    if self._case.distinct < LEAST_TARGETS
+                    else "targets further apart, at other heights and off the axes, tell"
+                )
+                which = "whether it is" if len(fitting) == 1 else "which it is"
+                return f"{', or '.join(fitting)}: {tell} {which}"
         return None
-    fitting = [name.parts[0] for name, places in case.simple() if case.misfit(places) <= _EXPLAINS]
-    speed = next((text for defect, text in fitting if defect is Defect.SPEED), None)
-    others = dict.fromkeys(text for defect, text in fitting if defect is not Defect.SPEED)
-    if speed is None or not others:
-        return speed
-    return (
-        f"{speed}; foci {', or '.join(others)}, fit as well: {LEAST_TARGETS} targets or more tell "
-        "which it is"
-    )
+
+    def _is_beyond(self, best: float, rival: float) -> bool:
+        """Return True if a rival is so far off that it is none."""
+        unlikely = math.sqrt(self._case.unknowns * max(0.0, rival**2 - best**2))
+        is_clear = best <= _IS_NOISE and unlikely >= _BETTER
+        return is_clear or rival >= max(_MARGIN * best, _LEAST_RIVAL)
+
+    def _is_enough(self, parts: tuple[Part, ...]) -> bool:
+        """Return True if as many targets were shown as prove it: a focus may be meant elsewhere."""
+        is_focus = sum(aim.found_m is not None for aim in self._aims) > len(self._aims) / 2
+        is_simple = not is_focus and len(parts) == 1
+        return is_simple or self._case.distinct >= LEAST_TARGETS
+
+    def _levels(self) -> Iterator[list[tuple[float, tuple[Part, ...]]]]:
+        """Yield the scores of single mistakes, then those of two at once, the best ones first."""
+        case, none = self._case, self._none
+        if case.score(none)[0] <= _EXPLAINS:
+            return
+        single = [case.score(other) for other in self._others]
+        yield _sorted([*single, case.score(none, speed=True), case.score(none, shift=True)])
+        double = [case.score(none, speed=True, shift=True)]
+        for other in self._others:
+            double += [case.score(other, speed=True), case.score(other, shift=True)]
+            if other.parts[0][0] is Defect.ORDER:
+                sign = next(o for o in self._others if o.sign < 0)
+                parts = (*sign.parts, *other.parts)
+                double.append(case.score(replace(other, sign=-1, parts=parts)))
+        yield _sorted(double)
 
 
-def _first_client_mistake(item: tuple[float, _MistakeName]) -> float:
-    return item[0]
+def _sorted(
+    scored: list[tuple[float, tuple[Part, ...]]],
+) -> list[tuple[float, tuple[Part, ...]]]:
+    return sorted(scored, key=lambda item: item[0])
 
 
-def _distinct_aims_of_mistakes(aims: Sequence[Aim]) -> set[tuple[float, ...]]:
-    return {tuple(np.round(aim.target_m, 6).tolist()) for aim in aims}
-
-
-@dataclass(frozen=True, slots=True)
-class _MistakeName:
-    """What a hypothesis says; those with the same key say the same."""
-
-    parts: tuple[tuple[Defect, str], ...]
-
-    @property
-    def key(self) -> tuple[tuple[Defect, str], ...]:
-        """The defects, and which order; figures do not count."""
-        return tuple((d, text if d is Defect.ORDER else "") for d, text in self.parts)
-
-    def diagnosis(self) -> Diagnosis:
-        (defect, detail), *others = self.parts
-        more = "".join(f"; and {other}: {text}" for other, text in others)
-        return Diagnosis(defect, detail + more, ())
+def _key(parts: tuple[Part, ...]) -> tuple[tuple[Defect, str], ...]:
+    """Return the defects, and which they are; figures do not count."""
+    return tuple((d, "" if d in (Defect.AXES, Defect.SPEED) else text) for d, text in parts)
 
 
 class _MistakeCase:
-    """Targets and foci of one run, and what hypotheses make of them."""
+    """The frames of one run, and how well hypotheses explain their phases."""
 
-    def __init__(self, model: AcousticModel, aims: Sequence[Aim]) -> None:
-        self._model = model
-        self.targets = np.array([aim.target_m for aim in aims])
-        self.found = np.array([aim.found_m for aim in aims])
-        std = np.array([aim.std_m for aim in aims])
-        self._seen = np.isfinite(std)
-        self._std = np.where(self._seen, std, 1.0)
+    def __init__(self, model: AcousticModel, client_axes: FloatArray, aims: Sequence[Aim]) -> None:
+        self._model, self._axes = model, client_axes
+        self._targets = np.array([aim.target_m for aim in aims])
+        self._phases = np.array([aim.phases_rad for aim in aims])
+        self._steps = np.array([aim.step_rad for aim in aims])
+        lost = np.full(3, np.nan)
+        self._found = np.array([lost if aim.found_m is None else aim.found_m for aim in aims])
+        self.unknowns = UNKNOWNS * len(aims)
+        self.distinct = len({tuple(np.round(aim.target_m, 6).tolist()) for aim in aims})
 
-    def misfit(self, places: Places) -> float:
-        """Return how many standard deviations the foci are off *places*."""
-        off = np.where(self._seen, (self.found - places) / self._std, 0.0)
-        if not np.isfinite(off).all():
-            return np.inf
-        mean = float(np.sqrt((off**2).sum() / max(self._seen.sum(), 1)))
-        return max(mean, float(np.abs(off).max()) * _EXPLAINS / _WORST)
+    def score(
+        self, what: Rearrangement, *, speed: bool = False, shift: bool = False
+    ) -> tuple[float, tuple[Part, ...]]:
+        """Return by how many standard deviations a hypothesis is off, and its names.
 
-    def misfit_of_targets(self) -> float:
-        """Return how many standard deviations the foci are off their targets."""
-        return self.misfit(self.targets)
-
-    def simple(self) -> Iterator[tuple[_MistakeName, Places]]:
-        """Yield each mistake by itself."""
-        for name, places in self._orders():
-            yield _MistakeName(((Defect.ORDER, name),)), places
-        yield self._shifted(self.targets, ())
-        yield self._in_other_air(self.targets, ())
-
-    def double(self) -> Iterator[tuple[_MistakeName, Places]]:
-        """Yield two mistakes at once."""
-        for name, places in self._orders():
-            if not self._is_near(places):
-                continue
-            order = ((Defect.ORDER, name),)
-            yield self._in_other_air(places, order)
-            yield self._shifted(places, order)
-        yield self._both()
-
-    def _is_near(self, places: Places) -> bool:
-        """Return True if a shift or other air could bring *places* to the foci."""
-        off = np.linalg.norm(np.where(self._seen, self.found - places, 0.0), axis=1)
-        return bool(off.max() < _MOST_SHIFT_M)
-
-    def _orders(self) -> Iterator[tuple[str, Places]]:
-        """Yield the foci of elements, or of coordinates, in another order.
-
-        Elements that are mirrored or turned onto each other do so around their centre, and
-        coordinates around the origin.
+        Parameters
+        ----------
+        speed, shift : bool
+            Whether the client may assume another speed of sound, and another origin.
         """
-        array = self._model.array
-        axes = array.axes
-        for order in _ORDERS:
-            turn = np.eye(3)
-            turn[:2, :2] = order.matrix
-            yield order.name, array.world_m(array.local_m(self.targets) @ turn.T)
-            yield order.name, self.targets @ (axes.T @ turn @ axes).T
+        phases = what.sign * self._phases[:, what.index] + what.added_rad
+        places = what.move(self._targets)
+        positions, k = self._model.array.positions_m, self._model.wavenumber
+        fit = MistakeFit(positions, k, phases, places, self._steps)
+        solved = fit.solved(self._found - places if shift else None, speed=speed)
+        parts = what.parts
+        if speed:
+            parts += ((Defect.SPEED, self._speed_text(solved.share)),)
+        if shift:
+            parts += ((Defect.AXES, self._shift_text(solved.shift_m)),)
+        return fit.misfit(solved), parts
 
-    def _shifted(
-        self, places: Places, before: tuple[tuple[Defect, str], ...]
-    ) -> tuple[_MistakeName, Places]:
-        """Return the best common shift of all foci."""
-        weights = np.where(self._seen, self._std**-2.0, 0.0)
-        total = np.maximum(weights.sum(axis=0), 1e-30)
-        shift = (weights * (self.found - places)).sum(axis=0) / total
-        length = float(np.linalg.norm(shift))
-        text = ", ".join(f"{round(_MM * value, 1) + 0.0:.1f}" for value in shift)
-        name = _MistakeName((*before, (Defect.AXES, f"shifted by ({text}) mm")))
-        return name, places + (shift if length <= _MOST_SHIFT_M else np.nan)
+    def _speed_text(self, share: float) -> str:
+        here = self._model.medium.sound_speed_m_s
+        assumed = here / (1.0 + share)
+        air_c = air_temperature_c(assumed)
+        return (
+            f"the client assumes {assumed:.1f} m/s, air of {air_c:.1f} C (--temperature-c "
+            f"{air_c:.1f}); the air has {here:.1f} m/s"
+        )
 
-    def _in_other_air(
-        self, places: Places, before: tuple[tuple[Defect, str], ...]
-    ) -> tuple[_MistakeName, Places]:
-        """Return the best speed of sound that the client may have assumed."""
-        share, moved = 0.0, places
-        for _ in range(3):
-            slope = (self._foci_for(places, share + _STEP) - moved) / _STEP
-            scaled = np.where(self._seen, slope / self._std, 0.0)
-            off = np.where(self._seen, (self.found - moved) / self._std, 0.0)
-            share += float((scaled * off).sum() / max((scaled**2).sum(), 1e-30))
-            share = float(np.clip(share, -_MOST_SPEED, _MOST_SPEED))
-            moved = self._foci_for(places, share)
-        speed = self._model.medium.sound_speed_m_s * (1.0 + share)
-        here = f"the air has {self._model.medium.sound_speed_m_s:.1f} m/s"
-        its_air_c = air_temperature_c(speed)
-        option = f"--temperature-c {its_air_c:.1f}"
-        text = f"the client assumes {speed:.1f} m/s, air of {its_air_c:.1f} C ({option}); {here}"
-        return _MistakeName((*before, (Defect.SPEED, text))), moved
-
-    def _both(self) -> tuple[_MistakeName, Places]:
-        """Return the best speed of sound and shift together."""
-        name, moved = self._in_other_air(self.targets, ())
-        for _ in range(4):
-            shift = (self.found - moved).mean(axis=0)
-            back = _MistakeCase(self._model, self._aims(shift))
-            name, moved = back._in_other_air(self.targets, ())
-        return self._shifted(moved, name.parts)
-
-    def _aims(self, shift: FloatArray) -> list[Aim]:
-        spread = np.where(self._seen, self._std, np.inf)
-        rows = zip(self.targets, self.found - shift, spread, strict=True)
-        return [Aim(target, found, std) for target, found, std in rows]
-
-    def _foci_for(self, places: Places, share: float) -> Places:
-        """Return where foci are whose phases were computed for a speed higher by *share*."""
-        array, k = self._model.array, self._model.wavenumber
-        local = array.local_m(array.positions_m)
-        found = []
-        for place in places:
-            start = array.local_m(place)
-            distance = np.linalg.norm(start - local, axis=1)
-            phases = PatternPhases(local, -k / (1.0 + share) * distance, k)
-            found.append(fit_pattern_point(phases, start).position_m)
-        return array.world_m(np.array(found))
+    def _shift_text(self, shift_m: FloatArray) -> str:
+        values = (round(_MM * value, 1) + 0.0 for value in shift_m @ self._axes)
+        return f"shifted by ({', '.join(f'{value:.1f}' for value in values)}) mm"

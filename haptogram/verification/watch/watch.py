@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections import Counter, OrderedDict, deque
@@ -11,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.model.boards.layout import Z_UP, Rows
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern, Unnamed
@@ -18,18 +20,19 @@ from haptogram.records.remark import About
 from haptogram.settings.arguments import check_whole
 
 from ..frame.verdict import WRONG, FrameStatus, FrameVerdict
-from .conjugate import ConjugateFociOfClient
-from .defect import Diagnosis
 from .diagnosis import DefectFinder
+from .elements import ElementMistakes
 from .expectation import Expectation
 from .latch import SeenLatch
-from .mistakes import Aim, hint_at_mistaken_speed, name_client_mistake
+from .mistakes import Aim, ClientMistakes
+from .order import ExpectedOrder
+from .rearrangements import client_rearrangements
 from .result import WatchedLatch, WatchResult
 
 _REMEMBERED: Final = 1024  # drives; clients show the same ones again and again
 _TIMED: Final = 4096
 _MOST_AIMS: Final = 64  # targets that a mistake must explain
-_FOCUSED: Final = 0.8  # of the latches that were expected to be a focus, for a mistake to be named
+_SOUNDING: Final = 1e-6
 _MOST_NOTES: Final = 4
 _LEAST_ELEMENTS: Final = 12  # that prove a focus, with 16 steps
 _SILENT_KINDS: Final = ("off", "uniform")
@@ -44,6 +47,8 @@ class Watch:
         Array and air of the board.
     channels : int, optional
         Channels of one board; by default the elements of the array.
+    client_axes : rows, optional
+        Our axes in those of the client, in which defects speak; by default they are the same.
     expectation : Expectation, optional
         The foci that are expected. A latch that radiates nothing, or all in phase, is not one of
         the frames that are expected: clients begin and end so.
@@ -63,12 +68,15 @@ class Watch:
         model: AcousticModel,
         *,
         channels: int | None = None,
+        client_axes: Rows = Z_UP,
         expectation: Expectation | None = None,
     ) -> None:
         count = model.array.count if channels is None else channels
         check_whole("channels", count, 1, 4096)
         self._model = model
+        self._channels, self._axes = count, client_axes
         self._expectation = expectation
+        self._order = None if expectation is None else ExpectedOrder(expectation)
         self._finder = DefectFinder(model.array.positions_m, count)
         self._classifiers: dict[int, PatternClassifier] = {}
         self._seen: OrderedDict[tuple[int, bytes], Pattern] = OrderedDict()
@@ -76,8 +84,8 @@ class Watch:
         self._statuses: Counter[FrameStatus] = Counter()
         self._times_ms: deque[float] = deque(maxlen=_TIMED)
         self._aims: dict[tuple[float, ...], Aim] = {}
-        self._conjugates = ConjugateFociOfClient(model)
-        self._latches = self._frames = self._focused = self._missed = 0
+        self._elements = ElementMistakes(model)
+        self._latches = 0
         self._only_phases = 0  # wrong frames whose focus is right
         self._notes: dict[str, None] = {}  # why frames are not verified
 
@@ -115,13 +123,18 @@ class Watch:
 
     def result(self, missing: str | None = None) -> WatchResult:
         """Return the numbers so far; *missing* says why latches may be missing."""
-        times, mistakes = self._times_ms, self._mistakes()
+        times, found = self._times_ms, self._client_mistakes()
+        mistakes = [] if found is None or (named := found.diagnosis()) is None else [named]
+        if self._order is not None:
+            mistakes += self._order.diagnoses()
+        if not mistakes:
+            mistakes = self._elements.diagnoses(self._finder.reversed_elements)
         return WatchResult(
             latches=self._latches,
             kinds=dict(self._kinds),
             statuses=dict(self._statuses),
             diagnoses=(*self._finder.diagnoses(), *mistakes),
-            hints=() if mistakes else tuple(self._hints()),
+            hints=() if mistakes else tuple(self._hints(found)),
             torn=tuple(self._finder.frames.torn),
             missing=missing or self._finder.frames.undecided,
             remarks=tuple(self._finder.frames.remarks),
@@ -150,63 +163,52 @@ class Watch:
 
     def _expected_m(self) -> FloatArray | None:
         """Return the one focus of the frame that is expected next."""
-        if self._expectation is None:
-            return None
-        foci = self._expectation.frame(self._frames)
-        return foci[0] if len(foci) == 1 else None
+        foci = None if self._order is None else self._order.next_foci
+        return foci[0] if foci is not None and len(foci) == 1 else None
 
     def _judged(self, latch: SeenLatch, pattern: Pattern) -> FrameVerdict | None:
-        if self._expectation is None or pattern.kind in _SILENT_KINDS:
+        if self._order is None or pattern.kind in _SILENT_KINDS:
             return None
-        index = self._frames
-        self._frames += 1
-        verdict = self._expectation.judge(index, latch, pattern)
+        verdict, foci = self._order.judge(latch, pattern)
         self._statuses[verdict.status] += 1
-        foci = self._expectation.frame(index)
-        if len(foci) > 1 or latch.torn:
+        if foci is None or len(foci) > 1 or latch.torn:
             return verdict
         if verdict.status is FrameStatus.NOT_VERIFIED and len(self._notes) < _MOST_NOTES:
             self._notes.setdefault(verdict.note)
+        aim = self._aim(latch, pattern, foci[0])
         if verdict.status in WRONG:
-            self._missed += 1
             self._only_phases += [n for n, ok in verdict.criteria.items() if not ok] == ["S1"]
-            self._conjugates.take(latch, pattern, foci[0])
-        if isinstance(pattern, OneFocus):
-            self._focused += 1
-            key = tuple(foci[0].tolist())
-            if key not in self._aims and len(self._aims) < _MOST_AIMS:
-                place, std = np.array(pattern.position_m), np.array(pattern.std_m)
-                self._aims[key] = Aim(foci[0], place, std)
+            self._elements.take(latch.number, aim)
+        if len(self._aims) < _MOST_AIMS:
+            self._aims.setdefault(tuple(foci[0].tolist()), aim)
         return verdict
 
-    def _mistakes(self) -> list[Diagnosis]:
-        """Return the one mistake that explains where the foci are, if they are not on target."""
-        found = None
-        if self._are_off_target:
-            found = name_client_mistake(self._model, list(self._aims.values()))
-        if found is None and self._missed >= max(1, _FOCUSED * self._frames):
-            found = self._conjugates.diagnosis()
-        return [] if found is None else [found]
+    def _aim(self, latch: SeenLatch, pattern: Pattern, target_m: FloatArray) -> Aim:
+        weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
+        radiated = self._model.radiated(weights)
+        phases = np.where(np.abs(radiated) > _SOUNDING, np.angle(radiated), np.nan)
+        found = np.array(pattern.position_m) if isinstance(pattern, OneFocus) else None
+        return Aim(target_m, phases, 2.0 * math.pi / latch.steps, found)
 
-    def _hints(self) -> Iterator[str]:
+    def _client_mistakes(self) -> ClientMistakes | None:
+        """Return what looks for a mistake, if a latch is wrong."""
+        if not self._aims or not any(self._statuses[status] for status in WRONG):
+            return None
+        made = client_rearrangements(self._model, self._channels, self._axes)
+        axes = np.array(self._axes)
+        return ClientMistakes(self._model, made, axes, [*self._aims.values()])
+
+    def _hints(self, mistakes: ClientMistakes | None) -> Iterator[str]:
         """Yield what may explain where the foci are and is not proven, and why others are not."""
         yield from (f"not verified: {note}" for note in self._notes)
         count = self._model.array.count
         if count < _LEAST_ELEMENTS and self._expectation is None and Unnamed.kind in self._kinds:
             yield f"{count} elements prove no pattern: with --expect their phases are judged"
-        if self._are_off_target and (
-            text := hint_at_mistaken_speed(self._model, [*self._aims.values()])
-        ):
-            yield f"the foci are where they would be if {text}"
+        if mistakes is not None and (text := mistakes.hint()):
+            yield f"the phases are as of {text}"
         elif self._only_phases and self._only_phases == sum(self._statuses[s] for s in WRONG):
             yield (
                 "every focus is where it was expected; single phases are off by more than half a "
                 "step (S1), as of codes that are cut off or of air that differs a little: "
                 "--tolerance-mm and --tolerance-c allow for that"
             )
-
-    @property
-    def _are_off_target(self) -> bool:
-        """True if some latch is wrong, and nearly all are foci."""
-        wrong = any(self._statuses[status] for status in WRONG)
-        return wrong and self._focused >= _FOCUSED * self._frames

@@ -56,6 +56,8 @@ _MOST_FITS: Final = 14
 _SUFFICES: Final = 0.95  # of the elements: no other start explains more than these
 _FINEST_STEPS: Final = 256  # finer codes are not told from these
 _PLANE_M: Final = 1e-4
+_LEAST_SIDE: Final = 0.3  # of the elements, on each side of a trap
+_TRAP_IS_BETTER: Final = 0.85  # of the RMS residual of a focus: a trap explains more
 
 
 class PatternClassifier:
@@ -162,13 +164,56 @@ class PatternClassifier:
             return None
         explained = self._near_the_last(phases)
         if explained is None:
-            search = self._search_for(active)
-            explained = self._focused_at(phases, places, search, drive)
-            explained = explained or self._searched(phases, search, active, drive)
+            explained = self._found(phases, active, drive, places)
         if explained is not None:
+            explained = self._trap_instead_of(explained, phases, active)
             return self._as_pattern(explained, drive, active, phases)
         search = self._search_for(active)
         return find_foci_pattern(self._model, drive, active, search.loudest, self._step_rad)
+
+    def _found(
+        self,
+        phases: PatternPhases,
+        active: BoolArray,
+        drive: ComplexArray,
+        places: list[FloatArray],
+    ) -> Explanation | None:
+        """Return the pattern around one point, as it is or with half a turn between two sides."""
+        search, halves = self._search_for(active), self._half_turn(active)
+        turned = drive.copy()
+        if halves is not None:
+            turned[active] *= np.exp(1j * halves)
+        for find in (self._focused_at, self._searched_among):
+            found = find(phases, places, search, drive)
+            if found is None and halves is not None:
+                found = _as_trap(find(phases.turned(halves), places, search, turned), halves)
+            if found is not None:
+                return found
+        return None
+
+    def _half_turn(self, active: BoolArray) -> FloatArray | None:
+        """Return what a trap between two sides adds to a focus; None: there is one side."""
+        if len(self._sides) == 1:
+            return None
+        far = self._sides[1][active]
+        return np.where(far, math.pi, 0.0) if _LEAST_SIDE < far.mean() < 1 - _LEAST_SIDE else None
+
+    def _trap_instead_of(
+        self, found: Explanation, phases: PatternPhases, active: BoolArray
+    ) -> Explanation:
+        """Return the trap for what is only nearly a focus, a quarter of a wavelength beside it."""
+        halves = self._half_turn(active)
+        if halves is None or found.charge or found.normal is not None:
+            return found
+        apart = np.array([0.0, 0.0, math.pi / 2.0 / phases.wavenumber])
+        best, rms = found, _TRAP_IS_BETTER * found.fit.rms_of(found.used)
+        for start in (found.fit.position_m + apart, found.fit.position_m - apart):
+            trap = explain_turning_pattern(phases.turned(halves), start, self._limit_rad, near=True)
+            if trap is None or trap.used.sum() < found.used.sum() or not self._is_usable(trap):
+                continue
+            if trap.fit.rms_of(trap.used) < rms:
+                best, rms = _as_trap(trap, halves) or found, trap.fit.rms_of(trap.used)
+        return best
 
     def _near_the_last(self, phases: PatternPhases) -> Explanation | None:
         """Return a pattern like the last one near its place, if it explains all elements."""
@@ -217,10 +262,11 @@ class PatternClassifier:
                     return found
         return None
 
-    def _searched(
-        self, phases: PatternPhases, search: PatternSearch, active: BoolArray, drive: ComplexArray
+    def _searched_among(
+        self, phases: PatternPhases, _: list[FloatArray], search: PatternSearch, drive: ComplexArray
     ) -> Explanation | None:
         """Return the explanation with the fewest outliers among those of the likeliest starts."""
+        active = np.abs(drive) > _SILENT
         arrivals = np.where(active, np.exp(1j * np.angle(drive)), 0.0)
         best: Explanation | None = None
         for below in (False, True):
@@ -321,6 +367,13 @@ class PatternClassifier:
     def _unnamed(self, drive: ComplexArray, active: BoolArray) -> Unnamed:
         loudest = self._search_for(active).loudest(drive, 1)[0]
         return Unnamed(_pattern_vector(loudest), self._arrival(drive, loudest)[1])
+
+
+def _as_trap(found: Explanation | None, halves: FloatArray) -> Explanation | None:
+    """Return a focus of turned phases as what it is without the turn."""
+    if found is None or found.charge or found.normal is not None:
+        return None
+    return replace(found, added_rad=halves, normal=np.array([0.0, 0.0, 1.0]))
 
 
 def _pattern_vector(values: FloatArray) -> Vector:
