@@ -82,8 +82,8 @@ class BackdoorEstimator:
         return self._classifiers[steps].classify(_weights_of_latch_record(latch))
 
     def _coarsest(self, latch: PulseLatch) -> int:
-        steps = latch.pulses.steps
-        return steps if self._phase_steps is None else min(steps, self._phase_steps)
+        known = (latch.pulses.steps, self._phase_steps, latch.phase_steps)
+        return min(steps for steps in known if steps is not None)
 
     def _reconstruct(self, latch: AnyLatch) -> Reconstruction:
         if isinstance(latch, Latch):

@@ -94,6 +94,7 @@ def backdoor_pulse_record(
     emitter, two little-endian 32-bit floats (real and imaginary part, e^{-j w t}), if faults on
     purpose changed it; null: as the pulses say. ``modulation`` is null, ``unchanged``, or the
     samples of the amplitude (0 to 255) with their rate, which repeat from this latch on.
+    ``phase_steps`` says to half of which step the board has computed its phases, or is null.
     """
     pulses, modulation = latch.pulses, latch.modulation
     samples: Record | str | None = "unchanged"
@@ -114,6 +115,7 @@ def backdoor_pulse_record(
         "levels": {str(channel): levels.hex() for channel, levels in pulses.levels.items()},
         "counted": dict(latch.counted),
         "modulation": samples,
+        "phase_steps": latch.phase_steps,
         "radiated": None if faulty is None else _backdoor_base64(faulty.astype("<c8").tobytes()),
         "reconstruction": None if reconstruction is None else reconstruction.as_dict(),
         "pattern": None if pattern is None else pattern_dict(pattern),

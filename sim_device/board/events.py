@@ -88,6 +88,9 @@ class PulseLatch:
         Place in a sequence that the board runs along; 0 without one.
     modulation : Modulation or None
         The board modulates the amplitude in addition.
+    phase_steps : int or None
+        Steps of a period to half of which the board has computed its phases; None: as exactly as
+        every other drive.
     number : int
         Count of latches since power-up, from 0.
     counted : mapping
@@ -104,6 +107,7 @@ class PulseLatch:
     cause: str
     index: int = 0
     modulation: Modulation | None = None
+    phase_steps: int | None = None
     number: int = 0
     counted: Mapping[str, int] = field(default_factory=dict)
     radiated: ComplexArray | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import functools
 import json
 import math
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
     from haptogram.verification.frame.verdict import FrameVerdict
-    from haptogram.verification.watch import Watch, WatchedLatch
+    from haptogram.verification.watch import Watch, WatchedLatch, WatchResult
 
 _WriteLine: TypeAlias = Callable[[str], None]
 _REST_S: Final = 3.0  # behind an interrupt, to look at latches that have come
@@ -240,6 +241,7 @@ class _WatchRun:
         from haptogram.report.formats.job_summary import write_job_summary
         from haptogram.report.watch import watch_summary, write_watch_junit
 
+        self._lines.print_modulation()
         missing = self._missing
         if missing is None and self._board.missing:
             missing = f"{self._board.missing} latches were not shown by the back door"
@@ -248,6 +250,8 @@ class _WatchRun:
             missing = f"{count} {noun} came that were not looked at: the watch was interrupted"
         self._watch.cut_short()
         result = self._watch.result(missing)
+        if (assumed := _assumed_layout(self._arguments)) and _shows_no_pattern(result):
+            result = dataclasses.replace(result, hints=(*result.hints, assumed))
         outputs.print(str(result))
         summary = watch_summary(result, self._verdicts)
         annotate_job(summary, outputs)
@@ -265,6 +269,20 @@ class _WatchRun:
             write_job_summary(self._arguments.summary, summary, origin)
         outputs.announce()
         return result.verdict.exit_status
+
+
+def _assumed_layout(arguments: argparse.Namespace) -> str:
+    """Return what is assumed of the emitters of a board that the command has; empty: nothing."""
+    from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
+
+    layout = LAYOUT_OF_DIALECT.get(arguments.dialect or "")
+    return "" if layout is None or arguments.array is not None else layout.assumed
+
+
+def _shows_no_pattern(result: WatchResult) -> bool:
+    from haptogram.acoustics.reconstruct.patterns.found import Unnamed
+
+    return bool(result.kinds.get(Unnamed.kind, 0))
 
 
 def _why_watch_is_incomplete(end: Record) -> str | None:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from haptogram.verification.watch import WatchedLatch
 
 _PERIOD_S: Final = 0.1  # between lines on a terminal
+_MOST_SAMPLES: Final = 4000  # of a modulation, for one line: a second
 
 
 class LatchLines:
@@ -33,10 +34,18 @@ class LatchLines:
         self._is_terminal = stream.isatty()
         self._printed_s = -math.inf
         self._left_out = 0
+        self._levels: list[float] = []  # of the samples of a modulation that are not told yet
 
     def print(self, seen: WatchedLatch) -> None:
         """Print a latch, unless one was printed a moment ago and nothing is strange about it."""
         if self._quiet:
+            return
+        if seen.latch.is_sample:
+            self._levels.append(seen.latch.level)
+            if len(self._levels) < _MOST_SAMPLES:
+                return
+        self.print_modulation()
+        if seen.latch.is_sample:
             return
         now_s = time.monotonic()
         if (
@@ -50,6 +59,14 @@ class LatchLines:
         line = latch_line(seen, self._board) + more
         print(paint_verdicts_on_terminal(line, self._stream), file=self._stream, flush=True)
         self._printed_s, self._left_out = now_s, 0
+
+    def print_modulation(self) -> None:
+        """Print what the samples of a modulation since the last line had in common."""
+        if levels := self._levels:
+            low, high = (round(100.0 * level) for level in (min(levels), max(levels)))
+            noun = "latch" if len(levels) == 1 else "latches"
+            self.print_remark(f"modulation  {len(levels)} {noun}, amplitude {low} to {high} %")
+            self._levels = []
 
     def print_remark(self, text: str) -> None:
         """Print what the board says of its client."""

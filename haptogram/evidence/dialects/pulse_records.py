@@ -32,6 +32,8 @@ class PulseObservation:
         Pulses of every channel, those that drive no emitter among them.
     weights : (N,) numpy.ndarray of complex128
         Radiated weights of the emitters, faults on purpose included.
+    phase_steps : int or None
+        Steps to half of which the board has computed these phases, if they are coarser than others.
     counted : mapping of str to int
         What the board could not understand since the latch before.
     reconstruction : Reconstruction or None
@@ -43,6 +45,7 @@ class PulseObservation:
     cause: str
     pulses: PulseDrive
     weights: ComplexArray
+    phase_steps: int | None
     counted: Mapping[str, int]
     reconstruction: Reconstruction | None
 
@@ -77,6 +80,7 @@ def pulse_observation_of(record: Mapping[str, Any], channels: Sequence[int]) -> 
             weights=pulses.weights()[list(channels)]
             if radiated is None
             else _pulse_numbers(radiated, "<c8").astype(np.complex128),
+            phase_steps=record.get("phase_steps"),
             counted=record["counted"],
             reconstruction=observed_reconstruction_of(record["reconstruction"]),
         )

@@ -11,9 +11,10 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.boards.layout import Z_UP, Rows
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
-from haptogram.evidence.dialects.pulse_records import pulse_observation_of
+from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
 from haptogram.records.frame import Evidence
 from haptogram.verification.watch import SeenLatch
+from haptogram.verification.watch.latch import MODULATED
 from haptogram_protocol.dialects.table import DIALECTS
 
 _OWN_DIALECT: Final = "haptogram"
@@ -65,6 +66,7 @@ class WatchedBoard:
         self._axes = np.array(record.get("client_axes", Z_UP), dtype=np.float64)
         self._evidence, self._timed = evidence, timed
         self._next: int | None = None
+        self._dark: str | None = None  # cause of a drive that has not sounded yet
         self.missing = 0
 
     def _channels_of_a_board(self, record: Mapping[str, Any]) -> int:
@@ -113,13 +115,25 @@ class WatchedBoard:
         return SeenLatch(
             number=seen.number,
             weights=seen.weights,
-            steps=min(seen.pulses.steps, self._steps or seen.pulses.steps),
+            steps=min(filter(None, (seen.pulses.steps, self._steps, seen.phase_steps))),
             t_us=seen.t_latch_us if self._timed else None,
-            cause=seen.cause,
+            cause=self._cause_of_pulses(seen),
             counted=seen.counted,
             stray=tuple(int(channel) for channel in stray),
             evidence=self._evidence,
         )
+
+    def _cause_of_pulses(self, seen: PulseObservation) -> str:
+        """Return the cause; a drive that came while modulated to 0 begins with its first sound.
+
+        Samples of a modulation are no frames of the client.
+        """
+        is_dark = not (np.abs(seen.weights) > 0.0).any()
+        if seen.cause != MODULATED:
+            self._dark = seen.cause if is_dark else None
+            return seen.cause
+        cause, self._dark = (seen.cause, self._dark) if is_dark else (self._dark, None)
+        return cause or seen.cause
 
     def _of_codes(self, record: Mapping[str, Any]) -> SeenLatch:
         seen = observation_of_record(record)

@@ -60,7 +60,7 @@ class ElementMistakes:
             self._off[element, round(residual[element] / aim.step_rad)].append(number)
 
     def diagnoses(self, reversed_: frozenset[int]) -> list[Diagnosis]:
-        """Return what was found, but for elements that are named as reversed."""
+        """Return the defects, but for elements that are named as reversed."""
         found = [
             Diagnosis(Defect.ELEMENTS, f"elements {a} and {b} are swapped", tuple(latches))
             for (a, b), latches in self._swapped.items()

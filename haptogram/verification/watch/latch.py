@@ -8,12 +8,15 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
+import numpy as np
+
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.records.frame import Evidence
 
 POWER_UP: Final = "power-up"
+MODULATED: Final = "modulation"
 #: What boards latch without a client; a silencer is on its way to what the client asked for.
-OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame", "silencer"})
+OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame", "silencer", MODULATED})
 #: What codecs count of a frame that is not whole: bytes of it were lost, or changed.
 TORN_KINDS: Final = frozenset(
     {
@@ -74,6 +77,16 @@ class SeenLatch:
     def is_of_client(self) -> bool:
         """True if a client made the board latch."""
         return self.cause not in OWN_CAUSES
+
+    @property
+    def is_sample(self) -> bool:
+        """True if a modulation went on: the amplitude changed, and no frame came."""
+        return self.cause == MODULATED
+
+    @property
+    def level(self) -> float:
+        """Amplitude of the strongest element."""
+        return float(np.abs(np.nan_to_num(self.weights)).max(initial=0.0))
 
     @property
     def torn(self) -> dict[str, int]:

@@ -32,7 +32,7 @@ UNKNOWNS: Final = 4  # of a frame that has a focus of its own: a place, and the 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MistakeParameters:
-    """What a client assumes; *is_near* is False if nothing comes near the phases."""
+    """Assumptions of a client; *is_near* is False if nothing comes near the phases."""
 
     share: float
     shift_m: FloatArray

@@ -94,7 +94,7 @@ class ClientMistakes:
         return None
 
     def hint(self) -> str | None:
-        """Return what would explain the phases and is not proven; None: nothing, or a shift."""
+        """Return mistakes that explain the phases and are not proven; None: none, or a shift."""
         for scored in self._levels():
             fitting = dict.fromkeys(
                 "; and ".join(f"{defect}: {text}" for defect, text in parts)

@@ -69,7 +69,7 @@ class ExpectedOrder:
         return verdict, self._expectation.frame(self._next - 1)
 
     def diagnoses(self) -> list[Diagnosis]:
-        """Return what came twice, and what never came."""
+        """Return the frames that came twice, and those that never came."""
         found = []
         if self._again:
             pairs = ", ".join(f"{a} shows {b} again" for a, b in [*self._again.items()][:3])

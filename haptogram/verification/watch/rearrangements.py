@@ -1,4 +1,4 @@
-"""What a client may do other than it means, as hypotheses that give the phases back that it meant.
+"""Mistakes of a client, as hypotheses that give the phases back that it meant.
 
 A rearrangement says where each element's phase went, and for which places the phases were computed.
 All names are in the axes of the client.

@@ -70,6 +70,11 @@ class Autd3Patterns:
     cause: str
     data: bytes | Autd3Foci
 
+    @property
+    def phase_steps(self) -> int | None:
+        """Steps to half of which the device computes its phases; None: it computes none."""
+        return self.data.steps if isinstance(self.data, Autd3Foci) else None
+
     def drive(self, index: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Return the (249,) phases and intensities of pattern *index*."""
         if isinstance(self.data, Autd3Foci):

@@ -183,7 +183,10 @@ class Autd3Unit:
         self._pulses = pulses
         self._free = period + self._gap
         t_us = self._start_us(period)
-        self._latches.append(PulseLatch(t_us, pulses, cause, outputs[0].index))
+        known = [output.patterns.phase_steps for output in outputs]
+        steps = min((count for count in known if count is not None), default=None)
+        latch = PulseLatch(t_us, pulses, cause, outputs[0].index, phase_steps=steps)
+        self._latches.append(latch)
         return True
 
     def _pulses_of(self, outputs: tuple[Output, ...]) -> PulseDrive:

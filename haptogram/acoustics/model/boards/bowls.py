@@ -40,4 +40,6 @@ TINYLEV: Final = BoardLayout(
     "radius 60 mm, order of the channels: assumed",
     tinylev,
     Y_UP,
+    "the order of TinyLev's channels is assumed: its own array file, of the folder arrays of "
+    "Ultraino, has another one (--array TinyLev.xml.gz)",
 )

@@ -172,6 +172,7 @@ def _assumed_grid(name: str, title: str, columns: int, rows: int) -> BoardLayout
         "assumed: no array is published",
         functools.partial(TransducerArray.grid, columns, rows),
         Y_UP,
+        f"the emitters of {title} are assumed: --array FILE gives yours",
     )
 
 

@@ -35,6 +35,8 @@ class BoardLayout:
         the other board.
     client_axes : tuple of 3 rows
         Our axes in those of the board's own programs: ours = rows @ theirs.
+    assumed : str
+        What of it is assumed, and how a user gives the right one; empty: nothing.
 
     Examples
     --------
@@ -51,6 +53,7 @@ class BoardLayout:
     source: str
     array: Callable[[], TransducerArray] = field(repr=False)
     client_axes: Rows = Z_UP
+    assumed: str = ""
 
     @property
     def up(self) -> str:

@@ -77,7 +77,7 @@ def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArra
         numbers = [_ultraino_number(transducer, number) for transducer in found]
         order = sorted(range(len(found)), key=numbers.__getitem__)
         if len(set(numbers)) < len(numbers):
-            raise ConfigurationError(f"two transducers have the same {number}")
+            raise ConfigurationError(_same_ultraino_numbers(numbers, number))
         transforms = [_ultraino_part(found[n], "transform") for n in order]
         turn = np.array(Y_UP)
         places = np.array([_ultraino_place(transform) for transform in transforms]) @ turn.T
@@ -248,6 +248,17 @@ def _ultraino_number(transducer: _UltrainoObject, name: str) -> int:
     if value != round(value) or value < 0:
         raise ConfigurationError(f"{name} is {value:g}, must be a whole number from 0 on")
     return int(value)
+
+
+def _same_ultraino_numbers(numbers: list[int], name: str) -> str:
+    """Return why transducers of one number are refused, and what to do."""
+    if len(set(numbers)) > 1:
+        return f"two transducers have the same {name}"
+    return (
+        f"{name} of all {len(numbers)} transducers is {numbers[0]}: none is assigned to a pin yet. "
+        "Assign them in Ultraino and save the file, or give places in mm in the order of the "
+        "channels as a CSV file"
+    )
 
 
 def _as_ultraino_number(text: str) -> float:

@@ -166,7 +166,7 @@ class PatternClassifier:
         if explained is None:
             explained = self._found(phases, active, drive, places)
         if explained is not None:
-            explained = self._trap_instead_of(explained, phases, active)
+            explained = self._best_of_standing(explained, phases, active)
             return self._as_pattern(explained, drive, active, phases)
         search = self._search_for(active)
         return find_foci_pattern(self._model, drive, active, search.loudest, self._step_rad)
@@ -198,22 +198,31 @@ class PatternClassifier:
         far = self._sides[1][active]
         return np.where(far, math.pi, 0.0) if _LEAST_SIDE < far.mean() < 1 - _LEAST_SIDE else None
 
-    def _trap_instead_of(
+    def _best_of_standing(
         self, found: Explanation, phases: PatternPhases, active: BoolArray
     ) -> Explanation:
-        """Return the trap for what is only nearly a focus, a quarter of a wavelength beside it."""
+        """Return the best of a focus and what is like it, half a wavelength along the axis at most.
+
+        Between two sides a focus has neighbours: foci half a wavelength away, and traps, which have
+        half a turn between the sides, a quarter away.
+        """
         halves = self._half_turn(active)
         if halves is None or found.charge or found.normal is not None:
             return found
-        apart = np.array([0.0, 0.0, math.pi / 2.0 / phases.wavenumber])
-        best, rms = found, _TRAP_IS_BETTER * found.fit.rms_of(found.used)
-        for start in (found.fit.position_m + apart, found.fit.position_m - apart):
-            trap = explain_turning_pattern(phases.turned(halves), start, self._limit_rad, near=True)
-            if trap is None or trap.used.sum() < found.used.sum() or not self._is_usable(trap):
+        quarter = np.array([0.0, 0.0, math.pi / 2.0 / phases.wavenumber])
+        turned, best = phases.turned(halves), {False: found}
+        for quarters in (-2, -1, 1, 2):
+            is_trap, start = quarters % 2 == 1, found.fit.position_m + quarters * quarter
+            other = explain_turning_pattern(
+                turned if is_trap else phases, start, self._limit_rad, near=True
+            )
+            if other is None or other.used.sum() < found.used.sum() or not self._is_usable(other):
                 continue
-            if trap.fit.rms_of(trap.used) < rms:
-                best, rms = _as_trap(trap, halves) or found, trap.fit.rms_of(trap.used)
-        return best
+            if is_trap not in best or _rms_of(other) < _rms_of(best[is_trap]):
+                best[is_trap] = other
+        if True in best and _rms_of(best[True]) < _TRAP_IS_BETTER * _rms_of(best[False]):
+            return _as_trap(best[True], halves) or found
+        return best[False]
 
     def _near_the_last(self, phases: PatternPhases) -> Explanation | None:
         """Return a pattern like the last one near its place, if it explains all elements."""
@@ -333,7 +342,7 @@ class PatternClassifier:
             "position_m": _pattern_vector(place),
             "std_m": self._in_world(std),
             "bound_m": self._in_world(bound),
-            "residual_rms_rad": pattern_residual_rms(found.fit.residual_rad[found.used]),
+            "residual_rms_rad": _rms_of(found),
             "coherence": coherence,
             "pressure_rms_pa": pressure,
             "speed_share": -found.fit.speed_share,
@@ -367,6 +376,10 @@ class PatternClassifier:
     def _unnamed(self, drive: ComplexArray, active: BoolArray) -> Unnamed:
         loudest = self._search_for(active).loudest(drive, 1)[0]
         return Unnamed(_pattern_vector(loudest), self._arrival(drive, loudest)[1])
+
+
+def _rms_of(found: Explanation) -> float:
+    return pattern_residual_rms(found.fit.residual_rad[found.used])
 
 
 def _as_trap(found: Explanation | None, halves: FloatArray) -> Explanation | None:

@@ -77,10 +77,6 @@ class PatternPointFit:
         """Root mean square of the residual."""
         return pattern_residual_rms(self.residual_rad)
 
-    def rms_of(self, used: BoolArray) -> float:
-        """Root mean square of the residual of some elements."""
-        return pattern_residual_rms(self.residual_rad[used])
-
 
 def pattern_residual_rms(values: FloatArray) -> float:
     """Return the root mean square."""

@@ -62,6 +62,10 @@ REFUSED = {
     "half a file": (FINE[: len(FINE) // 2], "not whole"),
     "depth": ("<void>" * 500, "nested"),
     "two of a number": (FINE.replace("<int>2</int>", "<int>1</int>"), "same orderNumber"),
+    "no pins": (
+        FINE.replace("<int>2</int>", "<int>0</int>").replace("<int>1</int>", "<int>0</int>"),
+        "of all 3 transducers is 0: none is assigned to a pin yet",
+    ),
     "no number": (FINE.replace("<int>2</int>", "<int>two</int>"), "no number"),
     "infinite": (FINE.replace("<float>0.005</float>", "<float>Infinity</float>"), "no finite"),
     "between": (FINE.replace("<int>2</int>", "<float>2.5</float>"), "whole number"),

@@ -85,3 +85,20 @@ def test_patterns_are_read_in_order() -> None:
     assert len(foci) == 2
     assert foci.drive(0)[1][0] == 9
     assert foci.drive(1)[1][0] == 7
+
+
+@given(
+    st.tuples(
+        *(st.integers(low, high) for low, high in ((-400, 8000), (-400, 7000), (1600, 16000)))
+    ),
+    st.integers(320 * 64, 360 * 64),
+)
+def test_phases_of_one_focus_are_right_to_half_a_step(place, sound_speed) -> None:
+    foci = read_autd3_foci(packed([(*place, 255)]), 1, sound_speed)
+    phases, _ = foci.drive(0)
+    elements = np.array([(10.16 * column, 10.16 * row, 0.0) for column, row in PLACES])
+    wavelength_mm = sound_speed / 64 / 40.0
+    distance = np.linalg.norm(STEP_MM * np.array(place) - elements, axis=1)
+    error = np.angle(np.exp(2j * np.pi * (phases / 256 + distance / wavelength_mm)))
+    spread = np.angle(np.exp(1j * (error - error[0])))
+    assert 0.5 < np.ptp(spread) / (2 * np.pi) * foci.steps <= 1.0

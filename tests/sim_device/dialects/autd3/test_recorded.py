@@ -9,6 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptogram.acoustics import AcousticModel, CircularPiston, Medium, Transducer
+from haptogram.acoustics.model.boards.table import LAYOUTS
+from haptogram.verification.watch import SeenLatch, Watch
 from haptogram_protocol.dialects.autd3.frame import Autd3DeviceState
 from haptogram_protocol.dialects.autd3.link import Autd3BoardEnd
 from haptogram_protocol.dialects.autd3.messages import Accepted, Autd3States
@@ -131,3 +134,21 @@ def test_alternating_segments_take_turns_when_their_own_index_is_0() -> None:
         row for row in expected if row[0] <= found[-1][0]
     ]
     assert found[-1][0] >= 40_036
+
+
+def test_every_focus_of_a_sequence_is_one_and_in_place_for_watch() -> None:
+    """Phases of FociSTM are the FPGA's own: they are judged by the steps of its arithmetic."""
+    array, k = LAYOUTS["autd3"].array(), 2.0 * np.pi * 40e3 / 340.0
+    model = AcousticModel(array, Medium(340.0, 1.2), Transducer(CircularPiston(4.5e-3)))
+    _, latches, _, _ = played("circle")
+    shown = [latch for latch in latches if latch.cause in ("foci", "index")]
+    watch = Watch(model)
+    for latch in shown:
+        seen = watch.take(SeenLatch(latch.number, latch.pulses.weights(), latch.phase_steps))
+        assert seen.pattern.kind == "one focus"
+        assert seen.pattern.outliers == ()
+        arrivals = latch.pulses.weights() * np.exp(
+            1j * k * np.linalg.norm(array.positions_m - seen.pattern.position_m, axis=1)
+        )
+        assert abs(arrivals.mean()) > 0.99 * np.abs(arrivals).mean()
+    assert len(shown) == 10
