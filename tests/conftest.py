@@ -6,6 +6,8 @@ from collections import Counter
 
 from hypothesis import HealthCheck, settings
 
+pytest_plugins = ["costs"]
+
 # Before the first import of numpy: the tests must not compete with themselves for cores.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
@@ -25,6 +27,12 @@ _UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("ci", derandomize=True, **_UNHURRIED)
 settings.register_profile("nightly", max_examples=1000, print_blob=True, **_UNHURRIED)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+def pytest_configure(config):
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        costs = config.pluginmanager.get_plugin("costs")
+        config.pluginmanager.register(costs.Costs(config.rootpath / "out" / "durations.json"))
 
 
 def pytest_collection_modifyitems(items):
