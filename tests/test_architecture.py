@@ -291,7 +291,7 @@ def test_no_file_names_a_place_on_one_machine():
     assert named - {"tests/test_architecture.py"} == set()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_wheel_works_in_a_foreign_directory(tree, tmp_path):
     """Firmware repositories tend to have a `protocol/` and a `tests/` of their own."""
     site = clean_environment(tmp_path / "env", built_wheel(tree, tmp_path))
@@ -325,7 +325,7 @@ def test_wheel_works_in_a_foreign_directory(tree, tmp_path):
     assert "HG-5.7/1" in output
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_source_distribution_builds_the_same_wheel(tree, tmp_path):
     status, output = run(
         *(sys.executable, "-c"),

@@ -32,7 +32,7 @@ def measured(tmp_path_factory):
     return written
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("report", "headings"),
     [

@@ -33,7 +33,7 @@ def bugs(tmp_path):
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_bugs_are_caught_missed_and_remembered(bugs, capsys):
     words = [str(bugs), "--clause", "HG-2.4/2", "--grid", "3x2", "--jobs", "1"]
     assert main(words) == 2  # one patch does not apply

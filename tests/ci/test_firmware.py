@@ -58,7 +58,7 @@ QUICK = {"CFLAGS": "-O1"}
 TRACES = "-DPORT_TRACES_PINS=1"
 RECORD = 8 + 2 * 256
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = [pytest.mark.realtime, pytest.mark.nightly]
 
 
 @pytest.fixture(scope="module")

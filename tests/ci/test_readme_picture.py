@@ -11,7 +11,7 @@ import pytest
 SCRIPT = Path(__file__).resolve().parents[2] / "ci" / "readme_picture.py"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_picture_is_that_of_the_page() -> None:
     pytest.importorskip("matplotlib")
     image = pytest.importorskip("PIL.Image")

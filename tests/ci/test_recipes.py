@@ -120,7 +120,7 @@ def machine(wheel, tmp_path_factory):
 
 
 @pytest.mark.pty
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", RECIPES)
 def test_the_steps_of_a_recipe_run(name, kind, machine, tmp_path):
@@ -129,7 +129,7 @@ def test_the_steps_of_a_recipe_run(name, kind, machine, tmp_path):
         assert "qemu-system-arm" in (tmp_path / "installed").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(bool(missing_tool()), reason=f"not run: {missing_tool()}")
 @pytest.mark.parametrize("name", RECIPES)
 def test_the_steps_for_the_emulator_run_with_real_firmware(name, machine, tmp_path):

@@ -69,7 +69,7 @@ def test_without_a_compiler_there_is_nothing_beside(monkeypatch):
         assert programs is None
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_goals_are_measured_and_said_to_be_met_or_not():
     found = measure_goals(seconds=0.3, trips=50, step_s=0.05)
     text = found.as_text()

@@ -25,6 +25,7 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.glob("**/*.md"))]
 _PLACEHOLDER = re.compile(r"[<\[]|\bCOMMAND\b|\.\.\.|^haptogram  ")
 
 
+@pytest.mark.nightly
 def test_site_builds_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("sphinx", reason="needs the extra docs: ci/docs")
     pytest.importorskip("furo")

@@ -41,7 +41,7 @@ def claimed(ran, status):
 # --- the verdict itself ----------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_no_verdict_of_a_minute_of_trials_is_wrong(tmp_path):
     found = run_all(tmp_path / "trials.jsonl", SEED, {"honest": HONEST, "wrong": WRONG})
     bad = [

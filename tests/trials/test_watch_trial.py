@@ -7,7 +7,7 @@ from trials.watch_trial import trial
 CASES = 24
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_no_name_is_wrong() -> None:
     tally = trial(CASES, seed=2)
     assert tally.wrong == []

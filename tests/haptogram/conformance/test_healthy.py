@@ -99,7 +99,9 @@ def result(array, baud=3_000_000, depth=Depth.QUICK):
 @pytest.mark.parametrize(
     ("array", "baud", "not_here", "depth"),
     [
-        ("16x16", 3_000_000, NOT_HERE | LINE, Depth.DEFAULT),
+        pytest.param(
+            *("16x16", 3_000_000, NOT_HERE | LINE, Depth.DEFAULT), marks=pytest.mark.nightly
+        ),
         ("5x3", 3_000_000, NOT_HERE | SMALL, Depth.QUICK),  # leaves spare bits, and is not square
         (
             "5x5",
