@@ -1,17 +1,19 @@
-"""The CI recipes for firmware: their steps are run as they stand, in a clean environment.
+"""The CI recipes for firmware, the action, the container: their steps, in a clean environment.
 
-The variable HAPTOGRAM, by which a user names a tag, names a wheel of this tree. The firmware is the
-virtual board in a process of its own, which stand-ins for make, qemu and openocd start. Where QEMU
-and the ARM compiler are there, the recipe for the emulator runs with them and real firmware, too.
+The submodule is a copy of this tree. The firmware is the virtual board in a process of its own,
+which stand-ins for make, qemu and openocd start. Where QEMU and the ARM compiler are there, the
+recipe for the emulator runs with them and real firmware, too.
 """
 
 import contextlib
+import json
 import os
+import re
+import shlex
 import shutil
 import signal
 import socket
 import subprocess
-import sys
 import sysconfig
 import tomllib
 import venv
@@ -28,7 +30,9 @@ RECIPES = {
     "gitlab": ROOT / "docs" / "ci" / "gitlab-ci.yml",
 }
 KINDS = ("native", "qemu", "board")
-PLACEHOLDERS = ("git+https://", "OWNER", "TAG")
+SUBMODULE = "tools/haptogram"
+ACTION = ROOT / ".github" / "actions" / "haptogram"
+CONTAINER = ROOT / "ci" / "Containerfile"
 NOT_SOURCE = ("*.egg-info", ".git", ".venv", ".*_cache", "__pycache__", "build", "out")
 #: Two cases that a loaded machine judges too; the whole suite has tests of its own.
 FEW = " --clause HG-2.3 --clause HG-6.1 --timeout 5 --boot-timeout 60"
@@ -36,9 +40,9 @@ DEVICE = "/dev/ttyACM0"
 TCP_PORT = "7000"
 
 START_BOARD = """\
-python=.venv/bin/python; [ -x $python ] || python=python3
+export PYTHONPATH="$PYTHONPATH:$SUBMODULE:$SUBMODULE/protocol"
 rm -f board
-$python -m sim_device --array 4x4 --link board > board.log 2>&1 < /dev/null &
+python3 -m sim_device --array 4x4 --link board > board.log 2>&1 < /dev/null &
 echo $! > board.pid
 until [ -e board ]; do sleep 0.02; done
 """
@@ -56,6 +60,7 @@ esac
 case "$*" in *"-M musca-b1 "*" -kernel firmware.elf"*) [ -e firmware.elf ] || exit 2 ;;
 *) exit 2 ;; esac
 port=$(echo "$*" | sed 's/.*-serial tcp:127.0.0.1:\\([0-9]*\\),.*/\\1/')
+export PYTHONPATH="$PYTHONPATH:$SUBMODULE:$SUBMODULE/protocol"
 exec python3 -m sim_device --array 4x4 --tcp "$port" > board.log 2>&1 < /dev/null
 """,
     "openocd": f"""\
@@ -68,32 +73,50 @@ while kill -0 $(cat board.pid) 2>/dev/null; do sleep 0.02; done
 
 
 def jobs(name):
-    """The jobs of a recipe by the kind of their board: variables, and what a shell runs at once."""
+    """The jobs of a recipe by the kind of their board: what a shell runs at once, its variables."""
     read = yaml.safe_load(RECIPES[name].read_text("utf-8"))
     if name == "github":
         assert read[True] == ["push", "pull_request"]  # YAML 1.1 reads "on" as a truth
-        steps = {kind: read["jobs"][kind]["steps"] for kind in KINDS}
-        runs = {kind: [s["run"] for s in found if "run" in s] for kind, found in steps.items()}
-        return read["env"], runs  # a shell each
+        return {kind: list(steps_of(read["jobs"][kind]["steps"])) for kind in KINDS}
+    assert read["variables"] == {"GIT_SUBMODULE_STRATEGY": "normal"}
     assert all(read[f"conformance:{kind}"]["extends"] == ".conformance" for kind in KINDS)
     found = {kind: read[".conformance"] | read[f"conformance:{kind}"] for kind in KINDS}
     whole = {kind: [*job["before_script"], *job["script"]] for kind, job in found.items()}
-    return read["variables"], {kind: ["\n".join(lines)] for kind, lines in whole.items()}
+    return {kind: [("\n".join(lines), {})] for kind, lines in whole.items()}
+
+
+def steps_of(steps, inputs=None):
+    """Yield what shells run, with its variables: of the steps, and of our action among them."""
+    for step in steps:
+        if "run" in step:
+            yield step["run"], {k: filled_in(v, inputs) for k, v in step.get("env", {}).items()}
+        elif step["uses"].startswith("./"):
+            assert step["uses"] == f"./{SUBMODULE}/{ACTION.relative_to(ROOT)}"
+            action = yaml.safe_load((ACTION / "action.yml").read_text("utf-8"))
+            known = {name: row["default"] for name, row in action["inputs"].items()}
+            assert step["with"].keys() <= known.keys()
+            yield from steps_of(action["runs"]["steps"], known | step["with"])
+        elif "checkout" in step["uses"]:
+            assert step["with"] == {"submodules": True}
+        else:
+            assert step["uses"].startswith("actions/upload-artifact@")
+
+
+def filled_in(text, inputs):
+    """Return *text* with the inputs of an action in place of its expressions."""
+    return re.sub(r"\$\{\{ inputs\.(\w+) \}\}", lambda found: inputs[found[1]], text)
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """A wheel of this tree, built without the network."""
-    folder = tmp_path_factory.mktemp("wheel")
-    shutil.copytree(ROOT, folder / "tree", ignore=shutil.ignore_patterns(*NOT_SOURCE))
-    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-q"]
-    subprocess.run([*command, "-w", folder, folder / "tree"], check=True)
-    (built,) = folder.glob("*.whl")
-    return built
+def submodule(tmp_path_factory):
+    """A checkout of this tree."""
+    folder = tmp_path_factory.mktemp("submodule") / "haptogram"
+    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*NOT_SOURCE))
+    return folder
 
 
 @pytest.fixture(scope="module")
-def machine(wheel, tmp_path_factory):
+def machine(submodule, tmp_path_factory):
     """The variables of a machine with Python, Haptogram's dependencies, and no Haptogram."""
     folder = tmp_path_factory.mktemp("machine")
     venv.create(folder / "python", with_pip=True, symlinks=True)
@@ -111,11 +134,12 @@ def machine(wheel, tmp_path_factory):
         "HOME": str(folder),
         "PYTHONPATH": str(dependencies),
         "STAND_INS": str(programs),
+        "SUBMODULE": str(submodule),
         # The dependencies are there; nothing is looked up.
         "PIP_NO_DEPS": "1",
         "PIP_NO_INDEX": "1",
         "PIP_DISABLE_PIP_VERSION_CHECK": "1",
-        "HAPTOGRAM": wheel.as_uri(),
+        "PIP_NO_BUILD_ISOLATION": "0",  # which means that there is none
     }
 
 
@@ -148,24 +172,38 @@ def run_steps(name, kind, machine, tmp_path):
     """Run the steps of a recipe in a folder; the board has to pass."""
     (tmp_path / "conformance").mkdir()
     (tmp_path / "conformance" / "expected.toml").write_text("[expected]\n")
-    job = {"GITHUB_ACTIONS": "true", "GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md")}
+    (tmp_path / SUBMODULE).parent.mkdir()
+    (tmp_path / SUBMODULE).symlink_to(machine["SUBMODULE"])
+    job = {
+        "GITHUB_ACTIONS": "true",
+        "GITHUB_ACTION_PATH": str(tmp_path / SUBMODULE / ACTION.relative_to(ROOT)),
+        "GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md"),
+        "RUNNER_TEMP": str(tmp_path / "runner"),
+    }
     machine = machine | (job if name == "github" else {})
-    variables, scripts = jobs(name)
-    said, tcp_port = "", str(free_tcp_port())
+    said, port = "", str(free_tcp_port())
     try:
-        for script in scripts[kind]:
+        for script, variables in jobs(name)[kind]:
             text = script.rstrip() + FEW if "haptogram conform" in script else script
-            text = text.replace(DEVICE, str(tmp_path / "board")).replace(TCP_PORT, tcp_port)
-            said += shell(text, variables | machine, tmp_path)
+            if "ARGUMENTS" in variables:
+                variables = variables | {
+                    "ARGUMENTS": here(variables["ARGUMENTS"] + FEW, tmp_path, port)
+                }
+            said += shell(here(text, tmp_path, port), variables | machine, tmp_path)
     finally:
         with contextlib.suppress(FileNotFoundError, ProcessLookupError):
             os.kill(int((tmp_path / "board.pid").read_text()), signal.SIGTERM)
     assert "2 OK" in said
     assert "PASS (exit status 0)" in said
-    assert (tmp_path / "conform.xml").exists()
+    (page,) = tmp_path.glob("conform*.xml")
+    assert page.name == ("conform.xml" if name == "gitlab" else f"conform-{kind}.xml")
     if name == "github":
         assert (tmp_path / "summary.md").read_text().startswith("## haptogram conform: PASS: ")
     (tmp_path / "said").write_text(said)
+
+
+def here(text, folder, tcp_port):
+    return text.replace(DEVICE, str(folder / "board")).replace(TCP_PORT, tcp_port)
 
 
 def free_tcp_port():
@@ -191,20 +229,57 @@ def shell(script, variables, folder):
 
 
 @pytest.mark.parametrize("name", RECIPES)
-def test_a_recipe_installs_from_a_place_that_its_user_fills_in(name):
-    variables, scripts = jobs(name)
-    assert all(part in variables["HAPTOGRAM"] for part in PLACEHOLDERS)
-    for steps in scripts.values():
-        (install,) = (line for line in "\n".join(steps).splitlines() if "pip install" in line)
-        assert install.endswith('pip install "haptogram[report] @ $HAPTOGRAM"')
+def test_a_recipe_has_nothing_that_a_user_must_fill_in(name):
+    text = RECIPES[name].read_text("utf-8")
+    assert "git submodule add" in text
+    assert not re.search(r"\b[A-Z]{3,}/|@[A-Z]{3,}|<\w+>|your-", text)
+    for place in re.findall(rf"\./{SUBMODULE}([^\s\"\[]*)", text):
+        assert (ROOT / place.lstrip("/")).exists()
 
 
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_has_the_three_kinds_of_boards(name):
-    _, scripts = jobs(name)
+    found = jobs(name)
     marks = ("--spawn ./build/firmware_native", "exec qemu-system-arm", f"--port {DEVICE}")
     for kind, mark in zip(KINDS, marks, strict=True):
-        assert mark in "\n".join(scripts[kind])
+        assert mark in str(found[kind])
+
+
+@pytest.mark.slow
+def test_the_container_has_what_its_commands_need(machine, tmp_path):
+    """Without an engine: the files are copied, the commands run, in a folder for its root."""
+    lines = CONTAINER.read_text("utf-8").splitlines()
+    rows = [line.partition(" ")[::2] for line in lines if line and not line.startswith("#")]
+    assert [word for word, _ in rows].count("FROM") == 1
+    for word, rest in rows:
+        if word == "COPY":
+            *sources, target = rest.split()
+            (tmp_path / target.strip("/")).mkdir(parents=True, exist_ok=True)
+            for source in sources:
+                copy_to_container(ROOT / source, tmp_path / target.strip("/"), target)
+        elif word == "RUN":
+            shell(rest.replace("/src", str(tmp_path / "src")), machine, tmp_path)
+        elif word == "WORKDIR":
+            (tmp_path / rest.strip("/")).mkdir()
+        elif word == "ENTRYPOINT":
+            start = shlex.join(json.loads(rest))
+            said = shell(
+                f"{start} conform --clause HG-2.3 --clause HG-6.1", machine, tmp_path / "work"
+            )
+            assert "2 OK" in said
+        else:
+            assert (word, rest.partition("-")[0]) == ("FROM", "python:3.12")
+
+
+def copy_to_container(source, folder, target):
+    """Copy as COPY does: a file into a folder that ends with /, the content of a folder."""
+    if source.is_dir():
+        shutil.copytree(
+            source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*NOT_SOURCE)
+        )
+    else:
+        assert target.endswith("/")
+        shutil.copy(source, folder)
 
 
 # --- the project's own workflow -------------------------------------------------------------------
@@ -232,5 +307,7 @@ def test_every_command_of_the_workflow_is_there():
     for job in yaml.safe_load(WORKFLOW.read_text("utf-8"))["jobs"].values():
         for step in job["steps"]:
             assert ("uses" in step) != ("run" in step)
-            if "run" in step:
+            if "run" in step and not step["run"].startswith("docker "):
                 assert os.access(ROOT / step["run"].split()[0], os.X_OK)
+            if step.get("uses", "").startswith("./"):
+                assert (ROOT / step["uses"] / "action.yml").exists()
