@@ -122,7 +122,7 @@ def _check_board(wire: bytes) -> None:
 def _check_host(wire: bytes) -> None:
     from haptogram_protocol.connection import NEED_DATA, FrameDropped, HostConnection
 
-    host = HostConnection(nonce=1, description_hash=0)
+    host = HostConnection(nonce=1)
     host.send_hello(0)
     host.receive_data(wire, 0)
     events = []

@@ -9,6 +9,7 @@ from typing import Final, Protocol
 from haptogram.settings.option import Settings
 from haptogram_protocol.connection import BoardConnection, BoardEvent
 from haptogram_protocol.framing import FrameDecoder, fastest_cobs
+from haptogram_protocol.rules import unsupported_types
 
 from .board.board import Board, BoardParts
 from .board.clock import BoardClock
@@ -41,17 +42,16 @@ class BoardAssembly:
     def assemble(
         self,
         settings: BoardSettings,
-        description_hash: int,
         watch: Callable[[BoardEvent], None] | None = None,
     ) -> VirtualHaptogramDialect:
         """Return a board at the end of its line, powered up; *watch* sees the link's events."""
         parts = BoardParts(self.output, self.timers, self.queue, self.uploads, self.focuser)
 
         link = self.connection(
-            description_hash,
             output_limit=OUTPUT_LIMIT,
             cobs=fastest_cobs(),  # a wrong decoder has its own
             decoder=None if self.decoder is FrameDecoder else self.decoder(),
+            unsupported=unsupported_types(settings.features),
         )
         return self.dialect(self.board(settings, parts), link, watch)
 
@@ -67,7 +67,7 @@ class Assembly(Protocol):
         """The clock of the board."""
         ...
 
-    def assemble(self, settings: BoardSettings, description_hash: int) -> VirtualDialect:
+    def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the board at the end of its line, powered up."""
         ...
 
@@ -88,6 +88,6 @@ class ForeignAssembly:
     options: Settings
     clock: type[BoardClock] = BoardClock
 
-    def assemble(self, settings: BoardSettings, description_hash: int) -> VirtualDialect:  # noqa: ARG002  it describes Haptogram's wire
+    def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the boards at the end of their line, powered up."""
         return self.emulation.power_up(self.options, settings)

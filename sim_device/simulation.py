@@ -12,7 +12,6 @@ from typing import Final, Protocol
 from haptogram.records.remark import About
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram.settings.line import LineSettings
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, end_of_frame
 
 from .assembly import HEALTHY, Assembly
@@ -106,7 +105,7 @@ class Simulation:
             self._injector.has_left(0)
             settings = dataclasses.replace(settings, boot_us=self._clock.boot_us)
         self.settings = settings
-        self.dialect: VirtualDialect = parts.assemble(settings, description_hash())
+        self.dialect: VirtualDialect = parts.assemble(settings)
         self._recorders = recorders
         self._line = settings.line if paced else LineSettings()
         self._down, self._up = uart_to_board(self._line), uart_to_host(self._line)

@@ -36,7 +36,6 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import OutputInput, OutputState, next_output_state
 
-HASH = 0x12345678
 NONCE = 0x5EED
 BOARD_AHEAD_US = 2**32 - 10_000_000  # the device clock is not the host's
 
@@ -44,7 +43,7 @@ BOARD_AHEAD_US = 2**32 - 10_000_000  # the device clock is not the host's
 def hello_reply(nonce: int, **changes: int | str) -> HelloReply:
     """A HELLO_REPLY in which only what the link needs is set."""
     fields: dict[str, int | str] = dict.fromkeys(HelloReply.WIRE, 0)
-    fields |= {"major": VERSION_MAJOR, "nonce": nonce, "description_hash": HASH, "firmware": "test"}
+    fields |= {"major": VERSION_MAJOR, "nonce": nonce, "firmware": "test"}
     fields |= {"state": OutputState.DISARMED}
     return HelloReply(**(fields | changes))
 
@@ -59,7 +58,7 @@ def wire(message: Message, *, seq: int, session: int, flags: int = 0, time_us: i
 class Bench:
     """A board's end with just enough of a board behind it to see what is carried out."""
 
-    connection: BoardConnection = field(default_factory=lambda: BoardConnection(HASH))
+    connection: BoardConnection = field(default_factory=lambda: BoardConnection())
     state: OutputState = OutputState.DISARMED
     carried_out: list[Message] = field(default_factory=list)
     streamed: list[int] = field(default_factory=list)
@@ -128,9 +127,7 @@ def intact(chunk: bytes) -> list[bytes]:
 class Link:
     """Host, line and board; time goes from one event to the next."""
 
-    host: HostConnection = field(
-        default_factory=lambda: HostConnection(nonce=NONCE, description_hash=HASH)
-    )
+    host: HostConnection = field(default_factory=lambda: HostConnection(nonce=NONCE))
     bench: Bench = field(default_factory=Bench)
     to_board: Fate = intact
     to_host: Fate = intact

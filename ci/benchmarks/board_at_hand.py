@@ -2,7 +2,6 @@
 
 from haptogram_protocol import NEED_DATA, HostConnection
 from haptogram_protocol.connection import ReplyReceived
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import Arm, Config, SetConfig
 from sim_device.board.settings import BoardSettings
 from sim_device.simulation import Simulation
@@ -16,7 +15,7 @@ class BoardAtHand:
     def __init__(self, cobs):
         self.latches = []
         self.simulation = Simulation(BoardSettings(), self, paced=False)
-        self.host = HostConnection(nonce=1, description_hash=description_hash(), cobs=cobs)
+        self.host = HostConnection(nonce=1, cobs=cobs)
 
     def latch(self, latch):
         self.latches.append(latch)

@@ -55,7 +55,7 @@ class Pair:
     """Both connections, in step: what one sends the other receives at once."""
 
     def __init__(self, cobs):
-        self.host = HostConnection(nonce=1, description_hash=2, cobs=cobs)
+        self.host = HostConnection(nonce=1, cobs=cobs)
         self.board = BoardConnection(2, cobs=cobs)
         self.host.send_hello(0)
         hello = self.carry_to_board()

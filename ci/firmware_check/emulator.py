@@ -16,7 +16,6 @@ from typing import Final, Self
 
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.errors import ConfigurationError, LinkError
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import VERSION_MAJOR, Hello, HelloReply, build_body, parse_body
 
@@ -141,7 +140,7 @@ class Emulator:
         ConfigurationError
             If it does not within *timeout_s*: it hangs, or it is not what runs on this machine.
         """
-        hello = Hello(VERSION_MAJOR, 0, _NONCE, description_hash())
+        hello = Hello(VERSION_MAJOR, 0, _NONCE)
         wire = encode_frame(build_body(hello, flags=0, seq=0, time_us=0, session=0))
         end_s = time.monotonic() + timeout_s
         transport = open_transport(self.url)

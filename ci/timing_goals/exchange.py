@@ -32,7 +32,6 @@ from haptogram.records.frame import Intended
 from haptogram.records.kept import KeptRecords
 from haptogram_protocol import HostConnection
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import fastest_cobs
 from haptogram_protocol.messages import (
     Arm,
@@ -248,7 +247,6 @@ def exchanger(url: str) -> Iterator[Exchanger]:
     """Open a session for exchanges; leave the board mute."""
     connection = HostConnection(
         nonce=secrets.randbelow(0xFFFF) + 1,
-        description_hash=description_hash(),
         cobs=fastest_cobs(),
     )
     link = Link(open_transport(url), connection, baudrate=_UNPACED, timeout_s=2.0)

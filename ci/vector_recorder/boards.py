@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final, Protocol, Self
 
 from haptogram.acoustics import AcousticModel
-from haptogram_protocol.export.tables import description_hash
 from sim_device.assembly import HEALTHY
 from sim_device.board.settings import BoardSettings
 
@@ -57,7 +56,7 @@ class PythonBoard:
 
     def reset(self) -> None:
         """Switch the board off and on; time begins at 0 again."""
-        self._dialect = HEALTHY.assemble(self._settings, description_hash())
+        self._dialect = HEALTHY.assemble(self._settings)
 
     @property
     def next_event_us(self) -> int | None:

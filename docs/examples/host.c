@@ -39,7 +39,7 @@ int main(int argc, char **argv)
 {
     struct termios raw;
     uint8_t hello[8], phases[258] = {8, 0};
-    struct hg_hello asked = {HG_VERSION_MAJOR, HG_VERSION_MINOR, session, HG_DESCRIPTION_HASH};
+    struct hg_hello asked = {HG_VERSION_MAJOR, HG_VERSION_MINOR, session};
 
     if (argc != 2 || (port = open(argv[1], O_RDWR | O_NOCTTY)) < 0 || tcgetattr(port, &raw))
         return 2;

@@ -24,7 +24,6 @@ from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import MOST_SEED, check_argument_kind, check_whole
 from haptogram_protocol import HostConnection
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import fastest_cobs
 from haptogram_protocol.messages import DriveKind, MuteReply, Status, TraceMode, unwrap
 
@@ -98,9 +97,7 @@ class DriverSession:
         sink: Sink | None,
     ) -> DriverSession:
         """Open *port* and a session on it; close the port again if that fails."""
-        connection = HostConnection(
-            nonce=nonce, description_hash=description_hash(), cobs=fastest_cobs()
-        )
+        connection = HostConnection(nonce=nonce, cobs=fastest_cobs())
         transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
         link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s)
         try:

@@ -24,7 +24,6 @@
 #define HG_FIRST_STREAM_SEQ 65520u
 #define HG_RESPONSE_OFFSET 64u
 #define HG_MUST_UNDERSTAND 240u
-#define HG_DESCRIPTION_HASH 0x7c21f751u
 
 /* --- Enumerations ----------------------------------------------------------------------------- */
 
@@ -308,20 +307,18 @@ struct hg_wire_counters {
     uint8_t dropped_state[4]; /* stream frames while not armed, or while a sequence plays */
     /* queued frames discarded, or replaced by a later one on the same carrier period */
     uint8_t flushed[4];
-    uint8_t duplicate[4]; /* stream frames seen before, or older than the newest */
+    uint8_t duplicate[4]; /* stream frames numbered up to 32 before the one expected */
     uint8_t gap[4]; /* stream sequence numbers that never came */
-    uint8_t stale_session[4]; /* frames of another session */
+    uint8_t stale_session[4]; /* stream frames of another session */
     uint8_t crc[4]; /* frames whose CRC is wrong */
     uint8_t cobs[4]; /* frames that are not COBS */
     uint8_t short_[4]; /* frames shorter than header and CRC */
     uint8_t oversize[4]; /* runs of bytes longer than any frame */
-    uint8_t bad_length[4]; /* frames whose payload has a wrong length */
-    /* frames with a value outside its range, and requests with a used sequence number */
-    uint8_t bad_value[4];
-    uint8_t unknown_type[4]; /* frames of an unknown stream, response or event type */
-    /* unknown requests or must-understand flags, and HELLO of another major version */
-    uint8_t unsupported[4];
-    uint8_t requests[4]; /* requests handed to the board: carried out, or refused by it */
+    uint8_t bad_length[4]; /* stream frames whose payload has a wrong length */
+    uint8_t bad_value[4]; /* stream frames with a value outside its range */
+    uint8_t unknown_type[4]; /* frames of a type that no request has and the board does not take */
+    uint8_t unsupported[4]; /* stream frames with must-understand flags that are not known */
+    uint8_t requests[4]; /* requests, carried out or refused, whatever refused them */
     uint8_t repeated[4]; /* requests, HELLO among them, answered again from memory */
     uint8_t trace_dropped[4]; /* trace events that found no room on the line */
     uint8_t timeouts[4]; /* mutes by a timer */
@@ -494,12 +491,12 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_trace_record, flags) == 22,
 #define HG_OFFSET_HELLO_MAJOR 0u
 #define HG_OFFSET_HELLO_MINOR 1u
 #define HG_OFFSET_HELLO_NONCE 2u
-#define HG_OFFSET_HELLO_DESCRIPTION_HASH 4u
+#define HG_OFFSET_HELLO_RESERVED 4u
 struct hg_wire_hello {
     uint8_t major[1]; /* major version of the host */
     uint8_t minor[1]; /* minor version of the host */
     uint8_t nonce[2]; /* session asked for, never 0, chosen at random */
-    uint8_t description_hash[4]; /* CRC-32 of the host's description of the protocol */
+    uint8_t reserved[4]; /* 0; a board takes any value */
 };
 HG_STATIC_ASSERT(sizeof(struct hg_wire_hello) == 8, size_of_hello);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello, major) == 0,
@@ -508,8 +505,8 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_hello, minor) == 1,
                  hello_minor);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello, nonce) == 2,
                  hello_nonce);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello, description_hash) == 4,
-                 hello_description_hash);
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello, reserved) == 4,
+                 hello_reserved);
 
 #define HG_SIZE_PING 8u
 #define HG_OFFSET_PING_ECHO 0u
@@ -640,7 +637,7 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_read_trace, count) == 4,
 #define HG_OFFSET_HELLO_REPLY_MAJOR 0u
 #define HG_OFFSET_HELLO_REPLY_MINOR 1u
 #define HG_OFFSET_HELLO_REPLY_NONCE 2u
-#define HG_OFFSET_HELLO_REPLY_DESCRIPTION_HASH 4u
+#define HG_OFFSET_HELLO_REPLY_RESERVED 4u
 #define HG_OFFSET_HELLO_REPLY_FEATURES 8u
 #define HG_OFFSET_HELLO_REPLY_CLOCK_HZ 12u
 #define HG_OFFSET_HELLO_REPLY_CLOCK_PPM 16u
@@ -673,7 +670,7 @@ struct hg_wire_hello_reply {
     uint8_t major[1]; /* major version of the board */
     uint8_t minor[1]; /* minor version of the board */
     uint8_t nonce[2]; /* session now open */
-    uint8_t description_hash[4]; /* CRC-32 of the board's description of the protocol */
+    uint8_t reserved[4]; /* 0; a host takes any value */
     uint8_t features[4]; /* capability bits */
     uint8_t clock_hz[4]; /* ticks of the device clock per second; 1000000 */
     uint8_t clock_ppm[2]; /* largest error of that clock, parts per million */
@@ -710,8 +707,8 @@ HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, minor) == 1,
                  hello_reply_minor);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, nonce) == 2,
                  hello_reply_nonce);
-HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, description_hash) == 4,
-                 hello_reply_description_hash);
+HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, reserved) == 4,
+                 hello_reply_reserved);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, features) == 8,
                  hello_reply_features);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_hello_reply, clock_hz) == 12,

@@ -252,7 +252,8 @@ int hg_message_layout(uint8_t type, size_t *fixed, size_t *unit)
     return 1;
 }
 
-static int length_fits(const struct layout *layout, size_t length)
+/* A later minor version may add to a response or event without a tail (HG-11.3). */
+static int length_fits(const struct layout *layout, uint8_t type, size_t length)
 {
     size_t rest;
 
@@ -260,7 +261,7 @@ static int length_fits(const struct layout *layout, size_t length)
         return 0;
     rest = length - layout->fixed;
     if (layout->unit == 0)
-        return rest == 0;
+        return rest == 0 || type >= 0x80;
     return rest % layout->unit == 0 && rest >= (size_t)layout->least * layout->unit;
 }
 
@@ -272,7 +273,7 @@ int hg_check_message(uint8_t type, const uint8_t *payload, size_t length, size_t
     *offset = 0;
     if (layout == NULL)
         return HG_COUNTER_UNKNOWN_TYPE;
-    if (!length_fits(layout, length))
+    if (!length_fits(layout, type, length))
         return HG_COUNTER_BAD_LENGTH;
     for (i = 0; i < sizeof allowed / sizeof allowed[0]; i++) {
         if (allowed[i].type != type)

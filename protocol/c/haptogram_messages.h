@@ -79,20 +79,18 @@ struct hg_counters {
     uint32_t dropped_state; /* stream frames while not armed, or while a sequence plays */
     /* queued frames discarded, or replaced by a later one on the same carrier period */
     uint32_t flushed;
-    uint32_t duplicate; /* stream frames seen before, or older than the newest */
+    uint32_t duplicate; /* stream frames numbered up to 32 before the one expected */
     uint32_t gap; /* stream sequence numbers that never came */
-    uint32_t stale_session; /* frames of another session */
+    uint32_t stale_session; /* stream frames of another session */
     uint32_t crc; /* frames whose CRC is wrong */
     uint32_t cobs; /* frames that are not COBS */
     uint32_t short_; /* frames shorter than header and CRC */
     uint32_t oversize; /* runs of bytes longer than any frame */
-    uint32_t bad_length; /* frames whose payload has a wrong length */
-    /* frames with a value outside its range, and requests with a used sequence number */
-    uint32_t bad_value;
-    uint32_t unknown_type; /* frames of an unknown stream, response or event type */
-    /* unknown requests or must-understand flags, and HELLO of another major version */
-    uint32_t unsupported;
-    uint32_t requests; /* requests handed to the board: carried out, or refused by it */
+    uint32_t bad_length; /* stream frames whose payload has a wrong length */
+    uint32_t bad_value; /* stream frames with a value outside its range */
+    uint32_t unknown_type; /* frames of a type that no request has and the board does not take */
+    uint32_t unsupported; /* stream frames with must-understand flags that are not known */
+    uint32_t requests; /* requests, carried out or refused, whatever refused them */
     uint32_t repeated; /* requests, HELLO among them, answered again from memory */
     uint32_t trace_dropped; /* trace events that found no room on the line */
     uint32_t timeouts; /* mutes by a timer */
@@ -278,7 +276,7 @@ struct hg_hello {
     uint8_t major; /* major version of the host */
     uint8_t minor; /* minor version of the host */
     uint16_t nonce; /* session asked for, never 0, chosen at random */
-    uint32_t description_hash; /* CRC-32 of the host's description of the protocol */
+    uint32_t reserved; /* 0; a board takes any value */
 };
 
 static inline void hg_hello_read(struct hg_hello *value, const uint8_t *from)
@@ -286,7 +284,7 @@ static inline void hg_hello_read(struct hg_hello *value, const uint8_t *from)
     value->major = hg_get_u8(from + 0);
     value->minor = hg_get_u8(from + 1);
     value->nonce = hg_get_u16(from + 2);
-    value->description_hash = hg_get_u32(from + 4);
+    value->reserved = hg_get_u32(from + 4);
 }
 
 static inline void hg_hello_write(uint8_t *to, const struct hg_hello *value)
@@ -294,7 +292,7 @@ static inline void hg_hello_write(uint8_t *to, const struct hg_hello *value)
     hg_put_u8(to + 0, value->major);
     hg_put_u8(to + 1, value->minor);
     hg_put_u16(to + 2, value->nonce);
-    hg_put_u32(to + 4, value->description_hash);
+    hg_put_u32(to + 4, value->reserved);
 }
 
 /* PING: Ask for the device time.  HG-6.9. */
@@ -466,12 +464,12 @@ static inline void hg_read_trace_write(uint8_t *to, const struct hg_read_trace *
     hg_put_u16(to + 4, value->count);
 }
 
-/* HELLO_REPLY: Identity and capabilities of the board; frozen up to description_hash.  HG-4.3. */
+/* HELLO_REPLY: Identity and capabilities of the board; frozen up to reserved.  HG-4.3. */
 struct hg_hello_reply {
     uint8_t major; /* major version of the board */
     uint8_t minor; /* minor version of the board */
     uint16_t nonce; /* session now open */
-    uint32_t description_hash; /* CRC-32 of the board's description of the protocol */
+    uint32_t reserved; /* 0; a host takes any value */
     uint32_t features; /* capability bits */
     uint32_t clock_hz; /* ticks of the device clock per second; 1000000 */
     uint16_t clock_ppm; /* largest error of that clock, parts per million */
@@ -507,7 +505,7 @@ static inline void hg_hello_reply_read(struct hg_hello_reply *value, const uint8
     value->major = hg_get_u8(from + 0);
     value->minor = hg_get_u8(from + 1);
     value->nonce = hg_get_u16(from + 2);
-    value->description_hash = hg_get_u32(from + 4);
+    value->reserved = hg_get_u32(from + 4);
     value->features = hg_get_u32(from + 8);
     value->clock_hz = hg_get_u32(from + 12);
     value->clock_ppm = hg_get_u16(from + 16);
@@ -543,7 +541,7 @@ static inline void hg_hello_reply_write(uint8_t *to, const struct hg_hello_reply
     hg_put_u8(to + 0, value->major);
     hg_put_u8(to + 1, value->minor);
     hg_put_u16(to + 2, value->nonce);
-    hg_put_u32(to + 4, value->description_hash);
+    hg_put_u32(to + 4, value->reserved);
     hg_put_u32(to + 8, value->features);
     hg_put_u32(to + 12, value->clock_hz);
     hg_put_u16(to + 16, value->clock_ppm);
@@ -1087,7 +1085,7 @@ static inline void hg_playback_ended_write(uint8_t *to, const struct hg_playback
     X(HELLO, major, 0, U8) \
     X(HELLO, minor, 1, U8) \
     X(HELLO, nonce, 2, U16) \
-    X(HELLO, description_hash, 4, U32) \
+    X(HELLO, reserved, 4, U32) \
     X(PING, echo, 0, U64) \
     X(SET_CONFIG, config.hold_ms, 0, U16) \
     X(SET_CONFIG, config.ramp_ms, 2, U16) \
@@ -1119,7 +1117,7 @@ static inline void hg_playback_ended_write(uint8_t *to, const struct hg_playback
     X(HELLO_REPLY, major, 0, U8) \
     X(HELLO_REPLY, minor, 1, U8) \
     X(HELLO_REPLY, nonce, 2, U16) \
-    X(HELLO_REPLY, description_hash, 4, U32) \
+    X(HELLO_REPLY, reserved, 4, U32) \
     X(HELLO_REPLY, features, 8, U32) \
     X(HELLO_REPLY, clock_hz, 12, U32) \
     X(HELLO_REPLY, clock_ppm, 16, U16) \

@@ -312,9 +312,12 @@ class Board:
 
     def commit_upload(self, commit: UploadCommit) -> int:
         """Take the upload, whole; return how many frames, or transducers, it holds."""
-        self._refuse_while_playing(commit.target)
         self._refuse_without_upload()
-        upload = self._uploads.commit(commit)
+        if commit.target != self._uploads.target:
+            text = f"commit of {commit.target}, begun was {self._uploads.target}"
+            raise RefusalError(ErrorCode.BAD_VALUE, 0, text)
+        self._refuse_while_playing(commit.target)
+        upload = self._uploads.commit()
         if upload.begin.kind is UploadKind.CORRECTION:
             self.output.correct(upload.data)
         else:
@@ -323,7 +326,7 @@ class Board:
         return len(upload.data) if upload.begin.kind is UploadKind.CORRECTION else len(upload)
 
     def _refuse_without_upload(self) -> None:
-        if not self._uploads.has_begun:
+        if self._uploads.target is None:
             raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state), "no upload has begun")
 
     def _refuse_while_playing(self, sequence: int) -> None:

@@ -6,26 +6,13 @@ import zlib
 from typing import Final
 
 from haptogram_protocol.framing import CRC_BYTES
-from haptogram_protocol.messages import Config, ErrorCode, Feature, Header, Status, TraceMode
+from haptogram_protocol.messages import Config, ErrorCode, Header, Status
+from haptogram_protocol.rules import CONFIG_BOUNDS, TRACE_CAPABILITIES
 
 from .refusal import RefusalError
 from .settings import BoardSettings
 
-_BOUNDS: Final = {
-    "hold_ms": (1, 10_000),
-    "ramp_ms": (0, 2_000),
-    "host_timeout_ms": (20, 10_000),
-    "late_window_us": (0, 100_000),
-    "sound_speed_mm_s": (300_000, 380_000),
-    "trace_divider": (1, 0xFFFF),
-}
-_TRACE_FEATURE: Final = {
-    TraceMode.OFF: Feature(0),
-    TraceMode.CRC: Feature.TRACE,
-    TraceMode.DRIVE: Feature.TRACE_DRIVE,
-    TraceMode.RING: Feature.TRACE_RING,
-}
-_LEAST_STATUS_MS: Final = 10
+_LEAST_STATUS_MS: Final = CONFIG_BOUNDS["status_period_ms"][0]
 _STATUS_SHARE: Final = 10  # STATUS may take one part in so many of the line
 _FRAMING_BYTES: Final = 3  # two delimiters and the code byte of COBS
 _BITS_PER_BYTE: Final = 10  # start, 8 data, stop
@@ -50,14 +37,14 @@ def initial_board_config(settings: BoardSettings) -> Config:
 
 def check_board_config(config: Config, settings: BoardSettings) -> None:
     """Raise :class:`RefusalError` (BAD_VALUE with the field's offset) for a value out of bounds."""
-    if int(_TRACE_FEATURE[config.trace_mode]) & ~int(settings.features):
+    if int(TRACE_CAPABILITIES[config.trace_mode]) & ~int(settings.features):
         text = f"no trace of mode {config.trace_mode.name}"
         raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE["trace_mode"].offset, text)
-    for name, (low, high) in _BOUNDS.items():
-        _check_board_setting(name, getattr(config, name), low, high)
-    if config.status_period_ms:
-        least_ms = _least_board_status_period_ms(settings.line.baud)
-        _check_board_setting("status_period_ms", config.status_period_ms, least_ms, 0xFFFF)
+    for name, (low, high) in CONFIG_BOUNDS.items():  # in the order of the fields
+        value = getattr(config, name)
+        if name == "status_period_ms":
+            low = _least_board_status_period_ms(settings.line.baud) if value else 0
+        _check_board_setting(name, value, low, high)
 
 
 def board_config_crc(config: Config, correction: bytes) -> int:

@@ -18,7 +18,6 @@ from haptogram_protocol.messages import (
     DriveReply,
     Element,
     ErrorCode,
-    Feature,
     Flag,
     GeometryReply,
     GetGeometry,
@@ -30,6 +29,7 @@ from haptogram_protocol.messages import (
     TraceRecord,
     TraceReply,
 )
+from haptogram_protocol.rules import READ_CAPABILITIES
 from haptogram_protocol.state import MuteReason, OutputState
 
 from .board import Board
@@ -44,13 +44,9 @@ StatusFields: TypeAlias = tuple[
 _CLOCK_HZ: Final = 1_000_000
 _U32: Final = 0xFFFFFFFF
 _NO_LATCH: Final = LatchKey(sequence=0, loop=0, index=0)
-_READ_FEATURE: Final = {
-    DriveKind.LATCHED: Feature.READ_LATCHED,
-    DriveKind.RADIATED: Feature.READ_RADIATED,
-}
 
 
-def board_identity(board: Board, description_hash: int) -> HelloReply:
+def board_identity(board: Board) -> HelloReply:
     """Return identity and capabilities of the board for the open session."""
     settings, array = board.settings, board.settings.model.array
     nx, ny = array.grid_shape or (0, 0)
@@ -63,7 +59,7 @@ def board_identity(board: Board, description_hash: int) -> HelloReply:
         major=VERSION_MAJOR,
         minor=VERSION_MINOR,
         nonce=board.session,
-        description_hash=description_hash,
+        reserved=0,
         features=int(settings.features),
         clock_hz=_CLOCK_HZ,
         clock_ppm=settings.clock_ppm,
@@ -118,7 +114,7 @@ def board_geometry(settings: BoardSettings, request: GetGeometry) -> GeometryRep
 
 def board_drive(board: Board, request: ReadDrive) -> DriveReply:
     """Return the codes of some transducers, latched or radiated, as many as fit one frame."""
-    if not _READ_FEATURE[request.kind] & board.settings.features:
+    if not READ_CAPABILITIES[request.kind] & board.settings.features:
         text = f"no read-back of the {request.kind.name} drive"
         raise RefusalError(ErrorCode.UNSUPPORTED, int(request.TYPE), text)
     first, stop = _readout_span(request, board.settings.count, DriveReply, 2)

@@ -7,23 +7,16 @@ from dataclasses import dataclass
 
 from haptogram_protocol.messages import (
     ErrorCode,
-    Feature,
     FocalPoint,
     UploadBegin,
     UploadChunk,
-    UploadCommit,
     UploadKind,
 )
+from haptogram_protocol.rules import UPLOAD_CAPABILITIES
 
 from .refusal import RefusalError
 from .registers import Content, full_amplitude_registers
 from .settings import BoardSettings
-
-_FEATURE = {
-    UploadKind.PHASES: Feature.SEQUENCE_PHASES,
-    UploadKind.POINTS: Feature.SEQUENCE_POINTS,
-    UploadKind.CORRECTION: Feature.CORRECTION,
-}
 
 
 class _BoardUpload:
@@ -77,9 +70,9 @@ class BoardUploads:
         self._pending: _BoardUpload | None = None
 
     @property
-    def has_begun(self) -> bool:
-        """True if an upload was announced and neither committed nor abandoned."""
-        return self._pending is not None
+    def target(self) -> int | None:
+        """Target of the upload that was announced and neither committed nor abandoned."""
+        return None if self._pending is None else self._pending.begin.target
 
     def abandon(self) -> None:
         """Forget an upload that was not committed."""
@@ -100,7 +93,7 @@ class BoardUploads:
         RefusalError
             UNSUPPORTED, BAD_VALUE, BAD_LENGTH or TOO_LARGE.
         """
-        if not _FEATURE[begin.kind] & self._settings.features:
+        if not UPLOAD_CAPABILITIES[begin.kind] & self._settings.features:
             raise RefusalError(ErrorCode.UNSUPPORTED, begin.TYPE, f"no {begin.kind.name} uploads")
         self._check_target(begin)
         self._check_size(begin, room)
@@ -131,18 +124,15 @@ class BoardUploads:
         pending.store(chunk.offset, chunk.data)
         return len(pending.data)
 
-    def commit(self, commit: UploadCommit) -> Upload:
+    def commit(self) -> Upload:
         """Return the uploaded bytes.
 
         Raises
         ------
         RefusalError
-            BAD_VALUE (another target), INCOMPLETE or CRC_MISMATCH.
+            INCOMPLETE or CRC_MISMATCH.
         """
         pending = self._expect()
-        if commit.target != pending.begin.target:
-            text = f"commit of {commit.target}, begun was {pending.begin.target}"
-            raise RefusalError(ErrorCode.BAD_VALUE, 0, text)
         if (received := len(pending.data)) < pending.begin.size:
             text = f"{received} of {pending.begin.size} bytes have come"
             raise RefusalError(ErrorCode.INCOMPLETE, received, text)
@@ -153,7 +143,7 @@ class BoardUploads:
         return Upload(pending.begin, bytes(pending.data), self._frame_size(pending.begin))
 
     def _expect(self) -> _BoardUpload:
-        assert self._pending is not None  # the board refuses it unless `has_begun`
+        assert self._pending is not None  # the board refuses it without a `target`
         return self._pending
 
     def _check_target(self, begin: UploadBegin) -> None:
@@ -170,14 +160,13 @@ class BoardUploads:
 
     def _check_size(self, begin: UploadBegin, room: int) -> None:
         limits, frame = self._settings, self._frame_size(begin)
+        frames, rest = divmod(begin.size, frame)
+        if not frames or rest or (begin.kind is UploadKind.CORRECTION and frames > 1):
+            text = f"{begin.size} bytes in frames of {frame}"
+            raise RefusalError(ErrorCode.BAD_LENGTH, frame, text)
         if begin.size > (limit := min(limits.max_upload_bytes, room)):
             raise RefusalError(ErrorCode.TOO_LARGE, limit, f"{begin.size} bytes, limit {limit}")
-        if begin.size == 0 or begin.size % frame:
-            text = f"{begin.size} bytes, not a multiple of {frame}"
-            raise RefusalError(ErrorCode.BAD_LENGTH, frame, text)
-        frames = begin.size // frame
-        limit = 1 if begin.kind is UploadKind.CORRECTION else limits.max_sequence_frames
-        if frames > limit:
+        if frames > (limit := limits.max_sequence_frames):
             raise RefusalError(ErrorCode.TOO_LARGE, limit, f"{frames} frames, limit {limit}")
 
     def _frame_size(self, begin: UploadBegin) -> int:

@@ -28,7 +28,6 @@ from haptogram_protocol.messages import (
     Disarm,
     DisarmReply,
     Drives,
-    ErrorCode,
     Flag,
     GetConfig,
     GetGeometry,
@@ -74,7 +73,6 @@ from ..board.events import Latch, Notice, PlaybackEnd, StateChange
 from ..board.refusal import RefusalError
 from ..board.registers import Content
 from ..board.stream_queue import StreamFrame
-from .features import unsupported_messages
 
 OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
 _STATUS_LIMIT: Final = OUTPUT_LIMIT * 3 // 4  # the last quarter is for responses: HG-9.6
@@ -119,7 +117,6 @@ class VirtualHaptogramDialect:
         self._trace_dropped = 0
         self._traced = 0
         self._next_status_us: int | None = None
-        self._unsupported = unsupported_messages(board.settings.features)
         self._latches: list[Latch] = []
         self._notices: list[Notice] = []
         self._handlers: dict[type[Message], _Handler] = {
@@ -231,10 +228,7 @@ class VirtualHaptogramDialect:
 
     def _stream(self, event: StreamReceived) -> None:
         try:
-            self._check_features(event.message)
             content = self._content(event.message)
-        except RefusalError:
-            self._link.count("unsupported")
         except RemoteProtocolError as error:
             self._link.count(error.reason)
         else:
@@ -258,23 +252,16 @@ class VirtualHaptogramDialect:
         self._link.open_session(hello.nonce)
         self._traced = 0
         self._schedule_status()
-        reply = readout.board_identity(self.board, self._link.description_hash)
+        reply = readout.board_identity(self.board)
         self._link.reply(request, reply, self._first_byte_us)  # before any event of the session
 
     def _answer(self, request: RequestReceived) -> None:
         try:
-            self._check_features(request.message)
             reply = self._handlers[type(request.message)](request.message, request)
         except RefusalError as refusal:
             self._link.refuse(request, refusal.code, refusal.detail, self._first_byte_us)
         else:
             self._link.reply(request, reply, self._first_byte_us)
-
-    def _check_features(self, message: Message) -> None:
-        kind = type(message)
-        if kind in self._unsupported:
-            text = f"no {kind.TYPE.name} on this board"
-            raise RefusalError(ErrorCode.UNSUPPORTED, int(kind.TYPE), text)
 
     def _unwrap(self, t_wire_us: int | None) -> int | None:
         return None if t_wire_us is None else unwrap(t_wire_us, self.board.now_us, 32)

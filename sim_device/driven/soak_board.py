@@ -12,7 +12,6 @@ from typing import Final, TypeAlias
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol.connection import BoardEvent, StreamReceived
 from haptogram_protocol.connection.events import FrameDropped, RequestReceived
-from haptogram_protocol.export.tables import description_hash
 
 from ..board.events import Latch, StateChange
 from ..board.settings import BOOT_US, board_settings
@@ -57,7 +56,7 @@ class VirtualSoakBoard:
         settings = dataclasses.replace(
             board_settings(seed=seed, baud=baud), boot_us=self._clock.boot_us
         )
-        self._dialect = parts.assemble(settings, description_hash(), self._note)
+        self._dialect = parts.assemble(settings, self._note)
         self.transducers = settings.count
         self.carrier_us = settings.carrier_us
 

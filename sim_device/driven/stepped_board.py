@@ -17,7 +17,6 @@ from collections.abc import Iterable
 from typing import Any, TextIO
 
 from haptogram.acoustics import AcousticModel
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import Feature
 
 from ..assembly import HEALTHY
@@ -40,7 +39,7 @@ class VirtualSteppedBoard:
     def reset(self, boot_us: int) -> None:
         """Power the board down and up; its clock starts at *boot_us*."""
         self._settings = dataclasses.replace(self._settings, boot_us=boot_us)
-        self._dialect = HEALTHY.assemble(self._settings, description_hash())
+        self._dialect = HEALTHY.assemble(self._settings)
         self._now_us = 0
 
     def receive(self, at_us: int, data: bytes) -> bytes:

@@ -54,8 +54,8 @@ class CrcHalf(FrameDecoder):
 class Crc16(BoardConnection):
     """Has CRC-16/CCITT in place of CRC-32, in both directions."""
 
-    def __init__(self, description_hash: int, **options: Any) -> None:
-        super().__init__(description_hash, **options | {"decoder": _Crc16Decoder()})
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options | {"decoder": _Crc16Decoder()})
 
     def _queue(self, wire: bytes, limit: int) -> bool:
         body = cobs_decode(wire[1:-1])[:-CRC_BYTES]

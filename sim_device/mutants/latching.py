@@ -17,7 +17,6 @@ from haptogram_protocol.messages import (
     ReadDrive,
     Trace,
     TracePlayback,
-    UploadCommit,
 )
 
 from ..board.board import Board
@@ -222,16 +221,16 @@ class PlaybackRoundsUp(Board):
 class UploadUnchecked(BoardUploads):
     """Takes an upload whatever its CRC is."""
 
-    def commit(self, commit: UploadCommit) -> Any:
+    def commit(self) -> Any:
         """Return the uploaded bytes."""
         try:
-            return super().commit(commit)
+            return super().commit()
         except Exception as error:
             pending = self._pending
             if getattr(error, "code", None) is not ErrorCode.CRC_MISMATCH or pending is None:
                 raise
             pending.begin = dataclasses.replace(pending.begin, crc=getattr(error, "detail", 0))
-            return super().commit(commit)
+            return super().commit()
 
 
 class TraceTimeOfArrival(VirtualHaptogramDialect):

@@ -24,7 +24,6 @@ from firmware_check.hang import hang
 from firmware_check.ports import EMULATE, FOLDER, PORTS, build, missing_tool
 from haptogram.driver.line.port import open_transport
 from haptogram.errors import ConfigurationError
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
@@ -204,7 +203,7 @@ class Board:
         return None
 
     def hello(self, nonce=SESSION):
-        self.send(Hello(VERSION_MAJOR, 0, nonce, description_hash()), 0, session=0)
+        self.send(Hello(VERSION_MAJOR, 0, nonce), 0, session=0)
         return self.wait_for(HelloReply)
 
     def arm_and_latch(self):
@@ -254,7 +253,7 @@ def test_mute_switches_off_in_the_interrupt_though_the_main_loop_hangs(firmware,
     with board_with_pin("netduinoplus2", elf, tmp_path) as (board, pin):
         board.arm_and_latch()
         assert pin.wait_for(level=True, patience_s=PATIENCE_S)
-        board.send(Hello(VERSION_MAJOR, 0, SESSION + 1, description_hash()), 5, session=0)
+        board.send(Hello(VERSION_MAJOR, 0, SESSION + 1), 5, session=0)
         assert board.wait_for(HelloReply, patience_s=0.5) is None  # the main loop hangs
         assert pin.levels()[-1]
         board.send(Mute(), 2, session=0)

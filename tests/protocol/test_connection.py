@@ -54,7 +54,7 @@ from haptogram_protocol.messages import (
     parse_body,
 )
 from haptogram_protocol.state import LinkState, OutputState
-from link_pair import HASH, NONCE, Bench, Link, hello_reply, wire
+from link_pair import NONCE, Bench, Link, hello_reply, wire
 from strategies_protocol import chunkings, headers, messages, noise
 
 PHASES = Phases(bytes(4))
@@ -66,7 +66,7 @@ def _replies(data: bytes) -> list[tuple[Header, Message]]:
 
 def _opened_board() -> Bench:
     bench = Bench()
-    bench.receive(wire(Hello(VERSION_MAJOR, 0, NONCE, HASH), seq=0, session=0), 0)
+    bench.receive(wire(Hello(VERSION_MAJOR, 0, NONCE), seq=0, session=0), 0)
     bench.events.clear()
     bench.carried_out.clear()
     return bench
@@ -247,9 +247,12 @@ def test_what_the_link_refuses_by_itself(name: str) -> None:
     assert header.time_us == 77
     assert bench.carried_out == []
     assert bench.connection.session == NONCE
-    # HG-4.9/4: nothing of it is remembered, and its number is free.
+    # HG-4.9/4: nothing of it is remembered, and its number is free; but for a value.
     bench.receive(wire(Ping(5), seq=1, session=NONCE), 78)
-    assert bench.carried_out == [Ping(5)]
+    is_remembered = name == "value out of range"
+    assert bench.carried_out == [] if is_remembered else [Ping(5)]
+    counters = bench.connection.counters
+    assert (counters["requests"], counters["bad_value"], counters["unsupported"]) == (3, 0, 0)
 
 
 def test_the_same_number_with_other_bytes_is_refused() -> None:
@@ -342,7 +345,7 @@ def test_low_flags_that_are_unknown_are_ignored() -> None:
 
 
 def test_no_session_no_events() -> None:
-    board = BoardConnection(HASH)
+    board = BoardConnection()
     assert not board.send_event(Trace(1, 2), now_us=0)
     board.open_session(NONCE)
     assert board.send_event(Trace(1, 2), now_us=2**32 + 3)
@@ -351,7 +354,7 @@ def test_no_session_no_events() -> None:
 
 
 def test_trace_gives_way_before_status_and_status_before_nothing_is_left() -> None:
-    board = BoardConnection(HASH, output_limit=400)
+    board = BoardConnection(output_limit=400)
     board.open_session(NONCE)
     status = Status.deserialize(bytes(Status.LAYOUT.size))
     while board.send_event(Trace(1, 2), now_us=0, droppable=True):
@@ -364,7 +367,7 @@ def test_trace_gives_way_before_status_and_status_before_nothing_is_left() -> No
 
 
 def test_output_is_taken_by_whole_frames() -> None:
-    board = BoardConnection(HASH)
+    board = BoardConnection()
     board.open_session(NONCE)
     for number in range(3):
         board.send_event(Trace(number, 0), now_us=0)
@@ -397,7 +400,7 @@ def test_misuse_of_the_boards_end() -> None:
 
 
 def test_counters_wrap_and_bear_the_names_of_the_status() -> None:
-    board = BoardConnection(HASH)
+    board = BoardConnection()
     board.count("bad_value", 2**32 + 5)
     assert board.counters["bad_value"] == 5
     assert set(LINK_COUNTERS) | set(HOST_COUNTERS) <= set(Counters.WIRE)
@@ -409,8 +412,8 @@ def test_counters_wrap_and_bear_the_names_of_the_status() -> None:
 def test_misuse_of_the_hosts_end() -> None:
     for nonce in (0, 65536):
         with pytest.raises(LocalProtocolError, match=str(nonce)):
-            HostConnection(nonce=nonce, description_hash=HASH)
-    host = HostConnection(nonce=NONCE, description_hash=HASH)
+            HostConnection(nonce=nonce)
+    host = HostConnection(nonce=NONCE)
     with pytest.raises(LocalProtocolError, match=r"REQUEST_SENT.*CLOSED"):
         host.send_request(Arm(), 0)
     with pytest.raises(LocalProtocolError, match=r"STREAM_SENT.*CLOSED"):
@@ -493,25 +496,22 @@ def test_what_the_host_ignores(frame: bytes, reason: str) -> None:
 
 
 def test_bytes_without_frames_tell_a_wrong_protocol() -> None:
-    host = HostConnection(nonce=NONCE, description_hash=HASH)
+    host = HostConnection(nonce=NONCE)
     host.receive_data(b"Hello, I am a printer\r\n\0", 0)
     assert isinstance(host.next_event(), FrameDropped)
     assert (host.bytes_received, host.frames_received) == (24, 0)
 
 
 def _greeted(**changes: int) -> tuple[HostConnection, object]:
-    host = HostConnection(nonce=NONCE, description_hash=HASH)
+    host = HostConnection(nonce=NONCE)
     host.send_hello(0)
     host.receive_data(wire(hello_reply(NONCE, **changes), seq=0, session=NONCE), 1)
     return host, host.next_event()
 
 
 def test_differences_that_do_no_harm_are_warnings() -> None:
-    host, _ = _greeted(description_hash=1)
+    host, _ = _greeted(minor=3)
     assert host.link_state is LinkState.OPEN
-    assert "00000001" in host.warnings[0]
-    assert f"{HASH:08x}" in host.warnings[0]
-    host, _ = _greeted(minor=3, description_hash=1)
     assert host.warnings == ["board speaks version 2.3, host 2.0: both use 2.0"]
 
 
@@ -528,7 +528,7 @@ def test_another_major_version_is_refused_by_either_end() -> None:
 
 
 def test_a_reply_to_another_hosts_greeting_is_not_for_this_one() -> None:
-    host = HostConnection(nonce=NONCE, description_hash=HASH)
+    host = HostConnection(nonce=NONCE)
     host.send_hello(0)
     host.receive_data(wire(hello_reply(NONCE + 1), seq=0, session=NONCE + 1), 1)
     assert host.next_event().reason == "stale_session"
@@ -536,7 +536,7 @@ def test_a_reply_to_another_hosts_greeting_is_not_for_this_one() -> None:
 
 
 def test_a_refused_mute_while_greeting_leaves_the_greeting_alone() -> None:
-    host = HostConnection(nonce=NONCE, description_hash=HASH)
+    host = HostConnection(nonce=NONCE)
     host.send_hello(0)
     seq = host.send_mute(0)
     host.receive_data(wire(Error(MessageType.MUTE, 12, 0), seq=seq, session=0), 1)
@@ -568,7 +568,7 @@ def test_a_mute_does_not_wait_for_a_backed_off_timer() -> None:
 
 
 def test_a_mute_names_the_session_only_if_there_is_one() -> None:
-    host = HostConnection(nonce=NONCE, description_hash=HASH)
+    host = HostConnection(nonce=NONCE)
     host.send_mute(0)
     opened = _opened_host()
     opened.send_mute(0)
@@ -577,7 +577,7 @@ def test_a_mute_names_the_session_only_if_there_is_one() -> None:
 
 
 def test_nothing_is_sent_again_before_its_time() -> None:
-    host = HostConnection(nonce=NONCE, description_hash=HASH)
+    host = HostConnection(nonce=NONCE)
     host.send_hello(10)
     first = host.data_to_send()
     host.advance_to(10 + INITIAL_RTO_US - 1)

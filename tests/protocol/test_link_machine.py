@@ -33,7 +33,7 @@ from haptogram_protocol.messages import (
     Trace,
 )
 from haptogram_protocol.state import LinkState
-from link_pair import BOARD_AHEAD_US, HASH, Bench
+from link_pair import BOARD_AHEAD_US, Bench
 
 LATENCY_US = 1000
 # HG-12.6: sent five times, each after the timeout before it, which doubles from 2 s at the most.
@@ -113,7 +113,7 @@ class AnyLine(RuleBasedStateMachine):
         self.down.harms.extend(down)
         self.up.harms.extend(up)
         self.nonce += 1
-        self.host = HostConnection(nonce=self.nonce, description_hash=HASH)
+        self.host = HostConnection(nonce=self.nonce)
         self.streamed, self.traced = {}, {}  # what was sent in this session, by number
         self.asked, self.answered = {}, set()
         self.hello = self.host.send_hello(self.now_us)

@@ -47,10 +47,10 @@ from wire_oracles import frame_bytewise
 # name: message, header fields, body, line
 GOLDEN: dict[str, tuple[Message, dict[str, int], str, str]] = {
     "hello": (
-        Hello(major=1, minor=0, nonce=0x5EED, description_hash=0x01020304),
+        Hello(major=2, minor=0, nonce=0x5EED),
         {"flags": 0, "seq": 0, "time_us": 0, "session": 0},
-        "40 00 0000 00000000 0000 | 01 00 ed5e 04030201",
-        "00 024001010101010101 01 02 01 0b ed5e04030201 5fbdd0f4 00",
+        "40 00 0000 00000000 0000 | 02 00 ed5e 00000000",
+        "00 024001010101010101 01 02 02 03 ed5e 01010105 a6c14ab2 00",
     ),
     "mute without a session": (
         Mute(),

@@ -6,7 +6,6 @@ import zlib
 
 import pytest
 
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
@@ -233,9 +232,7 @@ class Life:
         return self.t_us, act()
 
     def hello(self):
-        return lambda: self.sent(
-            Hello(VERSION_MAJOR, 0, self.session, description_hash()), session=0
-        )
+        return lambda: self.sent(Hello(VERSION_MAJOR, 0, self.session), session=0)
 
     def upload_begin(self):
         crc = zlib.crc32(self.sequence)

@@ -119,7 +119,7 @@ MISTAKES = {
         "parser->length < HG_MAX_ENCODED_BYTES - 1",
     ),
     "no-resync-after-long-run": ("parser->discarding = 0;\n        } else", ";\n        } else"),
-    "length-not-checked": ("return rest == 0;", "return 1;"),
+    "length-not-checked": ("return rest == 0 ||", "return 1 ||"),
     "value-not-checked": ("payload[*offset] > 31 || ", "0 && "),
     "tail-not-in-units": ("return rest % layout->unit == 0 && ", "return "),
 }

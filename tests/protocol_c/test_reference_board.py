@@ -25,7 +25,6 @@ from haptogram_protocol.connection.events import (
     ReplyReceived,
     RequestRefused,
 )
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import (
     Arm,
     Config,
@@ -89,7 +88,7 @@ class Host:
     """A HostConnection on a port, waiting for what it asked for and no longer than it must."""
 
     def __init__(self, path, nonce=0x1CED):
-        self.connection = HostConnection(nonce=nonce, description_hash=description_hash())
+        self.connection = HostConnection(nonce=nonce)
         self.port = os.open(path, os.O_RDWR | os.O_NOCTTY)
         self.events = []
         self.unseen = collections.deque()
@@ -170,7 +169,6 @@ def test_it_says_what_it_is(host):
     identity = host.identity
     assert (identity.transducers, identity.grid_nx, identity.grid_ny) == (COUNT, 16, 16)
     assert (identity.pitch_um, identity.carrier_hz) == (10_000, 40_000)
-    assert identity.description_hash == description_hash()
     assert identity.state is OutputState.DISARMED
     assert identity.firmware.startswith("haptogram-c99")
     assert host.connection.warnings == []

@@ -14,7 +14,6 @@ from haptogram_protocol.connection import (
     ReplyReceived,
     RequestRefused,
 )
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import Arm, Config, Phases, SetConfig, unwrap
 
 PATIENCE_NS = 20_000_000_000
@@ -28,7 +27,7 @@ class SmallHost:
         self.events = []
         self.frames = 0
         self.now_ns = getattr(port, "now_ns", time.monotonic_ns)
-        self.link = HostConnection(nonce=nonce, description_hash=description_hash())
+        self.link = HostConnection(nonce=nonce)
 
     def now_us(self):
         return self.now_ns() // 1000

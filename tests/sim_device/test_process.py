@@ -16,7 +16,6 @@ import serial
 
 from haptogram.acoustics import Drive, superpose_foci
 from haptogram_protocol.connection import NEED_DATA, EventReceived, HostConnection, ReplyReceived
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import GetStatus, Ping, Trace, TraceMode
 from haptogram_protocol.state import OutputState
 from sim_device import board_settings
@@ -307,7 +306,7 @@ def test_at_the_far_end_of_a_cable_until_it_is_pulled(start):
     board = start("--serial", os.ttyname(slave))
     assert board.url == os.ttyname(slave)
     os.close(slave)
-    link = HostConnection(nonce=9, description_hash=description_hash())
+    link = HostConnection(nonce=9)
     link.send_hello(0)
     os.write(master, link.data_to_send())
     heard = []

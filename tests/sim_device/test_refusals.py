@@ -90,7 +90,7 @@ def begin(kind=UploadKind.PHASES, points=0, target=1, size=32, crc=0):
         (begin(points=1), ErrorCode.BAD_VALUE, 1),
         (begin(UploadKind.POINTS, points=9, size=144), ErrorCode.BAD_VALUE, 1),
         (begin(UploadKind.POINTS, points=2, size=48), ErrorCode.BAD_LENGTH, 32),
-        (begin(UploadKind.CORRECTION, target=0), ErrorCode.TOO_LARGE, 1),
+        (begin(UploadKind.CORRECTION, target=0), ErrorCode.BAD_LENGTH, 16),
         (begin(UploadKind.CORRECTION, size=16), ErrorCode.BAD_VALUE, 2),
         (UploadCommit(1), ErrorCode.BAD_STATE, OutputState.ARMED),
         (GetGeometry(16, 1), ErrorCode.NOT_FOUND, 16),
@@ -200,7 +200,7 @@ def test_a_board_without_amplitudes_mutes_hard_and_knows_only_full_ones(host):
     board.port.simulation.advance_to(board.port.now_ns() + 25_000)  # to the carrier's boundary
     drive = board.ask(ReadDrive(DriveKind.LATCHED, 0, 16)).message
     assert set(drive.data[16:]) == {255}
-    assert board.ask(GetStatus()).message.counters.unsupported == 1
+    assert board.ask(GetStatus()).message.counters.unknown_type == 1
     simulation = board.port.simulation
     powered = simulation.dialect.board
     latched_ns = (powered.latched.t_latch_us - powered.settings.boot_us) * 1000

@@ -48,7 +48,7 @@ def fill(fd):
 
 
 def linked(name, timeout_s):
-    connection = HostConnection(nonce=1, description_hash=0)
+    connection = HostConnection(nonce=1)
     return Link(open_transport(name), connection, baudrate=50_000_000, timeout_s=timeout_s)
 
 

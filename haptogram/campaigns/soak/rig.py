@@ -14,7 +14,6 @@ from haptogram_protocol.connection import (
     RequestRefused,
     RequestTimedOut,
 )
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import fastest_cobs
 from haptogram_protocol.messages import EVENT_RANGE, FIRST_STREAM_SEQ, Message, Ping, Pong
 
@@ -103,9 +102,7 @@ class SoakRig:
         nonce = self._source.randint(1, 0xFFFF)
         while nonce == self.board.session:
             nonce = self._source.randint(1, 0xFFFF)
-        self.host = HostConnection(
-            nonce=nonce, description_hash=description_hash(), cobs=fastest_cobs()
-        )
+        self.host = HostConnection(nonce=nonce, cobs=fastest_cobs())
         self._answers = {}
         self._next_index = FIRST_STREAM_SEQ  # HG-3.6/5
         self._at_board.begin_session()

@@ -94,8 +94,6 @@ class BoardClient:
         Open port.
     random_source : random.Random
         Source of nonces and contents.
-    description_hash : int
-        Description hash of this version, for HELLO.
     booted : bool
         Whether the board has just started, so that its unwrapped time is known.
 
@@ -146,7 +144,6 @@ class BoardClient:
         self,
         wire: RawFrameClient,
         random_source: random.Random,
-        description_hash: int,
         *,
         booted: bool,
     ) -> None:
@@ -154,7 +151,6 @@ class BoardClient:
         self.random = random_source
         self.link = RequestClient(wire, random_source)
         self.clock = ClockClient(self.link, booted=booted)
-        self.description_hash = description_hash
         self.nonces: set[int] = set()
         self._last_nonce = 0
 
@@ -171,7 +167,7 @@ class BoardClient:
 
     def hello_message(self, nonce: int) -> Hello:
         """Return the HELLO of this version."""
-        return Hello(VERSION_MAJOR, VERSION_MINOR, nonce, self.description_hash)
+        return Hello(VERSION_MAJOR, VERSION_MINOR, nonce)
 
     def hello(self, nonce: int | None = None, **header: Any) -> HelloReply:
         """Open a session, with a new nonce unless *nonce* is given; FAILED if the board refuses."""
@@ -381,7 +377,7 @@ class BoardClient:
             return status
         counted = {
             name: (getattr(status.counters, name) - pauses) & 0xFFFFFFFF
-            for name in ("frames", "stale_session")
+            for name in ("frames", "requests")
         }
         return dataclasses.replace(status, counters=dataclasses.replace(status.counters, **counted))
 

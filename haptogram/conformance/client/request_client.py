@@ -65,7 +65,7 @@ class RequestClient:
     processed_us : int
         Time after which the board has processed what it has received.
     pauses : int
-        How often the client waited for the board, by a PING that counts in ``stale_session``.
+        How often the client waited for the board, by a PING that counts in ``requests``.
     """
 
     def __init__(self, wire: RawFrameClient, random_source: random.Random) -> None:

@@ -159,7 +159,7 @@ class DialogueOpening:
         nonce = board.new_nonce()
         board.hello(nonce)
         host.seq = board.link.seq - 1
-        hello = Hello(VERSION_MAJOR, 0, nonce, board.description_hash)
+        hello = Hello(VERSION_MAJOR, 0, nonce)
         self._tell_model(host.hello(hello))
 
     def _ask(self, host: DialogueHost, message: Message) -> tuple[Message, Message]:

@@ -22,6 +22,7 @@ from haptogram_protocol.framing import (
 from haptogram_protocol.messages import (
     REQUEST_RANGE,
     RESPONSE_OFFSET,
+    VERSION_MINOR,
     Error,
     ErrorCode,
     Flag,
@@ -61,6 +62,7 @@ class LineRules:
     def begin_board(self) -> None:
         """Note that a board has started, or that its port was opened anew."""
         self._sessions: tuple[int, ...] = ()  # the open one, then the one before
+        self._minor = 0  # of the board's version
         self._was_frame = False
         self._begun = b""
         self._asked: Counter[tuple[int, int]] = Counter()  # requests, by their type and number
@@ -77,6 +79,13 @@ class LineRules:
                     header = Header.unpack(decode_frame(piece)[:HEADER_BYTES])
                     self._asked[header.type, header.seq] += 1
 
+    def _grown(self, piece: ReceivedByClient) -> str:
+        """Return what stands behind the last field, unless a later version added it (HG-11.3)."""
+        if piece.message is None or piece.message.TAIL or self._minor > VERSION_MINOR:
+            return ""
+        size = len(piece.body) - HEADER_BYTES - piece.message.LAYOUT.size
+        return f"{size} bytes behind the last field of {piece.message.TYPE.name}" if size else ""
+
     # --- What comes ------------------------------------------------------------------------------
 
     def broken_by(self, piece: ReceivedByClient) -> Broken:
@@ -85,6 +94,7 @@ class LineRules:
         self._was_frame = header is not None
         if isinstance(piece.message, HelloReply) and piece.message.nonce not in self._sessions[:1]:
             self._sessions = (piece.message.nonce, *self._sessions[:1])
+            self._minor = piece.message.minor
         if not self._sessions:
             return  # nobody has answered HELLO: this may be no board
         if header is None:
@@ -99,7 +109,7 @@ class LineRules:
         yield "HG-2.6/1", f"{size} bytes between delimiters" if size > MAX_ENCODED_BYTES else ""
         is_of_host = not (piece.is_response or piece.is_event)
         yield "HG-3.1/1", "the board sends a frame of the host" if is_of_host else ""
-        yield "HG-3.2/3", piece.fault if piece.reason == "bad_length" else ""
+        yield "HG-3.2/3", piece.fault if piece.reason == "bad_length" else self._grown(piece)
         allowed = Flag.LATE if isinstance(piece.message, TRACES) else 0
         wrong = header.flags & ~allowed
         yield "HG-3.4/3", f"flags {wrong:#04x} have no meaning here" if wrong else ""

@@ -194,7 +194,7 @@ def _uploads_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
         wrong.append(("a size of no whole frames", broken, length))
     if board.has(Feature.CORRECTION) and 2 * count <= identity.max_upload_bytes:
         two = UploadBegin(UploadKind.CORRECTION, 0, 0, 2 * count, 0)
-        wrong.append(("two corrections", two, large))
+        wrong.append(("two corrections", two, length))
     beyond = identity.max_upload_bytes // count * count + count
     if beyond < 1 << 32:
         size = UploadBegin(UploadKind.PHASES, 0, STORED, beyond, 0)

@@ -55,6 +55,15 @@ def judge_status_steps(
     judge_in_time(board, not off, text)
 
 
+def judge_within_hold(board: BoardClient, latched_us: int, holds: bool, text: str) -> None:
+    """FAILED unless *holds*; INCONCLUSIVE if the hold may have run out since a latch."""
+    lasted_ms = (board.wire.now_us() - latched_us) / _MS
+    hold_ms = board.config.hold_ms
+    if not holds and lasted_ms >= hold_ms:
+        inconclusive(f"{lasted_ms:.0f} ms after a latch, beyond a hold of {hold_ms} ms: {text}")
+    judge_in_time(board, holds, text)
+
+
 def judge_in_time(board: BoardClient, holds: bool, text: str) -> None:
     """FAILED unless *holds*; INCONCLUSIVE if the host was held up, and perhaps an emulator too."""
     away_us = board.wire.held_up_us

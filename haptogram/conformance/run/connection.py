@@ -9,7 +9,6 @@ from typing import Final
 
 from haptogram.driver.line.port import Transport
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import HelloReply
 
 from ..client.board_client import BoardClient
@@ -71,7 +70,6 @@ class SuiteConnection:
         self._explore_us = round(explore_s * 1e6)
         self._limits = ClientWaitLimits.of(timeout_s, virtual=access.virtual)
         self._random = random.Random(seed)
-        self._hash = description_hash()
         self._transport: Transport | None = None
         self._spent_us = self._connected_us = 0  # of boards before, and when this one came
         self._board: BoardClient | None = None
@@ -179,7 +177,7 @@ class SuiteConnection:
         self._transport = transport
         wire = RawFrameClient(transport, self._limits, baudrate=self.baudrate)
         self._connected_us = wire.now_us()
-        self._board = BoardClient(wire, self._random, self._hash, booted=booted)
+        self._board = BoardClient(wire, self._random, booted=booted)
         self._board.nonces = self.nonces
         self._board.thorough = self._thorough
         self._board.standing, wire.on_piece = self._findings, self.rules.take

@@ -53,11 +53,9 @@ static void judge_hello(struct board *board, const struct request *request)
 
     hg_hello_read(&hello, request->payload);
     if (hello.major != HG_VERSION_MAJOR) {
-        link_refuse_unseen(board, request, HG_COUNTER_UNSUPPORTED, HG_ERROR_VERSION,
-                           HG_VERSION_MAJOR);
+        link_refuse_unseen(board, request, HG_ERROR_VERSION, HG_VERSION_MAJOR);
     } else if (hello.nonce == 0) {
-        link_refuse_unseen(board, request, HG_COUNTER_BAD_VALUE, HG_ERROR_BAD_VALUE,
-                           HG_OFFSET_HELLO_NONCE);
+        link_refuse_unseen(board, request, HG_ERROR_BAD_VALUE, HG_OFFSET_HELLO_NONCE);
     } else if (hello.nonce == board->link.session) {
         link_count(board, HG_COUNTER_REPEATED);
         link_greet(board, request);
@@ -77,14 +75,13 @@ static uint8_t unknown_flags(uint8_t type, uint8_t flags)
     return takes_immediate ? (uint8_t)(flags & ~(unsigned)HG_FLAG_IMMEDIATE) : flags;
 }
 
-static void carry_out(struct board *board, const struct request *request)
+static void take_number(struct board *board, const struct request *request)
 {
     struct link *link = &board->link;
 
     link_count(board, HG_COUNTER_REQUESTS);
     if (request->in_session && hg_ahead_u16(request->header.seq, link->control_newest) > 0)
         link->control_newest = request->header.seq;
-    request_carry_out(board, request);
 }
 
 /* Return 1 if the number was used before; the request is answered here then. */
@@ -102,7 +99,7 @@ static int is_repetition(struct board *board, const struct request *request)
     }
     if (hg_ahead_u16(seq, link->control_newest) > 0)
         return 0;
-    link_refuse_unseen(board, request, HG_COUNTER_BAD_VALUE, HG_ERROR_SEQUENCE_REUSED, seq);
+    link_refuse_unseen(board, request, HG_ERROR_SEQUENCE_REUSED, seq);
     return 1;
 }
 
@@ -113,15 +110,17 @@ static void judge_payload(struct board *board, const struct request *request)
     int reason = hg_check_message(type, request->payload, request->length, &offset);
 
     hg_message_layout(type, &fixed, &unit);
-    if (reason == HG_COUNTER_BAD_LENGTH)
-        link_refuse_unseen(board, request, reason, HG_ERROR_BAD_LENGTH,
-                           unit != 0 ? 0 : (uint32_t)fixed);
-    else if (reason == HG_COUNTER_BAD_VALUE)
-        link_refuse_unseen(board, request, reason, HG_ERROR_BAD_VALUE, (uint32_t)offset);
-    else if (type == HG_TYPE_HELLO)
+    if (reason == HG_COUNTER_BAD_LENGTH) {
+        link_refuse_unseen(board, request, HG_ERROR_BAD_LENGTH, unit != 0 ? 0 : (uint32_t)fixed);
+    } else if (type == HG_TYPE_HELLO) {
         judge_hello(board, request);
-    else if (!is_repetition(board, request))
-        carry_out(board, request);
+    } else if (!is_repetition(board, request)) {
+        take_number(board, request);
+        if (reason == HG_COUNTER_BAD_VALUE)
+            link_refuse(board, request, HG_ERROR_BAD_VALUE, (uint32_t)offset);
+        else
+            request_carry_out(board, request);
+    }
 }
 
 static void judge_request(struct board *board, const struct request *request)
@@ -130,29 +129,30 @@ static void judge_request(struct board *board, const struct request *request)
     uint8_t flags = unknown_flags(type, request->header.flags);
     size_t fixed, unit;
 
-    if (type == HG_TYPE_MUTE)
-        carry_out(board, request); /* HG-6.4: MUTE is never refused */
-    else if (!hg_message_layout(type, &fixed, &unit))
-        link_refuse_unseen(board, request, HG_COUNTER_UNSUPPORTED, HG_ERROR_UNSUPPORTED, type);
-    else if (type != HG_TYPE_HELLO && !request->in_session)
-        link_refuse_unseen(board, request, HG_COUNTER_STALE_SESSION, HG_ERROR_STALE_SESSION,
-                           board->link.session);
-    else if (flags != 0)
-        link_refuse_unseen(board, request, HG_COUNTER_UNSUPPORTED, HG_ERROR_UNSUPPORTED, flags);
-    else
+    if (type == HG_TYPE_MUTE) {
+        take_number(board, request);
+        request_carry_out(board, request); /* HG-6.4: MUTE is never refused */
+    } else if (!hg_message_layout(type, &fixed, &unit)) {
+        link_refuse_unseen(board, request, HG_ERROR_UNSUPPORTED, type);
+    } else if (type != HG_TYPE_HELLO && !request->in_session) {
+        link_refuse_unseen(board, request, HG_ERROR_STALE_SESSION, board->link.session);
+    } else if (flags != 0) {
+        link_refuse_unseen(board, request, HG_ERROR_UNSUPPORTED, flags);
+    } else {
         judge_payload(board, request);
+    }
 }
 
-/* Set the unwrapped number; return 0 if the number is not newer than the last one (HG-5.5). */
+/* Set the unwrapped number; return 0 if the frame is a copy (HG-5.5). */
 static int take_index(struct board *board, uint16_t seq, uint32_t *index)
 {
     struct link *link = &board->link;
-    int32_t ahead = hg_ahead_u16(seq, (uint16_t)link->stream_expected);
+    uint32_t ahead = (seq - link->stream_expected) & 0xFFFF;
 
-    if (ahead < 0)
+    if (ahead >= 0x10000 - 32)
         return 0;
-    board->counters[HG_COUNTER_GAP] += (uint32_t)ahead;
-    *index = link->stream_expected + (uint32_t)ahead;
+    board->counters[HG_COUNTER_GAP] += ahead;
+    *index = link->stream_expected + ahead;
     link->stream_expected = *index + 1;
     return 1;
 }

@@ -114,15 +114,15 @@ void link_refuse(struct board *board, const struct request *request, uint8_t cod
     respond(board, request, HG_TYPE_ERROR, payload, sizeof payload);
 }
 
-/* Refuse a request that failed a check: it is counted, and not remembered (HG-4.9/4). */
-void link_refuse_unseen(struct board *board, const struct request *request, int reason,
-                        uint8_t code, uint32_t detail)
+/* Refuse a request before it is compared with the last one; nothing is remembered (HG-4.9/4). */
+void link_refuse_unseen(struct board *board, const struct request *request, uint8_t code,
+                        uint32_t detail)
 {
     uint8_t payload[HG_SIZE_ERROR];
     uint16_t session = code == HG_ERROR_STALE_SESSION ? 0 : board->link.session;
     struct hg_header header = response(board, request, HG_TYPE_ERROR, session);
 
-    link_count(board, reason);
+    link_count(board, HG_COUNTER_REQUESTS);
     write_error(payload, request, code, detail);
     queue_frame(board, &header, payload, sizeof payload, BOARD_OUTPUT);
 }

@@ -11,8 +11,8 @@ void link_count(struct board *board, int reason);
 void link_reply(struct board *board, const struct request *request, const uint8_t *payload,
                 size_t length);
 void link_refuse(struct board *board, const struct request *request, uint8_t code, uint32_t detail);
-void link_refuse_unseen(struct board *board, const struct request *request, int reason,
-                        uint8_t code, uint32_t detail);
+void link_refuse_unseen(struct board *board, const struct request *request, uint8_t code,
+                        uint32_t detail);
 void link_greet(struct board *board, const struct request *request);
 void link_repeat(struct board *board); /* the remembered reply once more */
 int64_t link_departure_us(const struct board *board); /* when the next byte leaves */

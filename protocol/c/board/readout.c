@@ -22,7 +22,6 @@ void readout_identity(const struct board *board, struct hg_hello_reply *reply)
     reply->major = HG_VERSION_MAJOR;
     reply->minor = HG_VERSION_MINOR;
     reply->nonce = board->link.session;
-    reply->description_hash = HG_DESCRIPTION_HASH;
     reply->features = HG_FEATURE_AMPLITUDE | HG_FEATURE_POINTS | HG_FEATURE_SEQUENCE_PHASES
                       | HG_FEATURE_SEQUENCE_POINTS | HG_FEATURE_CONFIG | HG_FEATURE_CORRECTION
                       | HG_FEATURE_READ_LATCHED | HG_FEATURE_READ_RADIATED | HG_FEATURE_TRACE

@@ -68,7 +68,6 @@ static uint32_t room(struct board *board, uint16_t target)
 static uint8_t refusal(struct board *board, const struct hg_upload_begin *begin, uint32_t *detail)
 {
     uint32_t bytes = frame_bytes(board, begin);
-    uint32_t most = begin->kind == HG_UPLOAD_CORRECTION ? 1 : BOARD_SEQUENCE_FRAMES;
 
     *detail = HG_OFFSET_UPLOAD_BEGIN_POINTS_PER_FRAME;
     if (!points_fit(begin))
@@ -76,17 +75,15 @@ static uint8_t refusal(struct board *board, const struct hg_upload_begin *begin,
     *detail = HG_OFFSET_UPLOAD_BEGIN_TARGET;
     if ((begin->target == 0) != (begin->kind == HG_UPLOAD_CORRECTION))
         return HG_ERROR_BAD_VALUE;
-    *detail = upload_limit(board, 0);
+    *detail = bytes;
+    if (begin->size == 0 || begin->size % bytes != 0
+        || (begin->kind == HG_UPLOAD_CORRECTION && begin->size != bytes))
+        return HG_ERROR_BAD_LENGTH;
+    *detail = room(board, begin->target);
     if (begin->size > *detail)
         return HG_ERROR_TOO_LARGE;
-    *detail = bytes;
-    if (begin->size == 0 || begin->size % bytes != 0)
-        return HG_ERROR_BAD_LENGTH;
-    *detail = most;
-    if (begin->size / bytes > most)
-        return HG_ERROR_TOO_LARGE;
-    *detail = room(board, begin->target);
-    return begin->size > *detail ? HG_ERROR_TOO_LARGE : 0;
+    *detail = BOARD_SEQUENCE_FRAMES;
+    return begin->size / bytes > *detail ? HG_ERROR_TOO_LARGE : 0;
 }
 
 void upload_begin(struct board *board, const struct request *request)
@@ -190,12 +187,12 @@ void upload_commit(struct board *board, const struct request *request)
     uint8_t payload[HG_SIZE_UPLOAD_COMMIT_REPLY];
     uint32_t crc;
 
-    if (is_playing(board, target) || !upload->begun) {
-        link_refuse(board, request, HG_ERROR_BAD_STATE, board->state);
+    if (upload->begun && target != upload->begin.target) {
+        link_refuse(board, request, HG_ERROR_BAD_VALUE, HG_OFFSET_UPLOAD_COMMIT_TARGET);
         return;
     }
-    if (target != upload->begin.target) {
-        link_refuse(board, request, HG_ERROR_BAD_VALUE, HG_OFFSET_UPLOAD_COMMIT_TARGET);
+    if (!upload->begun || is_playing(board, target)) {
+        link_refuse(board, request, HG_ERROR_BAD_STATE, board->state);
         return;
     }
     if (upload->received < upload->begin.size) {

@@ -8,7 +8,7 @@ checks output state, time and configuration.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass
 from typing import Final, cast
 
@@ -40,8 +40,10 @@ from .counters import LINK_COUNTERS
 from .events import NEED_DATA, BoardEvent, FrameDropped, NeedData, RequestReceived, StreamReceived
 from .inbox import ConnectionInbox
 from .outbox import OUTPUT_LIMIT, ConnectionOutbox
-from .received import IMMEDIATE, ReceivedFrame, error_of_received_payload, unknown_received_flags
+from .received import IMMEDIATE, ReceivedFrame, unknown_received_flags
 
+#: How far ahead of the expected one a stream number is at which the frame is a copy.  HG-5.5/1.
+COPY_AHEAD: Final = 0x10000 - 32
 # HG-4.10: never compared with the last request, because a repetition does no harm.
 _IDEMPOTENT: Final = frozenset({MessageType.MUTE, MessageType.UPLOAD_CHUNK})
 
@@ -60,14 +62,14 @@ class BoardConnection:
 
     Parameters
     ----------
-    description_hash : int
-        CRC-32 of the board's description of the protocol, for the HELLO_REPLY.
     output_limit : int, keyword-only
         Bytes that may wait for the line; droppable events get half of it.
     cobs : Cobs, keyword-only
         COBS; :func:`~haptogram_protocol.framing.fastest_cobs` gives a compiled one.
     decoder : FrameDecoder or None, keyword-only
         Decoder of the received bytes; None: a new one with *cobs*.
+    unsupported : container of int, keyword-only
+        Types whose capability the board does not advertise: it does not know them (HG-1.2).
 
     Attributes
     ----------
@@ -82,17 +84,17 @@ class BoardConnection:
 
     def __init__(
         self,
-        description_hash: int,
         *,
         output_limit: int = OUTPUT_LIMIT,
         cobs: Cobs = PURE_PYTHON,
         decoder: FrameDecoder | None = None,
+        unsupported: Container[int] = (),
     ) -> None:
-        self.description_hash = description_hash
         self.session = 0
         self.counters = dict.fromkeys(LINK_COUNTERS, 0)
         self.departure_us: Callable[[int], int] = _at_once
         self._output_limit = output_limit
+        self._types = frozenset(kind for kind in MESSAGES if kind not in unsupported)
         self._stuff = cobs.encode
         self._inbox = ConnectionInbox(FrameDecoder(cobs) if decoder is None else decoder)
         self._outbox = ConnectionOutbox()
@@ -171,7 +173,7 @@ class BoardConnection:
         header = frame.header
         # HG-5.6: whatever else is wrong with the frame, its number has been used.
         index = self._take_index(header.seq) if frame.in_session else None
-        if header.type not in MESSAGES:
+        if header.type not in self._types:
             return self._drop(frame, "unknown_type", f"stream type {header.type:#04x}")
         if not frame.in_session:
             return self._drop(frame, "stale_session", self._wrong_session(header))
@@ -192,9 +194,9 @@ class BoardConnection:
         )
 
     def _take_index(self, seq: int) -> int | None:
-        """Return the unwrapped sequence number, None if it is not newer than the last.  HG-5.5."""
-        ahead = signed_difference(seq, self._stream_expected, 16)
-        if ahead < 0:
+        """Return the unwrapped sequence number, None if the frame is a copy.  HG-5.5."""
+        ahead = (seq - self._stream_expected) & 0xFFFF
+        if ahead >= COPY_AHEAD:
             return None
         if ahead:
             self.count("gap", ahead)
@@ -211,38 +213,42 @@ class BoardConnection:
         header = frame.header
         if header.type == MessageType.MUTE:
             return self._request(frame, Mute())  # HG-6.4: no flag, length or session refuses it
-        if header.type not in MESSAGES:
+        if header.type not in self._types:
             detail = f"request type {header.type:#04x}"
-            return self._refuse(frame, "unsupported", ErrorCode.UNSUPPORTED, header.type, detail)
+            return self._refuse(frame, ErrorCode.UNSUPPORTED, header.type, detail)
         if header.type != MessageType.HELLO and not frame.in_session:
-            return self._refuse(
-                frame,
-                "stale_session",
-                ErrorCode.STALE_SESSION,
-                self.session,
-                self._wrong_session(header),
-            )
+            detail = self._wrong_session(header)
+            return self._refuse(frame, ErrorCode.STALE_SESSION, self.session, detail)
         if flags := unknown_received_flags(header):
             detail = f"flags {flags:#04x} are not known"
-            return self._refuse(frame, "unsupported", ErrorCode.UNSUPPORTED, flags, detail)
-        kind = MESSAGES[header.type]
+            return self._refuse(frame, ErrorCode.UNSUPPORTED, flags, detail)
+        return self._judge_payload(frame, MESSAGES[header.type])
+
+    def _judge_payload(self, frame: ReceivedFrame, kind: type[Message]) -> BoardEvent:
         try:
             message = kind.deserialize(frame.payload)
         except RemoteProtocolError as error:
-            return self._refuse(
-                frame, error.reason, *error_of_received_payload(kind, error), str(error)
-            )
+            if error.reason == "bad_length":
+                length = 0 if kind.TAIL else kind.LAYOUT.size
+                return self._refuse(frame, ErrorCode.BAD_LENGTH, length, str(error))
+            return self._judge_control_seq(frame) or self._refuse_value(frame, error)
         if isinstance(message, Hello):
             return self._judge_hello(frame, message)
         return self._judge_control_seq(frame) or self._request(frame, message)
 
+    def _refuse_value(self, frame: ReceivedFrame, error: RemoteProtocolError) -> BoardEvent:
+        """Refuse a request for a value that no table has; the refusal is remembered.  HG-4.9/4."""
+        self._take_control_seq(frame)
+        code, detail = ErrorCode.BAD_VALUE, error.offset
+        return self._refuse(frame, code, detail, str(error), is_remembered=True)
+
     def _judge_hello(self, frame: ReceivedFrame, hello: Hello) -> BoardEvent:
         if hello.major != VERSION_MAJOR:  # HG-4.4
             detail = f"HELLO of version {hello.major}.{hello.minor}; the board has {VERSION_MAJOR}"
-            return self._refuse(frame, "unsupported", ErrorCode.VERSION, VERSION_MAJOR, detail)
+            return self._refuse(frame, ErrorCode.VERSION, VERSION_MAJOR, detail)
         if hello.nonce == 0:
             offset = Hello.WIRE["nonce"].offset
-            return self._refuse(frame, "bad_value", ErrorCode.BAD_VALUE, offset, "HELLO, nonce 0")
+            return self._refuse(frame, ErrorCode.BAD_VALUE, offset, "HELLO, nonce 0")
         if hello.nonce == self.session and self._greeting is not None:  # HG-4.6
             leaves_us = self.departure_us(frame.t_rx_us)
             wire = self._response(self._greeting, frame.header.seq, leaves_us)
@@ -260,7 +266,7 @@ class BoardConnection:
             return self._drop(frame, "repeated", f"request {seq} was answered before")
         if signed_difference(seq, self._control_newest, 16) <= 0:
             detail = f"request {seq} after request {self._control_newest}"
-            return self._refuse(frame, "bad_value", ErrorCode.SEQUENCE_REUSED, seq, detail)
+            return self._refuse(frame, ErrorCode.SEQUENCE_REUSED, seq, detail)
         return None
 
     def _request(
@@ -268,8 +274,7 @@ class BoardConnection:
     ) -> RequestReceived:
         self.count("requests")
         header = frame.header
-        if frame.in_session and signed_difference(header.seq, self._control_newest, 16) > 0:
-            self._control_newest = header.seq
+        self._take_control_seq(frame)
         return RequestReceived(
             message=message,
             seq=header.seq,
@@ -282,15 +287,28 @@ class BoardConnection:
             crc=frame.crc,
         )
 
+    def _take_control_seq(self, frame: ReceivedFrame) -> None:
+        seq = frame.header.seq
+        if frame.in_session and signed_difference(seq, self._control_newest, 16) > 0:
+            self._control_newest = seq
+
     def _refuse(
-        self, frame: ReceivedFrame, reason: str, code: ErrorCode, number: int, detail: str
+        self,
+        frame: ReceivedFrame,
+        code: ErrorCode,
+        number: int,
+        detail: str,
+        *,
+        is_remembered: bool = False,
     ) -> FrameDropped:
-        """Answer a request with ERROR, without the board; the reply is not remembered."""
+        """Answer a request with ERROR, without the board."""
         error = Error(request=frame.header.type, code=code, detail=number)
         session = 0 if code is ErrorCode.STALE_SESSION else self.session
         wire = self._response(error, frame.header.seq, self.departure_us(frame.t_rx_us), session)
         self._queue(wire, self._output_limit)
-        return self._drop(frame, reason, detail)
+        if is_remembered:
+            self._answered = _Answered(frame.header.seq, frame.crc, wire)
+        return self._drop(frame, "requests", detail)
 
     # --- Out -----------------------------------------------------------------------------------
 

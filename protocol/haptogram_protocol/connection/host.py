@@ -61,8 +61,6 @@ class HostConnection:
     ----------
     nonce : int, keyword-only
         Session to ask for, 1 to 65535, chosen at random.
-    description_hash : int, keyword-only
-        CRC-32 of the host's description of the protocol.
     cobs : Cobs, keyword-only
         COBS; :func:`~haptogram_protocol.framing.fastest_cobs` gives a compiled one.
 
@@ -85,11 +83,10 @@ class HostConnection:
         If *nonce* is not 1 to 65535.
     """
 
-    def __init__(self, *, nonce: int, description_hash: int, cobs: Cobs = PURE_PYTHON) -> None:
+    def __init__(self, *, nonce: int, cobs: Cobs = PURE_PYTHON) -> None:
         if not 1 <= nonce <= 0xFFFF:
             raise LocalProtocolError(f"session nonce {nonce}; it is 1 to 65535")
         self.session = nonce
-        self.description_hash = description_hash
         self.link_state = LinkState.CLOSED
         self.identity: HelloReply | None = None
         self.warnings: list[str] = []
@@ -114,7 +111,7 @@ class HostConnection:
         """
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_SENT)
         self._pending.forget_all()
-        hello = Hello(VERSION_MAJOR, VERSION_MINOR, self.session, self.description_hash)
+        hello = Hello(VERSION_MAJOR, VERSION_MINOR, self.session)
         return self._send(hello, now_us, session=0)
 
     def send_request(
@@ -359,7 +356,7 @@ class HostConnection:
             return Error(MessageType.HELLO, ErrorCode.VERSION, reply.major)
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_ANSWERED)
         self.identity = reply
-        self.warnings = _differences_of_session_identity(reply, self.description_hash)
+        self.warnings = _differences_of_session_identity(reply)
         return reply
 
 
@@ -369,17 +366,12 @@ def _is_answer_to_pending_request(message: Message, request: MessageType) -> boo
     return request + RESPONSE_OFFSET == message.TYPE
 
 
-def _differences_of_session_identity(reply: HelloReply, description_hash: int) -> list[str]:
+def _differences_of_session_identity(reply: HelloReply) -> list[str]:
     """Return the differences between host and board of one major version.  HG-11.3."""
     found = []
     if reply.minor != VERSION_MINOR:
         found.append(
             f"board speaks version {reply.major}.{reply.minor}, host {VERSION_MAJOR}."
             f"{VERSION_MINOR}: both use {VERSION_MAJOR}.{min(reply.minor, VERSION_MINOR)}"
-        )
-    elif reply.description_hash != description_hash:
-        found.append(
-            f"description hash {reply.description_hash:08x} of the board is not that of the host, "
-            f"{description_hash:08x}: one of them was changed without a new version"
         )
     return found

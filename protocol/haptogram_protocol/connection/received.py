@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from ..errors import RemoteProtocolError
 from ..messages import (
     MUST_UNDERSTAND,
     STREAM_RANGE,
-    ErrorCode,
     Flag,
     Header,
-    Message,
     MessageType,
 )
 
@@ -50,12 +47,3 @@ def unknown_received_flags(header: Header) -> int:
     """Return the must-understand flags that have no meaning in such a frame.  HG-3.4."""
     known = IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
     return header.flags & MUST_UNDERSTAND & ~known
-
-
-def error_of_received_payload(
-    kind: type[Message], error: RemoteProtocolError
-) -> tuple[ErrorCode, int]:
-    """Return code and detail of the ERROR for a payload that could not be read.  HG-10.2."""
-    if error.reason == "bad_length":
-        return ErrorCode.BAD_LENGTH, 0 if kind.TAIL else kind.LAYOUT.size
-    return ErrorCode.BAD_VALUE, error.offset

@@ -143,6 +143,8 @@ MESSAGES: Final[dict[int, type[Message]]] = {int(kind.TYPE): kind for kind in _K
 def parse_body(body: bytes) -> tuple[Header, Message]:
     """Return header and message of a frame whose CRC was right.
 
+    What a later minor version adds to a response or event is ignored (HG-11.3).
+
     Parameters
     ----------
     body : bytes
@@ -160,7 +162,8 @@ def parse_body(body: bytes) -> tuple[Header, Message]:
         raise RemoteProtocolError(
             f"message type {header.type:#04x} is unknown", reason="unknown_type"
         )
-    return header, message.deserialize(body[size:])
+    grows = header.type >= RESPONSE_RANGE.start and not message.TAIL
+    return header, message.deserialize(body[size : size + message.LAYOUT.size if grows else None])
 
 
 def build_body(message: Message, *, flags: int, seq: int, time_us: int, session: int) -> bytes:

@@ -37,18 +37,18 @@ class Hello(Message):
     major: int = wire("B", "major version of the host")
     minor: int = wire("B", "minor version of the host")
     nonce: int = wire("H", "session asked for, never 0, chosen at random")
-    description_hash: int = wire("I", "CRC-32 of the host's description of the protocol")
+    reserved: int = wire("I", "0; a board takes any value", default=0)
 
 
 @record
 class HelloReply(Message):
-    """Identity and capabilities of the board; frozen up to ``description_hash``.  HG-4.3."""
+    """Identity and capabilities of the board; frozen up to ``reserved``.  HG-4.3."""
 
     TYPE: ClassVar[MessageType] = MessageType.HELLO_REPLY
     major: int = wire("B", "major version of the board")
     minor: int = wire("B", "minor version of the board")
     nonce: int = wire("H", "session now open")
-    description_hash: int = wire("I", "CRC-32 of the board's description of the protocol")
+    reserved: int = wire("I", "0; a host takes any value")
     features: int = wire("I", "capability bits")
     clock_hz: int = wire("I", "ticks of the device clock per second; 1000000")
     clock_ppm: int = wire("H", "largest error of that clock, parts per million")

@@ -25,22 +25,20 @@ class Counters(Record):
     flushed: int = wire(
         "I", "queued frames discarded, or replaced by a later one on the same carrier period"
     )
-    duplicate: int = wire("I", "stream frames seen before, or older than the newest")
+    duplicate: int = wire("I", "stream frames numbered up to 32 before the one expected")
     gap: int = wire("I", "stream sequence numbers that never came")
-    stale_session: int = wire("I", "frames of another session")
+    stale_session: int = wire("I", "stream frames of another session")
     crc: int = wire("I", "frames whose CRC is wrong")
     cobs: int = wire("I", "frames that are not COBS")
     short: int = wire("I", "frames shorter than header and CRC")
     oversize: int = wire("I", "runs of bytes longer than any frame")
-    bad_length: int = wire("I", "frames whose payload has a wrong length")
-    bad_value: int = wire(
-        "I", "frames with a value outside its range, and requests with a used sequence number"
+    bad_length: int = wire("I", "stream frames whose payload has a wrong length")
+    bad_value: int = wire("I", "stream frames with a value outside its range")
+    unknown_type: int = wire(
+        "I", "frames of a type that no request has and the board does not take"
     )
-    unknown_type: int = wire("I", "frames of an unknown stream, response or event type")
-    unsupported: int = wire(
-        "I", "unknown requests or must-understand flags, and HELLO of another major version"
-    )
-    requests: int = wire("I", "requests handed to the board: carried out, or refused by it")
+    unsupported: int = wire("I", "stream frames with must-understand flags that are not known")
+    requests: int = wire("I", "requests, carried out or refused, whatever refused them")
     repeated: int = wire("I", "requests, HELLO among them, answered again from memory")
     trace_dropped: int = wire("I", "trace events that found no room on the line")
     timeouts: int = wire("I", "mutes by a timer")

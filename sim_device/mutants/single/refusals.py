@@ -112,10 +112,10 @@ class RefusedBeginAbandons(BoardUploads):
 class MismatchAbandons(BoardUploads):
     """Abandons an upload whose commit it refuses with CRC_MISMATCH."""
 
-    def commit(self, commit: UploadCommit) -> Upload:
+    def commit(self) -> Upload:
         """Commit, or forget it."""
         try:
-            return super().commit(commit)
+            return super().commit()
         except RefusalError as error:
             if error.code is ErrorCode.CRC_MISMATCH:
                 self.abandon()

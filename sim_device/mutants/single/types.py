@@ -93,9 +93,9 @@ class ZeroBehindFullPieceLost(BoardConnection):
 class ChunkOfFourBytes(BoardConnection):
     """Says of an UPLOAD_CHUNK that is too short that 4 bytes is its length, which varies."""
 
-    def _refuse(self, frame: Any, reason: str, code: ErrorCode, number: int, detail: str) -> Any:
+    def _refuse(self, frame: Any, code: ErrorCode, number: int, detail: str, **how: Any) -> Any:
         is_chunk = frame.header.type == MessageType.UPLOAD_CHUNK and code is ErrorCode.BAD_LENGTH
-        return super()._refuse(frame, reason, code, 4 if is_chunk else number, detail)
+        return super()._refuse(frame, code, 4 if is_chunk else number, detail, **how)
 
 
 class PlayComparesAllFlags(BoardConnection):
@@ -204,10 +204,10 @@ class ChunkUsesNoNumber(BoardConnection):
 class WrongConfigUsesItsNumber(BoardConnection):
     """Takes the number of a SET_CONFIG of a wrong length for used."""
 
-    def _refuse(self, frame: Any, reason: str, code: ErrorCode, number: int, detail: str) -> Any:
+    def _refuse(self, frame: Any, code: ErrorCode, number: int, detail: str, **how: Any) -> Any:
         if frame.header.type == MessageType.SET_CONFIG and code is ErrorCode.BAD_LENGTH:
             self._control_newest = frame.header.seq
-        return super()._refuse(frame, reason, code, number, detail)
+        return super()._refuse(frame, code, number, detail, **how)
 
 
 class StopCountedAgain(BoardConnection):
@@ -280,7 +280,7 @@ class UnknownRequestsOfOthersAreStale(BoardConnection):
             if not known:
                 text = self._wrong_session(frame.header)
                 code = ErrorCode.STALE_SESSION
-                return self._refuse(frame, "stale_session", code, self.session, text)
+                return self._refuse(frame, code, self.session, text)
         return super()._judge_request(frame)
 
 

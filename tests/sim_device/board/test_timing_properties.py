@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol.connection import HostConnection, ReplyReceived
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.messages import Arm, Config, Phases, SetConfig
 from haptogram_protocol.state import OutputState
 from sim_device.board.events import PowerDown, StateChange
@@ -62,7 +61,7 @@ class Takes:
 
 def armed(simulation):
     """Open a session and arm the board, up to START_NS; return the host's end of the link."""
-    link = HostConnection(nonce=0x5EED, description_hash=description_hash())
+    link = HostConnection(nonce=0x5EED)
     link.send_hello(0)
     for request in (None, SetConfig(CONFIG), Arm()):
         if request is not None:

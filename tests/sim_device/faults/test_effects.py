@@ -73,7 +73,7 @@ COUNTED_AS = {
     "frame.type p=1": "unknown_type",
     "frame.past p=1 us=20000": "dropped_late",
     "frame.future p=1": "dropped_future",
-    "frame.sequence p=1 by=-200": "duplicate",
+    "frame.sequence p=1 by=-20": "duplicate",
 }
 
 

@@ -12,7 +12,6 @@ import pytest
 from haptogram.errors import ConfigurationError
 from haptogram.settings.faults.kinds import FAULT_KINDS
 from haptogram.settings.faults.plan import FaultPlan
-from haptogram_protocol.export.tables import description_hash
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
@@ -125,7 +124,7 @@ def run(*faults, seed=1):
     """Send the same frames at the same times, whatever becomes of them; 4 x 4 transducers."""
     settings, radiated = board_settings(array="4x4", seed=seed), Radiated()
     simulation = Watched(settings, radiated, faults=FaultPlan.parse(faults, seed))
-    hello = Hello(VERSION_MAJOR, VERSION_MINOR, NONCE, description_hash())
+    hello = Hello(VERSION_MAJOR, VERSION_MINOR, NONCE)
     simulation.host_write(wire(hello, 1, session=0), MS)
     simulation.host_write(wire(Arm(), 2), 2 * MS)
     simulation.host_write(b"\x00\x02\x09\x00", 3 * MS)  # for a status that lies to hide

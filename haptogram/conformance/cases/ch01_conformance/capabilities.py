@@ -126,7 +126,7 @@ def refuses_capabilities_not_advertised(board: BoardClient) -> None:
 
 @case(
     "HG-1.2/3",
-    "DRIVES and POINTS are dropped and counted in unsupported where they are not advertised",
+    "DRIVES and POINTS are dropped and counted in unknown_type where they are not advertised",
     evidence=SELF_REPORTED,
 )
 def drops_frames_of_capabilities_not_advertised(board: BoardClient) -> None:
@@ -138,7 +138,7 @@ def drops_frames_of_capabilities_not_advertised(board: BoardClient) -> None:
     if not lacking:
         not_observed("the board advertises every capability that a stream frame can need")
     board.arm()
-    with board.counting(unsupported=len(lacking), latched=0):
+    with board.counting(unknown_type=len(lacking), latched=0):
         for message in lacking:
             board.link.send(board.link.stream_wire(message))
         board.clock.wait_latched()

@@ -1,5 +1,5 @@
 """HG-2.1, HG-2.2, HG-2.4, HG-2.6, HG-3.1, HG-3.2, HG-3.4, HG-3.6, HG-3.7, HG-3.9, HG-4.3, HG-4.11,
-HG-5.2, HG-5.8, HG-6.2, HG-7.1, HG-7.2, HG-7.5, HG-7.6, HG-8.3, HG-8.5, HG-8.6, HG-9.1, HG-9.2,
+HG-5.8, HG-6.2, HG-7.1, HG-7.2, HG-7.5, HG-7.6, HG-8.3, HG-8.5, HG-8.6, HG-9.1, HG-9.2,
 HG-11.5: what every frame of all other cases has shown.
 
 These rules hold in each frame, whatever was asked.

@@ -17,7 +17,8 @@ from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
 from ...client.playback import play_now, send_phases_that_fit
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...judge.timers import judge_within_hold
+from ...outcome import SELF_REPORTED, not_observed
 
 _SEQUENCE: Final = 4
 _AHEAD_US: Final = 4_000_000
@@ -83,15 +84,15 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
     if is_played:
         play_now(board, _SEQUENCE, loops=0)
         board.clock.wait_latched()
-    since, waits_until_us = board.link.mark(), 0
+    since, waits_until_us, latched_us = board.link.mark(), 0, board.wire.now_us()
     latch_in_us = min(_AHEAD_US // 2, 500 * board.config.hold_ms)
     for name, piece in _bytes_like_mute(board):
         if board.wire.line_us(len(piece)) > latch_in_us // 2:
             continue  # a hold that nothing extends may end meanwhile
-        if (
-            not is_played
-            and waits_until_us - board.clock.device_estimate_us() < _AHEAD_US - latch_in_us
-        ):
+        if is_played:
+            latched_us = board.wire.now_us()
+        elif waits_until_us - board.clock.device_estimate_us() < _AHEAD_US - latch_in_us:
+            latched_us = board.wire.now_us()
             latch_now(board, board.flat_phases())  # which flushes the frame that waits
             waits_until_us = board.clock.ahead_us(_AHEAD_US)
             board.link.send(board.link.stream_wire(board.flat_phases(), waits_until_us))
@@ -99,11 +100,13 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
         board.wire.idle(board.wire.line_us(len(piece)))
         board.link.barrier()
         found = board.status()
-        text = f"a MUTE with {name}"
-        check(found.state is OutputState.ARMED, f"{text}: {found.state.name}")
-        check(found.queued == (not is_played), f"{text}: {found.queued} frames wait")
-        if board.has(Feature.READ_RADIATED):
-            check(not is_board_silent(board), f"{text}: the output is off")
         told = board.link.events(StateChanged, since)
-        check(not told, f"{text}: the board tells {told[0][1] if told else ''}")
+        shows = board.has(Feature.READ_RADIATED)
+        for holds, wrong in (
+            (found.state is OutputState.ARMED, f"{found.state.name}, {found.reason.name}"),
+            (found.queued == (not is_played), f"{found.queued} frames wait"),
+            (not shows or not is_board_silent(board), "the output is off"),
+            (not told, f"the board tells {told[0][1] if told else ''}"),
+        ):
+            judge_within_hold(board, latched_us, holds, f"a MUTE with {name}: {wrong}")
     board.disarm()

@@ -68,7 +68,7 @@ def every_foreign_header_type_is_dropped(board: BoardClient) -> None:
 )
 def every_unknown_header_type_is_refused(board: BoardClient) -> None:
     kinds = _unknown_frame_types(REQUEST_RANGE)
-    with board.counting(unsupported=2 * len(kinds)):
+    with board.counting(requests=2 * len(kinds)):
         for kind in kinds:
             for session in (board.link.session, board.link.session ^ 0x0010):
                 board.link.refused_raw(
@@ -153,11 +153,11 @@ def _header_number_defect(board: BoardClient, frame: _Frame) -> _Frame:
 
 #: In the order of HG-3.8.
 _OF_REQUESTS: Final = (
-    _Defect("type", "unsupported", _header_type_defect, ErrorCode.UNSUPPORTED),
-    _Defect("session", "stale_session", _header_session_defect, ErrorCode.STALE_SESSION),
-    _Defect("flags", "unsupported", _header_flags_defect, ErrorCode.UNSUPPORTED),
-    _Defect("length", "bad_length", _length_defect, ErrorCode.BAD_LENGTH),
-    _Defect("number", "bad_value", _header_number_defect, ErrorCode.SEQUENCE_REUSED),
+    _Defect("type", "requests", _header_type_defect, ErrorCode.UNSUPPORTED),
+    _Defect("session", "requests", _header_session_defect, ErrorCode.STALE_SESSION),
+    _Defect("flags", "requests", _header_flags_defect, ErrorCode.UNSUPPORTED),
+    _Defect("length", "requests", _length_defect, ErrorCode.BAD_LENGTH),
+    _Defect("number", "requests", _header_number_defect, ErrorCode.SEQUENCE_REUSED),
 )
 _OF_STREAM: Final = (
     _Defect("type", "unknown_type", _header_type_defect),

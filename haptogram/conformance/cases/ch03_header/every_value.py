@@ -89,7 +89,7 @@ def every_value_of_no_table_is_refused(board: BoardClient) -> None:
     for message in _requests_with_values(board):
         for byte in _value_bytes(type(message)):
             values = byte.wrong_values(thorough=board.thorough)
-            with board.counting(bad_value=len(values)):
+            with board.counting(requests=len(values)):
                 for value in values:
                     payload = byte.put(message.serialize(), value)
                     board.link.refused_raw(message.TYPE, payload, ErrorCode.BAD_VALUE, byte.offset)

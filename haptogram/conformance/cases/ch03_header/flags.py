@@ -24,7 +24,7 @@ from ...outcome import SELF_REPORTED, check
 @case("HG-3.4/1", "each must-understand flag that is unknown refuses a request, by its bit")
 def refuses_unknown_header_flags(board: BoardClient) -> None:
     flags = (0x20, 0x40, 0x80, 0xE0, 0x21)
-    with board.counting(unsupported=len(flags)):
+    with board.counting(requests=len(flags)):
         for flag in flags:
             board.link.refused(Ping(0), ErrorCode.UNSUPPORTED, flag & MUST_UNDERSTAND, flags=flag)
 

@@ -61,7 +61,7 @@ def drops_unknown_header_types(board: BoardClient) -> None:
 @case("HG-3.3/3", "unknown requests are refused with UNSUPPORTED and their type, and counted")
 def refuses_unknown_header_types(board: BoardClient) -> None:
     unknown = [kind for kind in _UNKNOWN_REQUESTS if kind not in MESSAGES]
-    with board.counting(unsupported=len(unknown)):
+    with board.counting(requests=len(unknown)):
         for kind in unknown:
             assert kind in REQUEST_RANGE  # the tuple above says so
             board.link.refused_raw(kind, bytes(3), ErrorCode.UNSUPPORTED, kind)

@@ -133,7 +133,7 @@ def refuses_a_wrong_length_of_type(board: BoardClient) -> None:
     wrong = [
         (kind, size) for kind in kinds for size in _wrong_lengths_of_payload_type(kind.LAYOUT.size)
     ]
-    with board.counting(bad_length=len(wrong)):
+    with board.counting(requests=len(wrong)):
         for kind, size in wrong:
             right = kind.LAYOUT.size
             session = session_for_request(board, kind)
@@ -178,7 +178,7 @@ def refuses_values_of_no_table(board: BoardClient) -> None:
         payload = bytearray(board.config.pack())
         payload[16] = 0x77
         wrong.append((SetConfig.TYPE, bytes(payload), 16))
-    with board.counting(bad_value=len(wrong)):
+    with board.counting(requests=len(wrong)):
         for kind, value, offset in wrong:
             session = 0 if kind == Hello.TYPE else board.link.session
             board.link.refused_raw(kind, value, ErrorCode.BAD_VALUE, offset, session=session)

@@ -34,7 +34,7 @@ _OF_A_SESSION: Final = ("accepted", "latched", "dropped_state", "duplicate", "ga
     evidence=SELF_REPORTED,
 )
 def closed_link_does_nothing_before_hello(board: BoardClient) -> None:
-    sent = 0
+    streamed = asked = 0
     for session in (0, 1, 0x8000, 0xFFFF, board.new_nonce()):
         for kind in request_types_of_host():
             name = f"{kind.TYPE.name} of session {session:#06x}"
@@ -42,22 +42,24 @@ def closed_link_does_nothing_before_hello(board: BoardClient) -> None:
             if kind.TYPE in STREAM_RANGE:
                 header = {"session": session, "flags": int(Flag.IMMEDIATE)}
                 board.link.send(board.link.stream_raw(kind.TYPE, payload, **header))
+                streamed += 1
             elif kind.TYPE in REQUEST_RANGE and kind not in (Hello, Mute):
                 answer = board.link.ask_raw(kind.TYPE, payload, session=session)
                 board.link.error_in(answer, kind.TYPE, ErrorCode.STALE_SESSION, 0)
                 told = answer.header.session if answer.header is not None else -1
                 check(told == 0, f"no session is open; the refusal of {name} has {told:#06x}")
-            else:
-                continue
-            sent += 1
+                asked += 1
     state = board.hello().state
     check(state is OutputState.DISARMED, f"frames before the first HELLO have led to {state.name}")
     counters = board.status().counters
     moved = {name: number for name in _OF_A_SESSION if (number := getattr(counters, name))}
     check(not moved, f"frames before the first HELLO are counted in {moved}")
-    stale = counters.stale_session
+    stale, requests = counters.stale_session, counters.requests
+    check(stale == streamed, f"{streamed} frames before HELLO; stale_session is {stale}")
+    asked += 2  # HELLO and GET_STATUS
     heard = board.link.knocks  # repetitions of the first one, to a board that boots
-    check(sent <= stale <= sent + heard, f"{sent} frames before HELLO; stale_session is {stale}")
+    text = f"{asked} requests from the reset on; requests is {requests}"
+    check(asked <= requests <= asked + heard, text)
 
 
 @case(

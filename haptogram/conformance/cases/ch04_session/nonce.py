@@ -93,8 +93,8 @@ def the_same_nonce_with_other_fields(board: BoardClient) -> None:
     others = (
         {"minor": same.minor + 1},
         {"minor": 255},
-        {"description_hash": same.description_hash ^ 1},
-        {"description_hash": 0},
+        {"reserved": 0xFFFFFFFF},
+        {"reserved": 1},
     )
     with board.counting(repeated=len(others)):
         for fields in others:

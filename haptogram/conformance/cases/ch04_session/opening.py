@@ -61,7 +61,8 @@ def hello_states_the_version(board: BoardClient) -> None:
         board.adopt(again)
         told = f"{again.major}.{again.minor}"
         check(
-            again.minor == reply.minor, f"to HELLO of 1.{minor} the board says that it has {told}"
+            again.minor == reply.minor,
+            f"to HELLO of minor {minor} the board says that it has {told}",
         )
     hello = Hello(VERSION_MAJOR + 1, 0, board.new_nonce(), 0)
     board.link.refused(hello, ErrorCode.VERSION, reply.major, session=0)
@@ -70,7 +71,7 @@ def hello_states_the_version(board: BoardClient) -> None:
 @case("HG-4.4/1", "HELLO of other major versions is refused with VERSION; the session goes on")
 def hello_of_other_versions_is_refused(board: BoardClient) -> None:
     board.arm()
-    with board.counting(unsupported=3):
+    with board.counting(requests=3):
         for major in (0, VERSION_MAJOR + 1, 255):
             hello = Hello(major, 0, board.new_nonce(), 0)
             board.link.refused(hello, ErrorCode.VERSION, VERSION_MAJOR, session=0)

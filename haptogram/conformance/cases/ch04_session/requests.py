@@ -205,7 +205,7 @@ def repeated_chunks_are_done_again(board: BoardClient) -> None:
 def refuses_requests_of_another_session(board: BoardClient) -> None:
     board.arm()
     requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())
-    with board.counting(stale_session=2 * len(requests)):
+    with board.counting(requests=2 * len(requests)):
         for message in requests:
             for session in (0, board.link.session ^ 0x8001):
                 answer = board.link.ask(message, session=session)

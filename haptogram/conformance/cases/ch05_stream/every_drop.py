@@ -60,7 +60,7 @@ def _stale_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]
 
 
 def _old_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    for back in (1, 2, 32_768):
+    for back in (1, 2, 32):
         yield board.link.stream_wire(kind.make(), seq=board.link.stream_next - back)
 
 

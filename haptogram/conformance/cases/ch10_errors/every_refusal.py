@@ -46,8 +46,8 @@ from ...judge.refused_requests import (
     requests_refused_while_armed,
     uploads_refused_for_playing,
 )
-from ...judge.timers import judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, fail
+from ...judge.timers import judge_mute_time, judge_within_hold, judged_mute_by_timer
+from ...outcome import SELF_REPORTED, check
 from ..ch05_stream.every_drop import fill_queue
 
 _FRAMES: Final = 3
@@ -232,8 +232,8 @@ def _judge_refusals_in_situation(board: BoardClient, situation: Situation) -> No
         text = held_state_changes(
             before, held_after_refusals(board, last_us, partial(judged_refusal, board, refusal))
         )
-        if text:
-            fail(f"{situation.name}, refused {refusal.name}: {text}")
+        text = text and f"{situation.name}, refused {refusal.name}: {text}"
+        judge_within_hold(board, brought_us, not text, text)
 
 
 def brought_to_refusal(board: BoardClient, situation: Situation) -> tuple[int, Held]:

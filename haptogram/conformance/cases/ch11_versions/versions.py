@@ -55,7 +55,7 @@ def keeps_what_no_version_changes(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def uses_the_smaller_minor_version(board: BoardClient) -> None:
-    hello = Hello(VERSION_MAJOR, 255, board.new_nonce(), board.description_hash ^ 1)
+    hello = Hello(VERSION_MAJOR, 255, board.new_nonce())
     reply = board.link.call(hello, HelloReply, session=0)
     board.adopt(reply)
     check(reply.minor >= VERSION_MINOR, f"HELLO_REPLY says minor {reply.minor}")

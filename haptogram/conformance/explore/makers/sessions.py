@@ -20,13 +20,12 @@ class RandomSessions(DialogueMaker):
 
     def __init__(self, conditions: DialogueConditions) -> None:
         super().__init__(conditions)
-        self._table = conditions.identity.description_hash
 
     def greeting(self) -> MadeAction:
         """Return a HELLO of a new session, whose numbers soon wrap, or pass the middle."""
         across, pick = self._random.randrange, self._random.choice
         nonce, seq = across(1, 0x10000), pick(_FIRST_NUMBERS) - across(6)
-        hello = Hello(VERSION_MAJOR, 0, nonce, self._table)
+        hello = Hello(VERSION_MAJOR, 0, nonce)
 
         def body(host: DialogueHost) -> bytes:
             host.seq = seq
@@ -64,7 +63,7 @@ class RandomSessions(DialogueMaker):
         )
         which = which or pick((*whiches, "0", "next major"))
         new, near = across(1, 0x10000), pick(WRONG_SESSIONS)
-        table = pick((self._table, across(2**32)))
+        table = pick((0, across(2**32)))
         minor, back = pick((0, 0, 1, 0xFF)), pick((0, 0, 0, 1, 5, 0x4000))
 
         def body(host: DialogueHost) -> bytes:

@@ -29,7 +29,7 @@ MadeAction = tuple[str, str, Callable[[DialogueHost], bytes]]
 ODD_FLAGS: Final = (0x20, 0x40, 0x80, 0x01, 0x02, 0x04, 0x08, 0xFF & ~Flag.IMMEDIATE)
 #: Of a session that is not the open one: low byte the same, high byte the same, none.
 WRONG_SESSIONS: Final = (0x0100, 0x0001, 0x8000, 0x2222)
-_STEPS: Final = (1, 0, -1, -2, 300, 0x2000, 0x7FF0, -0x7FF0, 0x7FFF, -0x8000, -0x7FFF)
+_STEPS: Final = (1, 0, -1, -2, 300, 0x2000, 0x7FF0, 0x8010, 0x7FFF, 0x8000, -32)
 _STEP_WEIGHTS: Final = (4, 11, 0.6, 0.3, 0.3, 0.2, 0.4, 0.1, 0.2, 0.3, 0.1)
 _FAR_US: Final = 4_000_000  # later than any dialogue ends
 _FRAMES: Final = 8  # in a slot, at most

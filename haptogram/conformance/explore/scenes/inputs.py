@@ -174,7 +174,7 @@ class SceneInputs:
             "a frame ahead": lambda: stream.of(0.5),
             "a frame seen before": lambda: stream.of(0.5, step=pick((-1, -2))),
             "a frame at once, seen before": lambda: stream.of(None, step=-1),
-            "a frame half of all numbers behind": lambda: stream.of(0.5, step=-0x8000),
+            "a frame half of all numbers ahead": lambda: stream.of(0.5, step=0x8000),
             "a foreign frame": stream.foreign,
             "a foreign frame at once": lambda: stream.of(None, wrong=0x2222),
             "a frame with a flag": lambda: stream.of(0.5, flags=pick(ODD_FLAGS)),

@@ -7,7 +7,7 @@ import enum
 from haptogram_protocol import messages as m
 from haptogram_protocol.record import Record, WireField
 
-from ..tables import CONSTANTS, description_hash
+from ..tables import CONSTANTS
 from .names import (
     ALL,
     PREFIXES,
@@ -138,7 +138,6 @@ def _c_title(text: str) -> str:
 
 def _c_constants() -> str:
     lines = [f"#define HG_{name} {value}u" for name, value in CONSTANTS.items()]
-    lines.append(f"#define HG_DESCRIPTION_HASH {description_hash():#010x}u")
     return "\n".join(lines) + "\n"
 
 

@@ -1,12 +1,9 @@
-"""The protocol as data, and the hash by which two ends know the same wire.  SPEC.md HG-11.3."""
+"""The protocol as data."""
 
 from __future__ import annotations
 
 import enum
-import functools
-import json
 import re
-import zlib
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -113,23 +110,3 @@ def spec_summary(kind: type) -> str:
     """Return the docstring of a message without its section number, on one line of Markdown."""
     text = " ".join((kind.__doc__ or "").split()).replace("``", "`")
     return re.sub(r" HG-[\d.]+$", "", text)
-
-
-@functools.cache
-def description_hash() -> int:
-    """Return the CRC-32 of the canonical JSON of what matters on the wire.  HG-11.3.
-
-    Words do not matter: two ends whose comments differ understand each other.
-    """
-    text = json.dumps(
-        _description_without_docs(wire_description()), sort_keys=True, separators=(",", ":")
-    )
-    return zlib.crc32(text.encode("ascii"))
-
-
-def _description_without_docs(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _description_without_docs(item) for key, item in value.items() if key != "doc"}
-    if isinstance(value, list):
-        return [_description_without_docs(item) for item in value]
-    return value

@@ -9,6 +9,18 @@ from typing import Any, Final
 
 from ... import messages as m
 from ...errors import LocalProtocolError
+from ...rules import (
+    CONFIG_BOUNDS,
+    EFFECTS,
+    LINK_REFUSALS,
+    READ_CAPABILITIES,
+    REFUSALS,
+    TRACE_CAPABILITIES,
+    TYPE_CAPABILITIES,
+    UPLOAD_CAPABILITIES,
+    Held,
+    Refusal,
+)
 from ...state import (
     LINK_TRANSITIONS,
     OUTPUT_TRANSITIONS,
@@ -17,7 +29,7 @@ from ...state import (
     OutputInput,
     OutputState,
 )
-from .schema import CONSTANTS, ENUMERATIONS, description_hash, spec_summary, spec_type_name
+from .schema import CONSTANTS, ENUMERATIONS, spec_summary, spec_type_name
 from .worked import EXCHANGE, WORKED_FRAMES, worked_spec_frame
 
 _HEX_ROW: Final = 24  # bytes in a line of an example
@@ -116,9 +128,68 @@ def _spec_constants_table(_: str = "") -> str:
     )
 
 
-def _spec_hash_line(_: str = "") -> str:
-    """Return the description hash of this version."""
-    return f"`description_hash` of this version: `{description_hash():#010x}`."
+# --- Rules (chapter 14) --------------------------------------------------------------------------
+
+
+def _spec_bounds_table(_: str = "") -> str:
+    """Return least and most of the settings."""
+    zero = {"status_period_ms": ", or 0: none"}
+    return _spec_table(
+        ["field", "least", "most"],
+        [
+            [f"`{k}`", f"{least}{zero.get(k, '')}", str(most)]
+            for k, (least, most) in CONFIG_BOUNDS.items()
+        ],
+    )
+
+
+def _spec_refusals_table(_: str = "") -> str:
+    """Return every refusal of a request, in the order of the checks."""
+    head = ["request", "order", "defect", "answer", "detail", "counted in", "remembered", "clause"]
+    rows = [
+        ["any", str(step), *_spec_refusal(refusal, "no, number free")]
+        for step, refusals in LINK_REFUSALS.items()
+        for refusal in refusals
+    ]
+    for kind, refusals in REFUSALS.items():
+        kept = "no, number used" if kind is m.MessageType.UPLOAD_CHUNK else "yes, number used"
+        for place, refusal in enumerate(refusals):
+            rows.append([kind.name, f"12.{place + 1}", *_spec_refusal(refusal, kept)])
+    return _spec_table(head, rows)
+
+
+def _spec_refusal(refusal: Refusal, kept: str) -> list[str]:
+    answer = f"ERROR({refusal.code.name})"
+    return [refusal.defect, answer, refusal.detail, "`requests`", kept, refusal.clause]
+
+
+def _spec_capabilities_table(_: str = "") -> str:
+    """Return every type and value that needs a capability."""
+    rows = [[kind.name, _spec_features(any_of)] for kind, any_of in TYPE_CAPABILITIES.items()]
+    for field, capabilities in _VALUE_CAPABILITIES.items():
+        rows += [
+            [f"{field} = {value.name}", _spec_features(needed)]
+            for value, needed in capabilities.items()
+            if needed
+        ]
+    return _spec_table(["request, stream frame or value", "needs"], rows)
+
+
+_VALUE_CAPABILITIES: Final[Mapping[str, Mapping[Any, m.Feature]]] = {
+    "UPLOAD_BEGIN, `kind`": UPLOAD_CAPABILITIES,
+    "READ_DRIVE, `kind`": READ_CAPABILITIES,
+    "SET_CONFIG, `trace_mode`": TRACE_CAPABILITIES,
+}
+
+
+def _spec_features(any_of: m.Feature) -> str:
+    return " or ".join(f"`{feature.name}`" for feature in m.Feature if feature & any_of)
+
+
+def _spec_effects_table(_: str = "") -> str:
+    """Return what each input does to what a board holds."""
+    rows = [[name, *(done.get(held, "") for held in Held)] for name, done in EFFECTS.items()]
+    return _spec_table(["input", *Held], rows)
 
 
 # --- Worked frames and exchange (chapter 13) -----------------------------------------------------
@@ -163,7 +234,10 @@ _GENERATORS: Final[Mapping[str, Callable[[str], str]]] = {
     "output-states": _spec_output_table,
     "link-states": _spec_link_table,
     "constants": _spec_constants_table,
-    "hash": _spec_hash_line,
+    "bounds": _spec_bounds_table,
+    "refusals": _spec_refusals_table,
+    "capabilities": _spec_capabilities_table,
+    "effects": _spec_effects_table,
     "frames": _spec_frames_text,
     "exchange": _spec_exchange_text,
 }

@@ -17,8 +17,8 @@ _SESSION: Final = 0x5EED
 
 # Title, message, header fields.  The arrays are small so that the bytes can be read.
 WORKED_FRAMES: Final[Mapping[str, tuple[m.Message, dict[str, int]]]] = {
-    "HELLO, nonce 0x5EED, description hash 0x01020304": (
-        m.Hello(m.VERSION_MAJOR, m.VERSION_MINOR, _SESSION, 0x01020304),
+    "HELLO, nonce 0x5EED": (
+        m.Hello(m.VERSION_MAJOR, m.VERSION_MINOR, _SESSION),
         {"seq": 0, "session": 0},
     ),
     "ARM, the request after it": (m.Arm(), {"seq": 1}),
@@ -100,7 +100,6 @@ class WorkedStep:
 
 
 _BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9
-_HASH: Final = 0x01020304
 _PITCH_UM: Final = 10_000
 _PHASES: Final = bytes([0, 64, 128, 192])
 _ELEMENTS: Final = tuple(
@@ -120,7 +119,7 @@ _IDENTITY: Final = m.HelloReply(
     major=m.VERSION_MAJOR,
     minor=m.VERSION_MINOR,
     nonce=_SESSION,
-    description_hash=_HASH,
+    reserved=0,
     features=int(m.Feature.AMPLITUDE | m.Feature.CONFIG | m.Feature.TRACE),
     clock_hz=1_000_000,
     clock_ppm=50,
@@ -173,7 +172,7 @@ EXCHANGE: Final[tuple[WorkedStep, ...]] = (
     _worked_host_step(
         1004,
         "HELLO: the host's first request, seq 0, no session yet",
-        m.Hello(m.VERSION_MAJOR, m.VERSION_MINOR, _SESSION, _HASH),
+        m.Hello(m.VERSION_MAJOR, m.VERSION_MINOR, _SESSION),
         seq=0,
         session=0,
     ),

@@ -34,6 +34,7 @@ def acceptable_frame_vectors() -> list[dict[str, Any]]:
         *_vectors_after_damage(),
         *_flag_vectors(),
         *_value_vectors(),
+        *_grown_vectors(),
         _added_piece_vector(),
     ]
 
@@ -123,6 +124,19 @@ def _value_vectors() -> Iterator[dict[str, Any]]:
         minor=99,
     )
     yield _plain_vector("features-unknown", future, "HG-4.5/2 HG-11.2/1", "future", text)
+
+
+def _grown_vectors() -> Iterator[dict[str, Any]]:
+    """Yield responses and events with what a later minor version may add behind their fields."""
+    for kind in m.MESSAGES.values():
+        if m.RESPONSE_RANGE.start <= kind.TYPE and not kind.TAIL:
+            message = vector_sample(kind, "ordered")
+            body = vector_body(message) + b"\x01\x02"
+            name, text = kind.TYPE.name, "two bytes behind the last field that this version knows"
+            outcome = [vector_frame_outcome(message, body)]
+            yield _acceptable_vector(
+                f"grown/{name.lower()}", vector_wire(body), outcome, "HG-11.3/1", "future", text
+            )
 
 
 def _plain_vector(

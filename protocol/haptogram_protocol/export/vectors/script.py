@@ -9,7 +9,6 @@ from typing import Any, Final
 
 from haptogram_protocol import messages as m
 
-from ..tables import description_hash
 from .vector import SESSION, vector_body, vector_fields_of, vector_json, vector_wire
 
 _BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9
@@ -96,7 +95,7 @@ class DialogueScript:
     def open_session(self) -> None:
         """Open a session; no STATUS is sent by itself in it."""
         self.session = SESSION
-        hello = m.Hello(m.VERSION_MAJOR, m.VERSION_MINOR, SESSION, description_hash())
+        hello = m.Hello(m.VERSION_MAJOR, m.VERSION_MINOR, SESSION)
         self.request(hello, session=0)
         self.answer_with(m.MessageType.HELLO_REPLY, {"nonce": SESSION})
         config = m.Config(status_period_ms=0)
