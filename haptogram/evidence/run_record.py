@@ -210,7 +210,9 @@ def recorded_port_of_run(
     """Return the open port of *board*, written down."""
     port = board.port
     transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
-    return RecordingTransport(transport, writer, board.records if board.is_in_process else None)
+    if board.is_in_process:
+        return RecordingTransport(transport, writer, board.records)
+    return RecordingTransport(transport, writer, offset_ns=-transport.now_ns())  # from 0 on
 
 
 def calibration_of_run(config: VerifyConfig) -> Calibration | None:

@@ -1,31 +1,16 @@
-"""One latch in bytes: its join key, its times and its drives, in a layout of fixed fields."""
+"""One latch: its join key, its times and its drives."""
 
 from __future__ import annotations
 
 import base64
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 from zlib import crc32
-
-from haptogram.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from haptogram.acoustics.model.drive import Drive
     from haptogram_protocol.messages import LatchKey
-
-LATCH_VERSION: Final = 1
-_HEAD: Final = struct.Struct("<HHIIIqqBBBBH")
-#: The layout in words, as the channel's metadata hold it.
-LATCH_LAYOUT: Final = (
-    "little-endian: session u16, sequence u16, loop u32, index u32, number u32, t_latch_us i64, "
-    "t_received_us i64 (-1: out of a sequence), flags u8 (1 late, 2 ramping, 4 radiated differs), "
-    "commanded_bits u8, phase_bits u8, radiated_bits u8, N u16, then N phase codes u8 and N "
-    "amplitude codes u8 as latched, and the same as radiated if flag 4 is set"
-)
-_LATE, _RAMPING, _RADIATED = 1, 2, 4
-_UNKNOWN: Final = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,60 +94,6 @@ class LatchRecord:
         """Join key: session, sequence, loop, index."""
         return self.session, self.sequence, self.loop, self.index
 
-    def pack(self) -> bytes:
-        """Return the bytes of :data:`LATCH_LAYOUT`."""
-        radiated = self.radiated
-        flags = self.late * _LATE + self.ramping * _RAMPING + (radiated is not None) * _RADIATED
-        head = _HEAD.pack(
-            self.session,
-            self.sequence,
-            self.loop,
-            self.index,
-            self.number,
-            self.t_latch_us,
-            _UNKNOWN if self.t_received_us is None else self.t_received_us,
-            flags,
-            self.commanded_bits,
-            self.latched.bits,
-            self.latched.bits if radiated is None else radiated.bits,
-            len(self.latched.phases),
-        )
-        codes = head + self.latched.phases + self.latched.amplitudes
-        return codes if radiated is None else codes + radiated.phases + radiated.amplitudes
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Self:
-        """Return the latch whose bytes are *data*.
-
-        Raises
-        ------
-        ConfigurationError
-            If the length is not that of the layout.
-        """
-        if len(data) < _HEAD.size:
-            raise ConfigurationError(f"latch of {len(data)} bytes; it has {_HEAD.size} at least")
-        *fields, flags, commanded, bits, radiated_bits, n = _HEAD.unpack_from(data)
-        drives = 2 if flags & _RADIATED else 1
-        if len(data) != _HEAD.size + 2 * n * drives:
-            raise ConfigurationError(
-                f"latch of {len(data)} bytes; {n} transducers need {_HEAD.size + 2 * n * drives}"
-            )
-        session, sequence, loop, index, number, t_latch_us, t_received_us = fields
-        return cls(
-            session,
-            sequence,
-            loop,
-            index,
-            number,
-            t_latch_us,
-            None if t_received_us == _UNKNOWN else t_received_us,
-            bool(flags & _LATE),
-            bool(flags & _RAMPING),
-            commanded,
-            _latch_codes_at(data, _HEAD.size, n, bits),
-            _latch_codes_at(data, _HEAD.size + 2 * n, n, radiated_bits) if drives == 2 else None,
-        )
-
     @classmethod
     def of(cls, latch: LatchSeen) -> Self:
         """Return the record of a latch of the virtual board."""
@@ -225,11 +156,6 @@ class LatchRecord:
 
 def _latch_codes_of(drive: Drive) -> Codes:
     return Codes(drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes(), drive.phase_bits)
-
-
-def _latch_codes_at(data: bytes, start: int, count: int, bits: int) -> Codes:
-    middle = start + count
-    return Codes(data[start:middle], data[middle : middle + count], bits)
 
 
 def _latch_codes_in(record: Mapping[str, Any]) -> Codes:

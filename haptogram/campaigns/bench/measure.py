@@ -155,7 +155,8 @@ def _tapped_bench_url(
 ) -> RecordingTransport:
     """Return an open port, written down; *board* has the options of a virtual board."""
     writer.opened(0, board, None, paced=board is not None)
-    return RecordingTransport(open_transport(url, baudrate=config.baud), writer)
+    transport = open_transport(url, baudrate=config.baud)
+    return RecordingTransport(transport, writer, offset_ns=-transport.now_ns())  # from 0 on
 
 
 def _self_reported_bench_latches(driver: Driver) -> Latches:

@@ -237,12 +237,17 @@ def _measured_by_verify(
 def _record_verify_verdicts(
     writer: RecordingWriter, verdict: RunVerdict, result: dict[str, object]
 ) -> None:
-    from haptogram.evidence.recordings.channels import SUMMARY, VERDICT
+    from haptogram.evidence.recordings.channels import SUMMARY
+    from haptogram.evidence.recordings.scene import ERROR, WARNING
     from haptogram.report import run as report
 
     for frame in verdict.frames:
         t_us = frame.t_apply_us if frame.t_latch_us is None else frame.t_latch_us
-        writer.document(VERDICT, (t_us or 0) * 1000, report.run_frame_dict(frame))
+        writer.verdict(t_us, report.run_frame_dict(frame))
+    for line, frames in verdict.findings():
+        first = frames[0].t_latch_us or frames[0].t_apply_us
+        writer.log(writer.host_ns(first), line, ERROR if frames[0].is_wrong else WARNING)
+    writer.log(writer.last_ns, verdict.sentence)
     writer.document(SUMMARY, writer.last_ns, result)
 
 

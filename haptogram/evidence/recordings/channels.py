@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from haptogram.records.latch import LATCH_LAYOUT, LATCH_VERSION
+from .scene import FRAME_SCHEMA, LOG_SCHEMA, SCENE_SCHEMA
 
 #: The first bytes of every MCAP file.
 MAGIC: Final = b"\x89MCAP0\r\n"
-VERSION: Final = 1
+VERSION: Final = 2
 PROFILE: Final = "haptogram"
 #: Name of the metadata record that stands first in the file.
 METADATA: Final = "haptogram"
@@ -26,13 +26,16 @@ LATCH: Final = "/latch"
 PULSES: Final = "/pulses"
 BOARD: Final = "/board"
 OUTPUT: Final = "/output"
-RECONSTRUCTION: Final = "/reconstruction"
 FAULTS: Final = "/faults"
 RUN: Final = "/run"
 MODEL: Final = "/model"
 INTENDED: Final = "/intended"
 VERDICT: Final = "/verdict"
 SUMMARY: Final = "/summary"
+LOG: Final = "/log"
+FRAME: Final = "/tf"
+ARRAY: Final = "/scene/array"
+FOCUS: Final = "/scene/focus"
 
 _KEY: Final = {name: {"type": "integer"} for name in ("session", "sequence", "loop", "index")}
 
@@ -45,51 +48,56 @@ class Channel:
     ----------
     topic : str
         Its name in the file.
-    encoding : str
-        ``json``, or ``octets``: bytes as they were on the line or as the channel's metadata say.
     clock : str
-        The clock of its times: ``host``, or ``device`` with the board's microseconds times 1000.
+        The clock that its times were taken from: ``host`` or ``device``.
     meaning : str
         One sentence.
     properties : dict
-        JSON Schema of the fields; empty for bytes.
-    metadata : dict
-        Goes into the file with the channel.
+        JSON Schema of the fields.
+    known_schema : str
+        Name of a schema that viewers draw; empty: it is Haptogram's own.
     """
 
     topic: str
-    encoding: str
     clock: str
     meaning: str
     properties: Mapping[str, Any] = field(default_factory=dict)
-    metadata: Mapping[str, str] = field(default_factory=dict)
+    known_schema: str = ""
 
     @property
     def schema_name(self) -> str:
         """Name of its schema."""
-        return f"haptogram.{self.topic[1:].title().replace('_', '')}"
+        return self.known_schema or f"haptogram.{self.topic[1:].title().replace('_', '')}"
 
     @property
     def schema(self) -> bytes:
-        """Its schema: JSON Schema; empty for bytes."""
-        if self.encoding != "json":
-            return b""
+        """Its JSON Schema.
+
+        Viewers read fields of one type, objects, and arrays of either, and refuse a channel with
+        any other: fields that may be null or are tables are in the messages, not in the schema.
+        """
         schema = {
             "$schema": "https://json-schema.org/draft/2020-12/schema",
             "title": self.schema_name,
             "description": self.meaning,
             "type": "object",
-            "properties": dict(self.properties),
+            "properties": {
+                name: about for name, about in self.properties.items() if _is_plain(about)
+            },
         }
         return json.dumps(schema, separators=(",", ":")).encode()
 
 
-def _octet_channel(topic: str, clock: str, meaning: str, **metadata: str) -> Channel:
-    return Channel(topic, "octets", clock, meaning, metadata=metadata)
+def _is_plain(about: Mapping[str, Any]) -> bool:
+    return isinstance(about["type"], str) and (about["type"] != "array" or "items" in about)
 
 
 def _json_channel(topic: str, clock: str, meaning: str, **properties: Any) -> Channel:
-    return Channel(topic, "json", clock, meaning, properties)
+    return Channel(topic, clock, meaning, properties)
+
+
+def _bytes_in_channel(description: str) -> dict[str, str]:
+    return {"type": "string", "contentEncoding": "base64", "description": description}
 
 
 def _text_in_channel(description: str) -> dict[str, str]:
@@ -108,12 +116,15 @@ def _whole_number_in_channel(description: str) -> dict[str, Any]:
 CHANNELS: Final = {
     channel.topic: channel
     for channel in (
-        _octet_channel(
+        _json_channel(
             TO_BOARD,
             "host",
             "bytes that the port took from the host; publish time: since when they may have waited",
+            data=_bytes_in_channel("the bytes"),
         ),
-        _octet_channel(TO_HOST, "host", "bytes that the host read"),
+        _json_channel(
+            TO_HOST, "host", "bytes that the host read", data=_bytes_in_channel("the bytes")
+        ),
         _json_channel(
             LINK,
             "host",
@@ -134,12 +145,24 @@ CHANNELS: Final = {
                 "opened: 1 if a simulated line carries the bytes, 0 if a real one does"
             ),
         ),
-        _octet_channel(
+        _json_channel(
             LATCH,
             "device",
-            "one latch: join key, times and drive",
-            version=str(LATCH_VERSION),
-            layout=LATCH_LAYOUT,
+            "one latch, as the back door tells it: join key, times, drive, and the field that was "
+            "computed without knowledge of the target",
+            **_KEY,
+            number={"type": "integer", "description": "count of latches in the session"},
+            t_latch_us={"type": "integer", "description": "device time, us"},
+            t_received_us=_whole_number_in_channel("device time; null: out of a sequence"),
+            late={"type": "boolean"},
+            ramping={"type": "boolean"},
+            commanded_bits={"type": "integer"},
+            phase_bits={"type": "integer"},
+            phase_codes=_bytes_in_channel("u8 for each element"),
+            amplitude_codes=_bytes_in_channel("u8 for each element"),
+            drive_crc={"type": "integer"},
+            radiated=_object_in_channel("the drive that left the transducers; null: the same"),
+            reconstruction=_object_in_channel("single_focus, not_single or no_focus"),
         ),
         _json_channel(
             PULSES,
@@ -148,8 +171,8 @@ CHANNELS: Final = {
             number={"type": "integer"},
             t_latch_us={"type": "integer", "description": "device time, us"},
             steps={"type": "integer", "description": "steps of a carrier period"},
-            rises=_text_in_channel("base64, u16 for each channel"),
-            widths=_text_in_channel("base64, u16 for each channel"),
+            rises=_bytes_in_channel("u16 for each channel"),
+            widths=_bytes_in_channel("u16 for each channel"),
         ),
         _json_channel(
             BOARD,
@@ -171,13 +194,6 @@ CHANNELS: Final = {
             ),
         ),
         _json_channel(
-            RECONSTRUCTION,
-            "device",
-            "the field of a latch, computed without knowledge of the target",
-            **_KEY,
-            kind=_text_in_channel("single_focus, not_single or no_focus"),
-        ),
-        _json_channel(
             FAULTS,
             "device",
             "the last record of the back door: how often each fault on purpose has fired",
@@ -187,7 +203,7 @@ CHANNELS: Final = {
         ),
         _json_channel(
             MODEL,
-            "device",
+            "host",
             "array, air and transducers as the judge of the run knows them, as in `/board`, and "
             "how many frames follow",
             positions_m={"type": "array", "description": "N x 3, metres"},
@@ -204,8 +220,8 @@ CHANNELS: Final = {
                 "device time at which it is due, µs; null: as soon as complete"
             ),
             foci={"type": "array", "description": "x, y, z in metres, amplitude, phase in rad"},
-            phase_codes=_text_in_channel("base64, u8 for each element"),
-            amplitude_codes=_text_in_channel("base64, u8 for each element"),
+            phase_codes=_bytes_in_channel("u8 for each element"),
+            amplitude_codes=_bytes_in_channel("u8 for each element"),
             drive_of=_whole_number_in_channel(
                 "number of the frame that has the same drive, instead of the codes"
             ),
@@ -226,6 +242,16 @@ CHANNELS: Final = {
             command=_text_in_channel("verify, board, conform, bench or soak"),
             configuration=_object_in_channel("options of the command"),
             versions=_object_in_channel("versions of the programs"),
+        ),
+        Channel(LOG, "device", "events and findings in words", LOG_SCHEMA, "foxglove.Log"),
+        Channel(FRAME, "host", "the axes of the scene", FRAME_SCHEMA, "foxglove.FrameTransform"),
+        Channel(ARRAY, "host", "the array, in cm", SCENE_SCHEMA, "foxglove.SceneUpdate"),
+        Channel(
+            FOCUS,
+            "device",
+            "target and focus of a frame, in cm",
+            SCENE_SCHEMA,
+            "foxglove.SceneUpdate",
         ),
     )
 }

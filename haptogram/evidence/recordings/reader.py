@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 from collections.abc import Collection, Iterator
@@ -10,29 +11,26 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from haptogram.errors import ConfigurationError, unreadable_file
-from haptogram.records.latch import LATCH_VERSION, LatchRecord
+from haptogram.records.latch import LatchRecord
 
 from .channels import (
     BOARD,
     FAULTS,
     LATCH,
-    LINK,
     MAGIC,
     METADATA,
     OUTPUT,
     PROFILE,
     PULSES,
-    RECONSTRUCTION,
     RUN,
     TO_BOARD,
-    TO_HOST,
     VERSION,
 )
 from .writer import check_recordings
 
 _LARGEST_RECORD: Final = 1 << 28
 _VERSION_DIGITS: Final = 9
-_BACK_DOOR: Final = (BOARD, LATCH, PULSES, OUTPUT, RECONSTRUCTION, FAULTS)
+_BACK_DOOR: Final = (BOARD, LATCH, PULSES, OUTPUT, FAULTS)
 
 
 class _Fields(dict[str, Any]):
@@ -53,21 +51,49 @@ class RecordingEntry:
     topic : str
         Channel, one of :data:`~haptogram.evidence.recordings.channels.CHANNELS`.
     t_ns : int
-        Its time, on the clock of the channel.
+        Its time, on the host's clock.
     published_ns : int
         Bytes for the board: since when they may have waited.
-    data : bytes
-        Its content.
+    content : bytes
+        The message, JSON.
     """
 
     topic: str
     t_ns: int
     published_ns: int
-    data: bytes
+    content: bytes
+
+    @property
+    def data(self) -> bytes:
+        """The bytes that passed the line.
+
+        Raises
+        ------
+        ConfigurationError
+            If the message holds none.
+        """
+        try:
+            return base64.b64decode(self.fields["data"], validate=True)
+        except (TypeError, ValueError) as error:
+            raise self._damage("holds no bytes") from error
+
+    @property
+    def latch(self) -> LatchRecord:
+        """The latch.
+
+        Raises
+        ------
+        ConfigurationError
+            If the message holds none.
+        """
+        try:
+            return LatchRecord.from_record(self.fields)
+        except (TypeError, ValueError) as error:
+            raise self._damage("holds no latch") from error
 
     @property
     def fields(self) -> dict[str, Any]:
-        """Content of a channel of JSON.
+        """Fields of the message.
 
         Raises
         ------
@@ -75,15 +101,18 @@ class RecordingEntry:
             If it is no object of JSON; and where a field is looked up that it lacks.
         """
         try:
-            found = json.loads(self.data, object_pairs_hook=_Fields)
+            found = json.loads(self.content, object_pairs_hook=_Fields)
         except (ValueError, RecursionError):
             found = None
         if not isinstance(found, _Fields):
-            raise ConfigurationError(
-                f"the recording is damaged, or of another program: an entry of {self.topic} at "
-                f"{self.t_ns} ns is no object of JSON"
-            )
+            raise self._damage("is no object of JSON")
         return found
+
+    def _damage(self, what: str) -> ConfigurationError:
+        return ConfigurationError(
+            f"the recording is damaged, or of another program: an entry of {self.topic} at "
+            f"{self.t_ns} ns {what}"
+        )
 
 
 class Recording:
@@ -132,14 +161,8 @@ class Recording:
             if isinstance(record, Message):
                 if (topic := wanted.get(record.channel_id)) is not None:
                     yield RecordingEntry(topic, record.log_time, record.publish_time, record.data)
-            elif isinstance(record, Channel):
-                if topics is None or record.topic in topics:
-                    wanted[record.id] = record.topic
-                self._check_layout(record)
-
-    def chunks(self) -> Iterator[RecordingEntry]:
-        """Yield the bytes in both directions, and what happened to the line."""
-        return self.entries((TO_BOARD, TO_HOST, LINK))
+            elif isinstance(record, Channel) and (topics is None or record.topic in topics):
+                wanted[record.id] = record.topic
 
     def first_bytes(self, count: int) -> bytes:
         """Return the first *count* bytes that the host sent, by which a wire is known."""
@@ -152,28 +175,11 @@ class Recording:
 
     def latches(self) -> Iterator[LatchRecord]:
         """Yield the latches."""
-        return (LatchRecord.unpack(entry.data) for entry in self.entries((LATCH,)))
+        return (entry.latch for entry in self.entries((LATCH,)))
 
     def records(self) -> Iterator[dict[str, Any]]:
-        """Yield the records of the back door, as docs/backdoor.md describes them.
-
-        A latch comes with its reconstruction where the recording holds that.
-        """
-        waiting: LatchRecord | None = None
-        for entry in self.entries(_BACK_DOOR):
-            if entry.topic == RECONSTRUCTION and waiting is not None:
-                yield waiting.as_record(_recorded_without_key(entry.fields))
-                waiting = None
-                continue
-            if waiting is not None:
-                yield waiting.as_record()
-                waiting = None
-            if entry.topic == LATCH:
-                waiting = LatchRecord.unpack(entry.data)
-            elif entry.topic != RECONSTRUCTION:
-                yield entry.fields
-        if waiting is not None:
-            yield waiting.as_record()
+        """Yield the records of the back door, as docs/backdoor.md describes them."""
+        return (entry.fields for entry in self.entries(_BACK_DOOR))
 
     @property
     def note(self) -> str:
@@ -211,17 +217,12 @@ class Recording:
 
     def _check_version(self, text: str, library: str) -> None:
         shown, library = text[:_VERSION_DIGITS], library or "an unknown one"
-        if not text.isdecimal() or shown != text or int(text) > VERSION:
+        if text != str(VERSION):
+            is_old = text.isdecimal() and shown == text and int(text) < VERSION
+            remedy = "record the run again, or use that program" if is_old else "update haptogram"
             raise ConfigurationError(
                 f"{self.path}: recording of version {shown or '?'}, by {library}"
-                f"; this version of haptogram reads {VERSION}: update haptogram"
-            )
-
-    def _check_layout(self, channel: Any) -> None:
-        if channel.topic == LATCH and channel.metadata.get("version") != str(LATCH_VERSION):
-            raise ConfigurationError(
-                f"{self.path}: latches of version {channel.metadata.get('version')}; this version "
-                f"of haptogram reads {LATCH_VERSION}: update haptogram"
+                f"; this version of haptogram reads {VERSION}: {remedy}"
             )
 
     def raw_records(self) -> Iterator[Any]:
@@ -293,8 +294,3 @@ def _opened_recording(path: Path) -> BinaryIO:
     file.close()
     why = "is empty" if not begin else "is no recording: it does not begin as an MCAP file does"
     raise ConfigurationError(f"{path}: {why}")
-
-
-def _recorded_without_key(fields: dict[str, Any]) -> dict[str, Any]:
-    key = ("session", "sequence", "loop", "index")
-    return {name: value for name, value in fields.items() if name not in key}

@@ -57,7 +57,7 @@ def record_intended(
         else:
             first[frame.drive] = frame.number
             fields |= _recorded_codes(frame.drive)
-        writer.document(INTENDED, (frame.t_apply_us or 0) * 1000, fields)
+        writer.document(INTENDED, writer.host_ns(frame.t_apply_us), fields)
 
 
 def recorded_run(recording: Recording) -> RecordedRun:

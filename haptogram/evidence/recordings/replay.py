@@ -336,7 +336,7 @@ class _ReplayLine:
             else:
                 self._board.unplug(self._now_ns)
         elif entry.topic == LATCH:
-            self._add(RECORDED, LatchRecord.unpack(entry.data))
+            self._add(RECORDED, entry.latch)
         elif not self._is_over:
             record = entry.fields
             self._is_over = record.get("event") == "power_down"  # the mute behind it is its own

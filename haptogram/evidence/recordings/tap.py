@@ -118,7 +118,7 @@ class RecordedBoards:
         """
         now_ns = transport.now_ns()
         least_ns = 0 if self._last is None else self._last.last_ns + _PAUSE_NS
-        offset_ns = max(0, least_ns - now_ns)
+        offset_ns = least_ns - now_ns  # a recording begins at 0
         boot_ns = now_ns + offset_ns if just_powered else None
         self._writer.opened(now_ns + offset_ns, board, boot_ns, paced=board is not None)
         self._last = RecordingTransport(transport, self._writer, records, offset_ns=offset_ns)

@@ -6,6 +6,7 @@ so.
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import json
 import platform
@@ -21,28 +22,48 @@ from haptogram.machine.interrupts import DelayedInterrupts
 from haptogram.records.latch import LatchRecord
 
 from .channels import (
+    ARRAY,
     BOARD,
     CHANNELS,
     FAULTS,
+    FOCUS,
+    FRAME,
     LATCH,
     LINK,
+    LOG,
     METADATA,
+    MODEL,
     OUTPUT,
     PROFILE,
     PULSES,
-    RECONSTRUCTION,
     RUN,
     TO_BOARD,
     TO_HOST,
+    VERDICT,
     VERSION,
+)
+from .clock import RecordingClock
+from .scene import (
+    INFO,
+    array_of_recording,
+    axes_of_recording,
+    focus_of_recording,
+    log_of_recording,
 )
 
 _FLUSH_NS: Final = 50_000_000  # 50 frames at 1 kHz: what a killed run can lose
 _CHUNK: Final = 256 * 1024
 _BATCH: Final = 8  # entries that are encoded at a time
-_RECORDS: Final = {"board": BOARD, "output": OUTPUT, "pulses": PULSES, "end": FAULTS}
-_TIMES: Final = ("t_us", "t_latch_us", "boot_us")
-_KEY: Final = ("session", "sequence", "loop", "index")
+_RECORDS: Final = {
+    "board": BOARD,
+    "latch": LATCH,
+    "output": OUTPUT,
+    "pulses": PULSES,
+    "end": FAULTS,
+}
+_TIMES: Final = ("t_us", "t_latch_us")
+_SAID: Final = ("kind", "event", *_TIMES)
+_PITCH_M: Final = 0.01  # of the elements of an array that has none
 
 
 def check_recordings() -> None:
@@ -78,7 +99,7 @@ class RecordingWriter(ClosedByWith):
     failure : str
         Why the recording ended early, in one line; empty as long as it goes on.
     last_ns : int
-        The latest time of an entry.
+        The latest time of an entry, on the host's clock as all of them.
 
     Raises
     ------
@@ -103,6 +124,8 @@ class RecordingWriter(ClosedByWith):
             self._file, chunk_size=_CHUNK, compression=CompressionType.NONE, enable_crcs=True
         )
         self._ids: dict[str, int] = {}
+        self._clock = RecordingClock()
+        self._is_array_drawn = False
         self._waiting: list[tuple[str, int, bytes, int]] = []
         self._flushed_ns = self.last_ns = 0
         with self._attempt():
@@ -113,14 +136,10 @@ class RecordingWriter(ClosedByWith):
         self._writer.start(profile=PROFILE, library=library)
         self._writer.add_metadata(METADATA, {"version": str(VERSION), "library": library})
         for channel in CHANNELS.values():
-            schema = 0
-            if channel.schema:
-                schema = self._writer.register_schema(
-                    channel.schema_name, "jsonschema", channel.schema
-                )
-            metadata = {"clock": channel.clock, "meaning": channel.meaning} | dict(channel.metadata)
+            schema = self._writer.register_schema(channel.schema_name, "jsonschema", channel.schema)
+            metadata = {"clock": channel.clock, "meaning": channel.meaning}
             self._ids[channel.topic] = self._writer.register_channel(
-                channel.topic, channel.encoding, schema, metadata
+                channel.topic, "json", schema, metadata
             )
         versions = {"haptogram": haptogram.__version__, "python": platform.python_version()}
         run = {"command": command, "configuration": configuration, "versions": versions}
@@ -132,22 +151,45 @@ class RecordingWriter(ClosedByWith):
 
     def to_board(self, t_ns: int, data: bytes, waited_ns: int = 0) -> None:
         """Write bytes that the port took from the host, which may have waited for *waited_ns*."""
-        self._take(TO_BOARD, t_ns, data, max(0, t_ns - waited_ns))
+        self._take(TO_BOARD, t_ns, _encoded_recording_bytes(data), max(0, t_ns - waited_ns))
         self._flush_when_due(t_ns)
 
     def to_host(self, t_ns: int, data: bytes) -> None:
         """Write bytes that the host read."""
-        self._take(TO_HOST, t_ns, data, t_ns)
+        self._clock.hear(t_ns, data)
+        self._take(TO_HOST, t_ns, _encoded_recording_bytes(data), t_ns)
         self._flush_when_due(t_ns)
 
     def latch(self, latch: LatchRecord) -> None:
         """Write a latch."""
-        t_ns = latch.t_latch_us * 1000
-        self._take(LATCH, t_ns, latch.pack(), t_ns)
+        self.record(latch.as_record())
 
     def document(self, topic: str, t_ns: int, fields: Mapping[str, Any]) -> None:
-        """Write *fields* on a channel of JSON."""
+        """Write *fields* at a time of the host; a line that begins has a clock of its own."""
+        if topic == LINK and fields["event"] in ("opened", "excerpt"):
+            self._clock = RecordingClock(t_ns, fields.get("boot_ns"))
+            self._is_array_drawn = False
         self._take(topic, t_ns, _encoded_recording_fields(fields), t_ns)
+        if topic == LINK:
+            self.log(t_ns, f"line: {fields['event']}")
+        elif topic in (BOARD, MODEL) and "positions_m" in fields and not self._is_array_drawn:
+            self._is_array_drawn = True
+            self._draw_array(fields)
+
+    def host_ns(self, device_us: int | None) -> int:
+        """Return a device time on the host's clock; now, if there is none."""
+        return self.last_ns if device_us is None else self._clock.host_ns(device_us, self.last_ns)
+
+    def log(self, t_ns: int, message: str, level: int = INFO) -> None:
+        """Write an event in words, as viewers list them."""
+        self.document(LOG, t_ns, log_of_recording(t_ns, message, level))
+
+    def verdict(self, t_us: int | None, fields: Mapping[str, Any]) -> None:
+        """Write the verdict on a frame, and its target and focus as viewers draw them."""
+        t_ns = self.host_ns(t_us)
+        self.document(VERDICT, t_ns, fields)
+        scene = focus_of_recording(t_ns, fields["target_m"], fields["measured_m"])
+        self.document(FOCUS, t_ns, scene)
 
     def opened(
         self, t_ns: int, board: Mapping[str, Any] | None, boot_ns: int | None, *, paced: bool
@@ -166,15 +208,20 @@ class RecordingWriter(ClosedByWith):
 
     def record(self, record: Mapping[str, Any]) -> None:
         """Write a record of the back door (docs/backdoor.md) on the channels that hold it."""
-        if record["kind"] != "latch":
-            times = (record[name] for name in _TIMES if name in record)
-            t_us = next(times, self.last_ns // 1000)
-            self.document(_RECORDS.get(record["kind"], OUTPUT), t_us * 1000, record)
-            return
-        self.latch(LatchRecord.from_record(record))
-        if (field := record["reconstruction"]) is not None:
-            key = {name: record[name] for name in _KEY}
-            self.document(RECONSTRUCTION, record["t_latch_us"] * 1000, key | field)
+        if "boot_us" in record:
+            self._clock.power_up(record["boot_us"])
+        topic = _RECORDS.get(record["kind"], OUTPUT)
+        t_ns = self.host_ns(next((record[name] for name in _TIMES if name in record), None))
+        self.document(topic, t_ns, record)
+        if topic == OUTPUT:
+            self.log(t_ns, _recorded_event_text(record))
+
+    def _draw_array(self, fields: Mapping[str, Any]) -> None:
+        """Write array and axes at the beginning of the line, where a viewer begins."""
+        begin_ns = self._clock.start_ns
+        self.document(FRAME, begin_ns, axes_of_recording())
+        pitch_m = fields.get("pitch_m") or _PITCH_M
+        self.document(ARRAY, begin_ns, array_of_recording(fields["positions_m"], pitch_m))
 
     def flush(self) -> None:
         """Hand everything to the operating system."""
@@ -267,6 +314,16 @@ def _opened_recording_file(path: Path) -> BinaryIO:
         return path.open("wb")
     except OSError as error:
         raise unwritable_file(path, error) from error
+
+
+def _encoded_recording_bytes(data: bytes) -> bytes:
+    return b'{"data":"' + base64.b64encode(data) + b'"}'
+
+
+def _recorded_event_text(record: Mapping[str, Any]) -> str:
+    """Return the event of the output, and what more is told of it."""
+    more = (f"{name} {value}" for name, value in record.items() if name not in _SAID)
+    return ", ".join([f"output: {record.get('event', record['kind'])}", *more])
 
 
 def _encoded_recording_fields(fields: Mapping[str, Any]) -> bytes:

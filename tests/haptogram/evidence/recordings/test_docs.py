@@ -14,25 +14,21 @@ import pytest
 pytest.importorskip("mcap")
 
 from haptogram.cli import main
-from haptogram.evidence.recordings.channels import CHANNELS, LATCH
+from haptogram.evidence.recordings.channels import CHANNELS
 
 PAGE = Path(__file__).parents[4] / "docs" / "recordings.md"
 BEGIN = "<!-- channels: written by tests/haptogram/evidence/recordings/test_docs.py -->\n"
 END = "<!-- end of channels -->\n"
 
 
-NONE = {"octets": "the bytes", "json": "all of them"}
-
-
 def table():
     rows = [
-        f"| `{channel.topic}` | {channel.encoding} | {channel.clock} | {channel.meaning} | "
-        f"{', '.join(f'`{name}`' for name in channel.properties) or NONE[channel.encoding]} |"
+        f"| `{channel.topic}` | {channel.clock} | {channel.meaning} | "
+        f"{', '.join(f'`{name}`' for name in channel.properties) or 'all of them'} |"
         for channel in CHANNELS.values()
     ]
-    head = ["| channel | encoding | clock | a message is | fields |", "|---|---|---|---|---|"]
-    layout = CHANNELS[LATCH].metadata["layout"]
-    return "\n".join([*head, *rows, "", f"A message of `{LATCH}` is {layout}.", ""])
+    head = ["| channel | times by | a message is | fields |", "|---|---|---|---|"]
+    return "\n".join([*head, *rows, ""])
 
 
 def written(text):
