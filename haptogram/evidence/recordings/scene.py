@@ -1,4 +1,4 @@
-"""What common viewers of MCAP draw of a recording: the array, its foci, and events in words.
+"""The scene of a recording for common viewers of MCAP: array, foci, and events in words.
 
 The fields are those of the JSON schemas that Foxglove and Lichtblick know by name. Lengths are in
 centimetres: an array fills the first view of these programs, which looks from 20 units away.
