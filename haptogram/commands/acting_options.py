@@ -275,7 +275,10 @@ _EXPECTED: Final = Acting(
     "with --expect or --expect-file", lambda s: bool(s.expect) or s.expect_file is not None
 )
 _WATCH: Final[Rows] = {
-    **_option_acts_always("link expect expect_file latches frames json junit html summary quiet"),
+    **_option_acts_always(
+        "link as_device client expect expect_file latches fail_on frames json junit html summary "
+        "quiet"
+    ),
     "stamp": _STAMPED,
     **dict.fromkeys(
         ("dialect", "dialect_option", "array", "temperature_c", "calibration"), _OWN_BOARD

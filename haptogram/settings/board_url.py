@@ -74,15 +74,20 @@ def _port_config_of_url(parts: SplitResult, default: BoardConfig | None) -> Port
     given: dict[str, Any] = {}
     for name, text in parse_qsl(parts.query, keep_blank_values=True):
         if name not in URL_OPTIONS:
-            raise ConfigurationError(
-                f"there is no parameter {name!r}{unknown_setting_text(name, URL_OPTIONS)}"
-            )
+            guess = unknown_setting_text(name, URL_OPTIONS)
+            if "dialect=" in parts.query:
+                guess = f"; an option of the dialect is written {_of_dialect(name, text)}"
+            raise ConfigurationError(f"there is no parameter {name!r}{guess}")
         row = URL_OPTIONS[name]
         value = row.read(text)
         given[name] = value if row.count is None else (*given.get(name, ()), value)
     values |= given
     port = {name: values.pop(name) for name in options_of(PortConfig) if name in values}
     return PortConfig(**port, board=BoardConfig.of(**values))
+
+
+def _of_dialect(name: str, text: str) -> str:
+    return urlencode({"dialect_option": f"{name}={text}"}, safe="=")
 
 
 def write_board_url(port: PortConfig) -> str:

@@ -43,10 +43,18 @@ _CLUES: Final = {
         "codes came while no board listened: the client has selected one that is not there",
         None,
     ),
+    "refused_not_supported_tag": (
+        "the devices have refused an operation (error 1, not supported tag): GainSTM, ForceFan, "
+        "PulseWidthEncoder, PhaseCorrection, OutputMask and GPIO are not emulated; for GainSTM "
+        "send its gains one by one, or foci as FociSTM",
+        None,
+    ),
     "bytes_outside_frame": ("bytes came outside a frame: none of them starts one (bit 7)", None),
 }
 _OF_WHOLE_FRAMES: Final = "codes_out_of_range"
-_AT_ONCE: Final = frozenset({"codes_unheard", "bytes_outside_frame"})  # latched or not
+_AT_ONCE: Final = frozenset(
+    {"codes_unheard", "bytes_outside_frame", "refused_not_supported_tag"}
+)  # latched or not
 _TEXT: Final = re.compile(rb"([ -~]+[\r\n]+)+[ -~]*")
 _NO_FRAMES: Final = frozenset({_OF_WHOLE_FRAMES, "bytes_strange", "bytes_beyond_chain"})
 

@@ -57,6 +57,22 @@ def board(*words, **environment):
     )
 
 
+def test_watch_follows_a_program_that_lists_ports(device):
+    frame = DATA / "sonicsurface" / "focus_0_120_0.bin"
+    program = ["--", sys.executable, "-c", CLIENT, device, str(frame), "0"]
+    words = ["watch", "--dialect", "sonicsurface", "--temperature-c", "24.8", "--as-device"]
+    found = subprocess.run(
+        [sys.executable, "-m", "haptogram", *words, "--expect", "0,120,0", *program],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert found.returncode == 0, found.stdout + found.stderr
+    assert "one focus at (0.0, 119.9, 0.0) mm" in found.stdout
+    assert "PASS: 1 latch of the client" in found.stdout
+
+
 @pytest.mark.parametrize("status", [0, 3])
 def test_a_program_finds_the_board_and_all_that_it_sent_counts(device, tmp_path, status):
     records = tmp_path / "records.jsonl"

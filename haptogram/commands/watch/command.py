@@ -46,6 +46,8 @@ examples:
       starts a board; point your own program at /tmp/board
   haptogram watch --dialect sonicsurface --link /tmp/board --expect 0,120,0 --latches 1
       passes if the first focus is at (0, 120, 0) mm, in the axes of SonicSurface's programs
+  haptogram watch --dialect ultraino-mega64 --as-device -- java -jar AcousticFieldSim.jar
+      starts a board and a program that lists serial ports; ends with the program
   haptogram watch capture.bin --dialect ultraino-fpga
       bytes that a program wrote to its port
   haptogram watch unix:/tmp/board.sock --frames latches.jsonl
@@ -89,6 +91,14 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
         type=name_option,
         help="start a board at this pseudo-terminal [none]",
     )
+    board.add_argument(
+        "--as-device",
+        action="store_true",
+        help="start a board and COMMAND, behind --, which finds it as a serial device (Linux)",
+    )
+    parser.add_argument(
+        "client", nargs="*", metavar="COMMAND", help="program of --as-device, with its arguments"
+    )
     expected = parser.add_argument_group("expected foci")
     expected.add_argument(
         "--expect",
@@ -101,7 +111,7 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
     own = options_of(WatchConfig)
     add_setting_options(expected, [own["expect_file"], *options_of(ToleranceConfig).values()])
     result = parser.add_argument_group("result", FILE_HELP)
-    names = ("latches", "frames", *_FILES, "stamp")
+    names = ("latches", "fail_on", "frames", *_FILES, "stamp")
     add_setting_options(result, [own[name] for name in names])
     parser.add_argument("--quiet", action="store_true", help="no line for each latch")
 
@@ -123,6 +133,16 @@ def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
 
 
 def _check_watch_source(arguments: argparse.Namespace) -> None:
+    if arguments.as_device:
+        arguments.client = [word for word in (arguments.source, *arguments.client) if word]
+        arguments.source = None
+        if not arguments.client or arguments.dialect is None or arguments.link is not None:
+            raise ConfigurationError(
+                "--as-device needs --dialect and a program behind --, and no --link"
+            )
+        return
+    if arguments.client:
+        raise ConfigurationError(f"{arguments.client[0]}: one source, or --as-device and a program")
     if arguments.source is not None and arguments.link is not None:
         raise ConfigurationError("--link starts a board; leave it out, or the source")
     if arguments.source is None and (arguments.link is None or arguments.dialect is None):
@@ -250,6 +270,7 @@ class _WatchRun:
             missing = f"{count} {noun} came that were not looked at: the watch was interrupted"
         self._watch.cut_short()
         result = self._watch.result(missing)
+        result = dataclasses.replace(result, fail_on_unknown=bool(self._arguments.fail_on))
         if (assumed := _assumed_layout(self._arguments)) and _shows_no_pattern(result):
             result = dataclasses.replace(result, hints=(*result.hints, assumed))
         outputs.print(str(result))

@@ -38,6 +38,12 @@ class WatchConfig(Settings):
         help="end after so many latches of the client",
         absent="until the board ends, or Ctrl-C",
     )
+    fail_on: str | None = option(
+        None,
+        choices=("unknown",),
+        help="unknown: a latch of the client that makes none of the patterns fails",
+        absent="a run in which no latch makes a pattern is inconclusive",
+    )
     frames: Path | None = option(None, unit="FILE", help="write a line of JSON for each latch")
     json: Path | None = option_of(OutputConfig, "json")
     junit: Path | None = option_of(OutputConfig, "junit")

@@ -185,7 +185,7 @@ def _refuse_watched_client_bytes(source: str) -> None:
 
 @contextlib.contextmanager
 def _started_watched_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
-    """Start a board at --link, and end it with the watch."""
+    """Start a board, at --link or with the program of --as-device, and end it with the watch."""
     from haptogram.evidence.backdoor_stream import BackdoorReader
     from haptogram.evidence.board_process import BoardProcess
     from haptogram.machine.working_folder import WorkingFolder
@@ -198,18 +198,23 @@ def _started_watched_board(arguments: argparse.Namespace) -> Iterator[WatchedRec
         # A pipe takes what is read, and no more: a file would grow as long as somebody watches.
         backdoor = folder.path / "backdoor"
         os.mkfifo(backdoor)
-        words = [f"--link={arguments.link}", f"--backdoor={backdoor}", "--no-reconstruct"]
+        where = ["--as-device"] if arguments.as_device else [f"--link={arguments.link}"]
+        client = ["--", *arguments.client] if arguments.as_device else []
+        words = [*where, f"--backdoor={backdoor}", "--no-reconstruct"]
         with contextlib.ExitStack() as parts:
             process = BoardProcess(
-                [*words, *written_options(values, BOARD_OPTIONS)], folder.path / "log"
+                [*words, *written_options(values, BOARD_OPTIONS), *client], folder.path / "log"
             )
             parts.callback(process.close_pipe)
             parts.callback(process.stop)
             # Opened before the board writes, closed before it ends: neither waits for the other.
             stream = parts.enter_context(BackdoorReader(str(backdoor)))
             process.wait_until_ready()
-            print(f"{arguments.dialect} board at {arguments.link}", file=sys.stderr, flush=True)
+            at = arguments.link or arguments.client[0]
+            print(f"{arguments.dialect} board at {at}", file=sys.stderr, flush=True)
             read = reader_of_watched(stream, process.is_running)
-            yield WatchedRecords(arguments.link, read, process.terminate)
+            yield WatchedRecords(at, read, process.terminate)
+            if arguments.as_device and (log := process.log().partition("\n")[2]):
+                print(log, end="", file=sys.stderr)  # what the program said
     finally:
         folder.remove()

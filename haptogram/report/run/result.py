@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import importlib.metadata
+import json
 import math
 import os
 import platform
@@ -158,11 +159,12 @@ def _plain_run_result(value: Any) -> Any:
 
 
 def write_run_frame_lines(path: Path, run: RunVerdict) -> None:
-    """Write a line for each frame: its verdict, and the evidence for the verdict.
+    """Write a line of JSON for each frame: its verdict, and the evidence for the verdict.
 
     Raises
     ------
     ConfigurationError
         If the file cannot be written.
     """
-    write_file_atomically(path, "".join(f"{frame}\n" for frame in run.frames).encode())
+    lines = (json.dumps(run_frame_dict(frame), allow_nan=False) for frame in run.frames)
+    write_file_atomically(path, "".join(f"{line}\n" for line in lines).encode())

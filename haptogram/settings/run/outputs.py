@@ -21,8 +21,8 @@ class OutputConfig(Settings):
     frames: Path | None = option(
         None,
         unit="FILE",
-        help="write a line for every frame: where its focus is, what that rests on, and which miss "
-        "would have shown",
+        help="write a line of JSON for every frame: where its focus is, what that rests on, and "
+        "which miss would have shown",
     )
     json: Path | None = option(None, unit="FILE", help="write the result as JSON")
     junit: Path | None = option(None, unit="FILE", help="write the result as JUnit XML")

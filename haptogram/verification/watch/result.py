@@ -5,12 +5,21 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
-from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
+from haptogram.acoustics.reconstruct.patterns.found import (
+    Off,
+    Pattern,
+    Uniform,
+    Unnamed,
+    pattern_dict,
+)
 
 from ..frame.verdict import WRONG, FrameStatus, FrameVerdict, Verdict
 from .defect import Defect, Diagnosis
 from .latch import SeenLatch
+
+_TELL_NOTHING: Final = (Off.kind, Uniform.kind, Unnamed.kind)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +92,8 @@ class WatchResult:
         Median and largest time of a search, in ms.
     expected : bool
         Whether frames were expected.
+    fail_on_unknown : bool
+        Whether a latch that makes no pattern fails.
     """
 
     latches: int
@@ -95,10 +106,18 @@ class WatchResult:
     remarks: tuple[str, ...] = ()
     search_ms: tuple[float, float] = (0.0, 0.0)
     expected: bool = False
+    fail_on_unknown: bool = False
+
+    @property
+    def unknown(self) -> int:
+        """Latches of the client that make no pattern."""
+        return self.kinds.get(Unnamed.kind, 0)
 
     @property
     def verdict(self) -> Verdict:
         """Fail for a wrong focus or a named defect; inconclusive if something was not verified."""
+        if self.fail_on_unknown and self.unknown:
+            return Verdict.FAIL
         if self.diagnoses or any(self.statuses.get(status, 0) for status in WRONG):
             return Verdict.FAIL
         if not sum(self.kinds.values()) or self.missing is not None:
@@ -106,7 +125,8 @@ class WatchResult:
         verified = self.statuses.get(FrameStatus.ON_TARGET, 0)
         if self.expected and (not verified or verified < sum(self.statuses.values())):
             return Verdict.INCONCLUSIVE
-        return Verdict.PASS
+        is_known = any(count for kind, count in self.kinds.items() if kind not in _TELL_NOTHING)
+        return Verdict.PASS if is_known or not self.unknown else Verdict.INCONCLUSIVE
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values for JSON."""
@@ -139,6 +159,8 @@ class WatchResult:
         count = sum(self.kinds.values())
         wrong = [f"{n} {status}" for status, n in self.statuses.items() if n and status in WRONG]
         reasons = [*wrong, *dict.fromkeys(str(found.defect) for found in self.diagnoses)]
+        if self.unknown and not self.expected:
+            reasons.append(f"{self.unknown} {Unnamed.kind}")
         latches = f"{count} latch{'' if count == 1 else 'es'} of the client"
         return f"{self.verdict.upper()}: {'; '.join([latches, *reasons])}"
 

@@ -70,7 +70,11 @@ class OperationAnnotator:
         fault = self._odd()
         for operation, size in zip(found, sizes, strict=True):
             name, fields = type(operation).__name__, _annotated_fields(operation)
-            text = f"{name}{_text_of_annotated_fields(fields)}" + (f": {fault}" if fault else "")
+            inner = ", ".join(_names_of_inner_operations(operation))
+            text = (
+                f"{name}{f' of {inner}:' if inner else ''}{_text_of_annotated_fields(fields)}"
+                + (f": {fault}" if fault else "")
+            )
             yield Annotated(self._advance(size), size, name, text, fault, fields)
             fault = ""
 
@@ -95,6 +99,17 @@ def _annotated_fields(operation: Any) -> dict[str, Any]:
         field.name: _annotated_value(getattr(operation, field.name))
         for field in dataclasses.fields(operation)
     }
+
+
+def _names_of_inner_operations(value: Any) -> Iterator[str]:
+    """Yield the names of the operations that a message carries, such as those of devices."""
+    for field in dataclasses.fields(value):
+        parts = getattr(value, field.name)
+        for part in parts if isinstance(parts, tuple | list) else ():
+            if isinstance(part, Operation):
+                yield type(part).__name__
+            elif dataclasses.is_dataclass(part):
+                yield from _names_of_inner_operations(part)
 
 
 def _annotated_value(value: Any) -> Any:

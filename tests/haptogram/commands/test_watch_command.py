@@ -66,7 +66,23 @@ def test_a_capture_is_told_in_the_client_s_axes(name, dialect, said, coherence, 
     assert line.split("  ", 3)[-1].strip().startswith(said)
     if coherence is not None:
         assert float(line.rsplit(" ", 1)[1]) == pytest.approx(coherence, abs=2e-4)
-    assert status == 0
+    assert status == (3 if said == "none of these" else 0)
+
+
+@pytest.mark.parametrize("beside", [(), ("focus_0_120_0",)], ids=["alone", "beside a focus"])
+def test_a_latch_without_a_pattern_fails_if_it_shall(beside, tmp_path, capsys):
+    """Without the option, a run in which some latch has a pattern passes."""
+    (tmp_path / "program.bin").write_bytes(
+        b"".join(
+            Path(capture(f"sonicsurface/{name}")).read_bytes() for name in ("ramp_phases", *beside)
+        )
+    )
+    command = (str(tmp_path / "program.bin"), "--dialect", "sonicsurface", *AIR, "--quiet")
+    assert watch(capsys, *command)[0] == (0 if beside else 3)
+    status, out, _ = watch(capsys, *command, "--fail-on", "unknown")
+    assert status == 1
+    assert out.startswith("FAIL: ")
+    assert "1 none of these" in out.splitlines()[0]
 
 
 def test_the_amplitude_commit_of_a_client_is_named(capsys):
