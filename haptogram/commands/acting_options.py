@@ -276,8 +276,7 @@ _EXPECTED: Final = Acting(
 )
 _WATCH: Final[Rows] = {
     **_option_acts_always(
-        "link as_device client expect expect_file latches fail_on frames json junit html summary "
-        "quiet"
+        "link as_device expect expect_file latches fail_on frames json junit html summary quiet"
     ),
     "stamp": _STAMPED,
     **dict.fromkeys(
