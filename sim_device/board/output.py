@@ -138,11 +138,11 @@ class BoardOutput:
         """Note that a drive that sounds is radiated in another way from now on."""
         if not self._sounding or self.latched is None:
             return
-        fades = self._timers.fades(self.now_us)
-        drive, ceiling = self.latched.drive, min((f.ceiling for f in fades), default=FULL_CODE)
+        drive, ramp = self.latched.drive, self._timers.ramp
+        ceiling = FULL_CODE if ramp is None else ramp.ceiling
         full = radiated_drive_of_registers(drive, self.correction, ceiling)
-        cut = min((fade.cut for fade in fades), default=FULL_CODE)
         radiated = self._sound(self._radiate(drive, self.now_us))
+        cut = self.config.amplitude_ceiling
         self._new_notices.append(RadiatedAnew(self.now_us, radiated, full, cut))
 
     def renew_lease(self) -> None:
@@ -177,25 +177,24 @@ class BoardOutput:
         """Return the next action of the timers, if the board is armed."""
         if self.state is not OutputState.ARMED:
             return None
-        if not self._ramping and (begin_us := self._timers.first_deadline().deadline_us) < NEVER_US:
-            return begin_us, self._begin_ramp
-        end_us = self._timers.first_end().end_us
-        return (end_us, self._time_out) if end_us < NEVER_US else None
+        if self._timers.ramp is not None:
+            return self._timers.ramp.ends_us, self._time_out
+        begin_us = self._timers.first().deadline_us
+        return (begin_us, self._begin_ramp) if begin_us < NEVER_US else None
 
     def _begin_ramp(self) -> None:
         self._ramping = True
-        timer = self._timers.first_deadline()
-        self._new_notices.append(RampBegan(self.now_us, timer.reason, timer.end_us))
+        ramp, reason = self._timers.begin_ramp(self.config), self._timers.first().reason
+        self._new_notices.append(RampBegan(self.now_us, reason, ramp.ends_us))
 
     def _end_ramp_if_restored(self) -> None:
-        if self._ramping and self.now_us < self._timers.first_deadline().deadline_us:
+        if self._ramping and self._timers.ramp is None:
             self._ramping = False
             self._new_notices.append(RampEnded(self.now_us, restored=True))
 
     def _time_out(self) -> None:
         self.counters.timeouts += 1
-        reason = self._timers.first_end().reason
-        self._enter(OutputInput.RAMP_ENDED, reason, requested=False)
+        self._enter(OutputInput.RAMP_ENDED, self._timers.first().reason, requested=False)
         self.silence()
 
     # --- latch ---------------------------------------------------------------------------------
@@ -229,7 +228,7 @@ class BoardOutput:
             drive=drive,
             commanded_bits=bits,
             radiated=self._sound(self._radiate(drive, self.now_us)),
-            ramping=bool(self._timers.fades(self.now_us)),
+            ramping=self._timers.ramp is not None,
             t_received_us=t_received_us,
         )
         self.latched = latch
@@ -260,7 +259,7 @@ class BoardOutput:
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
         return radiated_drive_of_registers(
-            drive, self.correction, self.config.amplitude_ceiling, self._timers.fades(t_us)
+            drive, self.correction, self.config.amplitude_ceiling, self._timers.fade(t_us)
         )
 
     def _sound(self, radiated: Drive) -> Drive:

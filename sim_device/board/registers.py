@@ -71,9 +71,9 @@ class BoardFocuser:
 
 
 def radiated_drive_of_registers(
-    latched: Drive, correction: bytes, ceiling: int, fades: Sequence[Fade] = ()
+    latched: Drive, correction: bytes, ceiling: int, fade: Fade | None = None
 ) -> Drive:
-    """Return the radiated drive: correction added, ceiling and ramps applied.
+    """Return the radiated drive: correction added, ceiling and ramp applied.
 
     Parameters
     ----------
@@ -83,18 +83,18 @@ def radiated_drive_of_registers(
         Added to the phase codes, modulo 256.
     ceiling : int
         Largest amplitude code.
-    fades : sequence of Fade
-        What each ramp leaves.
+    fade : Fade or None
+        What a ramp leaves.
     """
     phases, amplitudes = latched.phase_codes, latched.amplitude_codes
     if any(correction):
         phases = phases + np.frombuffer(correction, dtype=np.uint8)  # wraps, as it should
     if ceiling < 255:
         amplitudes = np.minimum(amplitudes, np.uint8(ceiling))
-    for fade in fades:
+    if fade is not None:
         begins = np.minimum(latched.amplitude_codes, np.uint8(fade.ceiling))
         line = np.floor(begins * fade.share + 0.5).astype(np.uint8)
-        amplitudes = np.minimum(amplitudes, np.minimum(line, np.uint8(fade.cut)))
+        amplitudes = np.minimum(amplitudes, line)
     if phases is latched.phase_codes and amplitudes is latched.amplitude_codes:
         return latched
     return Drive(phases, amplitudes)

@@ -198,8 +198,9 @@ class CeilingIgnored(BoardOutput):
     """Radiates amplitudes above the ceiling."""
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
-        fades = [Fade(fade.share) for fade in self._timers.fades(t_us)]
-        return radiated_drive_of_registers(drive, self.correction, FULL_CODE, fades)
+        fade = self._timers.fade(t_us)
+        fade = None if fade is None else Fade(fade.share)
+        return radiated_drive_of_registers(drive, self.correction, FULL_CODE, fade)
 
 
 class CorrectionIgnored(BoardOutput):
@@ -207,7 +208,7 @@ class CorrectionIgnored(BoardOutput):
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
         none, ceiling = bytes(self.settings.count), self.config.amplitude_ceiling
-        return radiated_drive_of_registers(drive, none, ceiling, self._timers.fades(t_us))
+        return radiated_drive_of_registers(drive, none, ceiling, self._timers.fade(t_us))
 
 
 class ClockLosesTheWrap(VirtualHaptogramDialect):

@@ -73,7 +73,7 @@ def judge_straight_ramp(
 ) -> None:
     """FAILED unless every amplitude goes from its code in *begins* straight to 0 in *ramp_ms*.
 
-    A ceiling that was set meanwhile cuts the lines off at *cut* (HG-6.11/6).
+    The ceiling in force cuts the lines off at *cut*.
     """
     for reading in ramp:
         # One step, and 1 ms each for the timer and for the beginning of a step.

@@ -80,18 +80,21 @@ def _judge_ramp_clause(
         # The amplitude of a pulse is known to a sample of its width.
         error = _SAMPLES * math.pi / record.samples * np.sqrt(1.0 - np.minimum(fading, 1.0) ** 2)
         error += _SAMPLES * (math.pi / record.samples) ** 2 + _STEP
-        if _ramp_rises_against_clause(fading, error):
-            louder.append(element)
         within = dialogue.within(end)
         lag, timer = (_LAG_MS + _TIMER_MS) * per_ms + within, _TIMER_MS * per_ms + within
         upper = full * _ramp_left_by_clause(times - lag, begin, end)
         lower = full * _ramp_left_by_clause(times + timer, begin, end)
-        for asked, set_at, ceiling in changes:  # a lower ceiling cuts the line off for good
-            cut = 0.0 if ceiling is None else ceiling / _FULL
-            lower[times >= asked - _PULSE] = np.minimum(lower, cut)[times >= asked - _PULSE]
+        most, least = np.full_like(upper, np.inf), np.full_like(upper, np.inf)
+        for asked, set_at, ceiling in changes:  # the ceiling in force cuts the line off
+            cut = math.nan if ceiling is None else ceiling / _FULL
+            asking, is_set = times >= asked - _PULSE, times >= set_at + _PULSE
+            least[asking] = np.fmin(least, np.nan_to_num(cut))[asking]
+            most[asking] = np.maximum(most, np.nan_to_num(cut, nan=np.inf))[asking]
             if ceiling is not None:
-                upper[times >= set_at + _PULSE] = np.minimum(upper, cut)[times >= set_at + _PULSE]
-        upper, lower = upper + error, lower - error
+                most[is_set] = least[is_set] = cut
+        upper, lower = np.minimum(upper, most) + error, np.minimum(lower, least) - error
+        if (fading > upper).any() or (not changes and _ramp_rises(fading, error)):
+            louder.append(element)
         if ((fading > upper) | (fading < lower)).any():
             off_line.append(element)
     if not seen:
@@ -114,7 +117,7 @@ def _ramp_left_by_clause(times: FloatArray, begin: float, end: float) -> FloatAr
     return left
 
 
-def _ramp_rises_against_clause(sizes: FloatArray, error: FloatArray) -> bool:
+def _ramp_rises(sizes: FloatArray, error: FloatArray) -> bool:
     """Return True if an amplitude exceeds one before it by more than the samples make."""
     least = np.minimum.accumulate(sizes + error)
     return bool((sizes - error > least).any())

@@ -74,12 +74,12 @@ def judge_silence_clauses(dialogue: PinDialogue, findings: PinClauseFindings) ->
         return  # pins that never sound prove no silence: nobody knows whether they are connected
     slack = _SAMPLES / record.samples
     for due in _silence_clauses_due(dialogue):
-        begin = due.begin + slack
-        if begin >= due.until:
+        begin, until = due.begin + slack, due.until - slack
+        if begin >= until:
             continue
         before = _pins_sounding_against_clause(record, due.cause_at - _BEFORE, due.cause_at)
-        wrong = _pins_sounding_against_clause(record, begin, min(due.until, due.doubt))
-        if not wrong and _pins_sounding_against_clause(record, max(begin, due.doubt), due.until):
+        wrong = _pins_sounding_against_clause(record, begin, min(until, due.doubt))
+        if not wrong and _pins_sounding_against_clause(record, max(begin, due.doubt), until):
             cause = f"{due.cause} {time_by_pins(record, due.cause_at)}"
             bytes_at = time_by_pins(record, due.doubt)
             findings.doubt(

@@ -46,12 +46,13 @@ static void load(struct board *board, int64_t due_us, const struct hg_latch_key 
 }
 
 /* Return 1 if nothing but the host can change that latch: the output has not ended by then, and its
-   amplitude follows no ramp.  A latch ends the ramp of the hold, none that of the lease. */
+   amplitude follows no ramp.  A latch renews the hold, and not the lease. */
 static int is_sure(const struct board *board, int64_t due_us)
 {
-    int fades = board->lease.running && board->lease.deadline_us <= due_us;
+    int64_t ramp_us = (int64_t)board->config.ramp_ms * 1000;
+    int64_t last_us = board->ramp.running ? board->ramp.end_us - ramp_us : board->hold.deadline_us;
 
-    return !fades && output_end_us(board) >= due_us;
+    return board->lease.deadline_us > due_us && last_us >= due_us - ramp_us;
 }
 
 void ahead_load(struct board *board)

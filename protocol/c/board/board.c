@@ -53,6 +53,7 @@ void board_start(struct board *board, const struct array *array, const struct ma
     board->now_us = BOARD_BOOT_US;
     board->last_boundary_us = BOARD_BOOT_US - BOARD_CARRIER_US;
     board->next_status_us = BOARD_NEVER;
+    board->lease.deadline_us = board->hold.deadline_us = BOARD_NEVER;
     board->state = HG_STATE_DISARMED;
     board->reason = HG_REASON_NEVER_ARMED;
     set_default_config(board);
@@ -115,6 +116,7 @@ int64_t board_next_event(const struct board *board)
 {
     int64_t t_us = earlier(latch_us(board), playback_due_us(board));
 
+    t_us = earlier(t_us, output_ramp_us(board));
     t_us = earlier(t_us, output_end_us(board));
     t_us = earlier(t_us, output_step_us(board));
     return earlier(t_us, board->next_status_us);
@@ -127,6 +129,8 @@ static void handle_next(struct board *board, int64_t t_us)
         stream_latch(board);
     else if (playback_due_us(board) <= t_us)
         playback_latch(board, ahead_playback_drive(board));
+    else if (output_ramp_us(board) <= t_us)
+        output_begin_ramp(board);
     else if (output_end_us(board) <= t_us)
         shutdown_by_timer(board);
     else if (output_step_us(board) <= t_us)

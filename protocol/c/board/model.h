@@ -59,14 +59,17 @@ struct entry {
     struct drive drive;
 };
 
-/* A timer that mutes: full output until `deadline_us`, then a ramp of `ramp_us` to silence.  A ramp
-   keeps what it began with (HG-6.11/6). */
+/* A timer that mutes. */
 struct timer {
-    int running;
     uint8_t reason;
-    uint8_t ceiling; /* below which the line of the ramp begins */
-    uint8_t cut;     /* the least ceiling since then */
-    int64_t deadline_us, ramp_us;
+    int64_t deadline_us; /* BOARD_NEVER: it does not run */
+};
+
+/* The ramp to silence; it keeps what it began with (HG-6.11/6). */
+struct ramp {
+    int running;
+    uint8_t ceiling; /* below which its line begins */
+    int64_t end_us, length_us;
 };
 
 struct upload {
@@ -149,6 +152,7 @@ struct board {
     int sounding; /* 1: a drive was latched since the output was last off */
     struct muting muting;
     struct timer lease, hold;
+    struct ramp ramp;
     int64_t shown_us; /* when the machine last got a drive to radiate */
     int fading;       /* 1: in a ramp then */
     uint32_t shown_settings; /* those of that drive */

@@ -49,14 +49,19 @@ void output_send_state(struct board *board)
 
 static uint8_t lesser(uint8_t a, uint8_t b) { return a < b ? a : b; }
 
+/* Return the timer that runs out first, or has. */
+static const struct timer *first_timer(const struct board *board)
+{
+    return board->lease.deadline_us <= board->hold.deadline_us ? &board->lease : &board->hold;
+}
+
 static void start_timer(struct board *board, struct timer *timer, int64_t deadline_us,
                         uint8_t reason)
 {
-    timer->running = 1;
     timer->deadline_us = deadline_us;
-    timer->ramp_us = (int64_t)board->config.ramp_ms * 1000;
-    timer->ceiling = timer->cut = board->config.amplitude_ceiling;
     timer->reason = reason;
+    if (first_timer(board)->deadline_us > board->now_us)
+        board->ramp.running = 0; /* HG-6.11/4 */
 }
 
 void output_renew_lease(struct board *board)
@@ -69,51 +74,48 @@ void output_renew_lease(struct board *board)
                     plays ? HG_REASON_UNATTENDED : HG_REASON_HOST_SILENT);
 }
 
-/* A hold that still runs gets its new length; a ramp that has begun goes on, below the new ceiling
-   (HG-7.1/3).  That of the lease is over: SET_CONFIG has renewed it. */
+/* A hold that still runs gets its new length; a ramp that has begun goes on (HG-7.1/3). */
 void output_reconfigure(struct board *board)
 {
     int64_t deadline_us = board->last_boundary_us + (int64_t)board->config.hold_ms * 1000;
 
     if (board->state != HG_STATE_ARMED)
         return;
-    if (board->hold.running && board->hold.deadline_us > board->now_us)
-        start_timer(board, &board->hold, deadline_us > board->now_us ? deadline_us : board->now_us,
-                    HG_REASON_HOLD_EXPIRED);
-    board->hold.cut = lesser(board->hold.cut, board->config.amplitude_ceiling);
+    if (board->hold.deadline_us > board->now_us && board->hold.deadline_us != BOARD_NEVER)
+        board->hold.deadline_us = deadline_us > board->now_us ? deadline_us : board->now_us;
     output_renew_lease(board);
 }
 
-static int64_t end_us(const struct timer *timer)
+/* Return when the ramp begins or began. */
+static int64_t ramp_begins_us(const struct board *board)
 {
-    return timer->running ? timer->deadline_us + timer->ramp_us : BOARD_NEVER;
+    if (board->state != HG_STATE_ARMED)
+        return BOARD_NEVER;
+    return board->ramp.running ? board->ramp.end_us - board->ramp.length_us
+                               : first_timer(board)->deadline_us;
+}
+
+int64_t output_ramp_us(const struct board *board)
+{
+    return board->ramp.running ? BOARD_NEVER : ramp_begins_us(board);
+}
+
+void output_begin_ramp(struct board *board)
+{
+    struct ramp *ramp = &board->ramp;
+
+    ramp->length_us = (int64_t)board->config.ramp_ms * 1000;
+    ramp->end_us = first_timer(board)->deadline_us + ramp->length_us;
+    ramp->ceiling = board->config.amplitude_ceiling;
+    ramp->running = 1;
 }
 
 int64_t output_end_us(const struct board *board)
 {
-    int64_t lease_us = end_us(&board->lease);
-    int64_t hold_us = end_us(&board->hold);
-
-    if (board->state != HG_STATE_ARMED)
-        return BOARD_NEVER;
-    return lease_us < hold_us ? lease_us : hold_us;
+    return board->state == HG_STATE_ARMED && board->ramp.running ? board->ramp.end_us : BOARD_NEVER;
 }
 
-uint8_t output_end_reason(const struct board *board)
-{
-    int by_lease = end_us(&board->lease) <= end_us(&board->hold);
-
-    return by_lease ? board->lease.reason : board->hold.reason;
-}
-
-/* Return when the first ramp begins or began. */
-static int64_t fade_begins_us(const struct board *board)
-{
-    int64_t lease_us = board->lease.running ? board->lease.deadline_us : BOARD_NEVER;
-    int64_t hold_us = board->hold.running ? board->hold.deadline_us : BOARD_NEVER;
-
-    return lease_us < hold_us ? lease_us : hold_us;
-}
+uint8_t output_end_reason(const struct board *board) { return first_timer(board)->reason; }
 
 /* --- Latch (HG-5.8) --------------------------------------------------------------------------- */
 
@@ -136,7 +138,7 @@ static int64_t radiate(struct board *board, int64_t due_us)
         return due_us;
     output_radiated(board, &drive);
     board->shown_us = board->now_us;
-    board->fading = fade_begins_us(board) <= board->now_us;
+    board->fading = board->ramp.running;
     board->shown_settings = board->settings;
     return board->machine.radiate(board->machine.context, &drive, due_us);
 }
@@ -149,7 +151,7 @@ void output_latch(struct board *board, const struct hg_latch_key *key, const str
     board->latched = *drive;
     board->sounding = board->has_latched = 1;
     board->last_boundary_us = board->now_us;
-    board->hold.running = 0; /* HG-6.11/4: a latch ends the ramp of the hold */
+    start_timer(board, &board->hold, BOARD_NEVER, HG_REASON_HOLD_EXPIRED); /* it ends the ramp */
     latch->key = *key;
     latch->number = board->latches++;
     latch->t_us = radiate(board, board->now_us);
@@ -163,8 +165,8 @@ void output_latch(struct board *board, const struct hg_latch_key *key, const str
 
 void output_off(struct board *board)
 {
-    board->lease.running = board->hold.running = 0;
-    board->sounding = board->fading = 0;
+    board->lease.deadline_us = board->hold.deadline_us = BOARD_NEVER;
+    board->sounding = board->fading = board->ramp.running = 0;
     board->ahead.loaded = 0;
     if (board->machine.radiate != NULL)
         board->machine.radiate(board->machine.context, NULL, board->now_us);
@@ -174,15 +176,15 @@ void output_off(struct board *board)
 
 int64_t output_step_us(const struct board *board)
 {
-    int64_t begins_us = fade_begins_us(board);
+    int64_t begins_us = ramp_begins_us(board);
     int64_t next_us = board->shown_us + BOARD_RAMP_STEP_US;
 
     if (board->machine.radiate == NULL || !board->sounding)
         return BOARD_NEVER;
     if (board->shown_settings != board->settings)
         return board->now_us; /* ceiling or correction is another one (HG-7.9) */
-    if (board->fading && begins_us > board->now_us)
-        return board->now_us; /* the timer was renewed: full amplitude again */
+    if (board->fading && !board->ramp.running)
+        return board->now_us; /* full amplitude again */
     return begins_us > next_us ? begins_us : next_us;
 }
 
@@ -194,26 +196,16 @@ void output_step(struct board *board)
 
 /* --- What leaves the transducers (HG-7.9, HG-6.11) -------------------------------------------- */
 
-/* Return what a ramp leaves of a latched amplitude. */
-static uint8_t ramped(const struct board *board, const struct timer *timer, uint8_t latched)
+/* Return what the ramp leaves of a latched amplitude. */
+static uint8_t ramped(const struct board *board, uint8_t latched)
 {
-    int64_t left_us = end_us(timer) - board->now_us;
-    int64_t twice = 2 * lesser(latched, timer->ceiling) * left_us;
+    const struct ramp *ramp = &board->ramp;
+    int64_t left_us = ramp->end_us - board->now_us;
+    int64_t twice = 2 * lesser(latched, ramp->ceiling) * left_us;
 
     if (left_us <= 0)
         return 0;
-    return lesser((uint8_t)((twice + timer->ramp_us) / (2 * timer->ramp_us)), timer->cut);
-}
-
-static void fade(const struct board *board, const struct timer *timer, struct drive *drive)
-{
-    size_t n;
-
-    if (!timer->running || board->now_us < timer->deadline_us)
-        return;
-    for (n = 0; n < board->count; n++)
-        drive->amplitude[n] =
-            lesser(drive->amplitude[n], ramped(board, timer, board->latched.amplitude[n]));
+    return (uint8_t)((twice + ramp->length_us) / (2 * ramp->length_us));
 }
 
 void output_shape(const struct board *board, const struct drive *latched, struct drive *radiated)
@@ -229,11 +221,14 @@ void output_shape(const struct board *board, const struct drive *latched, struct
 
 void output_radiated(const struct board *board, struct drive *drive)
 {
+    size_t n;
+
     if (!board->sounding) {
         memset(drive, 0, sizeof *drive);
         return;
     }
     output_shape(board, &board->latched, drive);
-    fade(board, &board->lease, drive);
-    fade(board, &board->hold, drive);
+    for (n = 0; board->ramp.running && n < board->count; n++)
+        drive->amplitude[n] =
+            lesser(drive->amplitude[n], ramped(board, board->latched.amplitude[n]));
 }

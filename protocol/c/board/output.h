@@ -11,7 +11,9 @@ int output_enter(struct board *board, enum output_input input, uint8_t reason); 
 void output_send_state(struct board *board); /* STATE_CHANGED */
 void output_renew_lease(struct board *board);
 void output_reconfigure(struct board *board);
-int64_t output_end_us(const struct board *board); /* by whichever timer ends first */
+int64_t output_ramp_us(const struct board *board); /* when a ramp is to begin */
+void output_begin_ramp(struct board *board);
+int64_t output_end_us(const struct board *board); /* of the ramp */
 uint8_t output_end_reason(const struct board *board);
 int64_t output_boundary_us(const struct board *board, int64_t t_us);
 void output_latch(struct board *board, const struct hg_latch_key *key, const struct drive *drive,

@@ -19,6 +19,7 @@ from ...board.board import Board
 from ...board.counters import Drop
 from ...board.output import BoardOutput
 from ...board.stream_queue import BoardQueue, QueueEntry, StreamFrame
+from ...board.timers import NEVER_US
 from ...dialects.haptogram import VirtualHaptogramDialect
 from ..mutant import Mutant
 
@@ -228,7 +229,7 @@ class SilenceNotHeld(BoardOutput):
         """Latch a drive."""
         super().latch(key, drive, bits, **how)
         if not drive.amplitude_codes.any():
-            self._timers._hold.stop()
+            self._timers._hold.deadline_us = NEVER_US
 
 
 class DividerOfCrcs(VirtualHaptogramDialect):

@@ -24,7 +24,7 @@ from ...board.playback import BoardPlayback
 from ...board.refusal import RefusalError
 from ...board.registers import radiated_drive_of_registers
 from ...board.stream_queue import StreamFrame
-from ...board.timers import NEVER_US, BoardTimers, Fade
+from ...board.timers import NEVER_US, BoardRamp, BoardTimers, Fade
 from ...dialects.haptogram import VirtualHaptogramDialect
 from ..mutant import Mutant
 
@@ -53,6 +53,9 @@ def _mutant_timer_of_width(field: str, unit_us: int, bits: int) -> type[BoardTim
         def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
             super().reconfigure(now_us, last_latch_us, _narrowed(config))
 
+        def begin_ramp(self, config: Config) -> BoardRamp:
+            return super().begin_ramp(_narrowed(config))
+
     def _narrowed(config: Config) -> Config:
         if field not in Config.WIRE:
             return config
@@ -77,16 +80,13 @@ def _mutant_ramp_on_counter(unit_us: int) -> type[BoardTimers]:
     """Return timers that measure a ramp by a counter of 16 bits; its end is right."""
 
     class OnCounter(BoardTimers):
-        def fades(self, t_us: int) -> tuple[Fade, ...]:
-            found = []
-            for timer in (self._lease, self._hold):
-                fade = timer.fade(t_us)
-                if fade is not None and fade.share > 0:
-                    passed_us = ((t_us - timer.deadline_us) // unit_us & 0xFFFF) * unit_us
-                    share = 1 - passed_us / (timer.end_us - timer.deadline_us)
-                    fade = dataclasses.replace(fade, share=share)
-                found.append(fade)
-            return tuple(fade for fade in found if fade is not None)
+        def fade(self, t_us: int) -> Fade | None:
+            fade, ramp = super().fade(t_us), self.ramp
+            if fade is None or ramp is None or fade.share <= 0:
+                return fade
+            passed_us = ((t_us - ramp.begins_us) // unit_us & 0xFFFF) * unit_us
+            share = 1 - passed_us / (ramp.ends_us - ramp.begins_us)
+            return dataclasses.replace(fade, share=share)
 
     OnCounter.__name__ = f"RampOn16BitCounterOf{unit_us}Us"
     OnCounter.__doc__ = f"Starts a ramp anew whenever a 16-bit counter of {unit_us} µs wraps in it."
@@ -142,7 +142,7 @@ class HoldOutlivesMute(BoardTimers):
 
     def disarm(self) -> None:
         """Stop the lease alone."""
-        self._lease.stop()
+        self._lease.deadline_us = NEVER_US
 
 
 class ConfigSparesHold(BoardTimers):
@@ -173,7 +173,7 @@ class HoldTakenUpByConfig(BoardTimers):
     def reconfigure(self, now_us: int, last_latch_us: int, config: Config) -> None:
         """Apply new timers to a hold that was stopped too."""
         if now_us < self._stopped_us < NEVER_US:
-            self._restart_hold(self._stopped_us, config)
+            self._hold.deadline_us = self._stopped_us
         super().reconfigure(now_us, last_latch_us, config)
 
 
@@ -198,7 +198,7 @@ class CeilingFromNextLatch(BoardOutput):
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
         return radiated_drive_of_registers(
-            drive, self.correction, self._ceiling, self._timers.fades(t_us)
+            drive, self.correction, self._ceiling, self._timers.fade(t_us)
         )
 
 

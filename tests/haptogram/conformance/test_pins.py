@@ -120,20 +120,26 @@ def cut(board):
 
 def set_louder(self, now_us, last_latch_us, config, was=BoardTimers.reconfigure):
     was(self, now_us, last_latch_us, config)
-    self._hold.ceiling = self._hold.cut = config.amplitude_ceiling
+    if self.ramp is not None:
+        self.ramp.ceiling = config.amplitude_ceiling
 
 
 @pytest.mark.parametrize(
-    ("ramp", "wrong"), [(raised, None), (raised, set_louder), (cut, None), (cut, set_louder)]
+    ("ramp", "wrong", "failed"),
+    [
+        (raised, None, set()),
+        (raised, set_louder, {1, 2, 6}),
+        (cut, None, set()),
+        (cut, set_louder, {2, 6}),
+    ],
 )
-def test_a_ramp_keeps_the_ceiling_of_its_beginning(ramp, wrong, tmp_path, monkeypatch):
+def test_a_ramp_keeps_the_ceiling_of_its_beginning(ramp, wrong, failed, tmp_path, monkeypatch):
     if wrong is not None:
         monkeypatch.setattr(BoardTimers, "reconfigure", wrong)
     monkeypatch.setitem(run.__globals__, "all_cases", lambda: (ramp,))
     _, record = captured_suite(tmp_path / "pins.vcd", cases=(ramp.id,))
     found = {r.clause: r.behaviour for r in judge_clauses_by_pins([record])}
-    due = Behaviour.OK if wrong is None else Behaviour.FAILED
-    assert [found[f"HG-6.11/{n}"] for n in (1, 2, 6)] == [due, due, due]
+    assert {n for n in (1, 2, 6) if found[f"HG-6.11/{n}"] is not Behaviour.OK} == failed
 
 
 def test_the_sessions_of_a_run_tell_its_capture_from_that_of_another(healthy):
@@ -211,7 +217,7 @@ def test_crystals_that_drift_apart_are_no_defect_of_the_board(by, healthy):
     results = by_clause(judge_clauses_by_pins([few]))
     assert {r.detail for r in results.values() if r.behaviour is Behaviour.FAILED} == set()
     for clause in ("HG-5.8/1", "HG-8.3/1"):  # where the clock is known well
-        assert 0 < seen(results[clause]) < seen(every[clause]) / 2
+        assert 0 < seen(results[clause]) < 0.6 * seen(every[clause])
 
 
 @pytest.mark.parametrize(
@@ -584,8 +590,7 @@ def test_the_paths_are_those_on_which_the_cases_latch():
 
 def test_a_path_that_the_run_left_out_is_named(healthy):
     results = by_clause(judge_clauses_by_pins([healthy[1]]))
-    left = "; no pin showed PHASES of 5 bits, at once, PHASES of 6 bits, at once"
-    assert results["HG-5.2/1"].detail.endswith(left)
+    assert results["HG-5.3/1"].detail.endswith("; no pin showed DRIVES, at once")
     assert results["HG-5.4/1"].behaviour is Behaviour.NOT_OBSERVED
 
 

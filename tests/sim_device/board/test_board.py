@@ -266,11 +266,11 @@ def test_a_latch_does_not_undo_the_ramp_of_the_lease_but_a_frame_does():
     assert board.radiated(board.now_us).amplitude_codes[0] == 255
 
 
-def test_a_ramp_keeps_its_line_and_a_lower_ceiling_cuts_it_off():
+def test_a_ramp_keeps_its_line_and_the_ceiling_in_force_cuts_it_off():
     config = dataclasses.replace(QUICK, ramp_ms=10, amplitude_ceiling=100, host_timeout_ms=1000)
     board = a_board(config)
     begins_us = latch_now(board) + 3_000
-    settings = ((255, 10, 80), (255, 2000, 60), (30, 0, 30), (255, 10, 30))
+    settings = ((255, 10, 80), (255, 2000, 60), (30, 0, 30), (255, 10, 40))
     for after_ms, (ceiling, ramp_ms, due) in zip((2, 4, 5, 6), settings, strict=True):
         board.advance_to(begins_us + after_ms * 1000)
         board.configure(dataclasses.replace(config, amplitude_ceiling=ceiling, ramp_ms=ramp_ms))

@@ -121,7 +121,7 @@ def output_ramps_keep_their_beginning(board: BoardClient) -> None:
 
 @case(
     "HG-6.11/6",
-    "a lower ceiling cuts a ramp off, and a higher one behind it gives nothing back",
+    "of the ceilings that are set in a ramp the one in force cuts it off; its line goes on",
     variant="ceilings",
     needs=_RAMPS_NEED,
     evidence=SELF_REPORTED,
@@ -161,14 +161,13 @@ def _judge_ramp_with_settings(
     begins = _below_ceiling(_latch_before_ramp(board, plays=plays), ceiling)
     latch_us = board.clock.unwrap(board.status().last_latch_us)
     start_us = latch_us + _HOLD_MS * _MS
-    cut = ceiling
     for place, changes in enumerate(steps, 1):
         at_us = start_us + ramp_ms * _MS * place // (len(steps) + 1)
         board.wire.idle(max(0, at_us - board.clock.device_estimate_us()))
         board.configure(**before | dict(changes))
-        cut = min(cut, board.config.amplitude_ceiling)
         reading = judged_ramp_reading(board, start_us)
         name = f"ceiling {ceiling}, {dict(changes)} meanwhile: "
+        cut = board.config.amplitude_ceiling
         judge_straight_ramp(board, [reading], ramp_ms, begins, name, cut=cut)
     header, _ = judged_mute_by_timer(board, since, 2 * _LONG_MS * _MS, MuteReason.HOLD_EXPIRED)
     name = f"a ramp of {_HOLD_MS} + {ramp_ms} ms, {dict(steps[-1])} meanwhile"
@@ -221,16 +220,19 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
     else:
         latched = _latch_before_ramp(board, plays=False)
     latch_us = board.clock.unwrap(board.status().last_latch_us)
+    frame_us = board.clock.device_us()
     board.wire.idle(5 * _HOLD_MS * _MS)
     board.configure(**long | {"amplitude_ceiling": then})
     if timer == "hold":
         latch_now(board, Drives(bytes(len(latched)) + latched))
-    if timer.startswith("both"):  # the ramp of the hold goes on, as it began
+    if timer.startswith("both"):  # the hold has run out: the ramp goes on, as it began
         start_us = latch_us + short["hold_ms"] * _MS
+        if "lease" in timer:
+            start_us = frame_us + short["host_timeout_ms"] * _MS
         reading = judged_ramp_reading(board, start_us)
-        begins, cut = _below_ceiling(latched, first), min(first, then)
-        name = f"ramps of {timer}, ceiling {first}, then {then}: "
-        judge_straight_ramp(board, [reading], _LONG_MS, begins, name, cut=cut)
+        begins = _below_ceiling(latched, first)
+        name = f"a ramp of {timer}, ceiling {first}, then {then}: "
+        judge_straight_ramp(board, [reading], _LONG_MS, begins, name, cut=then)
         return
     shown = read_back_radiated(board)
     if board.clock.device_us() - latch_us > _LONG_MS * _MS:

@@ -84,11 +84,11 @@ class SceneStates:
                     [*self._begun(1, ramp_ms=_RAMP_MS), self._frame()],
                     *[[]] * 2,
                 ],
-                "in both ramps": lambda: [
+                "in the ramp of the hold, the lease out too": lambda: [
                     [*self._begun(3, hold=2, ramp_ms=_RAMP_MS), self._frame()],
                     *[[]] * 4,
                 ],
-                "in both ramps, that of the lease first": lambda: [
+                "in the ramp of the lease, the hold out too": lambda: [
                     [*self._begun(1, hold=2, ramp_ms=_RAMP_MS), self._frame()],
                     *[[]] * 3,
                 ],
