@@ -126,6 +126,10 @@ _VERIFY_RUN: Final[Rows] = {
         lambda s: _acts_on_a_grid(s) and (s.port is None or s.array is not None),
     ),
     "dialect_option": Acting("with --dialect", lambda s: s.dialect is not None),
+    "backdoor": Acting(
+        "at a --port that is no haptogram:// URL, which has its own",
+        lambda s: s.port is not None and not s.port.startswith(_URL),
+    ),
     **dict.fromkeys(
         ("mode", "lead_ms"),
         Acting(

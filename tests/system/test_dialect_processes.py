@@ -10,6 +10,7 @@ import serial
 
 from dialect_boards import EXPECTED, capture
 from haptogram import VirtualBoard
+from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 
 pytestmark = pytest.mark.pty
@@ -78,3 +79,19 @@ def test_a_client_with_a_rate_that_no_board_has_is_told_once_for_each():
         told = [r["text"] for r in board.records() if r.get("event") == "remark"]
     assert [text for text in told if "9600 baud" in text or "115200 baud" in text] == told
     assert len(told) == 2
+
+
+@pytest.mark.parametrize(("fault", "status"), [((), 0), (("device.dead transducer=17",), 1)])
+def test_verify_judges_an_emulated_board_at_a_port_by_its_back_door(fault, status, capsys):
+    with VirtualBoard(dialect="sonicsurface", faults=fault, reconstruct=False) as board:
+        words = ["--dialect", "sonicsurface", "--object", "point", "--center-mm", "20,10,150"]
+        words += ["--repeat", "3", "--port", board.url, "--backdoor", str(board.backdoor)]
+        assert main(["verify", *words, "--quiet"]) == status
+        out = capsys.readouterr().out
+        assert ("PASS: " if status == 0 else "element 17") in out
+        assert main(["verify", *words, "--quiet"]) == status  # what came before is left out
+
+
+def test_a_back_door_without_a_port_is_refused(capsys):
+    assert main(["verify", "--backdoor", "door.jsonl"]) == 2
+    assert "--backdoor" in capsys.readouterr().err

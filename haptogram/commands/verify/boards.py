@@ -121,12 +121,16 @@ class RunBoards:
     def open(self, show: Show) -> Iterator[BoardUnderTest]:
         """Give the board at a port, else the virtual one, and clean up after it."""
         from haptogram.evidence.boards import PortBoardUnderTest, ProcessBoardUnderTest
+        from haptogram.evidence.dialects.shown_port import ShownPortBoardUnderTest
         from haptogram.evidence.virtual_board import VirtualBoard
 
         config, port = self.config, self.config.link.port
         if port is not None and port.startswith(SCHEME) and self.dialect is not None:
             with self._made.behind_url(port) as board:
                 yield board
+        elif port is not None and config.link.backdoor is not None:
+            with ShownPortBoardUnderTest.opened(port, config.link.backdoor) as shown:
+                yield shown
         elif port is not None:
             yield PortBoardUnderTest(
                 port,

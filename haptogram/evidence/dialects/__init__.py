@@ -1,1 +1,1 @@
-"""Latches of boards of other dialects: of frames, and of clients that do not say what they mean."""
+"""Latches of emulated boards: of frames, of clients that do not say what they mean, at any port."""

@@ -18,6 +18,12 @@ class LinkConfig(Settings):
         help="a board on any pyserial URL (/dev/ttyUSB0, /dev/pts/7, socket://...)",
         absent="a virtual board on a pty, in a process of its own",
     )
+    backdoor: str | None = option(
+        None,
+        unit="PATH|unix:PATH",
+        help="back door of the board at --port, if it is emulated: its latches are the evidence",
+        absent="the board's own word, or the bytes that left the host",
+    )
     dialect: str | None = option(
         None,
         unit="NAME",

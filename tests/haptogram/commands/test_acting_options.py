@@ -30,6 +30,7 @@ CASES = {
         "mode": ("", "--dialect sonicsurface"),
         "lead_ms": ("", "--dialect sonicsurface"),
         "dialect_option": ("--dialect sonicsurface", ""),
+        "backdoor": ("--port /dev/absent", ""),
         "seed": ("", "--port /dev/absent"),
         "view": ("", "--virtual-time"),
         "compensate": ("--calibration elements.csv", RECORDED),

@@ -1,0 +1,146 @@
+"""A board at a port that is emulated: what it latches is seen through its back door."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Final, Protocol, Self
+
+from haptogram.driver.driver import Driver
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.backdoor import (
+    board_model_of_evidence,
+    observed_silences_on_clock_of,
+    why_observations_incomplete,
+)
+from haptogram.evidence.backdoor_stream import BackdoorReader
+from haptogram.evidence.dialects.latches import (
+    are_records_of_another_dialect,
+    dialect_run_observations,
+    has_dialect_latched_all,
+)
+from haptogram.records.frame import Intended, Observation
+from haptogram.records.kept import KeptRecords
+from haptogram.settings.arguments import Progress
+
+_FIRST_S: Final = 5.0  # until the board says what it is
+_LAST_S: Final = 10.0  # until it has told its last latch
+_QUEUE_S: Final = 2.0
+_POLL_S: Final = 0.01
+
+
+class SentFrames(Protocol):
+    """The frames that a driver of any wire has sent, and its session."""
+
+    @property
+    def session(self) -> int:
+        """Nonce of the session; 0 on a wire without sessions."""
+        ...
+
+    @property
+    def intended(self) -> KeptRecords[Intended]:
+        """Frames that were sent or due, in order."""
+        ...
+
+
+class ShownPortBoardUnderTest:
+    """A board that somebody else started, at a port, seen through its back door.
+
+    Parameters
+    ----------
+    url : str
+        Its port.
+    reader : BackdoorReader
+        Its back door.
+
+    Attributes
+    ----------
+    unseen : str or None
+        Why it may have latched what it did not show.
+
+    Raises
+    ------
+    ConfigurationError
+        The back door tells nothing.
+    """
+
+    is_in_process = False
+    fault_counts = None  # it has not ended
+
+    def __init__(self, url: str, reader: BackdoorReader) -> None:
+        self.label, self.port = f"{url}, seen through its back door", url
+        self.unseen: str | None = None
+        self._reader = reader
+        self._records: list[Mapping[str, Any]] = []
+        end_s = time.monotonic() + _FIRST_S
+        while not self._records:
+            self._read()
+            if time.monotonic() > end_s:
+                raise ConfigurationError("--backdoor: no record of a board came")
+        self.model = board_model_of_evidence(self._records[0])
+        while self._read():
+            pass
+        if are_records_of_another_dialect(self._records):
+            del self._records[1:]  # of clients before; frames of other boards carry no number
+
+    @classmethod
+    @contextmanager
+    def opened(cls, url: str, source: str) -> Iterator[Self]:
+        """Open the back door at *source* and give the board."""
+        with BackdoorReader(source) as reader:
+            yield cls(url, reader)
+
+    def prepare(self, driver: Driver) -> None:
+        """Nothing to do: the back door shows everything."""
+
+    def finish(self, driver: Driver) -> None:
+        """Nothing to do: the back door stays open."""
+
+    def wait_for_queue(self, driver: Driver) -> None:  # noqa: ARG002  it cannot tell any more
+        """Wait for the frames that the board still has."""
+        time.sleep(_QUEUE_S)
+
+    def give_up(self) -> bool:
+        """Leave it alone: it is not ours."""
+        return True
+
+    def observations(
+        self,
+        driver: SentFrames,
+        progress: Progress | None = None,
+        *,
+        skip_fields: bool = False,  # noqa: ARG002  the board decides
+    ) -> Sequence[Observation]:
+        """Return the latches of the session, when all that are due have come, or after 10 s."""
+        end_s, total = time.monotonic() + _LAST_S, driver.intended.total
+        while (why := self._why_incomplete(driver)) is not None and time.monotonic() < end_s:
+            self._read()
+            if progress is not None:
+                progress(min(len(self._records), total), total)
+        self.unseen = why
+        return dialect_run_observations(driver.intended, self._records, driver.session)
+
+    def silences(self, driver: Driver) -> list[int]:
+        """Return the records of the back door."""
+        return observed_silences_on_clock_of(driver.intended, self._records)
+
+    def records(self) -> Sequence[Mapping[str, Any]]:
+        """Return the records so far."""
+        return self._records
+
+    def _why_incomplete(self, driver: SentFrames) -> str | None:
+        if are_records_of_another_dialect(self._records):
+            if has_dialect_latched_all(driver.intended, self._records):
+                return None
+            return "the back door has told fewer latches than frames were sent"
+        last = driver.intended[-1].key if driver.intended else None
+        return why_observations_incomplete(self._records, driver.session, last)
+
+    def _read(self) -> bool:
+        """Take the records that have come; return False, a moment later, if none has."""
+        if found := self._reader.read():
+            self._records += found
+            return True
+        time.sleep(_POLL_S)
+        return False
