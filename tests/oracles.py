@@ -137,3 +137,52 @@ def delayed_peak(point, positions, phase_codes, phase_bits, *, frequency, sound_
         )
         for i in range(samples)
     )
+
+
+def _vibration(theta, kelvin):
+    """Heat capacity over R of one vibration of the characteristic temperature *theta*."""
+    x = theta / kelvin
+    return x * x * math.exp(x) / (math.exp(x) - 1.0) ** 2
+
+
+# Share of dry air with 0.04 % of carbon dioxide, g/mol, heat capacity over R without vibrations,
+# and their characteristic temperatures.
+_GASES = [
+    (0.78084, 28.0134, 3.5, [3393.0]),
+    (0.20942, 31.9988, 3.5, [2273.0]),
+    (0.00934, 39.948, 2.5, []),
+    (0.0004, 44.0095, 3.5, [960.0, 960.0, 1932.0, 3380.0]),
+]
+_WATER = (18.01528, 4.03, [2295.0, 5255.0, 5400.0])
+
+
+def _virial_m3(kelvin, water):
+    """Second virial coefficient of humid air.  R. W. Hyland and A. Wexler, ASHRAE Trans., 1983."""
+    t = kelvin
+    air = 34.9568 - 6687.72 / t - 2.10141e6 / t**2 + 9.24746e7 / t**3
+    both = 32.366097 - 14113.8 / t - 1.244535e6 / t**2 - 2.348789e9 / t**4
+    vapour = 8.314462618 * t * (7.0e-3 - 1.47184e-3 * math.exp(1734.29 / t))
+    dry = 1.0 - water
+    return 1e-6 * (dry**2 * air + 2.0 * dry * water * both + water**2 * vapour)
+
+
+def real_gas_speed_m_s(celsius, humidity_percent, pressure_pa):
+    """Speed of sound of humid air from the molecules and the second virial coefficient."""
+    kelvin, gas = celsius + 273.15, 8.314462618
+    # Magnus' formula over water, A. L. Buck, J. Appl. Meteorol. 20, 1981.
+    saturated = 611.21 * math.exp((18.678 - celsius / 234.5) * celsius / (257.14 + celsius))
+    water = humidity_percent / 100.0 * 1.004 * saturated / pressure_pa
+    rows = [((1.0 - water) * share, *row) for share, *row in _GASES] + [(water, *_WATER)]
+    heat = gas * sum(
+        share * (rigid + sum(_vibration(theta, kelvin) for theta in thetas))
+        for share, _, rigid, thetas in rows
+    )
+    mass = 1e-3 * sum(share * molar for share, molar, _, _ in rows)
+    gamma, step = heat / (heat - gas), 0.5
+    below, here, above = (_virial_m3(kelvin + way * step, water) for way in (-1, 0, 1))
+    first, second = (above - below) / (2.0 * step), (above - 2.0 * here + below) / step**2
+    g = gamma - 1.0
+    excess = here + g * kelvin * first + g * g / (2.0 * gamma) * kelvin**2 * second
+    return math.sqrt(
+        gamma * gas * kelvin / mass * (1.0 + 2.0 * pressure_pa / gas / kelvin * excess)
+    )

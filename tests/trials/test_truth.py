@@ -64,9 +64,9 @@ def test_the_truth_takes_nothing_from_the_program():
     assert modules - set(sys.stdlib_module_names) == {"numpy"}
 
 
-def test_the_speed_of_sound_is_that_of_the_standard():
-    assert truth.sound_speed_m_s(20.0) == 343.2
-    assert truth.sound_speed_m_s(0.0) == pytest.approx(331.29, abs=0.01)
+def test_the_speed_of_sound_is_the_printed_one():
+    assert round(truth.sound_speed_m_s(23.0), 5) == 345.86652  # IEC 61094-2:2009, table F.1
+    assert round(truth.sound_speed_m_s(30.0, 60.0), 2) == 350.54
 
 
 @pytest.mark.parametrize(
@@ -81,8 +81,8 @@ def test_the_absorption_is_that_of_iso_9613(temperature_c, humidity, db_m):
 
 def test_humid_air_is_faster():
     assert truth.humid_speed_ratio(20.0, 0.0) == 1.0
-    assert truth.humid_speed_ratio(20.0, 50.0) == pytest.approx(1.00188, abs=2e-5)
-    assert truth.humid_speed_ratio(50.0, 100.0) > 1.015
+    assert truth.humid_speed_ratio(20.0, 50.0) == pytest.approx(1.00182, abs=2e-5)
+    assert truth.humid_speed_ratio(50.0, 50.0) > 1.008
 
 
 def test_the_piston_is_a_bessel_function():

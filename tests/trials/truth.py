@@ -41,9 +41,26 @@ _TURN: Final = 2.0 * math.pi
 # --- air -------------------------------------------------------------------------------------
 
 
-def sound_speed_m_s(temperature_c: float) -> float:
-    """343.2 m/s at 20 degrees Celsius, growing with the root of the absolute temperature."""
-    return 343.2 * math.sqrt((temperature_c + 273.15) / 293.15)
+#: Rows for air, water, pressure and carbon dioxide, columns for powers of the temperature.
+_CRAMER: Final = np.array(
+    [
+        [331.5024, 0.603055, -0.000528],
+        [51.471935, 0.1495874, -0.000782],
+        [-1.82e-7, 3.73e-8, -2.93e-10],
+        [-85.20931, -0.228525, 5.91e-5],
+    ]
+)
+_SQUARES: Final = np.array([0.0, -2.835149, -2.15e-13, 29.179762])
+
+
+def sound_speed_m_s(temperature_c: float, humidity_percent: float = 50.0) -> float:
+    """Of air at 101 325 Pa: Cramer 1993, with vapour and carbon dioxide of IEC 61094-2."""
+    kelvin, pressure = temperature_c + 273.15, 101_325.0
+    terms = [1.2378847e-5 * kelvin**2, -1.9121316e-2 * kelvin, 33.93711047, -6343.1645 / kelvin]
+    vapour = math.exp(sum(terms)) * (1.00062 + 3.14e-8 * pressure + 5.6e-7 * temperature_c**2)
+    shares = np.array([1.0, humidity_percent / 100.0 * vapour / pressure, pressure, 0.0004])
+    linear = shares @ _CRAMER @ temperature_c ** np.arange(3.0)
+    return float(linear + _SQUARES @ shares**2 + 0.000486 * shares[1:].prod())
 
 
 def water_fraction(temperature_c: float, humidity_percent: float) -> float:
@@ -54,9 +71,9 @@ def water_fraction(temperature_c: float, humidity_percent: float) -> float:
 
 
 def humid_speed_ratio(temperature_c: float, humidity_percent: float) -> float:
-    """Speed of sound over that of dry air, of an ideal gas: 5/2 R for air, 3 R for water."""
-    h = water_fraction(temperature_c, humidity_percent)
-    return math.sqrt((7.0 + h) / (5.0 + h) * 5.0 / 7.0 * 29.0 / (29.0 - 11.0 * h))
+    """Speed of sound of air that is so much wetter than 50 %, over that of 50 %."""
+    wetter = sound_speed_m_s(temperature_c, 50.0 + humidity_percent)
+    return wetter / sound_speed_m_s(temperature_c)
 
 
 def absorption_np_m(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Final, Self
@@ -16,7 +17,15 @@ _T_REFERENCE_K: Final = 293.15
 _T_TRIPLE_K: Final = 273.16
 _P_REFERENCE_PA: Final = 101_325.0
 _GAS_CONSTANT_AIR: Final = 287.05  # J/(kg K), dry air
-_SOUND_SPEED_20C_M_S: Final = 343.2
+_LIGHTER_WATER: Final = 0.378  # 1 less the molar mass of water over that of dry air
+#: Molar share of carbon dioxide that IEC 61094-2:2009, annex F, recommends for a laboratory.
+_CARBON_DIOXIDE: Final = 4e-4
+#: Up to this molar share of water Cramer's equation is within 0.15 m/s of the real gas.
+_MOST_WATER: Final = 0.08
+_HUMIDITY_PERCENT: Final = 50.0  # of air of which nobody states another
+#: Air that :func:`air_temperature_c` can name.
+_COLDEST_C: Final = -90.0
+_HOTTEST_C: Final = 90.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +48,7 @@ class Medium:
     --------
     >>> air = Medium.air(temperature_c=25.0, relative_humidity_percent=40.0)
     >>> f"{air.sound_speed_m_s:.1f} m/s"
-    '346.1 m/s'
+    '347.0 m/s'
     """
 
     sound_speed_m_s: float
@@ -55,27 +64,39 @@ class Medium:
     def air(
         cls,
         temperature_c: float = 20.0,
-        relative_humidity_percent: float = 50.0,
+        relative_humidity_percent: float = _HUMIDITY_PERCENT,
         pressure_pa: float = 101_325.0,
         frequency_hz: float = 40e3,
     ) -> Self:
         """Return air at the given state.
 
-        Speed c = 343.2 sqrt(T / 293.15) m/s (ISO 9613-1:1993, 8.2), density of dry air
-        p / (287.05 T), absorption of :func:`iso_9613_absorption_np_m`.
+        Speed of sound: O. Cramer, J. Acoust. Soc. Am. 93(5), 2510, 1993, equation (15), with the
+        water vapour and the 0.04 % of carbon dioxide of IEC 61094-2:2009, annex F.  Stated for 0 to
+        30 degrees, 75 to 102 kPa and 6 % of water; beyond, within 0.15 m/s of the real gas.
+        Density: ideal gas p (1 - 0.378 x) / (287.05 T), x the molar share of water.  Absorption:
+        :func:`iso_9613_absorption_np_m`.
 
         Raises
         ------
         ConfigurationError
-            Outside -20 to 50 degrees Celsius, 10 to 100 % relative humidity, 50 to 200 kPa.
+            Outside -20 to 50 degrees Celsius, 10 to 100 % relative humidity, 50 to 200 kPa, or more
+            than 8 % of the molecules are water.
         """
         absorption = iso_9613_absorption_np_m(
             temperature_c, relative_humidity_percent, pressure_pa, frequency_hz
         )
-        kelvin = temperature_c + _KELVIN
+        water = _air_water_share(temperature_c, relative_humidity_percent, pressure_pa)
+        if water > _MOST_WATER:
+            most = relative_humidity_percent * _MOST_WATER / water
+            raise ConfigurationError(
+                f"relative_humidity_percent is {relative_humidity_percent:g}, must be at most "
+                f"{most:.0f} at {temperature_c:g} degrees Celsius and {pressure_pa:g} Pa: the "
+                f"speed of sound is known up to {_MOST_WATER:.0%} of water"
+            )
+        dry = pressure_pa / (_GAS_CONSTANT_AIR * (temperature_c + _KELVIN))
         return cls(
-            sound_speed_m_s=_SOUND_SPEED_20C_M_S * math.sqrt(kelvin / _T_REFERENCE_K),
-            density_kg_m3=pressure_pa / (_GAS_CONSTANT_AIR * kelvin),
+            sound_speed_m_s=_cramer_speed_m_s(temperature_c, pressure_pa, water),
+            density_kg_m3=dry * (1.0 - _LIGHTER_WATER * water),
             absorption_np_m=absorption,
         )
 
@@ -90,47 +111,83 @@ class Medium:
 
 
 def air_temperature_c(sound_speed_m_s: float) -> float:
-    """Return the temperature of air with this speed of sound, in degrees Celsius.
+    """Return the temperature of air of 50 % humidity with this speed of sound, in degrees Celsius.
 
-    The inverse of :meth:`Medium.air` (ISO 9613-1:1993, 8.2).
+    The inverse of :meth:`Medium.air`; -90 to 90 degrees, the nearer end for other speeds.
 
     Examples
     --------
     >>> round(air_temperature_c(346.0), 1)
-    24.8
+    23.2
     """
-    kelvin = _T_REFERENCE_K * (sound_speed_m_s / _SOUND_SPEED_20C_M_S) ** 2
-    return kelvin - _KELVIN
+    low, high = _COLDEST_C, _HOTTEST_C
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if _humid_speed_m_s(middle, _HUMIDITY_PERCENT) < sound_speed_m_s:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
 
 
+@functools.lru_cache(maxsize=64)
 def air_speed_uncertainty(medium: Medium, temperature_c: float, humidity_percent: float) -> float:
     """Return the relative change of the speed of sound for a change of the air.
 
-    c is in proportion to the root of the absolute temperature.  Of humidity,
-    c / c_dry = sqrt((7 + h) / (5 + h) 5/7 29 / (29 - 11 h)), h the molar share of water vapour
-    (D. A. Bohn, J. Audio Eng. Soc. 36(4), 1988), at standard pressure; :meth:`Medium.air` leaves it
-    out, as ISO 9613-1 does.
-
     Parameters
     ----------
+    medium : Medium
+        Taken for air of 50 % humidity at standard pressure.
     temperature_c, humidity_percent : float
-        Changes either way: degrees, below the absolute temperature, and % of relative humidity.
+        Changes either way: degrees, and % of relative humidity.
 
     Returns
     -------
     float
-        The sum of both.
+        The largest over both, by :meth:`Medium.air`.
 
     Examples
     --------
     >>> round(air_speed_uncertainty(Medium.air(20.0), 1.0, 0.0), 5)
-    0.00171
+    0.00182
     """
-    kelvin = _T_REFERENCE_K * (medium.sound_speed_m_s / _SOUND_SPEED_20C_M_S) ** 2
-    colder = 1.0 / math.sqrt(1.0 - temperature_c / kelvin) - 1.0  # more than warmer
-    water = humidity_percent / 100.0 * _air_saturation_pressure(kelvin)
-    ratio = (7.0 + water) / (5.0 + water) * 5.0 / 7.0 * 29.0 / (29.0 - 11.0 * water)
-    return colder + math.sqrt(ratio) - 1.0
+    here_c = air_temperature_c(medium.sound_speed_m_s)
+    here = _humid_speed_m_s(here_c, _HUMIDITY_PERCENT)
+    colder, warmer = (here_c + way * temperature_c for way in (-1.0, 1.0))
+    least = _humid_speed_m_s(colder, _HUMIDITY_PERCENT - humidity_percent)
+    most = _humid_speed_m_s(warmer, _HUMIDITY_PERCENT + humidity_percent)
+    return max(here / least, most / here) - 1.0
+
+
+def _humid_speed_m_s(temperature_c: float, humidity_percent: float) -> float:
+    """Return the speed of sound of air at standard pressure; beyond all ranges too."""
+    water = _air_water_share(temperature_c, humidity_percent, _P_REFERENCE_PA)
+    return _cramer_speed_m_s(temperature_c, _P_REFERENCE_PA, water)
+
+
+def _air_water_share(temperature_c: float, humidity_percent: float, pressure_pa: float) -> float:
+    """Return the molar share of water vapour.  IEC 61094-2:2009, annex F (R. S. Davis, 1992)."""
+    kelvin = temperature_c + _KELVIN
+    saturated_pa = math.exp(
+        1.2378847e-5 * kelvin**2 - 1.9121316e-2 * kelvin + 33.93711047 - 6343.1645 / kelvin
+    )
+    enhancement = 1.00062 + 3.14e-8 * pressure_pa + 5.6e-7 * temperature_c**2
+    return humidity_percent / 100.0 * enhancement * saturated_pa / pressure_pa
+
+
+def _cramer_speed_m_s(
+    temperature_c: float, pressure_pa: float, water: float, carbon: float = _CARBON_DIOXIDE
+) -> float:
+    """Return the speed of sound by Cramer's equation (15); *water*, *carbon*: molar shares."""
+    t, p = temperature_c, pressure_pa
+    return (
+        (331.5024 + 0.603055 * t - 0.000528 * t**2)
+        + (51.471935 + 0.1495874 * t - 0.000782 * t**2) * water
+        + (-1.82e-7 + 3.73e-8 * t - 2.93e-10 * t**2) * p
+        + (-85.20931 - 0.228525 * t + 5.91e-5 * t**2) * carbon
+        + (-2.835149 * water**2 - 2.15e-13 * p**2 + 29.179762 * carbon**2)
+        + 0.000486 * water * p * carbon
+    )
 
 
 def iso_9613_absorption_np_m(

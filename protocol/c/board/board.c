@@ -37,7 +37,7 @@ static void set_default_config(struct board *board)
     config->ramp_ms = 50;
     config->host_timeout_ms = 500;
     config->status_period_ms = (uint16_t)(least_ms > 100 ? least_ms : 100);
-    config->sound_speed_mm_s = 343200;
+    config->sound_speed_mm_s = 343987;
     config->trace_mode = HG_TRACE_OFF;
     config->amplitude_ceiling = 255;
     config->trace_divider = 1;

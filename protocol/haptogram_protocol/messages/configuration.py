@@ -29,7 +29,7 @@ class Config(Record):
     )
     status_period_ms: int = wire("H", "time between two STATUS events, 0: none", default=100)
     late_window_us: int = wire("I", "lateness up to which a frame is still latched", default=0)
-    sound_speed_mm_s: int = wire("I", "sound speed used for POINTS, mm/s", default=343_200)
+    sound_speed_mm_s: int = wire("I", "sound speed used for POINTS, mm/s", default=343_987)
     trace_mode: TraceMode = wire("B", "trace of latches", enum=TraceMode, default=TraceMode.OFF)
     amplitude_ceiling: int = wire("B", "largest amplitude radiated, 255 = full", default=255)
     trace_divider: int = wire("H", "TRACE_DRIVE of every k-th latch", default=1)

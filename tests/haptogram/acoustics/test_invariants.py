@@ -268,10 +268,10 @@ def test_pistons_nearly_solve_the_helmholtz_equation(array, point, seed):
     ],
 )
 def test_a_wrong_temperature_costs_little_coherence(target, at_5_k, at_10_k):
-    cold = AcousticModel.default(temperature_c=20.0)
+    cold = AcousticModel.default().with_sound_speed(343.2)
     weights = np.exp(1j * focus_phases(cold, target))
     for warmer, expected in ((5.0, at_5_k), (10.0, at_10_k)):
-        warm = AcousticModel.default(temperature_c=20.0 + warmer)
+        warm = cold.with_sound_speed(343.2 * math.sqrt(1.0 + warmer / 293.15))  # dry air
         arrivals = contributions(warm, weights, target)
         coherence = abs(arrivals.sum()) / np.abs(arrivals).sum()
         assert coherence == pytest.approx(expected, abs=6e-5)

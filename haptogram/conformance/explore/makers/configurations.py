@@ -65,7 +65,7 @@ class RandomConfigs(DialogueMaker):
             host_timeout_ms=pick(self._lengths((3, 5, 50), _LEASE_PART)),
             status_period_ms=_STATUS_MS if self.with_status and pick((0, 1, 1)) else 0,
             late_window_us=pick(LATE_WINDOWS_US),
-            sound_speed_mm_s=pick((343_200, 331_000, 352_000, 300_000, 380_000)),
+            sound_speed_mm_s=pick((343_987, 331_000, 352_000, 300_000, 380_000)),
             trace_mode=pick(self.modes()),
             amplitude_ceiling=pick((255, 255, 255, 100, 1, 0)),
             trace_divider=pick((1, 1, 2, 3, 257, 0xFFFF)),

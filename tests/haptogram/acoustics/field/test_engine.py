@@ -381,7 +381,7 @@ from haptogram.acoustics.field.engines.engine import NumbaEngine
 from haptogram.acoustics.solvers.several import solve_foci, weighted_gerchberg_saxton
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 np.seterr(over="ignore")
-flat = AcousticModel.default(3, 2)
+flat = AcousticModel.default(3, 2).with_sound_speed(343.2)
 free = AcousticModel(TransducerArray.from_positions(
     flat.array.positions_m, flat.array.normals + [[0.1 * n, 0, 0] for n in range(6)]),
     flat.medium, flat.transducer)

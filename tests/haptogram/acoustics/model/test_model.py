@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from haptogram.acoustics import AcousticModel, CircularPiston
+from haptogram.acoustics import AcousticModel, CircularPiston, Medium
 
 
 def test_the_default_model():
@@ -14,7 +14,7 @@ def test_the_default_model():
     assert model.transducer.directivity == CircularPiston(4.70e-3)
     assert model.transducer.source_strength_pa_m == 3.10
     assert model.frequency_hz == 40e3
-    assert model.wavelength_m == pytest.approx(343.2 / 40e3, rel=1e-12)
+    assert model.wavelength_m == pytest.approx(Medium.air(20.0, 50.0).sound_speed_m_s / 40e3)
     assert model.wavenumber == pytest.approx(2 * math.pi / model.wavelength_m, rel=1e-12)
 
 

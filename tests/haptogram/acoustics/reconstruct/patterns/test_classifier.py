@@ -222,9 +222,9 @@ def test_a_focus_that_moves_near_the_array_is_named_at_every_step():
 
 def test_a_place_keeps_a_field_when_it_is_fitted_for_the_air_of_the_model():
     """In slower air a focus close to the array would be fitted at a place behind it."""
-    model = AcousticModel.default(8, 8)
+    model = AcousticModel.default(8, 8).with_sound_speed(drives.SPEED_M_S)
     place = np.array([0.03797512, -0.03351748, 0.00298786])
-    phases = drives.focus(model.array.positions_m, place, K / 0.9856051769941331)
+    phases = drives.focus(model.array.positions_m, place, drives.k_of() / 0.9856051769941331)
     found = PatternClassifier(model, 256).classify(drives.radiated(drives.coded(phases, 256), 256))
     assert found.kind == "one focus"
     assert np.array(found.position_m) == pytest.approx(place, abs=1e-3)
