@@ -13,7 +13,7 @@ from haptogram_protocol.messages import Feature, MessageType
 from sim_device.board.settings import ALL_FEATURES
 from virtual_ports import BoardPort
 
-MODEL = AcousticModel.default(4, 4)  # of the board: 343.2 m/s
+MODEL = AcousticModel.default(4, 4)  # the board's own air
 WARM = Medium.air(35.0)
 HOT = Medium.air(45.0)
 PLACES = [(0.01, 0.0, 0.1), (0.0, 0.02, 0.12), (-0.01, -0.01, 0.09)]
@@ -181,7 +181,7 @@ def test_a_board_that_cannot_be_told_is_refused_before_the_first_byte():
             lambda: driver.play(FULL, 500, mode="points"),
         ):
             with pytest.raises(
-                ConfigurationError, match=r"351\.8\d* m/s; the board assumes 343\.2"
+                ConfigurationError, match=r"353\.5\d* m/s; the board assumes 343\.987"
             ):
                 output()
         assert len(port.written) == before

@@ -53,7 +53,7 @@ def test_points_expect_what_the_rounded_foci_give(identity, foci):
         assert abs(turn - round(turn)) <= 0.5001 / 65536
         assert rounded.position_m == (point.x_um / 1e6, point.y_um / 1e6, point.z_um / 1e6)
     weights = superpose_foci(
-        MODEL,
+        MODEL.with_sound_speed(frame.sound_speed_mm_s / 1000),
         [f.position_m for f in frame.foci],
         [f.amplitude for f in frame.foci],
         [f.phase_rad for f in frame.foci],

@@ -88,7 +88,7 @@ def test_the_peak_of_a_right_drive_is_where_rounding_lets_it_be(fresnel_number, 
 
 def test_the_peak_of_a_small_array_far_below_its_target_is_found():
     # 8 x 8 at 250 mm: an ascent without a line search cycled and came out at -217.6 mm.
-    model = AcousticModel.default(8, 8)
+    model = AcousticModel.default(8, 8).with_sound_speed(343.2)
     field = field_of(model, (0.0, 0.0, 0.25))
     _, along = field.peaks
     offset_m = along.place_m - field.position_m
