@@ -16,7 +16,7 @@ DATA = Path(__file__).parents[2] / "data" / "dialects" / "sonicsurface"
 def latches_of(name, *, reconstruct):
     port = open_virtual_port(
         PortConfig(
-            board=BoardConfig.of(dialect="sonicsurface", temperature_c=24.78),
+            board=BoardConfig.of(dialect="sonicsurface", temperature_c=23.21),
             clock="virtual",
             reconstruct=reconstruct,
         )
