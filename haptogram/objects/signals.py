@@ -14,6 +14,7 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_coordinates
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.objects.modulation import FocusFrames
 
+_ROUNDING: Final = 1e-12  # of the mean
 _FOCI_AT_A_TIME: Final = 2048  # their weights: 8 MB over 256 elements
 
 
@@ -58,8 +59,7 @@ class FeltSignal:
         least_share : float
             Lines below that share of the strongest are left out.
         """
-        varying = self.amplitude_pa.copy()
-        varying[0] = 0.0
+        varying = self._varying_pa
         shown = (varying > least_share * varying.max()) & (self.frequency_hz <= highest_hz)
         return list(
             zip(self.frequency_hz[shown].tolist(), self.amplitude_pa[shown].tolist(), strict=True)
@@ -67,10 +67,16 @@ class FeltSignal:
 
     def share_above(self, frequency_hz: float) -> float:
         """Return which share of the power of the vibration is above a frequency."""
-        power = self.amplitude_pa**2
-        power[0] = 0.0
+        power = self._varying_pa**2
         whole = float(power.sum())
         return float(power[self.frequency_hz > frequency_hz].sum()) / whole if whole else 0.0
+
+    @property
+    def _varying_pa(self) -> FloatArray:
+        """Amplitudes without the mean, and without what the rounding of it leaves."""
+        heard = self.amplitude_pa > _ROUNDING * self.amplitude_pa[0]
+        heard[0] = False
+        return np.where(heard, self.amplitude_pa, 0.0)
 
 
 def felt_signal_at(

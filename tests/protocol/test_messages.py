@@ -84,7 +84,7 @@ PAYLOADS: dict[str, tuple[Message, str]] = {
     ),
     "configuration": (
         SetConfig(Config(trace_mode=TraceMode.RING)),
-        "c800 3200 f401 6400 00000000 a03c0500 03 ff 0100",
+        "c800 3200 f401 6400 00000000 b33f0500 03 ff 0100",
     ),
     "drives": (Drives(bytes([10, 20, 255, 128])), "0a14 ff80"),
     "arm reply": (ArmReply(OutputState.ARMED), "01"),

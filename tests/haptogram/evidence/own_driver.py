@@ -10,7 +10,7 @@ import zlib
 import serial
 
 PITCH_M, SIDE = 0.01, 8
-WAVELENGTH_M = 343.2 / 40_000
+WAVELENGTH_M = 343.987 / 40_000
 
 
 def stuffed(data):
