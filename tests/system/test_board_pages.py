@@ -16,8 +16,8 @@ PATIENCE_S = 120
 # For each page what its commands say
 SHOWN = {
     "sonicsurface": "one focus at (20.0, 150.0, -15.0) mm",
-    "ultraino": "one focus at (0.0, 51.4, 0.0) mm",
-    "interactlab": "one focus at (0.0, 0.0, 100.8) mm",
+    "ultraino": "one focus at (0.0, 51.2, 0.0) mm",
+    "interactlab": "one focus at (0.0, 0.0, 100.5) mm",
     "autd3": "one focus at (96.6, 76.7, 150.0) mm",
 }
 ADDRESS = "127.0.0.1:8080"
