@@ -102,7 +102,7 @@ class ViewServer:
             scene.ended |= ended
             self.news.notify_all()
 
-    def frames_after(self, shown: int) -> bytes | None:
+    def frames_after(self, shown: int, patience_s: float = _PATIENCE_S) -> bytes | None:
         """Return the scene of the frames after the first *shown*, or of none if none comes.
 
         None: the page has its own scene.
@@ -110,7 +110,7 @@ class ViewServer:
         if (scene := self.scene) is None:
             return None
         with self.news:
-            self.news.wait_for(lambda: scene.shown > shown or scene.ended, _PATIENCE_S)
+            self.news.wait_for(lambda: scene.shown > shown or scene.ended, patience_s)
             return scene.since(shown)
 
     def close(self) -> None:
@@ -147,9 +147,9 @@ class _ViewHandler(http.server.BaseHTTPRequestHandler):
         elif secrets.compare_digest(path.encode(), view.path.encode()):
             self._answer(view.page.encode(), "text/html; charset=utf-8")
         elif secrets.compare_digest(path.encode(), f"{view.path}frames".encode()):
-            self._answer(
-                view.frames_after(_whole_number_in_view_query(query)), "application/octet-stream"
-            )
+            patience_s = _PATIENCE_S if query else 0.0  # a page that opens has the array at once
+            frames = view.frames_after(_whole_number_in_view_query(query), patience_s)
+            self._answer(frames, "application/octet-stream")
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 

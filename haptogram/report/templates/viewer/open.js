@@ -42,7 +42,7 @@ function tell(root, text) {
 // The next frames are asked for when the last ones are drawn: a slow page skips, and holds nobody up.
 async function follow(root) {
   root.querySelector("[data-part=live]").hidden = false;
-  for (let shown = 0, ended = false; !ended; ) {
+  for (let shown = null, ended = false; !ended; ) {
     const scene = await framesAfter(shown);
     if (scene) {
       ({ shown, ended } = scene.header);
@@ -62,7 +62,8 @@ function take(root, scene) {
 
 async function framesAfter(shown) {
   try {
-    const answer = await fetch(`frames?after=${shown}`);
+    // The first answer comes at once, with the array at least; the next ones wait for frames.
+    const answer = await fetch(shown === null ? "frames" : `frames?after=${shown}`);
     return answer.ok ? unpackScene(await answer.arrayBuffer()) : null;
   } catch {
     return null;
