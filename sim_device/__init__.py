@@ -6,10 +6,11 @@ numerical threads before numpy is imported, and importing this package does noth
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any, Final
+TYPE_CHECKING = False  # without typing: Ctrl-C is answered once .__main__ is loaded
 
 if TYPE_CHECKING:
+    from typing import Any, Final
+
     from .backdoor.recorder import InlineReconstructionWorker
     from .backdoor.worker import ReconstructionWorker
     from .board.board import Board
@@ -35,6 +36,8 @@ _HOME: Final = {
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
 
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import _signal  # type: ignore[import-not-found]  # of signal, the part that is built in
 import os
-import signal
 import sys
-import threading
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NoReturn
 
+TYPE_CHECKING = False  # without typing: the sooner Ctrl-C is answered
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from signal import Handlers
     from sys import UnraisableHookArgs
+    from typing import NoReturn
 
     from .backdoor.line_tap import OpenRecording
 
-_ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_ENDINGS = (_signal.SIGINT, _signal.SIGTERM, _signal.SIGHUP)
 _AGAIN_S = 0.02
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -35,24 +36,26 @@ def main(
     return run(sys.argv[1:] if words is None else words, program or PROGRAM, open_recording)
 
 
-def _answer_signals(handler: signal.Handlers | Callable[..., object]) -> None:
+def _answer_signals(handler: Handlers | Callable[..., object]) -> None:
     for number in _ENDINGS:
         # SIGHUP stays ignored below nohup; SIGINT ends a board that a script started beside it.
-        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, handler)
+        if number != _signal.SIGHUP or _signal.getsignal(number) is not _signal.SIG_IGN:
+            _signal.signal(number, handler)
 
 
 def _leave(*_: object) -> NoReturn:
-    _answer_signals(signal.SIG_IGN)  # another one would cut short what the first one closes
+    _answer_signals(_signal.SIG_IGN)  # another one would cut short what the first one closes
     raise SystemExit(0)
 
 
 def _leave_after_callback(unraisable: UnraisableHookArgs) -> None:
     """Repeat a signal that came inside a callback, as an import has them: its end is dropped."""
+    import threading
+
     if unraisable.exc_type is SystemExit:
         _answer_signals(_leave)
         main_thread = threading.main_thread().ident  # whose wait must end, not that of the timer
-        threading.Timer(_AGAIN_S, signal.pthread_kill, (main_thread, signal.SIGTERM)).start()
+        threading.Timer(_AGAIN_S, _signal.pthread_kill, (main_thread, _signal.SIGTERM)).start()
     else:
         sys.__unraisablehook__(unraisable)
 

@@ -63,14 +63,15 @@ def test_the_end_of_the_program_looks_for_no_cycles():
     assert done.stdout == "end\n"
 
 
-def test_nothing_else_is_loaded_before_an_interrupt_is_answered():
+@pytest.mark.parametrize("entry", ["haptogram.start", "sim_device.__main__"])
+def test_nothing_else_is_loaded_before_an_interrupt_is_answered(entry):
     """Until then Python itself answers, with a traceback."""
     code = "import sys; sys.path.insert(0, ''); import os; before = set(sys.modules)\n"
-    code += "import haptogram.start; print(*sorted(set(sys.modules) - before))"
+    code += f"import {entry}; print(*sorted(set(sys.modules) - before))"
     done = subprocess.run(
         [sys.executable, "-I", "-S", "-c", code], cwd=ROOT, capture_output=True, text=True
     )
-    assert done.stdout.split() == ["__future__", "haptogram", "haptogram.start"], done.stderr
+    assert done.stdout.split() == ["__future__", entry.partition(".")[0], entry], done.stderr
 
 
 #: Says when this program, not the interpreter, answers an interrupt: with its handler in place.
