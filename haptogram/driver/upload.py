@@ -12,7 +12,6 @@ from haptogram.errors import ConfigurationError, DeviceError, WrongProtocolError
 from haptogram.settings.arguments import check_argument_kind
 from haptogram_protocol.messages import (
     ErrorCode,
-    Feature,
     HelloReply,
     Points,
     UploadBegin,
@@ -23,14 +22,10 @@ from haptogram_protocol.messages import (
     UploadCommitReply,
     UploadKind,
 )
+from haptogram_protocol.rules import UPLOAD_CAPABILITIES
 
 _LARGEST_CHUNK: Final = 2048  # leaves room for header, CRC and stuffing in any frame
 _TURN_NS: Final = 100_000_000
-_NEEDS: Final = {
-    UploadKind.PHASES: Feature.SEQUENCE_PHASES,
-    UploadKind.POINTS: Feature.SEQUENCE_POINTS,
-    UploadKind.CORRECTION: Feature.CORRECTION,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +93,7 @@ def _check_upload(identity: HelloReply, kind: UploadKind, size: int) -> None:
     ConfigurationError
         Naming the value and the limit.
     """
-    if not identity.features & _NEEDS[kind]:
+    if not identity.features & UPLOAD_CAPABILITIES[kind]:
         raise ConfigurationError(f"the board takes no uploads of {kind.name.lower()}")
     if size > identity.max_upload_bytes:
         raise ConfigurationError(

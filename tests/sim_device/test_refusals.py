@@ -17,6 +17,7 @@ from haptogram_protocol.messages import (
     FocalPoint,
     GetGeometry,
     GetStatus,
+    MessageType,
     Mute,
     Phases,
     Play,
@@ -33,12 +34,14 @@ from haptogram_protocol.messages import (
     UploadKind,
     build_body,
 )
+from haptogram_protocol.rules import REFUSALS
 from haptogram_protocol.state import MuteReason, OutputState
 from sim_device.board.refusal import RefusalError
 from sim_device.board.settings import ALL_FEATURES, BoardSettings
 from sim_device.simulation import Simulation
 
 MODEL = AcousticModel.default(4, 4)
+_T = MessageType
 
 
 class InProcessPort:
@@ -101,6 +104,66 @@ def begin(kind=UploadKind.PHASES, points=0, target=1, size=32, crc=0):
 def test_requests_that_cannot_be_carried_out(host, request_, code, detail):
     board = host(max_upload_bytes=1_000, max_sequence_frames=5)
     assert refused(board, request_) == (code, detail)
+
+
+STORED = bytes(range(16))
+NO_RADIATED = ALL_FEATURES ^ Feature.READ_RADIATED ^ Feature.CORRECTION
+
+
+def _store(board):
+    board.ask(begin(size=16, crc=zlib.crc32(STORED)))
+    send_chunk(board, 0, STORED)
+    board.ask(UploadCommit(1))
+
+
+def _refusals_in_order(board):
+    """Yield each refusal of table 14.1, met by a request with every defect behind it as well."""
+    past = {"t_apply_us": board.port.simulation.dialect.now_us - 1000}
+    yield _T.GET_GEOMETRY, 0, board.ask(GetGeometry(16, 1))
+    yield _T.READ_DRIVE, 0, board.ask(ReadDrive(9, 99, 1))
+    yield _T.READ_DRIVE, 1, board.ask(ReadDrive(DriveKind.RADIATED, 99, 1))
+    yield _T.READ_DRIVE, 2, board.ask(ReadDrive(DriveKind.LATCHED, 99, 1))
+    yield _T.SET_CONFIG, 0, board.ask(SetConfig(Config(trace_mode=9, hold_ms=0)))
+    yield _T.SET_CONFIG, 1, board.ask(SetConfig(Config(hold_ms=0, trace_divider=0)))
+    yield _T.UPLOAD_CHUNK, 0, send_chunk(board, 8, bytes(33))
+    yield _T.UPLOAD_COMMIT, 0, board.ask(UploadCommit(2))
+    _store(board)
+    board.ask(begin(size=32))
+    yield _T.UPLOAD_CHUNK, 1, send_chunk(board, 8, bytes(33))
+    yield _T.UPLOAD_CHUNK, 2, send_chunk(board, 8, bytes(25))
+    yield _T.UPLOAD_CHUNK, 3, send_chunk(board, 8, bytes(1))
+    yield _T.UPLOAD_COMMIT, 1, board.ask(UploadCommit(2))
+    board.ask(Play(1, 1000, 0, 1000), immediate=True)
+    yield _T.UPLOAD_COMMIT, 2, board.ask(UploadCommit(1))
+    yield _T.UPLOAD_BEGIN, 0, board.ask(begin(9, 1, 1, 1009))
+    yield _T.UPLOAD_BEGIN, 1, board.ask(begin(UploadKind.CORRECTION, 1, 1, 1009))
+    yield _T.PLAY, 0, board.ask(Play(9, 99, 1, 0), **past)
+    board.ask(Stop())
+    yield _T.UPLOAD_COMMIT, 3, board.ask(UploadCommit(1))
+    send_chunk(board, 0, bytes(32))
+    yield _T.UPLOAD_COMMIT, 4, board.ask(UploadCommit(1))
+    yield _T.UPLOAD_BEGIN, 2, board.ask(begin(UploadKind.CORRECTION, 1, 1, 1009))
+    for place, (points, target, size) in enumerate(
+        ((1, 0, 1009), (0, 0, 1009), (0, 1, 1009), (0, 1, 1008), (0, 1, 96)), 3
+    ):
+        yield _T.UPLOAD_BEGIN, place, board.ask(begin(points=points, target=target, size=size))
+    for place, play in enumerate((Play(9, 99, 1, 0), Play(1, 99, 1, 0), Play(1, 100, 1, 0)), 1):
+        yield _T.PLAY, place, board.ask(play, **past)
+    yield _T.PLAY, 4, board.ask(Play(1, 100, 1, 1000), **past)
+    board.port.simulation.dialect.raise_hardware_fault()
+    yield _T.ARM, 0, board.ask(Arm())
+
+
+def test_refusals_come_in_the_order_of_the_table(host):
+    board = host(max_upload_bytes=1_000, max_sequence_frames=5, max_chunk=32, features=NO_RADIATED)
+    met = set()
+    for kind, place, answer in _refusals_in_order(board):
+        row = REFUSALS[kind][place]
+        assert answer.error.code == row.code, row
+        assert not row.detail.isdigit() or answer.error.detail == int(row.detail), row
+        met.add((kind, place))
+    rows = {(kind, place) for kind, rows in REFUSALS.items() for place in range(len(rows))}
+    assert rows - met == {(_T.DISARM, 0)}  # no fault of this board lasts
 
 
 def send_chunk(host, offset, data):

@@ -24,6 +24,7 @@ from haptogram_protocol.messages import (
 )
 
 from .board_client import BoardClient
+from .capabilities import TRACE_MODES
 from .latching import latch_now
 from .playback import phases_that_fit
 from .uploads import upload_to_board
@@ -34,11 +35,6 @@ _SEQUENCE: Final = 7
 _FRAMES: Final = 4
 _PERIOD_US: Final = 1000
 _UNATTENDED_MS: Final = 1000
-_TRACES: Final = (
-    (Feature.TRACE, TraceMode.CRC),
-    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
-    (Feature.TRACE_RING, TraceMode.RING),
-)
 
 
 def full_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
@@ -59,7 +55,7 @@ def _hold_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
     board.hello(board.link.session)
     _ask_in_client_dialogue(board)
     board.link.ask(Arm())
-    for feature, mode in _TRACES:
+    for feature, mode in TRACE_MODES:
         if board.has(feature | Feature.CONFIG):
             board.configure(trace_mode=mode, status_period_ms=board.quick_status_ms)
             _stream_in_client_dialogue(board)

@@ -31,9 +31,9 @@ from haptogram_protocol.messages import (
     UploadCommit,
     UploadKind,
 )
+from haptogram_protocol.rules import PLAYBACK, UPLOADS
 
 from .board_client import BoardClient
-from .capabilities import PLAYBACK, UPLOADS
 from .playback import play_request
 
 MakeMessage: TypeAlias = Callable[[], Message]

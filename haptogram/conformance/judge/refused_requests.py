@@ -34,8 +34,10 @@ from haptogram_protocol.messages import (
     UploadCommit,
     UploadKind,
 )
+from haptogram_protocol.rules import CONFIG_BOUNDS
 
 from ..client.board_client import BoardClient
+from ..client.capabilities import TRACE_MODES
 from ..client.playback import least_period_us, play_request
 from ..outcome import fail
 
@@ -43,16 +45,6 @@ from ..outcome import fail
 STORED: Final = 5
 PENDING: Final = 6
 _ABSENT: Final = 23
-#: Least and most of the fields of the configuration that have bounds (HG-7.1).
-CONFIG_BOUNDS: Final = {
-    "hold_ms": (1, 10_000),
-    "ramp_ms": (0, 2000),
-    "host_timeout_ms": (20, 10_000),
-    "status_period_ms": (10, 65_535),  # or 0: none
-    "late_window_us": (0, 100_000),
-    "sound_speed_mm_s": (300_000, 380_000),
-    "trace_divider": (1, 65_535),
-}
 #: Fields of the configuration with values one beyond a bound, of those that the field can hold.
 OUT_OF_BOUNDS: Final = tuple(
     (name, value)
@@ -94,12 +86,7 @@ class Refusal:
 
 def other_config_than_judged(board: BoardClient) -> Config:
     """Return a valid configuration in which every field that can be set is another one."""
-    modes = (
-        (Feature.TRACE, TraceMode.CRC),
-        (Feature.TRACE_DRIVE, TraceMode.DRIVE),
-        (Feature.TRACE_RING, TraceMode.RING),
-    )
-    offered = [mode for feature, mode in modes if board.has(feature)]
+    offered = [mode for feature, mode in TRACE_MODES if board.has(feature)]
     other = next((mode for mode in offered if mode is not board.config.trace_mode), TraceMode.OFF)
     return dataclasses.replace(
         board.config,

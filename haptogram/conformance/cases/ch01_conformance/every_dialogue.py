@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from haptogram_protocol.messages import Feature
+from haptogram_protocol.rules import UPLOADS
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS
 from ...explore.actions import SLOT_US, UPLOADED, DialogueAction, has_room_in_dialogue
 from ...explore.generator import DialogueGenerator
 from ...explore.lockstep import Lockstep, Played

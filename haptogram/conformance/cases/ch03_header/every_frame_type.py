@@ -21,11 +21,12 @@ from haptogram_protocol.messages import (
     Play,
     UploadChunk,
 )
+from haptogram_protocol.rules import UPLOADS
 
 from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS, requests_that_board_takes, session_for_request
+from ...client.capabilities import requests_that_board_takes, session_for_request
 from ...client.playback import send_phases_that_fit
 from ...client.stream_kinds import (
     refused_requests_to_send,

@@ -25,10 +25,11 @@ from haptogram_protocol.messages import (
     UploadBegin,
     signed_difference,
 )
+from haptogram_protocol.rules import UPLOADS
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS, requests_that_board_takes, session_for_request
+from ...client.capabilities import requests_that_board_takes, session_for_request
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...outcome import SELF_REPORTED, check, not_observed

@@ -16,10 +16,10 @@ from haptogram_protocol.messages import (
     Stop,
     TraceMode,
 )
+from haptogram_protocol.rules import UPLOADS
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS
 from ...client.playback import (
     PERIOD_US,
     play_now,

@@ -21,10 +21,11 @@ from haptogram_protocol.messages import (
     SetConfig,
     UploadChunk,
 )
+from haptogram_protocol.rules import UPLOADS
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS, requests_that_board_takes
+from ...client.capabilities import requests_that_board_takes
 from ...client.wire import ReceivedByClient
 from ...judge.repetition import flags_of_repetition, judge_repeated_reply, requests_to_repeat
 from ...outcome import check

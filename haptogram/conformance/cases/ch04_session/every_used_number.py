@@ -26,11 +26,11 @@ from haptogram_protocol.messages import (
     UploadChunk,
     UploadKind,
 )
+from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import OutputState
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import refused_requests_to_send, valid_requests_to_send
 from ...client.uploads import begin_upload

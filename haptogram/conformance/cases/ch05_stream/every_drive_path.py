@@ -15,6 +15,7 @@ from haptogram_protocol.messages import (
     Points,
     UploadKind,
 )
+from haptogram_protocol.rules import READ_BACKS
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -28,7 +29,6 @@ from ...outcome import SELF_REPORTED, check
 _SPEEDS_MM_S: Final = (300_000, 331_300, 380_000)  # HG-7.1: least, 0 C, most
 _CEILINGS: Final = (1, 100, 254)
 _SEQUENCE: Final = 3
-_SHOWN: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
 
 
 @case(
@@ -135,7 +135,7 @@ def _check_streamed_points(board: BoardClient, name: str, message: Points) -> No
     "HG-7.9/1",
     "on every path the radiated phases are the latched ones and the correction, modulo 256",
     variant="paths",
-    needs=Feature.CORRECTION | _SHOWN,
+    needs=Feature.CORRECTION | READ_BACKS,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
@@ -155,7 +155,7 @@ def every_drive_path_is_corrected(board: BoardClient) -> None:
     "HG-7.9/2",
     "on every path no radiated amplitude is above ceilings of 1, 100 and 254, none below them less",
     variant="paths",
-    needs=Feature.CONFIG | Feature.AMPLITUDE | _SHOWN,
+    needs=Feature.CONFIG | Feature.AMPLITUDE | READ_BACKS,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )

@@ -12,6 +12,7 @@ from haptogram_protocol.messages import Feature, Message, TraceMode
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import TRACE_MODES
 from ...client.latching import ClientLatch, latches_received_from_board
 from ...client.stream_kinds import points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, not_observed
@@ -19,11 +20,6 @@ from ...outcome import SELF_REPORTED, check, not_observed
 _WINDOWS_US: Final = (0, 1, 30, 5_000, 100_000)
 _WALL_WINDOWS_US: Final = (5_000, 100_000)  # where no frame arrives to the microsecond
 _AIMS: Final = 3  # frames sent for one margin, each with the error of the one before
-_MODES: Final = (
-    (Feature.TRACE, TraceMode.CRC),
-    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
-    (Feature.TRACE_RING, TraceMode.RING),
-)
 
 
 def _margins_around_lateness_us(board: BoardClient, window_us: int) -> list[int]:
@@ -39,7 +35,7 @@ def _margins_around_lateness_us(board: BoardClient, window_us: int) -> list[int]
 
 def _settings_of_late_window(board: BoardClient) -> Iterator[tuple[int, TraceMode]]:
     """Yield late windows and trace modes: every window, and every mode in turn."""
-    modes = [mode for feature, mode in _MODES if board.has(feature)] or [TraceMode.OFF]
+    modes = [mode for feature, mode in TRACE_MODES if board.has(feature)] or [TraceMode.OFF]
     windows_us = _WALL_WINDOWS_US if board.wire.limits.slack_us else _WINDOWS_US
     for number, window_us in enumerate(windows_us):
         yield window_us, modes[number % len(modes)]

@@ -15,6 +15,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import TRACE_MODES
 from ...client.drive_paths import registers_asked_for
 from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
@@ -23,11 +24,6 @@ from .every_drop import fill_queue
 
 _WINDOW_US: Final = 100_000
 _WAITING: Final = 3
-_TRACES: Final = (
-    (Feature.TRACE, TraceMode.CRC),
-    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
-    (Feature.TRACE_RING, TraceMode.RING),
-)
 _SEQUENCE: Final = 5
 _DEEPEST: Final = 512
 _STEP_US: Final = 200
@@ -96,7 +92,7 @@ def every_format_flushes_a_full_queue(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def every_format_is_streamed_late(board: BoardClient) -> None:
-    modes = [mode for feature, mode in _TRACES if board.has(feature)] or [TraceMode.OFF]
+    modes = [mode for feature, mode in TRACE_MODES if board.has(feature)] or [TraceMode.OFF]
     modes = modes if board.thorough else modes[:1]
     for mode in modes:
         board.configure(late_window_us=_WINDOW_US, trace_mode=mode)

@@ -18,11 +18,11 @@ from haptogram_protocol.messages import (
     StateChanged,
     Stop,
 )
+from haptogram_protocol.rules import PLAYBACK
 from haptogram_protocol.state import MuteReason, OutputInput, OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import PLAYBACK
 from ...client.latching import latch_now
 from ...client.playback import play_now, play_request, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds

@@ -24,6 +24,7 @@ from haptogram_protocol.messages import (
     TraceMode,
     UploadKind,
 )
+from haptogram_protocol.rules import TRACE_CAPABILITIES
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
@@ -42,11 +43,6 @@ _JUST_RIGHT: Final[tuple[dict[str, Any], ...]] = (
     {"sound_speed_mm_s": 380_000, "trace_divider": 0xFFFF, "status_period_ms": 65_535},
 )
 _FOCUS: Final = FocalPoint(11_000, -7_000, 120_000, 0xFFFF, 0x1234)
-_MODES: Final = {
-    TraceMode.CRC: Feature.TRACE,
-    TraceMode.DRIVE: Feature.TRACE_DRIVE,
-    TraceMode.RING: Feature.TRACE_RING,
-}
 _STATUS_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + StatusReply.LAYOUT.size)))
 
 
@@ -295,7 +291,7 @@ def configuration_has_its_crc(board: BoardClient) -> None:
     needs=Feature.CONFIG,
 )
 def refuses_configuration_of_other_traces(board: BoardClient) -> None:
-    lacking = [int(mode) for mode, feature in _MODES.items() if not board.has(feature)]
+    lacking = [int(mode) for mode, feature in TRACE_CAPABILITIES.items() if not board.has(feature)]
     offset = Config.WIRE["trace_mode"].offset
     for mode in (*lacking, max(TraceMode) + 1, 0xFF):
         payload = bytearray(SetConfig(board.base_config).serialize())

@@ -17,10 +17,10 @@ from haptogram_protocol.messages import (
     UploadCommit,
     UploadKind,
 )
+from haptogram_protocol.rules import UPLOADS
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import UPLOADS
 from ...client.latching import full_client_drive, latch_now, latches_received_from_board
 from ...client.playback import period_to_play, play_out
 from ...client.stream_kinds import random_point_to_send

@@ -19,6 +19,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import TRACE_MODES
 from ...client.drive_paths import drive_paths, registers_asked_for
 from ...client.latching import (
     ClientDrive,
@@ -39,11 +40,6 @@ from ...outcome import SELF_REPORTED, check
 _MS: Final = 1000
 _SEQUENCE: Final = 2
 _CEILING: Final = 100
-_MODES: Final = (
-    (Feature.TRACE, TraceMode.CRC),
-    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
-    (Feature.TRACE_RING, TraceMode.RING),
-)
 
 
 #: Sequences of one frame each, whose keys differ in nothing else.
@@ -85,7 +81,7 @@ def _shown_under_ceiling(board: BoardClient, **changes: Any) -> Iterator[None]:
     depth=Depth.DEFAULT,
 )
 def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
-    for feature, mode in _MODES:
+    for feature, mode in TRACE_MODES:
         if not board.has(feature):
             continue
         with _shown_under_ceiling(board, trace_mode=mode):
@@ -148,7 +144,7 @@ def _check_span_of_read_back(
 )
 def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=4)
-    for feature, mode in _MODES:
+    for feature, mode in TRACE_MODES:
         if not board.has(feature):
             continue
         for ceiling in (0, _CEILING):
@@ -189,7 +185,7 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def traces_of_frames_with_like_keys(board: BoardClient) -> None:
-    for feature, mode in _MODES:
+    for feature, mode in TRACE_MODES:
         if not board.has(feature):
             continue
         board.hello()

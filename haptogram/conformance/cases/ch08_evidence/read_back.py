@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from haptogram_protocol.messages import (
     DriveKind,
     DriveReply,
@@ -13,6 +11,7 @@ from haptogram_protocol.messages import (
     ReadDrive,
     TraceMode,
 )
+from haptogram_protocol.rules import READ_BACKS
 
 from ...case import case
 from ...client.board_client import BoardClient
@@ -26,8 +25,6 @@ from ...client.latching import (
 from ...judge.witness import expect_witnessed_drive
 from ...outcome import SELF_REPORTED, check
 
-_ANY_READ: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
-
 
 @case(
     "HG-8.6/1",
@@ -35,7 +32,7 @@ _ANY_READ: Final = Feature.READ_LATCHED | Feature.READ_RADIATED
     evidence=SELF_REPORTED,
 )
 def reads_back_a_span(board: BoardClient) -> None:
-    board.need_any(_ANY_READ)
+    board.need_any(READ_BACKS)
     kind = DriveKind.LATCHED if board.has(Feature.READ_LATCHED) else DriveKind.RADIATED
     count = board.identity.transducers
     registers = board.random_registers()
@@ -53,7 +50,7 @@ def reads_back_a_span(board: BoardClient) -> None:
 
 @case("HG-8.6/2", "READ_DRIVE from N on is refused with NOT_FOUND, detail N")
 def reads_back_no_more_transducers(board: BoardClient) -> None:
-    board.need_any(_ANY_READ)
+    board.need_any(READ_BACKS)
     count = board.identity.transducers
     for kind, feature in (
         (DriveKind.LATCHED, Feature.READ_LATCHED),

@@ -15,6 +15,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import ALL_MODES
 from ...client.latching import full_client_drive, latch_now
 from ...client.playback import (
     play_out,
@@ -23,12 +24,6 @@ from ...client.playback import (
 )
 from ...outcome import SELF_REPORTED, check
 
-_MODES: Final = (
-    (Feature(0), TraceMode.OFF),
-    (Feature.TRACE, TraceMode.CRC),
-    (Feature.TRACE_RING, TraceMode.RING),
-    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
-)
 _RING_TRIED: Final = 6000  # latches: a longer ring is not filled
 _FILLED_US: Final = 60_000_000  # nor one that takes longer
 
@@ -98,7 +93,7 @@ def trace_ring_is_read(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def trace_ring_counts_latches_of_every_mode(board: BoardClient) -> None:
-    modes = [mode for feature, mode in _MODES if board.has(feature)]
+    modes = [mode for feature, mode in ALL_MODES if board.has(feature)]
     board.hello()
     total = 0
     for mode in [*modes, *reversed(modes)]:

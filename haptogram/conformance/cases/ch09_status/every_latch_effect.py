@@ -18,6 +18,7 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import ALL_MODES
 from ...client.latching import (
     ClientLatch,
     full_client_drive,
@@ -45,12 +46,6 @@ _WINDOW_US: Final = 100_000
 _HOLD_MS: Final = 300
 _HEADERS_BYTES: Final = 100  # of a PING and two stream frames
 _COUNTED: Final = ("accepted", "latched", "late", "flushed")
-_MODES: Final = (
-    (Feature(0), TraceMode.OFF),
-    (Feature.TRACE, TraceMode.CRC),
-    (Feature.TRACE_DRIVE, TraceMode.DRIVE),
-    (Feature.TRACE_RING, TraceMode.RING),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +197,7 @@ def _stored_for_status(board: BoardClient) -> bytes:
 )
 def a_latch_changes_all_of_the_status(board: BoardClient) -> None:
     last = _stored_for_status(board)
-    modes = [mode for feature, mode in _MODES if board.has(feature)]
+    modes = [mode for feature, mode in ALL_MODES if board.has(feature)]
     for mode in modes if board.has(Feature.CONFIG) else [TraceMode.OFF]:
         if board.has(Feature.CONFIG):
             board.configure(trace_mode=mode, late_window_us=_WINDOW_US)

@@ -25,6 +25,7 @@ from haptogram_protocol.messages import (
     UploadCommit,
     UploadKind,
 )
+from haptogram_protocol.rules import CONFIG_BOUNDS
 
 from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
@@ -34,7 +35,6 @@ from ...client.playback import (
     send_phases_to_store,
 )
 from ...client.uploads import SEQUENCES, announce_upload
-from ...judge.refused_requests import CONFIG_BOUNDS
 from ...outcome import SELF_REPORTED, check, fail
 
 _SEQUENCE: Final = 5

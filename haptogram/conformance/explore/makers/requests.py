@@ -25,6 +25,7 @@ from haptogram_protocol.messages import (
     Stop,
     UploadChunk,
 )
+from haptogram_protocol.rules import READ_CAPABILITIES
 
 from ..actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES, UPLOADED
 from ..host import DialogueHost
@@ -274,11 +275,11 @@ class RandomRequests(DialogueMaker):
 
     def _whole_drives(self) -> list[Message]:
         count = self._identity.transducers
-        kinds = {
-            DriveKind.LATCHED: Feature.READ_LATCHED,
-            DriveKind.RADIATED: Feature.READ_RADIATED,
-        }
-        return [ReadDrive(kind, 0, count) for kind, needed in kinds.items() if self._can & needed]
+        return [
+            ReadDrive(kind, 0, count)
+            for kind, needed in READ_CAPABILITIES.items()
+            if self._can & needed
+        ]
 
     def read_backs(self) -> list[MadeAction]:
         """Return requests for the whole drive, latched and radiated."""
