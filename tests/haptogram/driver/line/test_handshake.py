@@ -50,7 +50,7 @@ def test_an_echo():
 def test_a_board_of_another_major_version():
     port = ScriptedPort(error_reply(ErrorCode.VERSION, 7))
     refused(
-        port, VersionMismatchError, "board speaks version 7 of the protocol, this host version 1"
+        port, VersionMismatchError, "board speaks version 7 of the protocol, this host version 2"
     )
 
 
