@@ -210,7 +210,7 @@ EFFECTS: Final[Mapping[str, Mapping[Held, str]]] = {
     },
     "HELLO, open nonce": {},
     "ARM": {Held.LEASE: "anew", Held.NUMBERS: "requests"},
-    "MUTE, any session": {**_OFF, Held.NUMBERS: "requests, if of the session"},
+    "MUTE, any session": {**_OFF, Held.NUMBERS: "requests, if of the session; not remembered"},
     "DISARM": {**_OFF, Held.NUMBERS: "requests"},
     "a fault of the hardware": _OFF,
     "end of a ramp": _OFF,
