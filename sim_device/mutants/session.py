@@ -73,14 +73,6 @@ class DuplicatesApplied(BoardConnection):
         return self._stream_expected + ahead if ahead < 0 else super()._take_index(seq)
 
 
-class LongCutsAreCopies(BoardConnection):
-    """Takes a stream frame for a copy that is more than half of all numbers ahead."""
-
-    def _take_index(self, seq: int) -> int | None:
-        ahead = signed_difference(seq, self._stream_expected, 16)
-        return None if ahead < 0 else super()._take_index(seq)
-
-
 class GapsUncounted(BoardConnection):
     """Does not count the stream frames that are missing."""
 
@@ -291,7 +283,6 @@ MUTANTS: Final = (
     Mutant.of(StaleSessionTaken, "HG-3.7/2", _SELF),
     Mutant.of(DuplicatesApplied, "HG-5.5/1", _SELF),
     Mutant.of(GapsUncounted, "HG-5.5/2", _SELF),
-    Mutant.of(LongCutsAreCopies, "HG-5.5/2", _SELF),
     Mutant.of(RepetitionsDone, "HG-4.9/1", _WIRE),
     Mutant.of(OldRequestsDone, "HG-4.9/3", _WIRE),
     Mutant.of(HelloAlwaysAnew, "HG-4.6/1", _WIRE),
