@@ -22,12 +22,21 @@ from .board.events import (
     Remark,
     SessionOpened,
     StateChange,
+    StreamDropped,
     WireCompared,
 )
 
 _LOG: Final = logging.getLogger(__name__)
 #: What a host brings about by its frames, as often as it likes.
-_FREQUENT: Final = (SessionOpened, StateChange, RampBegan, RampEnded, RadiatedAnew, PlaybackEnd)
+_FREQUENT: Final = (
+    SessionOpened,
+    StateChange,
+    RampBegan,
+    RampEnded,
+    RadiatedAnew,
+    PlaybackEnd,
+    StreamDropped,
+)
 _SECOND_US: Final = 1_000_000
 _ROOM_US: Final = 20 * _SECOND_US
 
@@ -123,6 +132,8 @@ def describe_board_notice(notice: Notice) -> str:
         return "powering down"
     if isinstance(notice, Remark):
         return notice.text
+    if isinstance(notice, StreamDropped):
+        return f"stream frame {notice.index} dropped: {notice.counter}"
     if isinstance(notice, ClientLeft):
         return "the client left"
     if isinstance(notice, WireCompared):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,8 +31,12 @@ def make_run(
     *,
     min_verified: float = 0.0,
     cut: Cut | None = None,
+    held_up: Collection[int] = (),
 ) -> RunVerdict:
-    """Judge a board that latches what it should, but for *change* by frame number."""
+    """Judge a board that latches what it should, but for *change* by frame number.
+
+    Frames in *held_up* were not sent.
+    """
     intended, seen = [], []
     for number, point in enumerate(points):
         wanted = Intended(
@@ -42,8 +46,11 @@ def make_run(
             (Focus.at(point),),
             Drive.from_weights(np.exp(1j * focus_phases(model, np.array(point)))),
             8,
+            t_latest_us=1000 * number if number in held_up else None,
         )
         intended.append(wanted)
+        if number in held_up:
+            continue
         latch = Observation(wanted.key, 1000 * number, False, Evidence.EXTERNAL, wanted.drive)
         changed = (change or {}).get(number, lambda same: same)(latch)
         if changed is not None:

@@ -4,6 +4,7 @@ from collections import deque
 
 from haptogram.errors import LinkLostError
 from haptogram.settings.line import LineSettings
+from sim_device.assembly import HEALTHY
 from sim_device.backdoor.pin_capture import BackdoorPinCapture
 from sim_device.board.settings import BoardSettings
 from sim_device.simulation import Simulation
@@ -19,11 +20,13 @@ class BoardPort:
 
     url = "virtual://board"
 
-    def __init__(self, *, baud=BAUD, tamper=None, faults=None, capture=None, **settings):
+    def __init__(
+        self, *, baud=BAUD, tamper=None, faults=None, capture=None, parts=HEALTHY, **settings
+    ):
         board = BoardSettings(line=LineSettings(baud=baud), **settings)
         self.pins = None if capture is None else BackdoorPinCapture(capture.capture, capture, board)
         recorders = [self] if self.pins is None else [self, self.pins]
-        self.simulation = Simulation(board, *recorders, faults=faults, probe=self.pins)
+        self.simulation = Simulation(board, *recorders, faults=faults, probe=self.pins, parts=parts)
         self.board = self.simulation.dialect.board
         self.latches = []
         self.notices = []

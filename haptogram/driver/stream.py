@@ -215,9 +215,9 @@ class Streamer:
             for number in range(1, len(frames) + 1):
                 frame, index, due_us, wire = ready.popleft()
                 run.wait(due_us)
-                sent = run.send(wire, due_us - frame.ready_after_us(self._identity))
-                noted = self._note(frame, index, due_us)
-                if not sent:
+                times_us = run.send(wire, due_us - frame.ready_after_us(self._identity))
+                noted = self._note(frame, index, due_us, *times_us)
+                if noted.t_sent_us is None:
                     run.skipped.append(noted.number)
                 ready.extend(islice(coming, 1))
                 if progress is not None and number % stride == 0:
@@ -251,9 +251,16 @@ class Streamer:
             index, wire = self._link.connection.stream_frame(frame.message, t_apply_us=due_us)
             yield frame, index, due_us, wire
 
-    def _note(self, frame: Frame, index: int, due_us: int | None) -> Intended:
-        key = FrameKey.of_stream(self._identity.nonce, index)
-        intended = frame.intended(self._intended.total, key, due_us)
+    def _note(
+        self,
+        frame: Frame,
+        index: int,
+        due_us: int | None,
+        latest_us: int | None = None,
+        sent_us: int | None = None,
+    ) -> Intended:
+        key, number = FrameKey.of_stream(self._identity.nonce, index), self._intended.total
+        intended = frame.intended(number, key, due_us, t_latest_us=latest_us, t_sent_us=sent_us)
         self._intended.append(intended)
         return intended
 
@@ -312,9 +319,16 @@ class _StreamRun:
             )
         return clock.to_host_ns(due_us - self.lead_us)
 
-    def send(self, wire: bytes, arrival_us: int) -> bool:
-        """Send a frame; return False if it can no longer be at the board by *arrival_us*."""
+    def send(self, wire: bytes, arrival_us: int) -> tuple[int, int | None]:
+        """Send a frame, unless it can no longer be at the board by *arrival_us*.
+
+        Returns
+        -------
+        t_latest_us, t_sent_us
+            Of :class:`~haptogram.records.frame.Intended`.
+        """
         link = self._link
+        latest_us = arrival_us - -(-self._safety.ns // 1000)
         ready_ns = room_ns = link.now_ns()
         in_time = can_arrive_by_deadline(
             now_ns=ready_ns,
@@ -336,7 +350,9 @@ class _StreamRun:
             done_ns=link.now_ns(),
             line_free_ns=link.line.free_ns,
         )
-        return in_time
+        if not in_time:
+            return latest_us, None
+        return latest_us, self._pinger.clock.to_device_us(max(link.now_ns(), link.line.free_ns))
 
     def wait_for_queue(self, due_us: int) -> None:
         """Wait until the last frame is latched; no frame but a ping renews the lease meanwhile."""

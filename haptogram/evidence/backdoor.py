@@ -33,6 +33,7 @@ from haptogram.acoustics import (
 )
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, FrameKey, Intended, Observation
+from haptogram.records.losses import BoardLosses, FrameDrop
 from haptogram_protocol.messages import unwrap
 
 _KINDS: Final[Mapping[str, type[SingleFocus] | type[NoFocus] | type[NotSingle]]] = {
@@ -47,6 +48,8 @@ _END: Final = "end"
 #: Kinds of the records of latches: of Haptogram's own board, and of boards of other dialects.
 LATCHES: Final = ("latch", "pulses")
 _ARMED: Final = "ARMED"
+#: Reasons for which a timer of the board mutes it: the host, or its stream, fell silent.
+TIMED_OUT: Final = frozenset({"HOLD_EXPIRED", "HOST_SILENT", "UNATTENDED"})
 
 
 class BackdoorFileReader:
@@ -230,6 +233,39 @@ def observed_silences_on_clock_of(
         intended, ((_observed_frame_key(latch), latch["t_latch_us"]) for latch in latches)
     )
     return [t_us + shift_us for t_us in _observed_silences_of(records)]
+
+
+def observed_losses_on_clock_of(
+    intended: Sequence[Intended],
+    records: Sequence[Mapping[str, Any]],
+    *,
+    is_machine_in_between: bool,
+) -> BoardLosses:
+    """Return what *records* say of frames that were not latched, counted as *intended* is."""
+    output = [record for record in records if record["kind"] == "output"]
+    drops = [record for record in output if record["event"] == "dropped"]
+    states = [r for r in output if r["event"] == "state" and r["state"] != _ARMED]
+    latches = (record for record in records if record["kind"] == "latch")
+    shift_us = _shift_of_observations_us(
+        intended,
+        (
+            *((_observed_frame_key(latch), latch["t_latch_us"]) for latch in latches),
+            *((_dropped_frame_key(drop), drop["t_us"]) for drop in drops),
+        ),
+    )
+    return BoardLosses(
+        drops={
+            _dropped_frame_key(drop): FrameDrop(drop["counter"], drop["t_us"] + shift_us)
+            for drop in drops
+        },
+        timeouts_us=tuple(r["t_us"] + shift_us for r in states if r["reason"] in TIMED_OUT),
+        mutes_us=tuple(r["t_us"] + shift_us for r in states if r["requested"]),
+        is_machine_in_between=is_machine_in_between,
+    )
+
+
+def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
+    return FrameKey.of_stream(record["session"], record["index"])
 
 
 def _shift_of_observations_us(

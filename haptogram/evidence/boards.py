@@ -13,7 +13,9 @@ from haptogram.driver.line.budget import BITS_PER_BYTE, frame_bytes_on_line
 from haptogram.driver.line.port import Transport
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
+    TIMED_OUT,
     observed_fault_counts,
+    observed_losses_on_clock_of,
     observed_silences_on_clock_of,
     why_observations_incomplete,
 )
@@ -21,6 +23,7 @@ from haptogram.evidence.dialects.latches import dialect_run_observations
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import KeptRecords
+from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import Feature, HelloReply, StateChanged, TraceDrive, TraceMode
 from haptogram_protocol.state import OutputState
@@ -101,6 +104,10 @@ class BoardUnderTest(Protocol):
         """
         ...
 
+    def losses(self, driver: Driver) -> BoardLosses:
+        """Return what is known of frames that it did not latch, once the observations are there."""
+        ...
+
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of its back door so far; none, if it has no back door."""
         ...
@@ -172,6 +179,10 @@ class ProcessBoardUnderTest:
     def silences(self, driver: Driver) -> list[int]:
         """Return the records of the back door."""
         return observed_silences_on_clock_of(driver.intended, self._board.records())
+
+    def losses(self, driver: Driver) -> BoardLosses:
+        """Return the records of the back door."""
+        return self._board.losses(driver.intended)
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of the back door."""
@@ -245,6 +256,12 @@ class InProcessBoardUnderTest:
         """Return the records of the back door."""
         return observed_silences_on_clock_of(driver.intended, self._records())
 
+    def losses(self, driver: Driver) -> BoardLosses:
+        """Return the records of the back door; in virtual time nobody waits for a processor."""
+        return observed_losses_on_clock_of(
+            driver.intended, self._records(), is_machine_in_between=False
+        )
+
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of the back door."""
         return self._records()
@@ -272,6 +289,8 @@ class PortBoardUnderTest:
     ----------
     url : str
         Any pyserial URL.
+    baudrate : int or None
+        Rate of its line; None: it has none, as a socket and a pseudo-terminal.
     rate_hz : float
         Frames per second that it will be sent.
     board_computes : bool
@@ -286,7 +305,9 @@ class PortBoardUnderTest:
     fault_counts = None  # it may have any, and does not say
     is_in_process = False
 
-    def __init__(self, url: str, *, baudrate: int, rate_hz: float, board_computes: bool) -> None:
+    def __init__(
+        self, url: str, *, baudrate: int | None, rate_hz: float, board_computes: bool
+    ) -> None:
         self.label = url
         self.port = url
         self.model = None
@@ -344,6 +365,8 @@ class PortBoardUnderTest:
 
     def _divider(self, identity: HelloReply) -> int:
         """Return k so that every k-th drive in full leaves half of the line free."""
+        if self._baudrate is None:
+            return 1
         size = frame_bytes_on_line(TraceDrive.LAYOUT.size + 2 * identity.transducers)
         carried_hz = self._baudrate * _TRACE_SHARE / BITS_PER_BYTE / size
         return max(1, math.ceil(self._rate_hz / carried_hz))
@@ -394,3 +417,14 @@ class PortBoardUnderTest:
             if isinstance(event.message, StateChanged)
             and event.message.state is not OutputState.ARMED
         ]
+
+    def losses(self, driver: Driver) -> BoardLosses:
+        """Return when a timer of the board muted it, by its own word."""
+        return BoardLosses(
+            timeouts_us=tuple(
+                driver.time_of_event_us(event)
+                for event in driver.events
+                if isinstance(event.message, StateChanged)
+                and event.message.reason.name in TIMED_OUT
+            )
+        )

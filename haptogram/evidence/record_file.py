@@ -87,7 +87,8 @@ class RecordFile(ClosedByWith):
             return
         slot = self._slot_of(entry)
         key = dataclasses.astuple(entry.key)
-        self._write("intended", number=entry.number, key=key, t=entry.t_apply_us, slot=slot)
+        times = {"t": entry.t_apply_us, "latest": entry.t_latest_us, "sent": entry.t_sent_us}
+        self._write("intended", number=entry.number, key=key, slot=slot, **times)
 
     def _slot_of(self, entry: Intended) -> int:
         """Return the slot that holds what *entry* is, filled if it was not."""
@@ -208,8 +209,18 @@ class _BoardRecordReader:
         found = tuple(Focus((x, y, z), level, lag) for x, y, z, level, lag in foci)
         self._slots[slot] = {"foci": found, "drive": _drive_of_record(drive)} | others
 
-    def _intended(self, number: int, key: list[int], t: int | None, slot: int) -> None:
-        self.records.intended.append(Intended(number, FrameKey(*key), t, **self._slots[slot]))
+    def _intended(
+        self,
+        number: int,
+        key: list[int],
+        t: int | None,
+        slot: int,
+        latest: int | None = None,
+        sent: int | None = None,
+    ) -> None:
+        times = {"t_latest_us": latest, "t_sent_us": sent}
+        frame = Intended(number, FrameKey(*key), t, **self._slots[slot], **times)
+        self.records.intended.append(frame)
 
     def _observation(self, key: list[int], drive: Any, evidence: str, **others: Any) -> None:
         seen = Observation(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ from haptogram.objects.run_frames import (
 )
 from haptogram.records.frame import STREAM, Intended, Observation
 from haptogram.records.kept import only_kept_records
+from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import Progress
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.verification import (
@@ -75,6 +77,8 @@ class RunRecord:
         What was odd.
     silences : list of int
         Device times at which the output fell silent.
+    losses : BoardLosses or None
+        What is known of frames that the board did not latch; None: on other wires.
     fault_counts : dict of str to int, or None
         How often each fault on purpose has fired; None: there was none, or the board did not tell.
     troubles : dict of str to dict of str to int
@@ -93,6 +97,7 @@ class RunRecord:
     unseen: str | None = None
     warnings: list[str] = field(default_factory=list)
     silences: list[int] = field(default_factory=list)
+    losses: BoardLosses | None = None
     fault_counts: dict[str, int] | None = None
     troubles: dict[str, dict[str, int]] = field(default_factory=dict)
 
@@ -113,6 +118,7 @@ class RunRecord:
             cut=self.cut,
             unseen=self.unseen,
             silences=self.silences,
+            losses=self.losses,
             tolerance=tolerance,
             uncertainty=uncertainty,
             progress=progress,
@@ -167,6 +173,7 @@ def measure_run(
     )
     found.intended = driver.intended
     total = shown.count * config.pace.repeat
+    growth: dict[str, int] = {}
     try:
         if elements is not None:
             note_calibration_of_run(found, elements, driver.model)
@@ -179,8 +186,9 @@ def measure_run(
                 driver.arm()  # now: the lease would run out while a solver is at work
                 found.report = _display_run(config, driver, frames, progress)
             board.finish(driver)  # after an interrupt as well: the board is there
+            growth = _growth_of_run(driver, before)
             found.troubles = _troubles_of_run(
-                driver, before, _OWN_MUTE if found.interrupted else ()
+                driver, growth, _OWN_MUTE if found.interrupted else ()
             )
     finally:
         close_driver_of_run(driver, found)
@@ -191,6 +199,11 @@ def measure_run(
     if tap is not None:
         tap.tell(board.records())
     found.silences = board.silences(driver)
+    found.losses = dataclasses.replace(
+        board.losses(driver),
+        counters=found.troubles.get("board", {}),
+        latched=growth.get("latched"),
+    )
     found.unseen, found.fault_counts = board.unseen, board.fault_counts
     return found
 
@@ -279,16 +292,20 @@ def _cut_of_run(
         board.wait_for_queue(driver)
 
 
+def _growth_of_run(driver: Driver, before: Counters) -> dict[str, int]:
+    """Return by how much every counter of the board grew."""
+    after = driver.status().counters
+    return {
+        name: (getattr(after, name) - getattr(before, name)) % (1 << 32) for name in Counters.WIRE
+    }
+
+
 def _troubles_of_run(
-    driver: Driver, before: Counters, expected: Iterable[str]
+    driver: Driver, growth: dict[str, int], expected: Iterable[str]
 ) -> dict[str, dict[str, int]]:
     """Return what both sides of the line counted that should not have been."""
     fine = GROWING_COUNTERS.union(expected)
-    after = driver.status().counters
-    by_board = {
-        name: (getattr(after, name) - getattr(before, name)) % (1 << 32) for name in Counters.WIRE
-    }
-    sides = {"board": by_board, "host": driver.link_counters}
+    sides = {"board": growth, "host": driver.link_counters}
     bad = {
         side: {name: count for name, count in counts.items() if count and name not in fine}
         for side, counts in sides.items()

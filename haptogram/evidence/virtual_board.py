@@ -22,6 +22,7 @@ from haptogram.evidence.backdoor import (
     board_model_of_evidence,
     observations_of_backdoor,
     observed_fault_counts,
+    observed_losses_on_clock_of,
     observed_silences_on_clock_of,
 )
 from haptogram.evidence.board_process import BoardProcess
@@ -33,6 +34,7 @@ from haptogram.evidence.dialects.latches import (
 from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.working_folder import WorkingFolder
 from haptogram.records.frame import Intended, Observation, check_intended
+from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import (
     check_argument_kind,
     check_callable,
@@ -156,6 +158,7 @@ class VirtualBoard(ClosedByWith):
     ) -> None:
         if config.dialect is None:  # before a process is started, so that it can be refused
             self.model = _model_of_virtual_board(config, elements)
+        self._has_faults = bool(config.plan.faults)
         self._folder = WorkingFolder("haptogram-board-")
         self.backdoor = records = self._folder.path / "backdoor.jsonl"
         self.url = str(self._folder.path / "board")
@@ -293,6 +296,16 @@ class VirtualBoard(ClosedByWith):
             uncertainty=uncertainty,
             unseen=unseen,
             silences=observed_silences_on_clock_of(intended, self.records()),
+            losses=self.losses(intended),
+        )
+
+    def losses(self, intended: Sequence[Intended]) -> BoardLosses:
+        """Return what the back door says of frames of *intended* that were not latched.
+
+        Where faults on purpose delay the line, late arrival is theirs and not the machine's.
+        """
+        return observed_losses_on_clock_of(
+            intended, self.records(), is_machine_in_between=not self._has_faults
         )
 
     # --- process -------------------------------------------------------------------------------

@@ -159,6 +159,11 @@ class Intended:
     solver : str
         Method by which the host made the drive of several foci, see
         :func:`haptogram.acoustics.solvers.several.solve_foci`.
+    t_latest_us : int or None
+        Device time by which its last byte had to be at the board, less the error of the clocks;
+        None: at no certain time, or nobody says.
+    t_sent_us : int or None
+        Device time at which its last byte left the host; None: it did not, or nobody says.
 
     Examples
     --------
@@ -178,6 +183,15 @@ class Intended:
     board_computed: bool = False
     solver: Method = "naive"
     phase_steps: int | None = None
+    t_latest_us: int | None = None
+    t_sent_us: int | None = None
+
+    @property
+    def is_held_up(self) -> bool:
+        """True if the host sent it too late, or not at all."""
+        if self.t_latest_us is None:
+            return False
+        return self.t_sent_us is None or self.t_sent_us > self.t_latest_us
 
     @property
     def steps(self) -> int:

@@ -10,6 +10,7 @@ from .faults import name_drive_faults
 from .frame.judge import FrameJudge
 from .frame.target import check_frame_tolerance
 from .frame.verdict import (
+    MISSED,
     Consequence,
     Cut,
     FrameStatus,
@@ -18,6 +19,7 @@ from .frame.verdict import (
     verdict_consequence_text,
     verdict_pressure_text,
 )
+from .losses import LOST_BY_BOARD
 from .run import check_run_judgement, verify_run
 from .run_verdict import (
     RunVerdict,
@@ -36,6 +38,8 @@ from .tolerance import (
 )
 
 __all__ = [
+    "LOST_BY_BOARD",
+    "MISSED",
     "REAL_BOARD",
     "Consequence",
     "Cut",

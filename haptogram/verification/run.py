@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import NoneType
 from typing import Final, TypeVar
 
@@ -19,6 +19,7 @@ from haptogram.records.frame import (
     check_intended,
 )
 from haptogram.records.kept import KeptRecords
+from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import (
     Progress,
     check_argument_kind,
@@ -29,13 +30,15 @@ from haptogram.settings.arguments import (
 
 from .consequences.effect import RunConsequences
 from .consequences.held import (
+    DueFrame,
     HeldFocus,
     consequence_of_held_focus,
     due_frames_of_consequences,
     focus_still_held,
 )
 from .frame.judge import FrameJudge, lost_frame_verdict
-from .frame.verdict import JUDGED, Cut, FrameStatus, FrameVerdict, Verdict
+from .frame.verdict import JUDGED, MISSED, Cut, FrameStatus, FrameVerdict, Verdict
+from .losses import LossJudge, lost_frames_reason, unnamed_losses_reason
 from .run_verdict import RunVerdict
 from .tolerance import Tolerance, Uncertainty
 
@@ -51,6 +54,7 @@ def verify_run(
     cut: Cut | None = None,
     unseen: str | None = None,
     silences: Iterable[int] = (),
+    losses: BoardLosses | None = None,
     tolerance: Tolerance | None = None,
     uncertainty: Uncertainty | None = None,
     progress: Progress | None = None,
@@ -67,7 +71,8 @@ def verify_run(
     model : AcousticModel
         Array and air that the drives were radiated in.
     min_verified : float
-        Share of the intended frames that must be verified, 0 to 1.
+        Share of the intended frames that must be verified, 0 to 1.  It is about evidence: a frame
+        that the board lost fails the run.
     cut : Cut, optional
         How the run ended before its end: then it can fail, but not pass.
     unseen : str, optional
@@ -76,6 +81,9 @@ def verify_run(
     silences : iterable of int
         Device times at which the output fell silent, on the clock of *intended*: what was latched
         before is no longer radiated then.
+    losses : BoardLosses, optional
+        What board and back door say of frames that were not latched; by default the host's own
+        record of each frame decides whose loss it is, where the board showed any latch at all.
     tolerance : Tolerance, optional
         Which misses pass on top of those of rounding of the phases; by default none.
     uncertainty : Uncertainty, optional
@@ -104,6 +112,7 @@ def verify_run(
     check_argument_kind("observations", observations, Iterable, "an iterable of Observation")
     check_argument_kind("cut", cut, (Cut, NoneType), "a Cut, or None")
     check_argument_kind("unseen", unseen, (str, NoneType), "a text, or None")
+    check_argument_kind("losses", losses, (BoardLosses, NoneType), "a BoardLosses, or None")
     check_argument_kind("silences", silences, Iterable, "an iterable of times in µs")
     check_callable("progress", progress)
     _check_keys_of_intended_run(intended)
@@ -124,30 +133,28 @@ def verify_run(
     )
     frames: list[FrameVerdict] = []
     held: HeldFocus | None = None
+    missed = _MissedFrames(intended, seen, losses, unseen, cut)
     quiet_us = sorted(check_whole("silences", t, -(2**63), 2**63, "µs") for t in silences)
     for number, (wanted, due) in enumerate(
         zip(intended, due_frames_of_consequences(intended, seen), strict=True)
     ):
         latches = seen.pop(wanted.key, [])
-        verdict = (
-            judge.judge(wanted, latches[0])
-            if latches
-            else _missing_evidence_of_run(wanted, unseen, cut)
-        )
-        if verdict.late or verdict.status is FrameStatus.LOST:
+        verdict = judge.judge(wanted, latches[0]) if latches else missed.judge(wanted, due)
+        if verdict.late or verdict.status in MISSED:
             effect = consequence_of_held_focus(model, wanted, focus_still_held(held, due, quiet_us))
             verdict = dataclasses.replace(verdict, consequence=effect)
         seen_by_board = sum(latch.evidence is not Evidence.WIRE for latch in latches)
         frames.append(dataclasses.replace(verdict, latches=seen_by_board))
         if latches:
             held = HeldFocus.after(wanted, latches[0], verdict)
+            missed.losses.latched(latches[0].t_latch_us)
         elif unseen is not None:
             held = HeldFocus(
                 None, verdict.target_m, due.latest_us
             )  # who knows whether it was latched?
         if progress is not None:
             progress(number + 1, len(intended))
-    run = _conclude_run_verdict(frames, sorted(seen), min_verified, cut, quiet_us, not_kept)
+    run = _conclude_run_verdict(frames, sorted(seen), min_verified, cut, quiet_us, not_kept, losses)
     return dataclasses.replace(run, tolerance=judge.tolerance, uncertainty=judge.uncertainty)
 
 
@@ -201,14 +208,36 @@ def _run_verdict_of_kept(
     )
 
 
-def _missing_evidence_of_run(wanted: Intended, unseen: str | None, cut: Cut | None) -> FrameVerdict:
-    """Return the verdict of a frame that nobody saw latched."""
-    verdict = lost_frame_verdict(wanted)
-    if cut is not None and cut.cancelled(wanted.t_apply_us):
-        return dataclasses.replace(verdict, status=FrameStatus.CANCELLED)
-    if unseen is None:
-        return verdict
-    return dataclasses.replace(verdict, status=FrameStatus.NOT_VERIFIED, note=unseen)
+class _MissedFrames:
+    """Judges the frames that nobody saw latched."""
+
+    def __init__(
+        self,
+        intended: Sequence[Intended],
+        seen: Mapping[FrameKey, Sequence[Observation]],
+        losses: BoardLosses | None,
+        unseen: str | None,
+        cut: Cut | None,
+    ) -> None:
+        self.losses = LossJudge(BoardLosses() if losses is None else losses)
+        self._cut = cut
+        is_shown = losses is not None or any(
+            latch.evidence is not Evidence.WIRE for latches in seen.values() for latch in latches
+        )
+        self._unseen = _NOTHING_SHOWN if unseen is None and not is_shown else unseen
+        self._after = max((f.number for f in intended if f.key in seen), default=-1)
+
+    def judge(self, wanted: Intended, due: DueFrame) -> FrameVerdict:
+        """Return the verdict of a frame that nobody saw latched."""
+        if self._cut is not None and self._cut.cancelled(wanted.t_apply_us):
+            return dataclasses.replace(lost_frame_verdict(wanted), status=FrameStatus.CANCELLED)
+        verdict, why = self.losses.judge(wanted, due), self._unseen
+        is_broken = self._cut is not None and self._cut.muted_us is None
+        if why is None and self._cut is not None and is_broken and wanted.number > self._after:
+            why = self._cut.reason  # who knows whether it was still on the line?
+        if why is None or verdict.status is not FrameStatus.LOST:
+            return verdict
+        return dataclasses.replace(verdict, status=FrameStatus.NOT_VERIFIED, faults=(), note=why)
 
 
 def _check_keys_of_intended_run(intended: Sequence[Intended]) -> None:
@@ -224,12 +253,17 @@ def _conclude_run_verdict(
     cut: Cut | None,
     quiet_us: Sequence[int],
     not_kept: int,
+    losses: BoardLosses | None,
 ) -> RunVerdict:
     not_sent = 0 if cut is None else cut.not_sent
     counts = _run_verdict_counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
     effect = RunConsequences.of(frames, quiet_us)
     run = RunVerdict(Verdict.PASS, (), frames, unexpected, min_verified, counts, effect)
-    wrong = [
+    lost = (
+        lost_frames_reason(frames, run.due, losses),
+        None if cut is not None else unnamed_losses_reason(frames, run.due, losses),
+    )
+    wrong = [reason for reason in lost if reason is not None] + [
         f"{number} {'frame' if number == 1 else 'frames'} {text}"
         for name, text in _FAILURES.items()
         if (number := counts[name])
@@ -245,6 +279,7 @@ def _conclude_run_verdict(
         only = {frame.evidence for frame in frames} == {Evidence.WIRE}
         missing.append(
             f"{counts['verified']} of {run.due} frames were verified; {needed} must be"
+            + (f": this machine held up {held_up}" if (held_up := counts["held_up"]) else "")
             + (
                 ": what left the host is all that was seen, and nothing of the board"
                 if only
@@ -255,6 +290,7 @@ def _conclude_run_verdict(
     return dataclasses.replace(run, verdict=verdict, reasons=(*wrong, *missing))
 
 
+_NOTHING_SHOWN: Final = "no latch of the board was seen at all"
 _FAILURES: Final = {
     "off_target": "off target",
     "wrong_drive": "with a wrong drive",
@@ -277,6 +313,7 @@ def _run_verdict_counts(frames: list[FrameVerdict], unexpected: list[FrameKey]) 
         "corrupt": by_status[FrameStatus.CORRUPT],
         "not_verified": by_status[FrameStatus.NOT_VERIFIED],
         "lost": by_status[FrameStatus.LOST],
+        "held_up": by_status[FrameStatus.HELD_UP],
         "cancelled": by_status[FrameStatus.CANCELLED],
         "late": sum(frame.late for frame in frames),
         "early": sum(frame.early for frame in frames),

@@ -125,9 +125,9 @@ class RunVerdict:
 
     @property
     def too_few(self) -> bool:
-        """True if fewer frames were verified than had to be, or none."""
-        verified = self.counts["verified"]
-        return not verified or verified < self.min_verified * self.due
+        """True if fewer frames were verified than had to be, or none; lost ones are no evidence."""
+        verified, lost = self.counts["verified"], self.counts["lost"]
+        return not (verified or lost) or verified < self.min_verified * (self.due - lost)
 
     def values(self, name: str) -> np.ndarray:
         """Return one measure of all frames that have it, e.g. ``"axial_error_mm"``."""
@@ -201,7 +201,8 @@ def _run_verdict_summary(run: RunVerdict) -> Iterator[str]:
     yield run.sentence
     yield (
         f"  frames    {counts['sent']} sent, {counts['latched']} latched, "
-        f"{counts['verified']} verified, {counts['lost']} lost, {counts['late']} late"
+        f"{counts['verified']} verified, {counts['lost']} lost, {counts['held_up']} held up, "
+        f"{counts['late']} late"
         f"{cut_run_verdict_text(counts)}"
     )
     if result["lateral_error_mm"]["max"] is not None:

@@ -26,6 +26,7 @@ from ..board.events import (
     Remark,
     SessionOpened,
     StateChange,
+    StreamDropped,
     WireCompared,
 )
 from ..board.settings import BoardSettings
@@ -174,6 +175,9 @@ def _backdoor_output_change(notice: Notice) -> Record:
     if isinstance(notice, StateChange):
         names = {"state": notice.state.name, "reason": notice.reason.name}
         return {"event": "state", **names, "requested": notice.requested}
+    if isinstance(notice, StreamDropped):
+        key = {"session": notice.session, "index": notice.index}
+        return {"event": "dropped", **key, "counter": notice.counter}
     if isinstance(notice, RampBegan):
         return {"event": "ramp_began", "reason": notice.reason.name}
     if isinstance(notice, RadiatedAnew):

@@ -233,6 +233,24 @@ class ClientLeft:
 
 
 @dataclass(frozen=True, slots=True)
+class StreamDropped:
+    """A stream frame that came whole was not queued.
+
+    Attributes
+    ----------
+    session, index : int
+        Which frame.
+    counter : str
+        Counter that took it.
+    """
+
+    t_us: int
+    session: int
+    index: int
+    counter: str
+
+
+@dataclass(frozen=True, slots=True)
 class PowerDown:
     """The board was told to end: it mutes itself, and nobody asked for that."""
 
@@ -252,5 +270,6 @@ Notice: TypeAlias = (
     | Remark
     | ClientLeft
     | WireCompared
+    | StreamDropped
     | PowerDown
 )

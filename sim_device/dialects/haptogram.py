@@ -69,7 +69,7 @@ from haptogram_protocol.messages import (
 from ..board import readout
 from ..board.board import Board
 from ..board.clock import earliest_board_time
-from ..board.events import Latch, Notice, PlaybackEnd, StateChange
+from ..board.events import Latch, Notice, PlaybackEnd, StateChange, StreamDropped
 from ..board.refusal import RefusalError
 from ..board.registers import Content
 from ..board.stream_queue import StreamFrame
@@ -227,13 +227,17 @@ class VirtualHaptogramDialect:
             self._answer(event)
 
     def _stream(self, event: StreamReceived) -> None:
+        dropped: str | None
         try:
             content = self._content(event.message)
         except RemoteProtocolError as error:
-            self._link.count(error.reason)
+            self._link.count(dropped := error.reason)
         else:
             t_apply_us = self._unwrap(event.t_apply_us)
-            self.board.submit(StreamFrame(event.index, t_apply_us, content))
+            dropped = self.board.submit(StreamFrame(event.index, t_apply_us, content))
+        if dropped is not None:
+            now_us, session = self.board.now_us, self.board.session
+            self._notices.append(StreamDropped(now_us, session, event.index, str(dropped)))
 
     def _content(self, message: Phases | Drives | Points) -> Content:
         count = self.board.settings.count

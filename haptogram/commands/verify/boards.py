@@ -7,6 +7,7 @@ import contextlib
 import dataclasses
 import functools
 import math
+import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.errors import LinkError
-from haptogram.settings.board_url import SCHEME
+from haptogram.settings.board_url import SCHEME, read_board_url
 from haptogram.settings.option import options_of
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.run.verify_file import load_verify_config, read_settings_table
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from haptogram.settings.board import BoardConfig
 
 _LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
+_PTYS: Final = "/dev/pts/"
+_NETWORK: Final = "socket://"
 _MOST_HZ: Final = 1000.0  # of boards of other dialects, unless the user asks for more,
 _WITHOUT_A_LINE_HZ: Final = 100.0  # and where an answer to each frame, and no line, limits them
 
@@ -134,7 +137,7 @@ class RunBoards:
         elif port is not None:
             yield PortBoardUnderTest(
                 port,
-                baudrate=config.link.baud,
+                baudrate=baud_of_verified_port(port, config.link.baud),
                 rate_hz=config.pace.rate_hz,
                 board_computes=config.frame_kind == "points",
             )
@@ -150,6 +153,16 @@ class RunBoards:
                     if (fate := process.how_it_ended(_LAST_MOMENTS_S)) is None:
                         raise
                     raise LinkError(f"{error}; {fate}") from error
+
+
+def baud_of_verified_port(port: str, baud: int) -> int | None:
+    """Return the rate of the line, None for a port without one, unless the user names a rate."""
+    if baud != options_of(VerifyConfig)["baud"].default:
+        return baud
+    if port.startswith(SCHEME):
+        return read_board_url(port).board.line.baud
+    is_pty = os.path.realpath(port).startswith(_PTYS)
+    return None if is_pty or port.startswith(_NETWORK) else baud
 
 
 def given_verify_settings(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -75,7 +75,15 @@ class Frame:
             return len(self.message.points) * FocalPoint.LAYOUT.size
         return len(self.message.data)
 
-    def intended(self, number: int, key: FrameKey, t_apply_us: int | None) -> Intended:
+    def intended(
+        self,
+        number: int,
+        key: FrameKey,
+        t_apply_us: int | None,
+        *,
+        t_latest_us: int | None = None,
+        t_sent_us: int | None = None,
+    ) -> Intended:
         """Return the record that it is to be latched."""
         return Intended(
             number=number,
@@ -86,6 +94,8 @@ class Frame:
             phase_bits=REGISTER_BITS,
             board_computed=self.board_computed,
             solver=self.solver,
+            t_latest_us=t_latest_us,
+            t_sent_us=t_sent_us,
         )
 
 

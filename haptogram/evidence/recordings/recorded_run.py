@@ -121,6 +121,8 @@ def _recorded_frame_fields(frame: Intended) -> dict[str, Any]:
         "index": key.index,
         "number": frame.number,
         "t_apply_us": frame.t_apply_us,
+        "t_latest_us": frame.t_latest_us,
+        "t_sent_us": frame.t_sent_us,
         "foci": [[*focus.position_m, focus.amplitude, focus.phase_rad] for focus in frame.foci],
         "commanded_bits": frame.phase_bits,
         "board_computed": frame.board_computed,
@@ -158,6 +160,8 @@ def _recorded_intention(fields: dict[str, Any], drive: Drive) -> Intended:
         number=fields["number"],
         key=FrameKey(*(fields[name] for name in ("session", "sequence", "loop", "index"))),
         t_apply_us=fields["t_apply_us"],
+        t_latest_us=fields.get("t_latest_us"),  # an older recording has none
+        t_sent_us=fields.get("t_sent_us"),
         foci=tuple(Focus.at(focus[:3], focus[3], focus[4]) for focus in fields["foci"]),
         drive=drive,
         phase_bits=fields["commanded_bits"],

@@ -8,6 +8,7 @@ from typing import Any, Final, TypeVar
 
 from haptogram.records.frame import FrameKey
 from haptogram.verification import (
+    LOST_BY_BOARD,
     FrameStatus,
     FrameVerdict,
     RunVerdict,
@@ -86,6 +87,7 @@ def run_checks(run: RunVerdict, cut_short: str | None = None) -> list[RunCheck]:
         *(_run_check_of_fault(run, fault) for fault in _FAULTS),
         _check_of_unexpected(run),
         _check_of_lost(run),
+        _check_of_held_up(run),
         _check_of_late(run),
         _run_check_of_share_verified(run),
         _check_of_complete_run(run, cut_short),
@@ -131,19 +133,27 @@ def _check_of_unexpected(run: RunVerdict) -> RunCheck:
 
 
 def _check_of_lost(run: RunVerdict) -> RunCheck:
-    """Lost frames decide a run only where they leave too few that are verified."""
     lost = [frame for frame in run.frames if frame.status is FrameStatus.LOST]
-    statement = "no frame is lost"
-    if not lost and run.due and not run.counts["latched"]:
+    statement = "the board loses no frame"
+    told = [reason for reason in run.reasons if LOST_BY_BOARD in reason]
+    if told:
+        details = _frames_named_in_run_check(lost)
+        return RunCheck("lost", statement, CheckOutcome.FAILED, "; ".join(told), details)
+    if run.due and not run.counts["latched"]:
         return RunCheck("lost", statement, CheckOutcome.NOT_JUDGED, "nobody could see a latch")
-    if not lost:
-        return RunCheck(
-            "lost", statement, CheckOutcome.PASSED, "every frame that was due was seen latched"
-        )
+    return RunCheck("lost", statement, CheckOutcome.PASSED, "none is known to be")
+
+
+def _check_of_held_up(run: RunVerdict) -> RunCheck:
+    """Frames that this machine held up decide a run only where they leave too few verified."""
+    held_up = [frame for frame in run.frames if frame.status is FrameStatus.HELD_UP]
+    statement = "host and machine hold up no frame"
+    if not held_up:
+        return RunCheck("held_up", statement, CheckOutcome.PASSED, "none")
     decisive = run.verdict is Verdict.INCONCLUSIVE and run.too_few
     outcome = CheckOutcome.INCONCLUSIVE if decisive else CheckOutcome.NOTED
-    message = f"{len(lost)} of {run_count_wording(len(run.frames), 'frame')}"
-    return RunCheck("lost", statement, outcome, message, _frames_named_in_run_check(lost))
+    message = f"{len(held_up)} of {run_count_wording(len(run.frames), 'frame')}"
+    return RunCheck("held_up", statement, outcome, message, _frames_named_in_run_check(held_up))
 
 
 def _check_of_late(run: RunVerdict) -> RunCheck:

@@ -23,7 +23,7 @@ _LISTED: Final = 100  # that a person reads
 _NAMED: Final = 8  # frames that are like the one in a row
 _TONES: Final = {
     FrameStatus.ON_TARGET: "good",
-    FrameStatus.LOST: "doubt",
+    FrameStatus.HELD_UP: "doubt",
     FrameStatus.NOT_VERIFIED: "doubt",
     FrameStatus.CANCELLED: "plain",
 }

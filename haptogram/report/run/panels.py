@@ -99,6 +99,7 @@ def mark_troubled_run_frames(axes: Any, frames: list[FrameVerdict], axes_count: 
         FrameStatus.WRONG_DRIVE: "*",
         FrameStatus.CORRUPT: "D",
         FrameStatus.LOST: "v",
+        FrameStatus.HELD_UP: "^",
     }
     for status, marker in signs.items():
         points = plotted_targets_mm([frame for frame in frames if frame.status is status])
@@ -224,7 +225,7 @@ def along_panel(axes: Axes, run: RunVerdict, measure: str, factor: float, label:
     axes.margins(x=0.02)
     if (limits := _run_panel_limits(values)) is not None:
         axes.set_ylim(*limits)
-    for kind, colour in (("lost", VERMILION), ("late", GREY)):
+    for kind, colour in (("lost", VERMILION), ("held up", GREY), ("late", GREY)):
         run_panel_rug(axes, run, kind, colour, lambda frame: frame.number)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="best")
@@ -240,11 +241,11 @@ def _run_panel_limits(values: FloatArray) -> tuple[float, float] | None:
 def run_panel_rug(
     axes: Axes, run: RunVerdict, kind: str, colour: str, place: Callable[[FrameVerdict], float]
 ) -> None:
-    """Mark the frames that were lost or late at the foot of the panel."""
+    """Mark the frames that were lost, held up or late at the foot of the panel."""
     chosen = [
         place(frame)
         for frame in run.frames
-        if (frame.late if kind == "late" else frame.status is FrameStatus.LOST)
+        if (frame.late if kind == "late" else frame.status == kind)
     ]
     if chosen:
         axes.plot(

@@ -167,7 +167,7 @@ def _time_panel(
             ms=5.0,
             label="error of a wrong frame",
         )
-    for kind, colour in (("lost", VERMILION), ("late", BLACK)):
+    for kind, colour in (("lost", VERMILION), ("held up", GREY), ("late", BLACK)):
         run_panel_rug(
             axes, run, kind, colour, lambda f: ((_pictured_time_us(f) or begin_us) - begin_us) / 1e6
         )

@@ -111,8 +111,11 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"{delay[0].upper()}{delay[1:]}."
     if (remedy := run_remedy_text(result)) is not None:
         yield f"{remedy[0].upper()}{remedy[1:]}."
-    if frames["lost"] or frames["late"]:
-        yield f"{frames['lost']} lost and {frames['late']} late; each is named below."
+    if frames["lost"] or frames["held_up"] or frames["late"]:
+        yield (
+            f"{frames['lost']} lost by the board, {frames['held_up']} held up by this machine and "
+            f"{frames['late']} late; each is named below."
+        )
 
 
 def _run_tolerance_sentence_end(result: Mapping[str, Any]) -> str:

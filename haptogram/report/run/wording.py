@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -96,15 +97,15 @@ def run_faults_wording(result: Mapping[str, Any]) -> Iterator[str]:
 
 
 def run_host_delay_text(result: Mapping[str, Any]) -> str | None:
-    """Return the delay of the host, or None if every frame was sent."""
-    host = result.get("host")
-    if not host or not host["skipped"]:
+    """Return how many frames host and machine held up, and by what that is known; None: none."""
+    held_up = [f for f in result["not_on_target"] if f["status"] == FrameStatus.HELD_UP]
+    if not held_up:
         return None
-    skipped = run_count_wording(len(host["skipped"]), "frame")
-    return (
-        "this machine, not the board, was held up, for up to "
-        f"{host['tick_lateness_us_max'] / 1e3:.0f} ms: too late to send {skipped}"
-    )
+    known = Counter(frame["faults"][0] for frame in held_up)
+    causes = "; ".join(f"{run_count_wording(n, 'frame')}: {why}" for why, n in known.items())
+    host = result.get("host")
+    loop = f", its loop by up to {host['tick_lateness_us_max'] / 1e3:.0f} ms" if host else ""
+    return f"this machine, not the board, was held up{loop} ({causes})"
 
 
 def run_remedy_text(result: Mapping[str, Any]) -> str | None:
@@ -112,8 +113,7 @@ def run_remedy_text(result: Mapping[str, Any]) -> str | None:
     if result["verdict"] != str(Verdict.INCONCLUSIVE) or "faults" in result:
         return None
     is_virtual = result["configuration"].get("port", "") is None
-    is_late = "host" in result and "dropped_late" in result["troubles"].get("board", {})
-    if run_host_delay_text(result) is None and not (is_virtual and is_late):
+    if run_host_delay_text(result) is None or "host" not in result:
         return None
     text = (
         "run it again while this machine has less to do, with a longer --lead-ms or at a lower "

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from ..frame.verdict import FrameStatus, FrameVerdict
+from ..frame.verdict import MISSED, FrameStatus, FrameVerdict
 
 _US_PER_MS: Final = 1e3
 _ELSEWHERE: Final = (FrameStatus.OFF_TARGET, FrameStatus.WRONG_DRIVE)
@@ -122,7 +122,7 @@ def _held_stretches(
     ):
         # One that is not late latches within a carrier period of its time: no time of its own.
         latched_us = max(begin_us, frame.t_latch_us or 0) if frame.late else begin_us
-        if frame.status is FrameStatus.LOST:
+        if frame.status in MISSED:
             yield _held_stretch_before_the_latch(frame, begin_us, end_us)
         elif frame.late:
             yield _held_stretch_before_the_latch(frame, begin_us, min(latched_us, end_us))

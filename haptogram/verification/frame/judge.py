@@ -28,6 +28,7 @@ from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observa
 from ..faults import name_drive_faults
 from ..tolerance import Tolerance, Uncertainty
 from . import criteria
+from .crc_drive import drive_of_crc
 from .ideal_drive import IdealFrameDrive
 from .several import judge_several_foci
 from .single import SingleFocusFrame, judge_silent_frame, verdict_not_radiated
@@ -151,12 +152,12 @@ class FrameJudge:
     def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
         """Return the verdict of all frames and latches that differ in key and times only."""
         seen = self._seen(intended, observation)
-        if observation.shows_by_crc(intended) is False:
-            return dataclasses.replace(
-                seen,
-                status=FrameStatus.CORRUPT,
-                faults=(_crc_fault_of_frame(intended, observation),),
-            )
+        if observation.drive_crc is not None and observation.shows_by_crc(intended) is False:
+            named = drive_of_crc(self._model, intended, observation.drive_crc)
+            if named is None:
+                fault = _crc_fault_of_frame(intended, observation)
+                return dataclasses.replace(seen, status=FrameStatus.CORRUPT, faults=(fault,))
+            observation = dataclasses.replace(observation, drive=named)
         latched, note = self._latched_drive(intended, observation)
         seen = dataclasses.replace(seen, note=note)
         if latched is None:
@@ -261,7 +262,9 @@ def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
 
 def _judged_frame_without_identity(intended: Intended) -> Intended:
     """Return *intended* as all frames are that ask for the same drive."""
-    return dataclasses.replace(intended, number=0, key=_ANY, t_apply_us=None)
+    return dataclasses.replace(
+        intended, number=0, key=_ANY, t_apply_us=None, t_latest_us=None, t_sent_us=None
+    )
 
 
 def _displaced_foci_of_judged_frame(

@@ -24,7 +24,8 @@ class FrameStatus(enum.StrEnum):
     WRONG_DRIVE = "wrong drive"  # not the drive that was asked for, and the field shows it
     CORRUPT = "corrupt"  # not the drive that was asked for, although the focus is in its place
     NOT_VERIFIED = "not verified"  # latched, but what was seen of it does not suffice
-    LOST = "lost"  # nobody saw it latched
+    LOST = "lost"  # it left the host in time, and the board did not latch it
+    HELD_UP = "held up"  # the host or its machine was too late with it
     CANCELLED = "cancelled"  # the host ended the run, and muted the board, before it was due
 
 
@@ -37,6 +38,8 @@ JUDGED: frozenset[FrameStatus] = frozenset(
     }
 )
 WRONG: frozenset[FrameStatus] = JUDGED - {FrameStatus.ON_TARGET}
+#: A frame that was due, and that the board did not latch.
+MISSED: frozenset[FrameStatus] = frozenset({FrameStatus.LOST, FrameStatus.HELD_UP})
 NOTHING_WRONG: frozenset[FrameStatus] = frozenset({FrameStatus.ON_TARGET, FrameStatus.CANCELLED})
 
 
@@ -145,7 +148,7 @@ class FrameVerdict:
     criteria : dict of str to bool
         S1 to S5, those that were judged.
     faults : tuple of str
-        Faults of the drive, by name.
+        Faults of the drive, by name; of a frame that was not latched, what became of it.
     note : str
         Why it was not verified, or with what allowance it was.
     t_apply_us, t_latch_us : int or None
@@ -256,6 +259,8 @@ def frame_verdict_text(frame: FrameVerdict) -> str:
     parts += [*frame.faults, *frame_verdict_measures(frame)]
     if frame.note and (frame.status is FrameStatus.NOT_VERIFIED or not frame.faults):
         parts += [frame.note] if frame.status in (FrameStatus.NOT_VERIFIED, *WRONG) else []
+    if frame.note and frame.status in MISSED:
+        parts.append(frame.note)
     return "; ".join(parts)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from haptogram.cli.boards import board_in_virtual_time
+from haptogram.commands.verify.boards import baud_of_verified_port
 from haptogram.evidence.boards import PortBoardUnderTest
 from haptogram.evidence.run_record import RunRecord, measure_run
 from haptogram.records.frame import Evidence
@@ -32,6 +33,29 @@ def test_any_one_trace_is_enough(trace: Feature) -> None:
     assert found.unseen is None
     assert run.counts["verified"] == run.counts["on_target"] == 63
     assert {o.evidence for o in found.observations} == {Evidence.SELF_REPORTED}
+
+
+@pytest.mark.parametrize(("baudrate", "verified"), [(BAUD, 16), (None, 63)])
+def test_a_line_without_a_rate_carries_every_drive(baudrate: int | None, verified: int) -> None:
+    config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, seed=3, mode="points")
+    board = PortBoardUnderTest("virtual://", baudrate=baudrate, rate_hz=1000, board_computes=True)
+    board.port = BoardPort(baud=baudrate)
+    run = measure_run(config, board, None).verdict()
+    assert run.counts["verified"] == run.counts["on_target"] == verified
+
+
+@pytest.mark.parametrize(
+    ("port", "baud", "rate"),
+    [
+        ("socket://localhost:1", BAUD, None),
+        ("socket://localhost:1", 115_200, 115_200),
+        ("haptogram://?clock=virtual", BAUD, None),
+        ("haptogram://?clock=virtual&baud=921600", BAUD, 921_600),
+        ("/dev/ttyUSB0", BAUD, BAUD),
+    ],
+)
+def test_which_ports_have_a_rate(port: str, baud: int, rate: int | None) -> None:
+    assert baud_of_verified_port(port, baud) == rate
 
 
 def test_a_trace_that_cannot_be_switched_on_is_not_waited_for() -> None:

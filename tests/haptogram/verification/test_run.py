@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, FrameKey
+from haptogram.records.losses import BoardLosses
 from haptogram.verification import Cut, FrameStatus, Verdict, verify_run
 from latched_drives import SESSION, drive_of, intend, registers, seen
 from oracles import circular_piston, field
@@ -71,6 +72,7 @@ FATES = {
     "early": lambda f: [seen(f, t_latch_us=f.t_apply_us - 1)],
     "twice": lambda f: [seen(f), seen(f, t_latch_us=f.t_apply_us + 3)],
     "lost": lambda _: [],
+    "held up": lambda _: [],
     "unseen": lambda f: [dataclasses.replace(seen(f), drive=None)],
     "off target": lambda f: [seen(f, elsewhere(f))],
     "wrong drive": lambda f: [seen(f, wrong_sign(f))],
@@ -79,28 +81,37 @@ FATES = {
 }
 STATUS = {
     "lost": FrameStatus.LOST,
+    "held up": FrameStatus.HELD_UP,
     "unseen": FrameStatus.NOT_VERIFIED,
     "off target": FrameStatus.OFF_TARGET,
     "wrong drive": FrameStatus.WRONG_DRIVE,
     "corrupt": FrameStatus.CORRUPT,
     "corrupt by CRC": FrameStatus.CORRUPT,
 }
-FAILURES = {"off target", "wrong drive", "corrupt", "corrupt by CRC", "early", "twice"}
-NOT_VERIFIED = {"lost", "unseen"}
+FAILURES = {"lost", "off target", "wrong drive", "corrupt", "corrupt by CRC", "early", "twice"}
+NOT_VERIFIED = {"lost", "held up", "unseen"}
+MISSED = {"lost", "held up"}
+
+
+def with_fate(frame, fate):
+    """Return the host's record of a frame: of one that it held up, that it was not sent."""
+    latest_us = frame.t_apply_us if fate == "held up" else None
+    return dataclasses.replace(frame, t_latest_us=latest_us)
 
 
 def expected_counts(fates, unexpected):
     times = Counter(fates)
     return {
         "sent": len(fates),
-        "latched": len(fates) - times["lost"],
-        "verified": len(fates) - times["lost"] - times["unseen"],
+        "latched": len(fates) - times["lost"] - times["held up"],
+        "verified": len(fates) - sum(times[fate] for fate in NOT_VERIFIED),
         "on_target": sum(fate not in STATUS for fate in fates),
         "off_target": times["off target"],
         "wrong_drive": times["wrong drive"],
         "corrupt": times["corrupt"] + times["corrupt by CRC"],
         "not_verified": times["unseen"],
         "lost": times["lost"],
+        "held_up": times["held up"],
         "cancelled": 0,
         "not_sent": 0,
         "not_kept": 0,
@@ -113,6 +124,8 @@ def expected_counts(fates, unexpected):
 
 def expected_verdict(fates, unexpected, min_verified):
     verified = sum(fate not in NOT_VERIFIED for fate in fates)
+    if set(fates) <= MISSED and not unexpected:
+        return Verdict.INCONCLUSIVE  # nothing was seen at all: who knows?
     if unexpected or FAILURES & set(fates):
         return Verdict.FAIL
     if not verified or verified < min_verified * len(fates):
@@ -128,7 +141,7 @@ def expected_verdict(fates, unexpected, min_verified):
     st.randoms(use_true_random=False),
 )
 def test_every_frame_is_accounted_for_exactly_once(fates, unexpected, min_verified, random):
-    intended = intended_frames(len(fates))
+    intended = list(map(with_fate, intended_frames(len(fates)), fates))
     observations = [o for f, fate in zip(intended, fates, strict=True) for o in FATES[fate](f)]
     strangers = [intend(MODEL, target(n), number=1000 + n) for n in range(unexpected)]
     observations += [seen(stranger) for stranger in strangers]
@@ -138,8 +151,14 @@ def test_every_frame_is_accounted_for_exactly_once(fates, unexpected, min_verifi
     assert [frame.number for frame in run.frames] == list(range(len(fates)))
     assert [frame.key for frame in run.frames] == [frame.key for frame in intended]
     wanted = [STATUS.get(fate, FrameStatus.ON_TARGET) for fate in fates]
+    if set(fates) <= MISSED and not unexpected:  # without any latch, nobody could have seen one
+        blind = {FrameStatus.LOST: FrameStatus.NOT_VERIFIED}
+        wanted = [blind.get(status, status) for status in wanted]
     assert [frame.status for frame in run.frames] == wanted
-    assert run.counts == expected_counts(fates, unexpected)
+    counts = expected_counts(fates, unexpected)
+    if set(fates) <= MISSED and not unexpected:
+        counts |= {"lost": 0, "not_verified": counts["lost"]}
+    assert run.counts == counts
     assert run.unexpected == [stranger.key for stranger in strangers]
     assert run.verdict is expected_verdict(fates, unexpected, min_verified)
     assert run.exit_status == {"pass": 0, "fail": 1, "inconclusive": 3}[run.verdict]
@@ -241,11 +260,12 @@ def test_what_was_due_after_the_mute_is_cancelled_and_what_was_due_before_is_los
         FrameStatus.LOST: 1,
         FrameStatus.CANCELLED: 2,
     }
-    assert run.reasons == ("interrupted",)  # 3 of the 4 that were due suffice
+    lost = "1 of 4 frames were lost by the board, since frame 3, 3.0 ms into the run"
+    assert run.reasons == (lost, "interrupted")
     result = run.as_dict()
     assert result["cancelled"] == [4, 5]
     assert [frame["number"] for frame in result["not_on_target"]] == [3]
-    assert "1 lost, 0 late, 2 cancelled by its MUTE, 4 not sent" in str(run)
+    assert "1 lost, 0 held up, 0 late, 2 cancelled by its MUTE, 4 not sent" in str(run)
     assert run.effect is not None
     assert run.effect.away_ms == 1.0  # of the lost one only
 
@@ -258,19 +278,29 @@ def test_a_frame_that_was_latched_after_all_is_judged():
 
 
 @pytest.mark.parametrize(
-    ("lost", "min_verified", "verdict"),
+    ("held_up", "min_verified", "verdict"),
     [(1, 0.9, Verdict.PASS), (2, 0.9, Verdict.INCONCLUSIVE), (1, 0.91, Verdict.INCONCLUSIVE)],
 )
-def test_a_share_of_the_frames_must_be_verified(lost, min_verified, verdict):
+def test_a_share_of_the_frames_must_be_verified(held_up, min_verified, verdict):
     intended = intended_frames(10)
-    run = verify(intended, [seen(f) for f in intended[lost:]], min_verified=min_verified)
+    asked = [with_fate(f, "held up" if f.number < held_up else "") for f in intended]
+    run = verify(asked, [seen(f) for f in intended[held_up:]], min_verified=min_verified)
     assert run.verdict is verdict
-    assert run.counts["lost"] == lost
-    # Lost frames are named, whatever the verdict.
-    assert [f["number"] for f in run.as_dict()["not_on_target"]] == list(range(lost))
+    assert run.counts["held_up"] == held_up
+    # They are named, whatever the verdict.
+    assert [f["number"] for f in run.as_dict()["not_on_target"]] == list(range(held_up))
     if verdict is not Verdict.PASS:
-        percent = f"{100 * min_verified:g} %"
-        assert run.reasons == (f"{10 - lost} of 10 frames were verified; {percent} must be",)
+        needed = f"{100 * min_verified:g} % must be: this machine held up {held_up}"
+        assert run.reasons == (f"{10 - held_up} of 10 frames were verified; {needed}",)
+
+
+def test_a_lost_frame_fails_whatever_share_suffices():
+    intended = intended_frames(10)
+    run = verify(intended, [seen(f) for f in intended[:9]], min_verified=0.1)
+    assert run.verdict is Verdict.FAIL
+    assert run.reasons == (
+        "1 of 10 frames were lost by the board, since frame 9, 9.0 ms into the run",
+    )
 
 
 @pytest.mark.parametrize("min_verified", [-0.1, 1.1, math.nan])
@@ -316,8 +346,8 @@ def pressure_rms_pa(drive, place):
     return abs(p) / math.sqrt(2.0)
 
 
-def consequence_of_losing_the_last(observations, intended):
-    last = verify(intended, observations).frames[-1]
+def consequence_of_losing_the_last(observations, intended, **known):
+    last = verify(intended, observations, **known).frames[-1]
     assert last.status is FrameStatus.LOST
     return last.consequence
 
@@ -355,10 +385,11 @@ def test_what_was_held_is_what_was_latched_and_not_what_was_wanted():
 def test_before_the_first_latch_and_after_silence_there_is_silence(latches):
     first, second = intended_frames(2)
     muted = seen(first, Drive.muted(64))
-    effect = consequence_of_losing_the_last([muted][:latches], [first, second])
+    known = {"losses": BoardLosses()}
+    effect = consequence_of_losing_the_last([muted][:latches], [first, second], **known)
     assert (effect.focus_error_mm, effect.pressure_rms_pa) == (None, 0.0)
     assert effect.intended_pressure_rms_pa > 1000.0
-    text = str(verify([first, second], [muted][:latches]))
+    text = str(verify([first, second], [muted][:latches], **known))
     assert f"silence instead of {effect.intended_pressure_rms_pa:.0f} Pa" in text
 
 
@@ -428,7 +459,8 @@ def test_the_summary_takes_many_frames_with_the_same_fault_together():
     intended = intended_frames(12)
     text = str(verify(intended, [seen(f, wrong_sign(f)) for f in intended[:-1]]))
     lines = text.splitlines()
-    assert lines[0].startswith("FAIL: 11 frames with a wrong drive; 11 of 12 frames were verified")
+    lost = "FAIL: 1 of 12 frames were lost by the board, since frame 11, 11.0 ms into the run; "
+    assert lines[0] == f"{lost}11 frames with a wrong drive"
     named = "11 frames (0, 1, 2, 3, 4, 5, 6, 7, ...): wrong drive; opposite sign of all phases"
     assert lines[-2].strip().startswith(named)
     assert lines[-1].strip().startswith("frame 11: lost")

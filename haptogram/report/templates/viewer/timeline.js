@@ -97,7 +97,7 @@ class Timeline {
 }
 
 const RANKS = { "on target": [0, "good"], latched: [0, "open"], sent: [0, "open"],
-  "not verified": [1, "open"], cancelled: [1, "open"],
+  "not verified": [1, "open"], "held up": [1, "open"], cancelled: [1, "open"],
   lost: [2, "lost"] };
 
 // How much attention a frame wants, and its colour: 0 none, 1 late or not judged, 2 wrong or lost.

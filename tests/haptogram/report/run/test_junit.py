@@ -99,21 +99,26 @@ def test_a_wrong_drive_proves_nothing_of_foci(tmp_path: Path, model: AcousticMod
     assert skipped.get("message") == "none of 3 verified frames has a right drive"
 
 
-def test_lost_and_late_frames_are_named_but_decide_nothing(
+def test_late_frames_and_those_held_up_are_named_but_decide_nothing(
     tmp_path: Path, model: AcousticModel
 ) -> None:
-    suite = written(tmp_path, make_run(model, targets(6), {2: lose, 4: delay}, min_verified=0.5))
-    lost, late = outcome(suite, "lost"), outcome(suite, "late")
-    assert lost.tag == late.tag == "system-out"
-    assert "frame 2" in (lost.text or "")
-    assert "mm away" in (lost.text or "")
+    run = make_run(model, targets(6), {4: delay}, min_verified=0.5, held_up=[2])
+    suite = written(tmp_path, run)
+    held_up, late = outcome(suite, "held_up"), outcome(suite, "late")
+    assert held_up.tag == late.tag == "system-out"
+    assert "frame 2" in (held_up.text or "")
+    assert "mm away" in (held_up.text or "")
     assert "frame 4" in (late.text or "")
     assert "latched 400 µs late" in (late.text or "")
 
 
-def test_lost_frames_that_leave_too_few_are_an_error(tmp_path: Path, model: AcousticModel) -> None:
-    suite = written(tmp_path, make_run(model, targets(6), {2: lose}, min_verified=1.0))
-    assert outcome(suite, "lost").tag == "error"
+def test_a_lost_frame_fails_and_too_few_that_are_verified_are_an_error(
+    tmp_path: Path, model: AcousticModel
+) -> None:
+    suite = written(tmp_path, make_run(model, targets(6), {2: lose}))
+    assert outcome(suite, "lost").tag == "failure"
+    suite = written(tmp_path, make_run(model, targets(6), held_up=[2], min_verified=1.0))
+    assert outcome(suite, "held_up").tag == "error"
     assert outcome(suite, "verified").tag == "error"
     assert suite.get("failures") == "0"
 

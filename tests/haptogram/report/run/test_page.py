@@ -128,7 +128,9 @@ def test_lost_and_late_frames_are_named_with_what_that_did(
     run = make_run(model, targets(6), {2: lose, 4: delay})
     texts = written(tmp_path, run, model).texts
     assert "400 µs late" in texts
-    assert "1 lost and 1 late; each is named below." in texts
+    assert (
+        "1 lost by the board, 0 held up by this machine and 1 late; each is named below." in texts
+    )
     effects = [text for text in texts if re.fullmatch(r"the focus .* mm away.* Pa .* Pa", text)]
     assert len(effects) == 2
 

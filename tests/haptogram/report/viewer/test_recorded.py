@@ -30,7 +30,7 @@ SMALL = ["--virtual-time", "--array", "6x6", "--object", "circle", "--quiet"]
 def test_verdicts_of_a_run_are_shown(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     main(["verify", *SMALL, "--fault", "line.flip ber=3e-4", "--record", str(path)])
-    assert viewer_scene_of_recording(path).verdict == "inconclusive"
+    assert viewer_scene_of_recording(path).verdict == "fail"
     scene, lead = scene_and_lead(viewer_scene_of_recording(path))
     header, columns = unpack(scene.pack())
     statuses = [STATUSES[code] for code in columns["status"]]

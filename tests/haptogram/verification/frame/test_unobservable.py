@@ -176,7 +176,8 @@ def wrong(frame):
     [
         ((right, right), Verdict.PASS),
         ((right, wrong), Verdict.FAIL),
-        ((right, None), Verdict.INCONCLUSIVE),
+        ((right, None), Verdict.FAIL),
+        ((None, None), Verdict.INCONCLUSIVE),
     ],
 )
 def test_a_verdict_is_true_for_a_pass_only(drives, verdict):

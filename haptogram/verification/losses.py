@@ -1,0 +1,138 @@
+"""Whose loss a frame is that was not latched: the board's, or that of the host and its machine.
+
+A frame that left the host in time is the board's, unless the record of its arrival says that the
+machine held up the process of a virtual board.  Nothing else is excused.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from haptogram.records.frame import Intended
+from haptogram.records.losses import BoardLosses
+
+from .consequences.held import DueFrame
+from .frame.judge import lost_frame_verdict
+from .frame.verdict import FrameStatus, FrameVerdict
+
+#: In every reason of a run that failed for frames that the board lost.
+LOST_BY_BOARD: Final = "lost by the board"
+_NOT_SENT: Final = "the host was held up and did not send it"
+_SENT_LATE: Final = "the host was held up and sent it too late"
+_READ_LATE: Final = "the machine held up the process of the board"
+_TIMED_OUT: Final = "a timer had muted the board, because frames before it were held up"
+_NOT_COUNTED: Final = "the board counted no drop"
+
+
+class LossJudge:
+    """Judges the frames of a run that were not latched, one after the other.
+
+    Parameters
+    ----------
+    known : BoardLosses
+        What board and back door say of them.
+    """
+
+    def __init__(self, known: BoardLosses) -> None:
+        self._known = known
+        self._last_us = -math.inf
+        self._first: tuple[DueFrame, FrameStatus] | None = None  # missing since the last latch
+
+    def latched(self, t_latch_us: int) -> None:
+        """Take down that a frame was latched."""
+        self._last_us, self._first = t_latch_us, None
+
+    def judge(self, wanted: Intended, due: DueFrame) -> FrameVerdict:
+        """Return the verdict on a frame that was not latched: lost, held up or cancelled."""
+        status, why, note = self._loss(wanted, due)
+        if self._first is None:
+            self._first = due, status
+        faults = (why,) if why else ()
+        return dataclasses.replace(
+            lost_frame_verdict(wanted), status=status, faults=faults, note=note
+        )
+
+    def _loss(self, wanted: Intended, due: DueFrame) -> tuple[FrameStatus, str, str]:
+        known, drop = self._known, self._known.drops.get(wanted.key)
+        latest_us, sent_us = wanted.t_latest_us, wanted.t_sent_us
+        if latest_us is not None and wanted.is_held_up:
+            if sent_us is None:
+                return FrameStatus.HELD_UP, _NOT_SENT, ""
+            return FrameStatus.HELD_UP, _SENT_LATE, f"by {_loss_ms(sent_us - latest_us)}"
+        if sent_us is not None and any(sent_us <= t <= due.latest_us for t in known.mutes_us):
+            return FrameStatus.CANCELLED, "", ""
+        was_held_up = self._first is not None and self._first[1] is FrameStatus.HELD_UP
+        if was_held_up and any(self._first_due_us < t <= due.latest_us for t in known.timeouts_us):
+            return FrameStatus.HELD_UP, _TIMED_OUT, ""
+        in_time = "" if sent_us is None or latest_us is None else _left_in_time(latest_us - sent_us)
+        if drop is None:
+            return FrameStatus.LOST, "", in_time
+        if latest_us is None:
+            return FrameStatus.LOST, drop.counter, "it came whole"
+        early_us = latest_us - drop.t_received_us
+        if early_us < 0 and known.is_machine_in_between:
+            late = f"{in_time}, and was read {_loss_ms(-early_us)} too late"
+            return FrameStatus.HELD_UP, _READ_LATE, late
+        when = "too late" if early_us < 0 else "before it had to"
+        return FrameStatus.LOST, drop.counter, f"it came whole, {_loss_ms(abs(early_us))} {when}"
+
+    @property
+    def _first_due_us(self) -> float:
+        return max(self._last_us, -math.inf if self._first is None else self._first[0].earliest_us)
+
+
+def _loss_ms(time_us: int) -> str:
+    return f"{time_us / 1e3:.1f} ms"
+
+
+def _left_in_time(spare_us: int) -> str:
+    return f"it left the host {_loss_ms(spare_us)} before it had to be at the board"
+
+
+def lost_frames_reason(
+    frames: Sequence[FrameVerdict], due: int, losses: BoardLosses | None
+) -> str | None:
+    """Return how many frames the board lost, by which counters, and since when; None: none."""
+    lost = [frame for frame in frames if frame.status is FrameStatus.LOST]
+    if not lost:
+        return None
+    first, begin_us = lost[0], next((f.t_apply_us for f in frames if f.t_apply_us is not None), 0)
+    since = f"since frame {first.number}"
+    if first.t_apply_us is not None:
+        since += f", {_loss_ms(first.t_apply_us - begin_us)} into the run"
+    were = "frame was" if due == 1 else "frames were"
+    counted = "" if losses is None else f" ({_counted(lost, losses.counters)})"
+    return f"{len(lost)} of {due} {were} {LOST_BY_BOARD}, {since}{counted}"
+
+
+def unnamed_losses_reason(
+    frames: Sequence[FrameVerdict], due: int, losses: BoardLosses | None
+) -> str | None:
+    """Return how many frames its counter of latches lacks that its trace does not tell; or None.
+
+    Not where a timer muted the board behind frames that were held up: nobody counts these.
+    """
+    excused = sum(frame.status is FrameStatus.HELD_UP for frame in frames)
+    lost = sum(frame.status is FrameStatus.LOST for frame in frames)
+    unseen = any(not f.latches and f.status is FrameStatus.NOT_VERIFIED for f in frames)
+    if losses is None or losses.latched is None or not unseen or (excused and losses.timeouts_us):
+        return None
+    missing = due - excused - lost - losses.latched
+    if missing <= 0:
+        return None
+    counted = _counted([], losses.counters)
+    return (
+        f"{missing} of {due} frames were {LOST_BY_BOARD}: its counter latched grew by "
+        f"{losses.latched} ({counted}); its evidence does not say which"
+    )
+
+
+def _counted(lost: Sequence[FrameVerdict], counters: Mapping[str, int]) -> str:
+    """Return what the board counted: the drops that were seen, else what its counters say."""
+    named = Counter(fault for frame in lost for fault in frame.faults)
+    found = ", ".join(f"{name} {number}" for name, number in (named or counters).items())
+    return found or _NOT_COUNTED
