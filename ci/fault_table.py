@@ -76,8 +76,8 @@ in [faults.md](faults.md); where none is given, the default is meant.
 - *cause*: what the summary names: what is wrong with the drives, what ended the run, or what board
   and host counted on the line (names of SPEC.md chapter 9).
 
-A run in virtual time passes only if every frame is verified, so one lost frame makes it
-inconclusive; a wrong drive makes it fail.
+A lost frame or a wrong drive makes a run fail. Behind the break of a link nobody knows what was
+latched: such a run is inconclusive.
 
 """
 COLUMNS: Final = (

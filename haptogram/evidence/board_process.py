@@ -16,9 +16,19 @@ from haptogram.machine.view_process import child_process_environment
 _PROGRAM: Final = "python -m sim_device: "
 _REFUSED: Final = 2
 _READY: Final = "listening on "
-_START_S: Final = 60.0  # an interpreter with numpy takes seconds on a busy machine
+_HUNG_S: Final = 60.0  # without a line of its log and a tick of its processor time
+_SLOW_S: Final = 10.0  # an interpreter with numpy takes seconds on a busy machine: then it is told
+_STARTING: Final = "starting: "
+_INTERPRETER: Final = "the Python interpreter starts"
 _STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
 _POLL_S: Final = 0.01
+
+
+def _processor_ticks(pid: str) -> int:
+    """Return the processor time of a process."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    user, system = fields[11:13]
+    return int(user) + int(system)
 
 
 class BoardProcess:
@@ -52,22 +62,48 @@ class BoardProcess:
         self.pid = self._process.pid
 
     def wait_until_ready(self) -> None:
-        """Wait until the board listens.
+        """Wait until the board listens, for as long as its process makes progress.
+
+        A slow start is told on standard error, with what the process is at.
 
         Raises
         ------
         ConfigurationError
-            The process ended, or was not ready in time: the text holds its last line.
+            The process ended, or hangs: the text holds its last line.
         """
-        end_s = time.monotonic() + _START_S
+        begin_s = moved_s = time.monotonic()
+        told_s = begin_s + _SLOW_S
+        progress = self._progress()
         while _READY not in self.log():
             if not self.is_running():
                 raise ConfigurationError(self.how_it_ended())
-            if time.monotonic() > end_s:
+            now_s = time.monotonic()
+            if (latest := self._progress()) != progress:
+                progress, moved_s = latest, now_s
+            if now_s > moved_s + _HUNG_S:
                 raise ConfigurationError(
-                    f"the virtual board was not ready within {_START_S:g} s: {self.log().strip()}"
+                    f"the virtual board hangs: its process has done nothing for {_HUNG_S:g} s "
+                    f"({self._step()})"
                 )
+            if now_s > told_s:
+                told_s += _SLOW_S
+                waited = f"after {now_s - begin_s:.0f} s: {self._step()}"
+                sys.stderr.write(f"the virtual board is slow to start on this machine, {waited}\n")
             time.sleep(_POLL_S)
+
+    def _progress(self) -> tuple[int, int]:
+        """Return what grows as the process works: its log and, on Linux, its processor time."""
+        try:
+            children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+            ticks = sum(_processor_ticks(pid) for pid in (str(self.pid), *children))
+        except OSError:  # it has just ended, or there is no such file
+            ticks = 0
+        return len(self.log()), ticks
+
+    def _step(self) -> str:
+        """Return what the process is at, by the last line of its log."""
+        *_, last = ["", *self.log().splitlines()]
+        return last.rpartition(_STARTING)[2] or _INTERPRETER
 
     def is_running(self) -> bool:
         """Return True if the process runs."""

@@ -218,9 +218,8 @@ class _BoardRecordReader:
         latest: int | None = None,
         sent: int | None = None,
     ) -> None:
-        times = {"t_latest_us": latest, "t_sent_us": sent}
-        frame = Intended(number, FrameKey(*key), t, **self._slots[slot], **times)
-        self.records.intended.append(frame)
+        fields = self._slots[slot] | {"t_latest_us": latest, "t_sent_us": sent}
+        self.records.intended.append(Intended(number, FrameKey(*key), t, **fields))
 
     def _observation(self, key: list[int], drive: Any, evidence: str, **others: Any) -> None:
         seen = Observation(

@@ -21,7 +21,7 @@ from .worker_batches import READY, SKIP_FIELDS, RecordsEnd, unpacked_worker_batc
 
 LINGER_S: Final = 5.0  # for readers of the back door to take the last records
 _READ_BYTES: Final = 65_536
-_NICENESS: Final = 19
+_NICENESS: Final = 10  # a 40th of a core beside eight busy processes; 19 would be a 270th
 _LOOK_MS: Final = 20  # between two looks for the reader of a pipe
 _IDLE_S: Final = 0.05  # how long a client of the back door may wait for its first line
 
@@ -30,8 +30,6 @@ def run_reconstruction_worker() -> None:
     """Be the worker: read from standard input until it ends, write the records."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # the board ends the worker, by closing its input
-    with contextlib.suppress(OSError):  # the field can wait, the board and its host cannot
-        os.nice(_NICENESS)
     signal.signal(SKIP_FIELDS, signal.SIG_IGN)  # until there is something to leave out
     items = _items_at_worker(_READ_BYTES)
     job = next((item for item in items if item is not None), None)
@@ -53,6 +51,8 @@ def run_reconstruction_worker() -> None:
         signal.signal(SKIP_FIELDS, lambda *_: recorder.skip_fields())
         _answer_of_worker(1, READY)
         is_ready = True
+        with contextlib.suppress(OSError):  # from here the board and its host come first
+            os.nice(_NICENESS)
         _record_all_at_worker(items, recorder, sink)
         _linger_at_sink(sink)
     except HaptogramError as error:  # the disc is full: the board goes on, and counts what it lost

@@ -74,7 +74,14 @@ def _start_board_log(options: argparse.Namespace) -> None:
     )
 
 
+def _tell_start(options: argparse.Namespace, step: str) -> None:
+    """Tell the program that waits for the board what takes so long."""
+    if options.until_eof:
+        _LOG.info("starting: %s", step)
+
+
 def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None) -> None:
+    _tell_start(options, "numpy, scipy and the board are imported")
     # Here, and not above: --help and a refusal need no numpy.
     from haptogram.machine.view_process import ViewProcess
 
@@ -83,6 +90,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
     from ..simulation import Simulation
     from ..wallclock import Heartbeat
 
+    _tell_start(options, "the board is made")
     check_board_outputs(options)
     config = board_config_of(options)
     if options.as_device and any(fault.name == "line.disconnect" for fault in config.faults):
@@ -106,6 +114,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             port = _open_board_port(options, settings.line)
             if options.view and options.backdoor is None:
                 options.backdoor = SOCKET + _private_board_path(signals, "backdoor")
+            _tell_start(options, "the process that rebuilds fields starts")
             worker = _start_board_worker(options, settings)
             if options.view:
                 signals.enter_context(contextlib.closing(ViewProcess(options.backdoor)))

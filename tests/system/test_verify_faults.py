@@ -243,13 +243,14 @@ def _run(
 
 
 @pytest.mark.parametrize("name", _TO_THE_LINE)
-def test_a_hard_fault_from_power_up_on_is_inconclusive_at_worst(
+def test_a_hard_fault_from_power_up_on_is_inconclusive_or_loses_frames(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = _faulty([*_JOB, "--virtual-time"], _hard(name))
     status, said, result = _run(tmp_path, capsys, words)
-    assert status in (0, 3)
+    assert status in (0, 1, 3)
     assert f"{name} " in said
+    assert status != 1 or " lost by the board" in said
     if result is None:
         assert status == 3
         assert said.startswith("haptogram verify: inconclusive: the fault plan broke the session (")
@@ -267,7 +268,9 @@ def test_a_hard_fault_in_mid_run_leaves_what_was_measured(
     words = _faulty([*_JOB, "--virtual-time", "--repeat", "8"], f"{_hard(name)} from=60ms")
     with_page = name in ("line.drop", "line.disconnect", "frame.crc")
     status, said, result = _run(tmp_path, capsys, words, with_page=with_page)
-    assert status in ((0, 1, 3) if name == "frame.sequence" else (0, 3))  # one in place of another
+    assert status in (0, 1, 3)
+    # frame.sequence: one in place of another
+    assert status != 1 or " lost by the board" in said or name == "frame.sequence"
     assert result is not None
     assert result["faults"]["fired"][name] > 0
     assert f"faults on purpose: {name} " in said

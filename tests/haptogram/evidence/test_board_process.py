@@ -1,0 +1,69 @@
+"""The start of a board's process: waited for while it works, and told if it is slow."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from haptogram.errors import ConfigurationError
+from haptogram.evidence import board_process
+from haptogram.evidence.board_process import BoardProcess
+
+WORKS = "import time; end = time.process_time() + 1.5\nwhile time.process_time() < end: pass\n"
+IN_A_CHILD = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {WORKS!r}])\n"
+LISTENS = "print('listening on x', flush=True); input()"
+STARTS = "print('starting: numba compiles', flush=True)\n"
+
+
+def start(program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BoardProcess:
+    """Start a process that is no board, and wait for it with short patience."""
+    popen = board_process.subprocess.Popen
+    monkeypatch.setattr(
+        board_process.subprocess,
+        "Popen",
+        lambda words, **options: popen([sys.executable, "-c", program], **options),
+    )
+    monkeypatch.setattr(board_process, "_HUNG_S", 1.0)
+    monkeypatch.setattr(board_process, "_SLOW_S", 0.2)
+    return BoardProcess([], tmp_path / "log")
+
+
+@pytest.mark.parametrize("work", [WORKS, IN_A_CHILD], ids=["itself", "child"])
+def test_a_slow_start_is_waited_for_and_told(
+    work: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    board = start(STARTS + work + LISTENS, tmp_path, monkeypatch)
+    try:
+        board.wait_until_ready()
+    finally:
+        board.kill()
+        board.close_pipe()
+    told = capsys.readouterr().err
+    assert "the virtual board is slow to start on this machine, after " in told
+    assert told.endswith(": numba compiles\n")
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        (STARTS + "input()", r"the virtual board hangs: .* for 1 s \(numba compiles\)"),
+        ("input()", r"hangs: .* \(the Python interpreter starts\)"),
+        ("print('no memory'); raise SystemExit(3)", "ended with status 3: no memory"),
+        ("raise SystemExit(3)", "ended with status 3: it said nothing"),
+    ],
+)
+def test_one_that_hangs_or_ends_is_an_error_with_its_last_words(
+    program: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = start(program, tmp_path, monkeypatch)
+    try:
+        with pytest.raises(ConfigurationError, match=said):
+            board.wait_until_ready()
+    finally:
+        board.kill()
+        board.close_pipe()
