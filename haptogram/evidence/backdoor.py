@@ -241,7 +241,7 @@ def observed_losses_on_clock_of(
     *,
     is_machine_in_between: bool,
 ) -> BoardLosses:
-    """Return what *records* say of frames that were not latched, counted as *intended* is."""
+    """Return the reasons for frames that were not latched, counted as *intended* is."""
     output = [record for record in records if record["kind"] == "output"]
     drops = [record for record in output if record["event"] == "dropped"]
     states = [r for r in output if r["event"] == "state" and r["state"] != _ARMED]

@@ -105,7 +105,7 @@ class BoardUnderTest(Protocol):
         ...
 
     def losses(self, driver: Driver) -> BoardLosses:
-        """Return what is known of frames that it did not latch, once the observations are there."""
+        """Return the reasons for frames that it did not latch, once the observations are there."""
         ...
 
     def records(self) -> Sequence[Mapping[str, Any]]:

@@ -300,7 +300,7 @@ class VirtualBoard(ClosedByWith):
         )
 
     def losses(self, intended: Sequence[Intended]) -> BoardLosses:
-        """Return what the back door says of frames of *intended* that were not latched.
+        """Return the reasons, in the back door, for frames of *intended* that were not latched.
 
         Where faults on purpose delay the line, late arrival is theirs and not the machine's.
         """

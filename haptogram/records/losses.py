@@ -1,4 +1,4 @@
-"""What is known of frames that a board did not latch: the reasons that decide whose loss it is."""
+"""Reasons for frames that a board did not latch: they decide whose loss it is."""
 
 from __future__ import annotations
 

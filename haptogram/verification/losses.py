@@ -1,4 +1,4 @@
-"""Whose loss a frame is that was not latched: the board's, or that of the host and its machine.
+"""The one who lost a frame that was not latched: the board, or the host and its machine.
 
 A frame that left the host in time is the board's, unless the record of its arrival says that the
 machine held up the process of a virtual board.  Nothing else is excused.
@@ -96,7 +96,7 @@ def _left_in_time(spare_us: int) -> str:
 def lost_frames_reason(
     frames: Sequence[FrameVerdict], due: int, losses: BoardLosses | None
 ) -> str | None:
-    """Return how many frames the board lost, by which counters, and since when; None: none."""
+    """Return the number of frames that the board lost, their counters and since when; or None."""
     lost = [frame for frame in frames if frame.status is FrameStatus.LOST]
     if not lost:
         return None
@@ -112,7 +112,7 @@ def lost_frames_reason(
 def unnamed_losses_reason(
     frames: Sequence[FrameVerdict], due: int, losses: BoardLosses | None
 ) -> str | None:
-    """Return how many frames its counter of latches lacks that its trace does not tell; or None.
+    """Return the number of frames that the board's counter of latches lacks; None: of none.
 
     Not where a timer muted the board behind frames that were held up: nobody counts these.
     """

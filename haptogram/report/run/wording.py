@@ -97,7 +97,7 @@ def run_faults_wording(result: Mapping[str, Any]) -> Iterator[str]:
 
 
 def run_host_delay_text(result: Mapping[str, Any]) -> str | None:
-    """Return how many frames host and machine held up, and by what that is known; None: none."""
+    """Return the number of frames that host and machine held up, by cause; None: none."""
     held_up = [f for f in result["not_on_target"] if f["status"] == FrameStatus.HELD_UP]
     if not held_up:
         return None

@@ -198,6 +198,7 @@ RUN = {
     "cut": OTHER,
     "unseen": (5, NAN, [], object()),
     "silences": (None, 5, NAN, object(), ["x"], [NAN], [None]),
+    "losses": (5, NAN, "x", [], {}, object()),
     "progress": CALLABLE,
 }
 BOARD_METHODS = {
