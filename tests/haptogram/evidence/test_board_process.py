@@ -23,7 +23,7 @@ def start(program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Boar
     monkeypatch.setattr(
         board_process.subprocess,
         "Popen",
-        lambda words, **options: popen([sys.executable, "-c", program], **options),
+        lambda _, **options: popen([sys.executable, "-c", program], **options),
     )
     monkeypatch.setattr(board_process, "_HUNG_S", 1.0)
     monkeypatch.setattr(board_process, "_SLOW_S", 0.2)
