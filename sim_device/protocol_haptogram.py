@@ -14,7 +14,8 @@ next byte, or to its timeout), in a blocking write, and in :meth:`Serial.wait_un
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+import weakref
+from collections.abc import Callable, MutableMapping
 from typing import Any, Final
 
 import serial
@@ -31,6 +32,8 @@ from .blueprint import Blueprint, blueprint_of
 from .board.settings import BoardSettings
 from .simulation import Simulation, SimulationRecorder
 
+#: Ports whose board others reach as well, as long as it runs.
+_SHARED: Final[MutableMapping[str, Serial]] = weakref.WeakValueDictionary()
 _LONGEST_SLEEP_NS: Final = 50_000_000  # another thread may write meanwhile
 
 
@@ -67,9 +70,13 @@ class Serial(serial.SerialBase):
         The board and its line, while the port is open.
     records : list of dict
         Records of the back door, where ``reconstruct`` is given and no worker writes them.
+    shared_as : str or None
+        Name under which other ports of this program reach the board: set before it is opened.
     """
 
     config: PortConfig | None = None
+    shared_as: str | None = None
+    _owner: Serial | None = None  # of the board, if that is another port
     simulation: Simulation
     records: list[Record]
 
@@ -93,6 +100,9 @@ class Serial(serial.SerialBase):
         if self.is_open:
             raise serial.SerialException("Port is already open.")
         config = self.config or read_board_url(self._port)
+        if config.shared is not None:
+            self._join(config.shared)
+            return
         self._is_virtual = config.is_virtual
         blueprint = self._blueprint(config.board)
         settings = blueprint.settings
@@ -110,6 +120,33 @@ class Serial(serial.SerialBase):
             raise
         self._start_ns = time.monotonic_ns()
         self.is_open = True
+        if self.shared_as is not None:
+            _SHARED[self.shared_as] = self
+
+    def _join(self, name: str) -> None:
+        """Become a port to the board of another one."""
+        owner = _SHARED.get(name)
+        if owner is None or not owner.is_open:
+            raise ConfigurationError(
+                f"{self._port}: the board was ended, or is in another process: open its URL in "
+                'the program of the VirtualBoard, before the end of its "with"; for other '
+                'programs, VirtualBoard(clock="wall") has a pseudo-terminal'
+            )
+        self._owner, self._is_virtual = owner, owner.is_virtual
+        self._start_ns = owner.start_ns
+        self.simulation, self.records = owner.simulation, owner.records
+        self._sink = self._worker = self._inline = None
+        self.is_open = True
+
+    @property
+    def is_virtual(self) -> bool:
+        """True if its time is virtual."""
+        return self._is_virtual
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the monotonic clock at the power-up of its board."""
+        return self._start_ns
 
     def _blueprint(self, board: BoardConfig) -> Blueprint:
         try:
@@ -141,6 +178,10 @@ class Serial(serial.SerialBase):
         if not self.is_open:
             return
         self.is_open = False
+        if self._owner is not None:
+            if self._owner.is_open:
+                self.simulation.unplug()
+            return
         self.simulation.power_down()
         self._close_records()
 
@@ -175,7 +216,7 @@ class Serial(serial.SerialBase):
 
     def _catch_up(self) -> None:
         """Advance the board to now."""
-        if not self.is_open:
+        if not self.is_open or (self._owner is not None and not self._owner.is_open):
             raise serial.PortNotOpenError
         if self._is_virtual:
             self.simulation.advance_to(self.simulation.now_ns)

@@ -31,7 +31,7 @@ REFUSED = {
         "from sim_device.line.pty_port import PtyPort; PtyPort('never')"
     ),
     "a virtual board in a process of its own needs the module fcntl, which this system lacks": (
-        "from haptogram import VirtualBoard; VirtualBoard().__enter__()"
+        "from haptogram import VirtualBoard; VirtualBoard(clock='wall').__enter__()"
     ),
 }
 

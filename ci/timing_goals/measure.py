@@ -138,7 +138,7 @@ def _two_processes(run: BenchRun) -> list[Goal]:
 
 
 def _line_goals(programs: CPrograms | None, trips: int, step_s: float) -> list[Goal]:
-    with VirtualBoard(reconstruct=False) as board, exchanger(board.url) as session:
+    with VirtualBoard(reconstruct=False, clock="wall") as board, exchanger(board.url) as session:
         trips_us = session.round_trips_us(trips)
         closed = session.closed_loop(trips)
         pipelined = fastest_pipeline(session, trips)

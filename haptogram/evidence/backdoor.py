@@ -204,12 +204,17 @@ def why_observations_incomplete(
         return None if end["clean"] else "the board was killed before its last latches were told"
     if last is not None and any(is_observed_latch_of(record, last) for record in records):
         return None
-    return "the back door fell silent before the last frame"
+    return (
+        "the back door fell silent before the last frame: its process waits for a processor, "
+        "or the board lost it; in virtual time, the default of VirtualBoard, nothing waits"
+    )
 
 
 def is_observed_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:
-    """Return True if *record* is of the latch with this *key*."""
-    return record["kind"] == "latch" and key == _observed_frame_key(record)
+    """Return True if *record* is of the latch with this *key*, or says that it will not come."""
+    if record["kind"] == "latch":
+        return key == _observed_frame_key(record)
+    return record.get("event") == "dropped" and key == _dropped_frame_key(record)
 
 
 def observations_on_clock_of(

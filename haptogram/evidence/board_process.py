@@ -1,17 +1,23 @@
-"""The process of a virtual board: its start, its pipe, its log and its end."""
+"""The process of a virtual board, its start and its end; or the board in this program."""
 
 from __future__ import annotations
 
+import os
+import secrets
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import serial
 
 from haptogram.errors import ConfigurationError, LinkLostError
 from haptogram.machine.view_process import child_process_environment
+from haptogram.settings.board import BoardConfig
+from haptogram.settings.board_url import SCHEME, PortConfig, write_board_url
 
 _PROGRAM: Final = "python -m sim_device: "
 _REFUSED: Final = 2
@@ -22,6 +28,9 @@ _STARTING: Final = "starting: "
 _INTERPRETER: Final = "the Python interpreter starts"
 _STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
 _POLL_S: Final = 0.01
+#: Package in which pyserial finds the URL: a name, as whoever drives a board imports none.
+_HANDLER: Final = "sim_device"
+_NS_PER_S: Final = 1e9
 
 
 def _processor_ticks(pid: str) -> int:
@@ -154,3 +163,82 @@ class BoardProcess:
         """End the process at once."""
         self._process.kill()
         self._process.wait(_STOP_S)
+
+
+# --- In this program -----------------------------------------------------------------------------
+
+
+def _closed_board_port() -> Any:  # the stubs of pyserial know nothing of this port
+    return serial.serial_for_url(SCHEME, do_not_open=True, timeout=0)
+
+
+class BoardInProgram:
+    """Powers up a board whose time passes when somebody waits for it.
+
+    It has the methods of :class:`BoardProcess`.
+
+    Parameters
+    ----------
+    config : BoardConfig
+        The board.
+    backdoor : Path
+        File that takes the records.
+    reconstruct : bool
+        Whether the records hold the field.
+
+    Attributes
+    ----------
+    url : str
+        URL by which pyserial opens a port to it, in this program, as long as it runs.
+    """
+
+    def __init__(self, config: BoardConfig, backdoor: Path, *, reconstruct: bool) -> None:
+        if _HANDLER not in serial.protocol_handler_packages:
+            serial.protocol_handler_packages.append(_HANDLER)
+        name = secrets.token_hex(8)
+        self.url = write_board_url(PortConfig(clock="virtual", shared=name))
+        self._port = _closed_board_port()
+        self._port.config = PortConfig(
+            clock="virtual", backdoor=str(backdoor), reconstruct=reconstruct, board=config
+        )
+        self._port.shared_as = name
+        self._port.open()
+        self.pid = os.getpid()
+
+    def now_s(self) -> float:
+        """Return the time since its power-up."""
+        return float(self._port.now_ns()) / _NS_PER_S
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        if self.is_running():
+            self._port.wait_until_ns(self._port.now_ns() + round(seconds * _NS_PER_S))
+
+    def is_running(self) -> bool:
+        """Return True if it has not been ended."""
+        return bool(self._port.is_open)
+
+    def how_it_ended(self, patience_s: float = 0.0) -> str | None:  # noqa: ARG002  nothing to wait for
+        """Return that it was ended; None: it runs."""
+        return None if self.is_running() else "the virtual board was ended"
+
+    def log(self) -> str:
+        """Return nothing: it logs to this program."""
+        return ""
+
+    def close_pipe(self) -> None:
+        """End it."""
+        self.terminate()
+
+    def terminate(self) -> None:
+        """End it; do nothing if it has ended."""
+        self._port.close()
+
+    def stop(self) -> int:
+        """End it and return 0."""
+        self.terminate()
+        return 0
+
+    def kill(self) -> None:
+        """End it."""
+        self.terminate()

@@ -30,11 +30,20 @@ class BoardRecords:
         File that the board appends to.
     is_running : callable
         Returns whether the board runs.
+    now_s, sleep : callable
+        The clock on which the board is waited for.
     """
 
-    def __init__(self, path: Path, *, is_running: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        is_running: Callable[[], bool],
+        now_s: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
         self._file = BackdoorFileReader(path)
-        self._is_running = is_running
+        self._is_running, self._now_s, self._sleep = is_running, now_s, sleep
 
     def read(self) -> list[dict[str, Any]]:
         """Return all records so far."""
@@ -43,11 +52,11 @@ class BoardRecords:
 
     def wait_for_latches(self, count: int, timeout_s: float) -> bool:
         """Wait for *count* latches; return whether they came before the end and *timeout_s*."""
-        end_s = time.monotonic() + timeout_s
+        end_s = self._now_s() + timeout_s
         while sum(record["kind"] in LATCHES for record in self.read()) < count:
-            if time.monotonic() > end_s or self._is_closed:
+            if self._now_s() > end_s or self._is_closed:
                 return False
-            time.sleep(_POLL_S)
+            self._sleep(_POLL_S)
         return True
 
     def wait_for_latch(self, key: FrameKey) -> str | None:
@@ -96,18 +105,18 @@ class BoardRecords:
         self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
     ) -> None:
         """Read until *enough*, or until no more records are to be expected."""
-        quiet_since_s = time.monotonic()
+        quiet_since_s = self._now_s()
         while True:
             if self._file.read():
-                quiet_since_s = time.monotonic()
+                quiet_since_s = self._now_s()
                 if progress is not None:
                     progress(len(self._file.records))
             if enough() or self._is_closed:
                 return
             patience_s = _QUIET_S if self._is_running() else _LAST_WORDS_S
-            if time.monotonic() - quiet_since_s > patience_s:
+            if self._now_s() - quiet_since_s > patience_s:
                 return
-            time.sleep(_POLL_S)
+            self._sleep(_POLL_S)
 
     @property
     def _is_closed(self) -> bool:

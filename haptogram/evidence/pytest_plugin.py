@@ -8,12 +8,19 @@
         verified_board.expect([(0, 0, 0.15), (0.01, 0, 0.15)])
 
 The test fails if a focus is not where it was expected, a frame is late or lost, or the board is not
-muted at the end.  The plugin imports nothing but pytest before the fixture is used.
+muted at the end.
+
+The board is in virtual time, whatever the load of the machine: time passes while the driver reads
+its port or calls ``time.sleep``.  A driver that opens a path, has threads or a clock of its own
+takes the wall clock: ``@pytest.mark.haptogram_board(clock="wall")``.  The plugin imports nothing
+but pytest before the fixture is used.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -39,10 +46,24 @@ def verified_board(request: pytest.FixtureRequest) -> Iterator[VerifiedBoard]:
     from haptogram.evidence.verified_board import VerifiedBoard
 
     marker = request.node.get_closest_marker(_MARKER)
-    with VerifiedBoard(**({} if marker is None else marker.kwargs)) as board:
+    options = {} if marker is None else marker.kwargs
+    with VerifiedBoard(**options) as board, pytest.MonkeyPatch.context() as patch:
+        if board.is_virtual:
+            patch.setattr(time, "sleep", _sleep_on_board(board))
         yield board
         if _is_board_held_by_fixture(request.node) and not _has_test_failed(request.node):
             _check_verified_board(board)
+
+
+def _sleep_on_board(board: VerifiedBoard) -> Callable[[float], None]:
+    """Return a sleep that lets the board's time pass, and in other threads the wall clock's."""
+    asleep = time.sleep
+
+    def sleep(seconds: float) -> None:
+        is_own = threading.current_thread() is threading.main_thread()
+        (board.sleep if is_own else asleep)(seconds)
+
+    return sleep
 
 
 @pytest.hookimpl(wrapper=True)

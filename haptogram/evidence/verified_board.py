@@ -5,7 +5,6 @@ The driver says nothing of what it means, so the test does: the foci that are ex
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -28,21 +27,28 @@ _LONGEST_S: Final = 10.0
 _POLL_S: Final = 0.05
 _MOST_ROUNDS: Final = 10**9
 _SHOWN: Final = 5  # frames of a kind that are named
+_VIRTUAL_TIME: Final = (
+    "time      is virtual: it passes while the driver reads its port or calls time.sleep; a driver "
+    'with threads or a clock of its own needs @pytest.mark.haptogram_board(clock="wall")'
+)
 
 
 class VerifiedBoard(ClosedByWith):
-    """A virtual board in a process of its own, and the foci that a test expects on it.
+    """A virtual board, and the foci that a test expects on it.
 
     Parameters
     ----------
     **options : object
         Options of :class:`~haptogram.evidence.virtual_board.VirtualBoard`: ``array``, ``pitch_mm``,
-        ``temperature_c``, ``seed``, ``dialect``, ...
+        ``temperature_c``, ``seed``, ``dialect``, ``clock``, ...
 
     Attributes
     ----------
     port : str
-        What the driver under test opens: the path of a pseudo-terminal.
+        What the driver under test opens: in virtual time a URL of pyserial, else the path of a
+        pseudo-terminal.
+    is_virtual : bool
+        Whether its time is virtual: then it passes while the driver waits for bytes.
     model : AcousticModel
         What the board radiates with.
 
@@ -58,6 +64,7 @@ class VerifiedBoard(ClosedByWith):
 
     def __init__(self, **options: Any) -> None:
         self._board = VirtualBoard(**({"reconstruct": False} | options))
+        self.is_virtual = self._board.is_virtual
         self._frames_m: list[FloatArray] = []
         self._tolerance = Tolerance()
         self._rounds: int | None = None
@@ -67,8 +74,12 @@ class VerifiedBoard(ClosedByWith):
 
     @property
     def port(self) -> str:
-        """Path that the driver under test opens."""
+        """Name of the port that the driver under test opens."""
         return self._board.url
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass on the clock of the board."""
+        self._board.sleep(seconds)
 
     @property
     def model(self) -> AcousticModel:
@@ -155,16 +166,18 @@ class VerifiedBoard(ClosedByWith):
             head = str(result).replace(result.verdict.upper(), Verdict.FAIL.upper(), 1)
             yield f"verified_board: {head}"
             yield from (f"  {problem}" for problem in problems)
+            if self.is_virtual:
+                yield f"  {_VIRTUAL_TIME}"
 
     def _records(self) -> list[dict[str, Any]]:
         """Wait until the board is quiet, end it, and return its records."""
-        end_s = quiet_s = time.monotonic()
-        end_s += _LONGEST_S
+        waited_s = quiet_s = 0.0
         count = len(self._board.records())
-        while (now_s := time.monotonic()) < min(end_s, quiet_s + _QUIET_S):
-            time.sleep(_POLL_S)
+        while waited_s < min(_LONGEST_S, quiet_s + _QUIET_S):
+            self._board.sleep(_POLL_S)
+            waited_s += _POLL_S
             if len(self._board.records()) > count:
-                count, quiet_s = len(self._board.records()), now_s
+                count, quiet_s = len(self._board.records()), waited_s
         self._board.finish()
         return self._board.records()
 

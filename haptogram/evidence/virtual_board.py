@@ -1,4 +1,4 @@
-"""A virtual board in a process of its own, on a pseudo-terminal.
+"""A virtual board: in this program, in virtual time, or in a process of its own, on a terminal.
 
 ::
 
@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -25,7 +26,7 @@ from haptogram.evidence.backdoor import (
     observed_losses_on_clock_of,
     observed_silences_on_clock_of,
 )
-from haptogram.evidence.board_process import BoardProcess
+from haptogram.evidence.board_process import BoardInProgram, BoardProcess
 from haptogram.evidence.board_records import BoardRecords
 from haptogram.evidence.dialects.latches import (
     are_records_of_another_dialect,
@@ -38,6 +39,7 @@ from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import (
     check_argument_kind,
     check_callable,
+    check_choice,
     check_number,
     check_texts,
     check_whole,
@@ -50,12 +52,17 @@ from haptogram.settings.line import MAX_BAUD, LineSettings
 if TYPE_CHECKING:
     from haptogram.verification import RunVerdict, Tolerance, Uncertainty
 
+_VIRTUAL_BAUD: Final = 3_000_000  # without a rate, frames would come at one moment
 _MOST_LATCHES: Final = 10**9
 _LONGEST_WAIT_S: Final = 1e7
 
 
 class VirtualBoard(ClosedByWith):
-    """Starts ``python -m sim_device`` and cleans up after it.
+    """A virtual board that judges what it was sent, and cleans up after itself.
+
+    In virtual time it is in this program, and time passes while a host waits for bytes: the same
+    calls give the same result, however busy the machine is.  On the wall clock it is
+    ``python -m sim_device``, for any program that opens a pseudo-terminal.
 
     Parameters
     ----------
@@ -71,7 +78,8 @@ class VirtualBoard(ClosedByWith):
     seed : int
         Seed of everything random.
     baudrate : int or None
-        Rate at which its line carries bytes; None: as fast as they come.  A driver keeps to its
+        Rate at which its line carries bytes; None: 3 Mbaud in virtual time, and on the wall clock
+        as fast as they come.  A driver keeps to its
         own rate in any case.  With a rate here, bytes that pile up while the board's process waits
         for a processor are slow to catch up, as they would not be in a real board.
     reconstruct : bool
@@ -86,11 +94,17 @@ class VirtualBoard(ClosedByWith):
         open :attr:`url`; its array and the rate of its line are its own unless they are given here.
     dialect_options : sequence of str
         Options of the dialect, such as ``"boards=2"``.
+    clock : str, optional
+        ``virtual`` or ``wall``; by default ``wall`` for the wire of another board, whose programs
+        open a terminal, else ``virtual``.
 
     Attributes
     ----------
     url : str
-        What a host opens.
+        What a host opens: in virtual time a URL of pyserial for this program, on the wall clock the
+        path of a terminal.
+    is_virtual : bool
+        Whether time is virtual.
     backdoor : Path
         File that it writes its records to, as long as it runs.
     model : AcousticModel
@@ -124,7 +138,11 @@ class VirtualBoard(ClosedByWith):
         fault_plan: Path | None = None,
         dialect: str | None = BoardConfig.dialect,
         dialect_options: Sequence[str] = (),
+        clock: str | None = None,
     ) -> None:
+        if clock is not None:
+            check_choice("clock", clock, ("virtual", "wall"))
+        self.is_virtual = clock == "virtual" or (clock is None and dialect is None)
         if baudrate is not None:
             check_whole("baudrate", baudrate, 1, MAX_BAUD)
         check_argument_kind("reconstruct", reconstruct, bool, "True or False")
@@ -135,7 +153,7 @@ class VirtualBoard(ClosedByWith):
             pitch_mm=pitch_mm,
             temperature_c=temperature_c,
             seed=seed,
-            baud=baudrate,
+            baud=_VIRTUAL_BAUD if self.is_virtual and baudrate is None else baudrate,
             fault_plan=fault_plan,
             dialect=dialect,
             dialect_option=tuple(dialect_options),
@@ -145,8 +163,9 @@ class VirtualBoard(ClosedByWith):
 
     @classmethod
     def of(cls, config: BoardConfig) -> Self:
-        """Start the board that *config* describes."""
+        """Start the board that *config* describes, on the wall clock."""
         board = cls.__new__(cls)
+        board.is_virtual = False
         file = config.calibration
         elements = None if file is None else Calibration.from_file(file)
         # The field of another dialect's boards is rebuilt by whoever knows the frames.
@@ -160,27 +179,52 @@ class VirtualBoard(ClosedByWith):
             self.model = _model_of_virtual_board(config, elements)
         self._has_faults = bool(config.plan.faults)
         self._folder = WorkingFolder("haptogram-board-")
-        self.backdoor = records = self._folder.path / "backdoor.jsonl"
-        self.url = str(self._folder.path / "board")
+        self.backdoor = self._folder.path / "backdoor.jsonl"
         if elements is not None:
             copy = self._folder.path / "calibration.csv"
             elements.to_file(copy)
             config = dataclasses.replace(config, calibration=copy)
-        port = [f"--link={self.url}", f"--backdoor={records}"]
-        if not reconstruct:
-            port.append("--no-reconstruct")
-        # Without a seed the process takes a random one.
-        values = {"seed": config.seed} | config.non_default()
-        arguments = [*port, *written_options(values, BOARD_OPTIONS)]
-        self._process = BoardProcess(arguments, self._folder.path / "log")
-        self._records = BoardRecords(records, is_running=self._process.is_running)
+        start = self._start_in_program if self.is_virtual else self._start_process
         try:
-            self._process.wait_until_ready()
+            start(config, reconstruct=reconstruct)
+        except BaseException:
+            self._folder.remove()
+            raise
+        try:
+            if isinstance(self._process, BoardProcess):
+                self._process.wait_until_ready()
             if config.dialect is not None:
                 self.model = board_model_of_evidence(self._records.read()[0])
         except BaseException:
             self.close()
             raise
+
+    def _start_in_program(self, config: BoardConfig, *, reconstruct: bool) -> None:
+        self._process: BoardProcess | BoardInProgram
+        self._process = board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
+        self.url = board.url
+        self._records = BoardRecords(
+            self.backdoor, is_running=board.is_running, now_s=board.now_s, sleep=board.sleep
+        )
+
+    def _start_process(self, config: BoardConfig, *, reconstruct: bool) -> None:
+        self.url = str(self._folder.path / "board")
+        port = [f"--link={self.url}", f"--backdoor={self.backdoor}"]
+        if not reconstruct:
+            port.append("--no-reconstruct")
+        # Without a seed the process takes a random one.
+        values = {"seed": config.seed} | config.non_default()
+        arguments = [*port, *written_options(values, BOARD_OPTIONS)]
+        self._process = process = BoardProcess(arguments, self._folder.path / "log")
+        self._records = BoardRecords(self.backdoor, is_running=process.is_running)
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass on the clock of the board."""
+        check_number("seconds", seconds, 0.0, _LONGEST_WAIT_S)
+        if isinstance(self._process, BoardInProgram):
+            self._process.sleep(seconds)
+        else:
+            time.sleep(seconds)
 
     # --- evidence ------------------------------------------------------------------------------
 
@@ -220,8 +264,10 @@ class VirtualBoard(ClosedByWith):
         if not intended:
             return None
         if are_records_of_another_dialect(self._records.read()):
-            return self._records.wait_for_all(intended)
-        return self._records.wait_for_latch(intended[-1].key)
+            why = self._records.wait_for_all(intended)
+        else:
+            why = self._records.wait_for_latch(intended[-1].key)
+        return None if self.is_virtual else why  # in virtual time nothing lags behind
 
     def finish(
         self, progress: Callable[[int], None] | None = None, *, skip_fields: bool = False
@@ -249,7 +295,7 @@ class VirtualBoard(ClosedByWith):
         intended: Sequence[Intended],
         *,
         model: AcousticModel | None = None,
-        min_verified: float = 0.9,
+        min_verified: float | None = None,
         tolerance: Tolerance | None = None,
         uncertainty: Uncertainty | None = None,
     ) -> RunVerdict:
@@ -261,8 +307,9 @@ class VirtualBoard(ClosedByWith):
         ----------
         model : AcousticModel, optional
             What the host assumes; by default what the board radiates with.
-        min_verified : float
-            Share of the frames that must be verified for the run to pass.
+        min_verified : float, optional
+            Share of the frames that must be verified for the run to pass; by default all of them in
+            virtual time, else 0.9.
         tolerance : Tolerance, optional
             Which misses pass on top of what rounding of the phases makes; by default none.
         uncertainty : Uncertainty, optional
@@ -284,14 +331,15 @@ class VirtualBoard(ClosedByWith):
         from haptogram.verification import check_run_judgement, verify_run
 
         assumed = self.model if model is None else model
-        check_run_judgement(assumed, min_verified, tolerance, uncertainty)
+        share = (1.0 if self.is_virtual else 0.9) if min_verified is None else min_verified
+        check_run_judgement(assumed, share, tolerance, uncertainty)
         unseen = self.wait_idle(intended)
         session = intended[0].key.session if intended else None
         return verify_run(
             intended,
             dialect_run_observations(intended, self.records(), session),
             model=assumed,
-            min_verified=min_verified,
+            min_verified=share,
             tolerance=tolerance,
             uncertainty=uncertainty,
             unseen=unseen,
@@ -305,14 +353,16 @@ class VirtualBoard(ClosedByWith):
         Where faults on purpose delay the line, late arrival is theirs and not the machine's.
         """
         return observed_losses_on_clock_of(
-            intended, self.records(), is_machine_in_between=not self._has_faults
+            intended,
+            self.records(),
+            is_machine_in_between=not (self.is_virtual or self._has_faults),
         )
 
     # --- process -------------------------------------------------------------------------------
 
     @property
     def pid(self) -> int:
-        """Number of the board's process."""
+        """Number of the board's process; in virtual time that of this program."""
         return self._process.pid
 
     def how_it_ended(self, patience_s: float = 0.0) -> str | None:

@@ -33,6 +33,12 @@ class PortConfig(Settings):
     reconstruct: bool | None = option(
         None, help="whether the back door holds the field", absent="only if there is a back door"
     )
+    shared: str | None = option(
+        None,
+        unit="NAME",
+        absent="a board of its own",
+        help="board of a VirtualBoard in this program",
+    )
     board: BoardConfig = field(default_factory=BoardConfig)
 
     @property

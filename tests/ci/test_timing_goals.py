@@ -19,7 +19,7 @@ needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler"
 
 @pytest.fixture(scope="module")
 def board():
-    with VirtualBoard("4x4", reconstruct=False) as board:
+    with VirtualBoard("4x4", reconstruct=False, clock="wall") as board:
         yield board
 
 

@@ -239,7 +239,7 @@ def test_a_board_in_a_process_of_its_own_has_its_elements_too(tmp_path: Path) ->
         (calibration, True, True),
         (file_of(tmp_path, calibration), False, False),
     ):
-        with VirtualBoard("8x8", calibration=given) as board:
+        with VirtualBoard("8x8", calibration=given, clock="wall") as board:
             assert board.model.response == pytest.approx(calibration.response)
             with Driver(board.url, calibration=calibration if knows else None) as driver:
                 driver.arm()

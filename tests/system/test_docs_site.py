@@ -108,7 +108,7 @@ def test_a_host_in_40_lines_makes_its_focus(language: str, request: pytest.Fixtu
         else request.getfixturevalue("c_host")
     )
     for _ in range(5):  # on a busy machine the lease may run out
-        with VirtualBoard() as board:
+        with VirtualBoard(clock="wall") as board:
             done = subprocess.run(
                 [*host, board.url], check=True, timeout=120, stdout=subprocess.PIPE, text=True
             )
@@ -138,7 +138,7 @@ def test_the_exercise_shows_the_sign_of_the_phases(capsys: pytest.CaptureFixture
 @pytest.mark.pty
 def test_the_driver_of_the_first_page_runs() -> None:
     (block,) = re.findall(r"```python\n(.*?)```", (DOCS / "start.md").read_text(), re.DOTALL)
-    with VirtualBoard() as board:
+    with VirtualBoard(clock="wall") as board:
         program = block.replace("/tmp/board", board.url)
         subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
         board.finish()

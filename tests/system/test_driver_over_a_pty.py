@@ -36,7 +36,7 @@ CIRCLE = np.column_stack((0.03 * np.cos(ANGLE), 0.03 * np.sin(ANGLE), np.full(30
 
 @pytest.fixture
 def board():
-    with VirtualBoard("8x8", reconstruct=False) as board:
+    with VirtualBoard("8x8", reconstruct=False, clock="wall") as board:
         yield board
 
 

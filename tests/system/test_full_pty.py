@@ -115,7 +115,7 @@ def test_a_board_that_is_stopped_in_mid_stream_ends_it_with_an_error():
         if done >= 1000:
             os.kill(process_of(board), signal.SIGSTOP)
 
-    with VirtualBoard("4x4", reconstruct=False) as board:
+    with VirtualBoard("4x4", reconstruct=False, clock="wall") as board:
         driver = Driver(board.url, timeout_s=0.5)
         driver.arm()
         try:

@@ -22,7 +22,6 @@ WRITTEN = re.compile(
 SNIPPETS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
 
 
-@pytest.mark.pty
 @pytest.mark.parametrize("snippet", SNIPPETS, ids=range(len(SNIPPETS)))
 def test_a_python_snippet_runs(snippet: str) -> None:
     paths = os.pathsep.join(path for path in sys.path if path)
@@ -34,14 +33,8 @@ def test_a_python_snippet_runs(snippet: str) -> None:
         timeout=120,
         check=False,
     )
-    if "verify" not in snippet:
-        assert run.returncode == 0, run.stderr
-        return
-    # A busy machine may lose frames: then the verdict is no pass, and the example says so.
-    passed, unsure = (f"{word}: " in run.stdout for word in ("PASS", "INCONCLUSIVE"))
-    assert passed or unsure, run.stdout + run.stderr
-    assert run.returncode == (0 if passed else 1), run.stderr
-    assert passed or run.stderr.rstrip().endswith("AssertionError"), run.stderr
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "verify" not in snippet or run.stdout.startswith("PASS: every focus is on target\n")
 
 
 def test_there_are_snippets() -> None:

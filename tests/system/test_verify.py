@@ -136,7 +136,7 @@ def _wait_for_latches(folder: Path, count: int) -> None:
 @pytest.mark.pty
 def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
     config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, rate_hz=200, repeat=20)
-    with VirtualBoard(baudrate=None) as board:
+    with VirtualBoard(baudrate=None, clock="wall") as board:
 
         def kill_at_half(done: int, total: int) -> None:
             if done * 2 >= total:
@@ -153,7 +153,7 @@ def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
 @pytest.mark.pty
 @pytest.mark.parametrize("mode", ["phases", "points", "sequence"])
 def test_a_board_at_a_port_is_judged_by_its_own_word(tmp_path: Path, mode: str) -> None:
-    with VirtualBoard(baudrate=None, reconstruct=False) as board:
+    with VirtualBoard(baudrate=None, reconstruct=False, clock="wall") as board:
         words = ["--port", board.url, "--rate-hz", "100", "--lead-ms", "1000", "--mode", mode]
         status, result = _verify(tmp_path, *_CIRCLE, *words, "--min-verified", "0.5")
     assert (status, result["evidence"]) == (0, "self-reported")

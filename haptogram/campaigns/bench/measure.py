@@ -133,7 +133,7 @@ def _bench_board(config: BenchConfig, writer: RecordingWriter | None) -> Iterato
         tap = None if writer is None else _tapped_bench_url(config.port, config, writer)
         yield config.port, tap or config.port, told.prepare, _self_reported_bench_latches
         return
-    with VirtualBoard(reconstruct=False) as board:
+    with VirtualBoard(reconstruct=False, clock="wall") as board:
         tap = None if writer is None else _tapped_bench_url(board.url, config, writer, {})
 
         def collect(driver: Driver) -> Latches:

@@ -172,7 +172,7 @@ def test_a_spawned_board_is_restarted_for_the_clauses_about_a_reset(tmp_path, mo
 def test_without_a_way_to_reset_these_clauses_are_not_observed(capsys):
     from haptogram.evidence.virtual_board import VirtualBoard
 
-    with VirtualBoard("4x4", reconstruct=False) as board:
+    with VirtualBoard("4x4", reconstruct=False, clock="wall") as board:
         chosen = ["--clause", "HG-6.1/1", "--clause", "HG-2.3", "--quiet", "--timeout", "5"]
         assert main(["conform", "--port", board.url, *chosen]) == 0
     out = capsys.readouterr().out

@@ -13,18 +13,19 @@ from haptogram.errors import ConfigurationError, LinkError, LinkLostError
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import FrameKey
 
-pytestmark = pytest.mark.pty
+pty = pytest.mark.pty
 POINTS = np.column_stack((np.linspace(-0.03, 0.03, 100), np.zeros(100), np.full(100, 0.12)))
 
 
 @pytest.fixture
 def board():
-    with VirtualBoard("8x8") as board:
+    with VirtualBoard("8x8", clock="wall") as board:
         yield board
 
 
+@pty
 def test_a_board_comes_up_shows_what_it_latched_and_leaves_nothing_behind():
-    with VirtualBoard("8x8", pitch_mm=11, seed=3) as board:
+    with VirtualBoard("8x8", pitch_mm=11, seed=3, clock="wall") as board:
         folder = Path(board.url).parent
         with Driver(board.url) as driver:
             assert driver.model.array.digest() == board.model.array.digest()
@@ -44,6 +45,7 @@ def test_a_board_comes_up_shows_what_it_latched_and_leaves_nothing_behind():
     assert not folder.exists()
 
 
+@pty
 def test_what_was_never_latched_does_not_keep_settle_waiting(board):
     with Driver(board.url) as driver:
         driver.arm()
@@ -54,6 +56,7 @@ def test_what_was_never_latched_does_not_keep_settle_waiting(board):
     board.wait_idle([])
 
 
+@pty
 def test_a_killed_board_is_a_lost_link(board):
     driver = Driver(board.url)
     driver.arm()
@@ -64,6 +67,7 @@ def test_a_killed_board_is_a_lost_link(board):
         driver.close()
 
 
+@pty
 def test_a_board_that_cannot_be_says_why_and_leaves_nothing_behind(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with pytest.raises(ConfigurationError, match="'nonsense'"):
@@ -73,8 +77,9 @@ def test_a_board_that_cannot_be_says_why_and_leaves_nothing_behind(tmp_path, mon
     assert os.listdir(tmp_path) == []
 
 
+@pty
 def test_two_boards_do_not_meet():
-    with VirtualBoard("4x4") as one, VirtualBoard("4x4") as other:
+    with VirtualBoard("4x4", clock="wall") as one, VirtualBoard("4x4", clock="wall") as other:
         assert one.url != other.url
         with Driver(one.url) as first, Driver(other.url) as second:
             first.arm()
@@ -84,12 +89,13 @@ def test_two_boards_do_not_meet():
 OWNER = """
 import sys
 from haptogram.evidence.virtual_board import VirtualBoard
-board = VirtualBoard("4x4")
+board = VirtualBoard("4x4", clock="wall")
 print(board.url, flush=True)
 sys.stdin.read()
 """
 
 
+@pty
 def test_a_board_ends_with_a_host_that_was_killed(tmp_path):
     paths = os.pathsep.join(path for path in sys.path if path)
     owner = subprocess.Popen(
@@ -108,9 +114,10 @@ def test_a_board_ends_with_a_host_that_was_killed(tmp_path):
     assert not link.is_symlink()  # it takes its name away when it ends in order
 
 
+@pty
 def test_faults_are_counted_at_the_end(monkeypatch, tmp_path):
     faults = ["device.dead column=2", "line.delay us=1"]
-    with VirtualBoard("4x4", faults=faults) as board:
+    with VirtualBoard("4x4", faults=faults, clock="wall") as board:
         with Driver(board.url) as driver:
             driver.arm()
             driver.focus((0, 0, 0.05))
@@ -126,6 +133,7 @@ def test_faults_are_counted_at_the_end(monkeypatch, tmp_path):
         VirtualBoard(faults=["line.magic"])
 
 
+@pty
 def test_a_killed_board_shows_what_it_had_told_and_says_that_there_may_be_more(board):
     driver = Driver(board.url)
     driver.arm()
@@ -138,3 +146,51 @@ def test_a_killed_board_shows_what_it_had_told_and_says_that_there_may_be_more(b
     assert "killed" in board.wait_idle([*driver.intended, unseen])
     run = board.verify([*driver.intended, dataclasses.replace(unseen, number=1)])
     assert [frame.status.value for frame in run.frames] == ["on target", "not verified"]
+
+
+# --- in virtual time ------------------------------------------------------------------------------
+
+
+def test_in_virtual_time_every_session_of_a_board_is_judged_in_this_program():
+    with VirtualBoard("8x8", seed=3) as board:
+        for number in (1, 2):
+            with Driver(board.url, nonce=number) as driver:
+                driver.arm()
+                driver.stream(POINTS, 500)
+                driver.focus(POINTS[0])
+                verdict = board.verify(driver.intended)
+                assert verdict, str(verdict)
+                assert verdict.min_verified == 1.0
+            assert len(board.observations(number)) == len(POINTS) + 1
+        assert board.wait_for(2 * len(POINTS) + 2)
+        assert not board.wait_for(2 * len(POINTS) + 3, timeout_s=1e4)
+        assert board.how_it_ended() is None
+        board.sleep(1.0)
+        board.finish()
+        assert board.records()[-1]["kind"] == "end"
+        assert "MUTED" in {record.get("state") for record in board.records()}
+        with pytest.raises(ConfigurationError, match=r"the board was ended.*clock=\"wall\""):
+            Driver(board.url)
+    assert not board.backdoor.parent.exists()
+
+
+def test_in_virtual_time_a_board_loses_frames_and_ends_under_its_driver():
+    with VirtualBoard("4x4", faults=["frame.crc p=0.1 from=60ms"]) as board:
+        driver = Driver(board.url)
+        driver.arm()
+        driver.stream(POINTS, 1000)
+        verdict = board.verify(driver.intended)
+        assert verdict.reasons[0].startswith(f"{verdict.counts['lost']} of 100 frames were lost by")
+        board.stop()
+        with pytest.raises(LinkLostError):
+            driver.status()
+        with pytest.raises(LinkError, match="did not confirm"):
+            driver.close()
+        assert board.fault_counts["frame.crc"] >= verdict.counts["lost"]
+
+
+def test_which_clock_a_board_has():
+    with VirtualBoard("4x4", clock="virtual", reconstruct=False) as board:
+        assert board.is_virtual
+    with pytest.raises(ConfigurationError, match=r"clock is 'sundial'.*; known are virtual, wall"):
+        VirtualBoard(clock="sundial")

@@ -353,7 +353,7 @@ def test_a_virtual_board_refuses_before_it_starts_a_process(name, values, monkey
 
 @pytest.fixture(scope="module")
 def board():
-    with VirtualBoard("4x4", reconstruct=False) as board:
+    with VirtualBoard("4x4", reconstruct=False, clock="wall") as board:
         yield board
 
 

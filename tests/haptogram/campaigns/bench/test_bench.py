@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.pty, pytest.mark.realtime]
 
 @pytest.fixture(scope="module")
 def board():
-    with VirtualBoard("4x4", reconstruct=False) as board:
+    with VirtualBoard("4x4", reconstruct=False, clock="wall") as board:
         yield board
 
 
