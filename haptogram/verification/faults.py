@@ -57,7 +57,7 @@ def name_drive_faults(model: AcousticModel, intended: Intended, latched: Drive) 
 def drive_fault_candidates(model: AcousticModel, intended: Intended) -> Iterator[Codes]:
     """Yield the phase codes, modulo 256, that known mistakes of a whole drive would have made."""
     wanted = _drive_fault_phases(intended.drive)
-    yield from (codes for _, codes in _drive_fault_candidates(model, wanted))
+    yield from (codes for _, codes in mixed_up_drives(model, intended, wanted))
     yield from (wanted + step for step in range(1, _TURN))
     if (down := _rounded_down_drive_fault(model, intended)) is not None:
         yield down

@@ -25,7 +25,8 @@ _NOT_SENT: Final = "the host was held up and did not send it"
 _SENT_LATE: Final = "the host was held up and sent it too late"
 _READ_LATE: Final = "the machine held up the process of the board"
 _TIMED_OUT: Final = "a timer had muted the board, because frames before it were held up"
-_REPLACED: Final = "the next frame, read together with it, may have replaced it"
+#: Nobody knows: a board that lost it and a right one would look alike.
+MAYBE_REPLACED: Final = "the next frame, read together with it, may have replaced it"
 _NOT_COUNTED: Final = "the board counted no drop"
 
 
@@ -70,7 +71,7 @@ class LossJudge:
         if was_held_up and any(self._first_due_us < t <= due.latest_us for t in known.timeouts_us):
             return FrameStatus.HELD_UP, _TIMED_OUT, ""
         if drop is None and wanted.t_apply_us is None and known.is_machine_in_between:
-            return FrameStatus.HELD_UP, _REPLACED, "it had no time of its own"
+            return FrameStatus.HELD_UP, MAYBE_REPLACED, "it had no time of its own"
         in_time = "" if sent_us is None or latest_us is None else _left_in_time(latest_us - sent_us)
         if drop is None:
             return FrameStatus.LOST, "", in_time

@@ -43,7 +43,7 @@ class OwnDriver:
         self.port = serial.serial_for_url(port, timeout=5)
         self.session, self.seq, self.index = 0x1234, 0, 0xFFF0
         self.mirrored, self.skips, self.mutes = mirrored, skips, mutes
-        self.ask(0x40, struct.pack("<BBHI", 1, 0, self.session, 0), session=0)
+        self.ask(0x40, struct.pack("<BBHI", 2, 0, self.session, 0), session=0)
         self.ask(0x41)
 
     def send(self, kind, seq, payload, flags=0, session=None):
@@ -67,7 +67,7 @@ class OwnDriver:
         for number, (x, y, z) in enumerate(foci):
             if number not in self.skips:
                 phases = codes(-x if self.mirrored else x, y, z)
-                self.send(0x01, self.index & 0xFFFF, b"\x08\0" + phases, flags=0x10)
+                self.send(0x01, self.index & 0xFFFF, phases, flags=0x10)
                 self.ask(0x44, struct.pack("<Q", number))  # the board has taken the frame
             self.index += 1
 

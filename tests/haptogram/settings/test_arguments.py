@@ -180,19 +180,21 @@ BOARD = {
     "fault_plan": (5, NAN, [], object()),
     "calibration": OTHER,
     "dialect": (*optional(TEXT), ""),
+    "clock": (5, NAN, "", "sundial", object()),
     "dialect_options": (None, 5, NAN, "x=1", [5], {}, object(), np.zeros(3)),
 }
 INTENDED = (None, 5, NAN, "x", [1], [None], {}, object(), [PLACE])
 VERIFY = {
     "intended": INTENDED,
     "model": OTHER,
-    "min_verified": (None, *NUMBER, "all", 1.1),
+    "min_verified": (*NUMBER, "all", 1.1),
     "tolerance": (*OTHER, 0.5),
     "uncertainty": (*OTHER, 0.5),
 }
 OBSERVATIONS = (None, 5, NAN, "x", [5], [None], object(), [intend(MODEL, PLACE)])
 RUN = {
     **VERIFY,
+    "min_verified": (None, *VERIFY["min_verified"]),
     "model": (None, *OTHER),
     "observations": OBSERVATIONS,
     "cut": OTHER,
