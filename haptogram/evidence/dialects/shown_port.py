@@ -11,6 +11,7 @@ from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
     board_model_of_evidence,
+    observed_losses_on_clock_of,
     observed_silences_on_clock_of,
     why_observations_incomplete,
 )
@@ -22,6 +23,7 @@ from haptogram.evidence.dialects.latches import (
 )
 from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import KeptRecords
+from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import Progress
 
 _FIRST_S: Final = 5.0  # until the board says what it is
@@ -124,6 +126,12 @@ class ShownPortBoardUnderTest:
     def silences(self, driver: Driver) -> list[int]:
         """Return the records of the back door."""
         return observed_silences_on_clock_of(driver.intended, self._records)
+
+    def losses(self, driver: Driver) -> BoardLosses:
+        """Return the records of the back door; the board is a process of this machine."""
+        return observed_losses_on_clock_of(
+            driver.intended, self._records, is_machine_in_between=True
+        )
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records so far."""
