@@ -60,7 +60,7 @@ def set_up_bench(parser: Parser) -> None:
         "machine itself does."
     )
     parser.epilog = _EXAMPLES
-    parser.main_options = "port rate_hz seconds baud phase_bits spin_us realtime json html compare"
+    parser.main_options = "port rate_hz seconds baud lead_ms spin_us realtime json html compare"
     parser.rename(link_baud="baud")
     parser.refused["--goals"] = "is ci/timing-goals of a checkout now"
     parser.set_defaults(run=run_bench)
