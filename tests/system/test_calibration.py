@@ -67,7 +67,7 @@ def verify(folder: Path, *words: str) -> tuple[int, dict[str, Any]]:
 @pytest.mark.parametrize(
     "words",
     [
-        ["--mode", "drives"],
+        ["--mode", "drives", "--rate-hz", "400"],
         ["--mode", "points"],
         ["--mode", "sequence"],
         ["--foci", "2"],
