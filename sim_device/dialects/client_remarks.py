@@ -55,6 +55,7 @@ _OF_WHOLE_FRAMES: Final = "codes_out_of_range"
 _AT_ONCE: Final = frozenset(
     {"codes_unheard", "bytes_outside_frame", "refused_not_supported_tag"}
 )  # latched or not
+_REFUSED: Final = frozenset({"refused_not_supported_tag"})
 _TEXT: Final = re.compile(rb"([ -~]+[\r\n]+)+[ -~]*")
 _NO_FRAMES: Final = frozenset({_OF_WHOLE_FRAMES, "bytes_strange", "bytes_beyond_chain"})
 
@@ -138,8 +139,10 @@ class ClientRemarks:
         if unfinished and not self._is_stopped and not is_nearly_whole:
             self._paused = unfinished
 
-    def counted(self, t_us: int) -> None:
-        """Learn that something was counted of a latch: a frame that paused has not gone on."""
+    def counted(self, kinds: Collection[str], t_us: int) -> None:
+        """Learn that *kinds* were counted of a latch: a frame that paused has not gone on."""
+        for kind in _REFUSED.intersection(kinds):
+            self._strange.setdefault(kind, 0)
         if self._paused:
             self._stop(self._paused, t_us)
 

@@ -212,7 +212,7 @@ class VirtualForeignDialect:
             counted = self._counted_since_latch()
             self._counted = self._end.counters + self._unit.counters
             if counted:
-                self._remarks.counted(self._now_us)
+                self._remarks.counted(counted, self._now_us)
             if self._frame_bytes and self._commits is not None:
                 self._remarks.frame(self._frame_bytes, counted)
                 self._frame_bytes = 0

@@ -92,6 +92,18 @@ def test_the_amplitude_commit_of_a_client_is_named(capsys):
     assert "defect    amplitude frame taken for phases: FB and 256 amplitudes" in out
 
 
+def test_a_refused_operation_of_autd3_is_told_with_what_to_send_instead(tmp_path, capsys):
+    sent = bytearray(Path(capture("autd3/focus")).read_bytes())
+    frame = sent.rindex(b"\x03\x05\x00", 0, 2600) + 1  # message 5: a modulation and a gain
+    second = int.from_bytes(sent[frame + 2 : frame + 4], "little")
+    assert sent[frame + 4 + second] == 0x30
+    sent[frame + 4 + second] = 0x41  # GainSTM
+    (tmp_path / "sent.bin").write_bytes(sent)
+    _, out, _ = watch(capsys, str(tmp_path / "sent.bin"), "--dialect", "autd3")
+    assert "refused an operation (error 1, not supported tag): GainSTM" in out
+    assert "send its gains one by one, or foci as FociSTM" in out
+
+
 def test_lost_bytes_tear_a_frame_and_a_lost_commit_hides_one(tmp_path, capsys):
     frame = Path(capture("sonicsurface/focus_0_120_0")).read_bytes()
     lost = tmp_path / "lost.bin"
