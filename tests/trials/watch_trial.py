@@ -331,6 +331,8 @@ def run_outcome(client: Client, *, expected: bool) -> tuple[str, str]:
     what = f"{client.board}, {'expected' if expected else 'not expected'}: {[*map(str, found)]}"
     for diagnosis in found:
         told = {diagnosis.defect} | {d for d in Defect if f"; and {d}:" in diagnosis.detail}
+        if told == {Defect.ELEMENTS} and Defect.REVERSED in labels:
+            continue  # few coarse drives show which, and prove no polarity
         if not told <= labels or not _figures_right(client, diagnosis.detail, told):
             return "wrong", what
     if labels and not found:

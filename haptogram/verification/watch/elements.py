@@ -56,8 +56,10 @@ class ElementMistakes:
             first, second = off.tolist()
             self._swapped[first, second].append(number)
             return
+        half = round(math.pi / aim.step_rad)  # which has no sign
         for element in off.tolist():
-            self._off[element, round(residual[element] / aim.step_rad)].append(number)
+            steps = round(residual[element] / aim.step_rad)
+            self._off[element, max(steps, half) if steps == -half else steps].append(number)
 
     def diagnoses(self, reversed_: frozenset[int]) -> list[Diagnosis]:
         """Return the defects, but for elements that are named as reversed."""
