@@ -105,7 +105,7 @@ def _name(found: Any) -> Any:
 def _check_board(wire: bytes) -> None:
     from haptogram_protocol.connection import NEED_DATA, OUTPUT_LIMIT, BoardConnection, FrameDropped
 
-    board = BoardConnection(0)
+    board = BoardConnection()
     board.open_session(0xFFFF)
     board.receive_data(wire, 0)
     events = []

@@ -104,7 +104,7 @@ def latching(name, line):
     options, beginning, _ = CLIENTS[name]
     words = tuple(f"{option}={value}" for option, value in options.items())
     blueprint = blueprint_of(BoardConfig.of(dialect=name, dialect_option=words))
-    boards = blueprint.parts.assemble(blueprint.settings, 0)
+    boards = blueprint.parts.assemble(blueprint.settings)
     host = DIALECTS[name].host(**options)
     boards.receive(b"".join(map(host.send, beginning)), boards.now_us)
     pieces, at = [], 0

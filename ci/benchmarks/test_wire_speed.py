@@ -56,7 +56,7 @@ class Pair:
 
     def __init__(self, cobs):
         self.host = HostConnection(nonce=1, cobs=cobs)
-        self.board = BoardConnection(2, cobs=cobs)
+        self.board = BoardConnection(cobs=cobs)
         self.host.send_hello(0)
         hello = self.carry_to_board()
         self.board.open_session(1)

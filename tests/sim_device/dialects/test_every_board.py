@@ -108,7 +108,7 @@ def test_any_pieces_on_a_line_without_time_give_the_same(wire, data):
     ]
     results = []
     for blueprint, chunks in ((whole, [line]), (pieces, data.draw(chunkings(line)))):
-        dialect = blueprint.parts.assemble(blueprint.settings, 0)
+        dialect = blueprint.parts.assemble(blueprint.settings)
         for chunk in chunks:
             dialect.receive(chunk, blueprint.settings.boot_us + 77)
             assert dialect.output_bytes <= OUTPUT_LIMIT
@@ -199,7 +199,7 @@ def test_faults_of_transducers_and_line_act(name):
 def board_of_a_link():
     """Return a board at the end of a link, without time, whose power-up was taken."""
     blueprint = blueprint_of(BoardConfig.of(dialect="autd3"))
-    dialect = blueprint.parts.assemble(blueprint.settings, 0)
+    dialect = blueprint.parts.assemble(blueprint.settings)
     dialect.take_latches()
     return dialect
 
@@ -245,7 +245,7 @@ def test_a_wrong_board_takes_the_place_of_the_right_one():
         blueprint.parts.emulation, unit=lambda _, now_us: LateUnit(registers, 1, now_us)
     )
     parts = dataclasses.replace(blueprint.parts, emulation=wrong)
-    dialect = parts.assemble(blueprint.settings, 0)
+    dialect = parts.assemble(blueprint.settings)
     dialect.receive(b"\xfe" + bytes([5] * 256) + b"\xfd", dialect.now_us)
     shown = [int(latch.pulses.rises[0]) for latch in dialect.take_latches()]
     assert shown == [0, 5, 0]
