@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from haptogram.verification.faults import UNNAMED
 from haptogram.verification.frame.verdict import WRONG, FrameStatus, FrameVerdict
 
 from . import truth
@@ -412,6 +413,7 @@ def _note(trial: Trial, verdict: FrameVerdict, effect: Effect, lie: Lie) -> None
         "scattered": effect.scattered,
         "flat": int(lie.flat.sum()),
         "note": verdict.note,
+        "named": any(fault != UNNAMED for fault in verdict.faults),
     }
 
 

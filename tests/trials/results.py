@@ -68,7 +68,18 @@ def summary(group: Group, trials: list[Line]) -> list[str]:
         lines.append(f"0 of {n}: with 95 % confidence below {100 * 3 / n:.2g} % of such cases")
     if group == "honest" and n:
         lines += _silence(trials)
-    return lines
+    return lines + _unnamed(trials)
+
+
+def _unnamed(trials: list[Line]) -> list[str]:
+    """What the codes of a board prove to be wrong, and the verdict has no name for."""
+    shown = [t for t in trials if t["outcome"] == "caught" and t["kind"].endswith("(line)")]
+    bare = Counter(t["kind"] for t in shown if not t["numbers"].get("named", True))
+    if not shown:
+        return []
+    kinds = ", ".join(f"{many} x {kind[:-7]}" for kind, many in bare.most_common())
+    return [f"drives that are not those sent: {len(shown)} caught, {bare.total()} without a name"
+            + (f" ({kinds})" if kinds else "")]  # fmt: skip
 
 
 def silent(trials: list[Line]) -> list[Line]:

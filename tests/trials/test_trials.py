@@ -8,8 +8,9 @@ import pytest
 from tqdm import tqdm
 
 from haptogram.verification.frame.verdict import FrameStatus
-from trials import campaign, cases, chain, judging, layouts, results
+from trials import campaign, cases, chain, judging, layouts, results, wrongs
 
+ON_TARGET = FrameStatus.ON_TARGET
 SEED = 10  # of the trials that run with every test
 HONEST, WRONG = 160, 160
 
@@ -103,6 +104,20 @@ def test_a_judge_that_says_nothing_of_a_large_array_is_caught():
     assert not results.is_good({"honest": as_lines, "wrong": []})
 
 
+def with_one_element_inverted(slip, _):
+    codes = slip.codes.astype(int)
+    codes[5] += 128
+    return wrongs.Wrong("inverted", slip.with_codes(codes), 1.0, of_host=True)
+
+
+def test_a_judge_that_passes_a_broken_element_below_a_tolerance_is_caught(monkeypatch):
+    monkeypatch.setattr(wrongs, "wrong_with", with_one_element_inverted)
+    ran, program = frames_session("wrong")
+    session = dataclasses.replace(ran.session, allowance=cases.Allowance(0.6, 1.0))
+    trials = judging.judged(claimed(dataclasses.replace(ran, session=session), ON_TARGET), program)
+    assert {trial.outcome for trial in trials} == {"false pass"}
+
+
 def test_a_frame_that_nobody_radiated_must_not_pass():
     ran, program = frames_session("wrong")
     nobody = [dataclasses.replace(seen, radiated=[]) for seen in ran.frames]
@@ -160,7 +175,6 @@ def test_cases_reach_every_size_kind_and_pose():
 
 def test_every_kind_of_wrong_drive_and_of_fault_is_drawn():
     from haptogram.settings.faults.kinds import FAULT_KINDS
-    from trials import wrongs
 
     random = np.random.default_rng(0)
     texts = [wrongs.fault_of(layouts.grid(8, 8, 0.01), random) for _ in range(3000)]
