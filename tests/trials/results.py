@@ -144,8 +144,11 @@ for the peaks next to several foci, and for the pressure at every target.
 
 A *false pass* is a frame that is on target although its effect exceeds what the verdict says that
 it would have shown: a miss beyond the smallest miss that was printed, or a pressure that is further
-off than rounding of phases and amplitudes can make it. A *false fail* is a correct frame that
-fails. *Below* are wrong drives whose effect is smaller than that, passed or failed. *Lost* are
-frames that a fault kept from being latched, or that were never sent because the fault ended the
-run. *Passed* among the wrong ones are frames that the fault left alone; they do not count.
+off than rounding of phases and amplitudes can make it. With a tolerance, a correct host takes up to
+all of it: another place, other air, elements a little elsewhere, all at once; and the elements of a
+drive are compared with those of the tolerated place and air that suit them best. A *false fail* is
+a correct frame that fails. *Below* are wrong drives whose effect is smaller than that, passed or
+failed. *Lost* are frames that a fault kept from being latched, or that were never sent because the
+fault ended the run. *Passed* among the wrong ones are frames that the fault left alone; they do not
+count.
 """
