@@ -51,6 +51,7 @@ _SECOND_ORDER: Final = 1.1  # of the bound of the first order
 _OFF: Final = 2.0  # times the limit: an element that is off by itself
 _MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
+_OTHER_AMPLITUDES: Final = "the amplitudes are off by more than the solver makes of the tolerance"
 _OTHER_PEAKS: Final = "the pressure peaks of the foci are not where their phases put the foci"
 _NOT_THESE: Final = (
     "the phases do not tell where these foci are: a miss within the tolerance or beyond would not "
@@ -193,11 +194,10 @@ def _judge_frame_foci_tolerantly(
     limit_rad = ideal.targets[0].phase_limit_rad
     excess = ideal.excess_level(latched.weights(), tolerant=True)
     s5 = criteria.frame_amplitudes_ok(intended, latched)
-    verdicts = {
-        "S3": excess <= _MOST_EXCESS,
-        "S5": s5 and ideal.amplitudes_ok(latched, tolerant=True),
-    }
+    verdicts = {"S3": excess <= _MOST_EXCESS, "S5": s5}
     unseen = [_OTHER_LEVELS] if excess > 0.0 else []
+    if not ideal.amplitudes_ok(latched, tolerant=True):
+        unseen.append(_OTHER_AMPLITUDES)
     fit = _fit_frame_foci(ideal, intended, latched, active)
     if fit is None:
         return _Findings(verdicts, [*unseen, _NOT_THESE], [], None)
