@@ -25,7 +25,7 @@ _NEAREST_M: Final = 0.0215  # from an element; the program asks for 20 mm
 _MARGIN_M: Final = 0.149  # beside the array; the program allows 150 mm
 #: Share of the sessions whose judge is told to tolerate something.
 TOLERANT: Final = 0.6
-_MOST_TOLERATED_RAD: Final = 0.8  # the program allows half of the focus: 0.831
+_MOST_TOLERATED_RAD: Final = 0.65  # the program allows half of the focus: 0.831
 _STEEPEST_RAD: Final = math.radians(45.0)
 
 

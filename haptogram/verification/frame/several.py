@@ -49,6 +49,7 @@ from .verdict import FrameStatus, FrameVerdict, Vector
 _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # of the bound of the first order
 _OFF: Final = 2.0  # times the limit: an element that is off by itself
+_LOUD: Final = 1.5  # times the usual limit: an element whose phase is not lost among the waves
 _MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
 _OTHER_AMPLITUDES: Final = "the amplitudes are off by more than the solver makes of the tolerance"
@@ -256,6 +257,9 @@ def _outliers_of_foci(
     off = _sizes_of_frame_errors(fit, limit_rad, slack_rad) > _OFF
     numbers = np.flatnonzero(active)[off]
     if not off.any() or off.mean() > FEW_FRAME_ELEMENTS:
+        return ()
+    # Where the waves all but cancel, a fit of other weights can turn an element by half.
+    if (fit.limits_rad[off] > _LOUD * np.median(fit.limits_rad)).any():
         return ()
     others = active.copy()
     others[numbers] = False
