@@ -74,7 +74,8 @@ def summary(group: Group, trials: list[Line]) -> list[str]:
 def _unnamed(trials: list[Line]) -> list[str]:
     """What the codes of a board prove to be wrong, and the verdict has no name for."""
     shown = [t for t in trials if t["outcome"] == "caught" and t["kind"].endswith("(line)")]
-    bare = Counter(t["kind"] for t in shown if not t["numbers"].get("named", True))
+    shown = [t for t in shown if "named" in t["numbers"]]
+    bare = Counter(t["kind"] for t in shown if not t["numbers"]["named"])
     if not shown:
         return []
     kinds = ", ".join(f"{many} x {kind[:-7]}" for kind, many in bare.most_common())
