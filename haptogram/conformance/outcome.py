@@ -1,12 +1,17 @@
-"""Ends of a case: a check that fails, or one of the other verdicts."""
+"""Ends of a case: a check that fails, or one of the other verdicts; and differences in words."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import enum
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from itertools import zip_longest
 from typing import Final, NoReturn
 
 from haptogram.errors import HaptogramError
 from haptogram.records.frame import Evidence
+from haptogram_protocol.messages import DriveReply, TraceDrive
 
 from .verdict import Behaviour
 
@@ -14,6 +19,10 @@ from .verdict import Behaviour
 WIRE: Final = Evidence.WIRE
 SELF_REPORTED: Final = Evidence.SELF_REPORTED
 EXTERNAL: Final = Evidence.EXTERNAL
+
+_SHOWN: Final = 4  # fields or elements of two values that are named
+_MISSING: Final = object()
+_FORMS: Final = ("", "#x", "#04x", "#06x", "#010x", "016x", "+d")  # in which messages show a number
 
 
 @dataclass(slots=True)
@@ -46,6 +55,17 @@ def check(holds: bool, text: str) -> None:
         fail(text)
 
 
+def check_equal(got: object, due: object, text: str) -> None:
+    """End the case as FAILED unless *got* is *due*; both are told behind *text*, or where in it."""
+    if got == due:
+        return
+    for form in _FORMS if isinstance(got, int) and type(got) is type(due) else ("",):
+        shown = format(got, form) if form else _value_text(got)
+        if _is_plain(got) and re.search(rf"(?<![\w.]){re.escape(shown)}(?![\w.])", text):
+            fail(f"{text}; due is {format(due, form) if form else _value_text(due)}")
+    fail(f"{text}: {record_differences(got, due)}")
+
+
 def fail(text: str) -> NoReturn:
     """End the case as FAILED: the board does not meet the clause."""
     raise CaseEndedError(Behaviour.FAILED, text)
@@ -69,3 +89,75 @@ def unimplemented(text: str) -> NoReturn:
 def informational(text: str) -> NoReturn:
     """End the case as INFORMATIONAL: the clause allows the behaviour, and a reader may care."""
     raise CaseEndedError(Behaviour.INFORMATIONAL, text)
+
+
+# --- Differences in words ------------------------------------------------------------------------
+
+
+def record_differences(got: object, due: object, due_word: str = "due is") -> str:
+    r"""Return in words where two values differ: the fields, elements or bytes that do, and no more.
+
+    Examples
+    --------
+    >>> record_differences(b"\x01\x02\x03", b"\x01\x05\x03")
+    '1 of 3 bytes: [1] is 2, due is 5'
+    >>> record_differences((1, 2), (1, 3), due_word="was")
+    '[1] is 2, was 3'
+    """
+    found = list(_different_parts("", got, due, due_word))
+    more = f"; and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+    return "; ".join(found[:_SHOWN]) + more
+
+
+def _different_parts(name: str, got: object, due: object, due_word: str) -> Iterator[str]:
+    if got == due:
+        return
+    if isinstance(got, bytes) and isinstance(due, bytes):
+        yield _different_bytes(name or "bytes", got, due, due_word)
+    elif type(got) is type(due) and is_dataclass(got) and is_dataclass(due):
+        for part in fields(got):
+            one, other = getattr(got, part.name), getattr(due, part.name)
+            inner = f"{name}.{part.name}".lstrip(".")
+            if part.name == "data" and isinstance(got, DriveReply | TraceDrive):
+                yield from _different_drives(one, other, due_word)
+            else:
+                yield from _different_parts(inner, one, other, due_word)
+    elif _is_sequence(got) and _is_sequence(due):
+        assert isinstance(got, Sequence)  # _is_sequence
+        assert isinstance(due, Sequence)
+        if len(got) != len(due):
+            yield f"{name} {len(got)} of them, {due_word} {len(due)}".lstrip()
+        for place, (one, other) in enumerate(zip_longest(got, due, fillvalue=_MISSING)):
+            yield from _different_parts(f"{name}[{place}]", one, other, due_word)
+    else:
+        yield f"{name} is {_value_text(got)}, {due_word} {_value_text(due)}".lstrip()
+
+
+def _different_drives(got: bytes, due: bytes, due_word: str) -> Iterator[str]:
+    """Yield the differences of N phases, and of N amplitudes."""
+    one, other = len(got) // 2, len(due) // 2
+    yield from _different_parts("phases", got[:one], due[:other], due_word)
+    yield from _different_parts("amplitudes", got[one:], due[other:], due_word)
+
+
+def _different_bytes(name: str, got: bytes, due: bytes, due_word: str) -> str:
+    if len(got) != len(due):
+        return f"{len(got)} {name}, {due_word} {len(due)}"
+    wrong = [place for place, (one, other) in enumerate(zip(got, due, strict=True)) if one != other]
+    shown = "; ".join(f"[{n}] is {got[n]}, {due_word} {due[n]}" for n in wrong[:_SHOWN])
+    more = "; ..." if len(wrong) > _SHOWN else ""
+    return f"{len(wrong)} of {len(got)} {name}: {shown}{more}"
+
+
+def _is_sequence(value: object) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
+
+
+def _is_plain(value: object) -> bool:
+    return not (_is_sequence(value) or is_dataclass(value) or isinstance(value, bytes | bool))
+
+
+def _value_text(value: object) -> str:
+    if value is _MISSING:
+        return "missing"
+    return value.name if isinstance(value, enum.Enum) and value.name else str(value)

@@ -50,6 +50,7 @@ from ..outcome import (
     CaseEndedError,
     RuleFindings,
     check,
+    check_equal,
     fail,
     inconclusive,
     not_observed,
@@ -275,7 +276,9 @@ class BoardClient:
         self.need(Feature.CONFIG)
         wanted = dataclasses.replace(self.base_config, **changes)
         self.config = self.link.call(SetConfig(wanted), SetConfigReply).config
-        check(self.config == wanted, f"SET_CONFIG_REPLY shows {self.config}, sent was {wanted}")
+        check_equal(
+            self.config, wanted, "SET_CONFIG_REPLY shows another configuration than was sent"
+        )
         return self.config
 
     @property
@@ -317,7 +320,7 @@ class BoardClient:
     def arm(self) -> None:
         """Arm; FAILED unless ARM_REPLY says ARMED."""
         state = self.link.call(Arm(), ArmReply).state
-        check(state is OutputState.ARMED, f"ARM_REPLY says {state.name}")
+        check_equal(state, OutputState.ARMED, f"ARM_REPLY says {state.name}")
 
     def arm_anew(self) -> None:
         """Arm so that no hold runs before the next latch (HG-12.2/2)."""

@@ -24,7 +24,7 @@ from haptogram_protocol.messages import (
     TraceReply,
 )
 
-from ..outcome import check, unimplemented
+from ..outcome import check_equal, unimplemented
 from .board_client import BoardClient
 from .capabilities import TRACES
 from .stream_kinds import points_of_stream_kind
@@ -71,8 +71,9 @@ def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> Client
     board.need(Feature.READ_LATCHED if latched else Feature.READ_RADIATED)
     count = board.identity.transducers
     shown = client_drive_of_reply(board.link.call(ReadDrive(kind, 0, count), DriveReply))
-    check(
-        len(shown.phases) == count,
+    check_equal(
+        len(shown.phases),
+        count,
         f"DRIVE_REPLY shows {len(shown.phases)} transducers; asked for were {count}",
     )
     return shown

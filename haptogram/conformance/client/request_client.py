@@ -24,7 +24,7 @@ from haptogram_protocol.messages import (
     Pong,
 )
 
-from ..outcome import check, fail
+from ..outcome import check, check_equal, fail
 from .wire import RawFrameClient, ReceivedByClient
 
 _M = TypeVar("_M", bound=Message)
@@ -355,7 +355,9 @@ class RequestClient:
     def barrier(self) -> None:
         """Wait until the board has read everything sent so far: frames are taken in order."""
         echo = self.random.getrandbits(_ECHO_BITS)
-        check(self.call(Ping(echo), Pong).echo == echo, "PONG does not carry the number of PING")
+        check_equal(
+            self.call(Ping(echo), Pong).echo, echo, "PONG does not carry the number of PING"
+        )
 
     def events(self, kind: type[_M], since: int = 0) -> list[tuple[Header, _M]]:
         """Return the events of one kind from piece *since* on, with their headers."""

@@ -35,6 +35,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason
 
+from ..outcome import record_differences
 from .broken_clauses import (
     COUNTER_CLAUSES,
     clause_of_due_message,
@@ -374,7 +375,7 @@ def _dialogue_element_difference(got: Sequence[Element], due: Sequence[Element])
         apart_um = max(abs(mine.x_um - wanted.x_um), abs(mine.y_um - wanted.y_um))
         rest = ("z_um", "nx", "ny", "nz")
         if apart_um > 1 or any(getattr(mine, name) != getattr(wanted, name) for name in rest):
-            return f"{mine}, due is {wanted}"
+            return record_differences(mine, wanted)
     return ""
 
 

@@ -29,7 +29,7 @@ from haptogram_protocol.state import OutputState
 
 from ..client.board_client import PARTS_OF_FRAMES, BoardClient
 from ..client.latching import client_drive_of_reply
-from ..outcome import check
+from ..outcome import check, check_equal, record_differences
 
 _RECORDS: Final = 8
 #: Counters that reading, refusals and frames that are dropped on purpose move: they only grow.
@@ -108,7 +108,9 @@ def _check_held_status(board: BoardClient, status: StatusReply, config: ConfigRe
     total = sum(getattr(counters, name) for name in PARTS_OF_FRAMES) % _WRAP
     check(counters.frames == total, f"frames is {counters.frames}, its parts make {total}")
     crc, told = status.config_crc, config.config_crc
-    check(crc == told, f"config_crc is {crc:#010x} in STATUS_REPLY, {told:#010x} in CONFIG_REPLY")
+    check_equal(
+        crc, told, f"config_crc is {crc:#010x} in STATUS_REPLY, {told:#010x} in CONFIG_REPLY"
+    )
     if board.correction is not None:
         due = zlib.crc32(config.config.pack() + board.correction)
         check(crc == due, f"config_crc is {crc:#010x}; configuration and correction: {due:#010x}")
@@ -126,13 +128,13 @@ def _check_held_drives(
         check(told == due, f"{name} names a latch at {told} µs, STATUS_REPLY one at {due} µs")
         if reply.key.sequence == 0:
             seq = status.last_seq
-            check(
-                reply.key.index == seq, f"{name} names frame {reply.key.index}, last_seq is {seq}"
+            check_equal(
+                reply.key.index, seq, f"{name} names frame {reply.key.index}, last_seq is {seq}"
             )
     if len(drives) < len(DriveKind):
         return
     latched, radiated = drives[DriveKind.LATCHED], drives[DriveKind.RADIATED]
-    check(latched.key == radiated.key, f"READ_DRIVE names {latched.key} and {radiated.key}")
+    check_equal(radiated.key, latched.key, "READ_DRIVE(RADIATED) names another latch than LATCHED")
     loud = any(client_drive_of_reply(radiated).amplitudes)
     if status.state is not OutputState.ARMED:
         check(not loud, f"{status.state.name}, and transducers are driven")
@@ -146,7 +148,7 @@ def _check_held_radiated(
     """FAILED unless a drive is radiated as it is latched, but for correction, ceiling and ramp."""
     before, after = client_drive_of_reply(latched), client_drive_of_reply(radiated)
     phases = bytes((a + b) % 256 for a, b in zip(before.phases, correction, strict=True))
-    check(after.phases == phases, "radiated phases are not the latched ones and the correction")
+    check_equal(after.phases, phases, "radiated phases are not the latched ones and the correction")
     louder = [
         n
         for n, (a, b) in enumerate(zip(before.amplitudes, after.amplitudes, strict=True))
@@ -169,10 +171,8 @@ def _check_held_ring(
     check(told == due, f"the ring ends with a latch at {told} µs, the last one was at {due} µs")
     if DriveKind.LATCHED in drives:
         latched = drives[DriveKind.LATCHED]
-        same = (last.key, last.crc) == (latched.key, zlib.crc32(latched.data))
-        check(
-            same, f"the ring ends with {last.key}, READ_DRIVE names {latched.key}, or other codes"
-        )
+        read = latched.key, zlib.crc32(latched.data)
+        check_equal((last.key, last.crc), read, "(key, CRC-32) of the ring's last record")
 
 
 # --- Changes -----------------------------------------------------------------------------------
@@ -183,9 +183,10 @@ def held_state_changes(before: Held, after: Held, due: Held | None = None) -> st
 
     *due* holds the values that have to be there afterwards where these are not those from before.
     """
-    wanted = {**before, **(due or {})}
+    due = due or {}
+    wanted = {**before, **due}
     return "; ".join(
-        f"{name} was {_held_state_text(before[name])}, is {_held_state_text(value)}"
+        f"{name}: {record_differences(value, wanted[name], 'due is' if name in due else 'was')}"
         for name, value in after.items()
         if _is_held_state_change(name, wanted[name], value)
     )
@@ -199,8 +200,3 @@ def _is_held_state_change(name: str, due: object, value: object) -> bool:
         assert isinstance(value, int)
         return (value - due) % _WRAP >= _WRAP // 2
     return value != due
-
-
-def _held_state_text(value: object) -> str:
-    text = str(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -42,7 +42,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from ..client.board_client import PARTS_OF_FRAMES
 from ..client.wire import ReceivedByClient
-from ..outcome import RuleFindings
+from ..outcome import RuleFindings, record_differences
 from .line_rules import TRACES, Broken, LineRules
 from .sent_drives import SentDrives
 
@@ -210,7 +210,7 @@ class StandingRules:
             since.config, since.config_crc = message.config, message.config_crc
         elif isinstance(message, ConfigReply):
             was = since.config if since.config is not None else message.config
-            text = f"the configuration was {was} and was not set"
+            text = f"nothing was set, and {record_differences(message.config, was, 'was')}"
             yield "HG-7.1/3", text if message.config != was else ""
             since.config = message.config
         if isinstance(message, ConfigReply | StatusReply):
@@ -227,7 +227,8 @@ class StandingRules:
         wrong = [f"total is {message.total} of {total}"] if message.total != total else []
         for number, element in enumerate(message.elements, message.first):
             if since.elements.setdefault(number, element) != element:
-                wrong.append(f"transducer {number} was shown as {since.elements[number]}")
+                was = since.elements[number]
+                wrong.append(f"transducer {number}: {record_differences(element, was, 'was')}")
         yield "HG-7.5/1", "; ".join(wrong[:2])
 
     def _judge_upload_limits(self, _: ReceivedByClient, message: Message) -> Broken:
@@ -315,7 +316,11 @@ class StandingRules:
             sent = [] if key.sequence else self._sent.codes_of(session, key.index, number)
             due_codes = [phases[part] + amplitudes[part] for phases, amplitudes in sent]
             text = f"frame {key.index} is shown as another drive than it was sent"
-            yield "HG-8.6/3", text if due_codes and message.data not in due_codes else ""
+            if due_codes and message.data not in due_codes:
+                told = dataclasses.replace(message, data=due_codes[-1])
+                yield "HG-8.6/3", f"{text}: {record_differences(message, told)}"
+            else:
+                yield "HG-8.6/3", ""
 
     def _wrong_steps(self, times: Iterable[int]) -> str:
         """Return in words which two latches are in one carrier period; empty if there are none."""

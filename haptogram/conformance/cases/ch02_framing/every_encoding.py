@@ -23,7 +23,7 @@ from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now
 from ...client.wire import ReceivedByClient
-from ...outcome import SELF_REPORTED, check, fail, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, fail, not_observed
 
 _AROUND: Final = range(-4, 5)  # bytes around a full piece
 _PIECES: Final = 3  # full pieces in a row
@@ -111,7 +111,7 @@ def _check_stuffed_reply(board: BoardClient, run: int, registers: bytes) -> None
     name = f"READ_DRIVE of a drive with {run} bytes before a zero"
     reply = _ask_with_stuffing(board, ReadDrive(DriveKind.LATCHED, 0, 0xFFFF), name)
     wrong = sum(a != b for a, b in zip(reply.data, registers, strict=False))
-    check(wrong == 0, f"{name}: {wrong} codes are not those that were sent")
+    check_equal(wrong, 0, f"{name}: {wrong} codes are not those that were sent")
 
 
 def _ask_with_stuffing(board: BoardClient, message: ReadDrive, name: str) -> DriveReply:
@@ -134,7 +134,7 @@ def _ask_with_stuffing(board: BoardClient, message: ReadDrive, name: str) -> Dri
 def _check_stuffing(pieces: list[ReceivedByClient], name: str) -> None:
     for piece in pieces:
         check(not piece.fault, f"{name}: {piece.fault}")
-        check(piece.piece == cobs_encode(piece.unstuffed), f"{name} is stuffed in another way")
+        check_equal(piece.piece, cobs_encode(piece.unstuffed), f"{name} is stuffed in another way")
 
 
 @case(

@@ -10,7 +10,7 @@ from haptogram_protocol.messages import Phases, Ping, Pong
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.request_client import LONGEST_BURST_BYTES
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _LISTEN_US: Final = 300_000
 _PING_BYTES: Final = 26  # on the line, at most
@@ -21,7 +21,7 @@ def line_carries_every_byte(board: BoardClient) -> None:
     for start in range(0, 256, 8):
         echo = int.from_bytes(bytes(range(start, start + 8)), "little")
         got = board.link.call(Ping(echo), Pong).echo
-        check(got == echo, f"sent {echo:016x}, came back {got:016x}: the line changes bytes")
+        check_equal(got, echo, f"sent {echo:016x}, came back {got:016x}: the line changes bytes")
 
 
 @case(

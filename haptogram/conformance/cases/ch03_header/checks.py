@@ -30,7 +30,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent
 from ...client.playback import play_request, send_phases_that_fit, wait_for_no_latch
 from ...client.stream_kinds import points_of_stream_kind
-from ...outcome import SELF_REPORTED, check, fail, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, fail, not_observed
 
 _STALE: Final = 0x0F0F
 _UNKNOWN_REQUEST: Final = 0x7D
@@ -169,7 +169,7 @@ def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
             first, *others = (wire for wire, _ in wires)
             board.link.send(first, frame, *others, mute)
             state = _answer_to_checked_message(board, Mute(), mute_seq, since)
-            check(state == MuteReply(OutputState.MUTED), f"MUTE behind other frames: {state}")
+            check_equal(state, MuteReply(OutputState.MUTED), "MUTE behind other frames")
             for (message, _), (_, seq) in zip(ahead, wires, strict=True):
                 judge_overtaken_request(
                     message, _answer_to_checked_message(board, message, seq, since)
@@ -195,22 +195,23 @@ def judge_overtaken_request(message: Message, answer: Message) -> None:
         )
         return
     due = message.TYPE + RESPONSE_OFFSET
-    check(due == answer.TYPE, f"{name} right before MUTE is answered by {answer.TYPE.name}")
+    check_equal(answer.TYPE, due, f"{name} right before MUTE is answered by {answer.TYPE.name}")
 
 
 def judge_silence_behind_mute(board: BoardClient) -> None:
     """FAILED unless the board is MUTED, silent, and stays so."""
     found = board.status()
     got = found.state, found.reason, found.queued
-    check(got == (OutputState.MUTED, MuteReason.MUTE, 0), f"behind MUTE: {got}")
+    check_equal(got, (OutputState.MUTED, MuteReason.MUTE, 0), f"behind MUTE: {got}")
     latched, begin_us = found.counters.latched, board.wire.now_us()
     if board.has(Feature.READ_RADIATED):
         check(is_board_silent(board), "behind MUTE the board radiates")
     wait_for_no_latch(board, 5000)
     behind = board.status()
-    check(behind.counters.latched == latched, "what arrived before MUTE is latched behind it")
-    check(
-        behind.state is OutputState.MUTED,
+    check_equal(behind.counters.latched, latched, "what arrived before MUTE is latched behind it")
+    check_equal(
+        behind.state,
+        OutputState.MUTED,
         f"{board.wire.now_us() - begin_us} µs behind MUTE: {behind.state.name}",
     )
 
@@ -227,4 +228,4 @@ def mute_passes_all_header_checks(board: BoardClient) -> None:
         board.arm()
         answer = board.link.ask_raw(Mute.TYPE, bytes(range(17)), **header)
         state = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
-        check(state.name == "MUTED", f"MUTE with {header}: {state.name}")
+        check_equal(state.name, "MUTED", f"MUTE with {header}: {state.name}")

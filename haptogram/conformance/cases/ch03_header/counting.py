@@ -14,7 +14,7 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import PARTS_OF_FRAMES, BoardClient
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _JUNK_BYTES: Final = 1 << 20
 _JUNK_S: Final = 20
@@ -41,9 +41,9 @@ def junk_headers_are_survived(board: BoardClient) -> None:
             asked_us = board.wire.now_us()
             board.link.call(Ping(size), Pong)  # junk restarts no lease
     after = board.status()
-    check(after.state.name == "ARMED", f"junk has moved the board to {after.state.name}")
+    check_equal(after.state.name, "ARMED", f"junk has moved the board to {after.state.name}")
     check(after.counters.frames > before.counters.frames, "the counters began anew: a restart")
-    check(board.hello().boot_id == boot_id, "boot_id is another one: junk restarts the board")
+    check_equal(board.hello().boot_id, boot_id, "boot_id is another one: junk restarts the board")
 
 
 @case(
@@ -130,9 +130,11 @@ def header_counts_add_up(board: BoardClient) -> None:
         board.link.send(board.link.stream_wire(good, flags=Flag.IMMEDIATE | 0x40))
         sent += 4
     counted = board.counted_since(before)
-    check(counted["frames"] == sent, f"{sent} frames were sent, frames counts {counted['frames']}")
+    check_equal(
+        counted["frames"], sent, f"{sent} frames were sent, frames counts {counted['frames']}"
+    )
     parts = {name: counted[name] for name in PARTS_OF_FRAMES if counted[name]}
     total = sum(parts.values())
-    check(total == sent, f"{sent} frames were sent, the parts of the sum are {total}: {parts}")
+    check_equal(total, sent, f"{sent} frames were sent, the parts of the sum are {total}: {parts}")
     accepted = counted["accepted"]
-    check(accepted == queued, f"{queued} frames were queued, accepted counts {accepted}")
+    check_equal(accepted, queued, f"{queued} frames were queued, accepted counts {accepted}")

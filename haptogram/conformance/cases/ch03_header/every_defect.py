@@ -26,7 +26,7 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import refused_requests_to_send, stream_kinds, valid_requests_to_send
-from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ...outcome import SELF_REPORTED, CaseEndedError, check_equal
 
 _SEQUENCE: Final = 2
 
@@ -293,4 +293,4 @@ def every_header_type_counts_once(board: BoardClient) -> None:
             counted = board.counted_since(before)
             found = {name: counted[name] for name in ("frames", "requests", "repeated")}
             due = {"frames": 1, "requests": 1, "repeated": 0}
-            check(found == due, f"one {message.TYPE.name} counts {found}")
+            check_equal(found, due, f"one {message.TYPE.name} counts {found}")

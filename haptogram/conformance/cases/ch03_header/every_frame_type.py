@@ -35,7 +35,7 @@ from ...client.stream_kinds import (
     valid_requests_to_send,
 )
 from ...client.wire import ReceivedByClient
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _SEQUENCE: Final = 3
 _LONG: Final = 3000
@@ -140,8 +140,9 @@ def every_header_type_ignores_low_flags(board: BoardClient) -> None:
             flags = low | (Flag.IMMEDIATE if plays else 0)
             past_us = board.clock.device_us() - 2_000_000 if plays else 0  # HG-3.5/2: not used
             answer = board.link.ask(message, flags=flags, time_us=past_us)
-            check(
-                board.link.type_of(answer) == message.TYPE + RESPONSE_OFFSET,
+            check_equal(
+                board.link.type_of(answer),
+                message.TYPE + RESPONSE_OFFSET,
                 f"{message.TYPE.name} with the flags {flags:#04x} is answered by "
                 f"{board.link.answer_text(answer)}",
             )
@@ -202,8 +203,9 @@ def every_header_type_is_remembered(board: BoardClient) -> None:
         board.link.refused(Ping(seq), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
         counted = board.counted_since(started)
         found = tuple(counted[name_of] for name_of in ("requests", "repeated"))
-        check(
-            found == (2, 1),
+        check_equal(
+            found,
+            (2, 1),
             f"{name}, the same again, and its number with another request: requests, repeated "
             f"count {found}",
         )
@@ -212,7 +214,7 @@ def every_header_type_is_remembered(board: BoardClient) -> None:
         board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq, flags=flags)
         counted = board.counted_since(before)
         found = tuple(counted[name_of] for name_of in ("requests", "repeated"))
-        check(found == (1, 0), f"an old {name}: requests, repeated count {found}")
+        check_equal(found, (1, 0), f"an old {name}: requests, repeated count {found}")
 
 
 @case(
@@ -235,7 +237,7 @@ def mute_passes_with_every_header(board: BoardClient) -> None:
             board.link.send(encode_frame(body))
             answer = board.link.answer_to(Mute.TYPE, seq, since, board.wire.line_us(size))
             state = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
-            check(state.name == "MUTED", f"MUTE with {size} bytes: {state.name}")
+            check_equal(state.name, "MUTED", f"MUTE with {size} bytes: {state.name}")
     counted = board.counted_since(before)
     due = 2 * 3 * len(sizes)  # with an ARM each
     moved = {name: number for name, number in counted.items() if number}
@@ -276,8 +278,9 @@ def _check_header(board: BoardClient, answer: ReceivedByClient, message: Message
     name = message.TYPE.name if message is not None else "an unknown request"
     header = answer.header
     assert header is not None  # ask
-    check(
-        header.session == board.link.session,
+    check_equal(
+        header.session,
+        board.link.session,
         f"the answer to {name} has session {header.session:#06x}, open is "
         f"{board.link.session:#06x}",
     )

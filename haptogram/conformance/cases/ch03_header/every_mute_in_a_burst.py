@@ -24,7 +24,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_request, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
-from ...outcome import SELF_REPORTED, check, fail
+from ...outcome import SELF_REPORTED, check, check_equal, fail
 from .checks import judge_overtaken_request, judge_silence_behind_mute
 
 _SEQUENCE: Final = 4
@@ -157,10 +157,10 @@ def _judge_answer_in_burst(
     answer = board.link.answer_to(message.TYPE, seq, since)
     if isinstance(message, Mute):
         state = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
-        check(state is OutputState.MUTED, f"{name}: MUTE_REPLY says {state.name}")
+        check_equal(state, OutputState.MUTED, f"{name}: MUTE_REPLY says {state.name}")
     elif isinstance(message, Hello):
         reply = board.link.reply_in(answer, HelloReply, Hello.TYPE)
-        check(reply.nonce == message.nonce, f"{name}: HELLO_REPLY names {reply.nonce:#06x}")
+        check_equal(reply.nonce, message.nonce, f"{name}: HELLO_REPLY names {reply.nonce:#06x}")
     else:
         if answer.message is None:
             fail(f"{name}: the answer to {message.TYPE.name} cannot be read")

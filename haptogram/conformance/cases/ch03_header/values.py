@@ -32,7 +32,7 @@ from ...client.board_client import BoardClient
 from ...client.capabilities import requests_that_board_takes, session_for_request
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
 
@@ -69,7 +69,7 @@ def _check_geometry_values(board: BoardClient) -> None:
     if board.identity.transducers > 2:
         some = board.link.call(GetGeometry(1, 2), GeometryReply)
         got = (some.first, len(some.elements))
-        check(got == (1, 2), f"GET_GEOMETRY of 2 from 1: {got[1]} from {got[0]}")
+        check_equal(got, (1, 2), f"GET_GEOMETRY of 2 from 1: {got[1]} from {got[0]}")
 
 
 def _length_of_values(*parts: int) -> float:
@@ -105,7 +105,7 @@ def takes_little_endian_values(board: BoardClient) -> None:
         hold_ms=0x0102, ramp_ms=0x0304, host_timeout_ms=0x0506, status_period_ms=0x0708
     )
     got = board.link.call(GetConfig(), ConfigReply).config
-    check(got == sent, f"sent was {sent}, in force is {got}")
+    check_equal(got, sent, "the configuration in force is not the one that was sent")
 
 
 @case("HG-3.2/2", "the firmware's name is UTF-8 and filled with zeros to 16 bytes")
@@ -192,7 +192,7 @@ def reads_values_at_any_address(board: BoardClient) -> None:
         for zeros in range(_ADDRESSES):  # the frame before it ends at another address each time
             echo = 0x0102030405060708 + zeros
             board.link.send(b"\x00" * zeros)
-            check(board.link.call(Ping(echo), Pong).echo == echo, f"PING behind {zeros} zeros")
+            check_equal(board.link.call(Ping(echo), Pong).echo, echo, f"PING behind {zeros} zeros")
             shown = board.link.call(GetConfig(), ConfigReply).config
-            check(shown == board.config, f"GET_CONFIG behind {zeros} zeros shows {shown}")
+            check_equal(shown, board.config, f"GET_CONFIG behind {zeros} zeros")
             latch_now(board, board.flat_phases())

@@ -21,7 +21,7 @@ from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
 _EVENTS: Final = 66_000
@@ -91,8 +91,8 @@ def numbers_three_header_sequences(board: BoardClient) -> None:
         assert before.header is not None  # is_event
         assert after.header is not None
         step = (after.header.seq - before.header.seq) & 0xFFFF
-        check(
-            step == 1, f"an event {step} after the one before: {annotated_frame_text(after.piece)}"
+        check_equal(
+            step, 1, f"an event {step} after the one before: {annotated_frame_text(after.piece)}"
         )
     board.hello()
     with board.counting(dropped_state=8):
@@ -165,7 +165,9 @@ def first_sequence_number_of_events(board: BoardClient) -> None:
         first = next(piece for piece in board.wire.received[since:] if piece.is_event)
         header = first.header
         assert header is not None  # is_event
-        check(header.seq == 0, f"first event of the session: {annotated_frame_text(first.piece)}")
+        check_equal(
+            header.seq, 0, f"first event of the session: {annotated_frame_text(first.piece)}"
+        )
 
 
 @case(
@@ -175,13 +177,13 @@ def first_sequence_number_of_events(board: BoardClient) -> None:
 )
 def sequence_numbers_are_unwrapped(board: BoardClient) -> None:
     board.arm()
-    check(board.status().last_seq == 0, "last_seq is not 0 before the first latch")
+    check_equal(board.status().last_seq, 0, "last_seq is not 0 before the first latch")
     index = latch_now(board, board.flat_phases())
     for jump in _JUMPS:
         got = board.status().last_seq
-        check(got == index, f"unwrapped number {index}: last_seq is {got}")
+        check_equal(got, index, f"unwrapped number {index}: last_seq is {got}")
         board.link.stream_next += jump - 1
         with board.counting(gap=jump - 1, latched=1):
             index = latch_now(board, board.flat_phases())
     got = board.status().last_seq
-    check(got == index, f"unwrapped number {index}: last_seq is {got}")
+    check_equal(got, index, f"unwrapped number {index}: last_seq is {got}")

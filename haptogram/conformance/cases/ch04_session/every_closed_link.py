@@ -19,7 +19,7 @@ from haptogram_protocol.state import OutputState
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.stream_kinds import request_types_of_host
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _UNKNOWN_REQUEST: Final = 0x7B
 #: Counters of what a board does with frames of an open session.
@@ -47,15 +47,17 @@ def closed_link_does_nothing_before_hello(board: BoardClient) -> None:
                 answer = board.link.ask_raw(kind.TYPE, payload, session=session)
                 board.link.error_in(answer, kind.TYPE, ErrorCode.STALE_SESSION, 0)
                 told = answer.header.session if answer.header is not None else -1
-                check(told == 0, f"no session is open; the refusal of {name} has {told:#06x}")
+                check_equal(told, 0, f"no session is open; the refusal of {name} has {told:#06x}")
                 asked += 1
     state = board.hello().state
-    check(state is OutputState.DISARMED, f"frames before the first HELLO have led to {state.name}")
+    check_equal(
+        state, OutputState.DISARMED, f"frames before the first HELLO have led to {state.name}"
+    )
     counters = board.status().counters
     moved = {name: number for name in _OF_A_SESSION if (number := getattr(counters, name))}
     check(not moved, f"frames before the first HELLO are counted in {moved}")
     stale, requests = counters.stale_session, counters.requests
-    check(stale == streamed, f"{streamed} frames before HELLO; stale_session is {stale}")
+    check_equal(stale, streamed, f"{streamed} frames before HELLO; stale_session is {stale}")
     asked += 2  # HELLO and GET_STATUS
     heard = board.link.knocks  # repetitions of the first one, to a board that boots
     text = f"{asked} requests from the reset on; requests is {requests}"
@@ -81,4 +83,4 @@ def closed_link_has_session_0(board: BoardClient) -> None:
     }
     for name, answer in answers.items():
         session = answer.header.session if answer.header is not None else -1
-        check(session == 0, f"no session is open; the answer to {name} has {session:#06x}")
+        check_equal(session, 0, f"no session is open; the answer to {name} has {session:#06x}")

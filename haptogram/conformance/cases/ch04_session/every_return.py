@@ -23,7 +23,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back
 from ...client.uploads import begin_upload
 from ...judge.repetition import every_request_to_repeat, flags_of_repetition
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _UPLOADED: Final = 5
 _LATCHES: Final = 3
@@ -85,20 +85,20 @@ def _no_drive_in_session(board: BoardClient) -> None:
     key = shown.reply.key
     codes = any(shown.phases + shown.amplitudes)
     found = (codes, key.sequence, key.loop, key.index)
-    check(found == (False, 0, 0, 0), f"a drive is latched, of frame {key}")
+    check_equal(found, (False, 0, 0, 0), f"a drive is latched, of frame {key}")
 
 
 def _no_latch_in_session(board: BoardClient) -> None:
     status = board.status()
     found = status.last_seq, status.last_latch_us, status.queued
-    check(found == (0, 0, 0), f"last_seq, last_latch_us, queued are {found}")
+    check_equal(found, (0, 0, 0), f"last_seq, last_latch_us, queued are {found}")
 
 
 def _no_ring_in_session(board: BoardClient) -> None:
     if board.has(Feature.TRACE_RING):
         reply = board.link.call(ReadTrace(0, 100), TraceReply)
         found = reply.oldest, reply.next, len(reply.records)
-        check(found == (0, 0, 0), f"oldest, next and records of the ring are {found}")
+        check_equal(found, (0, 0, 0), f"oldest, next and records of the ring are {found}")
 
 
 def _no_upload_in_session(board: BoardClient) -> None:
@@ -127,7 +127,7 @@ def _numbers_of_session_anew(board: BoardClient) -> None:
     with board.counting(latched=1):
         latch_now(board, board.flat_phases())
     numbers = [header.seq for header, _ in board.link.events(kind, since)] if kind else [0]
-    check(numbers == [0], f"the first events of the session have the numbers {numbers}")
+    check_equal(numbers, [0], f"the first events of the session have the numbers {numbers}")
 
 
 _OWNED: Final[dict[str, Callable[[BoardClient], None]]] = {

@@ -34,7 +34,7 @@ from ...client.playback import (
     send_phases_to_store,
 )
 from ...client.uploads import begin_upload, upload_to_board
-from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal
 
 _SEQUENCE: Final = 5
 _FRAMES: Final = 4
@@ -113,11 +113,11 @@ def settings_outlive_every_session(board: BoardClient) -> None:
         reply = board.hello()
         check(reply.config_crc == crc, f"{name}: config_crc is {reply.config_crc:#x}, was {crc:#x}")
         found = board.link.call(GetConfig(), ConfigReply).config
-        check(found == config, f"{name}: the configuration is {found}, was {config}")
+        check_equal(found, config, f"{name}: the configuration has changed")
         counted = board.counted_since(before)
         gone = {key: value for key, value in counted.items() if value > 1 << 31}
         check(not gone, f"{name}: counters went back by {gone}")
-        check(board.status().queued == 0, f"{name}: frames are still queued")
+        check_equal(board.status().queued, 0, f"{name}: frames are still queued")
         if board.identity.state is OutputState.ARMED:
             check(False, f"{name}: the board is ARMED in a new session")
         _session_plays_still(board, name)
@@ -149,8 +149,10 @@ def every_bit_of_a_nonce_opens_a_session(board: BoardClient) -> None:
         nonce = step if step in _EDGES else board.link.session ^ 1 << step
         if nonce and nonce != board.link.session:
             reply = board.hello(nonce)
-            check(reply.nonce == nonce, f"HELLO with {nonce:#06x} opens {reply.nonce:#06x}")
-            check(reply.state is OutputState.DISARMED, f"{nonce:#06x} is taken for the open nonce")
+            check_equal(reply.nonce, nonce, f"HELLO with {nonce:#06x} opens {reply.nonce:#06x}")
+            check_equal(
+                reply.state, OutputState.DISARMED, f"{nonce:#06x} is taken for the open nonce"
+            )
     nonces = [board.new_nonce()]
     for number in range(12):  # each of the two to four sessions before comes again
         if number < 4:
@@ -163,7 +165,9 @@ def every_bit_of_a_nonce_opens_a_session(board: BoardClient) -> None:
         reply = board.hello(old)
         nonces.append(old)
         found = (reply.nonce, reply.state)
-        check(found == (old, OutputState.DISARMED), f"the nonce of a session before opens {found}")
+        check_equal(
+            found, (old, OutputState.DISARMED), f"the nonce of a session before opens {found}"
+        )
         board.link.call(Ping(number), Pong)
 
 
@@ -186,7 +190,7 @@ def a_repeated_hello_does_nothing(board: BoardClient) -> None:
         board.link.send(wire)
         again = board.link.answer_to(Ping.TYPE, seq, since)
         text = f"after a HELLO of the open nonce {ahead} numbers on, a repeated PING gets"
-        check(again.body == first.body, f"{text} {board.link.answer_text(again)}")
+        check_equal(again.body, first.body, f"{text} {board.link.answer_text(again)}")
         board.link.call(Ping(1), Pong)  # the next number, which is not used up
     if board.has(Feature.SEQUENCE_PHASES):
         _check_repeated_hello_left_playback(board, hello)
@@ -202,13 +206,13 @@ def _check_repeated_hello_left_playback(board: BoardClient, hello: Hello) -> Non
     board.link.ask(UploadChunk(0, data[:half]))
     board.link.ask(hello, session=0)
     state = board.status().state
-    check(state is OutputState.ARMED, f"HELLO of the open nonce has led to {state.name}")
+    check_equal(state, OutputState.ARMED, f"HELLO of the open nonce has led to {state.name}")
     ended = board.link.events(PlaybackEnded, since)
     check(not ended, "HELLO of the open nonce has ended the playback")
     for start in range(half, len(data), max(1, half)):
         board.link.ask(UploadChunk(start, data[start : start + half]))
     taken = board.link.call(UploadCommit(_PLAYED + 1), UploadCommitReply).frames
-    check(taken == len(frames), f"an upload around HELLO of the open nonce: {taken} frames")
+    check_equal(taken, len(frames), f"an upload around HELLO of the open nonce: {taken} frames")
 
 
 @case(
@@ -235,13 +239,13 @@ def the_first_hello_reply_stays(board: BoardClient) -> None:
     for name, happen in happenings.items():
         happen()
         again = board.hello(board.link.session)
-        check(again == first, f"after {name}: HELLO_REPLY was {first}, then {again}")
+        check_equal(again, first, f"after {name}: another HELLO_REPLY than the first")
     last = board.hello()
     due = (board.config.sound_speed_mm_s, board.status().config_crc, OutputState.MUTED)
     told = (last.sound_speed_mm_s, last.config_crc, last.state)
     check(told == due, f"a new session tells (speed, config_crc, state) {told}, due is {due}")
     changed = {"sound_speed_mm_s": 0, "config_crc": 0, "state": OutputState.MUTED, "nonce": 1}
     same = [dataclasses.replace(reply, **changed) for reply in (first, last)]  # type: ignore[arg-type]
-    check(same[0] == same[1], f"the identity was {first}, and is after other settings {last}")
+    check_equal(same[1], same[0], "the identity has changed with settings")
     if board.has(Feature.CORRECTION):
         upload(bytes(count))

@@ -11,7 +11,7 @@ from haptogram_protocol.state import OutputState
 
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
-from ...outcome import check
+from ...outcome import check, check_equal
 
 _PLAYS: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 _UPLOADS: Final = _PLAYS | Feature.CORRECTION
@@ -47,7 +47,7 @@ def greets_hello_in_every_state(board: BoardClient) -> None:
     board.hello()
     board.link.ask(Mute())
     state = board.hello().state
-    check(state is OutputState.MUTED, f"HELLO_REPLY of a muted board says {state.name}")
+    check_equal(state, OutputState.MUTED, f"HELLO_REPLY of a muted board says {state.name}")
 
 
 @case("HG-4.3/2", "carrier_hz divides 1000000")
@@ -58,7 +58,7 @@ def identity_has_a_whole_carrier(board: BoardClient) -> None:
 
 @case("HG-4.3/3", "clock_hz is 1000000")
 def identity_has_a_clock_of_a_megahertz(board: BoardClient) -> None:
-    check(board.identity.clock_hz == 1_000_000, f"clock_hz is {board.identity.clock_hz}")
+    check_equal(board.identity.clock_hz, 1_000_000, f"clock_hz is {board.identity.clock_hz}")
 
 
 @case("HG-4.3/4", "grid_nx grid_ny is N, or both are 0")

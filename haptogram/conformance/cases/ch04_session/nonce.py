@@ -38,7 +38,7 @@ from ...client.playback import (
     wait_for_no_latch,
 )
 from ...client.uploads import begin_upload
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 
 @case(
@@ -55,9 +55,9 @@ def the_same_nonce(board: BoardClient) -> None:
         board.clock.require_in_time(t_us)
         board.clock.wait_until(t_us)
         latch_now(board, board.flat_phases())
-    check(again == first, f"HELLO_REPLY was {first}, then {again}")
+    check_equal(again, first, "HELLO again has another reply than the first")
     state = board.status().state
-    check(state is OutputState.ARMED, f"HELLO of the open session has led to {state.name}")
+    check_equal(state, OutputState.ARMED, f"HELLO of the open session has led to {state.name}")
 
 
 @case(
@@ -75,7 +75,7 @@ def the_same_nonce_at_another_time(board: BoardClient) -> None:
         assert answer.header is not None  # ask
         times.append(answer.header.time_us)
         if isinstance(message, Hello):
-            check(answer.message == first.message, "a repeated HELLO has another reply")
+            check_equal(answer.message, first.message, "a repeated HELLO has another reply")
     steps = [signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
     check(min(steps) >= 0, f"times of PONG, HELLO_REPLY and PONG in a row: {times}")
 
@@ -99,10 +99,10 @@ def the_same_nonce_with_other_fields(board: BoardClient) -> None:
     with board.counting(repeated=len(others)):
         for fields in others:
             again = board.link.call(dataclasses.replace(same, **fields), HelloReply, session=0)
-            check(again == first, f"HELLO with {fields}: {again}, the first one was {first}")
+            check_equal(again, first, f"HELLO with {fields}: another reply than the first")
     status = board.status()
     found = (status.state, status.last_seq)
-    check(found == (OutputState.ARMED, index), f"HELLO of the open session has led to {found}")
+    check_equal(found, (OutputState.ARMED, index), f"HELLO of the open session has led to {found}")
 
 
 @case("HG-4.6/2", "a new nonce: ARMED becomes DISARMED (NEW_SESSION), MUTED stays MUTED")
@@ -112,10 +112,10 @@ def a_new_nonce_and_the_state(board: BoardClient) -> None:
     status = (board.hello(), board.status())[1]
     found = (status.state, status.reason)
     due = (OutputState.DISARMED, MuteReason.NEW_SESSION)
-    check(found == due, f"ARMED, then a new session: {found[0].name}, {found[1].name}")
+    check_equal(found, due, f"ARMED, then a new session: {found[0].name}, {found[1].name}")
     board.link.ask(Mute())
     state = board.hello().state
-    check(state is OutputState.MUTED, f"MUTED, then a new session: {state.name}")
+    check_equal(state, OutputState.MUTED, f"MUTED, then a new session: {state.name}")
     board.link.ask(Arm())
 
 
@@ -171,7 +171,7 @@ def a_new_nonce_starts_anew(board: BoardClient) -> None:
     with board.counting(latched=1):
         index = latch_now(board, board.flat_phases())
     last = board.status().last_seq
-    check(last == index, f"first frame of a session has the number {index}, last_seq is {last}")
+    check_equal(last, index, f"first frame of a session has the number {index}, last_seq is {last}")
 
 
 @case(
@@ -198,10 +198,12 @@ def a_new_nonce_keeps(board: BoardClient) -> None:
     board.hello()
     after = board.status()
     got = board.link.call(GetConfig(), ConfigReply).config
-    check(got == sent, f"configuration was {sent}, after HELLO {got}")
-    check(after.config_crc == before.config_crc, "config_crc has changed: the correction is gone")
+    check_equal(got, sent, "HELLO has changed the configuration")
+    check_equal(
+        after.config_crc, before.config_crc, "config_crc has changed: the correction is gone"
+    )
     grown = after.counters.requests - before.counters.requests
-    check(grown == 2, f"requests went up by {grown} over HELLO and GET_STATUS")
+    check_equal(grown, 2, f"requests went up by {grown} over HELLO and GET_STATUS")
 
 
 @case(

@@ -17,7 +17,7 @@ from haptogram_protocol.state import OutputState
 
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
-from ...outcome import check
+from ...outcome import check, check_equal
 
 _LISTEN_US: Final = 300_000
 
@@ -54,15 +54,14 @@ def opens_no_session_at_reset(board: BoardClient) -> None:
 @case("HG-4.2/1", "HELLO_REPLY states the version that the board has")
 def hello_states_the_version(board: BoardClient) -> None:
     reply = board.hello()
-    check(reply.major == VERSION_MAJOR, f"HELLO_REPLY says version {reply.major}.{reply.minor}")
+    check_equal(reply.major, VERSION_MAJOR, f"HELLO_REPLY says version {reply.major}.{reply.minor}")
     for minor in (0, 1, 255):
         hello = Hello(VERSION_MAJOR, minor, board.new_nonce(), 0xFFFFFFFF)
         again = board.link.call(hello, HelloReply, session=0)
         board.adopt(again)
         told = f"{again.major}.{again.minor}"
-        check(
-            again.minor == reply.minor,
-            f"to HELLO of minor {minor} the board says that it has {told}",
+        check_equal(
+            again.minor, reply.minor, f"to HELLO of minor {minor} the board says that it has {told}"
         )
     hello = Hello(VERSION_MAJOR + 1, 0, board.new_nonce(), 0)
     board.link.refused(hello, ErrorCode.VERSION, reply.major, session=0)
@@ -76,7 +75,7 @@ def hello_of_other_versions_is_refused(board: BoardClient) -> None:
             hello = Hello(major, 0, board.new_nonce(), 0)
             board.link.refused(hello, ErrorCode.VERSION, VERSION_MAJOR, session=0)
     state = board.status().state
-    check(state is OutputState.ARMED, f"a refused HELLO has moved the state to {state.name}")
+    check_equal(state, OutputState.ARMED, f"a refused HELLO has moved the state to {state.name}")
 
 
 @case(

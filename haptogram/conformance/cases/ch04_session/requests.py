@@ -24,7 +24,7 @@ from haptogram_protocol.state import OutputState
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.uploads import begin_upload
-from ...outcome import check
+from ...outcome import check, check_equal
 
 _UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.CORRECTION
 
@@ -63,7 +63,7 @@ def repeats_the_reply_to_a_request(board: BoardClient) -> None:
         # GET_STATUS would be the last request: the repetitions come first.
         board.link.seq = seq + 1
         state = board.status().state
-        check(state is OutputState.MUTED, f"after MUTE: {state.name}")
+        check_equal(state, OutputState.MUTED, f"after MUTE: {state.name}")
         wire, seq = board.link.request_wire(Ping(7))
         first = _repeat_request(board, wire, Ping, seq)
         board.wire.idle(5000)
@@ -94,7 +94,7 @@ def refuses_a_reused_request_number(board: BoardClient) -> None:
     board.link.refused(Disarm(), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
     board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
     state = board.status().state
-    check(state is OutputState.ARMED, f"a refused DISARM has led to {state.name}")
+    check_equal(state, OutputState.ARMED, f"a refused DISARM has led to {state.name}")
 
 
 @case("HG-4.9/3", "a delayed copy of ARM does not undo a later DISARM: SEQUENCE_REUSED")
@@ -110,7 +110,7 @@ def refuses_a_delayed_copy_of_a_request(board: BoardClient) -> None:
         old = (board.link.seq - back) & 0xFFFF
         board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, old, seq=old)
     state = board.status().state
-    check(state is OutputState.DISARMED, f"a delayed ARM has led to {state.name}")
+    check_equal(state, OutputState.DISARMED, f"a delayed ARM has led to {state.name}")
 
 
 @case("HG-4.9/4", "after refusals for flags, length and type the same number is still free")
@@ -124,7 +124,7 @@ def refused_requests_use_no_number(board: BoardClient) -> None:
     board.link.refused(
         Ping(1), ErrorCode.STALE_SESSION, seq=free, session=board.link.session ^ 0x0F0F
     )
-    check(_repeat_request(board, wire, Arm, seq) == reply, "the remembered reply is gone")
+    check_equal(_repeat_request(board, wire, Arm, seq), reply, "the remembered reply is gone")
     board.link.call(Ping(2), Pong, seq=free)
     board.link.seq = free
 
@@ -160,7 +160,7 @@ def repeated_mute_is_done_again(board: BoardClient) -> None:
     board.arm()
     _repeat_request(board, wire, Mute, seq)
     state = board.status().state
-    check(state is OutputState.MUTED, f"the same MUTE again has led to {state.name}")
+    check_equal(state, OutputState.MUTED, f"the same MUTE again has led to {state.name}")
     board.link.call(Mute(), MuteReply, session=0, seq=board.link.seq + 500)
     board.link.call(Ping(1), Pong)  # the number of a MUTE of no session is not used up
 
@@ -196,7 +196,7 @@ def repeated_chunks_are_done_again(board: BoardClient) -> None:
     again = board.link.reply_in(
         board.link.answer_to(UploadChunk.TYPE, seq, since), UploadChunkReply, UploadChunk.TYPE
     )
-    check(again.received == 1, f"a chunk of 1 byte again: {again.received} received, {first!r}")
+    check_equal(again.received, 1, f"a chunk of 1 byte again: {again.received} received, {first!r}")
 
 
 @case(
@@ -213,5 +213,5 @@ def refuses_requests_of_another_session(board: BoardClient) -> None:
                     answer, message.TYPE, ErrorCode.STALE_SESSION, board.link.session
                 )
                 assert answer.header is not None  # ask
-                check(answer.header.session == 0, "ERROR(STALE_SESSION) is not of session 0")
+                check_equal(answer.header.session, 0, "ERROR(STALE_SESSION) is not of session 0")
     check(board.status().state is OutputState.ARMED, "a DISARM of another session was done")

@@ -31,7 +31,7 @@ from haptogram_protocol.messages import (
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.playback import play_now, send_phases_that_fit
-from ...outcome import check, not_observed
+from ...outcome import check, check_equal, not_observed
 
 _PROMPT_US: Final = 10_000
 _TRIES: Final = 8
@@ -50,8 +50,9 @@ def responses_belong_to_their_requests(board: BoardClient) -> None:
         answer = board.link.ask(message)  # waits for its number
         header = answer.header
         assert header is not None  # ask
-        check(
-            header.session == board.link.session,
+        check_equal(
+            header.session,
+            board.link.session,
             f"{annotated_type_name(header.type)} has session {header.session:#06x}, "
             f"open is {board.link.session:#06x}",
         )
@@ -124,7 +125,7 @@ def repeated_responses_keep_their_time(board: BoardClient) -> None:
         assert answer.header is not None  # answer_to
         times.append((answer.header.time_us, board.link.reply_in(answer, Pong, Ping.TYPE).t_tx_us))
         board.wire.idle(20_000)
-    check(len(set(times)) == 1, f"header time and t_tx of a PONG and its repetitions: {times}")
+    check_equal(len(set(times)), 1, f"header time and t_tx of a PONG and its repetitions: {times}")
 
 
 @case("HG-4.11/3", "of 8 PINGs one is answered within 10 ms")

@@ -39,7 +39,7 @@ from ...client.playback import (
     send_phases_to_store_if_supported,
 )
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _SEQUENCE: Final = 5
 _WINDOW_US: Final = 100_000
@@ -138,7 +138,9 @@ def lateness_is_of_one_stream_frame(board: BoardClient) -> None:
             board.clock.require_in_time(soon_us)
             board.clock.wait_until(soon_us + 2000)
         late = [x.late for x in latches_received_from_board(board, since, mode) if x.index >= first]
-        check(late == [True, False, False], f"{kind.name}, late, and two for later: LATE {late}")
+        check_equal(
+            late, [True, False, False], f"{kind.name}, late, and two for later: LATE {late}"
+        )
 
 
 @case(
@@ -171,7 +173,7 @@ def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: TraceMode) 
     due = [zlib.crc32(full_client_drive(codes)) for codes in stored]
     seen = latches_received_from_board(board, since, mode)
     got = [latch.crc for latch in seen if latch.sequence == _SEQUENCE][-2:]
-    check(got == due, f"PHASES, played, flush {kind.name}: latched as other drives than stored")
+    check_equal(got, due, f"PHASES, played, flush {kind.name}: latched as other drives than stored")
 
 
 def _replace_in_burst(

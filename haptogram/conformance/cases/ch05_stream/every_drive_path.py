@@ -24,7 +24,7 @@ from ...client.latching import ClientDrive, latch_now, read_back
 from ...client.playback import period_to_play, play_out
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import upload_to_board
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _SPEEDS_MM_S: Final = (300_000, 331_300, 380_000)  # HG-7.1: least, 0 C, most
 _CEILINGS: Final = (1, 100, 254)
@@ -147,7 +147,7 @@ def every_drive_path_is_corrected(board: BoardClient) -> None:
         latched, radiated = _latch_streamed_drive(board, path.latch())
         due = bytes((a + b) % 256 for a, b in zip(latched.phases, correction, strict=True))
         wrong = sum(a != b for a, b in zip(radiated.phases, due, strict=True))
-        check(wrong == 0, f"{path.name}: {wrong} radiated phases are not latched + correction")
+        check_equal(wrong, 0, f"{path.name}: {wrong} radiated phases are not latched + correction")
     upload_to_board(board, UploadKind.CORRECTION, 0, bytes(board.identity.transducers))
 
 

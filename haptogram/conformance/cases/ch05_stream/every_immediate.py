@@ -18,7 +18,7 @@ from ...client.playback import (
     send_phases_to_store,
 )
 from ...client.stream_kinds import points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, fail
+from ...outcome import SELF_REPORTED, check, check_equal, fail
 
 _SEQUENCE: Final = 6
 _FRAMES: Final = 3
@@ -70,8 +70,8 @@ def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
             fail(f"{text}: the first is not latched")
         if not is_past:
             got_us = seen.get(index + 1)
-            check(counted == [2, 2, 0, 0, 0, 0], f"{text} for later: {_COUNTERS} {counted}")
-            check(got_us == due_us, f"{text} for {due_us} µs: latched at {got_us} µs")
+            check_equal(counted, [2, 2, 0, 0, 0, 0], f"{text} for later: {_COUNTERS} {counted}")
+            check_equal(got_us, due_us, f"{text} for {due_us} µs: latched at {got_us} µs")
             continue
         allowed = [[1, 1, 0, 0, 1, 0]]
         # In virtual time a frame that came before the latch of the first met it in the queue.
@@ -109,7 +109,9 @@ def _send_behind_immediate(
         board.clock.require_in_time(due_us, rx_us)
     board.clock.wait_until(due_us + board.clock.lead_us)
     after = board.status()
-    check(after.margins == 1, f"a frame with IMMEDIATE and one without: margins is {after.margins}")
+    check_equal(
+        after.margins, 1, f"a frame with IMMEDIATE and one without: margins is {after.margins}"
+    )
     counted = [(getattr(after.counters, n) - getattr(before, n)) & 0xFFFFFFFF for n in _COUNTERS]
     return due_us, rx_us, counted
 
@@ -135,7 +137,7 @@ def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None
         board.link.call(play, PlayReply, flags=Flag.IMMEDIATE, time_us=time_us)
         most_us = board.clock.on_carrier(board.clock.device_us() + board.ready_after_us())
         ended = await_playback_end(board, since, _FRAMES * period_us)
-        check(ended.frames == _FRAMES, f"PLAY with the time {name}: {ended.frames} frames")
+        check_equal(ended.frames, _FRAMES, f"PLAY with the time {name}: {ended.frames} frames")
         times = [x.t_us for x in latches_received_from_board(board, since, mode)][-_FRAMES:]
         least_us = board.clock.on_carrier(start_us + board.ready_after_us())
         text = f"PLAY with IMMEDIATE and the time {name}: latches at {times} µs"
@@ -144,5 +146,5 @@ def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None
             f"{text}; the first is due from {least_us} to {most_us} µs",
         )
         apart = {b - a for a, b in itertools.pairwise(times)}
-        check(apart == {period_us}, f"{text}; the period is {period_us} µs")
+        check_equal(apart, {period_us}, f"{text}; the period is {period_us} µs")
         board.link.ask(Stop())

@@ -15,7 +15,7 @@ from ...client.board_client import BoardClient
 from ...client.capabilities import TRACE_MODES
 from ...client.latching import ClientLatch, latches_received_from_board
 from ...client.stream_kinds import points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _WINDOWS_US: Final = (0, 1, 30, 5_000, 100_000)
 _WALL_WINDOWS_US: Final = (5_000, 100_000)  # where no frame arrives to the microsecond
@@ -97,7 +97,7 @@ def _judge_lateness(
     delays_us[kind] = delay_us + due_us - got_us
     name = f"{kind}, margin {got_us} µs, late window {window_us} µs"
     told = (after.margins, after.margin_mean_us)
-    check(told == (1, got_us), f"{name}: margins {told[0]}, margin_mean_us {told[1]}")
+    check_equal(told, (1, got_us), f"{name}: margins {told[0]}, margin_mean_us {told[1]}")
     dropped, is_late = got_us < -window_us, -window_us <= got_us < 0
     names = ("accepted", "latched", "late", "dropped_late")
     counted = [(getattr(after.counters, n) - getattr(before, n)) & 0xFFFFFFFF for n in names]
@@ -111,4 +111,4 @@ def _judge_lateness(
 
 def _check_late_flag(traced: list[ClientLatch], name: str, *, dropped: bool, late: bool) -> None:
     flags = [latch.late for latch in traced]
-    check(flags == ([] if dropped else [late]), f"{name}: the trace has LATE {flags}")
+    check_equal(flags, [] if dropped else [late], f"{name}: the trace has LATE {flags}")

@@ -19,7 +19,7 @@ from ...client.capabilities import TRACE_MODES
 from ...client.drive_paths import registers_asked_for
 from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 from .every_drop import fill_queue
 
 _WINDOW_US: Final = 100_000
@@ -56,7 +56,7 @@ def every_format_is_streamed_at_once(board: BoardClient) -> None:
                     board.link.stream_wire(kind.make(), t_us - past_us, flags=Flag.IMMEDIATE)
                 )
                 board.clock.wait_latched()
-        check(board.status().queued == 0, f"{kind.name}: frames wait behind IMMEDIATE")
+        check_equal(board.status().queued, 0, f"{kind.name}: frames wait behind IMMEDIATE")
 
 
 @case(
@@ -75,7 +75,7 @@ def every_format_flushes_a_full_queue(board: BoardClient) -> None:
         last_us = fill_queue(board, depth)
         waiting = board.status().queued
         board.clock.require_in_time(last_us - 1000 * depth)
-        check(waiting == depth, f"{depth} frames wait, queued is {waiting}")
+        check_equal(waiting, depth, f"{depth} frames wait, queued is {waiting}")
         with board.counting(flushed=depth, latched=1):
             index = latch_now(board, kind.make())
         found = board.status()
@@ -117,8 +117,9 @@ def every_format_is_streamed_late(board: BoardClient) -> None:
                 for latch in latches_received_from_board(board, since, mode)
                 if latch.index >= first
             ]
-            check(
-                seen[-3:] == [False, True, False],
+            check_equal(
+                seen[-3:],
+                [False, True, False],
                 f"{kind.name}, trace {mode.name}: a frame at once, a late one, one at once: "
                 f"LATE is {seen}",
             )
@@ -164,9 +165,8 @@ def every_late_window_of_the_queue(board: BoardClient) -> None:
             within = late_us <= window_us
             late = within and late_us > 0
             due = {"latched": within, "late": late, "dropped_late": not within}
-            check(
-                counted == due,
-                f"window {window_us} µs, a frame {late_us} µs late: counted {counted}",
+            check_equal(
+                counted, due, f"window {window_us} µs, a frame {late_us} µs late: counted {counted}"
             )
 
 
@@ -206,7 +206,7 @@ def every_queue_slot_is_written_whole(board: BoardClient) -> None:
         lost = sent.keys() - seen.keys()
         check(not lost, f"{kind.name}: {len(lost)} of {len(sent)} queued frames are not latched")
         wrong = sum(seen[index] != crc for index, crc in sent.items())
-        check(wrong == 0, f"{kind.name}: {wrong} of {len(sent)} drives are not those sent")
+        check_equal(wrong, 0, f"{kind.name}: {wrong} of {len(sent)} drives are not those sent")
 
 
 def _queue_some_stream_frames(
@@ -257,8 +257,9 @@ def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
         ahead_us = found.margin_min_us + board.ready_after_us()  # the margin is of the ready frame
         within = ahead_us <= horizon_us
         due = (int(within), int(not within))
-        check(
-            (found.queued, dropped) == due,
+        check_equal(
+            (found.queued, dropped),
+            due,
             f"a frame {ahead_us} µs ahead, the horizon is {horizon_us} µs: queued "
             f"{found.queued}, dropped {dropped}",
         )
@@ -289,5 +290,5 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
         board.wire.idle(_LOOK_US)
         queued = board.status().queued
         board.clock.require_in_time(now_us + ahead_us[0])
-        check(queued == len(ahead_us), f"{len(ahead_us)} frames wait, queued is {queued}")
+        check_equal(queued, len(ahead_us), f"{len(ahead_us)} frames wait, queued is {queued}")
         board.link.ask(Mute())

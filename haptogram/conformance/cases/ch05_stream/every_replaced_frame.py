@@ -27,7 +27,7 @@ from ...client.latching import (
 )
 from ...client.playback import PERIOD_US, play_now, send_phases_that_fit
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _SEQUENCE: Final = 5
 _STEP_US: Final = 1000  # between two carrier periods that frames are sent for
@@ -260,7 +260,7 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
         board.link.barrier()  # or MUTE may overtake them
         flush(board)
         before = board.status()
-        check(before.queued == 0, f"{before.queued} frames wait behind {name}")
+        check_equal(before.queued, 0, f"{before.queued} frames wait behind {name}")
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us - 2 * apart_us))
         board.clock.require_in_time(t_us - 3 * apart_us - ready_us)
         board.clock.wait_until(t_us + _STEP_US)

@@ -15,7 +15,7 @@ from ...client.latching import latch_now
 from ...client.playback import play_later, play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...judge.timers import judge_status_steps
-from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal
 from .every_drop import DROPS
 
 _MS: Final = 1000
@@ -85,7 +85,7 @@ def no_other_state_takes_stream_frames(board: BoardClient) -> None:
                     board.link.send(board.link.stream_wire(message, t_us))
                 board.clock.wait_latched()
                 queued = board.status().queued
-                check(queued == 0, f"{queued} frames are queued")
+                check_equal(queued, 0, f"{queued} frames are queued")
         except CaseEndedError as error:
             raise CaseEndedError(error.behaviour, f"{name}: {error}") from None
         board.link.ask(Mute())
@@ -138,8 +138,8 @@ def every_state_counts_gaps_of_the_stream(board: BoardClient) -> None:
                 board.link.send(board.link.stream_wire(kind.make(), **flags))
                 board.link.send(board.link.stream_wire(kind.make(), **flags))
                 counted = board.counted_since(before)["gap"]
-                check(
-                    counted == _GAP, f"{name}, a gap of {_GAP} before {kind.name} counts {counted}"
+                check_equal(
+                    counted, _GAP, f"{name}, a gap of {_GAP} before {kind.name} counts {counted}"
                 )
         board.link.ask(Mute())
 

@@ -17,7 +17,7 @@ from ...client.latching import (
     latches_received_from_board,
 )
 from ...judge.witness import JudgeWitness
-from ...outcome import SELF_REPORTED, check, fail
+from ...outcome import SELF_REPORTED, check, check_equal, fail
 
 _OFFSETS_US: Final = (0, 1, 7, 12, 24, 25, 26, 49, 1000)
 _BURST: Final = 48
@@ -41,7 +41,7 @@ def latches_on_carrier_boundaries(board: BoardClient) -> None:
             board.clock.unwrap(early.last_latch_us) < t_us
             and board.clock.device_estimate_us() < t_us - 500
         ):
-            check(early.counters.latched == before, "a frame is latched before its t_apply")
+            check_equal(early.counters.latched, before, "a frame is latched before its t_apply")
         board.clock.require_in_time(t_us)
         due_us = board.clock.on_carrier(t_us)
         board.clock.wait_until(due_us + 100)
@@ -65,7 +65,7 @@ def latches_immediate_frames_on_the_carrier(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
         t_us = board.clock.unwrap(board.status().last_latch_us)
         off_us = t_us % board.clock.carrier_us
-        check(off_us == 0, f"latched at {t_us} µs, {off_us} µs past a carrier period")
+        check_equal(off_us, 0, f"latched at {t_us} µs, {off_us} µs past a carrier period")
 
 
 @case(
@@ -194,8 +194,9 @@ def immediate_frames_flush_the_queue(board: BoardClient) -> None:
         index = latch_now(board, board.flat_phases())
         board.clock.require_in_time(t_us)
         got = board.status()
-        check(
-            (got.last_seq, got.queued) == (index, 0),
+        check_equal(
+            (got.last_seq, got.queued),
+            (index, 0),
             f"frame {index} as soon as complete: last_seq {got.last_seq}, queued {got.queued}",
         )
         board.clock.wait_until(t_us + 5000)

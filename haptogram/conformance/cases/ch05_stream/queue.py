@@ -14,7 +14,7 @@ from ...client.latching import (
     latches_received_from_board,
 )
 from ...client.stream_kinds import points_of_stream_kind
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _STATUS_BYTES: Final = 200  # of a STATUS_REPLY and of its request on the line, at most
 _DEEPEST: Final = 512
@@ -132,7 +132,7 @@ def queue_holds_its_depth(board: BoardClient) -> None:
             board.link.send(board.link.stream_wire(good, start_us + 1000 * number))
         queued = board.status().queued
         board.clock.require_in_time(start_us)
-        check(queued == depth, f"{depth} frames wait, queued is {queued}")
+        check_equal(queued, depth, f"{depth} frames wait, queued is {queued}")
         board.clock.wait_until(start_us + 1000 * depth)
 
 
@@ -213,7 +213,7 @@ def latches_frames_within_the_late_window(board: BoardClient) -> None:
         board.clock.wait_until(t_us + 1000)
     if mode is not TraceMode.OFF:
         flags = [latch.late for latch in latches_received_from_board(board, since, mode)]
-        check(flags == [True, False], f"a late frame, then one in time: LATE is {flags}")
+        check_equal(flags, [True, False], f"a late frame, then one in time: LATE is {flags}")
 
 
 @case("HG-5.7/7", "max_horizon_us is less than 2^31")

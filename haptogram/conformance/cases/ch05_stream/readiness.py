@@ -18,7 +18,7 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, send_between_pings
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _MOST_US: Final = 100_000
 _TRIES: Final = 6
@@ -119,8 +119,9 @@ def lateness_counts_from_readiness(board: BoardClient) -> None:
             dropped = after.counters.dropped_late - before.dropped_late
             latched = after.counters.latched - before.latched
             late = after.margin_min_us < 0
-            check(
-                (after.margins, dropped, latched) == (1, int(late), int(not late)),
+            check_equal(
+                (after.margins, dropped, latched),
+                (1, int(late), int(not late)),
                 f"{message.TYPE.name} of {points} points, margin {after.margin_min_us} µs: margins "
                 f" {after.margins}, dropped_late {dropped}, latched {latched}",
             )
@@ -158,7 +159,9 @@ def _check_accepted_stream_frames(
         name: (getattr(now.counters, name) - getattr(first.counters, name)) & 0xFFFFFFFF
         for name in ("accepted", "latched", "flushed")
     }
-    check(now.queued == queued, f"{queued} frames wait, queued is {now.queued}")
-    check(grown["accepted"] == accepted, f"{accepted} frames were accepted; counted {grown}")
+    check_equal(now.queued, queued, f"{queued} frames wait, queued is {now.queued}")
+    check_equal(grown["accepted"], accepted, f"{accepted} frames were accepted; counted {grown}")
     total = grown["latched"] + grown["flushed"] + now.queued
-    check(grown["accepted"] == total, f"accepted, latched and flushed: {grown}, queued {queued}")
+    check_equal(
+        grown["accepted"], total, f"accepted, latched and flushed: {grown}, queued {queued}"
+    )

@@ -12,7 +12,7 @@ from ...client.board_client import BoardClient
 from ...client.board_clock import BOOT_US
 from ...client.latching import latch_now
 from ...client.wire import ReceivedByClient
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _LIMIT_US: Final = 10
 _SAMPLES: Final = 24
@@ -120,7 +120,7 @@ def clock_counts_beyond_32_bits(board: BoardClient) -> None:
         t_us = board.clock.unwrap(board.status().last_latch_us)
         off_us = t_us % board.clock.carrier_us
         check(t_us > 2**32, f"the latch at {t_us} µs is not behind 2^32 µs")
-        check(off_us == 0, f"the latch at {t_us} µs is {off_us} µs past a carrier period")
+        check_equal(off_us, 0, f"the latch at {t_us} µs is {off_us} µs past a carrier period")
 
 
 def _clock_of_pong(board: BoardClient, answer: ReceivedByClient) -> Pong:

@@ -29,7 +29,7 @@ from ...client.playback import (
     play_now,
     send_phases_to_store_if_supported,
 )
-from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal
 from ...verdict import Behaviour
 from ..ch05_stream.every_drop import fill_queue
 
@@ -243,7 +243,7 @@ def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) 
         if least > 1:
             least = max(1, least * PERIOD_US // period_to_play(board))
         least_most = least if moment.frames in (0, 1) else event.frames
-        check(event.sequence == _SEQUENCE, f"PLAYBACK_ENDED of sequence {event.sequence}")
+        check_equal(event.sequence, _SEQUENCE, f"PLAYBACK_ENDED of sequence {event.sequence}")
         check(
             least <= event.frames <= least_most and event.loops == event.frames // stored,
             f"PLAYBACK_ENDED says {event.frames} frames, {event.loops} passes of {stored}",

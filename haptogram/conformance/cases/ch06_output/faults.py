@@ -35,7 +35,7 @@ from ...client.playback import (
     send_phases_to_store,
 )
 from ...client.stream_kinds import valid_requests_to_send
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _SEQUENCE: Final = 4
 _QUEUED: Final = 2
@@ -109,7 +109,7 @@ def tells_of_a_hardware_fault(board: BoardClient) -> None:
         fail_hardware(board)
         board.link.barrier()
         told = [(event.state, event.reason) for _, event in board.link.events(StateChanged, since)]
-        check(told == [_FAULT], f"a fault while {name}: STATE_CHANGED says {told}")
+        check_equal(told, [_FAULT], f"a fault while {name}: STATE_CHANGED says {told}")
         recover_from_hardware_fault(board)
 
 
@@ -127,13 +127,16 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
             bring(board)
             fail_hardware(board)
         found = board.status()
-        check((found.state, found.reason) == _FAULT, f"a fault while {name}: {found.state.name}")
-        check(found.queued == 0, f"a fault while {name}: {found.queued} frames are queued")
+        check_equal(
+            (found.state, found.reason), _FAULT, f"a fault while {name}: {found.state.name}"
+        )
+        check_equal(found.queued, 0, f"a fault while {name}: {found.queued} frames are queued")
         if board.has(Feature.READ_RADIATED):
             check(is_board_silent(board), f"a fault while {name}: transducers are driven")
         ended = len(board.link.events(PlaybackEnded, since))
-        check(
-            ended == (bring is _play_output_before_fault),
+        check_equal(
+            ended,
+            bring is _play_output_before_fault,
             f"a fault while {name}: {ended} PLAYBACK_ENDED",
         )
         recover_from_hardware_fault(board)
@@ -191,7 +194,7 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
     for name, happen in others.items():
         happen()
         found = board.status()
-        check((found.state, found.reason) == _FAULT, f"{name} in FAULT: {found.reason.name}")
+        check_equal((found.state, found.reason), _FAULT, f"{name} in FAULT: {found.reason.name}")
     recover_from_hardware_fault(board)
 
 
@@ -222,7 +225,7 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
     since = board.link.mark()
     board.wire.idle(3 * period_ms * 1000 + 2 * _SHORT_MS * 1000)
     found = board.status()
-    check((found.state, found.reason) == _FAULT, f"timers in FAULT: {found.state.name}")
+    check_equal((found.state, found.reason), _FAULT, f"timers in FAULT: {found.state.name}")
     told = len(board.link.events(Status, since))
     check(told >= 2, f"{told} STATUS in FAULT in more than 3 periods")
     board.link.ask(SetConfig(config))

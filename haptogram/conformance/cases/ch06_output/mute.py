@@ -27,7 +27,7 @@ from ...client.playback import (
     send_phases_that_fit,
     wait_for_no_latch,
 )
-from ...outcome import EXTERNAL, SELF_REPORTED, check
+from ...outcome import EXTERNAL, SELF_REPORTED, check, check_equal
 
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
 
@@ -126,10 +126,12 @@ def mute_takes_the_reason(board: BoardClient) -> None:
         latch_now(board, board.flat_phases())
         board.wire.idle(40_000 + board.wire.limits.slack_us)
         before = board.status().reason
-        check(before is MuteReason.HOLD_EXPIRED, f"the hold ran out, the reason is {before.name}")
+        check_equal(
+            before, MuteReason.HOLD_EXPIRED, f"the hold ran out, the reason is {before.name}"
+        )
         board.link.call(Mute(), MuteReply, session=session)
         after = board.status().reason
-        check(after is MuteReason.MUTE, f"MUTE while MUTED: the reason is {after.name}")
+        check_equal(after, MuteReason.MUTE, f"MUTE while MUTED: the reason is {after.name}")
 
 
 @case("HG-6.5/1", "DISARM flushes 3 queued frames and ends a playback", evidence=SELF_REPORTED)
@@ -170,7 +172,9 @@ def output_is_off_at_once(board: BoardClient) -> None:
         answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
         board.link.session = session
         shown = client_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
-        check(shown.loudest == 0, f"right behind {message.TYPE.name}: amplitude {shown.loudest}")
+        check_equal(
+            shown.loudest, 0, f"right behind {message.TYPE.name}: amplitude {shown.loudest}"
+        )
 
 
 @case(

@@ -21,7 +21,7 @@ from ...client.latching import FULL, latch_now, read_back_radiated
 from ...client.playback import play_now, send_phases_that_fit
 from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _MS: Final = 1000
 _RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
@@ -67,7 +67,7 @@ def mutes_the_output_after_hold(board: BoardClient) -> None:
     since = board.link.mark()
     latch_now(board, board.flat_phases())
     judged_mute_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
-    check(board.status().reason is MuteReason.HOLD_EXPIRED, "STATUS does not say HOLD_EXPIRED")
+    check_equal(board.status().reason, MuteReason.HOLD_EXPIRED, "STATUS does not say HOLD_EXPIRED")
 
 
 def _ramp_of_output(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampReading]:
@@ -134,13 +134,15 @@ def output_ramps_are_renewed(board: BoardClient) -> None:
     board.link.barrier()
     check(read_back_radiated(board).loudest < 255, "a request ends the ramp of the hold")
     latch_now(board, board.flat_phases())
-    check(read_back_radiated(board).loudest == 255, "a latch does not end the ramp of the hold")
+    check_equal(read_back_radiated(board).loudest, 255, "a latch does not end the ramp of the hold")
     board.configure(host_timeout_ms=100, ramp_ms=600)
     board.arm()
     latch_now(board, board.flat_phases())
     since = board.link.mark()
     board.wire.idle(400 * _MS)
-    check(read_back_radiated(board).loudest == 255, "a frame does not end the ramp of the lease")
+    check_equal(
+        read_back_radiated(board).loudest, 255, "a frame does not end the ramp of the lease"
+    )
     check(
         not board.link.events(StateChanged, since),
         "the lease muted the board before its ramp ended",

@@ -23,7 +23,7 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
 from ...client.playback import send_phases_that_fit
-from ...outcome import SELF_REPORTED, check, fail
+from ...outcome import SELF_REPORTED, check, check_equal, fail
 
 _SEQUENCES: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
@@ -48,9 +48,9 @@ _REASONS: Final = {
 )
 def output_starts_disarmed(board: BoardClient) -> None:
     state = board.hello().state
-    check(state is OutputState.DISARMED, f"after a reset HELLO_REPLY says {state.name}")
+    check_equal(state, OutputState.DISARMED, f"after a reset HELLO_REPLY says {state.name}")
     found = board.status()
-    check(found.state is OutputState.DISARMED, f"after a reset the state is {found.state.name}")
+    check_equal(found.state, OutputState.DISARMED, f"after a reset the state is {found.state.name}")
     with board.counting(dropped_state=None, latched=0):
         latch_now(board, board.flat_phases())
     if board.has(Feature.READ_RADIATED):
@@ -74,8 +74,9 @@ def follows_the_table_of_output_states(board: BoardClient) -> None:
                 f"{event.name} while {state.name}: {found.state.name}, due is {due.name}",
             )
             if due is not state and event in _REASONS:
-                check(
-                    found.reason is _REASONS[event],
+                check_equal(
+                    found.reason,
+                    _REASONS[event],
                     f"{event.name} while {state.name}: reason {found.reason.name}",
                 )
 
@@ -90,7 +91,7 @@ def _do_output_event(board: BoardClient, event: OutputInput) -> None:
     if state is None:
         fail(f"{event.name} is not answered by its reply")
     found = board.status().state
-    check(state is found, f"the reply to {event.name} says {state.name}, STATUS {found.name}")
+    check_equal(state, found, f"the reply to {event.name} says {state.name}, STATUS {found.name}")
 
 
 @case("HG-6.2/1", "PLAY while DISARMED and MUTED is refused", variant="play")
@@ -175,8 +176,9 @@ def tells_the_state_after_a_foreign_mute(board: BoardClient) -> None:
         check(found is not None, f"MUTE of session {session:#06x}: no STATE_CHANGED")
         if found is not None:
             event = found[1]
-            check(
-                (event.state, event.reason) == (OutputState.MUTED, MuteReason.MUTE),
+            check_equal(
+                (event.state, event.reason),
+                (OutputState.MUTED, MuteReason.MUTE),
                 f"STATE_CHANGED says {event.state.name}, {event.reason.name}",
             )
 
@@ -197,4 +199,6 @@ def tells_the_state_after_a_timer(board: BoardClient) -> None:
         if found is None:
             fail(f"{reason.name}: no STATE_CHANGED within 200 ms")
         got = (found[1].state, found[1].reason)
-        check(got == (OutputState.MUTED, reason), f"{reason.name}: {got[0].name}, {got[1].name}")
+        check_equal(
+            got, (OutputState.MUTED, reason), f"{reason.name}: {got[0].name}, {got[1].name}"
+        )

@@ -33,7 +33,7 @@ from ...client.latching import latch_now, read_back
 from ...client.uploads import upload_to_board
 from ...judge.refused_requests import OUT_OF_BOUNDS, other_config_than_judged
 from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, informational, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, informational, not_observed
 
 _MS: Final = 1000
 _DEFAULT_MS: Final = 1500  # of default timers that are awaited
@@ -62,8 +62,9 @@ def configuration_keeps_its_bounds(board: BoardClient) -> None:
         wrong = dataclasses.replace(board.base_config, **changes)
         offset = Config.WIRE[name].offset
         board.link.refused(SetConfig(wrong), ErrorCode.BAD_VALUE, offset)
-        check(
-            _configuration_in_force(board) == before,
+        check_equal(
+            _configuration_in_force(board),
+            before,
             f"{name} = {value} is refused, but has changed something",
         )
     for values in _JUST_RIGHT:
@@ -232,7 +233,7 @@ def no_value_outlives_a_reset(board: BoardClient) -> None:
         f"after a reset HELLO_REPLY tells (config_crc, speed) {told}, due is "
         f"{(due_crc, due.sound_speed_mm_s)}: {how}",
     )
-    check(_drives_as_configured(board) == shown, f"after a reset the drives are others: {how}")
+    check_equal(_drives_as_configured(board), shown, f"after a reset the drives are others: {how}")
 
 
 def _other_config_that_shows(board: BoardClient) -> Config:
@@ -298,4 +299,4 @@ def refuses_configuration_of_other_traces(board: BoardClient) -> None:
         payload[offset] = mode
         board.link.refused_raw(SetConfig.TYPE, bytes(payload), ErrorCode.BAD_VALUE, offset)
     config = board.link.call(GetConfig(), ConfigReply).config
-    check(config == board.base_config, f"a refused SET_CONFIG has led to {config}")
+    check_equal(config, board.base_config, "a refused SET_CONFIG has changed the configuration")

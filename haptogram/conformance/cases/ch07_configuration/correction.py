@@ -13,7 +13,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back, read_back_radiated
 from ...client.uploads import upload_to_board
 from ...judge.witness import expect_witnessed_drive
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 
 @case(
@@ -34,10 +34,10 @@ def adds_the_phase_correction(board: BoardClient) -> None:
     shown = read_back_radiated(board)
     due = bytes((a + b) % 256 for a, b in zip(registers, correction, strict=True))
     wrong = sum(a != b for a, b in zip(shown.phases, due, strict=True))
-    check(wrong == 0, f"{wrong} of {count} radiated phases are not latched + correction")
+    check_equal(wrong, 0, f"{wrong} of {count} radiated phases are not latched + correction")
     upload_to_board(board, UploadKind.CORRECTION, 0, bytes(count))
     shown = read_back_radiated(board)
-    check(shown.phases == registers, "a correction of 0 is not in force after its commit")
+    check_equal(shown.phases, registers, "a correction of 0 is not in force after its commit")
 
 
 @case(
@@ -54,4 +54,4 @@ def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
         loudest = read_back(board, DriveKind.RADIATED).loudest
         check(loudest <= ceiling, f"ceiling {ceiling}: amplitude {loudest} is radiated")
         check(loudest > 0, f"ceiling {ceiling}: nothing is radiated")
-        check(read_back(board).loudest == 255, f"ceiling {ceiling} changes the latched drive")
+        check_equal(read_back(board).loudest, 255, f"ceiling {ceiling} changes the latched drive")

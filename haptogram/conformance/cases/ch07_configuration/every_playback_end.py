@@ -28,7 +28,7 @@ from ...client.playback import (
     send_phases_to_store,
 )
 from ...judge.timers import judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _MS: Final = 1000
 _SEQUENCE: Final = 5
@@ -158,7 +158,7 @@ def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
             if piece.header is not None and piece.header.session == board.link.session
         ]
         due = [("PlaybackEnded", 0), ("Status", 1)]
-        check(seen[:2] == due, f"a new session and a playback {moment}: events {seen[:2]}")
+        check_equal(seen[:2], due, f"a new session and a playback {moment}: events {seen[:2]}")
 
 
 @case(

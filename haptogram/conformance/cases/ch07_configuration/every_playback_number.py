@@ -23,7 +23,7 @@ from ...client.playback import (
     send_phases_to_store,
     shortest_period_to_play_us,
 )
-from ...outcome import SELF_REPORTED, check, fail, inconclusive, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, fail, inconclusive, not_observed
 
 _MS: Final = 1000
 _SEQUENCE: Final = 0x8001
@@ -142,7 +142,7 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
     board.link.call(Stop(), StopReply)
     found = board.link.await_event(PlaybackEnded, since, 100 * _MS + board.wire.limits.slack_us)
     told = None if found is None else (found[1].loops, found[1].frames)
-    check(told == (frames // 2, frames), f"{frames} frames: PLAYBACK_ENDED says {told}")
+    check_equal(told, (frames // 2, frames), f"{frames} frames: PLAYBACK_ENDED says {told}")
 
 
 @case(
@@ -177,8 +177,8 @@ def every_playback_start_is_kept(board: BoardClient) -> None:
         board.clock.wait_until(start_us + _MS)
         got_us = board.clock.unwrap(board.status().last_latch_us)
         check(not (early and in_time), f"a start {ahead_us} µs ahead: latched before it")
-        check(
-            got_us == start_us, f"a start {ahead_us} µs ahead: latched at {got_us - start_us:+d} µs"
+        check_equal(
+            got_us, start_us, f"a start {ahead_us} µs ahead: latched at {got_us - start_us:+d} µs"
         )
 
 

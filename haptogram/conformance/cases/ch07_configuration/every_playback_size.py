@@ -32,7 +32,7 @@ from ...client.playback import (
 )
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import frames_with_room, upload_to_board
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _SEQUENCE: Final = 0x0201
 #: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.
@@ -118,7 +118,7 @@ def every_playback_size_is_played(board: BoardClient) -> None:
             check(not wrong, f"{name}: (sequence, loop, index, time) seen and due: {wrong[:1]}")
             check(len(got) == len(due), f"{name}: {len(got)} latches, {len(due)} were due")
             told = (event.sequence, event.loops, event.frames)
-            check(told == (_SEQUENCE, loops, frames * loops), f"{name}: PLAYBACK_ENDED {told}")
+            check_equal(told, (_SEQUENCE, loops, frames * loops), f"{name}: PLAYBACK_ENDED {told}")
 
 
 @case(
@@ -159,11 +159,11 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
     board.link.call(Stop(), StopReply)
     ended = await_playback_end(board, since, 0)
     name = f"{kind.name}, {len(stored)} frames"
-    check(ended.loops == 0, f"{name}: PLAYBACK_ENDED says {ended.loops} loops within 20 ms")
+    check_equal(ended.loops, 0, f"{name}: PLAYBACK_ENDED says {ended.loops} loops within 20 ms")
     seen = latches_received_from_board(board, since, TraceMode.RING)
     got = [(latch.loop, latch.index) for latch in seen]
     due = [(0, index) for index in range(ended.frames)]
-    check(got == due[-board.identity.trace_ring :], f"{name}: (loop, index) are {got[:3]}...")
+    check_equal(got, due[-board.identity.trace_ring :], f"{name}: (loop, index) are {got[:3]}...")
     upload_to_board(board, kind, _SEQUENCE, stored[0], int(kind is UploadKind.POINTS))  # makes room
 
 
@@ -224,14 +224,14 @@ def _judge_frames_of_long_playback(
     since = board.link.mark()
     ended = play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
     told = (ended.loops, ended.frames)
-    check(told == (1, len(stored)), f"{name}: PLAYBACK_ENDED says {told}")
+    check_equal(told, (1, len(stored)), f"{name}: PLAYBACK_ENDED says {told}")
     seen = latches_received_from_board(board, since, TraceMode.RING)
     due_latches = min(len(stored), board.identity.trace_ring)
     check(len(seen) >= due_latches, f"{name}: the ring tells of {len(seen)}, due {due_latches}")
     crcs: dict[bytes, int] = {}
     for latch in seen:
         due = crcs.setdefault(stored[latch.index], latch.crc)
-        check(latch.crc == due, f"{name}: frame {latch.index} is latched as another one")
+        check_equal(latch.crc, due, f"{name}: frame {latch.index} is latched as another one")
     different = len(set(crcs.values())) == len(crcs)
     check(
         different or board.identity.transducers < _TELLING,
@@ -258,7 +258,7 @@ def many_playback_frames_are_counted(board: BoardClient) -> None:
             board, _SEQUENCE, 1, loops=_MANY, period_us=shortest_period_to_play_us(board)
         )
     told = (event.loops, event.frames)
-    check(told == (_MANY, _MANY), f"{_MANY} passes of one frame: PLAYBACK_ENDED says {told}")
+    check_equal(told, (_MANY, _MANY), f"{_MANY} passes of one frame: PLAYBACK_ENDED says {told}")
     if rings:
         _check_playback_in_the_ring(board)
 
@@ -274,7 +274,7 @@ def _check_playback_in_the_ring(board: BoardClient) -> None:
     got = [(r.number, r.key.sequence, r.key.loop, r.key.index, r.flags) for r in reply.records]
     text = "(number, sequence, loop, index, flags) of the last latches"
     check(got == due, f"{text}: {got}, due are {due}")
-    check(reply.next == _MANY + 1, f"TRACE_REPLY: next is {reply.next} behind {_MANY} latches")
+    check_equal(reply.next, _MANY + 1, f"TRACE_REPLY: next is {reply.next} behind {_MANY} latches")
 
 
 @case(
@@ -348,7 +348,7 @@ def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
             keys.append((_SEQUENCE, 0))
             play_out(board, _SEQUENCE, 1)
         counted = (board.status().counters.latched - latched) & 0xFFFFFFFF
-        check(counted == len(keys), f"of {len(keys)} frames {counted} are latched")
+        check_equal(counted, len(keys), f"of {len(keys)} frames {counted} are latched")
         got = [(e.key.sequence, e.key.index) for _, e in board.link.events(TraceDrive, since)]
         due = keys[::divider]
         check(got == due, f"divider {divider}: (sequence, index) traced {got}, due are {due}")

@@ -25,7 +25,7 @@ from ...client.latching import full_client_drive, latch_now, latches_received_fr
 from ...client.playback import period_to_play, play_out
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import begin_upload, upload_to_board
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check_equal
 
 _SEQUENCE: Final = 3
 _OTHER: Final = 4
@@ -97,8 +97,9 @@ def a_replaced_upload_leaves_nothing(board: BoardClient) -> None:
             play_out(board, sequence, len(crcs), period_us=period_us)
             seen = latches_received_from_board(board, since, TraceMode.CRC)
             which = "" if sequence == _SEQUENCE else "beside it, the other sequence: "
-            check(
-                [latch.crc for latch in seen] == crcs,
+            check_equal(
+                [latch.crc for latch in seen],
+                crcs,
                 f"{name}: {which}latched are {len(seen)} other drives than the {len(crcs)} stored",
             )
 

@@ -47,7 +47,7 @@ from ...client.stream_kinds import random_point_to_send, valid_requests_to_send
 from ...client.uploads import send_upload_chunks, upload_to_board
 from ...judge.refused_requests import requests_refused_by_link
 from ...judge.timers import judge_in_time
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 from .every_running_timer import every_other_setting
 
 if TYPE_CHECKING:
@@ -84,7 +84,9 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
         for ceiling in _CEILINGS:
             board.configure(amplitude_ceiling=ceiling)
             loudest = read_back_radiated(board).loudest
-            check(loudest == ceiling, f"ceiling {ceiling}, set meanwhile: {loudest} is radiated")
+            check_equal(
+                loudest, ceiling, f"ceiling {ceiling}, set meanwhile: {loudest} is radiated"
+            )
 
 
 @case(
@@ -139,7 +141,7 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
             got = len(board.link.events(kind, since))
             due = kind is events[mode][1]
             name = f"{kind.__name__} in mode {mode.name}, set while a sequence plays"
-            check(bool(got) == due, f"{got} {name}")
+            check_equal(bool(got), due, f"{got} {name}")
 
 
 # --- What goes on as it began -----------------------------------------------------------------
@@ -194,7 +196,7 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
             if isinstance(frame, Points):
                 _judge_queued_points(model, points, shown, name)
             else:
-                check(shown.phases == codes, f"{name}: other phases are latched")
+                check_equal(shown.phases, codes, f"{name}: other phases are latched")
             board.configure(**before)
 
 
@@ -238,7 +240,7 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
         late_us = (board.clock.unwrap(status.last_latch_us) - first_us) % period_us
         name = f"{changes} while a sequence plays"
         judge_in_time(board, late_us == 0, f"{name}: a latch is {late_us} µs behind its time")
-        check(status.state is OutputState.ARMED, f"{name}: {status.state.name}")
+        check_equal(status.state, OutputState.ARMED, f"{name}: {status.state.name}")
     asked_us = board.clock.device_us() - board.clock.carrier_us
     board.link.call(Stop(), StopReply)
     ended = await_playback_end(board, since, 0)

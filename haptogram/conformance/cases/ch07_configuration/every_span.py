@@ -18,7 +18,7 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back
 from ...client.stream_kinds import stream_kinds
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _HOUR_US: Final = 3_600_000_000
 
@@ -40,7 +40,7 @@ def every_span_of_the_geometry(board: BoardClient) -> None:
     for first, count in _spans_of_geometry(total):
         reply = board.link.call(GetGeometry(first, count), GeometryReply)
         due = whole[first : first + count]
-        check((reply.total, reply.first) == (total, first), f"from {first}: {reply.first}")
+        check_equal((reply.total, reply.first), (total, first), f"from {first}: {reply.first}")
         short = len(reply.elements) < min(len(due), 200)  # a frame holds more than these
         same = list(reply.elements) == due[: len(reply.elements)]
         check(same and not short, f"GET_GEOMETRY of {count} from {first} shows other elements")
@@ -71,8 +71,9 @@ def every_span_of_drive_and_geometry(board: BoardClient) -> None:
             reply = board.link.call(ReadDrive(kind, first, count), DriveReply)
             end = min(first + count, total)
             due = whole.phases[first:end] + whole.amplitudes[first:end]
-            check(
-                (reply.first, reply.data) == (first, due),
+            check_equal(
+                (reply.first, reply.data),
+                (first, due),
                 f"READ_DRIVE({kind.name}) of {count} from {first} shows other codes",
             )
-            check(reply.key == whole.reply.key, f"READ_DRIVE from {first} names another latch")
+            check_equal(reply.key, whole.reply.key, f"READ_DRIVE from {first} names another latch")

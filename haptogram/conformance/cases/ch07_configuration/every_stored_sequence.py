@@ -41,7 +41,7 @@ from ...client.playback import (
     play_request,
 )
 from ...client.uploads import SEQUENCES, begin_upload, send_upload_chunks, upload_to_board
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
 _ABSENT: Final = 0x6000  # of no sequence; those behind it are stored
@@ -151,7 +151,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
     due = store.crcs[second] * len(got)
     check(len(got) > 4, f"{len(got)} latches while others are uploaded")
-    check(got == due[: len(got)], "the sequence that plays changes while others are uploaded")
+    check_equal(got, due[: len(got)], "the sequence that plays changes while others are uploaded")
     store.check_all("uploaded while another one played")
 
 

@@ -28,7 +28,7 @@ from ...client.latching import full_client_drive, latch_now, latches_received_fr
 from ...client.playback import period_to_play, play_out
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import begin_upload, upload_to_board
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _SEQUENCE: Final = 4
 _FRAMES: Final = 3
@@ -95,7 +95,7 @@ def every_number_of_points_is_played(board: BoardClient) -> None:
         play_out(board, _SEQUENCE, _FRAMES, period_us=period_to_play(board, number))
         found = latches_received_from_board(board, since, TraceMode.CRC)
         got = [latch.crc for latch in found]
-        check(len(got) == 2 * _FRAMES, f"{len(got)} traces of {2 * _FRAMES} latches")
+        check_equal(len(got), 2 * _FRAMES, f"{len(got)} traces of {2 * _FRAMES} latches")
         same = got[:_FRAMES] == got[_FRAMES:]
         check(same, f"frames of {number} points are played with other drives than streamed")
 
@@ -134,4 +134,4 @@ def every_size_of_chunks_is_taken(board: BoardClient) -> None:
     play_out(board, _SEQUENCE, frames, period_us=period_us)
     got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
     due = [zlib.crc32(full_client_drive(drive)) for drive in drives]
-    check(got == due, "the sequence that is played is not the one uploaded")
+    check_equal(got, due, "the sequence that is played is not the one uploaded")

@@ -12,7 +12,7 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...outcome import check, not_observed
+from ...outcome import check, check_equal, not_observed
 
 _ELEMENTS: Final = 18
 
@@ -29,8 +29,9 @@ def shows_its_geometry(board: BoardClient) -> None:
             due = (count, first, min(asked, count - first, room))
             check(got == due, f"{asked} from {first}: (total, first, count) is {got}, due {due}")
             known = whole.elements[first : first + asked]
-            check(
-                reply.elements[: len(known)] == known,
+            check_equal(
+                reply.elements[: len(known)],
+                known,
                 f"transducer {first} and on are others than in a reply from 0 on",
             )
 
@@ -57,4 +58,4 @@ def geometry_is_the_grid(board: BoardClient) -> None:
             f"is {due_um}",
         )
         normal = (element.nx, element.ny, element.nz)
-        check(normal == (0, 0, 32_767), f"the normal of transducer {n} is {normal}")
+        check_equal(normal, (0, 0, 32_767), f"the normal of transducer {n} is {normal}")

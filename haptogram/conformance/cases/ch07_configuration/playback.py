@@ -40,7 +40,7 @@ from ...client.playback import (
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import upload_to_board
 from ...judge.timers import judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, fail, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, fail, not_observed
 
 _MS: Final = 1000
 _NEEDS: Final = Feature.SEQUENCE_PHASES
@@ -173,7 +173,7 @@ def plays_the_sequence_in_time(board: BoardClient) -> None:
     check(len(got) == len(due), f"{len(got)} frames are traced, {len(due)} were due")
     check(not wrong, f"(sequence, loop, index, time): seen and due are {wrong[:1]}")
     reported = (event.sequence, event.loops, event.frames)
-    check(reported == (1, loops, 3 * loops), f"PLAYBACK_ENDED says {reported}")
+    check_equal(reported, (1, loops, 3 * loops), f"PLAYBACK_ENDED says {reported}")
 
 
 @case(
@@ -230,11 +230,11 @@ def stop_ends_the_playback(board: BoardClient) -> None:
     play_now(board, 1, loops=0)
     let_play(board, 5)
     state = board.link.call(Stop(), StopReply).state
-    check(state is OutputState.ARMED, f"STOP_REPLY says {state.name}")
+    check_equal(state, OutputState.ARMED, f"STOP_REPLY says {state.name}")
     _playback_ended(board, since, 20 * _MS)
     with board.counting(latched=0):
         wait_for_no_latch(board, 10 * _MS)
-        check(board.status().state is OutputState.ARMED, "STOP does not leave the board ARMED")
+        check_equal(board.status().state, OutputState.ARMED, "STOP does not leave the board ARMED")
 
 
 @case("HG-7.7/2", "STOP without a playback is answered with STOP_REPLY")
@@ -242,7 +242,7 @@ def stop_without_playback(board: BoardClient) -> None:
     board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
     since = board.link.mark()
     state = board.link.call(Stop(), StopReply).state
-    check(state is board.status().state, f"STOP_REPLY says {state.name}")
+    check_equal(state, board.status().state, f"STOP_REPLY says {state.name}")
     check(not board.link.events(PlaybackEnded, since), "PLAYBACK_ENDED without a playback")
 
 
@@ -263,8 +263,8 @@ def tells_the_end_of_playback(board: BoardClient) -> None:
         event = _playback_ended(board, since, 20 * _MS)
         board.link.barrier()
         number = len(board.link.events(PlaybackEnded, since))
-        check(number == 1, f"{number} PLAYBACK_ENDED for one playback")
-        check(event.sequence == 4, f"PLAYBACK_ENDED of sequence {event.sequence}")
+        check_equal(number, 1, f"{number} PLAYBACK_ENDED for one playback")
+        check_equal(event.sequence, 4, f"PLAYBACK_ENDED of sequence {event.sequence}")
         check(
             event.loops == event.frames // 3,
             f"{event.frames} frames of 3 are {event.frames // 3} passes, not {event.loops}",
@@ -278,4 +278,4 @@ def streams_after_playback(board: BoardClient) -> None:
     play_out(board, 1, 2)
     with board.counting(latched=1):
         latch_now(board, board.flat_phases())
-    check(board.status().state is OutputState.ARMED, "not ARMED after a playback")
+    check_equal(board.status().state, OutputState.ARMED, "not ARMED after a playback")

@@ -27,7 +27,7 @@ from ...client.uploads import (
     send_upload_chunks,
     upload_to_board,
 )
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _ANY: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS | Feature.CORRECTION
 _LARGEST: Final = 0xFFFFFFFF
@@ -199,7 +199,9 @@ def takes_a_window_of_chunks(board: BoardClient) -> None:
         board.link.reply_in(answer, UploadChunkReply, UploadChunk.TYPE)
     sent = sum(len(piece.data) for piece in pieces)
     received = board.link.call(UploadChunk(0, pieces[0].data), UploadChunkReply).received
-    check(received == sent, f"{sent} bytes in {len(pieces)} chunks were sent, {received} are there")
+    check_equal(
+        received, sent, f"{sent} bytes in {len(pieces)} chunks were sent, {received} are there"
+    )
 
 
 @case("HG-7.3/3", "a chunk of max_chunk bytes is taken; one byte more is refused with BAD_LENGTH")
@@ -212,7 +214,7 @@ def limits_the_chunks_of_an_upload(board: BoardClient) -> None:
     begin_upload(board, kind, target, bytes(frame * frames), int(kind is UploadKind.POINTS))
     board.link.refused(UploadChunk(0, bytes(limit + 1)), ErrorCode.BAD_LENGTH, limit)
     received = board.link.call(UploadChunk(0, bytes(limit)), UploadChunkReply).received
-    check(received == limit, f"a chunk of {limit} bytes: {received} are there")
+    check_equal(received, limit, f"a chunk of {limit} bytes: {received} are there")
 
 
 @case(
@@ -248,7 +250,7 @@ def takes_chunks_that_fit(board: BoardClient) -> None:
                 check(error.detail == 0, f"{name}: the detail is {error.detail}, not 0")
                 continue
             reply = board.link.reply_in(answer, UploadChunkReply, UploadChunk.TYPE)
-            check(reply.received == length, f"{name}: {reply.received} are there")
+            check_equal(reply.received, length, f"{name}: {reply.received} are there")
 
 
 @case(
@@ -306,7 +308,7 @@ def refuses_upload_commits_of_other_bytes(board: BoardClient) -> None:
     announce_upload(board, begin)
     send_upload_chunks(board, data)
     board.link.refused(UploadCommit(target), ErrorCode.CRC_MISMATCH, zlib.crc32(data))
-    check(kind is begin.kind, "the upload is of another kind")
+    check_equal(kind, begin.kind, "the upload is of another kind")
 
 
 @case(

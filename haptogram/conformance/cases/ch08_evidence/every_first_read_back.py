@@ -20,7 +20,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_later, play_now, send_phases_to_store_if_supported
 from ...client.uploads import upload_to_board
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check_equal
 
 _SEQUENCE: Final = 3
 _CEILING: Final = 77
@@ -108,6 +108,6 @@ def _check_nothing_is_shown(board: BoardClient, kind: DriveKind, text: str) -> N
         reply = board.link.call(ReadDrive(kind, first, 0xFFFF), DriveReply)
         name = f"{text}: READ_DRIVE({kind.name}) from {first}"
         codes = sum(code != 0 for code in reply.data)
-        check(codes == 0, f"{name} shows {codes} codes of {len(reply.data)} that are not 0")
+        check_equal(codes, 0, f"{name} shows {codes} codes of {len(reply.data)} that are not 0")
         found = reply.key, reply.t_latch_us
-        check(found == (LatchKey(0, 0, 0), 0), f"{name} shows key and time {found}")
+        check_equal(found, (LatchKey(0, 0, 0), 0), f"{name} shows key and time {found}")

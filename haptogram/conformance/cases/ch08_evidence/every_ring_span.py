@@ -23,7 +23,7 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import full_client_drive, latch_now, latches_received_from_board
 from ...client.playback import play_out, send_phases_to_store, shortest_period_to_play_us
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _SEQUENCE: Final = 7
 _FRAMES: Final = 3
@@ -74,7 +74,7 @@ def every_span_of_the_ring(board: BoardClient) -> None:
         reply = board.link.call(ReadTrace(first, count), TraceReply)
         name = f"READ_TRACE of {count} from {first}"
         edges = (reply.oldest, reply.next)
-        check(edges == (oldest, total), f"{name}: oldest and next are {edges}")
+        check_equal(edges, (oldest, total), f"{name}: oldest and next are {edges}")
         due = list(range(max(first, oldest), min(first + count, total)))[:_FIT]
         got = [record.number for record in reply.records]
         check(
@@ -140,7 +140,7 @@ class _RingWithHoles:
             held == sorted(set(held)) and held[-(total - least) :] == list(range(least, total)),
             f"{name}: the ring holds the latches {held}, due are {least} to {total - 1}, each once",
         )
-        check(whole.oldest == held[0], f"{name}: oldest is {whole.oldest}, held are {held}")
+        check_equal(whole.oldest, held[0], f"{name}: oldest is {whole.oldest}, held are {held}")
         for record in whole.records:
             got = (record.key, record.crc)
             check(
@@ -158,7 +158,7 @@ class _RingWithHoles:
     def _read(self, name: str, first: int, count: int) -> TraceReply:
         reply = self.board.link.call(ReadTrace(first, count), TraceReply)
         following = len(self.due)
-        check(reply.next == following, f"{name}: {following} latches, next is {reply.next}")
+        check_equal(reply.next, following, f"{name}: {following} latches, next is {reply.next}")
         return reply
 
 

@@ -35,7 +35,7 @@ from ...client.playback import (
 )
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_to_board
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _MS: Final = 1000
 _SEQUENCE: Final = 2
@@ -96,7 +96,7 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
                     check(same, f"{name}: the latched drive read back is not the one sent")
                 seen = latches_received_from_board(board, since, mode)
                 check(bool(seen), f"{name}: no latch is traced")
-                check(seen[-1].crc == shown.crc, f"{name}: traced is not the latched drive")
+                check_equal(seen[-1].crc, shown.crc, f"{name}: traced is not the latched drive")
 
 
 @case(
@@ -120,7 +120,9 @@ def every_span_of_a_read_back_under_a_ceiling(board: BoardClient) -> None:
                 whole = read_back(board, kind)
                 name = f"{stream.name}, {kind.name}"
                 if due is not None and kind is DriveKind.LATCHED:
-                    check((whole.phases, whole.amplitudes) == due, f"{name}: not the drive sent")
+                    check_equal(
+                        (whole.phases, whole.amplitudes), due, f"{name}: not the drive sent"
+                    )
                 for first in sorted({1, count // 3, count // 2, count - 1} & set(range(count))):
                     _check_span_of_read_back(board, name, whole, kind, first)
 
@@ -131,7 +133,9 @@ def _check_span_of_read_back(
     for number in (1, 3, 0xFFFF):
         reply = board.link.call(ReadDrive(kind, first, number), DriveReply)
         due = whole.phases[first : first + number] + whole.amplitudes[first : first + number]
-        check(reply.data == due, f"{name}: {number} from {first} are other codes than the whole's")
+        check_equal(
+            reply.data, due, f"{name}: {number} from {first} are other codes than the whole's"
+        )
 
 
 @case(
@@ -173,7 +177,9 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
             ]
             due = [zlib.crc32(full_client_drive(codes)) for codes in registers]
             got = [latch.crc for latch in seen]
-            check(got == due, f"trace {mode.name}, ceiling {ceiling}, during a ramp: other drives")
+            check_equal(
+                got, due, f"trace {mode.name}, ceiling {ceiling}, during a ramp: other drives"
+            )
 
 
 @case(
@@ -241,4 +247,4 @@ def trace_divisions_start_anew(board: BoardClient) -> None:
             board.link.barrier()
             keys = [event.key for _, event in board.link.events(TraceDrive, since)]
             got = [2 * key.loop + key.index + 1 if key.sequence else 0 for key in keys]
-            check(got == [0, 3, 6], f"{before} latches, {name}, 7 latches: traced are {got}")
+            check_equal(got, [0, 3, 6], f"{before} latches, {name}, 7 latches: traced are {got}")

@@ -19,7 +19,7 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, latches_received_from_board, read_back
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _OFFSETS_US: Final = (0, 3, 24)
 _MOMENTS_US: Final = (-40, 0, 10, 30, 60, 100, 150, 250, 400)  # around the latch that is due
@@ -57,7 +57,7 @@ def evidence_names_one_latch_time(board: BoardClient) -> None:
                 times["DRIVE_REPLY"] = board.clock.unwrap(shown.t_latch_us)
             (latch,) = latches_received_from_board(board, since, mode)
             times[mode.name] = latch.t_us
-            check(len(set(times.values())) == 1, f"one latch at different times: {times}")
+            check_equal(len(set(times.values())), 1, f"one latch at different times: {times}")
 
 
 @case(
@@ -80,12 +80,14 @@ def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
     for name in ("last_seq", "last_latch_us"):
         got, due = getattr(waiting, name), getattr(before, name)
         check(got == due, f"{name} is {got} before the latch, was {due}")
-    check(waiting.counters.latched == before.counters.latched, "latched counts a frame that waits")
-    check(ring.next == 1, f"the ring says that latch {ring.next} is next, before latch 1")
+    check_equal(
+        waiting.counters.latched, before.counters.latched, "latched counts a frame that waits"
+    )
+    check_equal(ring.next, 1, f"the ring says that latch {ring.next} is next, before latch 1")
     if board.has(Feature.READ_LATCHED):
         shown = read_back(board).reply
-        check(
-            shown.key.index == before.last_seq, "a read-back shows the drive of a frame that waits"
+        check_equal(
+            shown.key.index, before.last_seq, "a read-back shows the drive of a frame that waits"
         )
     board.clock.wait_until(t_us + 200)
 

@@ -23,7 +23,7 @@ from ...client.latching import (
     read_back,
 )
 from ...judge.witness import expect_witnessed_drive
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 
 @case(
@@ -43,9 +43,9 @@ def reads_back_a_span(board: BoardClient) -> None:
             reply = board.link.call(ReadDrive(kind, first, asked), DriveReply)
             shown = client_drive_of_reply(reply)
             due = registers[first : first + asked]
-            check(reply.first == first, f"asked from {first}, shown from {reply.first}")
-            check(shown.phases == due, f"{asked} from {first}: other codes than were sent")
-            check(shown.amplitudes == b"\xff" * len(due), f"{asked} from {first}: not full")
+            check_equal(reply.first, first, f"asked from {first}, shown from {reply.first}")
+            check_equal(shown.phases, due, f"{asked} from {first}: other codes than were sent")
+            check_equal(shown.amplitudes, b"\xff" * len(due), f"{asked} from {first}: not full")
 
 
 @case("HG-8.6/2", "READ_DRIVE from N on is refused with NOT_FOUND, detail N")
@@ -98,4 +98,4 @@ def reads_back_nothing_at_first(board: BoardClient) -> None:
     shown = read_back(board)
     check(not any(shown.reply.data), "codes of the session before are shown")
     key, t_us = shown.reply.key, shown.reply.t_latch_us
-    check((key, t_us) == (LatchKey(0, 0, 0), 0), f"key {key}, time {t_us}")
+    check_equal((key, t_us), (LatchKey(0, 0, 0), 0), f"key {key}, time {t_us}")

@@ -22,7 +22,7 @@ from ...client.playback import (
     send_phases_to_store,
     shortest_period_to_play_us,
 )
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _RING_TRIED: Final = 6000  # latches: a longer ring is not filled
 _FILLED_US: Final = 60_000_000  # nor one that takes longer
@@ -77,12 +77,12 @@ def trace_ring_is_read(board: BoardClient) -> None:
         reply = board.link.call(ReadTrace(start, count), TraceReply)
         numbers = [item.number for item in reply.records]
         due = list(range(9))[start : start + count]
-        check(numbers == due, f"{count} from {start}: {numbers}")
+        check_equal(numbers, due, f"{count} from {start}: {numbers}")
         for item in reply.records:
             key = LatchKey(0, 0, first + item.number)
             check(item.key == key, f"latch {item.number} has the key {item.key}, due is {key}")
             crc = zlib.crc32(full_client_drive(drives[item.number]))
-            check(item.crc == crc, f"latch {item.number} has the CRC of another drive")
+            check_equal(item.crc, crc, f"latch {item.number} has the CRC of another drive")
 
 
 @case(
@@ -103,7 +103,7 @@ def trace_ring_counts_latches_of_every_mode(board: BoardClient) -> None:
         index = latch_now(board, board.flat_phases(total + 1))
         total += 2
         reply = board.link.call(ReadTrace(0, 0xFFFF), TraceReply)
-        check(reply.next == total, f"{mode.name}: {total} latches, the next is {reply.next}")
+        check_equal(reply.next, total, f"{mode.name}: {total} latches, the next is {reply.next}")
         if mode is TraceMode.RING:
             last = [(record.number, record.key.index) for record in reply.records[-2:]]
             due = [(total - 2, index - 1), (total - 1, index)]

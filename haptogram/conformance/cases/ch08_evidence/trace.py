@@ -26,7 +26,7 @@ from ...client.playback import (
     play_out,
     send_phases_to_store,
 )
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _KINDS: Final = (Trace, TracePlayback, TraceDrive)
 
@@ -84,7 +84,7 @@ def trace_keys_are_unique(board: BoardClient) -> None:
         (latch.sequence, latch.loop, latch.index)
         for latch in latches_received_from_board(board, since, mode)
     ]
-    check(len(set(got)) == len(got), f"{len(got)} latches have {len(set(got))} keys")
+    check_equal(len(set(got)), len(got), f"{len(got)} latches have {len(set(got))} keys")
     wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
     check(got == due, f"keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}")
 
@@ -106,12 +106,12 @@ def traces_tell_the_time(board: BoardClient) -> None:
         board.clock.require_in_time(t_us)
         board.clock.wait_until(board.clock.on_carrier(t_us) + 100)
         seen = latches_received_from_board(board, since, TraceMode.CRC)
-        check(len(seen) == 1, f"one latch gives {len(seen)} TRACE")
+        check_equal(len(seen), 1, f"one latch gives {len(seen)} TRACE")
         latch = seen[0]
         due_us = board.clock.on_carrier(t_us)
         check(latch.t_us == due_us, f"traced at {latch.t_us} µs, due is {due_us} µs")
         status_us = board.clock.unwrap(board.status().last_latch_us)
-        check(latch.t_us == status_us, f"TRACE says {latch.t_us} µs, STATUS {status_us} µs")
+        check_equal(latch.t_us, status_us, f"TRACE says {latch.t_us} µs, STATUS {status_us} µs")
 
 
 @case(
@@ -156,8 +156,10 @@ def traces_every_third(board: BoardClient) -> None:
         board.link.barrier()
         found = board.link.events(TraceDrive, since)
         got = [event.key.index - first for _, event in found]
-        check(got == [0, 3, 6, 9], f"of latches 0 to 9 these are traced: {got}")
-        check(_trace_events(board, since) == 4, "a trace of another kind reports latches as well")
+        check_equal(got, [0, 3, 6, 9], f"of latches 0 to 9 these are traced: {got}")
+        check_equal(
+            _trace_events(board, since), 4, "a trace of another kind reports latches as well"
+        )
         for number, (_, event) in zip(got, found, strict=True):
             same = event.data == full_client_drive(drives[number])
             check(same, f"TRACE_DRIVE of latch {number} shows another drive than was sent")
@@ -173,7 +175,7 @@ def traces_delay_nothing(board: BoardClient) -> None:
     before = board.status().counters
     _, frames = flood_with_traces(board)
     counted = board.counted_since(before)
-    check(counted["latched"] == frames, f"{counted['latched']} of {frames} frames were latched")
+    check_equal(counted["latched"], frames, f"{counted['latched']} of {frames} frames were latched")
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(TraceDrive)]
     start = times[0] if times else 0
     off = [t_us for t_us in times if (t_us - start) % board.clock.carrier_us]
@@ -190,8 +192,9 @@ def traces_give_way(board: BoardClient) -> None:
     before = board.status().counters
     seen, frames = flood_with_traces(board)
     dropped = board.counted_since(before)["trace_dropped"]
-    check(
-        seen + dropped == frames,
+    check_equal(
+        seen + dropped,
+        frames,
         f"{frames} latches: {seen} TRACE_DRIVE came, {dropped} are counted as dropped",
     )
     if not dropped:

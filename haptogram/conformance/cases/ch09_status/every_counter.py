@@ -32,7 +32,7 @@ from ...client.latching import latch_now
 from ...client.playback import flood_with_traces, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...judge.refused_requests import judged_refusal, requests_refused_by_link
-from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal
 from ..ch05_stream.every_drop import DROPS, frames_to_drop
 
 _MS: Final = 1000
@@ -66,11 +66,11 @@ def requests_leave_the_event_counters(board: BoardClient) -> None:
     counted = board.counted_since(before)
     latches = [trace.index for _, trace in board.link.events(Trace, since)]
     for place, (one, two) in enumerate(itertools.pairwise(latches)):
-        check(two == one + 1, f"behind {names[place + 1]}: stream frames {one}, then {two}")
+        check_equal(two, one + 1, f"behind {names[place + 1]}: stream frames {one}, then {two}")
     numbers = [p.header.seq for p in board.wire.received[since:] if p.is_event and p.header]
     steps = [(two - one) & 0xFFFF for one, two in itertools.pairwise(numbers)]
     check(set(steps) <= {1}, f"{len(numbers)} events: steps of {sorted(set(steps))}")
-    check(len(latches) == len(names), f"{len(latches)} traces of {len(names)} latches")
+    check_equal(len(latches), len(names), f"{len(latches)} traces of {len(names)} latches")
     moved = {name: counted[name] for name in ("gap", "duplicate") if counted[name]}
     check(not moved, f"stream frames without a gap are counted in {moved}")
 
@@ -102,13 +102,13 @@ def the_ring_outlives_requests_as_counters_do(board: BoardClient) -> None:
     for _ in range(3):
         latch_now(board, board.flat_phases())
     before = board.link.call(ReadTrace(0, 3), TraceReply).records
-    check(len(before) == 3, f"the ring holds {len(before)} of 3 latches")
+    check_equal(len(before), 3, f"the ring holds {len(before)} of 3 latches")
     for name, happen in _happenings_at_counters(board):
         if not name.startswith("a new session"):
             happen()
             board.configure(trace_mode=TraceMode.RING)
             after = board.link.call(ReadTrace(0, 3), TraceReply).records
-            check(after == before, f"after {name} the ring holds {after}, before {before}")
+            check_equal(after, before, f"after {name} the ring holds {after}, before {before}")
 
 
 # --- Counters ----------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ from ...client.playback import (
 from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import upload_to_board
 from ...judge.timers import judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _MS: Final = 1000
 _SEQUENCE: Final = 7
@@ -124,7 +124,7 @@ def the_last_latch_stays_in_status(board: BoardClient) -> None:
         key, _, _, last_seq, _ = _last_latch_in_status(board)
         check(last_seq == index, f"after a playback last_seq is {last_seq}, due is {index}")
         if key is not None:
-            check(key.sequence == _SEQUENCE, f"after a playback the key of the latch is {key}")
+            check_equal(key.sequence, _SEQUENCE, f"after a playback the key of the latch is {key}")
             due = (2, 0) if ended == "by itself" else (key.loop, 0)
-            check((key.loop, key.index) == due, f"after 3 passes of 1 frame the key is {key}")
+            check_equal((key.loop, key.index), due, f"after 3 passes of 1 frame the key is {key}")
         _last_latch_stays_in_status(board, f"a playback that ended {ended}")

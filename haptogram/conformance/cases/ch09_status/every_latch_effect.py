@@ -35,7 +35,7 @@ from ...client.playback import (
     send_phases_to_store,
 )
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, inconclusive
+from ...outcome import SELF_REPORTED, check, check_equal, inconclusive
 
 _MS: Final = 1000
 _SEQUENCE: Final = 4
@@ -259,9 +259,11 @@ def _check_status_against_traces(
     key = LatchKey(new[-1].sequence, new[-1].loop, new[-1].index)
     check(key == effect.key, f"{text}: the trace names {key}, due is {effect.key}")
     due_us = board.clock.unwrap(after.last_latch_us)
-    check(new[-1].t_us == due_us, f"{text}: traced at {new[-1].t_us} µs, latched at {due_us} µs")
+    check_equal(
+        new[-1].t_us, due_us, f"{text}: traced at {new[-1].t_us} µs, latched at {due_us} µs"
+    )
     flags = [latch.late for latch in new]
-    check(flags == [bool(late)] * latched, f"{text}: the traces have LATE {flags}")
+    check_equal(flags, [bool(late)] * latched, f"{text}: the traces have LATE {flags}")
 
 
 @case(

@@ -19,7 +19,7 @@ from ...case import Depth, case
 from ...client.board_client import PARTS_OF_FRAMES, BoardClient
 from ...client.latching import latch_now, send_between_pings
 from ...judge.timers import judge_status_steps
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _MS: Final = 1000
 _MANY: Final = 300  # margins of 9.9 s: their sum needs more than 31 bits
@@ -57,7 +57,7 @@ def status_begins_with_nothing(board: BoardClient) -> None:
     for _ in range(2):
         found = board.status()
         got = (found.last_seq, found.last_latch_us)
-        check(got == (0, 0), f"before the first latch (last_seq, last_latch_us) is {got}")
+        check_equal(got, (0, 0), f"before the first latch (last_seq, last_latch_us) is {got}")
         index = latch_now(board, board.flat_phases())
         found = board.status()
         check(found.last_seq == index, f"last_seq is {found.last_seq}, due is {index}")

@@ -28,7 +28,7 @@ from ...client.playback import (
     shortest_period_to_play_us,
 )
 from ...client.request_client import LONGEST_BURST_BYTES
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _ASKED: Final = 40
 _MS: Final = 1000
@@ -166,7 +166,7 @@ def _fill_uplink(board: BoardClient, state: OutputState, mode: TraceMode) -> Non
     )
     expected = OutputState.MUTED if state is OutputState.ARMED else state
     found = board.status().state
-    check(found is expected, f"{name}: {found.name} behind a silence of {_SILENT_MS} ms")
+    check_equal(found, expected, f"{name}: {found.name} behind a silence of {_SILENT_MS} ms")
 
 
 @case(

@@ -21,7 +21,7 @@ from haptogram_protocol.messages import (
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
-from ...outcome import check
+from ...outcome import check, check_equal
 
 unknown_codes = case_about_host("HG-10.1/3")
 
@@ -41,10 +41,9 @@ def error_refusals_change_nothing(board: BoardClient) -> None:
         board.clock.wait_until(t_us + 100)
         latch_now(board, board.flat_phases())
     after = board.status()
-    check(after.state is before.state, f"a refusal has led to {after.state.name}")
-    check(
-        board.link.call(GetConfig(), ConfigReply) == config,
-        "a refusal has changed the configuration",
+    check_equal(after.state, before.state, f"a refusal has led to {after.state.name}")
+    check_equal(
+        board.link.call(GetConfig(), ConfigReply), config, "a refusal has changed the configuration"
     )
 
 

@@ -35,7 +35,7 @@ from ...client.playback import (
 from ...client.stream_kinds import valid_requests_to_send
 from ...judge.held_state import held_state_changes
 from ...judge.refused_requests import STORED, other_config_than_judged
-from ...outcome import SELF_REPORTED, check, fail
+from ...outcome import SELF_REPORTED, check, check_equal, fail
 from .every_refusal import brought_to_refusal, held_after_refusals, refusal_situations
 
 _ABSENT: Final = 51
@@ -113,7 +113,7 @@ def an_allowed_speed_is_told_by_hello(board: BoardClient) -> None:
     for speed in (300_000, 343_210, 380_000):
         board.configure(sound_speed_mm_s=speed)
         told = board.hello().sound_speed_mm_s
-        check(told == speed, f"sound_speed_mm_s {speed} is set, HELLO_REPLY says {told}")
+        check_equal(told, speed, f"sound_speed_mm_s {speed} is set, HELLO_REPLY says {told}")
 
 
 @case(

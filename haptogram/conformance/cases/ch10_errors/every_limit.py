@@ -35,7 +35,7 @@ from ...client.playback import (
     send_phases_to_store,
 )
 from ...client.uploads import SEQUENCES, announce_upload
-from ...outcome import SELF_REPORTED, check, fail
+from ...outcome import SELF_REPORTED, check_equal, fail
 
 _SEQUENCE: Final = 5
 _SIZE_FRAMES: Final = 3
@@ -208,7 +208,7 @@ def _case_of_limits(
             if error[0] != code or detail not in (None, error[1]):
                 fail(f"{wanted}, detail {detail}; got {board.link.answer_text(answer)}")
         after = board.link.call(GetConfig(), ConfigReply)
-        check(after == before, f"refused requests changed the configuration to {after}")
+        check_equal(after, before, "refused requests changed the configuration")
 
     summary = f"{names} beyond a limit by each bit of their field, and the sign, are refused"
     return Case(clause, summary, body, "bits", needs, depth=Depth.DEFAULT)

@@ -47,7 +47,7 @@ from ...judge.refused_requests import (
     uploads_refused_for_playing,
 )
 from ...judge.timers import judge_mute_time, judge_within_hold, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 from ..ch05_stream.every_drop import fill_queue
 
 _FRAMES: Final = 3
@@ -347,4 +347,4 @@ def every_refusal_has_its_error_code(board: BoardClient) -> None:
     for refusal in list(_refusals_while_streaming(board)):
         code = judged_refusal(board, refusal).code
         names = ErrorCode._value2member_map_
-        check(code == refusal.code, f"{refusal.name}: {names.get(code, code)!r} instead")
+        check_equal(code, refusal.code, f"{refusal.name}: {names.get(code, code)!r} instead")

@@ -20,7 +20,7 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case, case_about_host, case_about_text
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue, undamaged_received_pieces
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 minor_rules = case_about_text("HG-11.2/1")
 
@@ -46,7 +46,7 @@ def keeps_what_no_version_changes(board: BoardClient) -> None:
     answer = board.link.ask_raw(Mute.TYPE, b"of another version", flags=0xF0, session=0x7777)
     check(isinstance(answer.message, MuteReply), "MUTE of another version is not carried out")
     reply = board.link.ask(board.hello_message(board.new_nonce()), session=0)
-    check(reply.body[10] == VERSION_MAJOR, f"byte 0 of HELLO_REPLY is {reply.body[10]}")
+    check_equal(reply.body[10], VERSION_MAJOR, f"byte 0 of HELLO_REPLY is {reply.body[10]}")
 
 
 @case(

@@ -28,7 +28,7 @@ from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...judge.ramps import judge_straight_ramp, judged_ramp_reading
 from ...judge.refused_requests import judged_refusal, requests_refused_while_armed
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, fail, inconclusive
+from ...outcome import SELF_REPORTED, check, check_equal, fail, inconclusive
 from ..ch05_stream.every_drop import DROPS, Drop, fill_queue
 from .every_restart import SLOW_US, STORED, TIMER_MS, play_later_than_timer, wait_for_timer
 
@@ -220,7 +220,7 @@ def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
             header, _ = judged_mute_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
         judge_mute_time(board, start_us, header, _SILENT_MS, name)
         traced = len(board.link.events(Trace, since))
-        check(traced == (mode is TraceMode.CRC), f"{name}: {traced} traces of one latch")
+        check_equal(traced, mode is TraceMode.CRC, f"{name}: {traced} traces of one latch")
 
 
 # --- Latches that end its ramp -----------------------------------------------------------------

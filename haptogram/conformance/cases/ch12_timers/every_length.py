@@ -19,7 +19,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import play_now, send_phases_that_fit
 from ...judge.timers import EXACT_US, judge_mute_time, judged_mute_by_timer
-from ...outcome import check, fail
+from ...outcome import check, check_equal, fail
 
 _MS: Final = 1000
 _BITS: Final = (16, 15, 12, 10, 8)
@@ -127,7 +127,9 @@ def status_timers_of_every_length_do_not_wrap(board: BoardClient) -> None:
         board.wire.idle(look_us)  # a host that is held up sees what came in its time, too
         times = [board.clock.unwrap(h.time_us) for h, _ in board.link.events(Status, since)]
         got = sum(t_us - set_us < look_us for t_us in times)
-        check(got == 0, f"status_period_ms = {length_ms}: {got} STATUS within {look_us // _MS} ms")
+        check_equal(
+            got, 0, f"status_period_ms = {length_ms}: {got} STATUS within {look_us // _MS} ms"
+        )
 
 
 @case(

@@ -21,7 +21,7 @@ from ...client.latching import latch_now, latches_received_from_board, read_back
 from ...client.playback import play_now, play_request, send_phases_that_fit, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...judge.timers import judge_mute_time, judge_status_steps, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, CaseEndedError, check, fail
+from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, fail
 from ..ch05_stream.every_drop import DROPS, judge_drop
 
 _MS: Final = 1000
@@ -107,7 +107,9 @@ def _hold_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
     start_us = board.clock.unwrap(status.last_latch_us)
     if board.has(Feature.READ_LATCHED):
         shown = read_back(board, DriveKind.LATCHED).reply.t_latch_us
-        check(shown == status.last_latch_us, f"READ_DRIVE: latched at {shown}, STATUS disagrees")
+        check_equal(
+            shown, status.last_latch_us, f"READ_DRIVE: latched at {shown}, STATUS disagrees"
+        )
     return MuteReason.HOLD_EXPIRED, start_us
 
 
