@@ -59,7 +59,7 @@ def test_left_on_as_expected(verified_board):
         driver.show(FOCI)
     verified_board.expect(FOCI, may_stay_armed=True)
 
-@pytest.mark.haptogram_board(dialect="sonicsurface", temperature_c=23.2)  # the client's 346 m/s
+@pytest.mark.haptogram_board(dialect="sonicsurface", temperature_c=23.21)  # the client's 346 m/s
 def test_a_client_of_another_board(verified_board):
     import serial
 
