@@ -63,7 +63,7 @@ class PlaneField:
     >>> plane = PlaneField(model, height_m=0.15, half_width_m=0.02, oversampling=4)
     >>> level = np.abs(plane.pressure(weights))
     >>> level.shape == plane.shape, f"{level.max():.0f} Pa"
-    (True, '5393 Pa')
+    (True, '5399 Pa')
     """
 
     def __init__(

@@ -54,7 +54,7 @@ class NumpyEngine:
     Examples
     --------
     >>> f"{abs(NumpyEngine(model).pressure(weights, [target])[0]):.0f} Pa"
-    '5393 Pa'
+    '5399 Pa'
     """
 
     def __init__(self, model: AcousticModel) -> None:
@@ -141,7 +141,7 @@ def pressure(model: AcousticModel, weights: ArrayLike, points_m: ArrayLike) -> C
     Examples
     --------
     >>> f"{abs(pressure(model, weights, [target])[0]):.0f} Pa"
-    '5393 Pa'
+    '5399 Pa'
     """
     drives = as_drives(weights, model.array.count)
     points = as_point_array("points_m", points_m)

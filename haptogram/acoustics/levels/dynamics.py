@@ -184,7 +184,7 @@ def pressure_after_hop(
     --------
     >>> lag = Resonator.from_bandwidth(2000.0)
     >>> pressure_after_hop(model, lag, (target, (0.03, 0.0, 0.15)), [1e-4, 1e-3]).round(1).tolist()
-    [0.0, 0.8]
+    [0.0, 0.9]
     """
     old, new = (as_coordinates("target_m", target) for target in targets_m)
     times = as_float_array("times_s", times_s)

@@ -111,7 +111,7 @@ def exposure_at(
     --------
     >>> (ear,) = exposure_at(engine, weights[None], [(0.0, -0.4, 0.4)], 1e-3)
     >>> f"{ear.maximum_db_spl:.0f} dB SPL"
-    '125 dB SPL'
+    '126 dB SPL'
     """
     drives, places = (
         as_drive_sequence(weights, engine.model.array.count),

@@ -62,7 +62,7 @@ def radiation_pressure_pa(
     Examples
     --------
     >>> f"{float(radiation_pressure_pa(3000.0, model.medium)):.1f} Pa"
-    '63.5 Pa'
+    '63.4 Pa'
     """
     check_number("reflection", reflection, 1.0, 2.0)
     mean_square = 0.5 * np.abs(as_complex_array("pressure_peak_pa", pressure_peak_pa)) ** 2
@@ -107,7 +107,7 @@ def force_on_disc_n(
     Examples
     --------
     >>> f"{1e3 * force_on_disc_n(engine, weights, target, radius_m=0.01):.1f} mN"
-    '14.9 mN'
+    '15.0 mN'
     """
     engine = NumpyEngine(source) if isinstance(source, AcousticModel) else source
     return ReflectingDisc(engine, radius_m, normal).force_n(weights, centre_m)

@@ -58,7 +58,7 @@ class FocalShift:
     --------
     >>> shift = predict_focal_shift(model, target)
     >>> f"{1e3 * shift.offset_m[2]:.1f} mm"
-    '-3.3 mm'
+    '-3.4 mm'
     """
 
     offset_m: FloatArray
@@ -104,7 +104,7 @@ def predict_focal_shift(
     Examples
     --------
     >>> f"{1e3 * predict_focal_shift(model, target).offset_m[2]:.1f} mm"
-    '-3.3 mm'
+    '-3.4 mm'
     """
     target = as_coordinates("target_m", target_m)
     count = model.array.count
@@ -255,7 +255,7 @@ def paraxial_focal_shift_m(model: AcousticModel, distance_m: float) -> float:
     Examples
     --------
     >>> f"{1e3 * paraxial_focal_shift_m(model, 0.15):.2f} mm"
-    '-3.46 mm'
+    '-3.47 mm'
     """
     half = float(model.array.half_extent_m[:2].max()) + (model.array.pitch_m or 0.0) / 2.0
     check_positive("half-width of the array", half)

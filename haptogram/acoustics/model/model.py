@@ -42,7 +42,7 @@ class AcousticModel:
     Examples
     --------
     >>> f"{1e3 * model.wavelength_m:.2f} mm"
-    '8.58 mm'
+    '8.60 mm'
     """
 
     array: TransducerArray

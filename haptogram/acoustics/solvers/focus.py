@@ -120,7 +120,7 @@ def focus_phases(model: AcousticModel, target_m: ArrayLike) -> FloatArray:
     --------
     >>> phases = focus_phases(model, target)
     >>> phases.shape, f"{abs(pressure(model, np.exp(1j * phases), [target])[0]):.0f} Pa"
-    ((256,), '5393 Pa')
+    ((256,), '5399 Pa')
     """
     targets = as_float_array("target_m", target_m)
     points = as_point_array("target_m", np.atleast_2d(targets))
