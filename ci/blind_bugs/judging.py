@@ -19,7 +19,7 @@ from haptogram.report.conformance.result import suite_dict
 
 _LONGEST_RUN_S: Final = 3600
 _FAULT_COMMAND: Final = "kill -USR1 $BOARD_PID"  # a hardware fault of the reference board
-_SHOWN: Final = 160  # characters of the reason of a failure
+_SHOWN: Final = 400  # characters of the reason of a failure
 
 
 @dataclass(frozen=True, slots=True)

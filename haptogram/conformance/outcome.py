@@ -21,6 +21,7 @@ SELF_REPORTED: Final = Evidence.SELF_REPORTED
 EXTERNAL: Final = Evidence.EXTERNAL
 
 _SHOWN: Final = 4  # fields or elements of two values that are named
+_WHOLE: Final = 6  # values of a sequence that is told whole
 _MISSING: Final = object()
 _FORMS: Final = ("", "#x", "#04x", "#06x", "#010x", "016x", "+d")  # in which messages show a number
 
@@ -102,7 +103,7 @@ def record_differences(got: object, due: object, due_word: str = "due is") -> st
     >>> record_differences(b"\x01\x02\x03", b"\x01\x05\x03")
     '1 of 3 bytes: [1] is 2, due is 5'
     >>> record_differences((1, 2), (1, 3), due_word="was")
-    '[1] is 2, was 3'
+    'is (1, 2), was (1, 3)'
     """
     found = list(_different_parts("", got, due, due_word))
     more = f"; and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
@@ -122,6 +123,11 @@ def _different_parts(name: str, got: object, due: object, due_word: str) -> Iter
                 yield from _different_drives(one, other, due_word)
             else:
                 yield from _different_parts(inner, one, other, due_word)
+    elif isinstance(got, dict) and isinstance(due, dict) and got.keys() == due.keys():
+        for key, value in got.items():
+            yield from _different_parts(f"{name} {key}".lstrip(), value, due[key], due_word)
+    elif _is_short(got) and _is_short(due):
+        yield f"{name} is {_short_text(got)}, {due_word} {_short_text(due)}".lstrip()
     elif _is_sequence(got) and _is_sequence(due):
         assert isinstance(got, Sequence)  # _is_sequence
         assert isinstance(due, Sequence)
@@ -142,7 +148,7 @@ def _different_drives(got: bytes, due: bytes, due_word: str) -> Iterator[str]:
 
 def _different_bytes(name: str, got: bytes, due: bytes, due_word: str) -> str:
     if len(got) != len(due):
-        return f"{len(got)} {name}, {due_word} {len(due)}"
+        return f"{name}: {len(got)} bytes, {due_word} {len(due)}"
     wrong = [place for place, (one, other) in enumerate(zip(got, due, strict=True)) if one != other]
     shown = "; ".join(f"[{n}] is {got[n]}, {due_word} {due[n]}" for n in wrong[:_SHOWN])
     more = "; ..." if len(wrong) > _SHOWN else ""
@@ -153,11 +159,25 @@ def _is_sequence(value: object) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
+def _is_short(value: object) -> bool:
+    """Return whether a sequence is told whole: a few plain values."""
+    if not isinstance(value, Sequence) or isinstance(value, str | bytes) or len(value) > _WHOLE:
+        return False
+    return all(isinstance(part, int | str | enum.Enum) for part in value)
+
+
+def _short_text(value: object) -> str:
+    assert isinstance(value, Sequence)  # _is_short
+    return f"({', '.join(map(_value_text, value))})"
+
+
 def _is_plain(value: object) -> bool:
-    return not (_is_sequence(value) or is_dataclass(value) or isinstance(value, bytes | bool))
+    return isinstance(value, int | float | str | enum.Enum) and not isinstance(value, bool)
 
 
 def _value_text(value: object) -> str:
     if value is _MISSING:
         return "missing"
+    if isinstance(value, bool):
+        return str(int(value))  # of something that is counted
     return value.name if isinstance(value, enum.Enum) and value.name else str(value)

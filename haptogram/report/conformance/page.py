@@ -17,7 +17,15 @@ from .matrix import (
     conformance_chapters_of_clauses,
     conformance_messages_of_cases,
 )
-from .wording import case_counts, common_finding_line, suite_board, suite_counts, suite_verdict
+from .transcript import marked_transcript
+from .wording import (
+    case_counts,
+    common_finding_line,
+    evidence_text,
+    suite_board,
+    suite_counts,
+    suite_verdict,
+)
 
 _TONES: Final = {
     Behaviour.OK: "good",
@@ -69,6 +77,8 @@ def write_conformance_page(
         counts_of=case_counts,
         spec=conformance_chapters_of_clauses(),
         cases_of=cases_of,
+        marked_transcript=marked_transcript,
+        evidence_text=evidence_text,
         settings=[*html_setting_rows(suite.device), *html_setting_rows(suite.settings)],
         tone_of=_conformance_case_tone,
     )

@@ -9,14 +9,14 @@ from typing import Final
 from haptogram.conformance.causes import CommonFinding, common_finding, failures_by_cause
 from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
-from .wording import common_finding_line, suite_counts, suite_verdict
+from .transcript import folded_transcript
+from .wording import common_finding_line, evidence_text, suite_counts, suite_verdict
 
 _LEFT_OUT: Final = "takes longer than this depth"  # begin of the reason of such cases
 _CAUSES: Final = 3  # failures with their bytes; the others may follow from these
 _IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
 _FAILURES: Final = 12  # that are named in the line of all of them
 _NAMED: Final = 3  # cases that are named where they have a reason in common
-_LINES: Final = 60  # of a transcript; the rest is in the JSON file
 
 
 def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
@@ -73,17 +73,14 @@ def _conformance_follower_line(result: CaseResult) -> Iterator[str]:
 
 def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
     known = f" (expected: {result.expected})" if result.expected and result.is_failure else ""
-    yield f"{result.case}  {result.behaviour} [{result.evidence.upper()}]{known}"
+    yield f"{result.case}  {result.behaviour} [{evidence_text(result.evidence)}]{known}"
     yield f"    requirement  {result.requirement}"
     yield f"    case         {result.summary}"
     if result.detail:
         yield f"    found        {result.detail}"
     if result.recovery is not None and not result.recovery.clean:
         yield f"    recovery     {result.recovery}"
-    for line in result.transcript[:_LINES]:
-        yield f"    {line}"
-    if len(result.transcript) > _LINES:
-        yield f"    ... {len(result.transcript) - _LINES} lines more, in --json and --html"
+    yield from (f"    {line}" for line in folded_transcript(result))
 
 
 def _common_conformance_reasons(suite: SuiteResult) -> set[tuple[Behaviour, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from typing import Final
 
 from haptogram.conformance.causes import CommonFinding
 from haptogram.conformance.verdict import (
@@ -15,6 +16,18 @@ from haptogram.conformance.verdict import (
     CaseResult,
     SuiteResult,
 )
+from haptogram.records.frame import Evidence
+
+_EVIDENCE: Final = {
+    Evidence.WIRE: "seen in the bytes and times on the line",
+    Evidence.SELF_REPORTED: "the board's own word: counters, read-back, traces",
+    Evidence.EXTERNAL: "seen from outside: back door, drive pins",
+}
+
+
+def evidence_text(evidence: Evidence) -> str:
+    """Return an evidence class and what it means."""
+    return f"{evidence.upper()}: {_EVIDENCE[evidence]}"
 
 
 def suite_verdict(suite: SuiteResult) -> str:

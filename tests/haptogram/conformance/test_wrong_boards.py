@@ -13,6 +13,8 @@ from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour, CaseResult, suite_exit_status
 from haptogram.records.frame import Evidence
+from haptogram.report.conformance.text import suite_text
+from haptogram.report.conformance.transcript import folded_transcript, marked_transcript
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     DriveReply,
@@ -60,6 +62,11 @@ def test_a_failure_shows_its_bytes_and_what_they_mean():
     assert "= MUTE_REPLY seq" in text
     assert "state ARMED" in text
     assert "02 42" in text
+    shown = [line for line in folded_transcript(failed) if line.startswith("> ")]
+    assert [line.split()[4] for line in shown] == ["MUTE", "MUTE_REPLY"]
+    assert all(line in suite_text(suite) for line in shown)
+    assert len(list(folded_transcript(failed))) <= 14 < len(failed.transcript)
+    assert sum(line.startswith("> ") for line in marked_transcript(failed)) < 10
     assert suite.exit_status == 1
 
 
