@@ -38,8 +38,8 @@ static int wait_for(uint8_t type)
 int main(int argc, char **argv)
 {
     struct termios raw;
-    uint8_t hello[8], phases[258] = {8, 0};
-    struct hg_hello asked = {HG_VERSION_MAJOR, HG_VERSION_MINOR, session};
+    uint8_t hello[8], phases[256];
+    struct hg_hello asked = {HG_VERSION_MAJOR, HG_VERSION_MINOR, session, 0};
 
     if (argc != 2 || (port = open(argv[1], O_RDWR | O_NOCTTY)) < 0 || tcgetattr(port, &raw))
         return 2;
@@ -56,7 +56,7 @@ int main(int argc, char **argv)
         return 1;
     for (int n = 0; n < 256; n++) {
         double x = (n / 16 - 7.5) * 10, y = (n % 16 - 7.5) * 10;
-        phases[2 + n] = (uint8_t)lround(-256 * sqrt(x * x + y * y + 150 * 150) / 8.58);
+        phases[n] = (uint8_t)lround(-256 * sqrt(x * x + y * y + 150 * 150) / 8.60);
     }
     for (uint16_t frame = 0; frame < 100; frame++) {
         send_frame(HG_TYPE_PHASES, HG_FLAG_IMMEDIATE, (uint16_t)(0xfff0 + frame), phases, sizeof phases);

@@ -32,14 +32,14 @@ def wait_for(port, kind):
 
 port = serial.serial_for_url(sys.argv[1], baudrate=3_000_000, timeout=2)
 session = random.randint(1, 0xFFFF)
-port.write(frame(HELLO, 0, struct.pack("<BBHI", 1, 0, session, 0)))
+port.write(frame(HELLO, 0, struct.pack("<BBHI", 2, 0, session, 0)))
 wait_for(port, 0x80)
 port.write(frame(ARM, 1, session=session))
 wait_for(port, 0x81)
 places = [((ix - 7.5) * 10.0, (iy - 7.5) * 10.0) for ix in range(16) for iy in range(16)]
-codes = bytes(round(-256 * math.hypot(x, y, 150.0) / 8.58) % 256 for x, y in places)
+codes = bytes(round(-256 * math.hypot(x, y, 150.0) / 8.60) % 256 for x, y in places)
 for seq in range(100):  # a code delays its element; the first seq of a session is 0xFFF0
-    port.write(frame(PHASES, 0xFFF0 + seq, b"\x08\x00" + codes, session, IMMEDIATE))
+    port.write(frame(PHASES, 0xFFF0 + seq, codes, session, IMMEDIATE))
     time.sleep(0.005)
 port.write(frame(MUTE, 2, session=session))
 wait_for(port, 0x82)
