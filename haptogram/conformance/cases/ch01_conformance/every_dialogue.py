@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
+from haptogram.errors import HaptogramError
 from haptogram_protocol.messages import Feature
 from haptogram_protocol.rules import UPLOADS
 
 from ...case import Depth, case
+from ...causes import cause_rank
 from ...client.board_client import BoardClient
 from ...explore.actions import SLOT_US, UPLOADED, DialogueAction, has_room_in_dialogue
 from ...explore.generator import DialogueGenerator
@@ -18,7 +21,7 @@ from ...explore.model import HostLateError, identity_suits_lockstep_model
 from ...explore.shrinking import shrink_dialogue
 from ...explore.tables.coverage import DialogueCoverage
 from ...judge.timers import HELD_UP_US
-from ...outcome import SELF_REPORTED, fail, inconclusive, not_observed
+from ...outcome import SELF_REPORTED, check, inconclusive, not_observed
 
 _SLOTS: Final = 20
 _SLOTS_UNTIMED: Final = 40
@@ -36,6 +39,8 @@ _LATE: Final = 3  # replays of a dialogue in which the host was late
 _AGAIN: Final = 4  # how often a dialogue in which something was held up has to differ
 _LONGEST_AHEAD_US: Final = 1_000_000  # of frames that are meant to be taken
 _BEFORE: Final = f"a new session, sequences {min(UPLOADED)} to {max(UPLOADED)} stored"
+_CLAUSES: Final = 6  # of which differences are told
+_DIFFERENT: Final = 30  # dialogues, after which hardly another clause is found
 _SHOWN: Final = 12  # last frames of a dialogue that differed once
 
 
@@ -61,14 +66,18 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
     board.clock.require_horizon(_LONGEST_AHEAD_US)
     lockstep = Lockstep(board)
     number = compared = 0
-    coverage = DialogueCoverage()
+    coverage, found = DialogueCoverage(), DialogueDifferences()
     start_us = board.wire.now_us()
     try:
-        while _goes_on_after_dialogue(lockstep.board, number, compared, start_us):
-            compared += _judge_random_dialogue(lockstep, number, coverage)
+        while found.goes_on and _goes_on_after_dialogue(lockstep.board, number, compared, start_us):
+            compared += _judge_random_dialogue(lockstep, number, coverage, found)
             number += 1
+    except HaptogramError:
+        if not found.by_clause:
+            raise  # else the board differed before
     finally:
         lockstep.close()
+    check(not found.by_clause, found.text())
     if 2 * compared < number and not board.wire.limits.slack_us:
         not_observed(
             f"{compared} of {number} dialogues were compared: in the others this board computes "
@@ -90,8 +99,40 @@ def _goes_on_after_dialogue(board: BoardClient, number: int, compared: int, star
     return compared < _DIALOGUES and number < 2 * _DIALOGUES and passed_us < _LONGEST_US
 
 
-def _judge_random_dialogue(lockstep: Lockstep, number: int, coverage: DialogueCoverage) -> bool:
-    """Play one dialogue; FAILED with a short one if the board differs.
+@dataclass(slots=True)
+class DialogueDifferences:
+    """What differs in the dialogues of a run: of each clause the first difference, made short.
+
+    Attributes
+    ----------
+    by_clause : dict of str to str
+        Difference and dialogue, by the clause that it speaks of.
+    dialogues : int
+        Number of dialogues that differed.
+    shrinking_us : int
+        Time that shrinking has taken.
+    """
+
+    by_clause: dict[str, str] = field(default_factory=dict)
+    dialogues: int = 0
+    shrinking_us: int = 0
+
+    @property
+    def goes_on(self) -> bool:
+        """False as soon as more dialogues would hardly tell more."""
+        return len(self.by_clause) < _CLAUSES and self.dialogues < _DIFFERENT
+
+    def text(self) -> str:
+        """Return the differences in words, the likeliest cause first."""
+        told = [self.by_clause[clause] for clause in sorted(self.by_clause, key=cause_rank)]
+        many = f"{len(told)} differences in {self.dialogues} dialogues: " if len(told) > 1 else ""
+        return many + " || ".join(told)
+
+
+def _judge_random_dialogue(
+    lockstep: Lockstep, number: int, coverage: DialogueCoverage, found: DialogueDifferences
+) -> bool:
+    """Play one dialogue; note a short one if the board differs, and its clause did not before.
 
     Returns False if nothing is known: something was held up so that it was not compared, or
     differed and then did not.
@@ -129,9 +170,14 @@ def _judge_random_dialogue(lockstep: Lockstep, number: int, coverage: DialogueCo
     played = play(actions, 1)
     if played is None or not played.difference:
         return played is not None
+    clause = clause_of_difference(played)
+    if clause in found.by_clause:
+        found.dialogues += 1
+        return True
     if not is_difference_of_board(played, lambda: play(actions)):
         return False
-    end_us = lockstep.board.wire.now_us() + _SHRINKING_US
+    begin_us = lockstep.board.wire.now_us()
+    end_us = begin_us + _SHRINKING_US - found.shrinking_us
 
     def differs(part: Sequence[DialogueAction]) -> bool:
         if not is_virtual and lockstep.board.wire.now_us() > end_us:
@@ -139,16 +185,27 @@ def _judge_random_dialogue(lockstep: Lockstep, number: int, coverage: DialogueCo
         again = play(part)
         if again is None or not again.difference:
             return False
-        return is_virtual or _is_same_difference(again, played)
+        if is_virtual:
+            return clause_of_difference(again) == clause
+        return _is_same_difference(again, played)
 
     short = shrink_dialogue(actions, differs, _REPLAYS) if differs(actions) else actions
+    found.shrinking_us += lockstep.board.wire.now_us() - begin_us
     last = play(short)
-    if last is not None and last.difference:
+    if last is not None and clause_of_difference(last) == clause:
         text, lines = f"dialogue {seed} of {len(short)} frames", last.lines
     else:
         last, text = played, f"dialogue {seed}, seen once, not again; its last frames"
         lines = played.lines[-_SHOWN:]
-    fail(f"{last.difference}; {text} [before it: {_BEFORE}, {config}; sent: {' | '.join(lines)}]")
+    sent = f"[before it: {_BEFORE}, {config}; sent: {' | '.join(lines)}]"
+    found.by_clause[clause] = f"{last.difference}; {text} {sent}"
+    found.dialogues += 1
+    return True
+
+
+def clause_of_difference(played: Played) -> str:
+    """Return the clause that a difference speaks of; empty without one."""
+    return played.difference.partition(":")[0]
 
 
 def is_difference_of_board(played: Played, replay: Callable[[], Played | None]) -> bool:
