@@ -147,7 +147,7 @@ class RawFrameClient:
     on_piece : callable or None
         Is given each piece as it comes.
     on_sent : callable or None
-        Is given the bytes that are sent.
+        Is given the bytes that are sent, and when the line is free for them.
     held_up_us : int
         The longest time since :meth:`begin_case` in which the host neither sent nor listened, and
         did not compute either: others had the processor, which the board may have missed too.
@@ -158,7 +158,7 @@ class RawFrameClient:
         self.baudrate = baudrate
         self.received: list[ReceivedByClient] = []
         self.on_piece: Callable[[ReceivedByClient], None] | None = None
-        self.on_sent: Callable[[bytes], None] | None = None
+        self.on_sent: Callable[[bytes, int], None] | None = None
         self.recording = DialogueRecording()
         self.heard = 0
         self._transport = transport
@@ -209,7 +209,7 @@ class RawFrameClient:
         self._come_back()
         self.recording.add(self.now_us(), TransferDirection.HOST, data)
         if self.on_sent is not None:
-            self.on_sent(data)
+            self.on_sent(data, self.now_us() + self.backlog_us)
         self._busy_until_us = self.now_us() + self.backlog_us + self.line_us(len(data))
         patience_us = self.limits.answer_us + self.backlog_us
         stuck_us = self.now_us() + patience_us

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final, TypeAlias
 
 from haptogram_protocol.errors import RemoteProtocolError
@@ -38,6 +38,7 @@ from ..client.wire import ReceivedByClient
 
 TRACES: Final = (Trace, TracePlayback, TraceDrive)
 _SHORTEST_TEXT: Final = 8
+_PROMPT_US: Final = 10_000  # HG-4.11/3
 _ERROR_CODES: Final = frozenset(int(code) for code in ErrorCode)
 #: Clauses that a piece which is no frame breaks, by its defect.
 _DAMAGED: Final = {"cobs": "HG-2.2/1", "crc": "HG-2.4/1", "short": "HG-3.1/1"}
@@ -59,8 +60,10 @@ class LineRules:
         self._is_lossless = is_lossless
         self.begin_board()
 
-    def begin_board(self) -> None:
-        """Note that a board has started, or that its port was opened anew."""
+    def begin_board(self, line_us: Callable[[int], int] | None = None) -> None:
+        """Note that a board has started, or its port was opened; bytes take *line_us* there."""
+        self._line_us = line_us
+        self._alone: tuple[tuple[int, int], int, int] | None = None  # request, time, size
         self._sessions: tuple[int, ...] = ()  # the open one, then the one before
         self._minor = 0  # of the board's version
         self._was_frame = False
@@ -69,8 +72,10 @@ class LineRules:
 
     # --- What is sent ----------------------------------------------------------------------------
 
-    def take_sent(self, data: bytes) -> None:
+    def take_sent(self, data: bytes, t_us: int = 0) -> None:
         """Note bytes that are sent: each request in them has one answer."""
+        waits = bool(+self._asked)
+        self._alone = None
         *ended, rest = (self._begun + data).split(DELIMITER)
         self._begun = rest[: MAX_ENCODED_BYTES + 1]
         for piece in ended:
@@ -78,6 +83,8 @@ class LineRules:
                 with contextlib.suppress(RemoteProtocolError):  # nobody answers a damaged frame
                     header = Header.unpack(decode_frame(piece)[:HEADER_BYTES])
                     self._asked[header.type, header.seq] += 1
+                    if not (waits or self._begun) and len(data) == len(piece) + 2:
+                        self._alone = (header.type, header.seq), t_us, len(data)
 
     def _grown(self, piece: ReceivedByClient) -> str:
         """Return what stands behind the last field, unless a later version added it (HG-11.3)."""
@@ -117,6 +124,8 @@ class LineRules:
         yield from self._broken_by_session(piece, header)
         if piece.is_response:
             yield "HG-4.11/1", self._unasked(piece, header)
+            yield from self._late_answer(piece, header)
+        self._alone = None
 
     def _broken_by_junk(self, piece: ReceivedByClient) -> Broken:
         """Judge bytes that are no frame; a line that damages bytes is not the board's fault."""
@@ -147,6 +156,15 @@ class LineRules:
             return f"no request of the type {kind:#04x} has the number {header.seq}"
         self._asked[asked] -= 1
         return "this request was answered before" if self._asked[asked] < 0 else ""
+
+    def _late_answer(self, piece: ReceivedByClient, header: Header) -> Broken:
+        """Judge how soon a request is answered that was alone on the line, in virtual time."""
+        alone, line_us = self._alone, self._line_us
+        if not (self._is_lossless and alone and line_us and header.seq == alone[0][1]):
+            return
+        took_us = piece.t_us - alone[1] - line_us(alone[2] + len(piece.piece) + 2)
+        text = f"the answer begins {took_us / 1000:.1f} ms after its request; due is 10 ms at most"
+        yield "HG-4.11/3", text if took_us > _PROMPT_US else ""
 
 
 def _unnamed_in_frame(piece: ReceivedByClient) -> str:

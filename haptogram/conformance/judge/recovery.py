@@ -17,6 +17,8 @@ from haptogram_protocol.messages import (
     SetConfig,
     SetConfigReply,
     StatusReply,
+    UploadBegin,
+    UploadKind,
 )
 
 from ..client.board_client import BoardClient
@@ -25,6 +27,7 @@ from ..outcome import CaseEndedError
 from ..verdict import Recovery
 
 _LOOKS: Final = 1000  # at a frame that waits, of a board that computes others
+_TARGET: Final = 1  # a sequence that many cases store
 MAX_FRAMES: Final = 3  # requests, of which the board has to answer one
 
 
@@ -83,7 +86,17 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
             board.wire.idle(board.clock.lead_us)  # it still computes those of the case
             after = board.link.ask(GetStatus()).message
         board.link.ask(Disarm())
+        _ask_for_room(board)
         if isinstance(before, StatusReply) and isinstance(after, StatusReply):
             latched = (after.counters.latched - before.counters.latched) & 0xFFFFFFFF
             return "" if latched == 1 else f"{latched} latches after one stream frame"
     return "a request in a new session is not answered"
+
+
+def _ask_for_room(board: BoardClient) -> None:
+    """Begin the largest upload that a board may take; a standing rule judges the answer."""
+    identity = board.identity
+    frames = min(identity.max_upload_bytes // identity.transducers, identity.max_sequence_frames)
+    if board.has(Feature.SEQUENCE_PHASES) and frames:
+        size = frames * identity.transducers
+        board.link.ask(UploadBegin(UploadKind.PHASES, 0, _TARGET, size, 0))

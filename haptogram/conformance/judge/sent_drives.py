@@ -12,10 +12,16 @@ from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_fram
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
     STREAM_RANGE,
+    Error,
+    ErrorCode,
+    Header,
+    HelloReply,
     Message,
     UploadBegin,
+    UploadBeginReply,
     UploadChunk,
     UploadCommit,
+    UploadCommitReply,
     UploadKind,
     drive_codes,
     parse_body,
@@ -27,6 +33,9 @@ Codes: TypeAlias = tuple[bytes, bytes]
 _KEPT: Final = 4096  # stream frames
 _LONGEST_UPLOAD: Final = 1 << 20
 _FULL: Final = b"\xff"  # amplitude of a stored phase: HG-5.2/6
+#: What is stored, then target and kind of an upload.
+_RoomKey: TypeAlias = tuple[frozenset[tuple[int, tuple[int, int]]], int, int]
+_ROOM_AS_BEFORE: Final = "and the same sequences are stored: an upload that ended keeps some"
 _UPLOADS: Final = (UploadBegin.TYPE, UploadChunk.TYPE, UploadCommit.TYPE)
 
 
@@ -44,6 +53,7 @@ class SentDrives:
         self._upload = bytearray()
         self._target = 0  # of the last UPLOAD_COMMIT
         self._stored: defaultdict[int, list[bytes]] = defaultdict(list)  # by age; empty: unknown
+        self.room = UploadRoom()
 
     def forget(self) -> None:
         """Forget all frames: another board answers now."""
@@ -51,6 +61,7 @@ class SentDrives:
         self._codes.clear()
         self._stored.clear()
         self._begin, self._begun = None, b""
+        self.room = UploadRoom()
 
     def take(self, data: bytes) -> None:
         """Note bytes that are sent."""
@@ -64,7 +75,9 @@ class SentDrives:
                 self._pieces.append(piece)
             elif piece[1:2] and piece[1] in _UPLOADS:
                 with contextlib.suppress(RemoteProtocolError):
-                    self._note_upload(parse_body(decode_frame(piece))[1])
+                    header, message = parse_body(decode_frame(piece))
+                    self.room.note_sent(header, message)
+                    self._note_upload(message)
 
     def _note_upload(self, message: Message) -> None:
         """Follow an upload as if the board took every part of it: its CRC tells whether it did."""
@@ -115,6 +128,12 @@ class SentDrives:
         known = [codes for codes in found if codes is not None]
         return known if index >= FIRST_STREAM_SEQ and len(known) == len(found) else []
 
+    def other_frame(self, crc: int) -> str:
+        """Return in words which frame of the stream has the drive with this CRC-32, if one has."""
+        known = ((key, codes) for key, some in self._codes.items() for codes in some if codes)
+        found = [key[1] for key, codes in known if zlib.crc32(b"".join(codes)) == crc]
+        return f": it is the drive of frame {found[-1]}" if found else ""
+
     def _decode(self, piece: bytes, transducers: int) -> None:
         """Keep the codes of a frame, unless it is damaged or has a wrong length."""
         with contextlib.suppress(RemoteProtocolError):
@@ -124,3 +143,58 @@ class SentDrives:
             self._codes[key] = [*self._codes.pop(key, []), codes]  # behind those sent before
             if len(self._codes) > _KEPT:
                 del self._codes[next(iter(self._codes))]
+
+
+class UploadRoom:
+    """Room for uploads: while the same sequences are stored, an upload finds no less than before.
+
+    Whatever ends an upload, or replaces a sequence, gives back what it took.
+    """
+
+    def __init__(self) -> None:
+        self._begins: dict[int, UploadBegin] = {}  # by the number of the request
+        self._commits: dict[int, int] = {}
+        self._open: UploadBegin | None = None
+        self._stored: dict[int, tuple[int, int]] = {}  # kind and size by target
+        self._taken: dict[_RoomKey, int] = {}  # size of the largest upload that was taken
+        self._left: dict[_RoomKey, int] = {}  # most room that a refusal told
+
+    def note_sent(self, header: Header, message: Message) -> None:
+        """Note a request about an upload."""
+        if isinstance(message, UploadBegin):
+            self._begins[header.seq] = message
+        elif isinstance(message, UploadCommit):
+            self._commits[header.seq] = message.target
+
+    def shrunk(self, seq: int, message: Message, identity: HelloReply) -> str | None:
+        """Return in words that there is less room than before; None: the frame tells nothing."""
+        if isinstance(message, UploadCommitReply):
+            self._commit(self._commits.get(seq, 0))
+        begin = self._begins.get(seq)
+        is_refused = isinstance(message, Error) and message.request == UploadBegin.TYPE
+        if begin is None or not (is_refused or isinstance(message, UploadBeginReply)):
+            return None
+        key = frozenset(self._stored.items()), begin.target, begin.kind
+        if not isinstance(message, Error):
+            self._open = begin
+            self._taken[key] = max(begin.size, self._taken.get(key, 0))
+            return ""
+        if message.code != ErrorCode.TOO_LARGE or begin.size > identity.max_upload_bytes:
+            return None
+        taken, left = self._taken.get(key, 0), message.detail
+        if begin.size <= taken:
+            return f"{begin.size} bytes are TOO_LARGE, {taken} were taken before, {_ROOM_AS_BEFORE}"
+        if left == identity.max_sequence_frames:
+            return None  # a limit in frames
+        before = self._left.setdefault(key, left)
+        self._left[key] = max(before, left)
+        return f"room for {left} bytes, it was {before}, {_ROOM_AS_BEFORE}" if left < before else ""
+
+    def _commit(self, target: int) -> None:
+        """Note that a sequence is stored; what is stored is unknown if its upload is."""
+        begin, self._open = self._open, None
+        if begin is None or begin.target != target:
+            self._taken.clear()
+            self._left.clear()
+        elif target:
+            self._stored[target] = int(begin.kind), begin.size

@@ -40,6 +40,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
+from ..causes import cause_rank
 from ..client.board_client import PARTS_OF_FRAMES
 from ..client.wire import ReceivedByClient
 from ..outcome import RuleFindings, record_differences
@@ -98,6 +99,7 @@ class StandingRules:
         self._sent = SentDrives()
         self._since = _Since()
         self._case = ""
+        self._in_case: dict[str, str] = {}
         self._rules: tuple[Callable[[ReceivedByClient, Message], Broken], ...] = (
             self._judge_identity,
             self._judge_status,
@@ -110,22 +112,29 @@ class StandingRules:
             self._judge_order,
             self._judge_times,
             self._judge_drives,
+            self._judge_room,
         )
 
-    def begin_board(self) -> None:
-        """Note that a board has started, or that its port was opened anew."""
+    def begin_board(self, line_us: Callable[[int], int] | None = None) -> None:
+        """Note that a board has started, or its port was opened; bytes take *line_us* there."""
         self._since = _Since()
         self._sent.forget()
-        self._line.begin_board()
+        self._line.begin_board(line_us)
 
     def begin_case(self, name: str) -> None:
         """Note the case whose frames come now."""
-        self._case = name
+        self._case, self._in_case = name, {}
 
-    def take_sent(self, data: bytes) -> None:
+    @property
+    def found_in_case(self) -> str:
+        """What rules found in the frames of this case: the likeliest cause, empty without any."""
+        clause = min(self._in_case, key=cause_rank, default="")
+        return f"{clause}: {self._in_case[clause]}" if clause else ""
+
+    def take_sent(self, data: bytes, t_us: int = 0) -> None:
         """Note bytes that the host sends."""
         self._sent.take(data)
-        self._line.take_sent(data)
+        self._line.take_sent(data, t_us)
 
     def take(self, piece: ReceivedByClient) -> None:
         """Judge a piece that came."""
@@ -160,6 +169,8 @@ class StandingRules:
     def _note(self, clause: str, text: str, piece: ReceivedByClient) -> None:
         judged, broken = self._findings.judged, self._findings.broken
         judged[clause] = judged.get(clause, 0) + 1
+        if text:
+            self._in_case.setdefault(clause, text)
         if text and clause not in broken:
             broken[clause] = f"in {self._case}: {text} [{annotated_frame_text(piece.piece)}]"
 
@@ -309,7 +320,8 @@ class StandingRules:
             sent = self._sent.codes_of(session, key.index, number)
             text = f"frame {key.index} was latched as another drive than it was sent"
             due = [zlib.crc32(phases + amplitudes) for phases, amplitudes in sent]
-            yield "HG-8.3/2", text if due and crc not in due else ""
+            is_wrong = due and crc not in due
+            yield "HG-8.3/2", text + self._sent.other_frame(crc) if is_wrong else ""
         if isinstance(message, DriveReply) and message.kind is DriveKind.LATCHED:
             key, half = message.key, len(message.data) // 2
             part = slice(message.first, message.first + half)
@@ -318,9 +330,19 @@ class StandingRules:
             text = f"frame {key.index} is shown as another drive than it was sent"
             if due_codes and message.data not in due_codes:
                 told = dataclasses.replace(message, data=due_codes[-1])
+                whole = len(message.data) == 2 * number
+                text += self._sent.other_frame(zlib.crc32(message.data)) if whole else ""
                 yield "HG-8.6/3", f"{text}: {record_differences(message, told)}"
             else:
                 yield "HG-8.6/3", ""
+
+    def _judge_room(self, piece: ReceivedByClient, message: Message) -> Broken:
+        identity = self._since.identity
+        if identity is None or piece.header is None or not piece.is_response:
+            return
+        text = self._sent.room.shrunk(piece.header.seq, message, identity)
+        if text is not None:
+            yield "HG-7.2/7", text
 
     def _wrong_steps(self, times: Iterable[int]) -> str:
         """Return in words which two latches are in one carrier period; empty if there are none."""

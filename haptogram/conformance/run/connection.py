@@ -182,7 +182,7 @@ class SuiteConnection:
         self._board.thorough = self._thorough
         self._board.standing, wire.on_piece = self._findings, self.rules.take
         wire.on_sent = self.rules.take_sent
-        self.rules.begin_board()
+        self.rules.begin_board(wire.line_us)
         self._board.explore_us = self._explore_us
         self._board.raise_fault = self._access.raise_fault
         self._board.restart = self.reset if self._access.can_reset else None

@@ -307,6 +307,8 @@ class SuiteRunner:
             return _Outcome(Behaviour.INCONCLUSIVE, text)
         if ended.behaviour is Behaviour.FAILED and self._is_slow:
             return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))
+        if ended.behaviour is Behaviour.FAILED and (also := self._connection.rules.found_in_case):
+            ended = CaseEndedError(ended.behaviour, f"{ended} (in its frames: {also})")
         lenient = clause.level is Level.SHOULD and not self._options.strict
         if ended.behaviour is Behaviour.FAILED and lenient:
             return _Outcome(Behaviour.NON_STRICT, str(ended))

@@ -22,6 +22,8 @@ from haptogram_protocol.messages import (
     DriveReply,
     Drives,
     Element,
+    Error,
+    ErrorCode,
     FocalPoint,
     GeometryReply,
     Header,
@@ -32,6 +34,7 @@ from haptogram_protocol.messages import (
     Ping,
     PlaybackEnded,
     Points,
+    Pong,
     SetConfigReply,
     StateChanged,
     Status,
@@ -42,10 +45,12 @@ from haptogram_protocol.messages import (
     TraceRecord,
     TraceReply,
     UploadBegin,
+    UploadBeginReply,
     UploadChunk,
     UploadCommit,
     UploadCommitReply,
     UploadKind,
+    build_body,
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -241,3 +246,44 @@ def test_of_an_upload_that_was_not_taken_as_it_was_sent_nothing_is_known():
     taken = HELLO, UploadCommitReply(2), played(1, 0, 0)
     assert all(findings(*taken, sent=uploaded(*chunks)) == {} for chunks in wrong)
     assert findings(*taken, sent=uploaded(UploadChunk(0, STORED), commits=4)) == {}
+
+
+def upload(seq, size):
+    """A request to begin an upload of sequence 1, as bytes."""
+    begin = UploadBegin(UploadKind.PHASES, 0, 1, size, 0)
+    return encode_frame(build_body(begin, flags=0, seq=seq, time_us=0, session=SESSION))
+
+
+@pytest.mark.parametrize(
+    ("answers", "words"),
+    [
+        ((0, 1000, 1000), ""),
+        ((0, 1000, 998), "room for 998 bytes, it was 1000"),
+        ((1, 1, 4000), "4000 bytes are TOO_LARGE, 4000 were taken before"),
+        ((0, 1000, 1), ""),
+    ],
+)
+def test_room_does_not_shrink_while_the_same_is_stored(answers, words):
+    hello = dataclasses.replace(HELLO, max_upload_bytes=4000, max_sequence_frames=9)
+    sent = b"".join(upload(seq, 4000) for seq in range(1, 4))
+    told = [
+        UploadBeginReply(hello.max_chunk, hello.upload_window)
+        if room == 1
+        else Error(UploadBegin.TYPE, ErrorCode.TOO_LARGE, room or 1000)
+        for room in answers
+    ]
+    assert words in findings(hello, *told, sent=sent).get("HG-7.2/7", "" if not words else "none")
+
+
+@pytest.mark.parametrize(("late_us", "is_told"), [(9_000, False), (30_000, True)])
+def test_an_answer_that_is_late_is_told(late_us, is_told):
+    found = RuleFindings()
+    rules = StandingRules(found, is_lossless=True)
+    rules.begin_board(lambda size: size)
+    hello = ReceivedByClient(0, b"", False, message=HELLO, header=Header(0x80, 0, 0, 0, SESSION))
+    rules.take(hello)
+    ping = build_body(Ping(1), flags=0, seq=5, time_us=0, session=SESSION)
+    rules.take_sent(encode_frame(ping), 1_000_000)
+    pong, head = Pong(1, 0, 0), Header(Pong.TYPE, 0, 5, 0, SESSION)
+    rules.take(ReceivedByClient(1_000_000 + late_us, b"x", False, head, pong))
+    assert ("HG-4.11/3" in found.broken) is is_told

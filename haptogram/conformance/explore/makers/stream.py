@@ -37,6 +37,7 @@ _BURST: Final = 40  # frames sent in one slot, at most
 _LONG_BURST: Final = 300  # where bytes take no time: more than 8 bits count
 _EDGES_UM: Final = (0, 1, -1, 1_000_000, -1_000_000)  # of a point: accuracy is demanded within 1 m
 _EDGE_SHARE: Final = 0.3  # of the points
+_PART_SHARE: Final = 0.4  # of the frames are those before, but for a part
 _EDGES_U16: Final = (0, 1, 0x4000, 0x7FFF, 0x8000, 0xFFFF)
 
 
@@ -47,6 +48,7 @@ class RandomStream(DialogueMaker):
         super().__init__(conditions)
         identity = conditions.identity
         self._count = identity.transducers
+        self._before = bytes(2 * self._count)
         # The points of a slot are computed before its middle.
         fitting = SLOT_US // 4 // (_FRAMES * identity.point_time_us or 1)
         has_points = bool(self._can & Feature.POINTS)
@@ -199,10 +201,9 @@ class RandomStream(DialogueMaker):
     def kinds(self) -> dict[str, Callable[[], Message]]:
         """Makers of the message of a frame, by type and format."""
         kinds: dict[str, Callable[[], Message]] = {}
-        codes = self._random.randbytes
-        kinds["PHASES"] = lambda: Phases(codes(self._count))
+        kinds["PHASES"] = lambda: Phases(self._codes()[: self._count])
         if self._can & Feature.AMPLITUDE:
-            kinds["DRIVES"] = lambda: Drives(codes(2 * self._count))
+            kinds["DRIVES"] = lambda: Drives(self._codes())
         if self._most_points:
             kinds["POINTS"] = self._points
         return kinds
@@ -210,6 +211,20 @@ class RandomStream(DialogueMaker):
     def any(self) -> Message:
         """Return the message of a frame of any kind."""
         return self._random.choice(list(self.kinds.values()))()
+
+    def _codes(self) -> bytes:
+        """Return phases and amplitudes; often those of the frame before, but for a part."""
+        codes, count = self._random.randbytes(2 * self._count), self._count
+        if self._random.random() < _PART_SHARE:
+            one, before = self._random.randrange(2 * count), self._before
+            alike = (
+                before[:count] + codes[count:],
+                codes[:count] + before[count:],
+                before[:one] + codes[one : one + 1] + before[one + 1 :],
+            )
+            codes = self._random.choice(alike)
+        self._before = codes
+        return codes
 
     def _points(self) -> Message:
         most = self._most_points
