@@ -127,7 +127,7 @@ class StandingRules:
 
     @property
     def found_in_case(self) -> str:
-        """What rules found in the frames of this case: the likeliest cause, empty without any."""
+        """Finding in the frames of this case, of the likeliest cause; empty without any."""
         clause = min(self._in_case, key=cause_rank, default="")
         return f"{clause}: {self._in_case[clause]}" if clause else ""
 

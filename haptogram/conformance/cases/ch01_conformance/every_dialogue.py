@@ -101,7 +101,7 @@ def _goes_on_after_dialogue(board: BoardClient, number: int, compared: int, star
 
 @dataclass(slots=True)
 class DialogueDifferences:
-    """What differs in the dialogues of a run: of each clause the first difference, made short.
+    """Differences in the dialogues of a run: of each clause the first one, made short.
 
     Attributes
     ----------
