@@ -19,7 +19,7 @@ from haptogram.cli import COMMANDS, command_parser, main
             ["--rate-hz", "2000"],
             "--rate-hz is 2000; 274 bytes a frame at 3000000 baud carry",
         ),
-        (["--baud", "115200"], "bytes a frame at 115200 baud carry 41 frames/s"),
+        (["--baud", "115200"], "bytes a frame at 115200 baud carry 42 frames/s"),
         (["--resolution-mm", "0"], "--resolution-mm is 0, must be 0.1 to 100 mm"),
         (["--center-mm", "0,0,-100"], "must be at least"),
         (["--object", "absent.stl"], "absent.stl"),

@@ -42,7 +42,12 @@ PLANTED = {
         False,
     ),
     "full-block-with-a-zero": ("board/mute_watch.c", "byte == 0xFF", "0", False),
-    "timer-that-never-ends": ("board/output.c", "lease_us < hold_us", "lease_us > hold_us", False),
+    "timer-that-never-ends": (
+        "board/output.c",
+        "board->lease.deadline_us <= board->hold.deadline_us",
+        "board->lease.deadline_us > board->hold.deadline_us",
+        False,
+    ),
 }
 
 

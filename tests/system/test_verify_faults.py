@@ -176,13 +176,13 @@ def test_a_plan_in_a_file_is_that_of_the_board(tmp_path: Path, virtual: bool) ->
 def test_a_plan_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text('[[fault]]\nname = "device.stuck"\ncolumn = 3\n', encoding="utf-8")
-    reads, read_text = [], Path.read_text
+    reads, opened = [], Path.open
 
-    def counting(path: Path, *words: Any, **named: Any) -> str:
+    def counting(path: Path, *words: Any, **named: Any) -> Any:
         reads.append(path)
-        return read_text(path, *words, **named)
+        return opened(path, *words, **named)
 
-    monkeypatch.setattr(Path, "read_text", counting)
+    monkeypatch.setattr(Path, "open", counting)
     _result(tmp_path, [*_faulty([*_IN_VIRTUAL_TIME, *_FEW]), "--fault-plan", str(plan)])
     assert reads.count(plan) == 1
 

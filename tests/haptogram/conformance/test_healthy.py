@@ -146,17 +146,9 @@ def test_a_clause_is_judged_alike_alone_and_repeated():
 
 
 @pytest.mark.parametrize("features", [Feature(0), Feature.CONFIG | Feature.READ_LATCHED])
-def test_a_board_that_can_do_less_passes_what_is_left(features, monkeypatch):
-    class Bare(Board):
-        """Has only some of the capabilities, and says so."""
-
-        def __init__(self, settings, parts):
-            super().__init__(dataclasses.replace(settings, features=features), parts)
-
-    bare = Mutant.of(Bare, "HG-1.2/2", Evidence.WIRE)
-    monkeypatch.setattr("sim_device.mutants.MUTANTS", {"bare": bare})
+def test_a_board_that_can_do_less_passes_what_is_left(features):
     chosen = ("HG-1", "HG-3.8", "HG-4.9", "HG-4.11", "HG-5", "HG-6.4", "HG-7", "HG-8")
-    suite = run(virtual(array="4x4", mutant="bare"), *chosen)
+    suite = run(identity(grid=(4, 4), features=features), *chosen)
     found = {r.case: r.behaviour for r in suite.results}
     assert set(found.values()) == {Behaviour.OK, Behaviour.NOT_OBSERVED, Behaviour.UNIMPLEMENTED}
     assert found["HG-1.2/2"] is found["HG-1.2/3"] is Behaviour.OK

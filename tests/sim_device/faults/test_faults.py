@@ -133,7 +133,7 @@ def test_the_last_record_says_how_often_each_fault_fired(open_host):
 def test_a_session_survives_a_bad_line_and_every_flip_is_counted(open_host):
     runs = []
     for _ in range(2):
-        host = open_host(f"{VIRTUAL}&seed=4&fault=line.flip+ber=3e-4")
+        host = open_host(f"{VIRTUAL}&seed=8&fault=line.flip+ber=3e-4")
         host.arm()
         for number in range(100):
             host.ask(Ping(echo=number))
