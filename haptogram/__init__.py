@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from .records.frame import Evidence, Focus, Intended, Observation
     from .verification import RunVerdict, Tolerance, Uncertainty, verify_run
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _HOME: Final = {
     "Calibration": "acoustics",
