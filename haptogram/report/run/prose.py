@@ -58,7 +58,7 @@ def run_tested_rows(result: Mapping[str, Any], model: AcousticModel) -> Iterator
     if asked.get("recording") is None and "object" in asked:  # else another run had another one
         yield "object", _run_object_text(asked)
         rate = f" at {asked['rate_hz']:g} Hz" if "rate_hz" in asked else ""
-        yield "frames", f"{frames}{rate}, {asked.get('mode')} of {asked.get('phase_bits')} bits"
+        yield "frames", f"{frames}{rate}, {asked.get('mode')}"
     yield "array", _run_array_text(model, asked.get("array"))
     if "is" in result["board"]:
         line = f", {asked['baud']} Bd" if "baud" in asked else ""
