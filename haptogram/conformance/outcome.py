@@ -22,6 +22,7 @@ EXTERNAL: Final = Evidence.EXTERNAL
 
 _SHOWN: Final = 4  # fields or elements of two values that are named
 _WHOLE: Final = 6  # values of a sequence that is told whole
+_HALVES: Final = 2  # of a drive: phases, amplitudes
 _MISSING: Final = object()
 _FORMS: Final = ("", "#x", "#04x", "#06x", "#010x", "016x", "+d")  # in which messages show a number
 
@@ -115,6 +116,10 @@ def _different_parts(name: str, got: object, due: object, due_word: str) -> Iter
         return
     if isinstance(got, bytes) and isinstance(due, bytes):
         yield _different_bytes(name or "bytes", got, due, due_word)
+    elif _is_drive(got) and _is_drive(due):
+        assert isinstance(got, tuple)  # _is_drive
+        assert isinstance(due, tuple)
+        yield from _different_drives(b"".join(got), b"".join(due), due_word)
     elif type(got) is type(due) and is_dataclass(got) and is_dataclass(due):
         for part in fields(got):
             one, other = getattr(got, part.name), getattr(due, part.name)
@@ -157,6 +162,13 @@ def _different_bytes(name: str, got: bytes, due: bytes, due_word: str) -> str:
 
 def _is_sequence(value: object) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
+
+
+def _is_drive(value: object) -> bool:
+    """Return whether a value is the phases and the amplitudes of as many transducers."""
+    if not isinstance(value, tuple) or not all(isinstance(part, bytes) for part in value):
+        return False
+    return [len(part) for part in value] == _HALVES * [len(value[0])] if value else False
 
 
 def _is_short(value: object) -> bool:

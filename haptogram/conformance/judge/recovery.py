@@ -94,9 +94,12 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
 
 
 def _ask_for_room(board: BoardClient) -> None:
-    """Begin the largest upload that a board may take; a standing rule judges the answer."""
-    identity = board.identity
-    frames = min(identity.max_upload_bytes // identity.transducers, identity.max_sequence_frames)
-    if board.has(Feature.SEQUENCE_PHASES) and frames:
-        size = frames * identity.transducers
-        board.link.ask(UploadBegin(UploadKind.PHASES, 0, _TARGET, size, 0))
+    """Begin the largest uploads that a board may take; a standing rule judges the answers.
+
+    The first tells what room is left if that is less, the second is taken, and abandoned.
+    """
+    count, most = board.identity.transducers, board.identity.max_sequence_frames
+    frames = board.identity.max_upload_bytes // count
+    for number in sorted({frames, min(frames, most)}, reverse=True):
+        if board.has(Feature.SEQUENCE_PHASES) and number:
+            board.link.ask(UploadBegin(UploadKind.PHASES, 0, _TARGET, number * count, 0))

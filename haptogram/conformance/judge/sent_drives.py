@@ -33,6 +33,7 @@ Codes: TypeAlias = tuple[bytes, bytes]
 _KEPT: Final = 4096  # stream frames
 _LONGEST_UPLOAD: Final = 1 << 20
 _FULL: Final = b"\xff"  # amplitude of a stored phase: HG-5.2/6
+DRIVE_OF: Final = "it is the drive of frame"
 #: What is stored, then target and kind of an upload.
 _RoomKey: TypeAlias = tuple[frozenset[tuple[int, tuple[int, int]]], int, int]
 _ROOM_AS_BEFORE: Final = "and the same sequences are stored: an upload that ended keeps some"
@@ -132,7 +133,7 @@ class SentDrives:
         """Return in words which frame of the stream has the drive with this CRC-32, if one has."""
         known = ((key, codes) for key, some in self._codes.items() for codes in some if codes)
         found = [key[1] for key, codes in known if zlib.crc32(b"".join(codes)) == crc]
-        return f": it is the drive of frame {found[-1]}" if found else ""
+        return f": {DRIVE_OF} {found[-1]}" if found else ""
 
     def _decode(self, piece: bytes, transducers: int) -> None:
         """Keep the codes of a frame, unless it is damaged or has a wrong length."""

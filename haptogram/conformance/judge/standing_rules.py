@@ -45,7 +45,7 @@ from ..client.board_client import PARTS_OF_FRAMES
 from ..client.wire import ReceivedByClient
 from ..outcome import RuleFindings, record_differences
 from .line_rules import TRACES, Broken, LineRules
-from .sent_drives import SentDrives
+from .sent_drives import DRIVE_OF, SentDrives
 
 _WRAP: Final = 1 << 32
 _LONG_US: Final = 1_000_000_000  # beyond this two times of 32 bits tell no difference
@@ -169,8 +169,8 @@ class StandingRules:
     def _note(self, clause: str, text: str, piece: ReceivedByClient) -> None:
         judged, broken = self._findings.judged, self._findings.broken
         judged[clause] = judged.get(clause, 0) + 1
-        if text:
-            self._in_case.setdefault(clause, text)
+        if text and (clause not in self._in_case or DRIVE_OF in text):
+            self._in_case[clause] = text
         if text and clause not in broken:
             broken[clause] = f"in {self._case}: {text} [{annotated_frame_text(piece.piece)}]"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from haptogram_protocol.messages import Error, Feature, HelloReply, Ping, StateChanged
+from haptogram_protocol.messages import Error, Feature, HelloReply, Ping
 
 from ...case import Depth, case
 from ...client import malformed_frames
@@ -10,6 +10,7 @@ from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
 from ...client.introduction import introduce_to_board
 from ...client.wire import ReceivedByClient
+from ...judge.timers import judge_lease_ends
 from ...outcome import SELF_REPORTED, check, inconclusive
 
 
@@ -111,4 +112,4 @@ def wrong_checksums_renew_no_lease(board: BoardClient) -> None:
         )
         board.wire.idle(40_000)
     board.wire.idle(board.wire.limits.slack_us)
-    check(bool(board.link.events(StateChanged, since)), "damaged frames have renewed the lease")
+    judge_lease_ends(board, since, "damaged frames have renewed the lease")

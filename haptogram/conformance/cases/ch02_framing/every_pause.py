@@ -133,8 +133,10 @@ def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) 
             board.wire.idle(board.wire.line_us(len(data)))
             board.link.barrier()
     except CaseEndedError as error:
-        text = f"{paused.name} with a pause of {pause_ms} ms {place}"
-        raise CaseEndedError(error.behaviour, f"{text}: {error}") from None
+        if pause_ms:
+            _judge_pause(board, paused, place, 0)  # is the pause the cause?
+        text = f"with a pause of {pause_ms} ms {place}" if pause_ms else "without a pause"
+        raise CaseEndedError(error.behaviour, f"{paused.name} {text}: {error}") from None
 
 
 # --- What goes on meanwhile --------------------------------------------------------------------

@@ -79,7 +79,8 @@ def _judge_same_points_streamed_again(board: BoardClient) -> None:
             if between:  # the drive that is latched is another one
                 latch_now(board, board.flat_phases())
             board.configure(sound_speed_mm_s=speed)
-            latch_now(board, message)
+            index = latch_now(board, message)
+            check_equal(board.status().last_seq, index, "frame lost: the number of the last latch")
             name = f"the same {number} points again, {speed / 1000:g} m/s"
             _check_streamed_points(board, name, message)
 

@@ -20,7 +20,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now, read_back_radiated
 from ...client.playback import play_now, send_phases_that_fit
 from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp, judged_ramp_reading
-from ...judge.timers import judge_mute_time, judged_mute_by_timer
+from ...judge.timers import judge_lease_ends, judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, check_equal
 
 _MS: Final = 1000
@@ -57,7 +57,7 @@ def any_frame_renews_the_output_lease(board: BoardClient) -> None:
     for _ in range(8):
         board.link.send(encode_frame(board.link.body(0xEE, b"", seq=0, session=stale)))
         board.wire.idle(100 * _MS)
-    check(bool(board.link.events(StateChanged, since)), "frames of another session renew the lease")
+    judge_lease_ends(board, since, "frames of another session renew the lease")
 
 
 @case("HG-6.10/1", "a sounding board whose stream stops is muted by the hold", needs=Feature.CONFIG)

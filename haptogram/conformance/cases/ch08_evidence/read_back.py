@@ -44,8 +44,16 @@ def reads_back_a_span(board: BoardClient) -> None:
             shown = client_drive_of_reply(reply)
             due = registers[first : first + asked]
             check_equal(reply.first, first, f"asked from {first}, shown from {reply.first}")
-            check_equal(shown.phases, due, f"{asked} from {first}: other codes than were sent")
-            check_equal(shown.amplitudes, b"\xff" * len(due), f"{asked} from {first}: not full")
+            check_equal(
+                shown.phases,
+                due,
+                f"READ_DRIVE of {asked} transducers from {first}: other codes than were sent",
+            )
+            check_equal(
+                shown.amplitudes,
+                b"\xff" * len(due),
+                f"READ_DRIVE of {asked} transducers from {first}: amplitudes are not full",
+            )
 
 
 @case("HG-8.6/2", "READ_DRIVE from N on is refused with NOT_FOUND, detail N")

@@ -226,8 +226,9 @@ def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = Fal
                 break
         else:
             text = (
-                f"{timer} of {lasts_ms} ms, after {wait_ms} ms {name}: ends {off_ms:+.1f} ms late"
+                f"{timer} of {lasts_ms} ms, {name} after {wait_ms} ms: muted {took_ms:.1f} ms after"
             )
+            text += f" its start, due is {lasts_ms + wait_ms} ms: this frame begins it anew"
             judge_in_time(board, False, text)
 
 
