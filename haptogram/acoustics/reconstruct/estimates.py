@@ -33,7 +33,7 @@ class SingleFocus:
     --------
     >>> found = Reconstructor(model).reconstruct(drive)
     >>> isinstance(found, SingleFocus), f"{1e3 * found.force_n:.0f} mN"
-    (True, '15 mN')
+    (True, '13 mN')
     """
 
     position_m: Vector
