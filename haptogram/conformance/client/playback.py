@@ -54,8 +54,11 @@ def send_phases_to_store_if_supported(board: BoardClient, sequence: int, *, fram
 
 
 def least_period_us(board: BoardClient) -> int:
-    """Return the shortest period that max_playback_rate_hz allows (HG-7.6/2)."""
-    return -(-1_000_000 // board.identity.max_playback_rate_hz)
+    """Return the shortest period that max_playback_rate_hz allows (HG-7.6/2).
+
+    A board that stores no sequences may advertise 0; it refuses PLAY for another reason.
+    """
+    return -(-1_000_000 // max(1, board.identity.max_playback_rate_hz))
 
 
 def shortest_period_to_play_us(board: BoardClient, least_us: int = 1) -> int:

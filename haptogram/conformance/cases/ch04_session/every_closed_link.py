@@ -9,11 +9,13 @@ from haptogram_protocol.messages import (
     STREAM_RANGE,
     VERSION_MAJOR,
     ErrorCode,
+    Feature,
     Flag,
     Hello,
     Mute,
     Ping,
 )
+from haptogram_protocol.rules import unsupported_types
 from haptogram_protocol.state import OutputState
 
 from ...case import case
@@ -34,7 +36,8 @@ _OF_A_SESSION: Final = ("accepted", "latched", "dropped_state", "duplicate", "ga
     evidence=SELF_REPORTED,
 )
 def closed_link_does_nothing_before_hello(board: BoardClient) -> None:
-    streamed = asked = 0
+    streamed: list[int] = []
+    answers = []
     for session in (0, 1, 0x8000, 0xFFFF, board.new_nonce()):
         for kind in request_types_of_host():
             name = f"{kind.TYPE.name} of session {session:#06x}"
@@ -42,14 +45,19 @@ def closed_link_does_nothing_before_hello(board: BoardClient) -> None:
             if kind.TYPE in STREAM_RANGE:
                 header = {"session": session, "flags": int(Flag.IMMEDIATE)}
                 board.link.send(board.link.stream_raw(kind.TYPE, payload, **header))
-                streamed += 1
+                streamed.append(kind.TYPE)
             elif kind.TYPE in REQUEST_RANGE and kind not in (Hello, Mute):
                 answer = board.link.ask_raw(kind.TYPE, payload, session=session)
-                board.link.error_in(answer, kind.TYPE, ErrorCode.STALE_SESSION, 0)
-                told = answer.header.session if answer.header is not None else -1
-                check_equal(told, 0, f"no session is open; the refusal of {name} has {told:#06x}")
-                asked += 1
-    state = board.hello().state
+                answers.append((name, kind.TYPE, answer))
+    identity = board.hello()
+    lacking = unsupported_types(Feature(identity.features))  # these are refused in step 5
+    for name, kind_of, answer in answers:
+        unknown = kind_of in lacking
+        code = ErrorCode.UNSUPPORTED if unknown else ErrorCode.STALE_SESSION
+        board.link.error_in(answer, kind_of, code, kind_of if unknown else 0)
+        told = answer.header.session if answer.header is not None else -1
+        check_equal(told, 0, f"no session is open; the refusal of {name} has {told:#06x}")
+    state = identity.state
     check_equal(
         state, OutputState.DISARMED, f"frames before the first HELLO have led to {state.name}"
     )
@@ -57,8 +65,9 @@ def closed_link_does_nothing_before_hello(board: BoardClient) -> None:
     moved = {name: number for name in _OF_A_SESSION if (number := getattr(counters, name))}
     check(not moved, f"frames before the first HELLO are counted in {moved}")
     stale, requests = counters.stale_session, counters.requests
-    check_equal(stale, streamed, f"{streamed} frames before HELLO; stale_session is {stale}")
-    asked += 2  # HELLO and GET_STATUS
+    due = sum(kind not in lacking for kind in streamed)
+    check_equal(stale, due, f"{due} frames before HELLO; stale_session is {stale}")
+    asked = len(answers) + 2  # HELLO and GET_STATUS
     heard = board.link.knocks  # repetitions of the first one, to a board that boots
     text = f"{asked} requests from the reset on; requests is {requests}"
     check(asked <= requests <= asked + heard, text)
