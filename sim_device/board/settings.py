@@ -135,10 +135,10 @@ class BoardSettings:
             raise ConfigurationError(
                 f"carrier of {carrier:g} Hz; its period must be a whole number of microseconds"
             )
-        for name, limit in _LIMITS.items():
-            value = getattr(self, name)
-            if not 1 <= value <= limit:
-                raise ConfigurationError(f"{name} is {value}, must be 1 to {limit}")
+        for name, (limit, users) in _LIMITS.items():
+            value, least = getattr(self, name), int(not users or bool(self.features & users))
+            if not least <= value <= limit:
+                raise ConfigurationError(f"{name} is {value}, must be {least} to {limit}")
         if self.max_stored_bytes < self.max_upload_bytes:
             raise ConfigurationError(
                 f"max_stored_bytes is {self.max_stored_bytes}, must be max_upload_bytes, "
@@ -203,17 +203,21 @@ class BoardSettings:
         return random.Random(self.seed).getrandbits(32)
 
 
+_POINTS: Final = Feature.POINTS | Feature.SEQUENCE_POINTS
+_SEQUENCES: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
+_UPLOADS: Final = _SEQUENCES | Feature.CORRECTION
+#: Most of each limit, and the capabilities without which it may be 0; none named: it may not.
 _LIMITS: Final = {
-    "queue_depth": 0xFFFF,
-    "max_horizon_us": 2**31 - 1,
-    "trace_ring": 0xFFFF,
-    "max_points": 0xFF,
-    "max_sequence_frames": 2**32 - 1,
-    "max_upload_bytes": 2**32 - 1,
-    "max_playback_rate_hz": 40_000,
-    "max_unattended_ms": 2**32 - 1,
-    "upload_window": 0xFFFF,
-    "max_chunk": 0xFFFF,
+    "queue_depth": (0xFFFF, Feature(0)),
+    "max_horizon_us": (2**31 - 1, Feature(0)),
+    "trace_ring": (0xFFFF, Feature.TRACE_RING),
+    "max_points": (0xFF, _POINTS),
+    "max_sequence_frames": (2**32 - 1, _SEQUENCES),
+    "max_upload_bytes": (2**32 - 1, _UPLOADS),
+    "max_playback_rate_hz": (40_000, _SEQUENCES),
+    "max_unattended_ms": (2**32 - 1, _SEQUENCES),
+    "upload_window": (0xFFFF, _UPLOADS),
+    "max_chunk": (0xFFFF, _UPLOADS),
 }
 
 

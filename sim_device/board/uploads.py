@@ -166,7 +166,8 @@ class BoardUploads:
             raise RefusalError(ErrorCode.BAD_LENGTH, frame, text)
         if begin.size > (limit := min(limits.max_upload_bytes, room)):
             raise RefusalError(ErrorCode.TOO_LARGE, limit, f"{begin.size} bytes, limit {limit}")
-        if frames > (limit := limits.max_sequence_frames):
+        is_sequence = begin.kind is not UploadKind.CORRECTION
+        if is_sequence and frames > (limit := limits.max_sequence_frames):
             raise RefusalError(ErrorCode.TOO_LARGE, limit, f"{frames} frames, limit {limit}")
 
     def _frame_size(self, begin: UploadBegin) -> int:

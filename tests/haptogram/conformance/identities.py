@@ -7,23 +7,25 @@ from boards import BAUD
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.driver.line.port import PyserialTransport
+from sim_device.assembly import BoardAssembly
+from sim_device.board.output import BoardOutput
 from sim_device.protocol_haptogram import Serial
 
 
 class IdentityPort(Serial):
-    """A port to a virtual board whose settings are changed before it is built."""
+    """A port to a virtual board whose settings and output are changed before it is built."""
 
-    def __init__(self, changes):
+    def __init__(self, changes, output):
         super().__init__(timeout=0)
-        self.changes = changes
+        self.changes, self.parts = changes, BoardAssembly(output=output)
 
     def _blueprint(self, board):
         blueprint = super()._blueprint(board)
         settings = dataclasses.replace(blueprint.settings, **self.changes)
-        return dataclasses.replace(blueprint, settings=settings)
+        return dataclasses.replace(blueprint, settings=settings, parts=self.parts)
 
 
-def identity(*, grid=(3, 2), carrier_us=25, baud=BAUD, **changes):
+def identity(*, grid=(3, 2), carrier_us=25, baud=BAUD, output=BoardOutput, **changes):
     """A board in virtual time with these fields of its settings."""
     carrier_hz = 1_000_000 // carrier_us
     transducer = Transducer(frequency_hz=carrier_hz)
@@ -33,7 +35,7 @@ def identity(*, grid=(3, 2), carrier_us=25, baud=BAUD, **changes):
 
     def start(number):
         url = f"haptogram://?clock=virtual&baud={baud}&seed={number}"
-        ports[:] = [IdentityPort(changes)]
+        ports[:] = [IdentityPort(changes, output)]
         ports[0].port = url
         ports[0].open()
         return PyserialTransport(ports[0], url)

@@ -90,7 +90,7 @@ def _disordered_drop(board: BoardClient, kind: StreamKind, last_us: int) -> Iter
 
 
 def _late_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    now_us = board.clock.device_us()
+    now_us = board.clock.device_us() - board.config.late_window_us
     for late_us in (1, 1000, 70_000, 1_000_000, 2**30):
         yield board.link.stream_wire(kind.make(), now_us - late_us)
 
@@ -119,7 +119,7 @@ DROPS: Final = (
     Drop("HG-5.7/2", "not after the last queued one", "dropped_order", _disordered_drop, queued=1),
     Drop("HG-5.7/3", "that meet a full queue", "dropped_full", _overflow_drop, queued=-1),
     Drop("HG-5.7/4", "beyond the horizon", "dropped_future", _drop_beyond_window),
-    Drop("HG-5.7/5", "1 µs to 18 minutes late", "dropped_late", _late_drop),
+    Drop("HG-5.7/5", "1 µs to 18 minutes beyond the late window", "dropped_late", _late_drop),
 )
 
 

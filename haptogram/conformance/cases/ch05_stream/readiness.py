@@ -97,7 +97,7 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
 
 @case(
     "HG-5.7/5",
-    "frames for times around their arrival: dropped_late if the margin is negative, else latched",
+    "frames for times around the end of the late window: dropped_late beyond it, else latched",
     variant="margin",
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
@@ -105,6 +105,7 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
 def lateness_counts_from_readiness(board: BoardClient) -> None:
     board.require_no_status()
     board.arm()
+    window_us = board.config.late_window_us
     for message, points in _kinds_of_ready_frames(board):
         if not board.clock.can_be_in_time(board.ready_after_us(points)):
             continue  # no such frame is ever in time
@@ -112,13 +113,13 @@ def lateness_counts_from_readiness(board: BoardClient) -> None:
             board.clock.wait_latched()
             before = board.status().counters
             now_us = board.clock.device_us() + board.wire.limits.lead_us // 8
-            t_us = now_us + board.ready_after_us(points) + ahead_us
+            t_us = now_us + board.ready_after_us(points) - window_us + ahead_us
             board.link.send(board.link.stream_wire(message, t_us))
-            board.clock.wait_until(board.clock.on_carrier(t_us) + board.clock.lead_us)
+            board.clock.wait_until(board.clock.on_carrier(t_us + window_us) + board.clock.lead_us)
             after = board.status()
             dropped = after.counters.dropped_late - before.dropped_late
             latched = after.counters.latched - before.latched
-            late = after.margin_min_us < 0
+            late = after.margin_min_us < -window_us
             check_equal(
                 (after.margins, dropped, latched),
                 (1, int(late), int(not late)),

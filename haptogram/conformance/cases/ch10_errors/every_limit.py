@@ -175,7 +175,7 @@ def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 def _times_beyond_limits(board: BoardClient) -> list[int]:
     """Return how far from now times lie that have passed, or are beyond the horizon."""
-    passed = [-(1 << bit) for bit in range(10, 31)]
+    passed = [-board.config.late_window_us - (1 << bit) for bit in range(10, 31)]
     horizon_us = board.identity.max_horizon_us + _SPARE_US
     ahead = [horizon_us + (1 << bit) for bit in range(31) if horizon_us + (1 << bit) < _HALF - 1]
     return [*passed, *ahead, *({horizon_us, _HALF - _SPARE_US} if ahead else set())]
@@ -240,7 +240,7 @@ def every_time_beyond_the_horizon_is_a_limit(board: BoardClient) -> None:
 
 @case(
     "HG-5.7/5",
-    "frames for each power of two of microseconds ago are dropped_late",
+    "frames by each power of two of microseconds beyond the late window are dropped_late",
     variant="bits",
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
