@@ -73,7 +73,7 @@ def test_pins_that_sound_on_fail_beside_words_that_pass(capsys):
     files = "--json c.json --junit c.xml --html c.html"
     assert main([*f"{JUDGED} {files}".split()]) == 1
     said = capsys.readouterr().out
-    assert "HG-6.6/1-pins  FAILED [EXTERNAL]" in said
+    assert "HG-6.6/1-pins  FAILED [EXTERNAL: seen from outside" in said
     assert "captured     pins.vcd shows " in said
     found = json.loads(Path("c.json").read_text())
     by_case = {result["case"]: result for result in found["results"]}
