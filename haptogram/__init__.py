@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from typing import Any, Final
 
     from .acoustics import Calibration
+    from .driver.dialect_driver import DialectDriver
     from .driver.driver import Driver
     from .errors import (
         ConfigurationError,
@@ -42,6 +43,7 @@ _HOME: Final = {
     "Circle": "objects.shapes",
     "ConfigurationError": "errors",
     "DeviceError": "errors",
+    "DialectDriver": "driver.dialect_driver",
     "Driver": "driver.driver",
     "Evidence": "records.frame",
     "Focus": "records.frame",
@@ -82,6 +84,7 @@ __all__ = [
     "Circle",
     "ConfigurationError",
     "DeviceError",
+    "DialectDriver",
     "Driver",
     "Evidence",
     "Focus",

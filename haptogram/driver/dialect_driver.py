@@ -89,7 +89,7 @@ class DialectReport:
 
 
 class DialectDriver(ClosedByWith):
-    """A line with boards of another maker; ``Driver(port, dialect=...)`` makes one.
+    """A line with boards of another maker, for phases, foci and streams.
 
     Opening it switches every channel off, and so does closing it.
 
@@ -140,9 +140,9 @@ class DialectDriver(ClosedByWith):
 
     Examples
     --------
-    >>> from haptogram import Driver
+    >>> from haptogram import DialectDriver
     >>> url = "haptogram://?clock=virtual&dialect=sonicsurface"
-    >>> with Driver(url, dialect="sonicsurface") as driver:
+    >>> with DialectDriver(url, dialect="sonicsurface") as driver:
     ...     report = driver.stream([(0.0, 0.0, 0.15), (0.01, 0.0, 0.15)], rate_hz=40)
     >>> report.frames, str(driver.observations[0].evidence)
     (2, 'wire')

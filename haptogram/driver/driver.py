@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, TransducerArray
 from haptogram.acoustics.solvers.several import Method
-from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.driver.frames.builder import FrameBuilder
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.frames.targets import Targets, as_frame_foci
@@ -38,7 +37,6 @@ from haptogram.settings.arguments import (
     check_whole,
 )
 from haptogram_protocol.connection import EventReceived
-from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.messages import (
     Config,
     DriveKind,
@@ -83,10 +81,6 @@ class Driver(ClosedByWith):
     sink : callable, optional
         Called with every :class:`Intended` and :class:`Observation`, kept or not: for example a
         :class:`~haptogram.evidence.record_file.RecordFile`.
-    dialect : str or Dialect, optional
-        Wire of another board, such as ``"sonicsurface"``: then this is a
-        :class:`~haptogram.driver.dialect_driver.DialectDriver`, which can do what that wire can,
-        and takes its arguments.
 
     Attributes
     ----------
@@ -126,12 +120,6 @@ class Driver(ClosedByWith):
     (65520, 3)
     """
 
-    def __new__(cls, *arguments: Any, **options: Any) -> Any:
-        """Return a driver of the wire that the caller names."""
-        if options.get("dialect") is None:
-            return super().__new__(cls)
-        return DialectDriver(*arguments, **options)
-
     def __init__(
         self,
         port: str | Transport,
@@ -146,7 +134,6 @@ class Driver(ClosedByWith):
         trace: TraceMode | None = None,
         keep: int | None = MOST_KEPT,
         sink: Sink | None = None,
-        dialect: str | Dialect | None = None,  # noqa: ARG002  another one has come by here
     ) -> None:
         check_port(port, baudrate, timeout_s)
         check_air_of_identity(model, medium)

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from haptogram import Driver
+from haptogram import DialectDriver
 from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
 from haptogram.cli import main
 from haptogram.evidence.dialects.latches import dialect_run_observations
@@ -236,7 +236,7 @@ def test_a_link_that_must_answer_and_does_not_is_an_error(capsys):
 @pytest.mark.pty
 def test_a_board_that_goes_dark_between_frames_does_what_nobody_intended():
     with VirtualBoard(dialect="sonicsurface") as board:
-        with Driver(board.url, dialect="sonicsurface") as driver:
+        with DialectDriver(board.url, dialect="sonicsurface") as driver:
             driver.stream([(0.01 * i - 0.02, 0.0, 0.15) for i in range(4)], rate_hz=20)
             intended, model = list(driver.intended), driver.model
         records = []

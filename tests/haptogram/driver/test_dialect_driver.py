@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import sim_device
-from haptogram import ConfigurationError, Driver, LinkError, VirtualBoard, verify_run
+from haptogram import ConfigurationError, LinkError, VirtualBoard, verify_run
 from haptogram.driver import dialect_driver
 from haptogram.driver.dialect_driver import DialectDriver, NotOnThisWireError
 from haptogram.driver.line.budget import highest_line_rate_hz
@@ -61,8 +61,7 @@ def judged(driver, records):
 @every_dialect
 def test_an_object_is_verified_on_a_board_at_a_real_port(name):
     with VirtualBoard(dialect=name, reconstruct=False) as board:
-        with Driver(board.url, dialect=name) as driver:
-            assert isinstance(driver, DialectDriver)
+        with DialectDriver(board.url, dialect=name) as driver:
             driver.focus(targets(driver)[0])
             report = driver.stream(targets(driver), rate_hz=20)
         verdict = board.verify(driver.intended, min_verified=1.0)
@@ -80,7 +79,7 @@ def test_devices_over_tcp_in_a_process_of_their_own(tmp_path):
     try:
         board.wait_until_ready()
         (address,) = re.findall(r"socket://\S+", board.log())
-        with Driver(address, dialect="autd3") as driver:
+        with DialectDriver(address, dialect="autd3") as driver:
             driver.stream(targets(driver), rate_hz=20)
     finally:
         board.stop()
@@ -96,7 +95,7 @@ def test_another_order_of_the_channels_fails(name):
     with in_virtual_time(name) as (port, records):
         count = DialectDriver(port, dialect=name).model.array.count
     with in_virtual_time(name) as (port, records):
-        with Driver(port, dialect=name, channels=range(count)[::-1]) as driver:
+        with DialectDriver(port, dialect=name, channels=range(count)[::-1]) as driver:
             driver.stream(targets(driver), rate_hz=20)
         verdict = judged(driver, records)
     assert verdict.exit_status == 1, str(verdict)
@@ -106,7 +105,7 @@ def test_another_order_of_the_channels_fails(name):
 @every_dialect
 def test_one_silent_element_fails_by_name(name):
     with in_virtual_time(name, fault=("device.off transducer=3",)) as (port, records):
-        with Driver(port, dialect=name) as driver:
+        with DialectDriver(port, dialect=name) as driver:
             driver.stream(targets(driver), rate_hz=20)
         verdict = judged(driver, records)
     assert verdict.exit_status == 1, str(verdict)
@@ -116,7 +115,7 @@ def test_one_silent_element_fails_by_name(name):
 @every_dialect
 def test_a_step_more_on_one_channel_shows(name):
     with in_virtual_time(name) as (port, records):
-        with Driver(port, dialect=name) as driver:
+        with DialectDriver(port, dialect=name) as driver:
             (frame,) = driver.frames(targets(driver)[:1])
             codes = list(frame.codes)
             codes[1] = (codes[1] + 1) % frame.steps
@@ -131,7 +130,7 @@ def test_a_step_more_on_one_channel_shows(name):
 @pytest.mark.pty
 @pytest.mark.parametrize("name", SERIAL)
 def test_a_port_that_says_nothing_gives_evidence_of_the_wire(name):
-    with SwallowingPort() as far, Driver(far.path, dialect=name) as driver:
+    with SwallowingPort() as far, DialectDriver(far.path, dialect=name) as driver:
         driver.stream(targets(driver), rate_hz=20)
         frames = driver.frames(targets(driver))
     display = DIALECTS[name].display(driver.boards)
@@ -157,7 +156,7 @@ def test_a_port_that_says_nothing_gives_evidence_of_the_wire(name):
 @pytest.mark.pty
 def test_a_link_that_does_not_answer_is_told():
     with SwallowingPort() as far, pytest.raises(NoAnswerError, match="no answer to Hello within"):
-        Driver(far.path, dialect="autd3", timeout_s=0.2)
+        DialectDriver(far.path, dialect="autd3", timeout_s=0.2)
 
 
 def test_devices_that_are_not_there_are_refused_in_the_words_of_the_board():
@@ -165,12 +164,12 @@ def test_devices_that_are_not_there_are_refused_in_the_words_of_the_board():
         in_virtual_time("autd3", dialect_option=("devices=2",)) as (port, _),
         pytest.raises(DeviceError, match="1 devices are opened, this board has 2"),
     ):
-        Driver(port, dialect="autd3")
+        DialectDriver(port, dialect="autd3")
 
 
 @pytest.mark.parametrize("name", SERIAL)
 def test_the_highest_rate_is_that_of_the_budget(name):
-    with in_virtual_time(name) as (port, records), Driver(port, dialect=name) as driver:
+    with in_virtual_time(name) as (port, records), DialectDriver(port, dialect=name) as driver:
         size = DIALECTS[name].frame_bytes(driver.boards)
         highest_hz = highest_line_rate_hz(size, DIALECTS[name].bauds[0])
         driver.stream(targets(driver), rate_hz=highest_hz)
@@ -184,7 +183,7 @@ def test_the_highest_rate_is_that_of_the_budget(name):
 def test_what_the_wire_has_no_bytes_for_is_one_clear_error(name):
     with (
         in_virtual_time("sonicsurface") as (port, _),
-        Driver(port, dialect="sonicsurface") as driver,
+        DialectDriver(port, dialect="sonicsurface") as driver,
     ):
         assert not hasattr(driver, name)
         with pytest.raises(NotOnThisWireError, match=f"{name}: sonicsurface has no bytes"):
@@ -213,14 +212,14 @@ def test_what_the_wire_has_no_bytes_for_is_one_clear_error(name):
 )
 def test_what_makes_no_sense_is_refused_before_the_port_is_opened(options, says):
     with pytest.raises(ConfigurationError, match=says):
-        Driver("/dev/no-such-port", **options)
+        DialectDriver("/dev/no-such-port", **options)
     with pytest.raises(LinkError, match="no such port"):
-        Driver("/dev/no-such-port", dialect="sonicsurface")
+        DialectDriver("/dev/no-such-port", dialect="sonicsurface")
 
 
 def test_phases_of_a_caller_are_rounded_to_the_steps_of_the_board():
     with in_virtual_time("sonicsurface") as (port, records):
-        with Driver(port, dialect="sonicsurface") as driver:
+        with DialectDriver(port, dialect="sonicsurface") as driver:
             codes = driver.phases(np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False))
             driver.hold(0.05)
             with pytest.raises(ConfigurationError, match=r"shape \(3,\), must be \(256,\)"):
@@ -241,7 +240,7 @@ def test_the_example_runs():
 def test_lost_and_strange_latches_are_told_apart():
     """No number is on the wire: what is left over of either side is lost, or nobody's."""
     with in_virtual_time("sonicsurface") as (port, records):
-        with Driver(port, dialect="sonicsurface") as driver:
+        with DialectDriver(port, dialect="sonicsurface") as driver:
             driver.stream(targets(driver) * 4, rate_hz=40)
         power_up, *latches = [n for n, record in enumerate(records) if record["kind"] == "pulses"]
         sounding = latches[1:-1]  # the driver switches off before and behind
