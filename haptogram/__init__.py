@@ -34,7 +34,14 @@ if TYPE_CHECKING:
     from .evidence.virtual_board import VirtualBoard
     from .objects.shapes import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
     from .records.frame import Evidence, Focus, Intended, Observation
-    from .verification import RunVerdict, Tolerance, Uncertainty, verify_run
+    from .verification import (
+        FrameVerdict,
+        RunVerdict,
+        Tolerance,
+        Uncertainty,
+        judge,
+        verify_run,
+    )
 
 __version__ = "0.3.0"
 
@@ -47,6 +54,7 @@ _HOME: Final = {
     "Driver": "driver.driver",
     "Evidence": "records.frame",
     "Focus": "records.frame",
+    "FrameVerdict": "verification",
     "HaptogramError": "errors",
     "Hemisphere": "objects.shapes",
     "Intended": "records.frame",
@@ -62,6 +70,7 @@ _HOME: Final = {
     "Uncertainty": "verification",
     "VerificationError": "errors",
     "VirtualBoard": "evidence.virtual_board",
+    "judge": "verification",
     "read_records": "evidence.record_file",
     "verify_run": "verification",
 }
@@ -88,6 +97,7 @@ __all__ = [
     "Driver",
     "Evidence",
     "Focus",
+    "FrameVerdict",
     "HaptogramError",
     "Hemisphere",
     "Intended",
@@ -103,6 +113,7 @@ __all__ = [
     "Uncertainty",
     "VerificationError",
     "VirtualBoard",
+    "judge",
     "read_records",
     "verify_run",
 ]

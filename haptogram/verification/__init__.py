@@ -7,6 +7,7 @@ verified, and never passes.
 
 from .consequences.effect import RunConsequences
 from .faults import name_drive_faults
+from .frame.drive import judge
 from .frame.judge import FrameJudge
 from .frame.target import check_frame_tolerance
 from .frame.verdict import (
@@ -56,6 +57,7 @@ __all__ = [
     "check_run_judgement",
     "cut_run_verdict_text",
     "grouped_frame_findings",
+    "judge",
     "name_drive_faults",
     "tolerance_of",
     "tolerance_text",

@@ -6,9 +6,9 @@ propagators from elements to foci, `a` the wanted relative amplitudes, `w` the d
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,9 @@ from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import check_focus_target, superpose_foci
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_whole
+
+if TYPE_CHECKING:
+    from haptogram.records.frame import Focus
 
 Method: TypeAlias = Literal["naive", "ibp", "gs", "wgs", "gspat", "gradient"]
 METHODS: Final[tuple[Method, ...]] = get_args(Method)
@@ -128,6 +131,14 @@ def weights_for_foci(
     if method == "naive" or len(as_point_array("points_m", points_m)) == 1:
         return saturated_weights(superpose_foci(model, points_m, amplitudes, phases_rad))
     return solve_foci(model, points_m, amplitudes, method=method)
+
+
+def frame_weights(model: AcousticModel, foci: Sequence[Focus], method: Method) -> ComplexArray:
+    """Return :func:`weights_for_foci` of the foci of a record."""
+    points, levels, lags = zip(
+        *((f.position_m, f.amplitude, f.phase_rad) for f in foci), strict=True
+    )
+    return weights_for_foci(model, points, levels, lags, method=method)
 
 
 def _iterative_backpropagation(

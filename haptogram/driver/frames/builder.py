@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, check_focus_target, focus_phases
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, quantise_phase
-from haptogram.acoustics.solvers.several import METHODS, Method, weights_for_foci
+from haptogram.acoustics.solvers.several import METHODS, Method, frame_weights
 from haptogram.driver.frames.frame import (
     MODE_OF,
     NEEDED_FEATURE,
@@ -236,16 +236,6 @@ def _check_frame_solver(solver: Method, mode: Mode) -> None:
         raise ConfigurationError(
             f"solver {solver}: in the mode points the board computes the drive, by superposition"
         )
-
-
-def frame_weights(
-    model: AcousticModel, foci: tuple[Focus, ...], solver: Method
-) -> NDArray[np.complex128]:
-    """Return the (N,) weights that *foci* ask for of a host that solves them so."""
-    points, levels, lags = zip(
-        *((f.position_m, f.amplitude, f.phase_rad) for f in foci), strict=True
-    )
-    return weights_for_foci(model, points, levels, lags, method=solver)
 
 
 def _frame_focus_on_wire(focus: Focus) -> FocalPoint:

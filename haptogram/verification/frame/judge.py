@@ -21,7 +21,7 @@ from haptogram.acoustics import (
 )
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
-from haptogram.driver.frames.builder import frame_sound_speed_mm_s, frame_weights
+from haptogram.acoustics.solvers.several import frame_weights
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
 
@@ -133,7 +133,7 @@ class FrameJudge:
         """
         model = self._model
         if board_computed:
-            model = model.with_sound_speed(frame_sound_speed_mm_s(model) / 1000)
+            model = model.with_sound_speed(round(model.medium.sound_speed_m_s, 3))
         yield model
         if self._grain_rad > _EXACT_RAD:
             yield dataclasses.replace(model, array=model.array.on_wire())

@@ -162,6 +162,16 @@ class FrameVerdict:
     consequence : Consequence or None
         Of a lost frame, or of a late one until it was latched; None also where nobody knows what
         was held meanwhile.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from haptogram.acoustics import AcousticModel, focus_phases
+    >>> model = AcousticModel.default(nx=8, ny=8)
+    >>> phases = focus_phases(model, (0.0, 0.0, 0.1))
+    >>> found = judge(model, (0.0, 0.0, 0.105), np.exp(1j * phases))
+    >>> str(found.status), found.passed, f"{found.axial_error_mm:.0f} mm"
+    ('off target', False, '-5 mm')
     """
 
     number: int
@@ -192,6 +202,15 @@ class FrameVerdict:
     early: bool = False
     latches: int = 0
     consequence: Consequence | None = None
+
+    @property
+    def passed(self) -> bool:
+        """True if the focus is on target, by all criteria."""
+        return self.status is FrameStatus.ON_TARGET
+
+    def __bool__(self) -> bool:
+        """Return :attr:`passed`."""
+        return self.passed
 
     def __str__(self) -> str:
         """Return the status of the frame and its evidence, in a line."""

@@ -1,0 +1,93 @@
+"""One drive judged from Python: the verdict that a run gives the frame."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from haptogram import judge
+from haptogram.acoustics import AcousticModel, Drive, focus_phases, superpose_foci
+from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Focus, FrameKey
+from haptogram.verification import FrameJudge, Tolerance, Uncertainty
+from latched_drives import drive_of, intend, registers, seen
+
+MODEL = AcousticModel.default(10, 12)
+TARGET = (0.013, -0.021, 0.11)
+PHASES = focus_phases(MODEL, TARGET)
+PAIR = (Focus((-0.02, 0.0, 0.1), 0.5), Focus((0.02, 0.01, 0.12), 0.4, 1.0))
+WEIGHTS = np.exp(1j * PHASES)
+TAPER = np.linspace(0.2, 1.0, MODEL.array.count)
+
+DRIVES = {
+    "right": registers(PHASES),
+    "five bits": Drive.from_weights(WEIGHTS, 5),
+    "1 mm short": registers(focus_phases(MODEL, (0.013, -0.021, 0.109))),
+    "sign": registers(-PHASES),
+    "one inverted": registers(PHASES + np.pi * (np.arange(MODEL.array.count) == 7)),
+    "other air": registers(focus_phases(MODEL.with_sound_speed(340.0), TARGET)),
+    "one dead": drive_of(registers(PHASES).phase_codes, 255 * (np.arange(120) != 5)),
+    "silent": drive_of(registers(PHASES).phase_codes, 0),
+}
+
+
+def without_board(frame):
+    return dataclasses.replace(
+        frame, key=FrameKey(0, 0, 0, 0), evidence=None, t_apply_us=None, t_latch_us=None
+    )
+
+
+@pytest.mark.parametrize("tolerance", [None, Tolerance(miss_mm=0.6, temperature_c=2.0)])
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_drive_has_the_verdict_of_its_frame(name, tolerance):
+    drive, known = DRIVES[name], Uncertainty(temperature_c=1.0)
+    bits = drive.phase_bits
+    wanted = Drive.from_weights(WEIGHTS, bits)
+    intended = intend(MODEL, TARGET, bits, drive=wanted)
+    judged = FrameJudge(MODEL, carrier_us=25, tolerance=tolerance, uncertainty=known)
+    found = judge(MODEL, TARGET, drive, tolerance=tolerance, uncertainty=known)
+    assert without_board(judged.judge(intended, seen(intended, drive))) == found
+    assert bool(found) == found.passed == (str(found.status) == "on target")
+
+
+@pytest.mark.parametrize(
+    ("target", "weights", "changes"),
+    [
+        (Focus(TARGET), WEIGHTS, {}),
+        ([TARGET], WEIGHTS, {"phase_bits": 3}),
+        (Focus(TARGET, amplitude=0.5), 0.5 * WEIGHTS, {}),
+        (TARGET, TAPER * WEIGHTS, {"amplitudes": TAPER}),
+        (
+            PAIR,
+            superpose_foci(
+                MODEL,
+                *zip(*((f.position_m, f.amplitude, f.phase_rad) for f in PAIR), strict=True),
+            ),
+            {},
+        ),
+    ],
+)
+def test_a_right_drive_passes_and_its_mirror_fails(target, weights, changes):
+    assert judge(MODEL, target, weights, **changes)
+    assert not judge(MODEL, target, weights.reshape(10, 12)[::-1].ravel(), **changes)
+
+
+@pytest.mark.parametrize(
+    ("target", "drive", "changes", "message"),
+    [
+        ((0, 0, 2), WEIGHTS, {}, "distance is 2000 mm"),
+        ((1, 2), WEIGHTS, {}, "three finite numbers"),
+        (np.empty((0, 3)), WEIGHTS, {}, "0 foci"),
+        ("abc", WEIGHTS, {}, "not an array of numbers"),
+        ([Focus(TARGET), "abc"], WEIGHTS, {}, "three finite numbers"),
+        (TARGET, PHASES, {}, r"np\.exp\(1j \* phases\)"),
+        (TARGET, WEIGHTS[1:], {}, "drive of 119, array of 120 elements"),
+        (TARGET, 2 * WEIGHTS, {}, "must be 1 at most"),
+        (TARGET, WEIGHTS, {"amplitudes": [1.0]}, "amplitudes has shape"),
+        (TARGET, WEIGHTS, {"solver": "best"}, "solver"),
+        (TARGET, WEIGHTS, {"tolerance": Tolerance(miss_mm=10.0)}, "half of that at most"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused(target, drive, changes, message):
+    with pytest.raises(ConfigurationError, match=message):
+        judge(MODEL, target, drive, **changes)
