@@ -2,7 +2,7 @@
 
 ::
 
-    pip install haptogram
+    pip install './haptogram[pytest]'
     pytest --pyargs haptogram.conformance --haptogram-port=/dev/ttyACM0
 
 Two fixtures serve the repository's own cases.  The plugin imports nothing but pytest before one of

@@ -80,10 +80,20 @@ def test_the_tutorial_installs_what_its_examples_import() -> None:
     needed -= {*sys.stdlib_module_names, "haptogram"}
     assert needed == {"pytest", "serial"}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    extras = set(re.findall(r"pip install '\.\[(\w+)\]'", page))
+    extras = set(re.findall(r"pip install -e '\.\[(\w+)\]'", page))
     lists = [project["dependencies"], *(project["optional-dependencies"][name] for name in extras)]
     packages = {re.split(r"[^\w-]", text)[0] for one in lists for text in one}
     assert {"pyserial" if name == "serial" else name for name in needed} <= packages
+
+
+def test_what_is_told_to_install_is_this_checkout_and_leaves_it_editable() -> None:
+    """A copy in .venv would be tested in place of the checkout; no package index has the name."""
+    pages = [ROOT / "README.md", *DOCS.rglob("*.md"), *(ROOT / "haptogram").rglob("*.py")]
+    told = [
+        line for page in pages for line in re.findall("pip install .*", page.read_text("utf-8"))
+    ]
+    assert len(told) > 5
+    assert [line for line in told if re.search(r"""install ['"]?(\.['[]|haptogram)""", line)] == []
 
 
 @pytest.fixture
