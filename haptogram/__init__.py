@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .evidence.virtual_board import VirtualBoard
     from .objects.shapes import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
     from .records.frame import Evidence, Focus, Intended, Observation
+    from .report.figures import PictureField, field_on_plane
     from .verification import (
         FrameVerdict,
         RunVerdict,
@@ -62,6 +63,7 @@ _HOME: Final = {
     "LinkError": "errors",
     "MeshSurface": "objects.shapes",
     "Observation": "records.frame",
+    "PictureField": "report.figures",
     "Point": "objects.shapes",
     "RecordFile": "evidence.record_file",
     "RunVerdict": "verification",
@@ -70,6 +72,7 @@ _HOME: Final = {
     "Uncertainty": "verification",
     "VerificationError": "errors",
     "VirtualBoard": "evidence.virtual_board",
+    "field_on_plane": "report.figures",
     "judge": "verification",
     "read_records": "evidence.record_file",
     "verify_run": "verification",
@@ -105,6 +108,7 @@ __all__ = [
     "LinkError",
     "MeshSurface",
     "Observation",
+    "PictureField",
     "Point",
     "RecordFile",
     "RunVerdict",
@@ -113,6 +117,7 @@ __all__ = [
     "Uncertainty",
     "VerificationError",
     "VirtualBoard",
+    "field_on_plane",
     "judge",
     "read_records",
     "verify_run",

@@ -234,7 +234,9 @@ def _acts_for_an_ear(arguments: Namespace) -> bool:
 _PICTURE: Final = Acting("with --picture", lambda a: a.picture is not None)
 _FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _acts_for_an_ear)
 _FIELD: Final[Rows] = {
-    **_option_acts_always("focus_mm object drive phase_bits preset array temperature_c picture"),
+    **_option_acts_always(
+        "focus_mm object drive phase_bits preset array temperature_c picture at_mm"
+    ),
     "resolution_mm": Acting(
         "with --object, on other objects than a point",
         lambda a: a.object is not None and a.object != "point",

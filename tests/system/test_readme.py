@@ -59,7 +59,9 @@ def test_what_the_commands_of_the_pages_write_is_ignored_by_git() -> None:
     assert found - set(ignored.stdout.split()) == set()
 
 
-def test_the_page_of_the_acoustics_is_true() -> None:
+def test_the_page_of_the_acoustics_is_true(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     result = doctest.testfile(str(ROOT / "docs" / "acoustics.md"), module_relative=False)
     assert result.attempted > 20
     assert result.failed == 0
+    assert (tmp_path / "focus.png").read_bytes().startswith(b"\x89PNG")

@@ -40,8 +40,8 @@ examples:
       what a hand feels over one pass: mean square over the sequence, with narrow transducers
   haptogram field --ear-mm --modulation am
       what reaches an ear: ultrasound in dB SPL, what is audible of a 200 Hz modulation in dB(A)
-  haptogram field --drive drive.csv --plane xy --picture drive.svg
-      a drive as codes: a header phase,amplitude and one line for each element
+  haptogram field --drive drive.csv --at-mm 10,0,120 --plane xy --picture drive.svg
+      a drive as codes, a header phase,amplitude and one line for each element, around a place
 
 exit status:
   0    the figures were printed, and the picture was written
@@ -95,7 +95,7 @@ def set_up_field(parser: Parser) -> None:
     )
     parser.epilog = _EPILOG
     parser.main_options = (
-        "focus_mm object drive rate_hz array temperature_c picture view quantity ear_mm"
+        "focus_mm object drive rate_hz array temperature_c picture view quantity at_mm ear_mm"
     )
     _add_field_source(parser)
     add_array_options(parser.add_argument_group("array and air"))
@@ -130,6 +130,13 @@ def _add_field_picture(parser: Parser) -> None:
         [rows[name] for name in _PICTURE],
         half_width_mm="60; isosurface: half of it",
         step_mm="0.75; isosurface: 1.5 at least",
+    )
+    group.add_argument(
+        "--at-mm",
+        type=position_argument_mm,
+        metavar="X,Y,Z",
+        help="place to look at: its pressure is printed, and a picture is centred there [the "
+        "focus, the centre of the object; of --drive, where it is loudest]",
     )
     group.add_argument(
         "--ear-mm",

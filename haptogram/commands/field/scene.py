@@ -46,6 +46,8 @@ class FieldScene:
         Where the picture is centred.
     frame_s : float
         Duration of a drive.
+    place_m : (float, float, float) or None
+        Place to look at that was asked for.
     """
 
     model: AcousticModel
@@ -53,16 +55,19 @@ class FieldScene:
     targets_m: FloatArray
     look_m: tuple[float, float, float]
     frame_s: float
+    place_m: tuple[float, float, float] | None = None
 
     @classmethod
     def from_arguments(cls, arguments: argparse.Namespace) -> FieldScene:
         """Return the scene that the command line asks for."""
         model = array_model(arguments)
         frame_s = 1.0 / arguments.rate_hz
+        place = None if arguments.at_mm is None else metres_of_position(arguments.at_mm)
         if arguments.drive:
             drive = read_field_drive_file(arguments.drive, model.array.count, arguments.phase_bits)
-            look = _peak_of_field_scene(model, drive.weights())
-            return cls(model, drive.weights()[None], np.empty((0, 3)), look, frame_s)
+            weights = drive.weights()
+            look = place or _peak_of_field_scene(model, weights)
+            return cls(model, weights[None], np.empty((0, 3)), look, frame_s, place)
         if arguments.object:
             targets = sample_object_of_run(_field_shape_config(arguments))
             look = metres_of_position(arguments.center_mm)
@@ -73,7 +78,8 @@ class FieldScene:
             check_focus_target(model, target)
         phases = focus_phases(model, targets)
         drives = [Drive.from_weights(np.exp(1j * row), arguments.phase_bits) for row in phases]
-        return cls(model, np.stack([drive.weights() for drive in drives]), targets, look, frame_s)
+        weights = np.stack([drive.weights() for drive in drives])
+        return cls(model, weights, targets, place or look, frame_s, place)
 
     @property
     def is_sequence(self) -> bool:
@@ -91,9 +97,9 @@ def modulated_field_scene(arguments: argparse.Namespace, scene: FieldScene) -> F
     """
     if not len(scene.targets_m):
         raise ConfigurationError("a modulation needs a focus; a drive from a file has none")
-    points = np.array([scene.look_m])
+    points = scene.targets_m
     if arguments.modulation == "stm":
-        points = Circle(_PATH_RADIUS_M, scene.look_m).sample(_PATH_STEP_M)
+        points = Circle(_PATH_RADIUS_M, points[0]).sample(_PATH_STEP_M)
     modulation = Modulation(arguments.modulation, arguments.modulation_hz)
     return modulation.frames(points, arguments.rate_hz)
 

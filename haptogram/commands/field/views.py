@@ -21,6 +21,7 @@ from haptogram.acoustics import (
 )
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.engine import choose_engine, why_not_compiled
+from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.lobes import largest_secondary_lobe
 from haptogram.acoustics.levels.shift import find_pressure_peak, predict_focal_shift
@@ -105,7 +106,7 @@ def draw_scene(
             half_m,
             title=_scene_title(arguments, scene),
             quantity=arguments.quantity,
-            place="target" if len(scene.targets_m) else "loudest place",
+            place=_scene_place(scene),
             decibels=bool(arguments.decibels),
         )
     step = max(step_m, _LEAST_STEP_MM / 1e3)
@@ -124,7 +125,13 @@ def _draw_field_view(
     arguments: argparse.Namespace, scene: FieldScene, progress: Progress | None
 ) -> Figure:
     engine = choose_engine(scene.model)
-    plane = _scene_plane(arguments, scene)
+    plane = PicturePlane.around(
+        scene.model.array,
+        arguments.plane,
+        scene.look_m,
+        arguments.half_width_mm / 1e3,
+        arguments.step_mm / 1e3,
+    )
     if scene.is_sequence:
         resonator = Resonator.from_bandwidth()
         field = sample_picture_mean(
@@ -133,7 +140,6 @@ def _draw_field_view(
     else:
         field = sample_picture_plane(engine, scene.weights[0], plane, progress)
     return draw_plane_figure(
-        engine,
         field,
         quantity=arguments.quantity,
         targets_m=scene.targets_m,
@@ -143,22 +149,10 @@ def _draw_field_view(
     )
 
 
-def _scene_plane(arguments: argparse.Namespace, scene: FieldScene) -> PicturePlane:
-    """Return the plane around the place to look at, along the axes of the world.
-
-    Over a place above all elements it starts 5 mm above them.
-    """
-    half = arguments.half_width_mm / 1e3
-    ranges = {
-        name: (value - half, value + half) for name, value in zip("xyz", scene.look_m, strict=True)
-    }
-    floor = float(scene.model.array.bounds_m[1, 2]) + 0.005
-    if floor < scene.look_m[2]:
-        ranges["z"] = (floor, max(ranges["z"][1], floor + 0.01))
-    first, second = arguments.plane
-    return PicturePlane(
-        arguments.plane, scene.look_m, ranges[first], ranges[second], arguments.step_mm / 1e3
-    )
+def _scene_place(scene: FieldScene) -> str:
+    if scene.place_m is not None:
+        return "place"
+    return "target" if len(scene.targets_m) else "loudest place"
 
 
 def _scene_title(arguments: argparse.Namespace, scene: FieldScene) -> str:
@@ -189,6 +183,22 @@ def describe_field_scene(scene: FieldScene) -> Iterator[str]:
         yield from _describe_field_focus(engine, scene)
     else:
         yield _describe_field_drive(scene)
+    if scene.place_m is not None:
+        yield _describe_field_place(engine, scene, scene.place_m)
+
+
+def _describe_field_place(
+    engine: NumpyEngine, scene: FieldScene, place_m: tuple[float, float, float]
+) -> str:
+    """Return a line about the pressure at the place to look at."""
+    if scene.is_sequence:
+        lag = Resonator.from_bandwidth()
+        square = mean_square_pressure(engine, scene.weights, [place_m], scene.frame_s, lag)[0]
+    else:
+        square = abs(engine.pressure(scene.weights[0], [place_m])[0]) ** 2 / 2.0
+    rms = math.sqrt(square)
+    level = f", {level_db_spl(rms):.1f} dB SPL" if rms > 0.0 else ""
+    return f"at ({position_text(place_m)}) mm: {rms:.0f} Pa RMS{level}"
 
 
 def _describe_field_drive(scene: FieldScene) -> str:

@@ -7,13 +7,14 @@ which closes on itself, for phases.
 
 from haptogram.report.figures.cuts import draw_cuts
 from haptogram.report.figures.isosurface import draw_isosurfaces, isosurface_mesh
-from haptogram.report.figures.plane_picture import draw_plane_figure
-from haptogram.report.figures.planes import (
+from haptogram.report.figures.plane_picture import (
     PictureField,
-    PicturePlane,
+    draw_plane_figure,
+    field_on_plane,
     sample_picture_mean,
     sample_picture_plane,
 )
+from haptogram.report.figures.planes import PicturePlane
 from haptogram.report.figures.quantities import QUANTITIES, figure_quantity_and_label
 from haptogram.report.figures.spectra import draw_spectrum
 from haptogram.report.figures.style import check_picture_format, encode_figure
@@ -28,6 +29,7 @@ __all__ = [
     "draw_plane_figure",
     "draw_spectrum",
     "encode_figure",
+    "field_on_plane",
     "figure_quantity_and_label",
     "isosurface_mesh",
     "sample_picture_mean",

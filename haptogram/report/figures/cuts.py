@@ -68,7 +68,9 @@ def draw_cuts(
     own, whose = array.axes @ target, "" if array.is_upright else "the array's "
     lines = [target + offsets[axis][:, None] * array.axes[axis] for axis in range(3)]
     pressure = picture_field_pressure(engine, weights, np.concatenate(lines))
-    shown, label = figure_quantity_and_label(engine, pressure, quantity, decibels=decibels)
+    shown, label = figure_quantity_and_label(
+        engine.model.medium, pressure, quantity, decibels=decibels
+    )
     levels = np.split(shown, 3)
     with new_figure(7.2, 3.3) as figure:
         lateral, axial = figure.subplots(1, 2, sharey=True)

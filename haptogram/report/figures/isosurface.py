@@ -159,7 +159,7 @@ def draw_isosurfaces(
         _plot_isosurface(figure, level, low * 1e3, spacing * 1e3, target * 1e3, names)
         what = f"|p|, relative to {level.max() / math.sqrt(2.0) * 1e-3:.3g} kPa RMS"
         if quantity == "force":
-            largest = figure_quantity_and_label(engine, pressure, quantity)[0].max()
+            largest = figure_quantity_and_label(engine.model.medium, pressure, quantity)[0].max()
             what = f"the radiation pressure, relative to {largest:.3g} Pa"
         figure.suptitle(figure_title(title, f"surfaces of {what}"))
     return figure

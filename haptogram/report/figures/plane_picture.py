@@ -1,25 +1,34 @@
-"""The picture of a plane of the field."""
+"""The field on a plane, and its picture."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import FieldEngine
-from haptogram.report.figures.planes import PictureField, PicturePlane
+from haptogram.acoustics import AcousticModel, Drive, FieldEngine, choose_engine
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.levels.average import mean_square_pressure
+from haptogram.acoustics.levels.dynamics import Resonator
+from haptogram.machine.files import write_file_atomically
+from haptogram.report.figures.planes import PicturePlane, sample_picture_points
 from haptogram.report.figures.quantities import LEAST_DB, figure_quantity_and_label
 from haptogram.report.figures.style import (
     MAGNITUDE_MAP,
     PHASE_MAP,
+    check_picture_format,
     draw_figure_mark,
+    encode_figure,
     figure_legend,
     figure_title,
     new_figure,
 )
 from haptogram.report.figures.surroundings import draw_array_in_figure, draw_ear
+from haptogram.settings.arguments import Progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,8 +43,142 @@ _FEW_TARGETS: Final = 4
 _MANY_TARGETS: Final = 200
 
 
-def draw_plane_figure(
+@dataclass(frozen=True, eq=False, slots=True)
+class PictureField:
+    """Values on a plane.
+
+    Attributes
+    ----------
+    plane : PicturePlane
+        The plane.
+    values : (V, H) numpy.ndarray
+        Complex peak pressure of one drive, or real RMS pressure of a sequence, in pascals; NaN
+        within 2 mm of an element, and behind all of them if they are baffled.
+    model : AcousticModel
+        Array and air.
+
+    Examples
+    --------
+    >>> from haptogram.acoustics import AcousticModel
+    >>> model = AcousticModel.default(nx=8, ny=8)
+    >>> field = field_on_plane(model, [1j] * 64, (0.0, 0.0, 0.08), step_m=0.005)
+    >>> across_m, up_m = field.plane.coordinates_m()
+    >>> field.values.shape == (len(up_m), len(across_m))
+    True
+    """
+
+    plane: PicturePlane
+    values: NDArray[Any]
+    model: AcousticModel
+
+    def peak_m(self) -> tuple[float, float, float]:
+        """Return the position of the largest magnitude."""
+        index = int(np.nanargmax(np.abs(self.values)))
+        x, y, z = self.plane.points_m()[index].tolist()
+        return x, y, z
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        quantity: str = "pressure",
+        decibels: bool = False,
+        targets_m: ArrayLike = (),
+        title: str = "",
+    ) -> None:
+        """Write the picture of :func:`draw_plane_figure` as .png, .svg or .pdf.
+
+        Raises
+        ------
+        ConfigurationError
+            Another suffix, a path that cannot be written, an unknown quantity, or no matplotlib.
+        """
+        file = Path(path)
+        check_picture_format(file)
+        figure = draw_plane_figure(
+            self, quantity=quantity, decibels=decibels, targets_m=targets_m, title=title
+        )
+        write_file_atomically(file, encode_figure(figure, file.suffix.lower()))
+
+
+def sample_picture_plane(
+    engine: FieldEngine, weights: ArrayLike, plane: PicturePlane, progress: Progress | None = None
+) -> PictureField:
+    """Return the complex pressure of one drive on a plane; *progress* gets (done, total)."""
+    values = sample_picture_points(
+        engine.model, plane, lambda points: engine.pressure(weights, points), progress
+    )
+    return PictureField(plane, values, engine.model)
+
+
+def sample_picture_mean(
     engine: FieldEngine,
+    weights: ArrayLike,
+    plane: PicturePlane,
+    frame_s: float,
+    resonator: Resonator | None = None,
+    progress: Progress | None = None,
+) -> PictureField:
+    """Return the RMS pressure of a repeated sequence of drives (F, N) on a plane."""
+
+    def rms(points: FloatArray) -> FloatArray:
+        square = mean_square_pressure(engine, weights, points, frame_s, resonator)
+        root: FloatArray = np.sqrt(square)
+        return root
+
+    values = sample_picture_points(engine.model, plane, rms, progress)
+    return PictureField(plane, values, engine.model)
+
+
+def field_on_plane(
+    model: AcousticModel,
+    drive: Drive | ArrayLike,
+    place_m: ArrayLike,
+    *,
+    plane: str = "xz",
+    half_width_m: float = 0.06,
+    step_m: float = 0.75e-3,
+) -> PictureField:
+    """Return the field of one drive on a plane, which can be saved as a picture.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air.
+    drive : Drive, or (N,) array_like of complex
+        Phases and amplitudes of the elements.
+    place_m : (3,) array_like
+        Middle of the plane, in metres.
+    plane : str
+        "xy", "xz" or "yz", axes of the world.
+    half_width_m : float
+        Reach of the plane around that place, in metres; one that stands over an array of which all
+        is below the place begins 5 mm above it.
+    step_m : float
+        Spacing of the samples, in metres.
+
+    Raises
+    ------
+    ConfigurationError
+        A drive of another number of elements; more than 4 million samples; a plane that is all
+        behind the array or within 2 mm of an element.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from haptogram.acoustics import AcousticModel, Drive, focus_phases
+    >>> model, target = AcousticModel.default(nx=8, ny=8), (0.0, 0.01, 0.08)
+    >>> drive = Drive.from_weights(np.exp(1j * focus_phases(model, target)))
+    >>> field = field_on_plane(model, drive, target, plane="xy", step_m=0.002)
+    >>> [round(1e3 * value) for value in field.peak_m()]
+    [0, 10, 80]
+    """
+    weights = drive.weights() if isinstance(drive, Drive) else drive
+    around = PicturePlane.around(model.array, plane, place_m, half_width_m, step_m)
+    return sample_picture_plane(choose_engine(model), weights, around)
+
+
+def draw_plane_figure(
     field: PictureField,
     *,
     quantity: str = "pressure",
@@ -67,7 +210,9 @@ def draw_plane_figure(
     ConfigurationError
         An unknown quantity, the phase of a time average, or no matplotlib.
     """
-    values, label = figure_quantity_and_label(engine, field.values, quantity, decibels=decibels)
+    values, label = figure_quantity_and_label(
+        field.model.medium, field.values, quantity, decibels=decibels
+    )
     colours: str = PHASE_MAP if quantity == "phase" else MAGNITUDE_MAP
     limits = (LEAST_DB, 0.0) if decibels else (0.0, None)
     if quantity == "phase":
@@ -107,7 +252,7 @@ def draw_plane_figure(
             draw_figure_mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
         place = np.asarray(field.peak_m() if peak_m is None else peak_m, dtype=np.float64)
         draw_figure_mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
-        draw_array_in_figure(axes, engine.model.array, first, second)
+        draw_array_in_figure(axes, field.model.array, first, second)
         if ear_m is not None:
             draw_ear(axes, 1e3 * np.asarray(ear_m, dtype=np.float64), first, second)
         figure_legend(figure, columns=2)

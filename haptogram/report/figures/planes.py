@@ -5,22 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import FieldEngine, points_in_front
-from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.acoustics import AcousticModel, FieldEngine, TransducerArray, points_in_front
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_coordinates
 from haptogram.acoustics.field.reference import (
     check_field_points,
     points_clear_of_elements,
     points_with_field,
 )
-from haptogram.acoustics.levels.average import mean_square_pressure
-from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import Progress
+from haptogram.settings.arguments import Progress, check_choice
 
 _ORIENTATIONS: Final = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 MAX_POINTS: Final = 4_000_000
@@ -56,10 +54,7 @@ class PicturePlane:
     step_m: float = 1e-3
 
     def __post_init__(self) -> None:
-        if self.orientation not in _ORIENTATIONS:
-            raise ConfigurationError(
-                f"plane is {self.orientation!r}, must be one of {', '.join(_ORIENTATIONS)}"
-            )
+        check_choice("plane", self.orientation, tuple(_ORIENTATIONS))
         if not (math.isfinite(self.step_m) and self.step_m > 0.0):
             raise ConfigurationError(f"step_m is {self.step_m:g}, must be finite and above 0")
         sides = (self.horizontal_m, self.vertical_m)
@@ -71,6 +66,28 @@ class PicturePlane:
             raise ConfigurationError(
                 f"a plane of {points:.3g} points, must be at most {MAX_POINTS}; take a larger step"
             )
+
+    @classmethod
+    def around(
+        cls,
+        array: TransducerArray,
+        orientation: str,
+        place_m: ArrayLike,
+        half_width_m: float,
+        step_m: float,
+    ) -> Self:
+        """Return the square around a place; over a place above *array* from 5 mm above it on."""
+        check_choice("plane", orientation, tuple(_ORIENTATIONS))
+        x, y, z = as_coordinates("place_m", place_m).tolist()
+        ranges = {
+            name: (value - half_width_m, value + half_width_m)
+            for name, value in zip("xyz", (x, y, z), strict=True)
+        }
+        floor = float(array.bounds_m[1, 2]) + 0.005
+        if floor < z:
+            ranges["z"] = (floor, max(ranges["z"][1], floor + 0.01))
+        first, second = (ranges[name] for name in orientation)
+        return cls(orientation, (x, y, z), first, second, step_m)
 
     @property
     def axes(self) -> tuple[int, int]:
@@ -100,57 +117,6 @@ class PicturePlane:
         return points.reshape(-1, 3)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class PictureField:
-    """Values on a plane.
-
-    Attributes
-    ----------
-    plane : PicturePlane
-        The plane.
-    values : (V, H) numpy.ndarray
-        Complex peak pressure of one drive, or real RMS pressure of a sequence, in pascals; NaN
-        within 2 mm of an element, and behind all of them if they are baffled.
-    """
-
-    plane: PicturePlane
-    values: NDArray[Any]
-
-    def peak_m(self) -> tuple[float, float, float]:
-        """Return the position of the largest magnitude."""
-        index = int(np.nanargmax(np.abs(self.values)))
-        x, y, z = self.plane.points_m()[index].tolist()
-        return x, y, z
-
-
-def sample_picture_plane(
-    engine: FieldEngine, weights: ArrayLike, plane: PicturePlane, progress: Progress | None = None
-) -> PictureField:
-    """Return the complex pressure of one drive on a plane; *progress* gets (done, total)."""
-    return PictureField(
-        plane,
-        _sample_picture(engine, plane, lambda points: engine.pressure(weights, points), progress),
-    )
-
-
-def sample_picture_mean(
-    engine: FieldEngine,
-    weights: ArrayLike,
-    plane: PicturePlane,
-    frame_s: float,
-    resonator: Resonator | None = None,
-    progress: Progress | None = None,
-) -> PictureField:
-    """Return the RMS pressure of a repeated sequence of drives (F, N) on a plane."""
-
-    def rms(points: FloatArray) -> FloatArray:
-        square = mean_square_pressure(engine, weights, points, frame_s, resonator)
-        root: FloatArray = np.sqrt(square)
-        return root
-
-    return PictureField(plane, _sample_picture(engine, plane, rms, progress))
-
-
 def picture_field_pressure(
     engine: FieldEngine, weights: ArrayLike, points: FloatArray
 ) -> ComplexArray:
@@ -161,17 +127,18 @@ def picture_field_pressure(
     return pressure
 
 
-def _sample_picture(
-    engine: FieldEngine,
+def sample_picture_points(
+    model: AcousticModel,
     plane: PicturePlane,
     function: Callable[[FloatArray], NDArray[np.generic]],
     progress: Progress | None,
 ) -> NDArray[np.generic]:
+    """Return what *function* gives for the points of a plane; NaN where there is no field."""
     points = plane.points_m()
-    front = points_in_front(engine.model, points)
+    front = points_in_front(model, points)
     if not front.any():
-        check_field_points(engine.model, points)  # says how far behind
-    clear = np.flatnonzero(front & points_clear_of_elements(engine.model, points, _CLEARANCE_M))
+        check_field_points(model, points)  # says how far behind
+    clear = np.flatnonzero(front & points_clear_of_elements(model, points, _CLEARANCE_M))
     if not len(clear):
         raise ConfigurationError("every point of the plane is within 2 mm of an element")
     parts = []

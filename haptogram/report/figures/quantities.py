@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import FieldEngine, radiation_pressure_pa
+from haptogram.acoustics import Medium, radiation_pressure_pa
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
 
@@ -18,7 +18,7 @@ LEAST_DB: Final = -40.0
 
 
 def figure_quantity_and_label(
-    engine: FieldEngine, values: NDArray[Any], quantity: str, *, decibels: bool = False
+    medium: Medium, values: NDArray[Any], quantity: str, *, decibels: bool = False
 ) -> tuple[FloatArray, str]:
     """Return a quantity of a field, and its label with the unit.
 
@@ -47,7 +47,7 @@ def figure_quantity_and_label(
         return angles, "phase of p (rad)"
     rms = np.abs(values) / (math.sqrt(2.0) if np.iscomplexobj(values) else 1.0)
     if quantity == "force":
-        force = radiation_pressure_pa(math.sqrt(2.0) * rms, engine.model.medium)
+        force = radiation_pressure_pa(math.sqrt(2.0) * rms, medium)
         name, unit = "radiation pressure, total reflection", "Pa"
         if decibels:
             return _figure_levels_db(

@@ -101,7 +101,6 @@ def draw_paper_figure_4() -> dict[str, Figure]:
             along = bend == "y" and plane.orientation == "yz"
             peak = find_pressure_peak(engine, weights, focus) if along else None
             figures[f"figure4_{index}_bent_{bend}_{plane.orientation}"] = draw_plane_figure(
-                engine,
                 field,
                 targets_m=[focus],
                 peak_m=peak,

@@ -11,7 +11,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, focus_phases
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.report.figures.planes import PicturePlane, sample_picture_plane
+from haptogram.report.figures import PicturePlane, sample_picture_plane
 from haptogram.verification import FrameVerdict, RunVerdict
 
 from .series import Vector, plotted_focus_mm, worst_frames_of_run

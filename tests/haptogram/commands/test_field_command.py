@@ -171,6 +171,12 @@ def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path, capsys):
     assert "focus (20, 0, 120) mm: 4132 Pa RMS" in capsys.readouterr().out
     assert run("--drive", "drive.csv", "--view", "cuts", "--picture", "drive.svg") == 0
     assert "target" not in (tmp_path / "drive.svg").read_text()
+    place = ("--at-mm", "20,0,125")
+    assert run("--drive", "drive.csv", *place, "--picture", "a.svg", "--step-mm", "3") == 0
+    there = NumpyEngine(AcousticModel.default()).pressure(drive.weights(), [(0.02, 0.0, 0.125)])
+    said = f"at (20, 0, 125) mm: {abs(there[0]) / np.sqrt(2):.0f} Pa RMS"
+    assert said in capsys.readouterr().out
+    assert FieldScene.from_arguments(parse("--drive", "drive.csv", *place)).look_m[2] == 0.125
     scene = FieldScene.from_arguments(parse("--drive", "drive.csv"))
     assert np.linalg.norm(np.subtract(scene.look_m, (0.02, 0.0, 0.12))) < 0.02
 
@@ -201,6 +207,7 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
         (("--object", "dodecahedron"), "known are"),
         (("--preset", "unknown"), "known are"),
         (("--drive", "missing.csv"), "cannot be read"),
+        (("--at-mm", "0,0,-100"), "100 mm behind the baffle"),
         (("--picture", "field.gif"), "possible are"),
         (("--object", "circle", "--rate-hz", "0"), "1 to 40000"),
         (("--ear-mm", "--modulation-hz", "900"), "half of"),

@@ -34,6 +34,7 @@ from haptogram.report.figures import (
 
 MODEL = AcousticModel.default(8, 8)
 ENGINE = NumpyEngine(MODEL)
+AIR = ENGINE.model.medium
 TARGET = (0.01, -0.005, 0.08)
 WEIGHTS = np.exp(1j * focus_phases(MODEL, TARGET))
 MARKS = {"target", "peak"}
@@ -83,13 +84,13 @@ def test_progress_reaches_its_end(monkeypatch):
 
 
 def test_force_is_the_same_for_a_drive_and_for_its_mean():
-    assert figure_quantity_and_label(ENGINE, mean_field().values, "force")[0] == pytest.approx(
-        figure_quantity_and_label(ENGINE, field().values, "force")[0], rel=1e-9
+    assert figure_quantity_and_label(AIR, mean_field().values, "force")[0] == pytest.approx(
+        figure_quantity_and_label(AIR, field().values, "force")[0], rel=1e-9
     )
 
 
 def test_a_drawn_plane_has_units_and_marks_where_they_belong():
-    figure = draw_plane_figure(ENGINE, field(), targets_m=[TARGET, (0.0, 0.0, 0.2)])
+    figure = draw_plane_figure(field(), targets_m=[TARGET, (0.0, 0.0, 0.2)])
     axes, bar = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (mm)", "y (mm)")
     assert "Pa" in bar.get_ylabel()
@@ -104,12 +105,12 @@ def test_a_drawn_plane_has_units_and_marks_where_they_belong():
 
 
 def test_phase_and_force_are_drawn_as_such():
-    phase = draw_plane_figure(ENGINE, field(), quantity="phase").axes
+    phase = draw_plane_figure(field(), quantity="phase").axes
     assert phase[0].images[0].get_clim() == (-math.pi, math.pi)
     assert "rad" in phase[1].get_ylabel()
-    force = draw_plane_figure(ENGINE, field(), quantity="force").axes
+    force = draw_plane_figure(field(), quantity="force").axes
     assert np.asarray(force[0].images[0].get_array()) == pytest.approx(
-        figure_quantity_and_label(ENGINE, field().values, "force")[0]
+        figure_quantity_and_label(AIR, field().values, "force")[0]
     )
 
 
@@ -203,8 +204,7 @@ def test_an_isosurface_out_of_reach_is_empty():
 
 def test_pictures_are_repeatable():
     svg, again = (
-        encode_figure(draw_plane_figure(ENGINE, field(), targets_m=[TARGET]), ".svg")
-        for _ in range(2)
+        encode_figure(draw_plane_figure(field(), targets_m=[TARGET]), ".svg") for _ in range(2)
     )
     assert svg == again
     assert b"pressure (kPa RMS)" in svg
@@ -213,11 +213,11 @@ def test_pictures_are_repeatable():
 
 
 def test_a_picture_says_what_it_is_of_and_where_and_marks_target_and_peak():
-    picture = draw_plane_figure(ENGINE, field(), targets_m=[TARGET], title="a focus")
+    picture = draw_plane_figure(field(), targets_m=[TARGET], title="a focus")
     axes = picture.axes[0]
     assert axes.get_title(loc="left") == "a focus\nplane z = 80 mm"
     assert set(axes.get_legend_handles_labels()[1]) == MARKS
-    elsewhere = draw_plane_figure(ENGINE, field(), peak_m=(0.02, 0.01, 0.08)).axes[0]
+    elsewhere = draw_plane_figure(field(), peak_m=(0.02, 0.01, 0.08)).axes[0]
     assert elsewhere.get_title(loc="left") == "plane z = 80 mm"
     assert [float(line.get_xdata()[0]) for line in elsewhere.lines[:2]] == [20.0, 20.0]
 
@@ -225,9 +225,7 @@ def test_a_picture_says_what_it_is_of_and_where_and_marks_target_and_peak():
 @pytest.mark.parametrize("up_m", [(0.04, 0.14), (0.005, 0.06), (0.005, 0.70)])
 def test_nothing_of_a_picture_is_cut_whatever_the_shape_of_its_plane(up_m):
     plane = PicturePlane("xz", TARGET, (-0.06, 0.06), up_m, 5e-3)
-    picture = draw_plane_figure(
-        ENGINE, field(plane), targets_m=[TARGET], title="a focus with a long name"
-    )
+    picture = draw_plane_figure(field(plane), targets_m=[TARGET], title="a focus with a long name")
     picture.draw_without_rendering()
     whole, (width_in, height_in) = picture.get_tightbbox(), picture.get_size_inches()
     assert whole.x0 >= 0.0
@@ -255,8 +253,8 @@ def test_a_spectrum_shows_its_lines():
         lambda: PicturePlane("xy", TARGET, (0.0, 1.0), (0.0, 1.0), 0.0),
         lambda: PicturePlane("xy", TARGET, (0.0, 1.0), (0.0, 1.0), 1e-6),
         lambda: field(PicturePlane("xy", (0, 0, 1e-4), (0.0050, 0.0052), (0.0050, 0.0052), 1e-4)),
-        lambda: draw_plane_figure(ENGINE, field(), quantity="colour"),
-        lambda: draw_plane_figure(ENGINE, mean_field(), quantity="phase"),
+        lambda: draw_plane_figure(field(), quantity="colour"),
+        lambda: draw_plane_figure(mean_field(), quantity="phase"),
         lambda: draw_cuts(ENGINE, WEIGHTS, TARGET, 2.0),
         lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=1e-5),
         lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=0.0),
@@ -288,16 +286,16 @@ UPRIGHT = PicturePlane("xz", TARGET, (-0.06, 0.06), (0.005, 0.12), 4e-3)
 
 
 def test_the_array_lies_below_an_upright_plane_and_around_a_level_one():
-    axes = draw_plane_figure(ENGINE, field(UPRIGHT)).axes[0]
+    axes = draw_plane_figure(field(UPRIGHT)).axes[0]
     elements = labelled(axes)["transducers"]
     assert sorted(map(tuple, elements)) == sorted(
         map(tuple, 1e3 * MODEL.array.positions_m[:, [0, 2]])
     )
     assert axes.get_ylim()[0] < 0.0 < axes.get_ylim()[1]
-    within = labelled(draw_plane_figure(ENGINE, field()).axes[0])
+    within = labelled(draw_plane_figure(field()).axes[0])
     assert "outline of the array" not in within  # it lies beyond the picture
     level = PicturePlane("xy", TARGET, (-0.05, 0.05), (-0.05, 0.05), 4e-3)
-    outline = labelled(draw_plane_figure(ENGINE, field(level)).axes[0])["outline of the array"]
+    outline = labelled(draw_plane_figure(field(level)).axes[0])["outline of the array"]
     assert sorted(set(map(tuple, outline))) == [
         (x, y) for x in (-35.0, 35.0) for y in (-35.0, 35.0)
     ]
@@ -306,7 +304,7 @@ def test_the_array_lies_below_an_upright_plane_and_around_a_level_one():
 
 def test_an_array_that_is_far_off_leaves_the_picture_as_it_is():
     axes = draw_plane_figure(
-        ENGINE, field(PicturePlane("xz", TARGET, (-0.03, 0.03), (0.07, 0.09), 2e-3))
+        field(PicturePlane("xz", TARGET, (-0.03, 0.03), (0.07, 0.09), 2e-3))
     ).axes[0]
     assert "transducers" not in labelled(axes)
     assert axes.get_ylim() == pytest.approx((69.0, 91.0))
@@ -315,14 +313,14 @@ def test_an_array_that_is_far_off_leaves_the_picture_as_it_is():
 def test_an_array_in_a_line_has_a_line_for_an_outline():
     model = AcousticModel.default(8, 1)
     plane = sample_picture_plane(NumpyEngine(model), np.ones(8), PLANE)
-    outline = labelled(draw_plane_figure(NumpyEngine(model), plane).axes[0])["outline of the array"]
+    outline = labelled(draw_plane_figure(plane).axes[0])["outline of the array"]
     assert sorted(map(tuple, outline)) == [(-35.0, 0.0), (35.0, 0.0)]
 
 
 def test_an_ear_is_marked_in_its_place_or_where_the_picture_ends():
-    axes = draw_plane_figure(ENGINE, field(UPRIGHT), ear_m=(0.03, 0.5, 0.1)).axes[0]
+    axes = draw_plane_figure(field(UPRIGHT), ear_m=(0.03, 0.5, 0.1)).axes[0]
     assert labelled(axes)["ear"][0] == pytest.approx((30.0, 100.0))
-    axes = draw_plane_figure(ENGINE, field(UPRIGHT), ear_m=(-0.3, 0.0, 0.06)).axes[0]
+    axes = draw_plane_figure(field(UPRIGHT), ear_m=(-0.3, 0.0, 0.06)).axes[0]
     (note,) = axes.texts
     assert note.get_text() == "ear, 238 mm beyond"
     assert axes.get_xlim()[0] < note.xy[0] < -50.0
@@ -330,14 +328,14 @@ def test_an_ear_is_marked_in_its_place_or_where_the_picture_ends():
 
 @pytest.mark.parametrize("quantity", ["pressure", "force"])
 def test_decibels_are_relative_to_the_largest_value(quantity):
-    image, bar = draw_plane_figure(ENGINE, field(), quantity=quantity, decibels=True).axes
+    image, bar = draw_plane_figure(field(), quantity=quantity, decibels=True).axes
     values = np.asarray(image.images[0].get_array())
     level = 20.0 * np.log10(np.abs(field().values) / np.abs(field().values).max())
     assert values == pytest.approx(np.maximum(level, -40.0))
     assert image.images[0].get_clim() == (-40.0, 0.0)
     assert "dB; 0 dB is " in bar.get_ylabel()
     with pytest.raises(ConfigurationError, match="no level in decibels"):
-        draw_plane_figure(ENGINE, field(), quantity="phase", decibels=True)
+        draw_plane_figure(field(), quantity="phase", decibels=True)
 
 
 def test_surfaces_fill_their_frame():
