@@ -129,7 +129,7 @@ def describe_board_notice(notice: Notice) -> str:
     if isinstance(notice, RampEnded):
         return "ramp undone: full output" if notice.restored else "ramp ended: silence"
     if isinstance(notice, PowerDown):
-        return "powering down"
+        return "told to end"
     if isinstance(notice, Remark):
         return notice.text
     if isinstance(notice, StreamDropped):

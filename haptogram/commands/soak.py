@@ -115,7 +115,8 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
         except Interrupted:
             interrupted = True
     # Before the file: a full disk must not cost the account.
-    outputs.print(soak_text(campaign))
+    if campaign.done:
+        outputs.print(soak_text(campaign))
     if interrupted:
         print(_how_to_resume_soak_command(arguments, campaign), file=sys.stderr)
     _write_soak_command_results(arguments, campaign, outputs, provenance)

@@ -25,7 +25,7 @@ _READY: Final = "listening on "
 _HUNG_S: Final = 60.0  # without a line of its log and a tick of its processor time
 _SLOW_S: Final = 10.0  # an interpreter with numpy takes seconds on a busy machine: then it is told
 _STARTING: Final = "starting: "
-_INTERPRETER: Final = "the Python interpreter starts"
+_INTERPRETER: Final = "starting the Python interpreter"
 _STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
 _POLL_S: Final = 0.01
 #: Package in which pyserial finds the URL: a name, as whoever drives a board imports none.
@@ -96,8 +96,8 @@ class BoardProcess:
                 )
             if now_s > told_s:
                 told_s += _SLOW_S
-                waited = f"after {now_s - begin_s:.0f} s: {self._step()}"
-                sys.stderr.write(f"the virtual board is slow to start on this machine, {waited}\n")
+                waited = f"after {now_s - begin_s:.0f} s (slow or busy machine): {self._step()}"
+                sys.stderr.write(f"the virtual board is still starting {waited}\n")
             time.sleep(_POLL_S)
 
     def _progress(self) -> tuple[int, int]:

@@ -81,12 +81,22 @@ def check_choice(name: str, value: Any, known: Collection[Any]) -> None:
 
 
 def did_you_mean(word: str, known: Collection[str]) -> str:
-    """Return "; did you mean ...?" with the word of *known* that resembles *word*, or nothing."""
+    """Return "; did you mean ...?" with the word of *known* that resembles *word*, or nothing.
+
+    Examples
+    --------
+    >>> did_you_mean("--quite", ["--no-compensate", "--quiet"])
+    '; did you mean --quiet?'
+    >>> did_you_mean("--nonsense", ["--no-compensate", "--quiet"])  # their dashes are no likeness
+    ''
+    """
     import difflib
 
     longer = [name for name in known if len(word) > 2 and name.startswith(word)]
-    near = longer or difflib.get_close_matches(word, known, n=1)
-    return f"; did you mean {near[0]}?" if near else ""
+    plain = {name.lstrip("-"): name for name in known}  # dashes make no option like another
+    near = difflib.get_close_matches(word.lstrip("-"), plain, n=1)
+    found = longer or [plain[name] for name in near]
+    return f"; did you mean {found[0]}?" if found else ""
 
 
 def check_argument_kind(

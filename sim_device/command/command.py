@@ -81,7 +81,7 @@ def _tell_start(options: argparse.Namespace, step: str) -> None:
 
 
 def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None) -> None:
-    _tell_start(options, "numpy, scipy and the board are imported")
+    _tell_start(options, "importing numpy, scipy and the board")
     # Here, and not above: --help and a refusal need no numpy.
     from haptogram.machine.view_process import ViewProcess
 
@@ -90,7 +90,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
     from ..simulation import Simulation
     from ..wallclock import Heartbeat
 
-    _tell_start(options, "the board is made")
+    _tell_start(options, "making the board")
     check_board_outputs(options)
     config = board_config_of(options)
     if options.as_device and any(fault.name == "line.disconnect" for fault in config.faults):
@@ -114,10 +114,8 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             port = _open_board_port(options, settings.line)
             if options.view and options.backdoor is None:
                 options.backdoor = SOCKET + _private_board_path(signals, "backdoor")
-            _tell_start(options, "the process that rebuilds fields starts")
+            _tell_start(options, "starting the process that rebuilds fields")
             worker = _start_board_worker(options, settings)
-            if options.view:
-                signals.enter_context(contextlib.closing(ViewProcess(options.backdoor)))
             recorders: list[SimulationRecorder] = [BoardNoticeLog(is_complete=options.verbose)]
             recorders += [worker] if worker else []
             recorders += [tap] if tap else []
@@ -137,7 +135,10 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             signals.enter_context(heartbeat.stopped_by_signals())
             if options.as_device:
                 client = _start_board_client(options, heartbeat)
-            _serve_board(heartbeat, port.description if client is None else client.device)
+            _announce_board(port.description if client is None else client.device)
+            if options.view:  # its address comes behind that of the port
+                signals.enter_context(contextlib.closing(ViewProcess(options.backdoor)))
+            heartbeat.run()
         except HaptogramError as error:
             ends.append(error)
         finally:
@@ -226,12 +227,11 @@ def _start_board_client(options: argparse.Namespace, heartbeat: Heartbeat) -> De
     return client
 
 
-def _serve_board(heartbeat: Heartbeat, description: str) -> None:
+def _announce_board(description: str) -> None:
     gc.collect()
     gc.freeze()  # what is there now stays: no later collection need look at it
     sys.stdout.write(f"listening on {description}\n")
     sys.stdout.flush()  # programs wait for this line
-    heartbeat.run()
 
 
 def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPort:

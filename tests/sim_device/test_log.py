@@ -30,7 +30,7 @@ def test_many_changes_are_counted(caplog: pytest.LogCaptureFixture) -> None:
         "fault: fault, at 7500000 us",
         "another wire, at 7500000 us",
         "muted: mute, at 8500000 us",
-        "powering down, at 8500000 us",
+        "told to end, at 8500000 us",
     ]
 
 

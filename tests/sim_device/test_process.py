@@ -351,5 +351,5 @@ def test_the_log_has_one_line_per_event(start, tmp_path, open_host):
     board.end()
     lines = [line.split(" ", 2)[2] for line in board.text().splitlines()]
     texts = ["session 0x5eed opened", "armed", "ramp to silence began: hold expired"]
-    texts += ["muted: hold expired", "ramp ended: silence", "powering down"]
+    texts += ["muted: hold expired", "ramp ended: silence", "told to end"]
     assert [line.rpartition(", at")[0] for line in lines] == texts

@@ -82,10 +82,12 @@ def run_decode(arguments: argparse.Namespace) -> int:
     with open_recorded_source(arguments.file, arguments.input) as source:
         name, doubt = (arguments.dialect, "") if arguments.dialect else _recognised_source(source)
         print_line = _print_decoded_json if arguments.json else _print_decoded_text
+        found = None
         for found in _decoded_source(source, name, from_board=arguments.from_board):
             if not print_line(found, verbose=arguments.verbose):
                 return 0  # nobody reads any more
-    for note in filter(None, (doubt, source.note)):
+    empty = "" if found else f"there are no bytes in {arguments.file}"
+    for note in filter(None, (doubt, source.note, empty)):
         print(f"haptogram decode: {note}", file=sys.stderr)
     return 0
 

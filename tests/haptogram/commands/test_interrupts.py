@@ -110,10 +110,11 @@ def test_an_interrupt_at_any_moment_is_one_line_and_status_130(command, tmp_path
             process.stdout.read(1)
             time.sleep(wait_s)
             process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=120)
+            printed, said = process.communicate(timeout=120)
         assert process.returncode == 130, (wait_s, said)
         assert said.startswith(f"haptogram {command}: interrupted".encode())
         assert said.count(b"\n") == 1
+        assert printed == b""  # nothing was done, so there is no account of it
         assert list(tmp_path.iterdir()) == []
 
 

@@ -121,10 +121,10 @@ def test_verbose_shows_every_field_in_full(dump, capsys):
     assert [line.strip() for line in lines][-1] == f"{field} = 7"
 
 
-def test_nothing_is_nothing(tmp_path, capsys):
+def test_a_file_without_bytes_is_told(tmp_path, capsys):
     path = tmp_path / "empty"
     path.write_bytes(b"")
-    assert run(capsys, path).out == ""
+    assert run(capsys, path) == ("", f"haptogram decode: there are no bytes in {path}\n")
 
 
 @pytest.mark.parametrize(

@@ -444,10 +444,15 @@ def test_board_and_verify_show_themselves(tmp_path: Path) -> None:
     verify = [sys.executable, "-m", "haptogram", "verify", "--object", "point", "--array", "4x4"]
     for command, ended in ((board, 0), ([*verify, "--repeat", "20000"], None)):
         with subprocess.Popen(
-            [*command, "--view", "--quiet"], stderr=subprocess.PIPE, text=True
+            [*command, "--view", "--quiet"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
         ) as process:
-            assert process.stderr is not None
-            address = process.stderr.readline()
+            assert process.stdout is not None
+            if command is board:
+                assert process.stdout.readline() == f"listening on {tmp_path / 'board'}\n"
+            address = process.stdout.readline()
             assert re.fullmatch(r"view at http://127\.0\.0\.1:\d+/\n", address)
             connection = http.client.HTTPConnection(address.split("/")[2], timeout=20)
             with contextlib.closing(connection):
