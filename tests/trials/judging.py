@@ -256,8 +256,14 @@ def _tolerate(effect: Effect, program: Program, wanted: Wanted, ideal: Complexes
     air = [program.weights(wanted, 1.0 + sign * share) for sign in (1, -1) if share]
     ways = [sign * miss_m * axis for axis in lie.axes for sign in (1.0, -1.0) if miss_m]
     if len(wanted.foci) == 1:
-        found = [_of_one(session, wanted, (np.angle(other), other), ideal, lie) for other in air]
-        effect.tolerated_mm = allowance.miss_mm + max((its.miss_mm for its in found), default=0.0)
+        target, bits, levels = wanted.targets_m[0], session.wire_bits, np.abs(ideal)
+        found_mm = [
+            1e3 * np.linalg.norm(
+                truth.nearest(session.scene, np.angle(other), levels, target, lie, bits).miss_m
+            )
+            for other in air
+        ]
+        effect.tolerated_mm = allowance.miss_mm + max(map(float, found_mm), default=0.0)
         return
     for others in (air, [program.weights(moved(wanted, way)) for way in ways]):
         found = [_of_several(session, wanted, other, ideal) for other in others]
