@@ -258,7 +258,8 @@ def _tolerate(effect: Effect, program: Program, wanted: Wanted, ideal: Complexes
     if len(wanted.foci) == 1:
         target, bits, levels = wanted.targets_m[0], session.wire_bits, np.abs(ideal)
         found_mm = [
-            1e3 * np.linalg.norm(
+            1e3
+            * np.linalg.norm(
                 truth.nearest(session.scene, np.angle(other), levels, target, lie, bits).miss_m
             )
             for other in air

@@ -7,12 +7,14 @@ ever finer, by looking at values alone: no slope, no fit, no start but the targe
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -142,6 +144,22 @@ class Scene:
         """(M,) pascals."""
         return self.propagators(np.atleast_2d(points)) @ weights
 
+    def levels(self, weights: Complexes, *, shaded: bool) -> Callable[[Floats], Floats]:
+        """The function from (M, 3) points to (M,) |sum of waves|, each of the size of its weight.
+
+        *shaded*: of what arrives, in pascals; -1 next to an element.
+        """
+        heard = weights * self.sensitivity if shaded else weights
+        drive = np.stack([heard.real, heard.imag])
+        places, normals = self.positions_m.T.copy(), self.normals.T.copy()
+        air = np.array([self.wavenumber / _TURN, self.absorption, self.wavenumber * PISTON_M])
+
+        def at(points: Floats) -> Floats:
+            found: Floats = _level_kernel(points, places, normals, drive, air, shaded)
+            return found
+
+        return at
+
 
 def turned(phases_rad: Floats) -> Complexes:
     """e^{j phase}, of phases brought near zero first: sine and cosine are slow far from it."""
@@ -156,6 +174,57 @@ def weights_of(phase_codes: NDArray[np.uint8], amplitude_codes: NDArray[np.uint8
     """What 8-bit registers make: phase code c is a lag of c / 256 of a turn."""
     lags = phase_codes.astype(np.float64) * (_TURN / 256.0)
     return amplitude_codes.astype(np.float64) / 255.0 * turned(lags)
+
+
+#: Terms of each series of powers: the error of the piston's is 2e-9 and the largest one.
+_TERMS: Final = 10
+_POWERS: Final = range(_TERMS - 1, -1, -1)
+_SINE: Final = tuple(
+    (-1) ** n * math.pi ** (2 * n + 1) / math.factorial(2 * n + 1) for n in _POWERS
+)
+_COSINE: Final = tuple((-1) ** n * math.pi ** (2 * n) / math.factorial(2 * n) for n in _POWERS)
+_DECAY: Final = tuple((-0.25) ** n / math.factorial(n) for n in _POWERS)
+_PISTON: Final = tuple(_PISTON_SERIES[-_TERMS:])
+
+
+@numba.njit(fastmath=True, cache=True, error_model="numpy")
+def _series(factors: Any, x: float) -> float:
+    total = 0.0
+    for n in range(_TERMS):
+        total = total * x + factors[n]
+    return total
+
+
+@numba.njit(fastmath=True, cache=True, error_model="numpy")
+def _level_kernel(
+    points: Floats, places: Floats, normals: Floats, drive: Floats, air: Floats, shaded: bool
+) -> Floats:
+    """|p| by series of powers, which a compiler makes a loop of several elements at once of."""
+    levels = np.empty(len(points))
+    for m in range(len(points)):
+        re, im, near = 0.0, 0.0, 0
+        for n in range(places.shape[1]):
+            x, y = points[m, 0] - places[0, n], points[m, 1] - places[1, n]
+            z = points[m, 2] - places[2, n]
+            square = x * x + y * y + z * z
+            near += square <= _CLEARANCE_M * _CLEARANCE_M
+            r = math.sqrt(square)
+            turns = air[0] * r
+            half = turns - np.floor(turns + 0.5)
+            sine, cosine = half * _series(_SINE, half * half), _series(_COSINE, half * half)
+            level = 1.0
+            if shaded:
+                ahead = (x * normals[0, n] + y * normals[1, n] + z * normals[2, n]) / r
+                flat = air[2] * air[2] * abs(1.0 - ahead * ahead)
+                decay = _series(_DECAY, air[1] * r)
+                decay *= decay
+                level = _series(_PISTON, -0.25 * flat) * decay * decay / r
+                level *= math.sqrt(2.0) * SOURCE_PA_M if ahead >= -1e-6 else 0.0
+            c, s = level * (1.0 - 2.0 * sine * sine), level * 2.0 * sine * cosine
+            re += drive[0, n] * c - drive[1, n] * s
+            im += drive[0, n] * s + drive[1, n] * c
+        levels[m] = -1.0 if near else math.sqrt(re * re + im * im)
+    return levels
 
 
 # --- the lie of the land around a target -----------------------------------------------------
@@ -232,7 +301,6 @@ def highest(
     score: Callable[[Floats], Floats],
     start: Floats,
     lie: Lie,
-    allowed: Callable[[Floats], NDArray[np.bool_]],
     window_rad: float = _WINDOW_RAD,
     again: Callable[[Floats], Floats] | None = None,
 ) -> Floats:
@@ -246,13 +314,13 @@ def highest(
         return start.copy()
     steps = lie.axes[seen] * lie.units_m[seen, None]
     coarse = _cube(len(seen), 5) * (window_rad / 2.0)
-    place = _best(score, start + coarse @ steps, allowed)
-    place = _refined(score, place, steps, allowed, window_rad / 4.0)
+    place = _best(score, start + coarse @ steps)
+    place = _refined(score, place, steps, window_rad / 4.0)
     if again is None:
         return place
     for _ in range(_MOST_AGAIN):  # a ridge that is not along the axes holds a grid up: turn it
         before, steps = place, again(place)[seen]
-        place = _refined(score, before, steps, allowed, _AGAIN_RAD)
+        place = _refined(score, before, steps, _AGAIN_RAD)
         way = np.linalg.lstsq(steps.T, place - before, rcond=None)[0]
         if np.abs(way).max() < 2.0 * _FINEST_RAD:
             break
@@ -260,17 +328,13 @@ def highest(
 
 
 def _refined(
-    score: Callable[[Floats], Floats],
-    place: Floats,
-    steps: Floats,
-    allowed: Callable[[Floats], NDArray[np.bool_]],
-    size: float,
+    score: Callable[[Floats], Floats], place: Floats, steps: Floats, size: float
 ) -> Floats:
     """Move and refine a grid of 3 places per side until it is as fine as can be."""
     fine = _cube(len(steps), 3)
     for _ in range(_MOST_ROUNDS):
         candidates = place + size * fine @ steps  # the first one is the place itself
-        better = _best(score, candidates, allowed)
+        better = _best(score, candidates)
         if np.array_equal(better, candidates[0]):
             if size < _FINEST_RAD:
                 break
@@ -279,6 +343,7 @@ def _refined(
     return place
 
 
+@functools.cache
 def _cube(dimensions: int, side: int) -> Floats:
     """Places of a cube of *side* per edge, in whole steps; its middle comes first."""
     half = side // 2
@@ -289,26 +354,24 @@ def _cube(dimensions: int, side: int) -> Floats:
     return np.array(places, dtype=np.float64)
 
 
-def _best(
-    score: Callable[[Floats], Floats],
-    points: Floats,
-    allowed: Callable[[Floats], NDArray[np.bool_]],
-) -> Floats:
-    values = np.where(allowed(points), score(points), -np.inf)
-    best: Floats = points[int(values.argmax())]
+def _best(score: Callable[[Floats], Floats], points: Floats) -> Floats:
+    best: Floats = points[int(score(points).argmax())]
     return best
 
 
-def _in_front(scene: Scene, lie: Lie, target: Floats) -> Callable[[Floats], NDArray[np.bool_]]:
-    """What may be looked at: off the elements, and not behind the middle of the array."""
+def _in_front(
+    score: Callable[[Floats], Floats], lie: Lie, target: Floats, within_m: float = math.inf
+) -> Callable[[Floats], Floats]:
+    """The score of what may be looked at: *within_m*, not behind the middle of the array."""
 
-    def allowed(points: Floats) -> NDArray[np.bool_]:
-        ahead = (points - target) @ lie.outward > -0.98 * lie.distance_m
-        near = ahead & ((points - target) @ lie.outward < 4.0 * lie.distance_m)
-        clear: NDArray[np.bool_] = scene.distances(points).min(axis=1) > _CLEARANCE_M
-        return near & clear
+    def found(points: Floats) -> Floats:
+        away = points - target
+        ahead = away @ lie.outward
+        near = (ahead > -0.98 * lie.distance_m) & (ahead < 4.0 * lie.distance_m)
+        near &= (away**2).sum(axis=1) <= within_m**2
+        return np.where(near, score(points), -np.inf)
 
-    return allowed
+    return found
 
 
 @dataclass(frozen=True)
@@ -348,21 +411,14 @@ def arrival(
     heard = amplitudes * scene.sensitivity
     weights = (heard * turned(phases_rad))[used] / np.abs(heard[used]).sum()
 
-    def score(points: Floats) -> Floats:
-        arriving = turned(scene.wavenumber * near.distances(points))
-        return np.abs(arriving @ weights)
+    score = near.levels(weights, shaded=False)
 
     def steps_at(place: Floats) -> Floats:
         there = lie_of(near, np.abs(weights), place, 8)
         return there.axes * there.units_m[:, None]
 
-    in_front = _in_front(near, lie, target)
-
-    def allowed(points: Floats) -> NDArray[np.bool_]:
-        within: NDArray[np.bool_] = np.linalg.norm(points - target, axis=1) <= within_m
-        return within & in_front(points)
-
-    place = highest(score, target, lie, allowed, window_rad, again=steps_at)
+    within = _in_front(score, lie, target, within_m)
+    place = highest(within, target, lie, window_rad, again=steps_at)
     both = score(np.stack([place, target]))
     return Arrival(place, place - target, float(both[0]), float(both[1]))
 
@@ -413,13 +469,8 @@ def explained(
 
 def loudest(scene: Scene, weights: Complexes, start: Floats, lie: Lie) -> Floats:
     """The place of the largest |p| next to *start*: the one that it belongs to."""
-    return highest(
-        lambda points: np.abs(scene.pressure(weights, points)),
-        start,
-        lie,
-        _in_front(scene, lie, start),
-        window_rad=_NEXT_RAD,
-    )
+    score = _in_front(scene.levels(weights, shaded=True), lie, start)
+    return highest(score, start, lie, _NEXT_RAD)
 
 
 # --- effects ---------------------------------------------------------------------------------
