@@ -69,12 +69,13 @@ class LineRules:
         self._was_frame = False
         self._begun = b""
         self._asked: Counter[tuple[int, int]] = Counter()  # requests, by their type and number
+        self._open = 0  # of them that wait for an answer
 
     # --- What is sent ----------------------------------------------------------------------------
 
     def take_sent(self, data: bytes, t_us: int = 0) -> None:
         """Note bytes that are sent: each request in them has one answer."""
-        waits = bool(+self._asked)
+        waits = self._open > 0
         self._alone = None
         *ended, rest = (self._begun + data).split(DELIMITER)
         self._begun = rest[: MAX_ENCODED_BYTES + 1]
@@ -83,6 +84,7 @@ class LineRules:
                 with contextlib.suppress(RemoteProtocolError):  # nobody answers a damaged frame
                     header = Header.unpack(decode_frame(piece)[:HEADER_BYTES])
                     self._asked[header.type, header.seq] += 1
+                    self._open += self._asked[header.type, header.seq] > 0
                     if not (waits or self._begun) and len(data) == len(piece) + 2:
                         self._alone = (header.type, header.seq), t_us, len(data)
 
@@ -154,6 +156,7 @@ class LineRules:
         asked = kind, header.seq
         if asked not in self._asked:
             return f"no request of the type {kind:#04x} has the number {header.seq}"
+        self._open -= self._asked[asked] > 0
         self._asked[asked] -= 1
         return "this request was answered before" if self._asked[asked] < 0 else ""
 
