@@ -271,7 +271,10 @@ class Serial(serial.SerialBase):
         deadline_ns = self._deadline_ns(self._timeout)
         data = self.simulation.host_read(size)
         while len(data) < size and not self._is_over(deadline_ns):
-            self._pass_time(deadline_ns)
+            if self._is_virtual and deadline_ns is not None:
+                self.simulation.advance_to_output(deadline_ns)
+            else:
+                self._pass_time(deadline_ns)
             self._check_cable()
             data += self.simulation.host_read(size - len(data))
         return data

@@ -271,6 +271,15 @@ class Simulation:
             self._step(next_ns)
         self._now_ns = t_ns
 
+    def advance_to_output(self, t_ns: int) -> None:
+        """Let happen what is due up to *t_ns*, or up to the first bytes that the host may read."""
+        while self.is_connected and not self._unread:
+            next_ns = self.next_event_ns()
+            if next_ns is None or next_ns > t_ns:
+                self.advance_to(t_ns)
+                return
+            self._step(next_ns)
+
     def _end_idle_time(self) -> None:
         """Bring the board from its last event to the present."""
         self.dialect.advance_to(self._clock.device_us(self._now_ns))

@@ -187,7 +187,7 @@ class BoardSettings:
         """Carrier frequency."""
         return round(self.model.frequency_hz)
 
-    @property
+    @cached_property
     def carrier_us(self) -> int:
         """Carrier period: drives are latched on its multiples."""
         return 1_000_000 // self.carrier_hz

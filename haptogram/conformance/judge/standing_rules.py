@@ -138,16 +138,14 @@ class StandingRules:
 
     def take(self, piece: ReceivedByClient) -> None:
         """Judge a piece that came."""
-        for clause, text in self._line.broken_by(piece):
-            self._note(clause, text, piece)
+        self._note_all(self._line.broken_by(piece), piece)
         if piece.header is None or piece.message is None:
             self._since.next_event = None  # bytes were lost, and frames with them perhaps
             return
         if self._is_repeated(piece) or not (piece.is_response or piece.is_event):
             return
         for rule in self._rules:
-            for clause, text in rule(piece, piece.message):
-                self._note(clause, text, piece)
+            self._note_all(rule(piece, piece.message), piece)
 
     def _is_repeated(self, piece: ReceivedByClient) -> bool:
         """Return True for a reply from memory: it tells of an earlier time (HG-4.11/6)."""
@@ -166,12 +164,17 @@ class StandingRules:
         self._since.response = now_us, piece.t_us
         return False
 
+    def _note_all(self, broken: Broken, piece: ReceivedByClient) -> None:
+        judged = self._findings.judged
+        for clause, text in broken:
+            judged[clause] = judged.get(clause, 0) + 1
+            if text:
+                self._note(clause, text, piece)
+
     def _note(self, clause: str, text: str, piece: ReceivedByClient) -> None:
-        judged, broken = self._findings.judged, self._findings.broken
-        judged[clause] = judged.get(clause, 0) + 1
-        if text and (clause not in self._in_case or DRIVE_OF in text):
+        if clause not in self._in_case or DRIVE_OF in text:
             self._in_case[clause] = text
-        if text and clause not in broken:
+        if clause not in (broken := self._findings.broken):
             broken[clause] = f"in {self._case}: {text} [{annotated_frame_text(piece.piece)}]"
 
     # --- HELLO -----------------------------------------------------------------------------------

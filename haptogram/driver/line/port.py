@@ -12,7 +12,7 @@ import os
 import socket
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Final, Protocol
 from urllib.parse import urlsplit
 
@@ -160,12 +160,12 @@ class PyserialTransport:
         self._port = port
         self._port.write_timeout = 0
         clock = getattr(port, "now_ns", None)
-        self._now_ns = clock if callable(clock) else time.monotonic_ns
+        self._now_ns: Callable[[], int] = clock if callable(clock) else time.monotonic_ns
         self.url = url
 
     def now_ns(self) -> int:
         """Return the time of the port's clock, of the monotonic one if it has none."""
-        return int(self._now_ns())
+        return self._now_ns()
 
     def read_available(self, deadline_ns: int) -> bytes:
         """Return received bytes; see :class:`Transport`."""
