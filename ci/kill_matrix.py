@@ -24,17 +24,19 @@ from haptogram.conformance.clauses import load_clauses
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.records.frame import Evidence
-from sim_device.mutants import MUTANTS, Mutant
+from mutants import MUTANTS
+from sim_device.mutants import Mutant
 
 WORKERS = 2
 OPTIONS = SuiteOptions(timeout_s=1.0, seed=0, repeat=1, strict=True, expected={})
 HEAD = """\
 # Kill matrix
 
-Boards that are wrong in exactly one way each (`sim_device/mutants`), judged by the conformance
-suite with the back door closed. Each must fail the clause that it breaks; what else it fails
-follows from the same fault: [every mutant against every case](kill-matrix-full.md). Made by
-`ci/kill-matrix`. `tests/sim_device/test_mutants.py` holds each mutant to its clause,
+Boards that are wrong in exactly one way each (`tests/mutants`; some to show are installed with
+the virtual board, see [faults.md](faults.md)), judged by the conformance suite with the back door
+closed. Each must fail the clause that it breaks; what else it fails follows from the same fault:
+[every mutant against every case](kill-matrix-full.md). Made by `ci/kill-matrix`.
+`tests/sim_device/test_mutants.py` holds each mutant to its clause,
 `tests/haptogram/conformance/test_healthy.py` the healthy board to all of them.
 
 """
@@ -58,7 +60,7 @@ def failed_cases(name: str, *, full: bool) -> list[Case]:
     """
     cases = list(select(all_cases(), [] if full else [MUTANTS[name].clause]))
     access = access_in_program(
-        f"haptogram://?clock=virtual&mutant={name}", baudrate=3_000_000, seed=0
+        f"haptogram://?clock=virtual&mutant={MUTANTS[name].address}", baudrate=3_000_000, seed=0
     )
     failed = {
         r.case for r in SuiteRunner(access, OPTIONS).run(cases).results if is_failed(r.behaviour)

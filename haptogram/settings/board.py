@@ -202,7 +202,10 @@ class BoardConfig(Settings):
     )
     seed: int = option(0, unit="N", low=0, high=MOST_FAULT_SEED, help="seed of everything random")
     mutant: str | None = option(
-        None, unit="NAME", help="firmware that is wrong in one way", absent="healthy"
+        None,
+        unit="NAME",
+        help="firmware that is wrong in one way, or the MODULE:CLASS of one",
+        absent="healthy",
     )
     dialect: str | None = option(
         None,

@@ -141,7 +141,7 @@ class BoardOutput:
         drive, ramp = self.latched.drive, self._timers.ramp
         ceiling = FULL_CODE if ramp is None else ramp.ceiling
         full = radiated_drive_of_registers(drive, self.correction, ceiling)
-        radiated = self._sound(self._radiate(drive, self.now_us))
+        radiated = self.sounded(self._radiate(drive, self.now_us))
         cut = self.config.amplitude_ceiling
         self._new_notices.append(RadiatedAnew(self.now_us, radiated, full, cut))
 
@@ -227,7 +227,7 @@ class BoardOutput:
             late=late,
             drive=drive,
             commanded_bits=bits,
-            radiated=self._sound(self._radiate(drive, self.now_us)),
+            radiated=self.sounded(self._radiate(drive, self.now_us)),
             ramping=self._timers.ramp is not None,
             t_received_us=t_received_us,
         )
@@ -262,7 +262,7 @@ class BoardOutput:
             drive, self.correction, self.config.amplitude_ceiling, self._timers.fade(t_us)
         )
 
-    def _sound(self, radiated: Drive) -> Drive:
+    def sounded(self, radiated: Drive) -> Drive:
         """Return the drive that the transducers sound, which the board itself cannot know."""
         return radiated
 

@@ -16,9 +16,11 @@ from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence
+from mutants import MUTANTS
 from sim_device.board.clock import BoardClock, ClockChange
 from sim_device.command.command import main
-from sim_device.mutants import MUTANTS, mutant_parts
+from sim_device.mutants import MUTANTS as SHOWN
+from sim_device.mutants import mutant_parts
 
 ROOT = Path(__file__).parents[2]
 SPEC = ROOT / "protocol" / "SPEC.md"
@@ -33,7 +35,7 @@ DRAWN = random.Random(binascii.crc32(SPEC.read_bytes())).sample(VISIBLE, 30)
 def behaviours(clause, array, mutant=""):
     """Yield how a board does in the cases of one clause, one after the other, in virtual time."""
     url = f"haptogram://?clock=virtual&array={array}&baud=3000000" + (
-        f"&mutant={mutant}" if mutant else ""
+        f"&mutant={MUTANTS[mutant].address}" if mutant else ""
     )
     access = access_in_program(url, baudrate=3_000_000, seed=0)
     cases = [case for case in all_cases() if case.clause == clause]
@@ -70,7 +72,10 @@ def test_a_mutant_fails_its_clause_and_the_healthy_board_does_not(name):
 @pytest.mark.parametrize("name", HIDDEN)
 def test_what_only_a_measurement_shows_is_in_the_radiated_drive_alone(open_host, name):
     url = "haptogram://?clock=virtual&array=4x4&reconstruct=0"
-    right, wrong = latch_of(open_host, url), latch_of(open_host, f"{url}&mutant={name}")
+    right, wrong = (
+        latch_of(open_host, url),
+        latch_of(open_host, f"{url}&mutant={MUTANTS[name].address}"),
+    )
     assert wrong["drive_crc"] == right["drive_crc"]
     assert right["radiated"] is None
     assert wrong["radiated"] is not None
@@ -87,20 +92,42 @@ def test_each_says_in_its_own_words_what_is_wrong_and_changes_one_part():
     assert all(words)
     assert len(set(words)) == len(words)
     for mutant in MUTANTS.values():
-        fields = [field.name for field in dataclasses.fields(mutant.parts)]
-        changed = [
-            f for f in fields if getattr(mutant.parts, f) is not getattr(mutant_parts(None), f)
-        ]
+        parts, healthy_parts = mutant_parts(mutant.address), mutant_parts(None)
+        fields = [field.name for field in dataclasses.fields(parts)]
+        changed = [f for f in fields if getattr(parts, f) is not getattr(healthy_parts, f)]
         assert len(changed) == 1
 
 
 def test_an_unknown_mutant_is_refused_with_what_is_like_it(capsys, tmp_path):
-    with pytest.raises(ConfigurationError, match=r"mutant is 'x'; docs/kill-matrix.md lists"):
+    with pytest.raises(ConfigurationError, match=r"mutant is 'x'; known are crc-unchecked, "):
         mutant_parts("x")
     with pytest.raises(ConfigurationError, match="did you mean crc-unchecked"):
         mutant_parts("crc-uncheckd")
     assert main(["--link", str(tmp_path / "b"), "--mutant", "x"]) == 2
-    assert "docs/kill-matrix.md lists those known" in capsys.readouterr().err
+    assert "known are crc-unchecked, " in capsys.readouterr().err
+
+
+def test_those_to_show_are_the_product_s_own_and_have_an_address_too():
+    assert {name: SHOWN[name] for name in SHOWN} == {name: MUTANTS[name] for name in SHOWN}
+    page = (DOCS / "faults.md").read_text("utf-8")
+    for name, mutant in SHOWN.items():
+        assert mutant_parts(name) == mutant_parts(mutant.address)
+        assert f"| `{name}` | {mutant.docstring} | {mutant.clause} |\n" in page
+
+
+@pytest.mark.parametrize(
+    ("address", "says"),
+    [
+        ("no_such_module:Wrong", "No module named 'no_such_module'"),
+        ("mutants.framing:Wrong", "has no attribute 'Wrong'"),
+        (":Wrong", "Empty module name"),
+        ("mutants.framing:BLOCK", "mutants.framing:BLOCK is no part of a board; derive it"),
+        ("mutants.framing:Any", "is no part of a board"),
+    ],
+)
+def test_a_class_that_is_no_part_of_a_board_is_refused(address, says):
+    with pytest.raises(ConfigurationError, match=says):
+        mutant_parts(address)
 
 
 @pytest.mark.parametrize(

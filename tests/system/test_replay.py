@@ -16,7 +16,7 @@ from haptogram.cli import main
 from haptogram.evidence.recordings.channels import TO_BOARD
 from haptogram.evidence.recordings.reader import Recording
 from haptogram.evidence.recordings.writer import RecordingWriter
-from sim_device.mutants import MUTANTS
+from mutants import MUTANTS
 
 CAPTURES = Path(__file__).parents[1] / "data" / "dialects"
 BUSY = (0, 1, 3)  # a busy machine loses some frames
@@ -84,11 +84,14 @@ WRONG = {
 @pytest.mark.parametrize("mutant", WRONG)
 def test_a_mutant_is_the_same_again_and_differs_from_a_healthy_board(mutant, tmp_path, capsys):
     path, result = tmp_path / "bug.mcap", tmp_path / "result.json"
-    port = f"haptogram://?clock=virtual&array=4x4&mutant={mutant}"
-    clause = MUTANTS[mutant].clause
+    address, clause = MUTANTS[mutant].address, MUTANTS[mutant].clause
+    port = f"haptogram://?clock=virtual&array=4x4&mutant={address}"
     words = ("conform", "--quiet", "--port", port, "--clause", clause, "--record", str(path))
     assert main(words) in (0, 1, 3)
     status, said = replay(capsys, path)
+    assert status == 2
+    assert f"give --mutant {address} to load and run it" in said.err
+    status, said = replay(capsys, path, "--mutant", address)
     assert status == 0, said.out
     status, said = replay(capsys, path, "--healthy", "--json", result)
     assert status == 1

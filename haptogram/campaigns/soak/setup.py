@@ -44,7 +44,10 @@ class SoakSetup(Settings):
         help="virtual time from one checkpoint to the next",
     )
     mutant: str | None = option(
-        None, unit="NAME", help="firmware that is wrong in one way", absent="healthy"
+        None,
+        unit="NAME",
+        help="firmware that is wrong in one way, or the MODULE:CLASS of one",
+        absent="healthy",
     )
 
     @property

@@ -115,6 +115,11 @@ def _changed_replay_options(
     """Return the options of the recorded board with those of the command line."""
     if arguments.healthy:
         options = {name: value for name, value in options.items() if name not in _FAULTY}
+    elif ":" in (code := options.get("mutant") or "") and arguments.mutant is None:
+        raise ConfigurationError(
+            f"the recorded board is the mutant {code}, which is code of its own: give --mutant "
+            f"{code} to load and run it, or --healthy to leave it out"
+        )
     given = {"mutant": arguments.mutant, "array": arguments.array}
     changed = dict(options) | {name: value for name, value in given.items() if value is not None}
     if arguments.array is not None:

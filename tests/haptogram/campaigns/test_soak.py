@@ -24,12 +24,13 @@ from haptogram.report.soak.junit import write_soak_junit
 from haptogram.report.soak.page import write_soak_page
 from haptogram.report.soak.text import soak_text
 from haptogram.settings.faults.kinds import FAULT_KINDS
+from mutants import MUTANTS
 
 SHORT = SoakSetup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_minutes=0.4 / 60)
 
 
 def segment(mutant: str | None = None, *, seed: int = 0, seconds: float = 1.5) -> SoakTally:
-    make = board_without_a_line(mutant)
+    make = board_without_a_line(mutant and MUTANTS[mutant].address)
     return run_soak_segment(
         make, seed=seed, number=0, seconds=seconds, start_s=0.0, fault_rate=0.05
     )

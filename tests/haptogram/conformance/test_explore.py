@@ -252,7 +252,9 @@ def test_each_sequence_that_a_dialogue_may_leave_is_stored_before_the_next(left_
 
 
 def test_a_wrong_board_is_found_by_short_dialogues_printed_as_bytes_one_a_clause():
-    (result,) = run(virtual(array="3x2", mutant="order-ignored"), CASE, seed=1).results
+    (result,) = run(
+        virtual(array="3x2", mutant="mutants.latching:OrderIgnored"), CASE, seed=1
+    ).results
     assert result.behaviour is Behaviour.FAILED
     assert re.search("dropped_order|accepted|queued|TRACE", result.detail)
     differences = re.sub(r"^\d+ differences in \d+ dialogues: ", "", result.detail).split(" || ")

@@ -13,13 +13,11 @@ from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases
 from haptogram.conformance.client.uploads import SEQUENCES
 from haptogram.conformance.verdict import Behaviour
-from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import HEADER_BYTES, FrameDecoder
 from haptogram_protocol.messages import Feature, UploadCommit, UploadCommitReply
 from sim_device.board.board import Board
 from sim_device.board.output import BoardOutput
 from sim_device.board.settings import ALL_FEATURES
-from sim_device.mutants.mutant import Mutant
 
 #: Clauses about the host, about this text, or that no line can show: never passed.
 NEVER_SHOWN = {
@@ -157,17 +155,16 @@ def test_a_board_that_can_do_less_passes_what_is_left(features):
     assert suite.exit_status == 0
 
 
-def test_a_board_with_the_smallest_window_passes_bursts_that_it_has_no_room_for(monkeypatch):
-    class SmallWindow(Board):
-        """Takes one longest frame without an answer: not two drives of so many transducers."""
+class SmallWindow(Board):
+    """Takes one longest frame without an answer: not two drives of so many transducers."""
 
-        def __init__(self, settings, parts):
-            small = dataclasses.replace(settings, rx_window=4098, max_chunk=512)
-            super().__init__(small, parts)
+    def __init__(self, settings, parts):
+        super().__init__(dataclasses.replace(settings, rx_window=4098, max_chunk=512), parts)
 
-    small = Mutant.of(SmallWindow, "HG-2.7/2", Evidence.WIRE)
-    monkeypatch.setattr("sim_device.mutants.MUTANTS", {"small": small})
-    (result,) = run(virtual(array="32x32", mutant="small"), "HG-5.9/1-behind").results
+
+def test_a_board_with_the_smallest_window_passes_bursts_that_it_has_no_room_for():
+    small = virtual(array="32x32", mutant=f"{__name__}:SmallWindow")
+    (result,) = run(small, "HG-5.9/1-behind").results
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 

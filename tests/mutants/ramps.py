@@ -11,11 +11,10 @@ from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import Config
 from haptogram_protocol.state import MuteReason, OutputInput
-
-from ..board.output import BoardOutput
-from ..board.registers import radiated_drive_of_registers
-from ..board.timers import BoardRamp, BoardTimers, Fade
-from .mutant import Mutant
+from sim_device.board.output import BoardOutput
+from sim_device.board.registers import radiated_drive_of_registers
+from sim_device.board.timers import BoardRamp, BoardTimers, Fade
+from sim_device.mutants import Mutant
 
 # --- One ramp --------------------------------------------------------------------------------
 

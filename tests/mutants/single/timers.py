@@ -16,17 +16,16 @@ from haptogram_protocol.messages import (
     Message,
     TraceDrive,
 )
-
-from ...board.board import Board
-from ...board.counters import Drop
-from ...board.output import BoardOutput
-from ...board.playback import BoardPlayback
-from ...board.refusal import RefusalError
-from ...board.registers import radiated_drive_of_registers
-from ...board.stream_queue import StreamFrame
-from ...board.timers import NEVER_US, BoardRamp, BoardTimers, Fade
-from ...dialects.haptogram import VirtualHaptogramDialect
-from ..mutant import Mutant
+from sim_device.board.board import Board
+from sim_device.board.counters import Drop
+from sim_device.board.output import BoardOutput
+from sim_device.board.playback import BoardPlayback
+from sim_device.board.refusal import RefusalError
+from sim_device.board.registers import radiated_drive_of_registers
+from sim_device.board.stream_queue import StreamFrame
+from sim_device.board.timers import NEVER_US, BoardRamp, BoardTimers, Fade
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 _MASK_32: Final = 0xFFFFFFFF
 
@@ -36,6 +35,13 @@ _MASK_32: Final = 0xFFFFFFFF
 def _mutant_timer_ms(length_ms: int, unit_us: int, bits: int) -> int:
     """Return a length in ms of which so many bits of units are left."""
     return ((length_ms * 1000 // unit_us) & ((1 << bits) - 1)) * unit_us // 1000
+
+
+def _named(part: type[BoardTimers], name: str, doc: str) -> type[BoardTimers]:
+    """Return *part* as if this module had defined it under *name*."""
+    part.__name__ = part.__qualname__ = name
+    part.__doc__ = doc
+    return globals().setdefault(name, part)
 
 
 def _mutant_timer_of_width(field: str, unit_us: int, bits: int) -> type[BoardTimers]:
@@ -63,9 +69,8 @@ def _mutant_timer_of_width(field: str, unit_us: int, bits: int) -> type[BoardTim
         return dataclasses.replace(config, **lengths)
 
     words = "".join(word.capitalize() for word in field.removesuffix("_ms").split("_"))
-    OfWidth.__name__ = f"{words}Of{bits}BitsOf{unit_us}Us"
-    OfWidth.__doc__ = f"Keeps {field} in {bits} bits of {unit_us} µs."
-    return OfWidth
+    doc = f"Keeps {field} in {bits} bits of {unit_us} µs."
+    return _named(OfWidth, f"{words}Of{bits}BitsOf{unit_us}Us", doc)
 
 
 _WIDTHS: Final = {
@@ -88,9 +93,8 @@ def _mutant_ramp_on_counter(unit_us: int) -> type[BoardTimers]:
             share = 1 - passed_us / (ramp.ends_us - ramp.begins_us)
             return dataclasses.replace(fade, share=share)
 
-    OnCounter.__name__ = f"RampOn16BitCounterOf{unit_us}Us"
-    OnCounter.__doc__ = f"Starts a ramp anew whenever a 16-bit counter of {unit_us} µs wraps in it."
-    return OnCounter
+    doc = f"Starts a ramp anew whenever a 16-bit counter of {unit_us} µs wraps in it."
+    return _named(OnCounter, f"RampOn16BitCounterOf{unit_us}Us", doc)
 
 
 # --- Timers ------------------------------------------------------------------------------------

@@ -14,15 +14,14 @@ from haptogram.records.frame import Evidence
 from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.messages import Config, MessageType, TraceMode, UploadBegin
 from haptogram_protocol.state import MuteReason
-
-from ..board.board import Board, BoardParts
-from ..board.clock import earliest_board_time
-from ..board.counters import BoardArrivalMargins, Drop
-from ..board.output import BoardOutput
-from ..board.settings import BoardSettings
-from ..board.stream_queue import StreamFrame
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
+from sim_device.board.board import Board, BoardParts
+from sim_device.board.clock import earliest_board_time
+from sim_device.board.counters import BoardArrivalMargins, Drop
+from sim_device.board.output import BoardOutput
+from sim_device.board.settings import BoardSettings
+from sim_device.board.stream_queue import StreamFrame
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 _BEHIND_US: Final = 500  # that the main loop takes for other frames
 

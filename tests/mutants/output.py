@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import bisect
 import dataclasses
 from dataclasses import dataclass
 from typing import Any, Final
@@ -14,16 +13,15 @@ from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import Config, ErrorCode
 from haptogram_protocol.state import MuteReason, OutputState
-
-from ..board.board import Board
-from ..board.clock import BoardClock
-from ..board.events import StateChange
-from ..board.output import BoardOutput
-from ..board.refusal import RefusalError
-from ..board.registers import radiated_drive_of_registers
-from ..board.timers import FULL_CODE, BoardTimers, Fade
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
+from sim_device.board.board import Board
+from sim_device.board.clock import BoardClock
+from sim_device.board.events import StateChange
+from sim_device.board.output import BoardOutput
+from sim_device.board.refusal import RefusalError
+from sim_device.board.registers import radiated_drive_of_registers
+from sim_device.board.timers import FULL_CODE, BoardTimers, Fade
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 _WRAP: Final = 2**32
 _NEVER_US: Final = 1 << 60
@@ -51,13 +49,6 @@ class MuteOfOthersIgnored(Board):
         """Mute, if the host of the session asks."""
         if requested:
             super().mute(requested=requested)
-
-
-class MuteIgnored(Board):
-    """Answers MUTE and does nothing."""
-
-    def mute(self, *, requested: bool = True) -> None:
-        """Do nothing."""
 
 
 class MuteKeepsQueue(Board):
@@ -140,13 +131,6 @@ class SilenceKeepsPhases(BoardOutput):
         return Drive(phases.copy(), drive.amplitude_codes)
 
 
-class WatchdogMissing(BoardOutput):
-    """Never misses the host: the lease does not run."""
-
-    def renew_lease(self) -> None:
-        """Do nothing."""
-
-
 class WatchdogTooSlow(BoardTimers):
     """Misses the host after three times the time that was set."""
 
@@ -154,14 +138,6 @@ class WatchdogTooSlow(BoardTimers):
         """Start the lease anew, three times as long."""
         slow = dataclasses.replace(config, host_timeout_ms=3 * config.host_timeout_ms)
         super().renew_lease(now_us, slow, unattended_ms)
-
-
-class HoldMissing(BoardTimers):
-    """Holds the last drive for ever when the stream stops."""
-
-    def latched(self, _: int, config: Config) -> None:
-        """Let the hold last for ever."""
-        super().latched(_NEVER_US, config)
 
 
 class TimeoutsUncounted(BoardOutput):
@@ -225,54 +201,19 @@ class ClockFast(BoardClock):
     ppm: int = 500
 
 
-class ClockSteps(BoardClock):
-    """Its clock jumps ahead by 2 ms every 500 ms."""
-
-    def device_us(self, t_ns: int) -> int:
-        """Return the reading of the clock at *t_ns*."""
-        return self._with_jumps(super().device_us(t_ns))
-
-    def reached_ns(self, device_us: int) -> int:
-        """Return the first time at which it shows *device_us* or more."""
-        shown_us = range(self.boot_us, device_us)  # without a jump, and so too late
-        place = bisect.bisect_left(shown_us, device_us, key=self._with_jumps)
-        return super().reached_ns(min(device_us, self.boot_us + place))
-
-    def _with_jumps(self, steady_us: int) -> int:
-        jumps = max(0, steady_us - self.boot_us) // _JUMP_EVERY_US
-        return steady_us + jumps * _JUMP_US
-
-
 class DeadElement(BoardOutput):
     """Transducer 0 is silent, and the board does not know."""
 
-    def _sound(self, radiated: Drive) -> Drive:
+    def sounded(self, radiated: Drive) -> Drive:
         amplitudes = radiated.amplitude_codes.copy()
         amplitudes[0] = 0
         return Drive(radiated.phase_codes, amplitudes)
 
 
-class StuckColumn(BoardOutput):
-    """The first column is driven by phase 0 whatever was latched."""
-
-    def _sound(self, radiated: Drive) -> Drive:
-        _, ny = self.settings.model.array.grid_shape or (1, 1)
-        phases = radiated.phase_codes.copy()
-        phases[:ny] = 0
-        return Drive(phases, radiated.amplitude_codes)
-
-
-class PhaseInverted(BoardOutput):
-    """A phase code advances its transducer: the wires of the outputs are crossed."""
-
-    def _sound(self, radiated: Drive) -> Drive:
-        return Drive(np.uint8(0) - radiated.phase_codes, radiated.amplitude_codes)
-
-
 class OutputsReversed(BoardOutput):
     """Transducer n is driven by the codes of transducer N - 1 - n."""
 
-    def _sound(self, radiated: Drive) -> Drive:
+    def sounded(self, radiated: Drive) -> Drive:
         return Drive(radiated.phase_codes[::-1].copy(), radiated.amplitude_codes[::-1].copy())
 
 
@@ -282,7 +223,6 @@ MUTANTS: Final = (
     Mutant.of(FaultRefusesSettings, "HG-6.2/1", _WIRE),
     Mutant.of(SilenceKeepsPhases, "HG-8.6/4", _SELF),
     Mutant.of(ArmedAtBoot, "HG-6.1/1", _WIRE),
-    Mutant.of(MuteIgnored, "HG-6.2/1", _WIRE),
     Mutant.of(MuteOfOthersIgnored, "HG-6.4/1", _WIRE),
     Mutant.of(MuteKeepsQueue, "HG-6.4/2", _SELF),
     Mutant.of(MuteReasonKept, "HG-6.4/4", _SELF),
@@ -291,18 +231,13 @@ MUTANTS: Final = (
     Mutant.of(DisarmIgnored, "HG-6.2/1", _WIRE),
     Mutant.of(ArmLeavesFullOutput, "HG-6.3/1", _SELF),
     Mutant.of(SoundsInMuted, "HG-6.6/2", _SELF),
-    Mutant.of(WatchdogMissing, "HG-12.2/1", _WIRE),
     Mutant.of(WatchdogTooSlow, "HG-12.2/1", _WIRE),
-    Mutant.of(HoldMissing, "HG-6.10/1", _WIRE),
     Mutant.of(TimeoutsUncounted, "HG-6.11/5", _SELF),
     Mutant.of(StateChangeUnsaid, "HG-6.8/1", _WIRE),
     Mutant.of(CeilingIgnored, "HG-7.9/2", _SELF),
     Mutant.of(CorrectionIgnored, "HG-7.9/1", _SELF),
     Mutant.of(ClockLosesTheWrap, "HG-3.6/1", _SELF),
     Mutant.of(ClockFast, "HG-6.9/1", _WIRE),
-    Mutant.of(ClockSteps, "HG-6.9/1", _WIRE),
     Mutant.of(DeadElement, "HG-5.3/2", _EXTERNAL),
-    Mutant.of(StuckColumn, "HG-5.8/2", _EXTERNAL),
-    Mutant.of(PhaseInverted, "HG-7.9/1", _EXTERNAL),
     Mutant.of(OutputsReversed, "HG-5.8/2", _EXTERNAL),
 )

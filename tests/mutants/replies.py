@@ -20,11 +20,10 @@ from haptogram_protocol.messages import (
     UploadChunk,
     UploadCommit,
 )
-
-from ..board.board import Board
-from ..board.refusal import RefusalError
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
+from sim_device.board.board import Board
+from sim_device.board.refusal import RefusalError
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 
 class LyingMutant(BoardConnection):

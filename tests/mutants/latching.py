@@ -18,15 +18,14 @@ from haptogram_protocol.messages import (
     Trace,
     TracePlayback,
 )
-
-from ..board.board import Board
-from ..board.counters import Drop
-from ..board.output import BoardOutput
-from ..board.registers import Content
-from ..board.stream_queue import BoardQueue, QueueEntry, StreamFrame
-from ..board.uploads import BoardUploads
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
+from sim_device.board.board import Board
+from sim_device.board.counters import Drop
+from sim_device.board.output import BoardOutput
+from sim_device.board.registers import Content
+from sim_device.board.stream_queue import BoardQueue, QueueEntry, StreamFrame
+from sim_device.board.uploads import BoardUploads
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 
 class LatchesEarly(Board):
@@ -36,15 +35,6 @@ class LatchesEarly(Board):
         entry = super()._entry(frame)
         early_us = self.output.boundary_us(entry.t_apply_us - self.settings.carrier_us)
         return dataclasses.replace(entry, t_latch_us=early_us)
-
-
-class LatchesOnePeriodLate(Board):
-    """Latches one carrier period after the right one."""
-
-    def _entry(self, frame: StreamFrame) -> QueueEntry:
-        entry = super()._entry(frame)
-        late_us = entry.t_latch_us + self.settings.carrier_us
-        return dataclasses.replace(entry, t_latch_us=late_us)
 
 
 class LatchesOffTheCarrier(Board):
@@ -80,16 +70,6 @@ class LateUnmarked(Board):
 
     def _entry(self, frame: StreamFrame) -> QueueEntry:
         return dataclasses.replace(super()._entry(frame), late=False)
-
-
-class NonAtomic(BoardOutput):
-    """Swaps the second half of the transducers one latch after the first half."""
-
-    def latch(self, key: Any, drive: Drive, bits: int, **how: Any) -> None:
-        """Latch one half of *drive* and one half of the drive before."""
-        previous = self.latched.drive if self.latched else self._silence
-        self._pending, before = drive, getattr(self, "_pending", previous)
-        super().latch(key, _mutant_halves(drive, before), bits, **how)
 
 
 class OffByOneBank(BoardOutput):
@@ -309,12 +289,10 @@ _SELF: Final = Evidence.SELF_REPORTED
 
 MUTANTS: Final = (
     Mutant.of(LatchesEarly, "HG-5.8/1", _SELF),
-    Mutant.of(LatchesOnePeriodLate, "HG-5.8/1", _SELF),
     Mutant.of(LatchesOffTheCarrier, "HG-5.8/1", _SELF),
     Mutant.of(LateApplied, "HG-5.7/5", _SELF),
     Mutant.of(LateWindowInMilliseconds, "HG-5.7/5", _SELF),
     Mutant.of(LateUnmarked, "HG-5.7/6", _SELF),
-    Mutant.of(NonAtomic, "HG-5.8/2", _SELF),
     Mutant.of(OffByOneBank, "HG-5.8/5", _SELF),
     Mutant.of(TwoInOnePeriod, "HG-5.8/3", _SELF),
     Mutant.of(ReplacedKeepsItsTime, "HG-5.7/2", _SELF),

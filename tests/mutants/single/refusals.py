@@ -18,12 +18,11 @@ from haptogram_protocol.messages import (
     UploadBegin,
     UploadCommit,
 )
-
-from ...board.board import Board
-from ...board.refusal import RefusalError
-from ...board.uploads import BoardUploads, Upload
-from ...dialects.haptogram import VirtualHaptogramDialect
-from ..mutant import Mutant
+from sim_device.board.board import Board
+from sim_device.board.refusal import RefusalError
+from sim_device.board.uploads import BoardUploads, Upload
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 
 class RefusedPlayFlushes(Board):

@@ -7,10 +7,10 @@ from typing import Any, Final
 
 from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import Element, GeometryReply, HelloReply
+from sim_device.board.clock import BoardClock
+from sim_device.board.output import BoardOutput
+from sim_device.mutants import Mutant
 
-from ..board.clock import BoardClock
-from ..board.output import BoardOutput
-from .mutant import Mutant
 from .replies import LyingMutant
 
 _WRAP: Final = 2**32

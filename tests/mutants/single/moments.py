@@ -14,14 +14,13 @@ from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.framing import DELIMITER
 from haptogram_protocol.messages import Config, ErrorCode, TraceMode, signed_difference
 from haptogram_protocol.state import MuteReason, OutputState
-
-from ...board.board import Board
-from ...board.counters import Drop
-from ...board.output import BoardOutput
-from ...board.stream_queue import BoardQueue, QueueEntry, StreamFrame
-from ...board.timers import NEVER_US
-from ...dialects.haptogram import VirtualHaptogramDialect
-from ..mutant import Mutant
+from sim_device.board.board import Board
+from sim_device.board.counters import Drop
+from sim_device.board.output import BoardOutput
+from sim_device.board.stream_queue import BoardQueue, QueueEntry, StreamFrame
+from sim_device.board.timers import NEVER_US
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 _FULL: Final = 255
 _MS: Final = 1000

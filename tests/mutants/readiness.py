@@ -8,14 +8,14 @@ from typing import Any, Final
 
 from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
+from sim_device.board.board import Board
+from sim_device.board.counters import Drop
+from sim_device.board.registers import Content
+from sim_device.board.settings import BoardSettings
+from sim_device.board.stream_queue import QueueEntry, StreamFrame
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
-from ..board.board import Board
-from ..board.counters import Drop
-from ..board.registers import Content
-from ..board.settings import BoardSettings
-from ..board.stream_queue import QueueEntry, StreamFrame
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
 from .replies import LyingMutant
 
 _LEAD_US: Final = 200

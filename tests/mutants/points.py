@@ -1,5 +1,4 @@
 """Boards that compute the drive of focal points wrongly.  SPEC.md HG-5.4."""
-# ruff: noqa: SLF001 -- a mutant differs from the healthy board inside
 
 from __future__ import annotations
 
@@ -12,29 +11,12 @@ import numpy as np
 from haptogram.acoustics import Drive
 from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import FocalPoint
-
-from ..board.registers import BoardFocuser, Content
-from ..board.stream_queue import StreamFrame
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
+from sim_device.board.registers import BoardFocuser, Content
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 _FAR_UM: Final = 500_000
 _MOST_POINTS: Final = 4
-
-
-class PointsOfOppositePhase(VirtualHaptogramDialect):
-    """Computes the drive of focal points with the opposite sign of the phase."""
-
-    def _stream(self, event: Any) -> None:
-        focuser = self.board._focuser
-        if getattr(event.message, "points", None):
-            drive = focuser.drive(event.message.points)
-            negative = np.uint8(0) - drive.phase_codes
-            board, index = self.board, event.index
-            t_apply_us = self._unwrap(event.t_apply_us)
-            board.submit(StreamFrame(index, t_apply_us, Drive(negative, drive.amplitude_codes)))
-        else:
-            super()._stream(event)
 
 
 class PointsInTenths(VirtualHaptogramDialect):
@@ -83,7 +65,6 @@ class SumOfPointsOverflows(BoardFocuser):
 _SELF: Final = Evidence.SELF_REPORTED
 
 MUTANTS: Final = (
-    Mutant.of(PointsOfOppositePhase, "HG-5.4/1", _SELF),
     Mutant.of(PointsInTenths, "HG-5.4/1", _SELF),
     Mutant.of(PointsTwoStepsOff, "HG-5.4/3", _SELF),
     Mutant.of(FarPointsClamped, "HG-5.4/3", _SELF),

@@ -20,22 +20,12 @@ from haptogram_protocol.framing import (
     encode_frame,
 )
 from haptogram_protocol.messages import MESSAGES, Error, ErrorCode, MessageType
-
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 _QUIET_US: Final = 5_000
 _LONG_PAUSE_US: Final = 1_000_000
 _FIRMWARE_BUFFER: Final = 512
-
-
-class CrcUnchecked(FrameDecoder):
-    """Takes frames whatever their CRC says."""
-
-    def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
-        found = super()._decode(encoded)
-        damaged = isinstance(found, RemoteProtocolError) and found.reason == "crc"
-        return cobs_decode(encoded)[:-CRC_BYTES] if damaged else found
 
 
 class CrcHalf(FrameDecoder):
@@ -327,7 +317,6 @@ def _mutant_cobs_encoding(encoded: bytes) -> bytes:
 _WIRE, _SELF = Evidence.WIRE, Evidence.SELF_REPORTED
 
 MUTANTS: Final = (
-    Mutant.of(CrcUnchecked, "HG-2.4/2", _WIRE),
     Mutant.of(CrcHalf, "HG-2.4/2", _WIRE),
     Mutant.of(Crc16, "HG-2.4/1", _WIRE),
     Mutant.of(CobsAt254, "HG-2.2/1", _WIRE),

@@ -10,9 +10,8 @@ from typing import Any, ClassVar, Final
 from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.messages import Hello, HelloReply, Mute, MuteReply
-
-from ..dialects.haptogram import VirtualHaptogramDialect
-from .mutant import Mutant
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 
 class GreetingRepeated(BoardConnection):

@@ -22,9 +22,8 @@ from haptogram_protocol.messages import (
     Status,
     signed_difference,
 )
-
-from ...dialects.haptogram import VirtualHaptogramDialect
-from ..mutant import Mutant
+from sim_device.dialects.haptogram import VirtualHaptogramDialect
+from sim_device.mutants import Mutant
 
 _LONG: Final = 2048
 _ANSWER_BYTES: Final = 128  # of a memory for one reply
