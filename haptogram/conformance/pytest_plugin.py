@@ -35,7 +35,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     add(
         "--haptogram-fault-cmd",
         metavar="CMD",
-        help="shell command that lets the board's hardware fail ($BOARD_PID: --haptogram-spawn)",
+        help="shell command that lets the board's hardware fail for 1 s at most "
+        "($BOARD_PID: --haptogram-spawn)",
     )
     add(
         "--haptogram-boot-timeout",

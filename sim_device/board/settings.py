@@ -214,7 +214,7 @@ _LIMITS: Final = {
     "max_points": (0xFF, _POINTS),
     "max_sequence_frames": (2**32 - 1, _SEQUENCES),
     "max_upload_bytes": (2**32 - 1, _UPLOADS),
-    "max_playback_rate_hz": (40_000, _SEQUENCES),
+    "max_playback_rate_hz": (2**32 - 1, _SEQUENCES),
     "max_unattended_ms": (2**32 - 1, _SEQUENCES),
     "upload_window": (0xFFFF, _UPLOADS),
     "max_chunk": (0xFFFF, _UPLOADS),

@@ -22,6 +22,7 @@ NOT_RECORDED = {
     "HG-2.6/3": "runs of 20000 bytes",
     "HG-3.9/4": "a flood of 2 MB",
     "HG-4.3/5": "two lives of a board",
+    "HG-6.6/3": "a fault that lasts",
     "HG-7.1/2": "the share of a slow line",
     "HG-7.4/5": "two lives of a board",
     "HG-8.7/1": "hundreds of traces",

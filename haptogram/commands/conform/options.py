@@ -58,7 +58,9 @@ class BoardUnderTestConfig(Settings):
     )
     reset_cmd: str | None = option(None, unit="CMD", help="shell command that restarts the board")
     fault_cmd: str | None = option(
-        None, unit="CMD", help="shell command that lets its hardware fail ($BOARD_PID: --spawn)"
+        None,
+        unit="CMD",
+        help="shell command that lets its hardware fail for 1 s at most ($BOARD_PID: --spawn)",
     )
     boot_timeout: float = option(
         10.0,

@@ -23,6 +23,7 @@ from haptogram_protocol.messages import (
     Disarm,
     DisarmReply,
     Element,
+    Error,
     Feature,
     FocalPoint,
     GeometryReply,
@@ -83,6 +84,7 @@ PARTS_OF_FRAMES: Final = (
 #: Times in which the points of a frame come and are computed: more outlast leases and holds.
 _CARRIED_US: Final = 20_000
 _COMPUTED_US: Final = 100_000
+_FAULT_US: Final = 1_000_000  # how long a fault that a user brings about may last
 _STATUS_BYTES: Final = 148  # of a STATUS on the line
 
 
@@ -202,8 +204,8 @@ class BoardClient:
 
         The cases, and not this method, judge the replies.
         """
-        if self.hello().state is OutputState.FAULT:
-            inconclusive("the board is in FAULT")
+        if self.hello().state is OutputState.FAULT and not self.leaves_fault():
+            inconclusive("the board is in FAULT, and DISARM does not lead out")
         self.link.ask(Arm())  # the only way out of MUTED
         self.link.ask(Disarm())
         self.config = Config(sound_speed_mm_s=self.identity.sound_speed_mm_s)
@@ -343,6 +345,15 @@ class BoardClient:
     def disarm(self) -> OutputState:
         """Disarm, and return the state."""
         return self.link.call(Disarm(), DisarmReply).state
+
+    def leaves_fault(self) -> bool:
+        """Ask for DISARM until it leads out of FAULT; return False if the fault lasts longer."""
+        end_us = self.wire.now_us() + _FAULT_US
+        while isinstance(self.link.ask(Disarm()).message, Error):
+            if self.wire.now_us() > end_us:
+                return False
+            self.wire.idle(_FAULT_US // 50)
+        return self.status().state is not OutputState.FAULT
 
     def read_geometry(self) -> list[Element]:
         """Return position and normal of every transducer; FAILED if a reply shows none."""

@@ -26,6 +26,7 @@ _UNATTENDED_PERIODS: Final = 2000
 _SEEN_PERIODS: Final = 5  # that a case waits at most behind the last latch
 _FLOOD_FRAMES: Final = 400
 _BUFFERS_BYTES: Final = 1 << 17  # of drives in traces: more than a pty and a board hold
+_TRACE_BYTES: Final = 24  # of TRACE_DRIVE on the line, beside its drive
 _FLOOD_RATE_HZ: Final = 10_000
 
 
@@ -236,11 +237,13 @@ def flood_with_traces(board: BoardClient) -> tuple[int, int]:
     period_us = board.clock.on_carrier(-(-1_000_000 // rate))
     frames = _FLOOD_FRAMES
     if board.wire.limits.slack_us:
-        frames = max(frames, 2 * (_BUFFERS_BYTES // (4 * board.identity.transducers)))
+        trace = _TRACE_BYTES + 2 * board.identity.transducers
+        frames = max(frames, 2 * (_BUFFERS_BYTES // (2 * trace)))
     require_time_to_play(board, frames * period_us)
     board.arm()
     since = board.link.mark()
-    play_now(board, 1, loops=frames // 2, period_us=period_us)
+    alone_ms = max(UNATTENDED_MS, 2 * frames * period_us // 1000)
+    play_now(board, 1, loops=frames // 2, period_us=period_us, unattended_ms=alone_ms)
     board.wire.look_away(frames * period_us)
     timeout_us = frames * period_us * 20 + 500_000
     found = board.link.await_event(PlaybackEnded, since, timeout_us)

@@ -20,6 +20,7 @@ from haptogram_protocol.messages import (
 
 from ..outcome import check, not_observed
 from .board_client import BoardClient
+from .wire import ReceivedByClient
 
 #: Every sequence that cases store, but those of a case that fills the store: a board may have room
 #: for few, and none can be deleted.
@@ -72,11 +73,16 @@ def begin_upload(
 def announce_upload(board: BoardClient, begin: UploadBegin) -> UploadBeginReply:
     """Send *begin*; NOT-OBSERVED if what is stored leaves less room by the board's own word."""
     answer = board.link.ask(begin)
+    require_room_for_upload(begin, answer)
+    return board.link.reply_in(answer, UploadBeginReply, UploadBegin.TYPE)
+
+
+def require_room_for_upload(begin: UploadBegin, answer: ReceivedByClient) -> None:
+    """End the case as NOT-OBSERVED if *answer* tells that what is stored leaves less room."""
     if isinstance(answer.message, Error) and answer.message.code == ErrorCode.TOO_LARGE:
         left = answer.message.detail
         if left < begin.size:
             not_observed(f"this case stores {begin.size} bytes, and the board has room for {left}")
-    return board.link.reply_in(answer, UploadBeginReply, UploadBegin.TYPE)
 
 
 def upload_request(

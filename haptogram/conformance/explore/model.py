@@ -82,11 +82,9 @@ class DialogueModel:
     """
 
     def __init__(self, identity: HelloReply) -> None:
-        limits = {name: int(getattr(identity, name)) for name in _LIMITS}
-        limits["features"] &= int(sum(Feature))
-        limits["max_stored_bytes"] = _STORE_BYTES + limits["max_upload_bytes"]
         self._process = LockstepProcess(
-            [sys.executable, "-m", _MODEL, json.dumps(limits)], _dialogue_model_failure
+            [sys.executable, "-m", _MODEL, limits_of_lockstep_model(identity)],
+            _dialogue_model_failure,
         )
         self._boot_us = 0
         self._next: str | None = None
@@ -303,7 +301,15 @@ def _dialogue_model_failure(text: str) -> Exception:
     return CaseEndedError(Behaviour.INCONCLUSIVE, f"the model beside the board: {text}")
 
 
+def limits_of_lockstep_model(identity: HelloReply) -> str:
+    """Return the argument of the process of a model that is like this board."""
+    limits = {name: int(getattr(identity, name)) for name in _LIMITS}
+    limits["features"] &= int(sum(Feature))
+    limits["max_stored_bytes"] = _STORE_BYTES + limits["max_upload_bytes"]
+    return json.dumps(limits)
+
+
 def identity_suits_lockstep_model(identity: HelloReply) -> bool:
-    """Return True if the virtual board can be made like this one: a grid, 40 kHz, the clock."""
+    """Return True if the virtual board can be made like this one: a grid, 40 kHz."""
     grid = identity.grid_nx * identity.grid_ny == identity.transducers > 0
-    return grid and identity.carrier_hz == 40_000
+    return grid and identity.pitch_um > 0 and identity.carrier_hz == 40_000

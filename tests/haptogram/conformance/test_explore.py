@@ -1,5 +1,6 @@
 """Random dialogues beside a model: a healthy board lives like it, a wrong one does not."""
 
+import io
 import json
 import random
 import re
@@ -11,10 +12,11 @@ from types import SimpleNamespace
 
 import pytest
 from boards import Wrapped, run, virtual
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptogram.conformance.cases.ch01_conformance import every_dialogue
+from haptogram.conformance.cases.ch04_session.identity import LEAST_LIMITS
 from haptogram.conformance.explore.actions import (
     FAULT,
     PARTS,
@@ -45,7 +47,11 @@ from haptogram.conformance.explore.host import DialogueHost
 from haptogram.conformance.explore.lockstep import Played
 from haptogram.conformance.explore.makers.conditions import DialogueConditions
 from haptogram.conformance.explore.makers.makers import DialogueMakers
-from haptogram.conformance.explore.model import DialogueModels, HostLateError
+from haptogram.conformance.explore.model import (
+    DialogueModels,
+    HostLateError,
+    limits_of_lockstep_model,
+)
 from haptogram.conformance.explore.opening import DialogueOpening
 from haptogram.conformance.explore.scenes.inputs import SceneInputs
 from haptogram.conformance.explore.scenes.scenes import RandomScenes
@@ -56,7 +62,7 @@ from haptogram.conformance.explore.tables.coverage import DialogueCoverage
 from haptogram.conformance.explore.tables.limit_requests import random_limit_requests
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
-from haptogram_protocol.framing import HEADER_BYTES, encode_frame
+from haptogram_protocol.framing import HEADER_BYTES, decode_frame, encode_frame
 from haptogram_protocol.messages import (
     RESPONSE_RANGE,
     VERSION_MAJOR,
@@ -89,8 +95,10 @@ from haptogram_protocol.messages import (
     UploadBegin,
     build_body,
 )
+from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import MuteReason, OutputState
 from protocol_c.building import compiler, make
+from sim_device.driven.stepped_board import run_stepped_board
 
 CASE = "HG-1.2/1-dialogues"
 ROOT = Path(__file__).resolve().parents[3]
@@ -528,6 +536,33 @@ def test_the_model_answers_each_step_with_a_line(model):
     model.stdin.flush()
     answers = [model.stdout.readline().strip() for _ in steps]
     assert answers == ["-", "-", f"{SLOT_US} -", "-", "5 -", "-", "-", "-"]
+
+
+@given(st.data())
+@settings(max_examples=30, deadline=None)
+def test_the_model_takes_the_identity_of_every_board(data):
+    features = data.draw(st.integers(0, 2047), "features")
+    fixed = {"grid_nx": 1, "grid_ny": 2, "pitch_um": 10_000, "transducers": 2, "features": features}
+    fixed |= {"carrier_hz": 40_000, "firmware": "x"}
+    most = {"latch_lead_us": 100_000, "point_time_us": 100_000, "max_horizon_us": 2**31 - 1}
+    least = {name: low for name, low, users in LEAST_LIMITS if not users or users & features}
+    least["max_upload_bytes"] = 16 if features & UPLOADS else 0
+    limits = {
+        name: data.draw(st.integers(least.get(name, 0), most.get(name, 256**field.size - 1)), name)
+        for name, field in HelloReply.WIRE.items()
+        if name not in fixed
+    }
+    identity = HelloReply(**fixed | limits)
+    hello = encode_frame(
+        build_body(Hello(VERSION_MAJOR, 0, 7, 0), flags=0, seq=0, time_us=0, session=0)
+    )
+    answers = io.StringIO()
+    run_stepped_board([limits_of_lockstep_model(identity)], [f"rx 0 {hello.hex()}"], answers)
+    reply = HelloReply.unpack(decode_frame(bytes.fromhex(answers.getvalue())[1:-1])[HEADER_BYTES:])
+    told = json.loads(limits_of_lockstep_model(identity)).keys() & HelloReply.WIRE.keys()
+    assert {name: getattr(reply, name) for name in told} == {
+        name: getattr(identity, name) for name in told
+    }
 
 
 @pytest.fixture

@@ -14,9 +14,11 @@ from haptogram.conformance.cases import all_cases
 from haptogram.conformance.client.uploads import SEQUENCES
 from haptogram.conformance.verdict import Behaviour
 from haptogram_protocol.framing import HEADER_BYTES, FrameDecoder
-from haptogram_protocol.messages import Feature, UploadCommit, UploadCommitReply
+from haptogram_protocol.messages import ErrorCode, Feature, UploadCommit, UploadCommitReply
+from haptogram_protocol.state import OutputState
 from sim_device.board.board import Board
 from sim_device.board.output import BoardOutput
+from sim_device.board.refusal import RefusalError
 from sim_device.board.settings import ALL_FEATURES
 
 #: Clauses about the host, about this text, or that no line can show: never passed.
@@ -168,6 +170,50 @@ def test_a_board_with_the_smallest_window_passes_bursts_that_it_has_no_room_for(
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 
+class FullStore(Board):
+    """Has room for two frames, with those that an upload is to replace."""
+
+    def __init__(self, settings, parts):
+        limits = {"max_upload_bytes": 16, "max_stored_bytes": 32}
+        super().__init__(dataclasses.replace(settings, **limits), parts)
+
+    def begin_upload(self, begin):
+        stored = sum(len(sequence.data) for sequence in self._sequences.values())
+        self._refuse_while_playing(begin.target)
+        self._uploads.begin(begin, self.settings.max_stored_bytes - stored)
+
+
+def test_a_board_that_keeps_a_sequence_until_it_is_replaced_may_be_full():
+    chosen = ("HG-3.4/2", "HG-4.9", "HG-6.2/1", "HG-7.1/3", "HG-7.2", "HG-7.4", "HG-10")
+    results = run(virtual(array="4x4", mutant=f"{__name__}:FullStore"), *chosen).results
+    wrong = (Behaviour.FAILED, Behaviour.INCONCLUSIVE)
+    assert {r.case: r.detail for r in results if r.behaviour in wrong} == {}
+
+
+@pytest.mark.parametrize("lasts_us", [300_000, 1 << 40])
+def test_a_fault_that_lasts_refuses_disarm_and_is_no_reason_to_give_up(lasts_us):
+    class LastingFault(BoardOutput):
+        """Refuses DISARM until its fault is over."""
+
+        ends_us = 0
+
+        def raise_hardware_fault(self):
+            super().raise_hardware_fault()
+            self.ends_us = self.now_us + lasts_us
+
+        def disarm(self):
+            if self.state is OutputState.FAULT and self.now_us < self.ends_us:
+                raise RefusalError(ErrorCode.FAULT, 1, "the fault lasts")
+            super().disarm()
+
+    results = run(identity(grid=(4, 4), output=LastingFault), "HG-6.2", "HG-6.6", "HG-6.8").results
+    found = {r.case: r.behaviour for r in results if "fault" in r.summary.lower()}
+    short = lasts_us < 1_000_000
+    assert set(found.values()) == {Behaviour.OK if short else Behaviour.NOT_OBSERVED}
+    others = {r.behaviour for r in results if r.case not in found}
+    assert others <= {Behaviour.OK, Behaviour.NOT_OBSERVED}
+
+
 def test_a_board_of_1024_transducers_passes_read_backs_that_its_uplink_has_no_room_for():
     results = run(virtual(array="32x32"), "HG-5.8/2").results
     assert {r.case: r.detail for r in results if r.behaviour is Behaviour.FAILED} == {}
@@ -293,8 +339,11 @@ TOGETHER = (
         ("HG-2.4/2-timers", "HG-5.7/6-first", "HG-6.7/1-others", "HG-9.1/1-whole"),
     ),
     (
-        {"max_playback_rate_hz": 1, "max_unattended_ms": 1000},
-        ("HG-3.6/4-playback", "HG-5.8/3-pairs", "HG-7.8/1-ends", "HG-12.3/1-latches"),
+        {"max_playback_rate_hz": 1, "max_unattended_ms": 1000, "grid": (1, 1)},
+        (
+            *("HG-3.2/4-types", "HG-3.6/4-playback", "HG-4.9/1-replies", "HG-5.8/3-pairs"),
+            *("HG-7.8/1-ends", "HG-12.3/1-latches"),
+        ),
     ),
     ({"max_playback_rate_hz": 9}, ("HG-12.3/1-latches",)),
     (

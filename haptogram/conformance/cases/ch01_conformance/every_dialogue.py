@@ -54,7 +54,7 @@ _SHOWN: Final = 12  # last frames of a dialogue that differed once
 )
 def random_dialogues_match_the_model(board: BoardClient) -> None:
     if not identity_suits_lockstep_model(board.identity):
-        not_observed("the model is a grid with a carrier of 40 kHz; this board is not")
+        not_observed("the model is a grid with a pitch and a carrier of 40 kHz; this board is not")
     largest = len(board.flat_phases().serialize()) + 40
     if board.wire.line_us(largest) > SLOT_US // 3:
         not_observed("this line carries too few frames in the time between two of them")

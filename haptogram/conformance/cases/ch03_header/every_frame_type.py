@@ -19,6 +19,7 @@ from haptogram_protocol.messages import (
     MuteReply,
     Ping,
     Play,
+    UploadBegin,
     UploadChunk,
 )
 from haptogram_protocol.rules import UPLOADS
@@ -34,6 +35,7 @@ from ...client.stream_kinds import (
     stream_kinds,
     valid_requests_to_send,
 )
+from ...client.uploads import require_room_for_upload
 from ...client.wire import ReceivedByClient
 from ...outcome import SELF_REPORTED, check, check_equal
 
@@ -140,6 +142,8 @@ def every_header_type_ignores_low_flags(board: BoardClient) -> None:
             flags = low | (Flag.IMMEDIATE if plays else 0)
             past_us = board.clock.device_us() - 2_000_000 if plays else 0  # HG-3.5/2: not used
             answer = board.link.ask(message, flags=flags, time_us=past_us)
+            if isinstance(message, UploadBegin):
+                require_room_for_upload(message, answer)
             check_equal(
                 board.link.type_of(answer),
                 message.TYPE + RESPONSE_OFFSET,

@@ -38,6 +38,7 @@ from ...judge.repetition import (
 )
 
 _SEQUENCE: Final = 4
+_FILLED_US: Final = 1_000_000
 
 
 def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:
@@ -54,14 +55,14 @@ def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:
 
 
 def _fill_ring_for_remembered_reply(board: BoardClient) -> None:
-    """Latch so often that the ring fills a frame, at most a thousand times."""
+    """Latch so often in a second at most that the ring fills a frame, if the board can."""
     if not board.has(Feature.TRACE_RING | Feature.CONFIG | Feature.SEQUENCE_PHASES):
         return
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
     period_us = shortest_period_to_play_us(board, PERIOD_US // 4)
     play_now(board, _SEQUENCE, loops=100, period_us=period_us)
-    board.wire.idle(250 * period_us)
+    board.wire.idle(min(250 * period_us, _FILLED_US))
     board.link.ask(Stop())
 
 

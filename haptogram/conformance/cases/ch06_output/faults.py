@@ -20,6 +20,7 @@ from haptogram_protocol.messages import (
     StateChanged,
     Status,
     Stop,
+    UploadBegin,
 )
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
@@ -35,6 +36,7 @@ from ...client.playback import (
     send_phases_to_store,
 )
 from ...client.stream_kinds import valid_requests_to_send
+from ...client.uploads import require_room_for_upload
 from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _SEQUENCE: Final = 4
@@ -94,10 +96,12 @@ def fail_hardware(board: BoardClient) -> None:
 
 
 def recover_from_hardware_fault(board: BoardClient) -> None:
-    """Lead the board out of FAULT; NOT-OBSERVED if the fault lasts."""
-    board.link.ask(Disarm())
-    if board.status().state is OutputState.FAULT:
-        not_observed("the fault lasts, so that DISARM does not lead out of FAULT")
+    """Lead the board out of FAULT; NOT-OBSERVED, and a board that starts anew, if it lasts."""
+    if board.leaves_fault():
+        return
+    if board.restart is not None:
+        board.restart()
+    not_observed("the fault lasts: the command that brings it about (--fault-cmd) has to end it")
 
 
 @case("HG-6.8/1", "STATE_CHANGED tells a fault once, from each state", variant="fault")
@@ -142,6 +146,18 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
         recover_from_hardware_fault(board)
 
 
+@case("HG-6.6/3", "a fault that lasts refuses DISARM with ERROR(FAULT)")
+def a_lasting_hardware_fault_refuses_disarm(board: BoardClient) -> None:
+    fail_hardware(board)
+    answer = board.link.ask(Disarm())
+    is_gone = not isinstance(answer.message, Error)
+    if not is_gone:
+        board.link.error_in(answer, Disarm.TYPE, ErrorCode.FAULT)
+    recover_from_hardware_fault(board)
+    if is_gone:
+        not_observed("DISARM led out of FAULT at once: the fault was over before")
+
+
 @case("HG-6.2/1", "in FAULT every input leads to the state in the table", variant="fault")
 def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
     inputs: dict[OutputInput, Message] = {
@@ -159,6 +175,8 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
         due = OUTPUT_TRANSITIONS.get((OutputState.FAULT, event))
         if event is OutputInput.NEW_SESSION:
             board.hello()
+        elif event is OutputInput.DISARM:
+            recover_from_hardware_fault(board)
         elif event is OutputInput.LATCH:
             with board.counting(dropped_state=None, latched=0):
                 board.link.send(board.link.stream_wire(board.flat_phases()))
@@ -169,8 +187,6 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
         else:
             board.link.ask(inputs[event])
         found = board.status().state
-        if event is OutputInput.DISARM and found is OutputState.FAULT:
-            not_observed("the fault lasts, so that DISARM does not lead out of FAULT")
         due = OutputState.FAULT if due is None else due
         check(found is due, f"{event.name} in FAULT: {found.name}, due is {due.name}")
         recover_from_hardware_fault(board)
@@ -217,6 +233,8 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
         if isinstance(message, Disarm):
             continue
         answer = board.link.ask(message, flags=Flag.IMMEDIATE if isinstance(message, Play) else 0)
+        if isinstance(message, UploadBegin):
+            require_room_for_upload(message, answer)
         is_refused = isinstance(answer.message, Error)
         text = f"{message.TYPE.name} in FAULT: {board.link.answer_text(answer)}"
         check(is_refused == isinstance(message, Arm | Play), text)

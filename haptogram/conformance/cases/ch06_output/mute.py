@@ -45,11 +45,6 @@ resets_silently = unobservable_case(
 )
 
 
-fault_lasts = unobservable_case(
-    "HG-6.6/3", "no frame can bring about a fault of the hardware", EXTERNAL
-)
-
-
 @case(
     "HG-6.4/1",
     "MUTE mutes in every state, without a session and with a payload; frames are dropped",

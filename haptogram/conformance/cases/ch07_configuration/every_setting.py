@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram_protocol.messages import (
@@ -23,7 +22,6 @@ from haptogram_protocol.messages import (
     TraceMode,
     TracePlayback,
     UploadBegin,
-    UploadBeginReply,
     UploadCommit,
     UploadCommitReply,
     UploadKind,
@@ -44,7 +42,7 @@ from ...client.playback import (
     send_phases_to_store_if_supported,
 )
 from ...client.stream_kinds import random_point_to_send, valid_requests_to_send
-from ...client.uploads import send_upload_chunks, upload_to_board
+from ...client.uploads import begin_upload, send_upload_chunks, upload_to_board
 from ...judge.refused_requests import requests_refused_by_link
 from ...judge.timers import judge_in_time
 from ...outcome import SELF_REPORTED, check, check_equal
@@ -221,9 +219,7 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
     count = board.identity.transducers
     send_phases_that_fit(board, _SEQUENCE, frames=2)
     other = board.random_registers()
-    board.link.call(
-        UploadBegin(UploadKind.PHASES, 0, _SEQUENCE + 1, count, zlib.crc32(other)), UploadBeginReply
-    )
+    begin_upload(board, UploadKind.PHASES, _SEQUENCE + 1, other)
     period_us = board.clock.on_carrier(max(20 * _MS, 4 * board.wire.line_us(2 * count + 200)))
     board.arm()
     since, before = board.link.mark(), board.status().counters.latched

@@ -22,7 +22,6 @@ from haptogram_protocol.messages import (
     StopReply,
     TraceMode,
     UploadBegin,
-    UploadBeginReply,
     UploadChunk,
     UploadCommit,
     UploadCommitReply,
@@ -40,7 +39,13 @@ from ...client.playback import (
     play_out,
     play_request,
 )
-from ...client.uploads import SEQUENCES, begin_upload, send_upload_chunks, upload_to_board
+from ...client.uploads import (
+    SEQUENCES,
+    announce_upload,
+    begin_upload,
+    send_upload_chunks,
+    upload_to_board,
+)
 from ...outcome import SELF_REPORTED, check, check_equal
 
 _IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
@@ -79,7 +84,7 @@ class SequenceStore:
         """Begin an upload of a sequence, and do not go on."""
         size = frames * self.board.identity.transducers
         begin = UploadBegin(UploadKind.PHASES, 0, sequence, size, 0)
-        self.board.link.call(begin, UploadBeginReply)
+        announce_upload(self.board, begin)
 
     def check_all(self, name: str) -> None:
         """FAILED unless every sequence is played as it was uploaded."""

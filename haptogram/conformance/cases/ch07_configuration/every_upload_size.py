@@ -13,7 +13,6 @@ from haptogram_protocol.messages import (
     Points,
     TraceMode,
     UploadBegin,
-    UploadBeginReply,
     UploadChunk,
     UploadChunkReply,
     UploadCommit,
@@ -27,7 +26,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import full_client_drive, latch_now, latches_received_from_board
 from ...client.playback import period_to_play, play_out
 from ...client.stream_kinds import random_point_to_send
-from ...client.uploads import begin_upload, upload_to_board
+from ...client.uploads import announce_upload, begin_upload, upload_to_board
 from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _SEQUENCE: Final = 4
@@ -61,7 +60,7 @@ def every_upload_is_of_whole_frames(board: BoardClient) -> None:
         for frames in range(1, 1 + target * _FRAMES or 2):
             if frames * unit <= board.identity.max_upload_bytes:
                 begin = UploadBegin(kind, points, target, frames * unit, 0)
-                board.link.call(begin, UploadBeginReply)
+                announce_upload(board, begin)
         near = {unit + step for step in (-16, -4, -2, -1, 1, 2, 4, 16)}
         near |= {2 * unit + step for step in (-16, -1, 1, 16)} if target else set()
         for size in sorted(size for size in near if size > 0 and size % unit):

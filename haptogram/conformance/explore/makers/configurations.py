@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, Final
 
 from haptogram_protocol.messages import Config, Feature, TraceMode
@@ -67,7 +68,7 @@ class RandomConfigs(DialogueMaker):
             late_window_us=pick(LATE_WINDOWS_US),
             sound_speed_mm_s=pick((343_987, 331_000, 352_000, 300_000, 380_000)),
             trace_mode=pick(self.modes()),
-            amplitude_ceiling=pick((255, 255, 255, 100, 1, 0)),
+            amplitude_ceiling=pick(self._ceilings((255, 255, 255, 100, 1, 0))),
             trace_divider=pick((1, 1, 2, 3, 257, 0xFFFF)),
         )
         return self.last
@@ -83,7 +84,7 @@ class RandomConfigs(DialogueMaker):
             hold_ms=never if hold is None else _in_slots_ms(hold, _HOLD_PART),
             host_timeout_ms=never if lease is None else _in_slots_ms(lease, _LEASE_PART),
             ramp_ms=self._random.choice(ramps) if ramp_ms is None else ramp_ms,
-            amplitude_ceiling=self._random.choice((255, 100)),
+            amplitude_ceiling=self._random.choice(self._ceilings((255, 100))),
             status_period_ms=0,
         )
         return self.last
@@ -104,10 +105,16 @@ class RandomConfigs(DialogueMaker):
         if name == "ramp_ms":
             others = self._random.sample(_RAMPS_MS, len(_RAMPS_MS))
         elif name == "amplitude_ceiling":
-            others = self._random.sample(_CEILINGS, len(_CEILINGS))
+            ceilings = self._ceilings(_CEILINGS)
+            others = self._random.sample(ceilings, len(ceilings))
         value = next((other for other in others if other != getattr(last, name)), others[0])
         self.last = dataclasses.replace(last, **{name: value})
         return self.last
+
+    def _ceilings(self, wanted: Sequence[int]) -> Sequence[int]:
+        """Return those of which SPEC.md says what the board radiates (HG-7.9/2)."""
+        is_graded = Feature.AMPLITUDE in self._can
+        return [ceiling for ceiling in wanted if is_graded or ceiling in (0, 255)]
 
     def refused(self, name: str) -> Config:
         """Return the last configuration with a value of one field that no board takes."""
