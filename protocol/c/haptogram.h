@@ -230,7 +230,7 @@ struct hg_wire_header {
     uint8_t flags[1]; /* high nibble: must be understood; low nibble: may be ignored */
     uint8_t seq[2]; /* sequence number, modulo 2^16; stream and control count apart */
     uint8_t time_us[4]; /* t_apply (host) or t_device (board), device clock, modulo 2^32 */
-    uint8_t session[2]; /* nonce of the session; 0 only in HELLO, MUTE and ERROR */
+    uint8_t session[2]; /* nonce of the session; 0: none (HG-3.7) */
 };
 HG_STATIC_ASSERT(sizeof(struct hg_wire_header) == 10, size_of_header);
 HG_STATIC_ASSERT(offsetof(struct hg_wire_header, type) == 0,

@@ -18,7 +18,7 @@ struct hg_header {
     uint8_t flags; /* high nibble: must be understood; low nibble: may be ignored */
     uint16_t seq; /* sequence number, modulo 2^16; stream and control count apart */
     uint32_t time_us; /* t_apply (host) or t_device (board), device clock, modulo 2^32 */
-    uint16_t session; /* nonce of the session; 0 only in HELLO, MUTE and ERROR */
+    uint16_t session; /* nonce of the session; 0: none (HG-3.7) */
 };
 
 static inline void hg_header_read(struct hg_header *value, const uint8_t *from)

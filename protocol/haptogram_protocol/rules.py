@@ -142,7 +142,7 @@ REFUSALS: Final[Mapping[MessageType, tuple[Refusal, ...]]] = {
     ),
     _T.UPLOAD_BEGIN: (
         Refusal("`kind` in no table", _E.BAD_VALUE, "0", "HG-3.2/5"),
-        Refusal("`target` plays", _E.BAD_STATE, _STATE, "HG-7.2/5"),
+        Refusal("`target` plays, whatever `kind`", _E.BAD_STATE, _STATE, "HG-7.2/5"),
         Refusal("`kind` not advertised", _E.UNSUPPORTED, "type", "HG-1.2/2"),
         Refusal("`points_per_frame` does not fit `kind`", _E.BAD_VALUE, "1", "HG-7.2/3"),
         Refusal("`target` does not fit `kind`", _E.BAD_VALUE, "2", "HG-7.2/3"),

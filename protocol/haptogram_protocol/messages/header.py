@@ -108,7 +108,7 @@ class Header(Record):
     flags: int = wire("B", "high nibble: must be understood; low nibble: may be ignored")
     seq: int = wire("H", "sequence number, modulo 2^16; stream and control count apart")
     time_us: int = wire("I", "t_apply (host) or t_device (board), device clock, modulo 2^32")
-    session: int = wire("H", "nonce of the session; 0 only in HELLO, MUTE and ERROR")
+    session: int = wire("H", "nonce of the session; 0: none (HG-3.7)")
 
 
 class Message(Record):
