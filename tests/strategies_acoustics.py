@@ -18,7 +18,7 @@ from haptogram.acoustics import (
 )
 
 seeds = st.integers(0, 2**32 - 1)
-phase_bits = st.integers(1, 8)
+phase_bits = st.integers(1, 16)
 finite_angles = st.floats(-50.0, 50.0)
 
 

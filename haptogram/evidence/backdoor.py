@@ -290,10 +290,9 @@ def _observed_frame_key(record: Mapping[str, Any]) -> FrameKey:
 
 def _observed_drive(record: Mapping[str, Any]) -> Drive:
     phases, amplitudes = (
-        np.frombuffer(base64.b64decode(record[name]), dtype=np.uint8)
-        for name in ("phase_codes", "amplitude_codes")
+        base64.b64decode(record[name]) for name in ("phase_codes", "amplitude_codes")
     )
-    return Drive(phases, amplitudes, record["phase_bits"])
+    return Drive.from_bytes(phases, amplitudes, record["phase_bits"])
 
 
 def observed_reconstruction_of(fields: Mapping[str, Any] | None) -> Reconstruction | None:

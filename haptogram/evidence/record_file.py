@@ -14,8 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
-import numpy as np
-
 from haptogram.acoustics.model.drive import Drive
 from haptogram.errors import ConfigurationError, unreadable_file, unwritable_file
 from haptogram.machine.closing import ClosedByWith
@@ -246,8 +244,8 @@ def _record_of_observation(seen: Observation) -> dict[str, Any]:
 
 
 def _record_of_drive(drive: Drive) -> tuple[str, str, int]:
-    codes = (drive.phase_codes, drive.amplitude_codes)
-    phases, amplitudes = (base64.b64encode(part.tobytes()).decode() for part in codes)
+    codes = (drive.phase_bytes, drive.amplitude_codes.tobytes())
+    phases, amplitudes = (base64.b64encode(part).decode() for part in codes)
     return phases, amplitudes, drive.phase_bits
 
 
@@ -255,5 +253,4 @@ def _drive_of_record(fields: Any) -> Drive | None:
     if fields is None:
         return None
     phases, amplitudes, bits = fields
-    codes = [np.frombuffer(base64.b64decode(part), dtype=np.uint8) for part in (phases, amplitudes)]
-    return Drive(codes[0], codes[1], bits)
+    return Drive.from_bytes(base64.b64decode(phases), base64.b64decode(amplitudes), bits)

@@ -149,7 +149,8 @@ class Intended:
     foci : tuple of Focus
         Focal points of the drive.
     drive : Drive
-        Drive that the host expects in the registers, from the foci; 8-bit phase codes.
+        Drive that the host expects in the registers, from the foci; phase codes of 8 bits, or more
+        where the board has finer ones.
     phase_bits : int
         Resolution of the phases on the wire, in bits.
     phase_steps : int or None
@@ -214,7 +215,7 @@ class Observation:
     evidence : Evidence
         Witness of the latch.
     drive : Drive or None
-        Latched drive, 8-bit phase codes, if it was observed in full.
+        Latched drive, in the codes of the intended one, if it was observed in full.
     drive_crc : int or None
         CRC-32 of the latched drive (:meth:`Drive.digest`), if it was observed.
     reconstruction : Reconstruction or None

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Codes:
-    """A drive: codes of the phases and of the amplitudes, one byte for each element."""
+    """A drive: its codes as bytes, see ``Drive.phase_bytes``; one byte for each amplitude."""
 
     phases: bytes
     amplitudes: bytes
@@ -155,7 +155,7 @@ class LatchRecord:
 
 
 def _latch_codes_of(drive: Drive) -> Codes:
-    return Codes(drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes(), drive.phase_bits)
+    return Codes(drive.phase_bytes, drive.amplitude_codes.tobytes(), drive.phase_bits)
 
 
 def _latch_codes_in(record: Mapping[str, Any]) -> Codes:

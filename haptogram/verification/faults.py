@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
+from haptogram.acoustics.model.drive import MAX_PHASE_BITS
 from haptogram.records.frame import Intended
 
-from .mixed_up import Codes, mixed_up_drives, shaped_drive_fault
+from .mixed_up import TURN, Codes, PhaseGrid, mixed_up_drives, shaped_drive_fault
 
 #: A drive that is wrong in no way that has a name here.
 UNNAMED: Final = "most phases are not those intended"
 
-_TURN: Final = 256  # codes in one turn, in the registers of the board
 _NAMED_ELEMENTS: Final = 8  # more than these are counted, not listed
 _FEW: Final = 0.25  # share of the elements that can be wrong one by one
 _MOST_UNITS: Final = 4  # that are each off by a phase of their own
@@ -36,9 +36,9 @@ def name_drive_faults(model: AcousticModel, intended: Intended, latched: Drive) 
     model : AcousticModel
         Array of the board; its grid gives columns, mirrors and transposition a meaning.
     intended : Intended
-        With the drive that was expected in the registers, 8-bit codes.
+        With the drive that was expected in the registers.
     latched : Drive
-        8-bit codes.
+        Its codes are of the same registers.
     """
     allowance = 1 if intended.board_computed else 0
     wanted, found = _drive_fault_phases(intended.drive), _drive_fault_phases(latched)
@@ -48,28 +48,32 @@ def name_drive_faults(model: AcousticModel, intended: Intended, latched: Drive) 
         *_silent_element_drive_faults(model, silent),
         *_amplitude_drive_faults(intended, latched, silent, allowance),
     ]
+    grid = PhaseGrid.of(intended)
+    allowance *= grid.code
     off = active & (np.abs(_signed_drive_difference(found - wanted)) > allowance)
     if off.any():
-        faults += _phase_drive_faults(model, intended, found, off, allowance)
+        faults += _phase_drive_faults(model, intended, found, off, allowance, grid)
     return tuple(faults)
 
 
 def drive_fault_candidates(model: AcousticModel, intended: Intended) -> Iterator[Codes]:
-    """Yield the phase codes, modulo 256, that known mistakes of a whole drive would have made."""
-    wanted = _drive_fault_phases(intended.drive)
-    yield from (codes for _, codes in mixed_up_drives(model, intended, wanted))
-    yield from (wanted + step for step in range(1, _TURN))
-    if (down := _rounded_down_drive_fault(model, intended)) is not None:
-        yield down
+    """Yield the codes of the registers that known mistakes of a whole drive would have made."""
+    wanted, grid = _drive_fault_phases(intended.drive), PhaseGrid.of(intended)
+    for _, codes in mixed_up_drives(model, intended, wanted):
+        yield codes // grid.code % grid.registers
+    for step in range(1, grid.registers):
+        yield (wanted // grid.code + step) % grid.registers
+    if (down := _rounded_down_drive_fault(model, intended, grid)) is not None:
+        yield down // grid.code
 
 
 def _drive_fault_phases(drive: Drive) -> Codes:
-    return drive.phase_codes.astype(np.int64) << (8 - drive.phase_bits)
+    return drive.phase_codes.astype(np.int64) << (MAX_PHASE_BITS - drive.phase_bits)
 
 
 def _signed_drive_difference(difference: Codes) -> Codes:
-    """Return a difference of codes in -128 .. 127."""
-    return (difference + _TURN // 2) % _TURN - _TURN // 2
+    """Return a difference of phases within half a turn."""
+    return (difference + TURN // 2) % TURN - TURN // 2
 
 
 # --- Amplitudes --------------------------------------------------------------------------------
@@ -129,36 +133,40 @@ def _amplitude_drive_faults(
 
 
 def _phase_drive_faults(
-    model: AcousticModel, intended: Intended, found: Codes, off: NDArray[np.bool_], allowance: int
+    model: AcousticModel,
+    intended: Intended,
+    found: Codes,
+    off: NDArray[np.bool_],
+    allowance: int,
+    grid: PhaseGrid,
 ) -> list[str]:
     wanted = _drive_fault_phases(intended.drive)
-    step = _TURN / intended.steps
-    if not allowance and _is_equal_faulty_drive(found, _rounded_down_drive_fault(model, intended)):
+    down = None if allowance else _rounded_down_drive_fault(model, intended, grid)
+    if down is not None and np.array_equal(found, down):
         return ["phases rounded down instead of to the nearest code"]
     difference = _signed_drive_difference(found - wanted)
     if _is_same_faulty_drive(found, wanted, allowance):
-        steps = _drive_fault_steps(int(difference[off][0]), step)
-        return [f"all phases off by {steps}, the focus is not"]
+        return [f"all phases off by {grid.text(int(difference[off][0]))}, the focus is not"]
     few = off.mean() <= _FEW
     named = _swapped_drive_fault(model, wanted, found, off) or _stuck_element_drive_faults(
-        model, found, off
+        model, found, off, grid
     )
     if not named and not few:
-        named = _mixed_up_drive_fault(model, intended, wanted, found)
-        named = named or shaped_drive_fault(model, difference, step, allowance)
-        named = named or _units_out_of_step(model, difference, step)
-    named = named or _stuck_together(model, intended, found, off)
+        named = _mixed_up_drive_fault(model, intended, wanted, found, grid)
+        named = named or shaped_drive_fault(model, difference, grid, allowance)
+        named = named or _units_out_of_step(model, difference, grid)
+    named = named or _stuck_together(model, found, off, grid)
     if not named and few:
-        named = list(_single_element_drive_faults(model, difference, off, step))
+        named = list(_single_element_drive_faults(model, difference, off, grid))
     return named or [UNNAMED]
 
 
 def _mixed_up_drive_fault(
-    model: AcousticModel, intended: Intended, wanted: Codes, found: Codes
+    model: AcousticModel, intended: Intended, wanted: Codes, found: Codes, grid: PhaseGrid
 ) -> list[str]:
     """Name the mistake in the order, the sign or the packing that would make this drive."""
     # A board that mixes up the elements may round the halves its own way: then a step is allowed.
-    for allowance in (0, -(-_TURN // intended.steps)):
+    for allowance in (0, -(-grid.registers // grid.steps) * grid.code):
         for name, candidate in mixed_up_drives(model, intended, wanted):
             # What is that near to the right drive proves nothing.
             if _is_same_faulty_drive(found, candidate, allowance) and not _is_same_faulty_drive(
@@ -172,10 +180,6 @@ def _mixed_up_drive_fault(
     return []
 
 
-def _is_equal_faulty_drive(found: Codes, candidate: Codes | None) -> bool:
-    return candidate is not None and np.array_equal(found, candidate)
-
-
 def _is_same_faulty_drive(found: Codes, candidate: Codes, allowance: int) -> bool:
     """Return True if two sets of phases agree within *allowance*, up to a common phase."""
     difference = _signed_drive_difference(found - candidate)
@@ -183,16 +187,17 @@ def _is_same_faulty_drive(found: Codes, candidate: Codes, allowance: int) -> boo
     return bool(np.ptp(relative) <= 2 * allowance)
 
 
-def _rounded_down_drive_fault(model: AcousticModel, intended: Intended) -> Codes | None:
+def _rounded_down_drive_fault(
+    model: AcousticModel, intended: Intended, grid: PhaseGrid
+) -> Codes | None:
     """Return the codes of a focus without rounding; None if there are several foci."""
     if len(intended.foci) != 1:
         return None
     (focus,) = intended.foci
     phases_rad = focus_phases(model, np.array(focus.position_m)) + focus.phase_rad
-    steps = intended.steps
-    codes = np.floor(phases_rad / (2.0 * np.pi) * steps) % steps
-    found: Codes = np.floor(codes * (_TURN / steps) + 0.5).astype(np.int64) % _TURN
-    return found
+    codes = np.floor(phases_rad / (2.0 * np.pi) * grid.steps) % grid.steps
+    found = np.floor(codes * (grid.registers / grid.steps) + 0.5).astype(np.int64)
+    return found % grid.registers * grid.code
 
 
 def _rolled_drive_fault(found: Codes, wanted: Codes, allowance: int) -> int | None:
@@ -224,33 +229,30 @@ def _swapped_drive_fault(
 
 
 def _single_element_drive_faults(
-    model: AcousticModel, difference: Codes, off: NDArray[np.bool_], step: float
+    model: AcousticModel, difference: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> Iterator[str]:
     """Name elements that are wrong one by one, those with the same error together."""
     errors = sorted({int(d) for d in difference[off]}, key=abs)
     if len(errors) > _NAMED_ELEMENTS:
-        yield from _drive_faults_by_line(
-            model, off, f"off, by up to {_drive_fault_steps(errors[-1], step)}"
-        )
+        yield from _drive_faults_by_line(model, off, f"off, by up to {grid.text(errors[-1])}")
         return
     for error in errors:
         wrong = off & (difference == error)
-        inverted = error == -_TURN // 2
-        what = "inverted" if inverted else f"off by {_drive_fault_steps(error, step)}"
+        what = "inverted" if error == -TURN // 2 else f"off by {grid.text(error)}"
         yield from _drive_faults_by_line(model, wrong, what)
 
 
-def _units_out_of_step(model: AcousticModel, difference: Codes, step: float) -> list[str]:
+def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid) -> list[str]:
     """Name parts of the array that are each off by one phase, if that explains all errors."""
     values, counts = np.unique(difference, return_counts=True)
     relative = _signed_drive_difference(difference - values[counts.argmax()])
     errors = [int(error) for error in np.unique(relative) if error]
-    bits = len(difference) * np.log2(_TURN / step / max(len(values), 1))
-    if len(values) > _MOST_UNITS or bits < _CHANCE_BITS or min(map(abs, errors)) < _TWO * step:
+    bits = len(difference) * np.log2(grid.steps / max(len(values), 1))
+    if len(values) > _MOST_UNITS or bits < _CHANCE_BITS or min(map(abs, errors)) < _TWO * grid.step:
         return []
     return [
         f"{_numbered_run_text(model, np.flatnonzero(relative == error))} "
-        + ("inverted" if error == -_TURN // 2 else f"off by {_drive_fault_steps(error, step)}")
+        + ("inverted" if error == -TURN // 2 else f"off by {grid.text(error)}")
         for error in errors
     ]
 
@@ -264,24 +266,20 @@ def _numbered_run_text(model: AcousticModel, numbers: NDArray[np.intp]) -> str:
 
 
 def _stuck_together(
-    model: AcousticModel, intended: Intended, found: Codes, off: NDArray[np.bool_]
+    model: AcousticModel, found: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> list[str]:
     """Name wrong elements that all have one phase, if so many would hardly have it by chance."""
     numbers = np.flatnonzero(off)
-    bits = (len(numbers) - 1) * np.log2(intended.steps)
+    bits = (len(numbers) - 1) * np.log2(grid.steps)
     if bits < _CHANCE_BITS or (found[numbers] != found[numbers[0]]).any():
         return []
-    return [f"{faulty_elements_text(model, numbers)} stuck at phase {found[numbers[0]]}"]
-
-
-def _drive_fault_steps(error: int, step: float) -> str:
-    """Return an error of 8-bit codes in steps of the phases on the wire."""
-    whole = round(error / step)
-    return f"{whole:+d} LSB" if abs(error - whole * step) < 1.0 else f"{error:+d}/{_TURN} of a turn"
+    return [
+        f"{faulty_elements_text(model, numbers)} stuck at phase {found[numbers[0]] // grid.code}"
+    ]
 
 
 def _stuck_element_drive_faults(
-    model: AcousticModel, found: Codes, off: NDArray[np.bool_]
+    model: AcousticModel, found: Codes, off: NDArray[np.bool_], phases: PhaseGrid
 ) -> list[str]:
     """Name columns or rows whose elements all have one phase, if that explains all errors."""
     if model.array.grid_shape is None:
@@ -291,5 +289,7 @@ def _stuck_element_drive_faults(
         same = (codes == codes[:, :1]).all(axis=1) & (errors.sum(axis=1) > 1)
         if same.any() and not errors[~same].any():
             lines = np.flatnonzero(same)
-            return [f"{name} {line} stuck at phase {codes[line, 0]}" for line in lines]
+            return [
+                f"{name} {line} stuck at phase {codes[line, 0] // phases.code}" for line in lines
+            ]
     return []

@@ -1,24 +1,65 @@
-"""Drives that mistakes in the order, the sign, the packing or the shape of a drive would make."""
+"""Drives that mistakes in the order, the sign, the packing or the shape of a drive would make.
+
+Phases are whole numbers in units of the finest code, 1/65536 of a turn.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel
+from haptogram.acoustics.model.drive import MAX_PHASE_BITS, REGISTER_BITS
 from haptogram.records.frame import Intended
 
 Codes: TypeAlias = NDArray[np.int64]
 
-_TURN: Final = 256  # codes in one turn, in the registers of the board
+TURN: Final = 1 << MAX_PHASE_BITS
 _CHARGES: Final = (1, -1, 2, -2, 3, -3)
 _LEAST_ELEMENTS: Final = 12  # of fewer, a half or a turn around the middle may be chance
 _MIDDLE: Final = 1e-6  # m: an element there has no direction
 _CHANGES: Final = 2  # around the middle of a twin
 _UNEVEN: Final = 0.2  # share of the elements by which its halves may differ
+
+
+class PhaseGrid(NamedTuple):
+    """Grids of the phases of a drive.
+
+    Attributes
+    ----------
+    steps : int
+        Steps of the wire in a turn.
+    registers : int
+        Codes of the registers in a turn: 256, or more where the drive has more bits.
+    """
+
+    steps: int
+    registers: int
+
+    @classmethod
+    def of(cls, intended: Intended) -> Self:
+        """Return the grids of an intended drive."""
+        return cls(intended.steps, 1 << max(REGISTER_BITS, intended.drive.phase_bits))
+
+    @property
+    def step(self) -> float:
+        """Units in a step."""
+        return TURN / self.steps
+
+    @property
+    def code(self) -> int:
+        """Units in a code of the registers."""
+        return TURN // self.registers
+
+    def text(self, error: int) -> str:
+        """Return an error in steps of the wire, or in codes where that is none."""
+        whole = round(error / self.step)
+        if abs(error - whole * self.step) < self.code:
+            return f"{whole:+d} LSB"
+        return f"{error // self.code:+d}/{self.registers} of a turn"
 
 
 def mixed_up_drives(
@@ -29,7 +70,7 @@ def mixed_up_drives(
     yield from _drive_fault_orders(model, wanted)
     yield from _drive_fault_copies(wanted)
     for lost in range(1, intended.phase_bits):
-        unit = 1 << (8 - intended.phase_bits + lost)
+        unit = 1 << (MAX_PHASE_BITS - intended.phase_bits + lost)
         yield (
             f"lowest {'bit' if lost == 1 else f'{lost} bits'} of every phase lost",
             wanted // unit * unit,
@@ -75,7 +116,7 @@ def _serpentine_drive_order(grid: Codes) -> Codes:
 
 
 def shaped_drive_fault(
-    model: AcousticModel, difference: Codes, step: float, allowance: int
+    model: AcousticModel, difference: Codes, grid: PhaseGrid, allowance: int
 ) -> list[str]:
     """Name a twin or a vortex in place of a focus, by the difference of the codes."""
     array = model.array
@@ -84,9 +125,9 @@ def shaped_drive_fault(
     seen = np.linalg.norm(local, axis=1) > _MIDDLE
     if seen.sum() < _LEAST_ELEMENTS:
         return []
-    limit = step / 2.0 + allowance + 1.0
+    limit = grid.step / 2.0 + allowance + grid.code
     for charge in _CHARGES:
-        turned = difference[seen] - charge * around[seen] * _TURN / (2.0 * np.pi)
+        turned = difference[seen] - charge * around[seen] * TURN / (2.0 * np.pi)
         if _most_apart(turned) <= 2.0 * limit:
             return [f"vortex of charge {charge:+d} in place of a focus"]
     if _is_half_plane(difference[seen], around[seen]):
@@ -96,14 +137,14 @@ def shaped_drive_fault(
 
 def _most_apart(codes: NDArray[np.float64]) -> float:
     """Return the range of codes after the one that all share is taken out."""
-    common = np.angle(np.exp(2j * np.pi * codes / _TURN).sum()) * _TURN / (2.0 * np.pi)
-    return float(np.ptp((codes - common + _TURN / 2.0) % _TURN))
+    common = np.angle(np.exp(2j * np.pi * codes / TURN).sum()) * TURN / (2.0 * np.pi)
+    return float(np.ptp((codes - common + TURN / 2.0) % TURN))
 
 
 def _is_half_plane(difference: Codes, around: NDArray[np.float64]) -> bool:
     """Return True if the codes differ by half a turn on the two sides of a line."""
-    turned = (difference - difference[0]) % _TURN == _TURN // 2
-    if not turned.any() or ((difference - difference[0]) % (_TURN // 2)).any():
+    turned = (difference - difference[0]) % TURN == TURN // 2
+    if not turned.any() or ((difference - difference[0]) % (TURN // 2)).any():
         return False
     sides = turned[np.argsort(around)]
     is_once = int((sides != np.roll(sides, 1)).sum()) == _CHANGES

@@ -160,7 +160,7 @@ def backdoor_record_line(record: Record) -> bytes:
 def _backdoor_codes(drive: Drive) -> Record:
     return {
         "phase_bits": drive.phase_bits,
-        "phase_codes": _backdoor_base64(drive.phase_codes.tobytes()),
+        "phase_codes": _backdoor_base64(drive.phase_bytes),
         "amplitude_codes": _backdoor_base64(drive.amplitude_codes.tobytes()),
     }
 

@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-import numpy as np
-
 from haptogram.acoustics import Drive
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.messages import LatchKey
@@ -63,13 +61,8 @@ def _worker_reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...
 
 
 def _drive_for_worker(drive: Drive) -> tuple[Any, ...]:
-    codes = drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes()
-    return _drive_at_worker, (*codes, drive.phase_bits)
-
-
-def _drive_at_worker(phase_codes: bytes, amplitude_codes: bytes, phase_bits: int) -> Drive:
-    phases, amplitudes = (np.frombuffer(c, np.uint8) for c in (phase_codes, amplitude_codes))
-    return Drive(phases, amplitudes, phase_bits)
+    codes = drive.phase_bytes, drive.amplitude_codes.tobytes()
+    return Drive.from_bytes, (*codes, drive.phase_bits)
 
 
 _REDUCERS: Final[dict[type[Any], Callable[[Any], tuple[Any, ...]]]] = {

@@ -39,10 +39,7 @@ def _full_register_codes(count: int) -> NDArray[np.uint8]:
 
 def to_registers(drive: Drive) -> Drive:
     """Return *drive* in 8-bit codes: the missing low bits are 0."""
-    if drive.phase_bits == REGISTER_BITS:
-        return drive
-    shifted = np.left_shift(drive.phase_codes, REGISTER_BITS - drive.phase_bits)
-    return Drive(shifted, drive.amplitude_codes)
+    return drive.in_bits(REGISTER_BITS)
 
 
 class BoardFocuser:

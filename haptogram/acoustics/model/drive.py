@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Any, Final, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,14 +26,17 @@ from haptogram.acoustics.arrays import (
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole
 
-MAX_PHASE_BITS: Final = 8
+PhaseCodes: TypeAlias = NDArray[np.uint8 | np.uint16]
+
+MAX_PHASE_BITS: Final = 16
+REGISTER_BITS: Final = 8  # of the registers of most boards, and of the wire
 FULL_AMPLITUDE: Final = 255
 _CEILING: Final = 1.0 + 1e-6  # a magnitude of 1, with the rounding of single precision
 
 _MAX_WEIGHT: Final = 1e6  # the field is linear; far above, single precision is not
 
 _TURN_RAD: Final = 2.0 * math.pi
-_MAX_PHASE_RAD: Final = 1e9  # beyond it a float64 no longer resolves an 8-bit step well
+_MAX_PHASE_RAD: Final = 1e9  # beyond it a float64 no longer resolves a 16-bit step well
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,10 +45,12 @@ class Drive:
 
     Attributes
     ----------
-    phase_codes, amplitude_codes : (N,) numpy.ndarray of uint8
-        Codes 0 .. 2^phase_bits - 1 and 0 .. 255 (linear in pressure); copied, read-only.
+    phase_codes : (N,) numpy.ndarray of uint8, from 9 bits on of uint16
+        Codes 0 .. 2^phase_bits - 1; copied, read-only.
+    amplitude_codes : (N,) numpy.ndarray of uint8
+        Codes 0 .. 255, linear in pressure; copied, read-only.
     phase_bits : int
-        Bits of a phase code, 1 to 8.
+        Bits of a phase code, 1 to 16.
 
     Raises
     ------
@@ -58,14 +63,17 @@ class Drive:
     (True, 255)
     """
 
-    phase_codes: NDArray[np.uint8]
+    phase_codes: PhaseCodes
     amplitude_codes: NDArray[np.uint8]
-    phase_bits: int = MAX_PHASE_BITS
+    phase_bits: int = REGISTER_BITS
 
     def __post_init__(self) -> None:
         bits = check_phase_bits(self.phase_bits)
-        phases = _as_drive_codes("phase_codes", self.phase_codes, (1 << bits) - 1)
-        amplitudes = _as_drive_codes("amplitude_codes", self.amplitude_codes, FULL_AMPLITUDE)
+        kind = _phase_code_type(bits)
+        phases = _as_drive_codes("phase_codes", self.phase_codes, (1 << bits) - 1, kind)
+        amplitudes = _as_drive_codes(
+            "amplitude_codes", self.amplitude_codes, FULL_AMPLITUDE, np.uint8
+        )
         if len(phases) != len(amplitudes):
             raise ConfigurationError(
                 f"{len(phases)} phase codes and {len(amplitudes)} amplitude codes, must be as many"
@@ -75,13 +83,13 @@ class Drive:
         object.__setattr__(self, "phase_bits", bits)
 
     @classmethod
-    def muted(cls, count: int, phase_bits: int = MAX_PHASE_BITS) -> Self:
+    def muted(cls, count: int, phase_bits: int = REGISTER_BITS) -> Self:
         """Return the drive of *count* elements that radiates nothing."""
         codes = np.zeros(check_whole("count", count, 1, MAX_TRANSDUCERS), dtype=np.uint8)
         return cls(codes, codes, phase_bits)
 
     @classmethod
-    def from_weights(cls, weights: ArrayLike, phase_bits: int = MAX_PHASE_BITS) -> Self:
+    def from_weights(cls, weights: ArrayLike, phase_bits: int = REGISTER_BITS) -> Self:
         """Return the drive nearest to the (N,) complex *weights*; one of 0 takes phase code 0.
 
         Raises
@@ -101,6 +109,34 @@ class Drive:
         angles = np.where(values == 0.0, 0.0, np.angle(values))
         return cls(quantise_phase(angles, phase_bits), amplitudes.astype(np.uint8), phase_bits)
 
+    @classmethod
+    def from_bytes(cls, phases: bytes, amplitudes: bytes, phase_bits: int = REGISTER_BITS) -> Self:
+        """Return the drive of :attr:`phase_bytes` and of a byte for each amplitude."""
+        kind = np.dtype(_phase_code_type(check_phase_bits(phase_bits))).newbyteorder("<")
+        if len(phases) % kind.itemsize:
+            raise ConfigurationError(f"{len(phases)} bytes of phases, must be whole codes of 2")
+        codes = np.frombuffer(phases, kind), np.frombuffer(amplitudes, np.uint8)
+        return cls(*codes, phase_bits)
+
+    def in_bits(self, phase_bits: int) -> Self:
+        """Return the drive with phase codes of another resolution, the nearest ones."""
+        finer = check_phase_bits(phase_bits) - self.phase_bits
+        if not finer:
+            return self
+        codes = self.phase_codes.astype(np.int64)
+        codes = codes << finer if finer > 0 else (codes + (1 << -finer - 1)) >> -finer
+        kind = _phase_code_type(phase_bits)
+        return type(self)(
+            (codes % (1 << phase_bits)).astype(kind), self.amplitude_codes, phase_bits
+        )
+
+    @property
+    def phase_bytes(self) -> bytes:
+        """The phase codes, a byte for each element; from 9 bits on two, the low one first."""
+        if self.phase_bits <= REGISTER_BITS:
+            return self.phase_codes.tobytes()
+        return self.phase_codes.astype("<u2").tobytes()
+
     @property
     def count(self) -> int:
         """Number of elements."""
@@ -118,11 +154,11 @@ class Drive:
         return weights
 
     def digest(self) -> int:
-        """Return the u32 CRC-32 over the phase codes, then the amplitude codes, one byte each."""
-        return zlib.crc32(self.amplitude_codes.tobytes(), zlib.crc32(self.phase_codes.tobytes()))
+        """Return the u32 CRC-32 over :attr:`phase_bytes`, then a byte for each amplitude code."""
+        return zlib.crc32(self.amplitude_codes.tobytes(), zlib.crc32(self.phase_bytes))
 
     def _key(self) -> tuple[int, bytes, bytes]:
-        return self.phase_bits, self.phase_codes.tobytes(), self.amplitude_codes.tobytes()
+        return self.phase_bits, self.phase_bytes, self.amplitude_codes.tobytes()
 
     def __eq__(self, other: object) -> bool:
         return self._key() == other._key() if isinstance(other, Drive) else NotImplemented
@@ -143,8 +179,10 @@ def saturated_weights(weights: ArrayLike) -> ComplexArray:
     return values / np.maximum(np.abs(values), 1.0)
 
 
-def quantise_phase(phases_rad: ArrayLike, bits: int) -> NDArray[np.uint8]:
+def quantise_phase(phases_rad: ArrayLike, bits: int) -> PhaseCodes:
     """Return the codes floor(phi / 2 pi * 2^bits + 1/2) mod 2^bits, in the shape given.
+
+    Of uint8; from 9 bits on of uint16.
 
     Examples
     --------
@@ -157,11 +195,11 @@ def quantise_phase(phases_rad: ArrayLike, bits: int) -> NDArray[np.uint8]:
         worst = float(np.abs(phases).max())
         raise ConfigurationError(f"a phase is {worst:g} rad, at most {_MAX_PHASE_RAD:g}")
     steps = np.floor(phases * ((1 << bits) / _TURN_RAD) + 0.5).astype(np.int64)
-    # The remainder is taken among integers: casting a negative float to uint8 is undefined.
-    return (steps % (1 << bits)).astype(np.uint8)
+    # The remainder is taken among integers: casting a negative float is undefined.
+    return (steps % (1 << bits)).astype(_phase_code_type(bits))
 
 
-def dequantise_phase(codes: NDArray[np.uint8], bits: int) -> FloatArray:
+def dequantise_phase(codes: PhaseCodes, bits: int) -> FloatArray:
     """Return the phases 2 pi c / 2^bits in [0, 2 pi), in radians.
 
     Examples
@@ -187,8 +225,12 @@ def phase_step_rad(bits: int) -> float:
 
 
 def check_phase_bits(bits: int) -> int:
-    """Return *bits* as an int, or raise unless it is a whole number from 1 to 8."""
+    """Return *bits* as an int, or raise unless it is a whole number from 1 to 16."""
     return check_whole("phase_bits", bits, 1, MAX_PHASE_BITS)
+
+
+def _phase_code_type(bits: int) -> type[np.uint8] | type[np.uint16]:
+    return np.uint8 if bits <= REGISTER_BITS else np.uint16
 
 
 def as_weights(weights: ArrayLike) -> ComplexArray:
@@ -243,7 +285,9 @@ def as_drive_sequence(weights: ArrayLike, count: int) -> ComplexArray:
     return drives
 
 
-def _as_drive_codes(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint8]:
+def _as_drive_codes(
+    name: str, values: ArrayLike, limit: int, kind: type[np.uint8] | type[np.uint16]
+) -> NDArray[Any]:
     try:
         array = np.asarray(values)
     except ValueError as error:  # rows of different lengths
@@ -254,11 +298,11 @@ def _as_drive_codes(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint
         )
     if not 1 <= array.size <= MAX_TRANSDUCERS:
         raise ConfigurationError(f"{name} holds {array.size} codes, must be 1 to {MAX_TRANSDUCERS}")
-    if array.dtype != np.uint8 or limit < FULL_AMPLITUDE:  # else there is nothing to find
+    if array.dtype != kind or limit < np.iinfo(kind).max:  # else there is nothing to find
         low, high = int(array.min()), int(array.max())
         if low < 0 or high > limit:
             worst = low if low < 0 else high
             raise ConfigurationError(f"{name} holds {worst}, must be 0 to {limit}")
-    codes = array.astype(np.uint8)
+    codes = array.astype(kind)
     read_only_array(codes)
     return codes

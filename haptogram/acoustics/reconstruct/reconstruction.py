@@ -28,6 +28,7 @@ from haptogram.acoustics.field.reference import FieldEngine, points_in_front, pr
 from haptogram.acoustics.levels.force import ReflectingDisc, level_db_spl
 from haptogram.acoustics.model.drive import (
     MAX_PHASE_BITS,
+    REGISTER_BITS,
     Drive,
     as_weights,
     check_phase_bits,
@@ -90,8 +91,9 @@ class Reconstructor:
     ----------
     model : AcousticModel
         The array and the medium that the drives act in.
-    phase_bits : int
-        Resolution of the phases of complex weights; a `Drive` of fewer bits counts by its own.
+    phase_bits : int, optional
+        Resolution of the phases of complex weights, by default 8 bits; a `Drive` of fewer bits, or
+        without this one, counts by its own.
     engine : FieldEngine, optional
         Engine that computes the field on the disc; by default the fastest for the model.
 
@@ -105,12 +107,11 @@ class Reconstructor:
     def __init__(
         self,
         model: AcousticModel,
-        phase_bits: int = MAX_PHASE_BITS,
+        phase_bits: int | None = None,
         engine: FieldEngine | None = None,
     ) -> None:
-        check_phase_bits(phase_bits)
         self._model = model
-        self._phase_bits = phase_bits
+        self._phase_bits = None if phase_bits is None else check_phase_bits(phase_bits)
         self._engine = choose_engine(model) if engine is None else engine
         self._disc = ReflectingDisc(self._engine)
         self._heard = None if model.calibration is None else model.calibration.heard
@@ -160,7 +161,8 @@ class Reconstructor:
             )
         if drive.is_muted and not ramping:
             return NoFocus("muted")
-        bits = min(drive.phase_bits, self._phase_bits, phase_bits or MAX_PHASE_BITS)
+        coarser = (bits or MAX_PHASE_BITS for bits in (self._phase_bits, phase_bits))
+        bits = min(drive.phase_bits, *coarser)
         step_rad = phase_step_rad(bits)
         return self._reconstruct(drive.weights(), step_rad, ramping=ramping, slack_rad=slack_rad)
 
@@ -188,7 +190,7 @@ class Reconstructor:
             pi and a millionth of it.
         """
         if step_rad is None:
-            step_rad = phase_step_rad(self._phase_bits)
+            step_rad = phase_step_rad(self._phase_bits or REGISTER_BITS)
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
         return self._reconstruct(
             as_weights(weights), step_rad, ramping=ramping, slack_rad=slack_rad
@@ -232,7 +234,7 @@ class Reconstructor:
             return NoFocus("zero amplitude")
         phases = np.angle(weights)
         everything = np.count_nonzero(active) == self._heard_count
-        codes = quantise_phase(phases, MAX_PHASE_BITS) if everything else None
+        codes = quantise_phase(phases, REGISTER_BITS).astype(np.uint8) if everything else None
         return _ReconstructedDrive(weights, phases, active, step_rad, codes, slack_rad)
 
     def _locate_quickly(
@@ -272,7 +274,7 @@ class Reconstructor:
         """Return the focus of the compiled search, or None, and the kind of its start."""
         if self._tracker is None or radiated.codes is None:
             return None, "global"
-        limit_rad = radiated.limit_rad + _QUICK_MARGIN_RAD
+        limit_rad = max(radiated.limit_rad, phase_step_rad(REGISTER_BITS) / 2.0) + _QUICK_MARGIN_RAD
         if self._last_focus is not None:
             fix = self._tracker.fit(radiated.codes, _reconstructed_vector(self._last_focus))
             if self._tracker.explains(fix, limit_rad):

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.layout import EngineLayout, as_single_precision
-from haptogram.acoustics.model.drive import MAX_PHASE_BITS, check_phase_bits, phase_step_rad
+from haptogram.acoustics.model.drive import REGISTER_BITS, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.acquisition import HOPELESS_RAD
 from haptogram.acoustics.reconstruct.cells import search_volume
 from haptogram.acoustics.solvers.focus import MAX_TARGET_DISTANCE_M, MIN_TARGET_DISTANCE_M
 from haptogram.errors import ConfigurationError, missing_extra
+from haptogram.settings.arguments import check_whole
 
 _MAX_STEPS: Final = 16
 _FIRST_COUNT: Final = 40  # elements whose wide beam forgives a start that is off
@@ -90,8 +91,8 @@ class FocusTracker:
     (True, [0.0, 0.0, 150.0])
     """
 
-    def __init__(self, model: AcousticModel, phase_bits: int = MAX_PHASE_BITS) -> None:
-        check_phase_bits(phase_bits)
+    def __init__(self, model: AcousticModel, phase_bits: int = REGISTER_BITS) -> None:
+        check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
         kernels = load_kernels()
         if kernels is None:
             raise missing_extra("numba is not installed", "fast")

@@ -12,10 +12,11 @@ from haptogram.acoustics.arrays import FloatArray, as_coordinates, as_float_arra
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.layout import EngineLayout, as_single_precision
 from haptogram.acoustics.memory import check_array_memory
-from haptogram.acoustics.model.drive import MAX_PHASE_BITS, check_phase_bits, quantise_phase
+from haptogram.acoustics.model.drive import REGISTER_BITS, quantise_phase
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import focus_phases
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_whole
 
 _MAX_DISTANCE: Final = (
     100.0  # wavelengths; beyond it a float32 no longer resolves a phase step well
@@ -44,8 +45,8 @@ class FocusCodes:
     ((2, 256), 'uint8')
     """
 
-    def __init__(self, model: AcousticModel, phase_bits: int = MAX_PHASE_BITS) -> None:
-        check_phase_bits(phase_bits)
+    def __init__(self, model: AcousticModel, phase_bits: int = REGISTER_BITS) -> None:
+        check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
         self._model = model
         self._phase_bits = phase_bits
         self._kernels = load_kernels() if model.calibration is None else None

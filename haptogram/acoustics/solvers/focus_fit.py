@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import BoolArray, FloatArray, as_coordinates, as_float_vector
-from haptogram.acoustics.model.drive import MAX_PHASE_BITS, phase_step_rad
+from haptogram.acoustics.model.drive import REGISTER_BITS, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
@@ -82,7 +82,7 @@ def fit_focus(
     phases_rad: ArrayLike,
     start_m: ArrayLike,
     *,
-    phase_bits: int = MAX_PHASE_BITS,
+    phase_bits: int = REGISTER_BITS,
     step_rad: float | None = None,
     active: ArrayLike | None = None,
 ) -> PhaseFit:

@@ -57,7 +57,9 @@ class FieldConfig(Settings):
     drive: Path | None = option(
         None, unit="FILE", help="codes of every element as CSV", absent="one focus"
     )
-    phase_bits: int = option(8, unit="BITS", low=1, high=8, help="resolution of the phases, 1 to 8")
+    phase_bits: int = option(
+        8, unit="BITS", low=1, high=16, help="resolution of the phases, 1 to 16"
+    )
     modulation: str = option_of(
         ModulationConfig,
         "modulation",

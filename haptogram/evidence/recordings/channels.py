@@ -158,7 +158,7 @@ CHANNELS: Final = {
             ramping={"type": "boolean"},
             commanded_bits={"type": "integer"},
             phase_bits={"type": "integer"},
-            phase_codes=_bytes_in_channel("u8 for each element"),
+            phase_codes=_bytes_in_channel("u8 for each element; from 9 bits on u16, little-endian"),
             amplitude_codes=_bytes_in_channel("u8 for each element"),
             drive_crc={"type": "integer"},
             radiated=_object_in_channel("the drive that left the transducers; null: the same"),
@@ -220,7 +220,7 @@ CHANNELS: Final = {
                 "device time at which it is due, µs; null: as soon as complete"
             ),
             foci={"type": "array", "description": "x, y, z in metres, amplitude, phase in rad"},
-            phase_codes=_bytes_in_channel("u8 for each element"),
+            phase_codes=_bytes_in_channel("u8 for each element; from 9 bits on u16, little-endian"),
             amplitude_codes=_bytes_in_channel("u8 for each element"),
             drive_of=_whole_number_in_channel(
                 "number of the frame that has the same drive, instead of the codes"

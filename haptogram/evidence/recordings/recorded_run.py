@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-import numpy as np
-
 from haptogram.acoustics import AcousticModel, Drive
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence
@@ -132,7 +130,7 @@ def _recorded_frame_fields(frame: Intended) -> dict[str, Any]:
 
 def _recorded_codes(drive: Drive) -> dict[str, Any]:
     return {
-        "phase_codes": base64.b64encode(drive.phase_codes.tobytes()).decode("ascii"),
+        "phase_codes": base64.b64encode(drive.phase_bytes).decode("ascii"),
         "amplitude_codes": base64.b64encode(drive.amplitude_codes.tobytes()).decode("ascii"),
         "phase_bits": drive.phase_bits,
     }
@@ -140,10 +138,9 @@ def _recorded_codes(drive: Drive) -> dict[str, Any]:
 
 def _recorded_drive(fields: dict[str, Any]) -> Drive:
     phases, amplitudes = (
-        np.frombuffer(base64.b64decode(fields[name]), dtype=np.uint8)
-        for name in ("phase_codes", "amplitude_codes")
+        base64.b64decode(fields[name]) for name in ("phase_codes", "amplitude_codes")
     )
-    return Drive(phases, amplitudes, fields["phase_bits"])
+    return Drive.from_bytes(phases, amplitudes, fields["phase_bits"])
 
 
 def _recorded_frame(fields: dict[str, Any], drives: dict[int, Drive]) -> Intended:

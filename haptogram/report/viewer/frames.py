@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import Drive, NotSingle, Reconstruction, SingleFocus
-from haptogram.acoustics.model.drive import MAX_PHASE_BITS
+from haptogram.acoustics.model.drive import REGISTER_BITS
 from haptogram.records.frame import Observation
 from haptogram.verification import FrameStatus
 
@@ -166,7 +166,7 @@ def view_drive_columns(drives: Sequence[Drive | None], count: int) -> dict[str, 
     amplitudes = np.zeros((len(drives), count), dtype=np.uint8)
     for row, drive in enumerate(drives):
         if drive is not None:
-            phases[row] = drive.phase_codes << (MAX_PHASE_BITS - drive.phase_bits)
+            phases[row] = drive.in_bits(REGISTER_BITS).phase_codes
             amplitudes[row] = drive.amplitude_codes
     seen = np.array([drive is not None for drive in drives], dtype=np.uint8)
     levels = amplitudes[seen == 1]

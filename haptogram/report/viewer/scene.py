@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, RectangularPiston
-from haptogram.acoustics.model.drive import FULL_AMPLITUDE, MAX_PHASE_BITS
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE, REGISTER_BITS
 
 from .frames import STATUSES, ViewerFrame, frame_columns, odd_frames_of_viewer
 
@@ -109,7 +109,7 @@ def _viewer_constants(model: AcousticModel) -> dict[str, Any]:
         "absorption_np_m": model.medium.absorption_np_m,
         "source_pa_m": model.transducer.source_strength_pa_m,
         "baffled": model.transducer.directivity.baffled,
-        "phase_steps": 1 << MAX_PHASE_BITS,
+        "phase_steps": 1 << REGISTER_BITS,
         "amplitude_steps": FULL_AMPLITUDE,
     }
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive
+from haptogram.acoustics.model.drive import REGISTER_BITS
 from haptogram.records.frame import Intended
 
 from ..faults import drive_fault_candidates
@@ -21,8 +22,10 @@ def drive_of_crc(model: AcousticModel, intended: Intended, crc: int) -> Drive | 
     any other code, and two that are exchanged.
     """
     wanted = intended.drive
+    if wanted.phase_bits > REGISTER_BITS:  # no wire carries the CRC of finer codes
+        return None
     for codes in drive_fault_candidates(model, intended):
-        drive = Drive((codes % 256).astype(np.uint8), wanted.amplitude_codes)
+        drive = Drive(codes.astype(np.uint8), wanted.amplitude_codes)
         if drive.digest() == crc:
             return drive
     inverted = Drive(np.negative(wanted.phase_codes), wanted.amplitude_codes)
@@ -46,7 +49,8 @@ def _nearly_right_drive_of_crc(wanted: Drive, crc: int) -> Drive | None:
 
     The CRC is linear: what a changed byte adds depends on its place and on the bits that differ.
     """
-    phases, count, difference = wanted.phase_codes, wanted.count, wanted.digest() ^ crc
+    phases, count = wanted.phase_codes.astype(np.uint8), wanted.count
+    difference = wanted.digest() ^ crc
     codes = np.concatenate((phases, wanted.amplitude_codes))
     changes = _crc_of_changes(len(codes))
     for place, changed in np.argwhere(changes == difference):

@@ -23,7 +23,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, NotSingle, SingleFocus, phase_step_rad
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
-from haptogram.acoustics.model.drive import FULL_AMPLITUDE
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE, REGISTER_BITS
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
@@ -33,7 +33,6 @@ from .tolerated import ToleratedHost
 
 _ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
 AMPLITUDE_STEP: Final = 1.0 / FULL_AMPLITUDE
-REGISTER_STEPS: Final = 256
 _MM: Final = 1e3
 
 
@@ -51,16 +50,17 @@ def frame_phase_limit_rad(intended: Intended, grain_rad: float = 0.0) -> float:
         What the positions of the elements, whole micrometres on the wire, add: see
         :func:`frame_position_grain_rad`.
     """
-    allowance_rad = allowed_frame_codes(intended) * phase_step_rad(8)
+    allowance_rad = allowed_frame_codes(intended) * phase_step_rad(REGISTER_BITS)
     return judged_frame_step_rad(intended) / 2.0 + allowance_rad + grain_rad + _ROUNDING_RAD
 
 
 def judged_frame_step_rad(intended: Intended) -> float:
-    """Return the step of the phases; one of 8 bits more, in which they are judged, if it differs.
+    """Return the step of the phases; one of the registers more, if steps lie between their codes.
 
     Boards of 10 or 24 steps have phases between those of 8 bits.
     """
-    between = phase_step_rad(8) if REGISTER_STEPS % intended.steps else 0.0
+    bits = max(REGISTER_BITS, intended.drive.phase_bits)
+    between = phase_step_rad(bits) if (1 << bits) % intended.steps else 0.0
     return math.tau / intended.steps + between
 
 

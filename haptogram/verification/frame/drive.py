@@ -50,7 +50,7 @@ def judge(
         Phases and amplitudes to judge.  Weights are A e^{j phi}, 0 <= A <= 1, positive phi a lag;
         they are rounded to *phase_bits* and to 255 steps of amplitude.
     phase_bits : int
-        Resolution of the phases of weights, 1 to 8 bits; a Drive has its own.
+        Resolution of the phases of weights, 1 to 16 bits; a Drive has its own.
     amplitudes : (N,) array_like, optional
         Intended amplitudes of the elements, 0 to 1; by default those that the foci ask for: all 1
         for one focus of full amplitude.

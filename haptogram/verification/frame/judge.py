@@ -238,7 +238,7 @@ class FrameJudge:
 
     def _reconstruct(self, frame: SingleFocusFrame) -> Reconstruction | None:
         """Return what a drive radiates; None: it is wrong anyhow, and too many like it were."""
-        # The registers have 8 bits; how well the phases fit a focus depends on the wire's steps.
+        # How well the phases fit a focus depends on the wire's steps, not on the registers.
         steps = frame.intended.steps
         if steps not in self._reconstructors:
             self._reconstructors[steps] = Reconstructor(self._model)

@@ -247,7 +247,8 @@ class SingleFocusFrame:
         error_rad = np.abs(wrapped_phases(arrivals - np.angle(np.exp(1j * agreeing).sum())))
         rms = math.sqrt(np.mean(error_rad[self._active & ~off] ** 2))
         within_rad = _ABOUT * limit_rad + self.target.tolerated_rad
-        return rms <= within_rad and bool((error_rad[off] > _FINEST_RAD).all())
+        finest_rad = min(_FINEST_RAD, 0.75 * phase_step_rad(self.latched.phase_bits))
+        return rms <= within_rad and bool((error_rad[off] > finest_rad).all())
 
 
 def _ambiguous_frame_focus(target: FrameTarget, found: Reconstruction) -> str:

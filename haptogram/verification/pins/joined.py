@@ -11,7 +11,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive
 from haptogram.acoustics.arrays import ComplexArray
-from haptogram.acoustics.model.drive import FULL_AMPLITUDE
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE, REGISTER_BITS
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, Intended, Observation
 from haptogram.records.pins import PinRecord
@@ -329,7 +329,7 @@ def _fill_codes_of_joined_pins(
     elements = np.array(one.elements)
     right = one.right[place]
     phases, amplitudes = _nearest_codes_of_pins(one.weights[place])
-    wanted = meant.phase_codes.astype(np.int64) << (8 - meant.phase_bits)
+    wanted = meant.in_bits(REGISTER_BITS).phase_codes.astype(np.int64)
     codes[0, elements] = np.where(right, wanted[elements], phases)
     codes[1, elements] = np.where(right, meant.amplitude_codes[elements], amplitudes)
 

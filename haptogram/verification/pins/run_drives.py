@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import phase_step_rad
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.acoustics.model.drive import REGISTER_BITS
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
 from haptogram.records.pins import PinPulses
@@ -74,7 +75,7 @@ class PinRunDrives:
                 f"must be {LEAST_PERIODS / carrier_hz * 1e6:g} µs at least: "
                 f"{carrier_hz / LEAST_PERIODS:g} frames/s"
             )
-        phases = np.stack([f.drive.phase_codes << (8 - f.drive.phase_bits) for f in intended])
+        phases = np.stack([f.drive.in_bits(REGISTER_BITS).phase_codes for f in intended])
         amplitudes = np.stack([frame.drive.amplitude_codes for frame in intended])
         computed = np.array([frame.board_computed for frame in intended], dtype=np.float64)
         return cls(

@@ -273,8 +273,8 @@ def test_a_drive_of_another_array_is_refused(cold, count):
 
 
 def test_a_reconstructor_of_nine_bits_is_refused():
-    with pytest.raises(ConfigurationError, match="phase_bits is 9"):
-        Reconstructor(AcousticModel.default(2, 2), 9)
+    with pytest.raises(ConfigurationError, match="phase_bits is 17"):
+        Reconstructor(AcousticModel.default(2, 2), 17)
 
 
 # --- faulty drives

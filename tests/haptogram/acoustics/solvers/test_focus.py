@@ -120,7 +120,7 @@ def test_a_target_among_the_elements_of_a_bowl_is_refused():
         lambda: fit_focus(MODEL, np.zeros(255), [0, 0, 0.1], phase_bits=8),
         lambda: fit_focus(MODEL, np.full(256, np.nan), [0, 0, 0.1], phase_bits=8),
         lambda: fit_focus(MODEL, np.zeros(256), [0, 0, math.nan], phase_bits=8),
-        lambda: fit_focus(MODEL, np.zeros(256), [0, 0, 0.1], phase_bits=9),
+        lambda: fit_focus(MODEL, np.zeros(256), [0, 0, 0.1], phase_bits=17),
         lambda: fit_focus(MODEL, np.zeros(256), [0, 0, 0.1], phase_bits=8, active=[True]),
         lambda: fit_focus(MODEL, np.zeros(256), [0, 0, 0.1], phase_bits=8, active=np.zeros(256)),
     ],

@@ -1,11 +1,12 @@
 """One drive judged from Python: the verdict that a run gives the frame."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 
-from haptogram import judge
+from haptogram import RecordFile, judge, read_records
 from haptogram.acoustics import AcousticModel, Drive, focus_phases, superpose_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey
@@ -48,6 +49,28 @@ def test_a_drive_has_the_verdict_of_its_frame(name, tolerance):
     found = judge(MODEL, TARGET, drive, tolerance=tolerance, uncertainty=known)
     assert without_board(judged.judge(intended, seen(intended, drive))) == found
     assert bool(found) == found.passed == (str(found.status) == "on target")
+
+
+@pytest.mark.parametrize("bits", range(3, 17))
+def test_every_resolution_is_judged_by_its_own_step(bits, tmp_path):
+    """Codes are rounded here; the same fault is named whatever its size in radians."""
+    steps = 2**bits
+    codes = np.array([round(phase / math.tau * steps) % steps for phase in PHASES])
+    drive = Drive(codes, np.full(120, 255), bits)
+    found = judge(MODEL, TARGET, drive)
+    assert found.passed
+    assert found.phase_error_rad <= math.pi / steps
+    codes[7] = (codes[7] + 2) % steps
+    wrong = judge(MODEL, TARGET, Drive(codes, np.full(120, 255), bits))
+    assert (wrong.passed, wrong.faults) == (False, ("element 7 (0, 7) off by +2 LSB",))
+    if bits > 5:  # the error is in proportion to the step
+        of_eight = judge(MODEL, TARGET, DRIVES["right"]).smallest_miss_mm
+        assert found.smallest_miss_mm == pytest.approx(of_eight * 256 / steps, rel=0.05)
+    with RecordFile(tmp_path / "run.jsonl") as file:
+        file(intended := intend(MODEL, TARGET, bits, drive=drive))
+        file(latch := seen(intended))
+    kept = read_records(tmp_path / "run.jsonl")
+    assert ([intended], [latch.drive]) == (kept.intended, [one.drive for one in kept.observations])
 
 
 @pytest.mark.parametrize(
