@@ -228,6 +228,8 @@ EFFECTS: Final[Mapping[str, Mapping[Held, str]]] = {
     },
     "latch": {
         Held.HOLD: "anew",
+        Held.QUEUE: "one less, of the stream",
+        Held.PLAYBACK: "one further, of a sequence",
         Held.LATCH: "this one; one more in mode RING",
         Held.DIVIDER: "one more in mode DRIVE",
     },
@@ -250,7 +252,7 @@ EFFECTS: Final[Mapping[str, Mapping[Held, str]]] = {
         Held.PLAYBACK: "ends",
         Held.NUMBERS: "requests",
     },
-    "last frame of a playback": {
+    "last frame of a playback, besides its latch": {
         Held.LEASE: "anew, `host_timeout_ms`",
         Held.PLAYBACK: "ends",
     },
