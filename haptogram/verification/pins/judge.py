@@ -35,11 +35,13 @@ from .shown_frames import (
 from .silence import EndOfSound, end_of_sound_on_pins
 
 _HALF: Final = 0.5
+_EDGE: Final = 2  # frames at the end of the capture, beside which samples may be missing
+_NAMED: Final = 4
+_WITH_THE_CLOCK: Final = "capture the clock of the carrier, and longer than the run, to know"
 _NEARLY_ALL: Final = 0.9
 _NEAR_RAD: Final = 2.0 * phase_step_rad(8)  # a board may be off by, which shows this run
 _FITTING_SHARE: Final = 0.25  # of the pins that show this run in nearly all frames: no chance
 _FEWEST_FITTING: Final = 3
-_FEWEST_ALIKE: Final = 2  # late frames at the begin of a run: those of one jump
 _FEWEST_AGREEING: Final = 2  # drives, beyond those that agree by chance
 _MOST_DRIFT_PPM: Final = 1000.0
 _LEAST_PERIODS_OF_CARRIER: Final = 40.0  # that tell its frequency where samples are missing
@@ -150,12 +152,15 @@ class _PinJudge:
                 if steps.after[frame, e] - first > TORN_PERIODS
             ]
             shown = ", ".join(behind[:4]) + (", ..." if len(behind) > 4 else "")
-            self._find(
-                "torn",
+            text = (
                 f"frame {frame}: {len(behind)} of {int(usable[frame].sum())} pins (element "
                 f"{shown}) latch {self.shown.apart[frame] * us:.0f} µs or more after the first, "
-                f"may be {us:.0f} µs",
+                f"may be {us:.0f} µs"
             )
+            if self.record.reference_element is None or len(torn) > _EDGE:
+                self._find("torn", text)
+            else:
+                self.missing.append(f"{text}, or samples are missing: {_WITH_THE_CLOCK}")
         if not usable.any(axis=1).any():
             self.not_judged["torn"] = "no two drives that the pins tell apart follow each other"
         elif len(self.run.elements) < 2:
@@ -168,17 +173,6 @@ class _PinJudge:
         for frame in self._late_frames:
             late_us = self.shown.late[frame] * self._period_us
             self.events.append(f"{frame}: latched {late_us:.0f} µs after most others")
-        latched = np.flatnonzero(self.shown.latched.any(axis=1) & self.shown.seen)
-        later = self.shown.late[latched] > LATE_PERIODS
-        first = latched[: int(later.argmin())] if len(later) else latched
-        late_us = self.shown.late[first] * self._period_us
-        alike = late_us - late_us.min(initial=np.inf) <= LATE_PERIODS * self._period_us
-        if alike.sum() >= max(_FEWEST_ALIKE, _HALF * len(first)):
-            self.missing.append(
-                f"the frames up to {first[-1]} come {late_us.min():.0f} µs later than all others, "
-                "or more: samples are missing behind them, or the board latches early from there "
-                "on; capture again to know"
-            )
 
     def _end(self) -> EndOfSound:
         """Judge how the output falls silent at the end."""
@@ -196,6 +190,9 @@ class _PinJudge:
         drives, right = self.shown.drives, self.shown.right
         if not judged.any():
             self.missing.append("no frame of the run is in the capture as a whole")
+            return False
+        if self.record.cut and judged.sum() <= _EDGE and not right[judged].all():
+            self.missing.append("too few frames are left beside missing samples to tell a fault")
             return False
         if not self._tells_more_than_chance(judged):
             self.missing.append(
@@ -273,7 +270,8 @@ class _PinJudge:
         mixed = judged & (shares < _HALF) & (count > 2)
         if mixed.sum() > _HALF * judged.sum():
             mixed = np.zeros_like(judged)  # most frames: then it is the pins
-        for frame in np.flatnonzero(mixed):
+        doubtful = self._note_doubtful_frames(np.flatnonzero(judged), mixed)
+        for frame in np.flatnonzero(mixed & ~doubtful):
             wrong = int((~right[frame]).sum())
             silent = (np.abs(drives.weights[frame]) == 0.0).all()
             what = "silent" if silent else f"{wrong} of {count} pins show another drive"
@@ -310,6 +308,27 @@ class _PinJudge:
             for line in grouped_pin_faults(found):
                 self._find(kind, line)
         return alone
+
+    def _note_doubtful_frames(self, judged: NDArray[np.intp], mixed: Bools) -> Bools:
+        """Return the (F,) frames whose wrong drive the capture itself may explain.
+
+        Those are the last ones, the first one of a capture that begins with it, and all of them
+        where an element is the reference: samples may be missing beside them.
+        """
+        doubtful = np.zeros_like(mixed)
+        if self.record.reference_element is None:
+            doubtful[judged[-_EDGE:]] = True
+            doubtful |= self.shown.starts < self.run.gap  # what was there before is not known
+        else:
+            doubtful[:] = True
+        doubtful &= mixed
+        if doubtful.any():
+            names = ", ".join(map(str, np.flatnonzero(doubtful)[:_NAMED]))
+            self.missing.append(
+                f"frames {names}: most pins show another drive, or samples are missing there: "
+                f"{_WITH_THE_CLOCK}"
+            )
+        return doubtful
 
     @cached_property
     def _turns_rad(self) -> FloatArray | None:

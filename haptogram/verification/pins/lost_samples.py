@@ -12,7 +12,6 @@ import numpy as np
 
 from haptogram.records.pins import PinRecord
 
-from .missing_stretch import MissingStretch, missing_stretch_of_capture
 from .run_drives import Bools, PinRunDrives
 from .shown_frames import LATE_PERIODS, FramesShownByPins, frames_shown_by_pins
 
@@ -35,27 +34,17 @@ def frames_before_lost_samples(
     number of periods: then the frames alone tell, as they do beside an element.
     """
     shown = frames_shown_by_pins(record, run)
-    begin = 0.0
     for _ in range(_MOST):
         end = _end_before_lost_samples(record, run, shown)
-        at = end
         if end is None:
-            found = _missing_stretch(record, run, shown)
-            if found is None:
-                break
-            at = found.at
-            begin, end = (at, record.end) if found.is_before_run else (begin, at)
-        assert at is not None
-        record = record.between(begin, end, _why_samples_are_missing(record, at, begin))
+            break
+        record = record.between(0.0, end, _why_samples_are_missing(record, end))
         shown = frames_shown_by_pins(record, run)
-    if record.cut:
-        shown = shown.without_wrong_edges(_fitting_pins(shown), first=begin > 0.0)
     return record, shown
 
 
-def _why_samples_are_missing(record: PinRecord, at: float, begin: float) -> str:
-    side = "before" if at == begin else "behind"
-    where = f"samples are missing {side} {at * record.period_s * 1e3:.3f} ms, where "
+def _why_samples_are_missing(record: PinRecord, at: float) -> str:
+    where = f"samples are missing behind {at * record.period_s * 1e3:.3f} ms, where "
     if record.reference_element is not None:
         return where + (
             "all pins jump together or the frames go on too early: capture at a lower rate, fewer "
@@ -65,12 +54,6 @@ def _why_samples_are_missing(record: PinRecord, at: float, begin: float) -> str:
         "the frames go on too early by whole periods: a board that latches early from there on "
         "looks the same; capture again to know"
     )
-
-
-def _missing_stretch(
-    record: PinRecord, run: PinRunDrives, shown: FramesShownByPins
-) -> MissingStretch | None:
-    return missing_stretch_of_capture(record, run, shown, _fitting_pins(shown))
 
 
 def _fitting_pins(shown: FramesShownByPins) -> Bools:
@@ -85,7 +68,7 @@ def _end_before_lost_samples(
 ) -> float | None:
     """Return the period up to which no sample is missing; None: none is, or nobody knows."""
     judged, fitting = shown.seen & ~shown.lost, _fitting_pins(shown)
-    if record.reference_element is None or not fitting.any():
+    if not fitting.any():
         return None
     right = shown.right[:, fitting].all(axis=1) & judged & ~shown.torn
     right &= shown.late <= LATE_PERIODS

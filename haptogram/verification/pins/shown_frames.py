@@ -27,7 +27,6 @@ TORN_PERIODS: Final = 1.25
 #: A frame is late from here on: one for the boundary that is awaited, one for its pulse in it.
 LATE_PERIODS: Final = 2.0
 _HALF: Final = 0.5
-_EDGE: Final = 2  # frames
 _SILENT: Final = 2.5  # periods without a pulse
 _LAST_PERIODS: Final = 7.0  # of a frame: a latch so late shows nothing that can be judged
 _LATCH_PERIODS: Final = 1.5  # in which all pins latch: one, and a pulse that the latch cut
@@ -139,28 +138,6 @@ class FramesShownByPins:
         early &= np.append(True, self.lost[:-1])
         torn: Bools = (self.latched.sum(axis=1) > 1) & (self.apart > TORN_PERIODS) & ~early
         return torn
-
-    def without_wrong_edges(self, fitting: Bools, *, first: bool) -> FramesShownByPins:
-        """Return the frames without those, next to missing samples, that are wrong.
-
-        Both clocks are known less well there. With *first*, samples are missing before the frames
-        too. Where a frame or two are all that is left, and most pins are wrong, none tells the run.
-        """
-        judged = np.flatnonzero(self.seen & ~self.lost)
-        if len(judged) <= _EDGE and 2 * fitting.sum() < len(fitting):
-            fitting = np.ones_like(fitting)
-        is_right: Bools = np.asarray(self.right[judged][:, fitting].all(axis=1))
-        blurred = self.blurred.copy()
-        if is_right.any():
-            begin = int(is_right.argmax()) if first else 0
-            end = len(judged) - int(is_right[::-1].argmax())
-            if begin <= _EDGE:
-                blurred[judged[:begin]] = True
-            if len(judged) - end <= _EDGE:
-                blurred[judged[end:]] = True
-        elif len(judged) <= _EDGE and fitting.all():
-            blurred[judged] = True
-        return replace(self, blurred=blurred)
 
 
 def frames_shown_by_pins(record: PinRecord, run: PinRunDrives) -> FramesShownByPins:
