@@ -133,7 +133,7 @@ def sample_picture_points(
     function: Callable[[FloatArray], NDArray[np.generic]],
     progress: Progress | None,
 ) -> NDArray[np.generic]:
-    """Return what *function* gives for the points of a plane; NaN where there is no field."""
+    """Return the values of *function* at the points of a plane; NaN where there is no field."""
     points = plane.points_m()
     front = points_in_front(model, points)
     if not front.any():
