@@ -29,25 +29,6 @@ from sim_device.mutants import Mutant
 
 WORKERS = 2
 OPTIONS = SuiteOptions(timeout_s=1.0, seed=0, repeat=1, strict=True, expected={})
-HEAD = """\
-# Kill matrix
-
-Boards that are wrong in exactly one way each (`tests/mutants`; some to show are installed with
-the virtual board, see [faults.md](faults.md)), judged by the conformance suite with the back door
-closed. Each must fail the clause that it breaks; what else it fails follows from the same fault:
-[every mutant against every case](kill-matrix-full.md). Made by `ci/kill-matrix`.
-`tests/sim_device/test_mutants.py` holds each mutant to its clause,
-`tests/haptogram/conformance/test_healthy.py` the healthy board to all of them.
-
-"""
-FULL_HEAD = """\
-# Kill matrix: every mutant against every case
-
-Made by `ci/kill-matrix --full`; [the short one](kill-matrix.md) says what each mutant does wrong.
-Numbers of cases are written without their `HG-`. The healthy board fails none of them.
-
-"""
-
 #: Cases that each mutant fails, by its name.
 Found: TypeAlias = Mapping[str, Sequence[Case]]
 
@@ -111,7 +92,20 @@ def short_page(found: Found) -> str:
         "analyser on the drive pins). Each was judged by the cases of the clause that it breaks.\n"
     )
     head = "mutant | what it does wrong | clause | shown by | verdict | failed cases"
-    return f"{HEAD}{told}\n{table(head, rows)}"
+    return f"# Kill matrix\n\n{told}\n{table(head, rows)}"
+
+
+def chapter_table() -> str:
+    """Return the table of docs/kill-matrix.md: mutants by the chapter whose clause they break."""
+    rows = []
+    for chapter in dict.fromkeys(clause.partition(".")[0] for clause in load_clauses()):
+        mutants = [m for m in MUTANTS.values() if m.clause.partition(".")[0] == chapter]
+        unseen = sum(mutant.evidence is Evidence.EXTERNAL for mutant in mutants)
+        if mutants:
+            rows.append(f"| {chapter} | {len(mutants)} | {unseen or '-'} |")
+    unseen = sum(mutant.evidence is Evidence.EXTERNAL for mutant in MUTANTS.values())
+    rows.append(f"| all | {len(MUTANTS)} | {unseen} |")
+    return table("chapter | mutants | need a measurement", rows)
 
 
 def full_page(found: Found) -> str:
@@ -137,7 +131,8 @@ def full_page(found: Found) -> str:
     )
     by_mutant = table("mutant | breaks | fails | cases", mutants)
     by_clause = table("clause | mutants | which", clauses)
-    return f"{FULL_HEAD}{told}\n## By mutant\n\n{by_mutant}\n## By clause\n\n{by_clause}"
+    title = "# Kill matrix: every mutant against every case"
+    return f"{title}\n\n{told}\n## By mutant\n\n{by_mutant}\n## By clause\n\n{by_clause}"
 
 
 def _bare(name: str) -> str:
@@ -154,9 +149,9 @@ def _listed(failed: Sequence[Case], cases: Sequence[Case]) -> str:
 
 
 def main() -> int:
-    """Judge all mutants, two at a time, and write the page."""
+    """Judge all mutants, two at a time, and write the tables."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where the page is written")
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where the tables are written")
     parser.add_argument("--full", action="store_true", help="against every case")
     arguments = parser.parse_args()
     judge = functools.partial(_judge, full=arguments.full)
@@ -169,6 +164,7 @@ def main() -> int:
     }
     name = "kill-matrix-full.md" if arguments.full else "kill-matrix.md"
     page = full_page(found) if arguments.full else short_page(found)
+    arguments.folder.mkdir(exist_ok=True)
     (arguments.folder / name).write_text(page, encoding="utf-8")
     return int(bool(missed(found)))
 

@@ -148,27 +148,20 @@ def test_a_clock_and_its_inverse_agree(clock):
         assert t_ns == 0 or clock.device_us(t_ns - 1) < device_us
 
 
-def test_the_published_kill_matrix_has_every_mutant_and_none_was_missed():
+def test_the_published_kill_matrix_counts_the_mutants():
     page = (DOCS / "kill-matrix.md").read_text("utf-8")
-    rows = re.findall(
-        r"^\| `([\w-]+)` \| (.*) \| (HG-\S+) \| (\S+) \| ([a-z ]+) \|", page, re.MULTILINE
-    )
-    hint = "run ci/kill-matrix and ci/kill-matrix --full"
-    told = {name: (what, clause, evidence) for name, what, clause, evidence, _ in rows}
-    due = {n: (m.docstring.splitlines()[0], m.clause, m.evidence) for n, m in MUTANTS.items()}
-    assert told == due, hint
-    assert {name for name, *_, verdict in rows if verdict == "killed"} == set(VISIBLE)
-    full = (DOCS / "kill-matrix-full.md").read_text("utf-8")
-    assert re.findall(r"^\| `([\w-]+)` \|", full, re.MULTILINE) == list(MUTANTS), hint
-    clauses = re.findall(r"^\| ([\d.]+/\d+) \| \d+ \|", full, re.MULTILINE)
-    judged = {case.clause for case in all_cases() if case.body}
-    assert {f"HG-{number}" for number in clauses} == judged, hint
+    assert f"chapter_table -->\n{_kill_matrix().chapter_table()}<!-- end -->" in page
 
 
-def test_the_kill_matrix_tells_killed_from_missed_and_lists_what_is_left():
+def _kill_matrix():
     spec = importlib.util.spec_from_file_location("kill_matrix", ROOT / "ci" / "kill_matrix.py")
     command = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(command)
+    return command
+
+
+def test_the_kill_matrix_tells_killed_from_missed_and_lists_what_is_left():
+    command = _kill_matrix()
     every = [case for case in all_cases() if case.body]
     failed = command.failed_cases("hello-always-anew", full=False)
     found = {"hello-always-anew": failed, "crc-half": [], "dead-element": [], "crc-16": every[1:]}

@@ -174,10 +174,10 @@ OTHERS = [
     ("board", "--fault device.off\xa0column=16", "device.off column=16, must be 0 to 15 (256 "),
     ("board", "--dialect sonic --mutant crc-61", "is 'sonic'; known are sonicsurface, "),
     ("board", "--mutant x --dialect autd3", "x acts only on Haptogram's own firmware, not on a "),
-    ("board", "--mutant crc-61", "is 'crc-61'; docs/kill-matrix.md lists those known; did"),
+    ("board", "--mutant crc-61", "is 'crc-61'; known are crc-unchecked"),
     ("board", "--latency-ms 16", "needs a baud rate"),
     ("board", "--serial /dev/null", "/dev/null cannot be opened: it is no serial port"),
-    ("soak", "--mutant crc-61", "is 'crc-61'; docs/kill-matrix.md lists those known; did you"),
+    ("soak", "--mutant crc-61", "is 'crc-61'; known are crc-unchecked"),
     ("conform", "--clause HG-99", f"HG-99: {UNKNOWN_CLAUSE}"),
     ("conform", "--clause 2.4/2", f"2.4/2: {UNKNOWN_CLAUSE}; did you mean HG-2.4/2?"),
     (
