@@ -159,7 +159,7 @@ class ClientRemarks:
         if len(self._frames) < _ALIKE:
             self._frames.append((size, kinds))
         told = kinds - {"frames_without_start"} if "codes_unheard" in kinds else kinds
-        for kind in _CLUES.keys() & told:  # a start that no board heard came all the same
+        for kind in filter(told.__contains__, _CLUES):  # an unheard start came all the same
             self._strange.setdefault(kind, size)
 
     def take(self, data: bytes, unshown: UnshownToClient, t_us: int) -> None:
@@ -185,7 +185,7 @@ class ClientRemarks:
             text = f"a whole frame waits for its commit ({unshown.commit}), which shows it"
             self._say_once("waits", About.CLIENT, text, t_us)
         if not self._is_stopped:
-            for kind in _AT_ONCE.intersection(unshown.kinds):
+            for kind in filter(_AT_ONCE.__contains__, unshown.kinds):
                 self._strange.setdefault(kind, 0)
         self._say_clues(t_us)
 

@@ -143,13 +143,3 @@ def test_the_exercise_shows_the_sign_of_the_phases(capsys: pytest.CaptureFixture
     words = words.replace("/tmp/board", f"haptogram://?clock=virtual&mutant={mutant}")
     assert main([*words.split(), "--object", "circle", "--quiet"]) == 1
     assert "opposite sign of all phases" in capsys.readouterr().out
-
-
-@pytest.mark.pty
-def test_the_driver_of_the_first_page_runs() -> None:
-    (block,) = re.findall(r"```python\n(.*?)```", (DOCS / "start.md").read_text(), re.DOTALL)
-    with VirtualBoard(clock="wall") as board:
-        program = block.replace("/tmp/board", board.url)
-        subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
-        board.finish()
-        assert len(board.observations()) > 30

@@ -63,7 +63,7 @@ def read_settings_table(path: Path) -> dict[str, Any]:
             )
     if not isinstance(table, dict):
         raise ConfigurationError(f"{path}: must have one table [{_SECTION}]")
-    for name in table.keys() - options_of(VerifyConfig).keys():
+    for name in (name for name in table if name not in options_of(VerifyConfig)):
         if name in RENAMED:
             raise ConfigurationError(f"{path}: {name!r} is now {RENAMED[name]!r}")
         known = unknown_setting_text(name, options_of(VerifyConfig))

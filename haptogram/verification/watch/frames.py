@@ -40,7 +40,7 @@ class _FoundDefects:
 
     def extend(self, other: _FoundDefects, *, without: Collection[Defect] = ()) -> None:
         """Take over what *other* has found."""
-        for defect in other.latches.keys() - set(without):
+        for defect in (defect for defect in other.latches if defect not in without):
             self.counts[defect] += other.counts[defect]
             self.latches[defect] = (self.latches[defect] + other.latches[defect])[: self._most]
         self.torn = (self.torn + other.torn)[: self._most]
