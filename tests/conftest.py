@@ -2,8 +2,9 @@
 
 import os
 import signal
-from collections import Counter
+from collections import Counter, defaultdict
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 pytest_plugins = ["costs"]
@@ -24,9 +25,9 @@ for _number in (signal.SIGINT, signal.SIGHUP):
 # A shared machine may stop for a while at any point, so slowness is no failure.
 _UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 
-settings.register_profile("ci", derandomize=True, **_UNHURRIED)
-settings.register_profile("nightly", max_examples=1000, print_blob=True, **_UNHURRIED)
-settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+settings.register_profile("commit", max_examples=20, derandomize=True, **_UNHURRIED)
+settings.register_profile("nightly", max_examples=200, print_blob=True, **_UNHURRIED)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "commit"))
 
 
 def pytest_configure(config):
@@ -35,12 +36,25 @@ def pytest_configure(config):
         config.pluginmanager.register(costs.Costs(config.rootpath / "out" / "durations.json"))
 
 
+@pytest.hookimpl(tryfirst=True)  # before -m chooses
 def pytest_collection_modifyitems(items):
-    """With several processes, begin with the files of slow tests, then with the longest files.
+    """Leave to the night all but N of the parameters of a test that is marked `sampled(N)`.
+
+    With several processes, begin with the files of slow tests, then with the longest files.
 
     Whole files are handed out in this order (`ci/test`): no process is left with a slow one at the
     end.
     """
+    families = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker("sampled"):
+            families[item.path, item.originalname].append(item)
+    for family in families.values():
+        (kept,) = family[0].get_closest_marker("sampled").args
+        with_commits = {k * len(family) // kept for k in range(kept)}
+        for k, item in enumerate(family):
+            if k not in with_commits:
+                item.add_marker("nightly")
     if "PYTEST_XDIST_WORKER" not in os.environ:
         return
     slow = {item.path for item in items if item.get_closest_marker("slow")}

@@ -51,6 +51,7 @@ def test_bugs_are_caught_missed_and_remembered(bugs, capsys):
     assert "caught  crc" in capsys.readouterr().out
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 def test_on_a_pty_hardware_faults_are_judged_too(bugs, capsys):
     for path in bugs.iterdir():

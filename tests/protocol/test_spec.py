@@ -84,9 +84,10 @@ def test_every_clause_is_in_its_section_and_numbered_without_a_gap() -> None:
     assert len(CLAUSES) > 200
 
 
-@pytest.mark.parametrize(("section", "number", "text"), CLAUSES)
-def test_every_clause_demands_something(section: str, number: str, text: str) -> None:
-    assert re.search(r"\b(MUST|SHOULD|MAY)\b", text), f"{section}/{number}"
+def test_every_clause_demands_something() -> None:
+    assert [
+        clause for clause in CLAUSES if not re.search(r"\b(MUST|SHOULD|MAY)\b", clause[2])
+    ] == []
 
 
 def test_nothing_is_demanded_without_a_number() -> None:
@@ -95,11 +96,11 @@ def test_nothing_is_demanded_without_a_number() -> None:
     assert [line for line in lines if "RFC 2119" not in line] == []
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_every_section_and_clause_quoted_in_code_exists(path: Path) -> None:
+def test_every_section_and_clause_quoted_in_code_exists() -> None:
     known = {f"{section}/{number}" for section, number, _ in CLAUSES} | set(SECTIONS)
-    quoted = set(re.findall(r"\bHG-\d+\.\d+(?:/\d+)?", path.read_text("utf-8")))
-    assert quoted <= known
+    for path in SOURCES:
+        quoted = set(re.findall(r"\bHG-\d+\.\d+(?:/\d+)?", path.read_text("utf-8")))
+        assert quoted <= known, path
 
 
 @pytest.mark.parametrize("kind", MESSAGES.values(), ids=lambda kind: kind.__name__)
@@ -122,19 +123,11 @@ def _hand_written() -> str:
     return re.sub(r"<!-- generated.*?<!-- end -->", "", SPEC, flags=re.DOTALL)
 
 
-@pytest.mark.parametrize("name", Counters.WIRE)
-def test_every_counter_is_spoken_of(name: str) -> None:
-    assert f"`{name}`" in _hand_written()
-
-
-@pytest.mark.parametrize("code", ErrorCode)
-def test_every_error_code_is_spoken_of(code: ErrorCode) -> None:
-    assert re.search(rf"\b(ERROR\({code.name}\)|{code.name}\b)", _hand_written())
-
-
-@pytest.mark.parametrize("word", [*OutputState, *Flag], ids=lambda word: word.name)
-def test_every_state_and_flag_is_spoken_of(word: OutputState | Flag) -> None:
-    assert word.name in _hand_written()
+def test_every_counter_error_code_state_and_flag_is_spoken_of() -> None:
+    text = _hand_written()
+    words = [f"`{name}`" for name in Counters.WIRE]
+    words += [rf"\b{word.name}\b" for word in (*ErrorCode, *OutputState, *Flag)]
+    assert [word for word in words if not re.search(word, text)] == []
 
 
 def test_what_code_and_text_both_say_is_the_same() -> None:

@@ -85,6 +85,7 @@ def records(path):
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
+@pytest.mark.nightly
 def test_a_board_below_nohup_outlives_its_terminal(start):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
@@ -98,6 +99,7 @@ def test_a_board_below_nohup_outlives_its_terminal(start):
     assert board.end(signal.SIGTERM) == 0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_the_link_appears_and_a_signal_leaves_nothing_behind(start, tmp_path, number):
     link = tmp_path / "board"
@@ -136,6 +138,7 @@ def test_what_is_no_link_of_a_board_is_left_alone(start, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log", "notes"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
@@ -176,6 +179,7 @@ def test_arguments_that_cannot_be_used_end_in_one_line_and_status_2(start, argum
     assert text in lines[0]
 
 
+@pytest.mark.nightly
 def test_a_client_may_crash_and_another_one_goes_on(start, tmp_path, open_host):
     board = start("--link", tmp_path / "board")
     first = open_host(board.url, 1)
@@ -190,6 +194,7 @@ def test_a_client_may_crash_and_another_one_goes_on(start, tmp_path, open_host):
     assert second.ask(GetStatus()).message.state is OutputState.DISARMED
 
 
+@pytest.mark.nightly
 def test_a_port_that_vanishes_comes_back_under_the_same_link(start, tmp_path, open_host):
     link = tmp_path / "board"
     board = start("--link", link, "--fault", "line.disconnect ms=300 from=1500ms")
@@ -204,6 +209,7 @@ def test_a_port_that_vanishes_comes_back_under_the_same_link(start, tmp_path, op
     assert not link.is_symlink()
 
 
+@pytest.mark.nightly
 def test_garbage_before_and_between_frames_costs_no_frame(start, tmp_path, open_host):
     board = start("--link", tmp_path / "board")
     host = open_host(board.url)
@@ -244,6 +250,7 @@ def test_every_latch_reaches_the_back_door_before_the_board_ends(start, tmp_path
     assert states == ["ARMED", "MUTED"]  # muted at its end
 
 
+@pytest.mark.nightly
 def test_a_kill_in_mid_stream_ends_the_worker_too_and_keeps_what_it_had(start, tmp_path, open_host):
     door = tmp_path / "door.jsonl"
     arguments = ("--backdoor", door, "--no-reconstruct")
@@ -319,6 +326,7 @@ def test_at_the_far_end_of_a_cable_until_it_is_pulled(start):
     assert "the other side is gone" in board.text() or "error" in board.text()
 
 
+@pytest.mark.nightly
 def test_an_output_that_fails_does_not_hide_a_lost_port(start, tmp_path):
     master, slave = os.openpty()
     port, capture = os.ttyname(slave), tmp_path / "pins.vcd"

@@ -28,6 +28,8 @@ from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.settings.run.verify import VerifyConfig
 from virtual_ports import BAUD, BoardPort
 
+pytestmark = pytest.mark.sampled(1)
+
 CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "4", "--quiet"]
 FRAMES = 31
 ARRAYS = {"8x8": TransducerArray.grid(8, 8), "16x16": TransducerArray.grid(16, 16)}
@@ -231,6 +233,7 @@ def test_frames_that_the_board_computes_are_refused_with_a_calibration() -> None
         assert len(driver.frames([(0.0, 0.0, 0.1)], mode="drives")) == 1
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 def test_a_board_in_a_process_of_its_own_has_its_elements_too(tmp_path: Path) -> None:
     calibration = unequal(ARRAYS["8x8"])

@@ -13,6 +13,7 @@ from haptogram.conformance.verdict import Behaviour
 OPTIONS = SuiteOptions(timeout_s=1.0, seed=0, repeat=1, strict=True, expected={}, depth=Depth.QUICK)
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_the_healthy_board_passes_everything_that_a_line_can_show() -> None:
     access = access_in_program("haptogram://?clock=virtual", baudrate=3_000_000, seed=0)

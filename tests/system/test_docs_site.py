@@ -18,6 +18,8 @@ from haptogram import VirtualBoard
 from haptogram.acoustics import SingleFocus
 from haptogram.cli import COMMANDS, command_parser, main
 
+pytestmark = pytest.mark.nightly
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("**/*.md"))]
@@ -25,7 +27,6 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.glob("**/*.md"))]
 _PLACEHOLDER = re.compile(r"[<\[]|\bCOMMAND\b|\.\.\.|^haptogram  ")
 
 
-@pytest.mark.nightly
 def test_site_builds_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("sphinx", reason="needs the extra docs: ci/docs")
     pytest.importorskip("furo")

@@ -69,6 +69,7 @@ def test_the_same_run_gives_the_same_file(tmp_path):
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 @pytest.mark.realtime
 def test_a_run_over_a_pty_keeps_the_latches_that_the_board_tells_at_its_end(tmp_path):

@@ -81,6 +81,7 @@ WRONG = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("mutant", WRONG)
 def test_a_mutant_is_the_same_again_and_differs_from_a_healthy_board(mutant, tmp_path, capsys):
     path, result = tmp_path / "bug.mcap", tmp_path / "result.json"
@@ -143,6 +144,7 @@ def test_a_board_on_the_wall_clock_does_the_same_again_byte_for_byte(board, tmp_
     assert "every field compared" in said.out
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 @pytest.mark.realtime
 def test_a_run_by_the_host_s_clock_is_set_against_the_board_s(board, tmp_path, capsys):

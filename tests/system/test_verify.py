@@ -48,6 +48,7 @@ def test_over_a_pty_every_frame_that_is_latched_is_verified(tmp_path: Path) -> N
     assert result["environment"]["python"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "words",
     [["points"], ["phases"], ["sequence"]],
@@ -61,6 +62,7 @@ def test_in_virtual_time_every_frame_is_on_target(tmp_path: Path, words: list[st
     assert result["troubles"] == {}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("foci", "words"), [(4, ["--solver", "wgs"]), (2, ["--mode", "points"])], ids=["host", "board"]
 )
@@ -94,6 +96,7 @@ def test_air_that_the_host_does_not_know_puts_the_focus_off_target(tmp_path: Pat
 _PATHS = {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.pty
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
@@ -133,6 +136,7 @@ def _wait_for_latches(folder: Path, count: int) -> None:
     raise AssertionError(f"no {count} latches within 60 s")
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
     config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, rate_hz=200, repeat=20)
@@ -150,6 +154,7 @@ def test_a_board_that_dies_in_mid_run_ends_it_with_what_was_seen() -> None:
     assert found.cut.reason in run.reasons
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.pty
 @pytest.mark.parametrize("mode", ["phases", "points", "sequence"])
 def test_a_board_at_a_port_is_judged_by_its_own_word(tmp_path: Path, mode: str) -> None:

@@ -155,6 +155,7 @@ def test_a_board_that_is_unplugged_still_latches_what_it_was_sent(tmp_path: Path
     assert frames["lost"] <= 1  # the one that was on the line
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "virtual", [True, pytest.param(False, marks=pytest.mark.pty)], ids=["virtual time", "pty"]
 )
@@ -242,6 +243,7 @@ def _run(
     return status, said.out if is_told else said.err, result
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", _TO_THE_LINE)
 def test_a_hard_fault_from_power_up_on_is_inconclusive_or_loses_frames(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -261,6 +263,7 @@ def test_a_hard_fault_from_power_up_on_is_inconclusive_or_loses_frames(
         assert result["faults"]["fired"][name] > 0
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", _TO_THE_LINE)
 def test_a_hard_fault_in_mid_run_leaves_what_was_measured(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -277,6 +280,7 @@ def test_a_hard_fault_in_mid_run_leaves_what_was_measured(
     assert result["frames"]["verified"] > 10
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.pty
 @pytest.mark.parametrize("fault", ["line.drop p=0.3", "line.half_open", "line.disconnect ms=60000"])
 def test_over_a_pty_the_plan_is_blamed_too(
@@ -313,6 +317,7 @@ def test_a_plan_that_did_nothing_is_not_blamed(
     )
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("fault", "count"),
     [
@@ -362,6 +367,7 @@ def _at_random(source: random.Random) -> str:
     return " ".join([name, *words])
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", range(15))
 def test_no_plan_at_random_breaks_the_program(
     seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]

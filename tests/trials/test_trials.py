@@ -10,6 +10,8 @@ from tqdm import tqdm
 from haptogram.verification.frame.verdict import FrameStatus
 from trials import campaign, cases, chain, judging, layouts, results, wrongs
 
+pytestmark = pytest.mark.nightly
+
 ON_TARGET = FrameStatus.ON_TARGET
 SEED = 10  # of the trials that run with every test
 HONEST, WRONG = 160, 160
@@ -42,7 +44,6 @@ def claimed(ran, status):
 # --- the verdict itself ----------------------------------------------------------------------
 
 
-@pytest.mark.nightly
 def test_no_verdict_of_a_minute_of_trials_is_wrong(tmp_path):
     found = run_all(tmp_path / "trials.jsonl", SEED, {"honest": HONEST, "wrong": WRONG})
     bad = [

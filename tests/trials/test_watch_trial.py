@@ -4,10 +4,11 @@ import pytest
 
 from trials.watch_trial import trial
 
+pytestmark = pytest.mark.nightly
+
 CASES = 24
 
 
-@pytest.mark.nightly
 def test_no_name_is_wrong() -> None:
     tally = trial(CASES, seed=2)
     assert tally.wrong == []

@@ -50,6 +50,7 @@ def test_its_bytes_are_those_of_the_client():
         assert dataclasses.replace(RIGHT, targets_mm=[target]).bytes() == seen
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: wrong.name)
 def test_every_wrong_program_fails_and_is_named(wrong, tmp_path, capsys):

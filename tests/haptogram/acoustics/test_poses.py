@@ -43,6 +43,8 @@ from haptogram.published.paper.figure4 import figure_4_model
 from haptogram.published.presets import PRESETS
 from strategies_acoustics import Pose, poses, seeds, targets
 
+pytestmark = pytest.mark.sampled(3)
+
 GRID = AcousticModel.default(8, 7)
 
 

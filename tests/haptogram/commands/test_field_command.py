@@ -23,6 +23,8 @@ from haptogram.commands.field.scene import FieldScene
 from haptogram.errors import ConfigurationError
 from haptogram.objects.modulation import Modulation
 
+pytestmark = pytest.mark.sampled(3)
+
 
 def parse(*words):
     return command_parser("field").parse_args([*map(str, words)])

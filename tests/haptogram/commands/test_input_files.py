@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 from pathlib import Path
 
@@ -39,6 +40,7 @@ BESIDE = {
 }
 CAPTURED = {"conform", "verify"}
 SUFFIX = {"picture": ".svg"}
+SPELLINGS = ("same", "dot", "link", "hard link")
 
 
 def file_options(command: str) -> dict[str, argparse.Action]:
@@ -69,8 +71,10 @@ def test_every_option_that_takes_a_file_is_an_input_or_an_output(command: str) -
         assert sum((name in INPUTS, name in OUTPUTS, name in BOTH)) == 1, name
 
 
-@pytest.mark.parametrize("spelling", ["same", "dot", "link", "hard link"])
-@pytest.mark.parametrize(("command", "reader", "writer"), PAIRS)
+@pytest.mark.parametrize(
+    ("command", "reader", "writer", "spelling"),
+    [(*pair, way) for pair, way in zip(PAIRS, itertools.cycle(SPELLINGS), strict=False)],
+)
 def test_an_output_does_not_replace_an_input(
     command: str,
     reader: str,

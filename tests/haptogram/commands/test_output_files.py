@@ -100,6 +100,7 @@ def test_two_outputs_with_one_name_are_refused(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(
     ("command", "option"),
     [row for row in OPTIONS if row[1] != "--resume" and row[0] not in ("paper", "bench")],
@@ -156,6 +157,7 @@ def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
         tmp_path.chmod(0o700)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("is_pipe", [False, True])
 def test_standard_output_by_its_other_name_holds_the_result_alone(
     is_pipe: bool, tmp_path: Path

@@ -56,6 +56,7 @@ def test_json_goes_to_a_file_and_to_standard_output(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out) == written
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_the_report_is_one_page_or_a_folder_of_pictures(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("haptogram.report.paper.pictures._STEP_M", 4e-3)

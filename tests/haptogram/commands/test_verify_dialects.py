@@ -15,6 +15,8 @@ from haptogram.verification import verify_run
 from haptogram_protocol.dialects.table import DIALECTS
 from swallowing_port import SwallowingPort
 
+pytestmark = pytest.mark.sampled(2)
+
 every_dialect = pytest.mark.parametrize("name", DIALECTS)
 SERIAL = [name for name, dialect in DIALECTS.items() if dialect.bauds]
 HIGHEST_M, LOWEST_M, ABOVE_A_CAVITY_M = 0.15, 0.03, 0.022
@@ -92,6 +94,7 @@ def test_a_silent_element_fails(name, capsys):
     assert "device.off" in out
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 def test_a_board_in_a_process_of_its_own(capsys, tmp_path):
     page = tmp_path / "page.html"
@@ -233,6 +236,7 @@ def test_a_link_that_must_answer_and_does_not_is_an_error(capsys):
     assert "no answer to Hello within 2 s" in err
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 def test_a_board_that_goes_dark_between_frames_does_what_nobody_intended():
     with VirtualBoard(dialect="sonicsurface") as board:

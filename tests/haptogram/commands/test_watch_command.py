@@ -22,6 +22,8 @@ from haptogram.evidence.board_process import BoardProcess
 from haptogram.report.watch import page as page_module
 from haptogram.verification.watch import Defect
 
+pytestmark = pytest.mark.sampled(2)
+
 ROOT = Path(__file__).parents[3]
 DATA = ROOT / "tests" / "data" / "dialects"
 AIR = ("--temperature-c", "23.21")  # 346.0 m/s, which these clients assume
@@ -337,6 +339,7 @@ def test_haptogram_s_own_board_is_watched_from_a_file(tmp_path, capsys):
     assert "expected  1 on target" in out
 
 
+@pytest.mark.nightly
 def test_a_board_that_the_command_starts_is_followed_until_ctrl_c(tmp_path):
     link, log = tmp_path / "board", tmp_path / "out.txt"
     words = ["watch", "--dialect", "sonicsurface", "--link", str(link), *AIR]

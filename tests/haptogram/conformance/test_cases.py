@@ -4,8 +4,6 @@ import re
 from collections import Counter
 from pathlib import Path
 
-import pytest
-
 from haptogram.conformance import cases
 from haptogram.conformance.case import Case
 from haptogram.conformance.cases import all_cases, case_modules, cases_in, select
@@ -65,11 +63,11 @@ def test_no_file_of_a_chapter_is_left_out():
     assert sum(len(cases_in(module)) for module in case_modules()) == len(CASES)
 
 
-@pytest.mark.parametrize("module", case_modules(), ids=lambda module: module.__name__[28:])
-def test_a_module_names_the_sections_of_its_cases_in_its_first_line(module):
-    named = module.__doc__.replace("\n", " ").partition(": ")[0].split(", ")
-    sections = {load_clauses()[case.clause].section for case in cases_in(module)}
-    assert named == sorted(sections, key=lambda name: Clause(name, "").order)
+def test_a_module_names_the_sections_of_its_cases_in_its_first_line():
+    for module in case_modules():
+        named = module.__doc__.replace("\n", " ").partition(": ")[0].split(", ")
+        sections = {load_clauses()[case.clause].section for case in cases_in(module)}
+        assert named == sorted(sections, key=lambda name: Clause(name, "").order), module.__name__
 
 
 def test_ids_are_unique():
@@ -81,10 +79,9 @@ def test_cases_are_in_the_order_of_the_text():
     assert order == sorted(order)
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
-def test_every_case_says_in_one_line_what_it_does(case):
-    assert 10 < len(case.summary) < 120
-    assert "\n" not in case.summary
+def test_every_case_says_in_one_line_what_it_does():
+    is_told = re.compile(r".{11,119}").fullmatch
+    assert [case.id for case in CASES if not is_told(case.summary)] == []
 
 
 def test_level_is_the_strongest_word():

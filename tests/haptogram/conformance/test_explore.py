@@ -102,11 +102,18 @@ from sim_device.driven.stepped_board import run_stepped_board
 
 CASE = "HG-1.2/1-dialogues"
 ROOT = Path(__file__).resolve().parents[3]
+#: Of dialogues, with every commit and every night.
+NUMBERS = pytest.mark.parametrize("number", [12, pytest.param(60, marks=pytest.mark.nightly)])
 
 
-@pytest.mark.slow
-def test_the_virtual_board_lives_like_its_model(monkeypatch):
-    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 30)
+@pytest.fixture(autouse=True)
+def few_dialogues(monkeypatch):
+    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 12)
+
+
+@NUMBERS
+def test_the_virtual_board_lives_like_its_model(number, monkeypatch):
+    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", number)
     (result,) = run(virtual(array="3x2"), CASE, seed=3).results
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
@@ -188,8 +195,9 @@ def c_board(tmp_path_factory):
     return [str(folder / "board_steps"), "3x2"]
 
 
-def test_the_c_board_lives_like_the_model(c_board, monkeypatch):
-    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 60)
+@NUMBERS
+def test_the_c_board_lives_like_the_model(number, c_board, monkeypatch):
+    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", number)
     (result,) = run(SteppedAccess(c_board), CASE).results
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
@@ -218,7 +226,9 @@ class ForgetsInPause(Wrapped):
         return len(data)
 
 
+@pytest.mark.nightly
 def test_a_board_that_forgets_a_frame_in_a_pause_is_found(c_board, monkeypatch):
+    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 120)
     monkeypatch.setattr(WrappedSteps, "wrapper", ForgetsInPause)
     (result,) = run(WrappedSteps(c_board), CASE).results
     assert result.behaviour is Behaviour.FAILED

@@ -104,12 +104,10 @@ def result(array, baud=3_000_000, depth=Depth.QUICK):
             *("16x16", 3_000_000, NOT_HERE | LINE, Depth.DEFAULT), marks=pytest.mark.nightly
         ),
         ("5x3", 3_000_000, NOT_HERE | SMALL, Depth.QUICK),  # leaves spare bits, and is not square
-        (
-            "5x5",
-            115_200,
-            NOT_HERE - {"HG-7.1/2"} | SMALL,
-            Depth.QUICK,
-        ),  # STATUS could fill this line
+        pytest.param(  # STATUS could fill this line
+            *("5x5", 115_200, NOT_HERE - {"HG-7.1/2"} | SMALL, Depth.QUICK),
+            marks=pytest.mark.nightly,
+        ),
     ],
 )
 def test_the_healthy_board_passes_everything(array, baud, not_here, depth):
@@ -146,6 +144,7 @@ def test_a_clause_is_judged_alike_alone_and_repeated():
     assert all(len(r.seen) == 3 for r in suite.results)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("features", [Feature(0), Feature.CONFIG | Feature.READ_LATCHED])
 def test_a_board_that_can_do_less_passes_what_is_left(features):
     chosen = ("HG-1", "HG-3.8", "HG-4.9", "HG-4.11", "HG-5", "HG-6.4", "HG-7", "HG-8")
@@ -238,6 +237,7 @@ TAKES_ITS_TIME = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("times_us", TAKES_ITS_TIME)
 def test_a_board_that_takes_its_time_passes_what_reckons_with_it(times_us):
     lead_us, point_us = times_us
@@ -388,6 +388,7 @@ class LateWindow(BoardOutput):
         self.config = dataclasses.replace(self.config, late_window_us=5000)
 
 
+@pytest.mark.nightly
 def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
     features = ALL_FEATURES & ~Feature.SEQUENCE_PHASES
     board = identity(features=features, max_unattended_ms=2**32 - 1)
@@ -396,6 +397,7 @@ def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
     assert result.behaviour is Behaviour.OK, result.detail
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("limits", "cases"),
     [

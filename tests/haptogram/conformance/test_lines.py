@@ -30,6 +30,8 @@ from haptogram.report.conformance.text import suite_text
 from haptogram_protocol.framing import FrameDecoder, cobs_encode
 from haptogram_protocol.messages import Disarm, GetStatus, Phases, Ping, ReadDrive
 
+pytestmark = pytest.mark.sampled(2)
+
 DEAF = Path(__file__).parents[2] / "deaf_board.py"
 AT_A_RESET = ("HG-4.1/4-reset", "HG-4.7/1", "HG-6.1/1", "HG-9.2/1")
 

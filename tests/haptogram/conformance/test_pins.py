@@ -38,6 +38,8 @@ from haptogram_protocol.state import OutputState
 from sim_device.board.timers import BoardTimers
 from virtual_ports import BoardPort
 
+pytestmark = pytest.mark.sampled(1)
+
 MAP = {"reference": "carrier", "to_board": "to_board", "to_host": "to_host", "elements": "e{}"}
 CASES = ("HG-5.2/6-slots", "HG-6.11/1", "HG-6.11/2-lengths", "HG-6.11/5-timers", "HG-8.3/1")
 SEEN = {
@@ -459,6 +461,7 @@ def test_a_board_that_takes_longer_than_it_should_to_answer_arm_fails_nothing(tm
     assert "HG-6.6/2" in {r.clause for r in results if r.behaviour is Behaviour.FAILED}
 
 
+@pytest.mark.nightly
 def test_pins_that_go_on_are_found_by_either_line_alone(tmp_path):
     _, record = captured_suite(tmp_path / "pins.vcd", capture_lingers=("all=1e5",))
     broken = {"to_board": {"HG-6.6/2", "HG-6.10/1", "HG-12.2/1"}, "to_host": {"HG-6.6/1"}}

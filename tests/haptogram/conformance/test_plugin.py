@@ -119,6 +119,7 @@ def run_with_faults(*words):
     )
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 def test_faults_of_the_hardware_are_judged_where_a_command_brings_them_about(tmp_path):
     compiler()

@@ -28,6 +28,8 @@ from haptogram_protocol.messages import (
 from sim_device.board.counters import BoardCounters, Drop
 from sim_device.board.output import BoardOutput
 
+pytestmark = pytest.mark.sampled(2)
+
 FEW = ("HG-2", "HG-4.3", "HG-6.2")
 
 

@@ -26,6 +26,8 @@ from haptogram_protocol.dialects.table import DIALECTS
 from sim_device.protocol_haptogram import open_virtual_port
 from swallowing_port import SwallowingPort
 
+pytestmark = pytest.mark.sampled(2)
+
 every_dialect = pytest.mark.parametrize("name", DIALECTS)
 SERIAL = [name for name, dialect in DIALECTS.items() if dialect.bauds]
 HIGHEST_M, LOWEST_M = 0.15, 0.03

@@ -100,6 +100,7 @@ def run(folder, tests, *options):
     return outcomes, done.stdout
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.pty
 @pytest.mark.realtime

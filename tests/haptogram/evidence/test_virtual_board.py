@@ -77,6 +77,7 @@ def test_a_board_that_cannot_be_says_why_and_leaves_nothing_behind(tmp_path, mon
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.nightly
 @pty
 def test_two_boards_do_not_meet():
     with VirtualBoard("4x4", clock="wall") as one, VirtualBoard("4x4", clock="wall") as other:
@@ -163,7 +164,7 @@ def test_in_virtual_time_every_session_of_a_board_is_judged_in_this_program():
                 assert verdict.min_verified == 1.0
             assert len(board.observations(number)) == len(POINTS) + 1
         assert board.wait_for(2 * len(POINTS) + 2)
-        assert not board.wait_for(2 * len(POINTS) + 3, timeout_s=1e4)
+        assert not board.wait_for(2 * len(POINTS) + 3, timeout_s=100)
         assert board.how_it_ended() is None
         board.sleep(1.0)
         board.finish()

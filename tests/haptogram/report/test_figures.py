@@ -32,6 +32,8 @@ from haptogram.report.figures import (
     sample_picture_plane,
 )
 
+pytestmark = pytest.mark.sampled(3)
+
 MODEL = AcousticModel.default(8, 8)
 ENGINE = NumpyEngine(MODEL)
 AIR = ENGINE.model.medium

@@ -14,6 +14,8 @@ from haptogram.acoustics.model.transducer import Transducer
 from haptogram.verification import FrameJudge, FrameStatus, name_drive_faults
 from latched_drives import codes, drive_of, intend, registers, seen, working_volume
 
+pytestmark = pytest.mark.sampled(6)
+
 MODEL = AcousticModel.default()
 JUDGE = FrameJudge(MODEL, carrier_us=25)
 ELEMENTS = st.integers(0, 255)

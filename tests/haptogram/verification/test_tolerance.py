@@ -28,6 +28,8 @@ from haptogram.verification import (
 )
 from latched_drives import field_of, intend, registers, seen, working_volume
 
+pytestmark = pytest.mark.sampled(3)
+
 MODEL = AcousticModel.default()
 TARGET = (0.013, -0.021, 0.11)
 few = settings(max_examples=20)
@@ -290,6 +292,7 @@ def test_a_degree_moves_a_focus_by_what_the_result_says(height_m, moved_mm):
     assert (known.positions, known.phases) == (0.0, 0.0)
 
 
+@pytest.mark.nightly
 @few
 @given(working_volume(), st.integers(0, 2**32 - 1))
 def test_scattered_positions_and_phases_move_the_focus_as_the_result_says(target, seed):

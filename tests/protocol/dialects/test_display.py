@@ -15,6 +15,8 @@ from haptogram_protocol.dialects.sonicsurface import TACTILE_CORRECTION, TACTILE
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.errors import LocalProtocolError
 
+pytestmark = pytest.mark.sampled(8)
+
 ASKS_BYTES = {"autd3": 1}  # of the question behind a frame
 
 

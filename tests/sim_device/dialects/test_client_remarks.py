@@ -7,6 +7,8 @@ from haptogram_protocol.dialects.looks_like import looks_like_dialect
 from haptogram_protocol.dialects.table import DIALECTS
 from sim_device.board.events import ClientLeft, WireCompared
 
+pytestmark = pytest.mark.sampled(4)
+
 every_dialect = pytest.mark.parametrize("name", DIALECTS)
 SILENCE_US = 600_000
 COMMITS = {

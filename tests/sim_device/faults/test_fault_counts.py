@@ -29,6 +29,8 @@ from sim_device.board.settings import board_settings
 from sim_device.faults.clock import faulty_clock
 from sim_device.simulation import Simulation
 
+pytestmark = pytest.mark.sampled(12)
+
 MS = 1_000_000
 NONCE = 0x5EED
 END_MS = 100

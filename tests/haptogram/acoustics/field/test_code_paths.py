@@ -38,6 +38,8 @@ from haptogram.acoustics import (
 from haptogram.acoustics.field.engines.engine import choose_engine
 from strategies_acoustics import poses, seeds
 
+pytestmark = pytest.mark.sampled(6)
+
 MEDIUM = Medium(343.2, 1.204, 0.15)
 K = 2.0 * math.pi * 40e3 / 343.2
 STRENGTH = 3.1

@@ -65,6 +65,8 @@ from haptogram.acoustics.solvers.several import METHODS
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import Pose
 
+pytestmark = pytest.mark.sampled(12)
+
 LAG = Resonator.from_bandwidth()
 FRAME_S = 1e-3
 

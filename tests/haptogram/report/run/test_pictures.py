@@ -23,6 +23,8 @@ from haptogram.report.run.series import (
 from haptogram.verification import FrameStatus, RunVerdict
 from judged_runs import aim, damage, delay, hide, lose, make_run, targets
 
+pytestmark = pytest.mark.sampled(3)
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 

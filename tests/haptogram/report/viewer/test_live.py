@@ -439,6 +439,7 @@ def test_a_line_that_is_no_target_is_refused(line: bytes, scene: LiveViewerScene
         scene.expect([line])
 
 
+@pytest.mark.nightly
 def test_board_and_verify_show_themselves(tmp_path: Path) -> None:
     board = [sys.executable, "-m", "haptogram", "board", "--link", str(tmp_path / "board")]
     verify = [sys.executable, "-m", "haptogram", "verify", "--object", "point", "--array", "4x4"]

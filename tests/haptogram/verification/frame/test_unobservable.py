@@ -11,6 +11,8 @@ from haptogram.records.frame import Focus
 from haptogram.verification import FrameJudge, FrameStatus, Verdict, verify_run
 from latched_drives import drive_of, intend, registers, seen
 
+pytestmark = pytest.mark.sampled(3)
+
 POINT = (0.0, 0.0, 0.1)
 ASIDE = (0.02, 0.01, 0.12)
 

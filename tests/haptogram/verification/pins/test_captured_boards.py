@@ -19,6 +19,8 @@ from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Mute, build_body
 from pin_captures import MAP, captured_run
 
+pytestmark = pytest.mark.sampled(2)
+
 
 def model_of(array):
     grid = TransducerArray.parse(array, pitch_m=0.01)

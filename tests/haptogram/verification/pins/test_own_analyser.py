@@ -13,6 +13,8 @@ from haptogram.verification import Verdict
 from haptogram.verification.pins.judge import verify_captured_pins
 from pin_oracle import Analyser, Board, edges_of, write_sr, write_vcd
 
+pytestmark = pytest.mark.sampled(1)
+
 MODEL = AcousticModel(TransducerArray.grid(4, 4, pitch_m=0.01), Medium.air(20.0), Transducer())
 
 

@@ -29,6 +29,8 @@ from haptogram.verification.watch import (
 from haptogram.verification.watch.frames import FrameDefects
 from watched_runs import TARGETS, latches, model_of, targets_of, watched
 
+pytestmark = pytest.mark.sampled(2)
+
 BOARDS = {"sonicsurface": 32, "interactlab": 128, "ultraino-flat8": 10}
 
 

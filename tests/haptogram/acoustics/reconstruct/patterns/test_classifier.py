@@ -18,6 +18,8 @@ from haptogram.acoustics.reconstruct.patterns.found import KINDS, pattern_dict
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.dialects.table import DIALECTS
 
+pytestmark = pytest.mark.sampled(2)
+
 DATA = Path(__file__).parents[4] / "data" / "dialects"
 EXPECTED = json.loads((DATA / "expected.json").read_text())
 BOARDS = {
