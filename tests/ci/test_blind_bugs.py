@@ -67,6 +67,7 @@ def test_on_a_pty_hardware_faults_are_judged_too(bugs, capsys):
     assert "caught  unsaid: HG-6.8/1-fault" in capsys.readouterr().out
 
 
+@pytest.mark.nightly
 def test_a_board_that_does_not_compile_is_named(tmp_path):
     compiler()
     bug = Bug("typo", patch("haptogram_codec.c", CRC, "if (nothing)"), "")

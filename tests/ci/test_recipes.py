@@ -245,6 +245,7 @@ def test_a_recipe_has_the_three_kinds_of_boards(name):
         assert mark in str(found[kind])
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_the_container_has_what_its_commands_need(machine, tmp_path):
     """Without an engine: the files are copied, the commands run, in a folder for its root."""

@@ -62,6 +62,7 @@ def test_the_command_says_it_too(monkeypatch, capsys):
     assert "CC" in said
 
 
+@pytest.mark.nightly
 def test_without_a_compiler_there_is_nothing_beside(monkeypatch):
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", "")

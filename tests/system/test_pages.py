@@ -28,7 +28,7 @@ ADDRESS = "127.0.0.1:8080"
 OTHERWISE = re.compile(r"\d+\.\d{6} s|[\d.]+ ms|(?<=127\.0\.0\.1:)\d+")
 ELSEWHERE = {"/tmp/board": "./board", "loops=80": "loops=1", "out/": ""}
 
-pytestmark = pytest.mark.pty
+pytestmark = [pytest.mark.pty, pytest.mark.sampled(1)]
 
 
 def blocks(page: str) -> list[tuple[str, str]]:
