@@ -27,8 +27,3 @@ def frame_status_of(
     if not faults or (focused and faults == (UNNAMED,)):
         return FrameStatus.OFF_TARGET  # the drive that was sent, in other air; or for another point
     return FrameStatus.WRONG_DRIVE
-
-
-def is_right_frame_status(status: FrameStatus) -> bool:
-    """Return True if no fault was found."""
-    return status in (FrameStatus.ON_TARGET, FrameStatus.NOT_VERIFIED)

@@ -50,11 +50,6 @@ class LineReading:
     unread: list[float]
 
 
-def frames_on_captured_line(line: LineBytes) -> list[LineFrame]:
-    """Return the frames of one direction, in order; what is no frame is left out."""
-    return read_captured_line(line).frames
-
-
 def read_captured_line(line: LineBytes) -> LineReading:
     """Return the frames of one direction, and the pieces that are none.
 

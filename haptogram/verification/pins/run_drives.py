@@ -97,15 +97,6 @@ class PinRunDrives:
         return float(np.median(np.diff(self.starts))) if self.count > 1 else 40.0
 
     @cached_property
-    def pass_periods(self) -> float:
-        """Periods of one pass of an object that repeats; 0: it does not."""
-        drives = np.hstack([self.phases, self.amplitudes])
-        for count in np.flatnonzero((drives[1:] == drives[0]).all(axis=1)) + 1:
-            if (drives[count:] == drives[:-count]).all():
-                return float(self.starts[count] - self.starts[0])
-        return 0.0
-
-    @cached_property
     def ends(self) -> FloatArray:
         """(F,) when each frame is over."""
         return np.append(self.starts[1:], self.starts[-1] + self.gap)
