@@ -2,9 +2,10 @@
 
 FOLDER holds patches of ``protocol/c`` (``*.patch``, ``*.diff``), one bug each; a line ``Clause:
 HG-5.8/1`` before the diff names the clause that the bug breaks.  Each board is built from a copy
-and judged by the suite of this checkout; a bug is caught if a case fails that the board without the
-bug passes.  Verdicts are kept in ``FOLDER/results``: a run that was interrupted goes on where it
-was, and only what has changed is judged anew.
+and judged by the suite of this checkout: the section of its clause first, then the chapter, then
+the rest, up to the first failure of a case that the board without the bug passes.  Verdicts are
+kept in ``FOLDER/results``: a run that was interrupted goes on where it was, and only what has
+changed is judged anew.
 
 The rate of an older suite: run this in a checkout of that commit.
 """
@@ -17,6 +18,7 @@ import json
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
@@ -50,7 +52,9 @@ def main(words: list[str] | None = None) -> int:
     control = work(HEALTHY)
     if "error" in control:
         sys.exit(f"ci/blind-bugs: the board without a bug {control['error']}")
-    found = _judge_all(bugs, work, arguments.jobs)
+    found = _judge_all(
+        bugs, functools.partial(work, known=tuple(control["failed"])), arguments.jobs
+    )
     for line in _table(bugs, found, control["failed"]):
         print(line)
     return 2 if any("error" in verdict for verdict in found.values()) else 0
@@ -114,29 +118,38 @@ def _judge_all(bugs: Iterable[Bug], work: Any, jobs: int) -> dict[str, dict[str,
         futures = {pool.submit(work, bug): bug for bug in bugs}
         for future in as_completed(futures):
             name = futures[future].name
-            found[name] = future.result()
-            print(f"{len(found):>4} of {len(futures)}  {name}", file=sys.stderr, flush=True)
+            verdict = found[name] = future.result()
+            what = verdict.get("error") or next(iter(verdict["failed"]), "nothing failed")
+            took = f"{verdict['seconds']:.1f} s"
+            line = f"{len(found):>4} of {len(futures)}  {name}: {what}, {took}"
+            print(line, file=sys.stderr, flush=True)
     return found
 
 
-def _verdict(bug: Bug, *, source: Path, way: Way, kept: Path) -> dict[str, Any]:
+def _verdict(
+    bug: Bug, *, source: Path, way: Way, kept: Path, known: tuple[str, ...] | None = None
+) -> dict[str, Any]:
     """Return the verdict on one bug: the kept one if nothing has changed since."""
-    state = digest(bug.patch, json.dumps(asdict(way)), source, _ROOT / "haptogram" / "conformance")
+    state = digest(
+        bug.patch, json.dumps([asdict(way), known]), source, _ROOT / "haptogram" / "conformance"
+    )
     path = kept / f"{bug.name or 'healthy'}-{way.clock}.json"
     if path.exists():
         old: dict[str, Any] = json.loads(path.read_text("utf-8"))
         if old["state"] == state:
             return old
-    found = {"state": state, "clause": bug.clause, **_judged(bug, source, way)}
+    begin_s = time.monotonic()
+    found = {"state": state, "clause": bug.clause, **_judged(bug, source, way, known)}
+    found["seconds"] = round(time.monotonic() - begin_s, 1)
     if found.get("error") != _BROKEN[2]:
         path.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
     return found
 
 
-def _judged(bug: Bug, source: Path, way: Way) -> dict[str, Any]:
+def _judged(bug: Bug, source: Path, way: Way, known: tuple[str, ...] | None) -> dict[str, Any]:
     folder = Path(tempfile.mkdtemp(prefix="blind-bugs-"))
     try:
-        return asdict(judge(build(bug, source, folder), way))
+        return asdict(judge(build(bug, source, folder), way, bug.clause, known))
     except BuildError as error:
         return {"error": str(error)}
     finally:

@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -67,17 +68,37 @@ class Judged:
     failed: dict[str, str] = field(default_factory=dict)
 
 
-def judge(programs: Path, way: Way) -> Judged:
-    """Run the suite against the board in the folder *programs*, on each grid."""
+def judge(
+    programs: Path, way: Way, clause: str = "", known: Collection[str] | None = None
+) -> Judged:
+    """Run the suite against the board in the folder *programs*, on each grid.
+
+    With the failures that are *known*, those of the board without a bug, the first other one is
+    enough: the section of *clause* comes first, then its chapter, then the rest.
+    """
     run = _in_virtual_time if way.clock == "virtual" else _on_pty
     status, failed = 0, dict[str, str]()
-    for grid in way.grids:
-        found = run(programs, way, grid)
-        reasons = {item["case"]: _reason(item) for item in found["results"]}
-        for case in found["failures"]:
-            failed.setdefault(case, reasons[case])
-        status = max(status, found["exit_status"])
+    for part in [way.clauses] if known is None else _parts(way, clause):
+        for grid in way.grids:
+            found = run(programs, way, part, grid)
+            reasons = {item["case"]: _reason(item) for item in found["results"]}
+            for case in found["failures"]:
+                failed.setdefault(case, reasons[case])
+            status = max(status, found["exit_status"])
+        if known is not None and failed.keys() - set(known):
+            break
     return Judged(status, failed)
+
+
+def _parts(way: Way, clause: str) -> list[tuple[str, ...]]:
+    """Return the parts of the suite in which a bug of *clause* is sought, the nearest first."""
+    section, chapter = clause.partition("/")[0], clause.partition(".")[0]
+    every = dict.fromkeys(c.clause.partition("/")[0] for c in select(all_cases(), way.clauses))
+    if way.clock == "wall" or any("/" in name for name in way.clauses):
+        near = [] if way.clauses or not clause else [(section,), (chapter,)]
+        return [*near, way.clauses]
+    far = sorted(every, key=lambda one: (one != section, one.partition(".")[0] != chapter))
+    return [(one,) for one in far]
 
 
 def _reason(item: dict[str, Any]) -> str:
@@ -85,14 +106,14 @@ def _reason(item: dict[str, Any]) -> str:
     return " ".join(text.split())[:_SHOWN]
 
 
-def _in_virtual_time(programs: Path, way: Way, grid: str) -> dict[str, Any]:
+def _in_virtual_time(programs: Path, way: Way, part: tuple[str, ...], grid: str) -> dict[str, Any]:
     access = SteppedAccess([str(programs / "board_steps"), grid])
-    cases = tuple(select(all_cases(), way.clauses))
+    cases = tuple(select(all_cases(), part))
     options = SuiteOptions(seed=way.seed, depth=Depth[way.depth.upper()])
     return suite_dict(SuiteRunner(access, options).run(cases))
 
 
-def _on_pty(programs: Path, way: Way, grid: str) -> dict[str, Any]:
+def _on_pty(programs: Path, way: Way, part: tuple[str, ...], grid: str) -> dict[str, Any]:
     board = shlex.join([str(programs / "reference_board"), "--grid", grid])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "result.json"
@@ -100,7 +121,7 @@ def _on_pty(programs: Path, way: Way, grid: str) -> dict[str, Any]:
         words += ["--seed", str(way.seed), "--quiet", "--json", str(path)]
         if way.depth != "default":
             words.append(f"--{way.depth}")
-        for clause in way.clauses:
+        for clause in part:
             words += ["--clause", clause]
         command = [sys.executable, "-m", "haptogram", *map(str, words), *way.arguments]
         done = subprocess.run(
