@@ -46,7 +46,7 @@ def commands(page: str) -> Iterator[str]:
         if kind not in PAGES[page].split():
             continue
         if kind == "python":
-            yield f'"{sys.executable}" - <<"END"\n{body}END\n'
+            yield f'"{sys.executable}" - <<"END" || exit 1\n{body}END\n'
         for command in re.findall(r"^\$ (.*(?<!\\))$", body, re.MULTILINE):
             yield (
                 f"{command} || true\n"

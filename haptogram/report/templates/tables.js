@@ -47,7 +47,10 @@ function wordsOf(row) {
   return copy.textContent.toLowerCase();
 }
 
-function addSearch(table, rows) {
+// One field for all tables with the same columns, as those of the chapters; folds without a row vanish.
+function addSearch(tables) {
+  const foldOf = (table) => (tables.length > 1 ? table.closest("details:not(.part)") : null);
+  const rows = tables.flatMap((table) => [...table.tBodies[0].rows]);
   const label = document.createElement("label");
   const input = document.createElement("input");
   const count = document.createElement("output");
@@ -58,11 +61,17 @@ function addSearch(table, rows) {
   const show = () => {
     const words = input.value.toLowerCase().split(/\s+/);
     rows.forEach((row, at) => { row.hidden = !words.every((word) => texts[at].includes(word)); });
+    for (const table of tables) {
+      const found = [...table.tBodies[0].rows].some((row) => !row.hidden);
+      const fold = foldOf(table);
+      (fold ?? table.parentElement).hidden = !found;
+      if (fold && input.value.trim()) fold.open = found;
+    }
     count.textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length}`;
   };
   input.addEventListener("input", show);
   show();
-  table.parentElement.before(label);
+  (foldOf(tables[0]) ?? tables[0].parentElement).before(label);
 }
 
 // What an address points at is shown, though it be folded or filtered away.
@@ -75,12 +84,16 @@ function reveal() {
   target?.scrollIntoView();
 }
 
+const alike = new Map(); // the tables, by the names of their columns
 for (const table of document.querySelectorAll("table:not(.fixed)")) {
-  const rows = [...(table.tBodies[0]?.rows ?? [])];
-  if (table.tHead && rows.length >= LEAST_SORTED) {
-    addSorting(table, rows);
-    if (rows.length >= LEAST_SEARCHED) addSearch(table, rows);
-  }
+  if (!table.tHead || !table.tBodies[0]) continue;
+  const columns = table.tHead.textContent;
+  alike.set(columns, [...(alike.get(columns) ?? []), table]);
+  const rows = [...table.tBodies[0].rows];
+  if (rows.length >= LEAST_SORTED) addSorting(table, rows);
+}
+for (const tables of alike.values()) {
+  if (tables.reduce((sum, table) => sum + table.tBodies[0].rows.length, 0) >= LEAST_SEARCHED) addSearch(tables);
 }
 addEventListener("hashchange", reveal);
 if (location.hash) reveal();
