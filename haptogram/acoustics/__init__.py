@@ -85,6 +85,7 @@ if TYPE_CHECKING:
         switching_level_db_a,
         worst_exposure,
     )
+    from haptogram.acoustics.levels.harmonic import shock_lengths
     from haptogram.acoustics.levels.lobes import (
         GratingLobe,
         SecondaryLobe,
@@ -177,6 +178,7 @@ __all__ = [
     "radiation_pressure_pa",
     "rms_pressure",
     "saturated_weights",
+    "shock_lengths",
     "solve_foci",
     "solver_quality",
     "superpose_foci",
@@ -221,6 +223,7 @@ _LATER: Final = {
     "solver_quality": "solvers.several",
     "radiated_power_w": "levels.demodulation",
     "rms_pressure": "field.waveform",
+    "shock_lengths": "levels.harmonic",
     "solve_foci": "solvers.several",
     "switching_level_db_a": "levels.exposure",
     "weights_for_foci": "solvers.several",

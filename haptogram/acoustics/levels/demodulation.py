@@ -35,11 +35,11 @@ from haptogram.acoustics.levels.exposure import (
     half_sphere_directions,
 )
 from haptogram.acoustics.levels.force import level_db_spl
+from haptogram.acoustics.levels.harmonic import NONLINEARITY
 from haptogram.acoustics.memory import check_array_memory
 from haptogram.acoustics.model.drive import as_drive_sequence
 from haptogram.settings.arguments import check_positive, check_whole
 
-_NONLINEARITY: Final = 1.2  # beta of air: (gamma + 1) / 2
 _APERTURES: Final = 4.0  # radius of the sphere over the array's: the beam's power is radial there
 _DIRECTIONS: Final = 16_384  # 0.7 degrees apart: a few on the main lobe of 16 x 16 elements
 _VALUES_PER_CHUNK: Final = 1 << 20
@@ -134,7 +134,7 @@ def demodulated_lines(
     rate = 2.0 * np.pi * orders / period_s
     power = _demodulated_power_lines(engine, drives, frame_s, resonator, orders, directions)
     spread = 8.0 * np.pi * medium.sound_speed_m_s**3 * medium.absorption_np_m
-    law = _NONLINEARITY / (spread * check_positive("distance_m", distance_m))
+    law = NONLINEARITY / (spread * check_positive("distance_m", distance_m))
     pressure_rms_pa = np.abs(law * rate**2 * math.sqrt(2.0) * power).astype(np.float64)
     return orders / period_s, pressure_rms_pa
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -23,6 +24,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.engine import choose_engine, why_not_compiled
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
+from haptogram.acoustics.levels.harmonic import finite_amplitude_text
 from haptogram.acoustics.levels.lobes import largest_secondary_lobe
 from haptogram.acoustics.levels.shift import find_pressure_peak, predict_focal_shift
 from haptogram.acoustics.levels.spot import measure_spot
@@ -182,7 +184,7 @@ def describe_field_scene(scene: FieldScene) -> Iterator[str]:
     elif len(scene.targets_m):
         yield from _describe_field_focus(engine, scene)
     else:
-        yield _describe_field_drive(scene)
+        yield from _describe_field_drive(scene)
     if scene.place_m is not None:
         yield _describe_field_place(engine, scene, scene.place_m)
 
@@ -201,14 +203,22 @@ def _describe_field_place(
     return f"at ({position_text(place_m)}) mm: {rms:.0f} Pa RMS{level}"
 
 
-def _describe_field_drive(scene: FieldScene) -> str:
-    """Return a line about the focus that the phases of a drive from a file make."""
+def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
+    """Yield what the phases of a drive from a file make: a focus, and how linear it is."""
     found = Reconstructor(scene.model).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
-        return f"no focus: {found.reason}"
+        yield f"no focus: {found.reason}"
+        return
     place = position_text(found.position_m)
     what = "focus" if isinstance(found, SingleFocus) else "no single focus; best explained from"
-    return f"{what} ({place}) mm: {found.pressure_rms_pa:.0f} Pa RMS there"
+    yield f"{what} ({place}) mm: {found.pressure_rms_pa:.0f} Pa RMS there"
+    if isinstance(found, SingleFocus):
+        yield from _finite_amplitude_of_scene(scene, found.position_m)
+
+
+def _finite_amplitude_of_scene(scene: FieldScene, focus_m: ArrayLike) -> Iterator[str]:
+    text = finite_amplitude_text(NumpyEngine(scene.model), scene.weights[0], focus_m)
+    yield from () if text is None else textwrap.wrap(text, 98, subsequent_indent="  ")
 
 
 def _describe_field_focus(engine: NumpyEngine, scene: FieldScene) -> Iterator[str]:
@@ -219,6 +229,7 @@ def _describe_field_focus(engine: NumpyEngine, scene: FieldScene) -> Iterator[st
     spot = measure_spot(engine, weights, target)
     across = " x ".join(_size_of_field(width_m) for width_m in spot.width_6db_m)
     yield f"spot at -6 dB: {across} mm; depth at -3 dB: {_size_of_field(sum(spot.depth_3db_m))} mm"
+    yield from _finite_amplitude_of_scene(scene, target)
     force = force_on_disc_n(engine, weights, target)
     yield (
         "force on a reflecting disc of 20 mm diameter, parallel to the array's face: "

@@ -11,6 +11,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, focus_phases
 from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.levels.harmonic import finite_amplitude_text
 from haptogram.report.figures import PicturePlane, sample_picture_plane
 from haptogram.verification import FrameVerdict, RunVerdict
 
@@ -178,3 +179,21 @@ def _panel_map(model: AcousticModel, drive: Drive, plane: PicturePlane) -> RunFi
     across_m, up_m = plane.coordinates_m()
     rms_kpa = np.abs(field.values) / math.sqrt(2.0) / 1e3
     return RunFieldMap(plane.axes, 1e3 * across_m, 1e3 * up_m, rms_kpa)
+
+
+def run_finite_amplitude(run: RunVerdict, model: AcousticModel) -> Iterator[str]:
+    """Yield what the linear field leaves out, at the focus where that is most."""
+    heard = [frame for frame in run.frames if frame.pressure_rms_pa is not None]
+    if not heard:
+        return
+
+    def reach(frame: FrameVerdict) -> float:
+        return (frame.pressure_rms_pa or 0.0) * math.dist(frame.target_m, model.array.centre_m)
+
+    frame, engine = max(heard, key=reach), NumpyEngine(model)
+    ideal = np.exp(1j * focus_phases(model, frame.target_m))
+    full_pa = float(np.abs(engine.pressure(ideal, [frame.target_m])[0])) / math.sqrt(2.0)
+    weights = ideal * (frame.pressure_rms_pa or 0.0) / full_pa
+    text = finite_amplitude_text(engine, weights, frame.target_m)
+    if text is not None:
+        yield f"Frame {frame.number}, {text}."

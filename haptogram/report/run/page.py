@@ -20,7 +20,7 @@ from ..viewer.run_scene import viewer_scene_of_run
 from . import pictures, prose
 from .check import CheckOutcome
 from .checks import run_checks_of_result
-from .fieldmap import RunFieldPicture, frame_field_picture
+from .fieldmap import RunFieldPicture, frame_field_picture, run_finite_amplitude
 from .frame_rows import run_frame_place_text, run_frame_table
 from .pins import run_capture_figures, run_result_sentence
 from .wording import NOTHING, run_figure_wording
@@ -92,7 +92,7 @@ def write_run_page(
         judged=any(frame.criteria for frame in run.frames),
         criteria=prose.CRITERIA,
         evidence=list(prose.run_evidence_sentences(result)),
-        limits=list(prose.run_limits_sentences(result)),
+        limits=[*prose.run_limits_sentences(result), *run_finite_amplitude(run, model)],
         warnings=result["warnings"],
         circumstances=_run_circumstances(result),
     )

@@ -50,6 +50,7 @@ def test_a_focus_is_drawn_and_described(run, tmp_path, capsys):
     assert float(level) == pytest.approx(4132, abs=5)
     assert float(db) == pytest.approx(20 * np.log10(float(level) / 20e-6), abs=0.1)
     assert "mm from the target" in out
+    assert "shock lengths from the array" in out
     assert "mN" in out
     (tmp_path / "field.png").unlink()
     assert run("--focus-mm", "20,0,120") == 0

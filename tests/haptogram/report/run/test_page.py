@@ -72,6 +72,7 @@ def test_a_page_holds_everything_in_itself(
     outline = written(tmp_path, good_run, model)
     assert len(outline.pictures) == 7
     assert all(svg.startswith(b"<?xml") for svg in outline.pictures)
+    assert "shock lengths from the array" in " ".join(outline.texts)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert "http" not in re.sub(r"base64,[^\"]*", "", page)
