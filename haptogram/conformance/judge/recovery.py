@@ -20,6 +20,7 @@ from haptogram_protocol.messages import (
     UploadBegin,
     UploadKind,
 )
+from haptogram_protocol.state import OutputState
 
 from ..client.board_client import BoardClient
 from ..client.introduction import introduce_to_board
@@ -67,9 +68,12 @@ def _answers_after_recovery(board: BoardClient) -> bool:
 
 def _stream_fault_at_recovery(board: BoardClient) -> str:
     """Return the defect of the stream of a new session, empty if a frame is latched."""
-    if not isinstance(introduce_to_board(board), HelloReply):
+    reply = introduce_to_board(board)
+    if not isinstance(reply, HelloReply):
         return "HELLO is not answered"
     with contextlib.suppress(CaseEndedError):
+        if reply.state is OutputState.FAULT:  # the case ended in it
+            board.leaves_fault()
         if board.has(Feature.CONFIG) and hasattr(board, "config"):
             # Timers of the case may end before a frame is ready.
             answer = board.link.ask(SetConfig(board.base_config)).message

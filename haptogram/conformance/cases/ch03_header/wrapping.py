@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
@@ -11,7 +12,6 @@ from haptogram_protocol.messages import (
     Feature,
     Ping,
     Pong,
-    Status,
     TraceMode,
     TracePlayback,
 )
@@ -21,7 +21,8 @@ from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
-from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ...client.wire import ReceivedByClient
+from ...outcome import SELF_REPORTED, check, check_equal, fail, not_observed
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
 _EVENTS: Final = 66_000
@@ -156,18 +157,19 @@ def first_sequence_number_of_events(board: BoardClient) -> None:
     period_ms = board.quick_status_ms
     board.configure(status_period_ms=period_ms)
     for _ in range(3):
-        board.hello()
         since = board.link.mark()
-        event = board.link.await_event(
-            Status, since, 2000 * period_ms + 2 * board.wire.limits.slack_us
-        )
-        check(event is not None, "no STATUS came within two periods of a session")
-        first = next(piece for piece in board.wire.received[since:] if piece.is_event)
-        header = first.header
-        assert header is not None  # is_event
-        check_equal(
-            header.seq, 0, f"first event of the session: {annotated_frame_text(first.piece)}"
-        )
+        board.hello()
+        timeout_us = 2000 * period_ms + 2 * board.wire.limits.slack_us
+        event = board.wire.wait_for(partial(_is_event_of_session, board), since, timeout_us)
+        if event is None or event.header is None:
+            fail("no STATUS came within two periods of a session")
+        text = f"first event of the session: {annotated_frame_text(event.piece)}"
+        check_equal(event.header.seq, 0, text)
+
+
+def _is_event_of_session(board: BoardClient, piece: ReceivedByClient) -> bool:
+    header = piece.header
+    return piece.is_event and header is not None and header.session == board.link.session
 
 
 @case(

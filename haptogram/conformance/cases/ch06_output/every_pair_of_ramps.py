@@ -120,7 +120,7 @@ def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
     if pair.other is MuteReason.UNATTENDED:
         period_us = ahead_us if pair.renewed_by == _LATCH else SLOW_US
         play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=other_ms)
-        board.clock.wait_latched(board.ready_after_us())
+        board.clock.wait_latched(0)
     else:
         latch_now(board, board.flat_phases())
     latch_us = board.clock.unwrap(board.status().last_latch_us)
