@@ -52,11 +52,9 @@ def needles(file: str, graph: grimp.ImportGraph) -> Iterator[str]:
     module = module_of(file)
     if module is None:
         path = PurePosixPath(file)
-        yield (
-            rf"\b(from|import) {re.escape(path.stem)}\b"
-            if path.suffix == ".py"
-            else re.escape(path.name)
-        )
+        packages = [folder.name for folder in path.parents if Path(folder, "__init__.py").is_file()]
+        name = [path.stem, *packages][-1]
+        yield rf"\b(from|import) {name}\b" if path.suffix == ".py" else re.escape(path.name)
         return
     users = graph.find_modules_that_directly_import(module) if module in graph.modules else set()
     rooms = {name for name in users if graph.find_children(name)}  # an export selects nothing

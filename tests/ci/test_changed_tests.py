@@ -14,6 +14,7 @@ from changed_tests import ALWAYS, touched_tests
         ("protocol/c/haptogram_codec.c", "tests/protocol_c"),
         ("protocol/SPEC.md", "tests/protocol/test_spec.py"),
         ("tests/oracles.py", "tests/haptogram/acoustics/field/test_reference.py"),
+        ("tests/mutants/single/types.py", "tests/sim_device/test_mutants.py"),
         ("tests/test_start.py", "tests/test_start.py"),
         ("haptogram/no_such_module.py", ALWAYS),
     ],
