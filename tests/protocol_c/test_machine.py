@@ -89,6 +89,7 @@ def steps(radiated):
     return [(int(f[0]), 0 if f[1] == "off" else int(f[2])) for f in found]
 
 
+@pytest.mark.nightly
 def test_every_report_of_a_latch_has_the_measured_time(host):
     config = {"status_period_ms": 0, "hold_ms": 10_000}
     for number, mode in enumerate((TraceMode.CRC, TraceMode.RING)):

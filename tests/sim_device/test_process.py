@@ -111,6 +111,7 @@ def test_the_link_appears_and_a_signal_leaves_nothing_behind(start, tmp_path, nu
     assert "Traceback" not in board.text()
 
 
+@pytest.mark.nightly
 def test_after_a_kill_the_stale_link_is_replaced(start, tmp_path, open_host):
     link = tmp_path / "board"
     start("--link", link).end(signal.SIGKILL)
@@ -121,6 +122,7 @@ def test_after_a_kill_the_stale_link_is_replaced(start, tmp_path, open_host):
     assert not link.is_symlink()
 
 
+@pytest.mark.nightly
 def test_two_boards_cannot_have_one_link(start, tmp_path, open_host):
     link = tmp_path / "board"
     first = start("--link", link)

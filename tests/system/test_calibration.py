@@ -143,6 +143,7 @@ def test_a_dead_element_weakens_the_focus_and_is_no_fault_of_the_drive(tmp_path:
     assert pressures[1] == pytest.approx(pressures[0] * 255 / 256, rel=5e-3)
 
 
+@pytest.mark.nightly
 def test_the_file_may_be_named_in_the_settings(tmp_path: Path) -> None:
     path = file_of(tmp_path, unequal(ARRAYS["16x16"]))
     settings = tmp_path / "run.toml"

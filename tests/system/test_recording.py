@@ -96,6 +96,7 @@ def test_a_suite_keeps_board_after_board(tmp_path, capsys):
     assert counts[SUMMARY] == 1
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 @pytest.mark.realtime
 def test_a_benchmark_keeps_its_frames(tmp_path, capsys):
@@ -107,6 +108,7 @@ def test_a_benchmark_keeps_its_frames(tmp_path, capsys):
     assert capsys.readouterr().err.count("wrote") == 1
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("jobs", [2])
 def test_a_soak_keeps_the_seconds_around_a_violation(jobs, tmp_path, capsys):
     account = tmp_path / "soak.json"

@@ -71,6 +71,7 @@ def test_a_delayed_column_is_named_as_a_column(capsys: pytest.CaptureFixture[str
     assert "column 3 off by +64 LSB, at the output" in capsys.readouterr().out
 
 
+@pytest.mark.nightly
 def test_the_report_shows_the_plan_and_how_often_it_fired(tmp_path: Path) -> None:
     page, junit = tmp_path / "page.html", tmp_path / "result.xml"
     faults = ("device.dead transducer=5", "line.drop p=2e-3 from=10ms")

@@ -87,6 +87,7 @@ def view_words(view):
     return ("--view", view, "--picture", "a.png", *coarse)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("where", MOVED)
 @pytest.mark.parametrize("view", ["plane", "cuts", "isosurface"])
 def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(

@@ -157,7 +157,7 @@ def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
         tmp_path.chmod(0o700)
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize("is_pipe", [False, True])
 def test_standard_output_by_its_other_name_holds_the_result_alone(
     is_pipe: bool, tmp_path: Path

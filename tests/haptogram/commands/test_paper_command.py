@@ -27,6 +27,7 @@ def run(*words):
     return arguments.run(arguments)
 
 
+@pytest.mark.nightly
 def test_the_text_names_every_cell_and_hides_no_deviation(capsys):
     assert run("--presets") == 0
     out = capsys.readouterr().out

@@ -115,6 +115,7 @@ def test_a_board_behind_a_url_is_seen_through_its_back_door(capsys):
     assert "off by 1.94" in out  # 2 mm, as seen from a focus beside the middle
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 def test_a_port_that_says_nothing_is_inconclusive_in_plain_words(capsys, tmp_path):
     files = {kind: tmp_path / f"result.{kind}" for kind in ("json", "junit", "html", "frames")}

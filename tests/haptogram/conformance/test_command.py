@@ -156,6 +156,7 @@ def test_the_last_words_of_a_spawned_board_are_told(tmp_path, capsys):
     assert err.count("\n") == 1
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 def test_a_spawned_board_is_restarted_for_the_clauses_about_a_reset(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{ROOT / 'protocol'}")

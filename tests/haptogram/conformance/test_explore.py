@@ -324,6 +324,7 @@ class LateAnswers(Wrapped):
         return self.held.pop(0)[1]
 
 
+@pytest.mark.nightly
 def test_a_board_whose_answers_are_late_fails_in_virtual_time():
     (result,) = run(virtual(array="3x2", wrap=LateAnswers), CASE, seed=3).results
     assert result.behaviour is Behaviour.FAILED

@@ -134,7 +134,7 @@ def test_the_healthy_board_passes_everything(array, baud, not_here, depth):
 
 
 def test_the_same_seed_gives_the_same_result():
-    first, second = (run(virtual(array="4x4"), "HG-3.6", "HG-5.2", seed=5) for _ in range(2))
+    first, second = (run(virtual(array="4x4"), "HG-5.2", seed=5) for _ in range(2))
     assert first == second
 
 
@@ -220,8 +220,8 @@ def test_a_board_of_1024_transducers_passes_read_backs_that_its_uplink_has_no_ro
 
 #: What a board at these (latch_lead_us, point_time_us) passes only if every wait counts them in.
 TAKES_ITS_TIME = {
-    (2_000, 500): ("HG-3.4/2", "HG-3.6/1", "HG-3.8", "HG-3.9/2", "HG-5.7", "HG-6.9", "HG-9"),
     (5_000, 0): ("HG-7.6/4", "HG-10.1/1"),
+    (2_000, 500): ("HG-3.4/2", "HG-3.6/1", "HG-3.8", "HG-3.9/2", "HG-5.7", "HG-6.9", "HG-9"),
     (500, 2_000): ("HG-3.4/2", "HG-3.6/1", "HG-3.8/1", "HG-5.7/3", "HG-5.8/3"),
     (0, 20_000): ("HG-5.7/6", "HG-6.4/2", "HG-6.11", "HG-7.1/3", "HG-8.4/1", "HG-12.2", "HG-12.5"),
     (20_000, 0): (
@@ -397,7 +397,7 @@ def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
     assert result.behaviour is Behaviour.OK, result.detail
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("limits", "cases"),
     [

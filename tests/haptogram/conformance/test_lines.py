@@ -82,6 +82,7 @@ def other_than_stated(baud, stated):
     return VirtualAccess("other", start, baudrate=stated, virtual=False)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("baud", [57_600, 921_600])
 def test_a_line_slower_than_stated_is_measured(baud):
     suite = run(other_than_stated(baud, 3_000_000), "HG-3.8/1-queue", "HG-3.9/4", "HG-5.7/3")
@@ -99,6 +100,7 @@ def test_a_line_too_slow_for_a_verdict_fails_no_board():
     assert suite.exit_status == INCONCLUSIVE_STATUS
 
 
+@pytest.mark.nightly
 def test_a_line_faster_than_stated_fails_no_board():
     """That of an emulated chip brings a frame at once, at whatever rate it stands."""
     suite = run(other_than_stated(3_000_000, 115_200), "HG-5.7", "HG-8.3", "HG-12.3")

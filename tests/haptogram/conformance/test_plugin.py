@@ -91,6 +91,7 @@ sys.exit(main(["conform", "--quiet", *port, *clauses]))
 """
 
 
+@pytest.mark.nightly
 def test_the_suite_runs_where_neither_scipy_nor_numba_is():
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT],
@@ -130,5 +131,6 @@ def test_faults_of_the_hardware_are_judged_where_a_command_brings_them_about(tmp
     assert "2 passed" in done.stdout, done.stdout
 
 
+@pytest.mark.nightly
 def test_a_command_for_faults_without_a_board_of_ones_own_is_refused():
     assert "there is none" in run_with_faults().stdout

@@ -145,6 +145,7 @@ def test_recovery_is_a_verdict_of_its_own(writes, frames, status):
     assert suite.exit_status == status
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("behaviour", "why"),
     [

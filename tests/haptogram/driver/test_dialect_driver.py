@@ -73,6 +73,7 @@ def test_an_object_is_verified_on_a_board_at_a_real_port(name):
     assert verdict.as_dict()["evidence"] == "external"
 
 
+@pytest.mark.nightly
 @pytest.mark.pty
 def test_devices_over_tcp_in_a_process_of_their_own(tmp_path):
     seen = tmp_path / "backdoor.jsonl"

@@ -130,6 +130,7 @@ def test_a_stall_below_the_lead_does_not_reach_the_output(stalls_us, lead_us, sp
     assert delays == {0}
 
 
+@pytest.mark.nightly
 @settings(max_examples=12)
 @given(stall_us=st.integers(1, 90_000), lead_us=st.integers(2_000, 40_000))
 def test_a_longer_stall_costs_exactly_the_frames_that_it_covers(stall_us, lead_us):

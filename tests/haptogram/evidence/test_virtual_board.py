@@ -115,6 +115,7 @@ def test_a_board_ends_with_a_host_that_was_killed(tmp_path):
     assert not link.is_symlink()  # it takes its name away when it ends in order
 
 
+@pytest.mark.nightly
 @pty
 def test_faults_are_counted_at_the_end(monkeypatch, tmp_path):
     faults = ["device.dead column=2", "line.delay us=1"]

@@ -169,6 +169,7 @@ def test_the_surfaces_of_the_force_say_so_and_a_phase_has_none():
         draw_isosurfaces(ENGINE, WEIGHTS, TARGET, quantity="phase")
 
 
+@pytest.mark.nightly
 @given(st.floats(2.0, 7.5), st.tuples(*[st.floats(-0.5, 0.5)] * 3))
 def test_the_isosurface_of_a_ball_is_a_closed_sphere(radius, centre):
     grid = np.stack(np.meshgrid(*[np.arange(-9.0, 10.0)] * 3, indexing="ij"), axis=-1)
@@ -204,6 +205,7 @@ def test_an_isosurface_out_of_reach_is_empty():
     assert isosurface_mesh(np.zeros((3, 3, 3)), 1.0).shape == (0, 3, 3)
 
 
+@pytest.mark.nightly
 def test_pictures_are_repeatable():
     svg, again = (
         encode_figure(draw_plane_figure(field(), targets_m=[TARGET]), ".svg") for _ in range(2)

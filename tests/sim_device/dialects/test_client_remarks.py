@@ -40,6 +40,7 @@ def said_of(board, *lines, gap_us=0):
     return board.remarks[before:]
 
 
+@pytest.mark.sampled(2)
 @every_dialect
 @pytest.mark.parametrize("gap_us", [0, SILENCE_US])
 def test_every_other_wire_is_told_once_and_nothing_is_said_of_its_frames(name, gap_us):

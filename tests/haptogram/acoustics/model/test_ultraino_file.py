@@ -95,6 +95,7 @@ BOMBS = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_file_that_unpacks_to_much_is_not_unpacked(name, tmp_path):
     path = tmp_path / "array.xml.gz"

@@ -38,6 +38,7 @@ def aside(point, distance_m, angle_rad):
     return x + distance_m * math.cos(angle_rad), y + distance_m * math.sin(angle_rad), z
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("shape", [(16, 16), (8, 8), (32, 4), (24, 24)])
 @pytest.mark.parametrize("bits", [8, 6, 5])
 def test_right_drives_of_other_arrays_are_on_target(shape, bits):

@@ -228,6 +228,7 @@ def test_phases_of_the_opposite_sign_are_named_from_one_target_on(board):
             assert "; and another order of the elements: x mirrored" in found.detail
 
 
+@pytest.mark.nightly
 def test_near_the_middle_of_bowls_several_targets_show_the_sign():
     """The conjugate of a focus is nearly a focus there, on the other side of the middle."""
     array = LAYOUTS["tinylev"].array()
