@@ -28,6 +28,10 @@ class SingleFocus:
         as of :func:`.radiation.force_on_disc_n`.
     acquired : str
         "warm": found from the focus before; "global": searched for.
+    rivals_m : tuple
+        Other places that explain the phases equally well, the best first: few steps, or few
+        elements, do not tell which of them is meant.  Sought for steps of an eighth of a turn and
+        more.
 
     Examples
     --------
@@ -46,6 +50,20 @@ class SingleFocus:
     level_db_spl: float
     force_n: float
     acquired: Literal["warm", "global"]
+    rivals_m: tuple[Vector, ...] = ()
+
+    @property
+    def ambiguity_text(self) -> str:
+        """A sentence that names all places which explain the phases; empty if there is one."""
+        if not self.rivals_m:
+            return ""
+        one, other = (
+            f"({', '.join(f'{1e3 * value:.1f}' for value in place)})"
+            for place in (self.position_m, self.rivals_m[0])
+        )
+        count = "two" if len(self.rivals_m) == 1 else str(len(self.rivals_m) + 1)
+        among = "" if len(self.rivals_m) == 1 else ", among them"
+        return f"{count} places explain these phases equally{among}: {one} and {other} mm"
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields for JSON; infinite values become None."""

@@ -13,6 +13,7 @@ the fast field engine (1e-4 of it).
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -60,6 +61,9 @@ _SILENT: Final = 1e-6  # relative to full drive; far below half an amplitude ste
 _MAX_STARTS: Final = 12
 _TRIM_ROUNDS: Final = 6
 _MIN_AGREEING: Final = 8  # twice the unknowns: fewer would agree on some point by chance
+_COARSE_RAD: Final = math.tau / 8.0 * (1.0 - 1e-9)  # from 3 bits down, places can be equal
+_MAX_RIVAL_STARTS: Final = 48
+_EQUAL: Final = 3.0  # standard deviations of what rounding leaves
 _CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M  # a fit nearer to an element is no focus
 _REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a plane wave
 
@@ -218,7 +222,38 @@ class Reconstructor:
         if isinstance(radiated, NoFocus):
             return radiated
         found, tried = self._locate_quickly(radiated)
-        return self._search(tried, radiated) if found is None else found
+        if found is None:
+            found = self._search(tried, radiated)
+        if isinstance(found, SingleFocus) and step_rad >= _COARSE_RAD:
+            return self._best_of_rivals(found, radiated)
+        return found
+
+    def _best_of_rivals(self, found: SingleFocus, radiated: _ReconstructedDrive) -> SingleFocus:
+        """Return the place that explains the phases best, with those that do so equally well.
+
+        Rounding to a step leaves its twelfth in the mean square, with a deviation of
+        sqrt(1 / 180 / N): three of them above count as equal, and what fits worse is no rounding.
+        """
+        active, step_rad = radiated.active, radiated.step_rad
+        here = self._fit(radiated, np.array(found.position_m), active)
+        others = self._acquisition_for(active).fits(
+            radiated.phases_rad, active, step_rad, _MAX_RIVAL_STARTS
+        )
+        fits = [here, *(fit for fit in others if self._explains(fit, radiated))]
+        fits.sort(key=lambda fit: fit.residual_rms_rad)
+        spread = _EQUAL * math.sqrt(1.0 / (180.0 * np.count_nonzero(active)))
+        limit_rad = step_rad * math.sqrt(1.0 / 12.0 + spread) + radiated.slack_rad
+        best, *equal = fits
+        rivals: list[FloatArray] = []
+        for fit in equal:
+            known = (best.position_m, *rivals)
+            apart_m = min(float(np.linalg.norm(fit.position_m - place)) for place in known)
+            if fit.residual_rms_rad <= limit_rad and apart_m > self._model.wavelength_m / 4.0:
+                rivals.append(fit.position_m)
+        single = self._single(best, radiated, found.acquired) if best is not here else found
+        return dataclasses.replace(
+            single, rivals_m=tuple(_reconstructed_vector(place) for place in rivals)
+        )
 
     def _radiated(
         self, weights: ComplexArray, step_rad: float, slack_rad: float

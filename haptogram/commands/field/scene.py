@@ -48,6 +48,8 @@ class FieldScene:
         Duration of a drive.
     place_m : (float, float, float) or None
         Place to look at that was asked for.
+    phase_bits : int
+        Resolution of the phases.
     """
 
     model: AcousticModel
@@ -56,6 +58,7 @@ class FieldScene:
     look_m: tuple[float, float, float]
     frame_s: float
     place_m: tuple[float, float, float] | None = None
+    phase_bits: int = 8
 
     @classmethod
     def from_arguments(cls, arguments: argparse.Namespace) -> FieldScene:
@@ -67,7 +70,9 @@ class FieldScene:
             drive = read_field_drive_file(arguments.drive, model.array.count, arguments.phase_bits)
             weights = drive.weights()
             look = place or _peak_of_field_scene(model, weights)
-            return cls(model, weights[None], np.empty((0, 3)), look, frame_s, place)
+            return cls(
+                model, weights[None], np.empty((0, 3)), look, frame_s, place, drive.phase_bits
+            )
         if arguments.object:
             targets = sample_object_of_run(_field_shape_config(arguments))
             look = metres_of_position(arguments.center_mm)

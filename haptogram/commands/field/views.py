@@ -205,7 +205,7 @@ def _describe_field_place(
 
 def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
     """Yield what the phases of a drive from a file make: a focus, and how linear it is."""
-    found = Reconstructor(scene.model).reconstruct_weights(scene.weights[0])
+    found = Reconstructor(scene.model, scene.phase_bits).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
         yield f"no focus: {found.reason}"
         return
@@ -213,6 +213,7 @@ def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
     what = "focus" if isinstance(found, SingleFocus) else "no single focus; best explained from"
     yield f"{what} ({place}) mm: {found.pressure_rms_pa:.0f} Pa RMS there"
     if isinstance(found, SingleFocus):
+        yield from textwrap.wrap(found.ambiguity_text, 98, subsequent_indent="  ")
         yield from _finite_amplitude_of_scene(scene, found.position_m)
 
 

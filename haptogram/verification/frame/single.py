@@ -135,6 +135,7 @@ class SingleFocusFrame:
             if target.observable.any():
                 verdicts["S2"] = self._is_in_place(found)
             if isinstance(found, SingleFocus):
+                notes += [found.ambiguity_text] if found.rivals_m else []
                 measures |= _where_against_frame_target(target, found)
                 faults += self._unexplained(verdicts, faults)
             elif isinstance(found, NotSingle):

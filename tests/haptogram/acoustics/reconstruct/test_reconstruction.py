@@ -1,5 +1,6 @@
 """From a drive to its focus, with and without a hint."""
 
+import dataclasses
 import json
 import math
 import pickle
@@ -28,6 +29,7 @@ from haptogram.acoustics import (
     superpose_foci,
 )
 from haptogram.acoustics.field.engines.compiled import load_kernels
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.acoustics.solvers.focus import focus_steering_reach_m
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import hemisphere_targets, seeds
@@ -50,6 +52,48 @@ def cold(shared):
 
 def drive_for(model, target, bits=8):
     return Drive.from_weights(np.exp(1j * focus_phases(model, target)), bits)
+
+
+def residual_rms(model, drive, place):
+    """RMS phase error of the arrivals at a place, in steps of the drive."""
+    steps, count = 2**drive.phase_bits, len(drive.phase_codes)
+    far = np.linalg.norm(np.asarray(place) - model.array.positions_m, axis=1)
+    turns = drive.phase_codes / steps + far / model.wavelength_m
+    error = turns - np.angle(np.exp(2j * np.pi * turns).sum()) / (2 * np.pi)
+    error -= np.rint(error)
+    return steps * math.sqrt(((error - error.mean()) ** 2).sum() / count)
+
+
+TINYLEV = dataclasses.replace(MODEL, array=LAYOUTS["tinylev"].array())
+
+
+@pytest.mark.parametrize("model", [AcousticModel.default(8, 8), TINYLEV], ids=["8x8", "tinylev"])
+@given(bits=st.integers(1, 3), seed=seeds)
+@settings(max_examples=6)
+def test_places_that_explain_few_steps_equally_are_all_told(model, bits, seed):
+    """The target is the place or one of its rivals, and each of them fits as well as rounding."""
+    rng = np.random.default_rng(seed)
+    low, high = ([-0.03, -0.03, 0.06], [0.03, 0.03, 0.15])
+    target = rng.uniform(-0.015, 0.015, 3) if model is TINYLEV else rng.uniform(low, high)
+    drive = drive_for(model, target, bits)
+    found = Reconstructor(model).reconstruct(drive)
+    places = np.array([found.position_m, *found.rivals_m])
+    bound = 1.5 * np.array(found.bound_m)
+    assert (np.abs(places - target) <= bound).all(axis=1).any()
+    worst = math.sqrt(1 / 12 + 3 / math.sqrt(180 * model.array.count)) + 1e-6
+    assert max(residual_rms(model, drive, place) for place in places[1:].tolist() or [target]) <= (
+        worst
+    )
+    assert bool(found.rivals_m) == ("places explain these phases equally" in found.ambiguity_text)
+
+
+def test_a_twin_of_a_real_drive_is_told():
+    """Phases of 0 and half a turn are their own conjugate: the twin lies across the centre."""
+    target = np.array([0.006, -0.001, 0.004])
+    found = Reconstructor(TINYLEV).reconstruct(drive_for(TINYLEV, target, 1))
+    places = np.array([found.position_m, *found.rivals_m])
+    for image in (target, -target):
+        assert np.linalg.norm(places - image, axis=1).min() < 2e-3
 
 
 def assert_on_target(result, target):
