@@ -43,7 +43,7 @@ def main(arguments: list[str]) -> int:
     with atheris.instrument_imports(include=["haptogram_protocol"]):
         import haptogram_protocol.connection
         import haptogram_protocol.dialects.table
-        import haptogram_protocol.export.tables  # noqa: F401  all messages
+        import haptogram_protocol.messages  # noqa: F401
     options = [
         f"-runs={inputs}",
         f"-seed={seed}",

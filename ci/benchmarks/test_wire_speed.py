@@ -8,7 +8,6 @@ import pytest
 from wire_references import BytewiseDecoder
 
 from haptogram_protocol.connection import BoardConnection, HostConnection
-from haptogram_protocol.export.vectors.samples import vector_sample
 from haptogram_protocol.framing import PURE_PYTHON, FrameDecoder, encode_frame, fastest_cobs
 from haptogram_protocol.messages import (
     MESSAGES,
@@ -21,6 +20,7 @@ from haptogram_protocol.messages import (
     build_body,
     parse_body,
 )
+from wire_export.vectors.samples import vector_sample
 
 HEADER = {"flags": 0, "seq": 4711, "time_us": 123_456_789, "session": 0x5EED}
 SECONDS = 0.7  # for each pair

@@ -48,7 +48,8 @@ class Tree:
         return data
 
     def _pytest(self, written, selected):
-        paths = [self.folder, self.folder / "protocol", self.folder / "ci" / "benchmarks"]
+        parts = ("", "protocol", "ci", "ci/benchmarks")
+        paths = [self.folder / part for part in parts]
         return subprocess.run(
             [
                 *(self.python, "-P", "-m", "pytest", "-p", "pytest_benchmark.plugin"),

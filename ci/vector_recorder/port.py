@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.export.vectors.vector import vector_fields_of
 from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.messages import EVENT_RANGE, MessageType, parse_body
+from wire_export.vectors.vector import vector_fields_of
 
 from .boards import PythonBoard, VirtualBoard
 

@@ -18,10 +18,10 @@ from haptogram.conformance.client.board_client import BoardClient
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
-from haptogram_protocol.export.vectors import vector_document_text
-from haptogram_protocol.export.vectors.script import BOARD
 from haptogram_protocol.messages import MessageType
 from haptogram_protocol.state import MuteReason
+from wire_export.vectors import vector_document_text
+from wire_export.vectors.script import BOARD
 
 from .boards import PythonBoard, VirtualBoard
 from .port import Frame, LockstepPort, Step, is_event

@@ -247,7 +247,7 @@ def test_every_benchmark_of_this_tree_has_a_row_of_its_own(tmp_path):
     """The conftest refuses any other; it is tried on the benchmarks and on two that share one."""
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider"]
     command += ["-c", ROOT / "pyproject.toml"]
-    command += ["-o", f"pythonpath={ROOT} {ROOT}/protocol {BENCHMARKS}"]
+    command += ["-o", f"pythonpath={ROOT} {ROOT}/protocol {ROOT}/ci {BENCHMARKS}"]
     alone = {name: value for name, value in os.environ.items() if "PYTEST_XDIST" not in name}
 
     def collected(*places):

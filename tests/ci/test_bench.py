@@ -18,7 +18,7 @@ def measured(tmp_path_factory):
     pytest.importorskip("cobs.cobs")
     written = tmp_path_factory.mktemp("bench") / "bench.json"
     options = ["-q", "-p", "no:cacheprovider", "--once", f"--benchmark-json={written}"]
-    places = "pythonpath=. protocol ci/benchmarks"
+    places = "pythonpath=. protocol ci ci/benchmarks"
     command = [sys.executable, "-m", "pytest", BENCHMARKS, "-c", ROOT / "pyproject.toml"]
     done = subprocess.run(
         [*command, "-o", places, *options],

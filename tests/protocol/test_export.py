@@ -1,18 +1,18 @@
 """The description, its hash, and the command that rewrites SPEC.md."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from haptogram_protocol.errors import LocalProtocolError
-from haptogram_protocol.export.tables import schema as export
-from haptogram_protocol.export.tables.__main__ import tables_export_main
-from haptogram_protocol.export.tables.spec import update_spec
 from haptogram_protocol.messages import MESSAGES, FocalPoint, Header
 from haptogram_protocol.record import Record, record, wire
+from wire_export.__main__ import export_wire
+from wire_export.c import HEADERS
+from wire_export.tables import schema as export
+from wire_export.tables.spec import update_spec
+from wire_export.vectors import FILES
 
 
 def test_the_description_is_json_and_complete() -> None:
@@ -80,26 +80,29 @@ def test_only_what_stands_between_markers_is_rewritten() -> None:
     assert update_spec(made) == made
 
 
-def test_the_command_rewrites_a_file(tmp_path: Path) -> None:
+def test_the_command_rewrites_every_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "c").mkdir()
+    (tmp_path / "vectors").mkdir()
     spec = tmp_path / "SPEC.md"
     spec.write_text("λ\n<!-- generated: constants -->\nold\n<!-- end -->\n", "utf-8")
-    assert tables_export_main(["--spec", str(spec)]) == 0
+    assert export_wire([str(tmp_path)]) == 0
     assert "`VERSION_MAJOR`" in spec.read_text("utf-8")
+    files = [spec, *(tmp_path / "c" / name for name in HEADERS)]
+    files += [tmp_path / "vectors" / name for name in FILES]
+    assert capsys.readouterr().out.split() == list(map(str, files))
+    assert {path for path in tmp_path.rglob("*") if path.is_file()} == set(files)
 
 
 def test_the_command_prints_the_description(capsys: pytest.CaptureFixture[str]) -> None:
-    assert tables_export_main(["--json"]) == 0
+    assert export_wire(["--json"]) == 0
     assert json.loads(capsys.readouterr().out) == export.wire_description()
 
 
-def test_the_command_runs_as_a_module() -> None:
-    root = Path(export.__file__).parents[3]
-    done = subprocess.run(
-        [sys.executable, "-m", "haptogram_protocol.export.tables"],
-        cwd=root,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert "--spec" in done.stderr
+def test_the_command_refuses_a_folder_of_something_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        export_wire([str(tmp_path)])
+    assert "must have a SPEC.md and the folders c and vectors" in capsys.readouterr().err

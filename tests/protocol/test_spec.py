@@ -14,9 +14,6 @@ from haptogram_protocol.connection import (
     HostConnection,
 )
 from haptogram_protocol.connection.events import FrameDropped, ReplyReceived
-from haptogram_protocol.export.tables import ENUMERATIONS, RECORDS
-from haptogram_protocol.export.tables.spec import update_spec
-from haptogram_protocol.export.tables.worked import EXCHANGE, WORKED_FRAMES, WorkedStep
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
@@ -32,6 +29,9 @@ from haptogram_protocol.messages import (
     parse_body,
 )
 from haptogram_protocol.state import MuteReason, OutputState
+from wire_export.tables import ENUMERATIONS, RECORDS
+from wire_export.tables.spec import update_spec
+from wire_export.tables.worked import EXCHANGE, WORKED_FRAMES, WorkedStep
 from wire_oracles import frame_bytewise
 
 ROOT = Path(__file__).parents[2]
@@ -54,7 +54,7 @@ FRAMES = re.findall(r"\*\*Frame \d+\.\*\* (.*)\.\n\n```\nbody ([^`]*)line ([^`]*
 
 
 def test_what_is_generated_is_up_to_date() -> None:
-    assert update_spec(SPEC) == SPEC, "run python -m haptogram_protocol.export.tables --spec"
+    assert update_spec(SPEC) == SPEC, "run ci/export-wire"
 
 
 def test_every_section_stands_in_its_chapter_in_order() -> None:

@@ -8,12 +8,11 @@ import shutil
 import pytest
 
 from haptogram_protocol.errors import LocalProtocolError
-from haptogram_protocol.export.c import HEADERS
-from haptogram_protocol.export.c.__main__ import c_export_main
-from haptogram_protocol.export.c.names import c_enumerated, c_member_name
 from haptogram_protocol.messages import DriveKind, GeometryReply, Message
 from haptogram_protocol.record import Record, record, repeated, wire
 from protocol_c.building import FOLDER, compiler, compilers, run, spoilt
+from wire_export.c import HEADERS
+from wire_export.c.names import c_enumerated, c_member_name
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion")
 PROGRAM = '#include "haptogram_messages.h"\nint main(void) { return 0; }\n'
@@ -21,19 +20,7 @@ PROGRAM = '#include "haptogram_messages.h"\nint main(void) { return 0; }\n'
 
 @pytest.mark.parametrize("name", HEADERS)
 def test_a_header_is_what_the_messages_make_of_it(name):
-    assert (FOLDER / name).read_text("utf-8") == HEADERS[name](), (
-        "run: python -m haptogram_protocol.export.c"
-    )
-
-
-def test_the_command_writes_every_header(tmp_path, capsys):
-    assert c_export_main([str(tmp_path)]) == 0
-    assert {path.name: path.read_text("utf-8") for path in tmp_path.iterdir()} == {
-        name: make() for name, make in HEADERS.items()
-    }
-    assert capsys.readouterr().out.split() == [str(tmp_path / name) for name in HEADERS]
-    with pytest.raises(SystemExit):
-        c_export_main([str(tmp_path / "missing")])
+    assert (FOLDER / name).read_text("utf-8") == HEADERS[name](), "run: ci/export-wire"
 
 
 def compiled(tmp_path, include, *command):

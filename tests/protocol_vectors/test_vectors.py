@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from haptogram_protocol.export.vectors import FILES, vector_file_text, write_vectors
-from haptogram_protocol.export.vectors.__main__ import vectors_export_main
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import MESSAGES
 from protocol_vectors.vector_files import (
@@ -20,6 +18,7 @@ from protocol_vectors.vector_files import (
     vectors,
 )
 from vector_recorder.boards import PythonBoard
+from wire_export.vectors import FILES, vector_file_text, write_vectors
 
 SPEC = Path(__file__).resolve().parents[2] / "protocol" / "SPEC.md"
 EVERY = vectors(*EVERY_FILE)
@@ -29,17 +28,7 @@ DIALOGUES = vectors(*DIALOGUE_FILES)
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_is_what_the_messages_make_of_it(name):
-    assert (FOLDER / name).read_text("utf-8") == vector_file_text(name), (
-        "run: python -m haptogram_protocol.export.vectors"
-    )
-
-
-def test_the_command_writes_every_file(tmp_path, capsys):
-    assert vectors_export_main([str(tmp_path)]) == 0
-    assert {path.name for path in tmp_path.iterdir()} == set(FILES)
-    assert capsys.readouterr().out.split() == [str(tmp_path / name) for name in FILES]
-    with pytest.raises(SystemExit):
-        vectors_export_main([str(tmp_path / "missing")])
+    assert (FOLDER / name).read_text("utf-8") == vector_file_text(name), "run: ci/export-wire"
 
 
 def test_writing_twice_changes_nothing(tmp_path):

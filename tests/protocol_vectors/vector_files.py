@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.export.vectors.vector import vector_fields_of
 from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.messages import EVENT_RANGE, MessageType, parse_body
+from wire_export.vectors.vector import vector_fields_of
 
 FOLDER = Path(__file__).resolve().parents[2] / "protocol" / "vectors"
 FRAME_FILES = ("frames-valid.json", "frames-acceptable.json", "frames-invalid.json")

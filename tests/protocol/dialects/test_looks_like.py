@@ -28,9 +28,9 @@ from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
 from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
 from haptogram_protocol.dialects.ultraino.fpga import chained_ultraino_frame
-from haptogram_protocol.export.vectors.samples import vector_sample
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import HelloReply, build_body
+from wire_export.vectors.samples import vector_sample
 
 CODES = bytes(range(33)) * 7 + bytes(25)
 # SimpleFPGA sends SonicSurface's frames, and a stack's frame holds one of a chain.

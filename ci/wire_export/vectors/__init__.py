@@ -1,9 +1,8 @@
 """Test vectors that are typed by hand: frames, and the few dialogues without a case.
 
-``python -m haptogram_protocol.export.vectors`` writes them to ``protocol/vectors``; the schema of
-every file is ``protocol/vectors/schema.json``. The meaning of a frame is taken from the message
-that it was made of, or typed, and never from the decoder. Recorded dialogues do not live here:
-``ci/record-dialogues`` writes them.
+The schema of every file is ``protocol/vectors/schema.json``. The meaning of a frame is taken from
+the message that it was made of, or typed, and never from the decoder. Recorded dialogues do not
+live here: ``ci/record-dialogues`` writes them.
 """
 
 from __future__ import annotations
@@ -13,12 +12,15 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from haptogram_protocol.messages import VERSION_MAJOR, VERSION_MINOR
+
 from .acceptable import acceptable_frame_vectors
 from .dialogues import dialogue_vectors
 from .invalid import invalid_frame_vectors
 from .valid import valid_frame_vectors
 
 _Vectors = list[dict[str, Any]]
+_VERSION: Final = f"{VERSION_MAJOR}.{VERSION_MINOR}"
 
 #: Maker of each file, by its name, and the subject of the file.
 FILES: Final[Mapping[str, tuple[Callable[[], _Vectors], str]]] = {
@@ -46,7 +48,7 @@ def vector_file_text(name: str) -> str:
 
 def vector_document_text(about: str, vectors: Sequence[Mapping[str, Any]]) -> str:
     """Return the text of a file of *vectors*: one vector a line, so that a change is readable."""
-    contents = {"$schema": "schema.json", "protocol": "1.0", "about": about}
+    contents = {"$schema": "schema.json", "protocol": _VERSION, "about": about}
     head = json.dumps(contents, ensure_ascii=False, indent=1)[:-2]
     lines = [json.dumps(vector, ensure_ascii=False) for vector in vectors]
     return head + ',\n "vectors": [\n' + ",\n".join(lines) + "\n]}\n"

@@ -7,10 +7,10 @@ import re
 from collections.abc import Mapping
 from typing import Any, Final
 
-from ... import messages as m
-from ...framing import CRC_BYTES, HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
-from ...record import Record, WireField
-from ...state import MuteReason, OutputState
+from haptogram_protocol import messages as m
+from haptogram_protocol.framing import CRC_BYTES, HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
+from haptogram_protocol.record import Record, WireField
+from haptogram_protocol.state import MuteReason, OutputState
 
 _TYPE_NAMES: Final = {"B": "u8", "H": "u16", "I": "u32", "Q": "u64", "h": "i16", "i": "i32"}
 

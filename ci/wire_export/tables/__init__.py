@@ -1,8 +1,6 @@
 """Description of the protocol and the generated parts of SPEC.md; no C and no vectors.
 
-``python -m haptogram_protocol.export.tables --spec protocol/SPEC.md`` rewrites the parts of SPEC.md
-that stand between a ``generated`` marker and an ``end`` marker; ``--json`` prints the description
-for generators of other languages.
+The parts of SPEC.md stand between a ``generated`` marker and an ``end`` marker.
 """
 
 from .schema import CONSTANTS, ENUMERATIONS, RECORDS, wire_description

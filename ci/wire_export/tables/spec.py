@@ -7,9 +7,9 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from ... import messages as m
-from ...errors import LocalProtocolError
-from ...rules import (
+from haptogram_protocol import messages as m
+from haptogram_protocol.errors import LocalProtocolError
+from haptogram_protocol.rules import (
     CONFIG_BOUNDS,
     EFFECTS,
     LINK_REFUSALS,
@@ -21,7 +21,7 @@ from ...rules import (
     Held,
     Refusal,
 )
-from ...state import (
+from haptogram_protocol.state import (
     LINK_TRANSITIONS,
     OUTPUT_TRANSITIONS,
     LinkInput,
@@ -29,6 +29,7 @@ from ...state import (
     OutputInput,
     OutputState,
 )
+
 from .schema import CONSTANTS, ENUMERATIONS, spec_summary, spec_type_name
 from .worked import EXCHANGE, WORKED_FRAMES, worked_spec_frame
 

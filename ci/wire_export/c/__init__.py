@@ -1,6 +1,6 @@
 """The C99 headers that firmware includes, made from the messages.
 
-``python -m haptogram_protocol.export.c`` rewrites them. ``haptogram.h`` declares constants,
+``haptogram.h`` declares constants,
 enumerations and layouts. ``haptogram_messages.h`` turns a layout into a struct of numbers and back.
 The codec and the board in C are written by hand and do not live here.
 """

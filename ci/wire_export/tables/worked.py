@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from ... import messages as m
-from ...framing import encode_frame
-from ...state import OutputState
+from haptogram_protocol import messages as m
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.state import OutputState
 
 # --- Frames ------------------------------------------------------------------------------------
 

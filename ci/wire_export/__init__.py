@@ -1,0 +1,1 @@
+"""Exports of the wire: ``tables`` for SPEC.md, ``c`` for firmware, ``vectors`` for tests."""
