@@ -156,7 +156,7 @@ def judge_frame_drive(
     host : ToleratedHost
         The host within the tolerance whose phases come nearest: it is asked of its drive.
     """
-    asked = host.target if host.explains else target
+    asked = target.of_host(host.off, host.limit_rad) if host.explains else target
     peaks = frame_peak_errors(asked, latched)
     verdicts = {
         "S1": host.explains,

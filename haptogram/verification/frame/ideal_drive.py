@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,12 +14,14 @@ import numpy as np
 from haptogram.acoustics import Drive
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
+from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
 
 from ..tolerance import Uncertainty, VerdictUncertainty
 from . import criteria
 from .peaks import WITHIN_LOBE_RAD, ExpectedPeak, expected_frame_peak
 from .target import Bools, FrameTarget, frame_target_uncertainty
+from .tolerated import ToleratedHost, scale_of_tolerance
 
 #: Codes of an amplitude below which a board that computes may round a phase as it likes: the waves
 #: of the foci all but cancel there, and the phase of next to nothing means nothing.
@@ -30,6 +33,7 @@ _FAINT: Final = 0.1  # of the loudest: the pressure of a fainter focus is compar
 #: and more; their weakest focus of many has a third of the mean, a missing one next to none.
 LEAST_EFFICIENCY: Final = 0.25
 LEAST_BALANCE: Final = 0.2
+_NOT_OFF: Final = np.zeros(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +50,9 @@ class IdealFrameDrive:
         Ideal phases with the intended amplitudes.
     asked : (N,) numpy.ndarray of complex
         Weights that the foci ask for; of magnitude 1 where the drive has phases only.
-    tolerated : sequence of (N,) numpy.ndarray of complex
-        The same in the warmest and the coldest air that is tolerated, and for foci that are off by
-        the tolerated miss.
+    drive : callable
+        From how far a host is off, as :class:`.tolerated.ToleratedHosts` has it, to what the foci
+        then ask for.
     has_amplitudes : bool
         Whether the drive has amplitudes, and not only phases.
     allowed_codes : int
@@ -59,7 +63,7 @@ class IdealFrameDrive:
     placed: Sequence[FrameTarget]
     weights: ComplexArray
     asked: ComplexArray
-    tolerated: Sequence[ComplexArray]
+    drive: Callable[[FloatArray], ComplexArray]
     has_amplitudes: bool
     allowed_codes: int
 
@@ -68,18 +72,34 @@ class IdealFrameDrive:
         cls,
         intended: Intended,
         targets: Sequence[FrameTarget],
-        asked: ComplexArray,
-        tolerated: Sequence[ComplexArray],
+        drive: Callable[[FloatArray], ComplexArray],
+        off: FloatArray = _NOT_OFF,
     ) -> IdealFrameDrive:
-        """Return the ideal drive of a frame whose foci ask for the weights *asked*."""
+        """Return the ideal drive of a frame for a host that is off."""
         codes, allowed = intended.drive.amplitude_codes, criteria.allowed_frame_codes(intended)
         pairs = zip(targets, intended.foci, strict=True)
         placed = [target for target, focus in pairs if focus.amplitude > 0.0]
+        asked = drive(off)
+        phasors = np.exp(1j * np.angle(asked))
         if (codes == FULL_AMPLITUDE).all():
-            in_full, *others = (np.exp(1j * np.angle(drive)) for drive in (asked, *tolerated))
-            return cls(targets, placed, in_full, in_full, others, False, allowed)
-        weights = codes / FULL_AMPLITUDE * np.exp(1j * np.angle(asked))
-        return cls(targets, placed, weights, asked, tolerated, True, allowed)
+            return cls(targets, placed, phasors, phasors, drive, False, allowed)
+        return cls(targets, placed, codes / FULL_AMPLITUDE * phasors, asked, drive, True, allowed)
+
+    def of_host(self, intended: Intended, host: ToleratedHost) -> IdealFrameDrive:
+        """Return the ideal drive of the same frame for a host within the tolerance."""
+        targets = [target.of_host(host.off, host.limit_rad) for target in self.targets]
+        return self.of(intended, targets, self.drive, host.off)
+
+    @cached_property
+    def tolerated(self) -> list[ComplexArray]:
+        """What the foci ask for at the ends of the tolerance: of a miss along each axis, of air."""
+        scale = scale_of_tolerance(self.targets[0].tolerance, self.targets[0].model)
+        found = []
+        for way in (*np.diag(scale), *np.diag(-scale)):
+            if way.any():
+                with contextlib.suppress(ConfigurationError):  # a focus at the edge of its reach
+                    found.append(self.drive(way))
+        return found if self.has_amplitudes else [np.exp(1j * np.angle(one)) for one in found]
 
     @cached_property
     def peaks(self) -> list[ExpectedPeak | None]:
@@ -151,9 +171,7 @@ class IdealFrameDrive:
     def distance(self, latched: Drive, active: Bools) -> tuple[bool, float]:
         """Return a key by which the ideal drive that suits a latched one best comes first."""
         error_rad = self.phase_error_rad(latched, active)
-        suits = error_rad <= self.targets[0].phase_limit_rad and self.amplitudes_ok(
-            latched, tolerant=False
-        )
+        suits = error_rad <= self.targets[0].phase_limit_rad and self.amplitudes_ok(latched)
         return not suits, error_rad
 
     def offsets_m(self, latched: ComplexArray) -> list[FloatArray | None]:
@@ -178,13 +196,12 @@ class IdealFrameDrive:
         loudest = max(float(self.levels.max()), 1e-300)
         return max(0.0, float((excess / np.maximum(self.levels, _FAINT * loudest)).max()))
 
-    def amplitudes_ok(self, latched: Drive, *, tolerant: bool) -> bool:
-        """S5: return True if no amplitude is off from the ideal one by more than rounding."""
+    def amplitudes_ok(self, latched: Drive, slack: FloatArray | float = 0.0) -> bool:
+        """S5: return True if no amplitude is off by more than rounding and *slack*, 0 to 1."""
         if not self.has_amplitudes:
             return True
-        tolerated = self.tolerated_amplitudes if tolerant else 0.0
         steps = np.abs(latched.amplitude_codes - FULL_AMPLITUDE * np.abs(self.asked))
-        allowed = _HALF + self.allowed_codes + FULL_AMPLITUDE * tolerated
+        allowed = _HALF + self.allowed_codes + FULL_AMPLITUDE * slack
         return bool((steps <= allowed).all())
 
     def limits_m(self) -> list[FloatArray] | None:

@@ -108,23 +108,10 @@ class FrameJudge:
         """
         targets, found = self._targets(intended), []
         for model in self._known_models(board_computed=intended.board_computed):
+            drive = functools.partial(_drive_of_judged_host, model, intended)
             with contextlib.suppress(ConfigurationError):  # a focus at the edge of its reach
-                asked = frame_weights(model, intended.foci, intended.solver)
-                tolerated = list(self._tolerated(model, intended))
-                found.append(IdealFrameDrive.of(intended, targets, asked, tolerated))
+                found.append(IdealFrameDrive.of(intended, targets, drive))
         return found
-
-    def _tolerated(self, model: AcousticModel, intended: Intended) -> Iterator[ComplexArray]:
-        """Yield the drives for these foci in the warmest and coldest air, and displaced."""
-        share = self.tolerance.speed_share(model.medium)
-        for factor in (1.0 + share, 1.0 - share) if share else ():
-            other = model.with_sound_speed(model.medium.sound_speed_m_s / factor)
-            yield frame_weights(other, intended.foci, intended.solver)
-        miss_m = self.tolerance.miss_mm / 1e3
-        for way in (*np.eye(3), *-np.eye(3)) if miss_m else ():
-            yield frame_weights(
-                model, _displaced_foci_of_judged_frame(intended.foci, miss_m * way), intended.solver
-            )
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
         """Yield the array and air that foci may have been solved with.
@@ -267,14 +254,17 @@ def _judged_frame_without_identity(intended: Intended) -> Intended:
     )
 
 
-def _displaced_foci_of_judged_frame(
-    foci: tuple[Focus, ...], way_m: FloatArray
-) -> tuple[Focus, ...]:
-    """Return foci that are all displaced by *way_m* (3,)."""
-    return tuple(
-        Focus.at(np.add(focus.position_m, way_m), focus.amplitude, focus.phase_rad)
-        for focus in foci
-    )
+def _drive_of_judged_host(
+    model: AcousticModel, intended: Intended, off: FloatArray
+) -> ComplexArray:
+    """Return the drive of a host that is off: metres along x, y, z, a share of the speed."""
+    if off[3]:
+        model = model.with_sound_speed(model.medium.sound_speed_m_s * (1.0 + float(off[3])))
+    foci = [
+        Focus.at(np.add(focus.position_m, off[:3]), focus.amplitude, focus.phase_rad)
+        for focus in intended.foci
+    ]
+    return frame_weights(model, foci, intended.solver)
 
 
 def lost_frame_verdict(intended: Intended) -> FrameVerdict:

@@ -13,6 +13,7 @@ S5  every latched amplitude is the ideal one, within half a step.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
@@ -28,9 +29,9 @@ from haptogram.acoustics.reconstruct.patterns.foci_fit import (
     fit_foci,
     waves_of_foci_pattern,
 )
+from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
 
-from ..faults import faulty_elements_text
 from ..tolerance import Tolerance, Uncertainty
 from . import criteria
 from .ideal_drive import (
@@ -43,13 +44,13 @@ from .ideal_drive import (
 from .peaks import LOST, WITHIN_LOBE_RAD
 from .status import frame_status_of
 from .target import Bools, FrameTarget
-from .tolerated import FEW_FRAME_ELEMENTS, frame_scatter_rad
+from .tolerated import ToleratedHost, ToleratedHosts, frame_scatter_rad, scale_of_tolerance
 from .verdict import FrameStatus, FrameVerdict, Vector
 
 _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # of the bound of the first order
-_OFF: Final = 2.0  # times the limit: an element that is off by itself
-_LOUD: Final = 1.5  # times the usual limit: an element whose phase is not lost among the waves
+_EXACT: Final = 1.0 + 1e-4
+_MOST_SLACK: Final = 2.0  # of an amplitude, times the limit of the phases of a host that was found
 _MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
 _OTHER_AMPLITUDES: Final = "the amplitudes are off by more than the solver makes of the tolerance"
@@ -74,15 +75,12 @@ class _Findings:
         Of each focus from its place.
     limits_m : sequence of (3,) numpy.ndarray, or None
         How far each may be off; None where a miss of one never shows.
-    outliers : tuple of int
-        Elements that are off by themselves, where S1 fails below a tolerance.
     """
 
     verdicts: dict[str, bool]
     unseen: list[str]
     offsets_m: Sequence[FloatArray | None]
     limits_m: Sequence[FloatArray] | None
-    outliers: tuple[int, ...] = ()
 
 
 def judge_several_foci(
@@ -118,10 +116,15 @@ def judge_several_foci(
     error_rad = ideal.phase_error_rad(latched, active)
     found = _judge_frame_foci_strictly(ideal, intended, latched, active, error_rad)
     if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
-        found = _judge_frame_foci_tolerantly(ideal, intended, latched, active, tolerance, known)
-        if not faults and found.outliers:
-            names = faulty_elements_text(targets[0].model, found.outliers)
-            faults = (f"{names} out of step with the others",)
+        host, fault = _host_of_foci(ideal, latched, active, known)
+        if host is not None:
+            found = _judge_foci_of_host(ideal, host, intended, latched, active)
+            error_rad = host.error_rad
+        else:
+            found = _judge_frame_foci_tolerantly(
+                ideal, intended, latched, active, tolerance, known, fault
+            )
+            faults = faults or ((fault,) if fault else ())
     status = frame_status_of(found.verdicts, faults, focused=False)
     unseen = [*found.unseen, *_frame_foci_levels_not_made(levels, intended)]
     notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
@@ -151,7 +154,12 @@ def judge_several_foci(
 
 
 def _judge_frame_foci_strictly(
-    ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools, error_rad: float
+    ideal: IdealFrameDrive,
+    intended: Intended,
+    latched: Drive,
+    active: Bools,
+    error_rad: float,
+    slack: float = 0.0,
 ) -> _Findings:
     """Return the findings about a drive that may differ from the ideal one by rounding only."""
     offsets_m, limits_m = ideal.offsets_m(latched.weights()), ideal.limits_m()
@@ -160,7 +168,7 @@ def _judge_frame_foci_strictly(
         "S1": error_rad <= ideal.targets[0].phase_limit_rad,
         "S2": ideal.in_place(offsets_m),
         "S3": ideal.excess_level(latched.weights(), tolerant=False) == 0.0,
-        "S5": s5 and ideal.amplitudes_ok(latched, tolerant=False),
+        "S5": s5 and ideal.amplitudes_ok(latched, slack),
     }
     # A drive that is the ideal one but for rounding cannot be off: then its peaks are too flat.
     flat = verdicts["S1"] and verdicts["S5"] and not verdicts["S2"]
@@ -179,6 +187,44 @@ def _judge_frame_foci_strictly(
     return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
 
 
+def _host_of_foci(
+    ideal: IdealFrameDrive, latched: Drive, active: Bools, known: Uncertainty
+) -> tuple[ToleratedHost | None, str | None]:
+    """Return the host whose drive this is, and what is wrong with the elements if there is none.
+
+    A host within the tolerance or, if there is none, one that is beyond it for certain.
+    """
+    hosts = ToleratedHosts.of(ideal.targets[0], known, ideal.drive)
+    model = ideal.targets[0].model
+    with contextlib.suppress(ConfigurationError):  # a solver refuses some of them
+        host = ToleratedHost.nearest(hosts, np.angle(latched.weights()), active)
+        if host.explains:
+            return host, None
+        other = host.anywhere(model)
+        if other.explains and other.is_beyond(hosts.scale):
+            return other, None
+        return None, host.fault(model, proven=True)
+    return None, None
+
+
+def _judge_foci_of_host(
+    ideal: IdealFrameDrive, host: ToleratedHost, intended: Intended, latched: Drive, active: Bools
+) -> _Findings:
+    """Return the findings about the drive of a tolerated host: as if it were what was asked for."""
+    of_host = ideal.of_host(intended, host)
+    found = _judge_frame_foci_strictly(
+        of_host, intended, latched, active, host.error_rad / _EXACT, _MOST_SLACK * host.limit_rad
+    )
+    limits_m = found.limits_m and [
+        limit_m + target.tolerated_m
+        for limit_m, target in zip(found.limits_m, ideal.placed, strict=True)
+    ]
+    offsets_m = [None if one is None else one + host.off[:3] for one in found.offsets_m]
+    if host.is_beyond(scale_of_tolerance(ideal.targets[0].tolerance, ideal.targets[0].model)):
+        found = dataclasses.replace(found, verdicts=found.verdicts | {"S2": False})
+    return dataclasses.replace(found, limits_m=limits_m, offsets_m=offsets_m)
+
+
 def _judge_frame_foci_tolerantly(
     ideal: IdealFrameDrive,
     intended: Intended,
@@ -186,6 +232,7 @@ def _judge_frame_foci_tolerantly(
     active: Bools,
     tolerance: Tolerance,
     known: Uncertainty,
+    fault: str | None,
 ) -> _Findings:
     """Return the findings about a drive for these foci in other air, or a little off.
 
@@ -195,9 +242,9 @@ def _judge_frame_foci_tolerantly(
     limit_rad = ideal.targets[0].phase_limit_rad
     excess = ideal.excess_level(latched.weights(), tolerant=True)
     s5 = criteria.frame_amplitudes_ok(intended, latched)
-    verdicts = {"S3": excess <= _MOST_EXCESS, "S5": s5}
+    verdicts = {"S3": excess <= _MOST_EXCESS, "S5": s5} | ({"S1": False} if fault else {})
     unseen = [_OTHER_LEVELS] if excess > 0.0 else []
-    if not ideal.amplitudes_ok(latched, tolerant=True):
+    if not ideal.amplitudes_ok(latched, ideal.tolerated_amplitudes):
         unseen.append(_OTHER_AMPLITUDES)
     fit = _fit_frame_foci(ideal, intended, latched, active)
     if fit is None:
@@ -206,11 +253,8 @@ def _judge_frame_foci_tolerantly(
         frame_scatter_rad(ideal.targets[0], known),
         max(target.aberration_rad for target in ideal.targets),
     )
-    outliers: tuple[int, ...] = ()
-    if (_sizes_of_frame_errors(fit, limit_rad, slack_rad) <= _SECOND_ORDER).all():
+    if not fault and (_sizes_of_frame_errors(fit, limit_rad, slack_rad) <= _SECOND_ORDER).all():
         verdicts["S1"] = True
-    else:
-        outliers = _outliers_of_foci(ideal, intended, latched, active, fit, slack_rad)
     blurred = fit
     if fit.residual_rad > limit_rad:  # what is left unexplained may have moved the foci as well
         blurred = fit._replace(bound_m=3.0 * fit.residual_rad / limit_rad * fit.bound_m)
@@ -221,14 +265,11 @@ def _judge_frame_foci_tolerantly(
         return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
     verdicts["S2"] = within
     if "S1" not in verdicts:
-        if outliers and within:  # a fit that found other foci proves nothing of the elements
-            verdicts["S1"] = False
-        else:
-            unseen, outliers = [*unseen, _NOT_THESE], ()
+        unseen.append(_NOT_THESE)
     if not _frame_peaks_follow(ideal, latched, limits_m, tolerance):
         unseen.append(_OTHER_PEAKS)
     verdicts = dict(sorted(verdicts.items()))
-    return _Findings(verdicts, unseen, list(fit.offsets_m), limits_m, outliers)
+    return _Findings(verdicts, unseen, list(fit.offsets_m), limits_m)
 
 
 def _sizes_of_frame_errors(
@@ -242,32 +283,6 @@ def _sizes_of_frame_errors(
     most = fit.limits_rad * (1.0 + scatter_rad / limit_rad) + fit.wave_limits * aberration_rad
     sizes: FloatArray = np.abs(fit.errors_rad) / most
     return sizes
-
-
-def _outliers_of_foci(
-    ideal: IdealFrameDrive,
-    intended: Intended,
-    latched: Drive,
-    active: Bools,
-    fit: FociFit,
-    slack_rad: tuple[float, float],
-) -> tuple[int, ...]:
-    """Return the few elements without which the foci explain all others; none: there are none."""
-    limit_rad = ideal.targets[0].phase_limit_rad
-    off = _sizes_of_frame_errors(fit, limit_rad, slack_rad) > _OFF
-    numbers = np.flatnonzero(active)[off]
-    if not off.any() or off.mean() > FEW_FRAME_ELEMENTS:
-        return ()
-    # Where the waves all but cancel, a fit of other weights can turn an element by half.
-    if (fit.limits_rad[off] > _LOUD * np.median(fit.limits_rad)).any():
-        return ()
-    others = active.copy()
-    others[numbers] = False
-    again = _fit_frame_foci(ideal, intended, latched, others)
-    if again is None:
-        return ()
-    is_right = _sizes_of_frame_errors(again, limit_rad, slack_rad) <= _SECOND_ORDER
-    return tuple(numbers.tolist()) if is_right.all() else ()
 
 
 def _fit_frame_foci(

@@ -28,7 +28,7 @@ from ..tolerance import Uncertainty
 from . import criteria
 from .status import frame_status_of
 from .target import Bools, FrameTarget
-from .tolerated import ToleratedHost
+from .tolerated import ToleratedHost, ToleratedHosts
 from .verdict import FrameStatus, FrameVerdict
 
 _MM: Final = 1e3
@@ -180,7 +180,8 @@ class SingleFocusFrame:
     def _host(self) -> ToleratedHost:
         """The host within the tolerance whose phases come nearest."""
         phases_rad = np.angle(self.latched.weights())
-        return ToleratedHost.nearest(self.target, phases_rad, self._active, self.known)
+        hosts = ToleratedHosts.of(self.target, self.known, self.target.drive_of_host)
+        return ToleratedHost.nearest(hosts, phases_rad, self._active)
 
     @cached_property
     def _drive_criteria(self) -> tuple[dict[str, Any], dict[str, bool]]:
@@ -217,7 +218,8 @@ class SingleFocusFrame:
         """Name what a tolerance leaves of the elements, if the codes show no fault."""
         if faults or verdicts["S1"] or self.target.tolerance.is_strict or not self._active.any():
             return ()
-        fault = self._host.fault()
+        model = self.target.model
+        fault = self._host.fault(model) or self._host.scatter_text(model)
         return () if fault is None else (fault,)
 
     def _outliers(self, found: NotSingle, faults: tuple[str, ...]) -> tuple[str, ...]:

@@ -69,6 +69,31 @@ class FrameTarget:
         """(N,) the phases that focus on the target."""
         return focus_phases(self.model, self.position_m)
 
+    def drive_of_host(self, off: FloatArray) -> ComplexArray:
+        """Return (N,) the weights of a host that is off.
+
+        By *off* (4,): metres along x, y and z, and a share of the speed of sound.
+        """
+        calibration = self.model.calibration
+        lags = 0.0 if calibration is None else calibration.phase_rad
+        rays = self.position_m + off[:3] - self.model.array.positions_m
+        k = self.model.wavenumber / (1.0 + float(off[3]))
+        weights: ComplexArray = np.exp(-1j * (k * np.linalg.norm(rays, axis=1) + lags))
+        return weights
+
+    def of_host(self, off: FloatArray, limit_rad: float) -> FrameTarget:
+        """Return the demands of the place that such a host takes, in the air that it assumes."""
+        if not off.any() and limit_rad == self.phase_limit_rad:
+            return self
+        speed_m_s = self.model.medium.sound_speed_m_s * (1.0 + float(off[3]))
+        return FrameTarget(
+            self.model.with_sound_speed(speed_m_s),
+            self.position_m + off[:3],
+            self.amplitudes,
+            limit_rad,
+            Tolerance(),
+        )
+
     @cached_property
     def arrivals(self) -> ComplexArray:
         """(N,) peak pressure at the target, of each element at unit weight."""

@@ -1,15 +1,16 @@
-"""The host that is tolerated, and whose phases come nearest to those of one focus.
+"""The host that is tolerated, and whose phases come nearest to those of a drive.
 
-A tolerance of place and air allows a set of hosts: each takes a place within the miss for the
-target, in air within the range.  A drive is right if it is that of one of them, up to rounding.  So
-the criteria of a strict verdict are asked of the nearest one; what no place and no air within the
-tolerance explains of an element stays an error of that element.
+A tolerance of place and air allows a set of hosts: each takes places within the miss for the
+targets, in air within the range.  A drive is right if it is that of one of them, up to rounding.
+So the criteria of a strict verdict are asked of the nearest one; what no place and no air within
+the tolerance explains of an element stays an error of that element.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -17,7 +18,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics import AcousticModel
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
 from ..faults import faulty_elements_text
@@ -26,10 +28,13 @@ from .target import Bools, FrameTarget
 
 _STEPS: Final = 12
 _SETTLED: Final = 1e-4  # of the tolerance
+_SLOPE: Final = 0.02  # of the tolerance, to either side
 _ROUNDS: Final = 3  # of the exact solution, each linearised anew
 _HOPELESS: Final = 1.5  # times the limit: an RMS error that no place within rounding explains
 _EXACT: Final = 1.0 + 1e-4
-FEW_FRAME_ELEMENTS: Final = 0.25  # share of the elements that can be wrong one by one
+_SECOND_ORDER: Final = 1.5  # of the bound of the first order
+_LOUD: Final = 0.5  # of the mean: where the waves of several foci do not all but cancel
+_FEW: Final = 0.25  # share of the elements that can be wrong one by one
 #: Standard uncertainties by which one element of some hundreds may be off.
 _COVERAGE: Final = 5.0
 _PAIR: Final = 2
@@ -37,45 +42,68 @@ _DIRECTIONS: Final = 128  # on the ball of the tolerated miss: their planes are 
 _ANYWHERE: Final = Tolerance(miss_mm=10.0, temperature_c=20.0)
 
 
-@dataclass(frozen=True, eq=False)
-class ToleratedHost:
-    """A host within a tolerance.
+@dataclass(frozen=True, slots=True, eq=False)
+class ToleratedHosts:
+    """The hosts within a tolerance.
 
     Attributes
     ----------
-    asked : FrameTarget
-        What the target asks for, with the tolerance.
+    drive : callable
+        From how far a host is off, (4,) metres along x, y, z and share of the speed of sound, to
+        the weights (N,) that it asks for.
+    scale : (4,) numpy.ndarray
+        The whole tolerance.
+    limit_rad, scatter_rad : float
+        Largest phase error by rounding, and by what is not known of an element.
+    is_strict : bool
+        Whether nothing is tolerated.
+    """
+
+    drive: Callable[[FloatArray], ComplexArray]
+    scale: FloatArray
+    limit_rad: float
+    scatter_rad: float
+    is_strict: bool
+
+    @classmethod
+    def of(
+        cls, target: FrameTarget, known: Uncertainty, drive: Callable[[FloatArray], ComplexArray]
+    ) -> ToleratedHosts:
+        """Return the hosts within the tolerance of a target that ask for *drive*."""
+        scatter_rad = frame_scatter_rad(target, known)
+        scale = scale_of_tolerance(target.tolerance, target.model)
+        return cls(drive, scale, target.phase_limit_rad, scatter_rad, target.tolerance.is_strict)
+
+
+@dataclass(frozen=True, eq=False)
+class ToleratedHost:
+    """A host within a tolerance, beside a drive.
+
+    Attributes
+    ----------
+    hosts : ToleratedHosts
+        All that are tolerated.
     phases_rad : (N,) numpy.ndarray
         Phases of the drive.
     active : (N,) numpy.ndarray of bool
         Elements that sound.
     share : (4,) numpy.ndarray
         How much of the tolerance it takes: of the miss along x, y and z, and of the air.
-    known : Uncertainty
-        How well the elements are known.
     """
 
-    asked: FrameTarget
+    hosts: ToleratedHosts
     phases_rad: FloatArray
     active: Bools
     share: FloatArray
-    known: Uncertainty
 
     @classmethod
-    def nearest(
-        cls,
-        asked: FrameTarget,
-        phases_rad: FloatArray,
-        active: Bools,
-        known: Uncertainty | None = None,
-    ) -> ToleratedHost:
+    def nearest(cls, hosts: ToleratedHosts, phases_rad: FloatArray, active: Bools) -> ToleratedHost:
         """Return the host whose phases come nearest to those of the *active* elements."""
-        host = cls(asked, phases_rad, active, np.zeros(4), known or Uncertainty())
-        if asked.tolerance.is_strict or host.explains:
+        host = cls(hosts, phases_rad, active, np.zeros(4))
+        if hosts.is_strict or host.explains:
             return host
         host = host.fitted()
-        errors = host.errors_rad[active]
-        if host.explains or math.sqrt(np.mean(errors**2)) > _HOPELESS * host.limit_rad:
+        if host.explains or host.rms_rad > _HOPELESS * host.limit_rad:
             return host
         for _ in range(_ROUNDS):
             host = host.balanced()
@@ -83,39 +111,41 @@ class ToleratedHost:
                 break
         return host
 
-    @cached_property
-    def _scale(self) -> FloatArray:
-        """(4,) the whole tolerance: metres, and the share of the speed of sound."""
-        tolerance = self.asked.tolerance
-        share = tolerance.speed_share(self.asked.model.medium)
-        return np.array([tolerance.miss_mm / 1e3] * 3 + [share])
+    @property
+    def off(self) -> FloatArray:
+        """(4,) how far it is off: metres, and a share of the speed of sound."""
+        return self.hosts.scale * self.share
 
     @property
     def limit_rad(self) -> float:
         """Largest phase error of an element: of rounding, and of what is not known of it."""
-        return self.asked.phase_limit_rad + frame_scatter_rad(self.asked, self.known)
+        return self.hosts.limit_rad + self.hosts.scatter_rad
 
     @cached_property
-    def target(self) -> FrameTarget:
-        """The demands of the place that it takes for the target, in the air that it assumes."""
-        if not self.share.any() and self.limit_rad == self.asked.phase_limit_rad:
-            return self.asked
-        *away_m, faster = (self._scale * self.share).tolist()
-        model = self.asked.model
-        return FrameTarget(
-            model.with_sound_speed(model.medium.sound_speed_m_s * (1.0 + faster)),
-            self.asked.position_m + away_m,
-            self.asked.amplitudes,
-            self.limit_rad,
-            Tolerance(),
-        )
+    def _asked(self) -> ComplexArray:
+        return self.hosts.drive(self.off)
+
+    @cached_property
+    def levels(self) -> FloatArray:
+        """(N,) how loud it asks for each element, over the mean; 1 at most."""
+        levels = np.abs(self._asked)
+        loudness: FloatArray = np.minimum(levels / levels[self.active].mean(), 1.0)
+        return loudness
 
     @cached_property
     def errors_rad(self) -> FloatArray:
         """(N,) phase error of each element; that of the middle of the active ones is 0."""
-        errors, _ = self.linearised(self.active)
+        errors = self.errors_about(self.active)
         sounding = errors[self.active]
         centred: FloatArray = errors - (sounding.max() + sounding.min()) / 2.0
+        return centred
+
+    def errors_about(self, used: Bools) -> FloatArray:
+        """Return (N,) the phase errors; the mean of the *used* ones is 0."""
+        levels, errors = self.levels, self.phases_rad - np.angle(self._asked)
+        common = np.angle((levels * np.exp(1j * errors))[used].sum())
+        errors = wrapped_phases(errors - common)
+        centred: FloatArray = errors - np.average(errors[used], weights=levels[used])
         return centred
 
     @property
@@ -124,39 +154,44 @@ class ToleratedHost:
         return float(np.ptp(self.errors_rad[self.active])) / 2.0
 
     @property
+    def rms_rad(self) -> float:
+        """RMS phase error, each element weighted by its level."""
+        errors, levels = self.errors_rad[self.active], self.levels[self.active]
+        return math.sqrt(np.average(errors**2, weights=levels**2))
+
+    @property
     def explains(self) -> bool:
         """True if no element is off by more than rounding and what is not known of it."""
-        if self.error_rad > self.limit_rad * (1.0 if self.asked.tolerance.is_strict else _EXACT):
+        if self.error_rad > self.limit_rad * (1.0 if self.hosts.is_strict else _EXACT):
             return False
         return self.explains_roughly
 
     @property
     def explains_roughly(self) -> bool:
         """True if the root mean square of the phase errors is no more than that leaves."""
-        scatter_rad = frame_scatter_rad(self.asked, self.known) / _COVERAGE
+        scatter_rad = self.hosts.scatter_rad / _COVERAGE
         allowed_rad = scatter_rad * (1.0 + 3.0 / math.sqrt(self.active.sum()))
         spread_rad = float(np.std(self.errors_rad[self.active]))
-        return spread_rad <= self.asked.phase_limit_rad + allowed_rad
+        return spread_rad <= self.hosts.limit_rad + allowed_rad
 
     @property
     def _off_rad(self) -> float:
         """Phase error of an element that is off by itself: a fit may move what is right."""
-        return self.limit_rad + self.asked.phase_limit_rad
+        return self.limit_rad + self.hosts.limit_rad
 
     # --- search ----------------------------------------------------------------------------------
 
-    def linearised(self, used: Bools) -> tuple[FloatArray, FloatArray]:
-        """Return phase errors (N,), the mean of the *used* ones 0, and their slopes (N, 4)."""
-        model, scale = self.asked.model, self._scale
-        faster = 1.0 + float(scale[3] * self.share[3])
-        rays = self.asked.position_m + scale[:3] * self.share[:3] - model.array.positions_m
-        distances = np.linalg.norm(rays, axis=1)
-        k = model.wavenumber / faster
-        lags = 0.0 if model.calibration is None else model.calibration.phase_rad
-        errors = self.phases_rad + lags + k * distances
-        errors = wrapped_phases(errors - np.angle(np.exp(1j * errors[used]).sum()))
-        slopes = np.column_stack([rays / distances[:, None], -distances / faster]) * (k * scale)
-        return errors - errors[used].mean(), slopes - slopes[used].mean(axis=0)
+    def slopes_about(self, used: Bools) -> FloatArray:
+        """Return (N, 4) how the phase errors change with the share; the mean of the *used* is 0."""
+        slopes = np.zeros((len(self.phases_rad), 4))
+        for place in np.flatnonzero(self.hosts.scale):
+            way = _SLOPE * np.eye(4)[place]
+            less, more = (
+                self.hosts.drive(self.hosts.scale * (self.share + sign * way)) for sign in (-1, 1)
+            )
+            slopes[:, place] = np.angle(less * more.conj()) / (2.0 * _SLOPE)
+        centred: FloatArray = slopes - np.average(slopes[used], axis=0, weights=self.levels[used])
+        return centred
 
     def fitted(self) -> ToleratedHost:
         """Return the host of the least squares; elements that stick out by far do not count.
@@ -164,14 +199,14 @@ class ToleratedHost:
         What of the tolerance it takes weighs as much as an error by rounding does.
         """
         host, used = self, self.active
-        prior = self.asked.phase_limit_rad * np.eye(4)
+        prior = self.hosts.limit_rad * np.eye(4)
         for _ in range(_STEPS):
-            errors, slopes = host.linearised(used)
-            rows = np.vstack([slopes[used], prior])
-            wanted = np.concatenate([-errors[used], -prior @ host.share])
+            errors, slopes, levels = host.errors_about(used), host.slopes_about(used), host.levels
+            rows = np.vstack([slopes[used] * levels[used, None], prior])
+            wanted = np.concatenate([-(errors * levels)[used], -prior @ host.share])
             step = np.linalg.lstsq(rows, wanted, rcond=None)[0]
             host = dataclasses.replace(host, share=_tolerated_shares(host.share + step))
-            sizes = np.abs(host.linearised(used)[0])
+            sizes = np.abs(host.errors_about(used)) * host.levels
             widest = max(self._off_rad, 3.0 * float(np.median(sizes[self.active])))
             before, used = used, self.active & (sizes <= widest)
             if np.abs(step).max() < _SETTLED and (used == before).all():
@@ -182,8 +217,8 @@ class ToleratedHost:
         """Return the host whose largest phase error is the least."""
         from scipy.optimize import linprog  # slow to import, and only a tolerance needs it
 
-        errors, slopes = self.linearised(self.active)
-        errors, slopes = errors[self.active], slopes[self.active]
+        errors = self.errors_about(self.active)[self.active]
+        slopes = self.slopes_about(self.active)[self.active]
         ones, ball = np.ones((len(errors), 1)), _directions_of_tolerance()
         rows = np.vstack(
             [
@@ -203,28 +238,53 @@ class ToleratedHost:
         other = dataclasses.replace(self, share=self.share + found.x[:4])
         return other if other.error_rad < self.error_rad else self
 
+    def anywhere(self, model: AcousticModel) -> ToleratedHost:
+        """Return the nearest host within any tolerance that can be stated."""
+        hosts = dataclasses.replace(self.hosts, scale=scale_of_tolerance(_ANYWHERE, model))
+        return self.nearest(hosts, self.phases_rad, self.active)
+
+    def is_beyond(self, scale: FloatArray) -> bool:
+        """Return True if it is off by more than a tolerance and what rounding may add to that."""
+        slopes = self.slopes_about(self.active)[self.active]
+        doubt = _SECOND_ORDER * np.abs(np.linalg.pinv(slopes)).sum(axis=1) * self.limit_rad
+        least = np.maximum(np.abs(self.share) - doubt, 0.0) * self.hosts.scale
+        return bool(np.linalg.norm(least[:3]) > scale[0] or least[3] > scale[3])
+
     # --- what it does not explain ----------------------------------------------------------------
 
-    def fault(self) -> str | None:
-        """Name what no place and no air within the tolerance explains of the elements."""
+    def fault(self, model: AcousticModel, *, proven: bool = False) -> str | None:
+        """Name the elements that no place and no air within the tolerance explains.
+
+        *proven*: only where a host within the tolerance explains all the others.
+        """
         host = self.fitted()
-        errors, _ = host.linearised(self.active)
+        errors = host.errors_about(self.active)
         errors = wrapped_phases(errors - float(np.median(errors[self.active])))
         off = self.active & (np.abs(errors) > self._off_rad)
         rest = errors[self.active & ~off]
         within = bool(len(rest)) and np.sqrt(np.mean(rest**2)) <= self.limit_rad
-        if off.any() and within and off.sum() <= FEW_FRAME_ELEMENTS * self.active.sum():
-            return self._elements_text(errors, np.flatnonzero(off))
-        if self._anywhere().explains_roughly:
+        few = 0 < off.sum() <= _FEW * self.active.sum()
+        if not (within and few and bool((host.levels[off] > _LOUD).all())):
             return None
-        rms_rad = math.sqrt(np.mean(errors[self.active] ** 2))
+        if not proven or self.nearest(self.hosts, self.phases_rad, self.active & ~off).explains:
+            return self._elements_text(model, errors, np.flatnonzero(off))
+        return None
+
+    def scatter_text(self, model: AcousticModel) -> str | None:
+        """Return that the phases are those of no focus, within any tolerance that can be stated."""
+        if self.anywhere(model).explains_roughly:
+            return None
+        errors = self.fitted().errors_about(self.active)[self.active]
         return (
-            f"phases of {int(self.active.sum())} elements scattered by {rms_rad:.2f} rad RMS, more "
-            "than a focus within the tolerance leaves"
+            f"phases of {int(self.active.sum())} elements scattered by "
+            f"{math.sqrt(np.mean(errors**2)):.2f} rad RMS, more than a focus within the tolerance "
+            "leaves"
         )
 
-    def _elements_text(self, errors: FloatArray, numbers: NDArray[np.intp]) -> str:
-        names, limit_rad = faulty_elements_text(self.asked.model, numbers), self._off_rad
+    def _elements_text(
+        self, model: AcousticModel, errors: FloatArray, numbers: NDArray[np.intp]
+    ) -> str:
+        names, limit_rad = faulty_elements_text(model, numbers), self._off_rad
         if bool((np.abs(np.abs(errors[numbers]) - math.pi) <= limit_rad).all()):
             return f"{names} inverted"
         if len(numbers) == _PAIR:
@@ -236,11 +296,6 @@ class ToleratedHost:
         worst_rad = float(np.abs(errors[numbers]).max())
         return f"{names} out of step with the others, by up to {worst_rad:.2f} rad"
 
-    def _anywhere(self) -> ToleratedHost:
-        """Return the host of the least squares within any tolerance that can be stated."""
-        asked = dataclasses.replace(self.asked, tolerance=_ANYWHERE)
-        return dataclasses.replace(self, asked=asked, share=np.zeros(4)).fitted()
-
 
 def frame_scatter_rad(target: FrameTarget, known: Uncertainty) -> float:
     """Return by how much one element may be off for what is stated not to be known of it.
@@ -251,6 +306,11 @@ def frame_scatter_rad(target: FrameTarget, known: Uncertainty) -> float:
         return 0.0
     moved_rad = target.model.wavenumber * known.position_mm / 1e3
     return _COVERAGE * math.hypot(moved_rad, known.phase_rad)
+
+
+def scale_of_tolerance(tolerance: Tolerance, model: AcousticModel) -> FloatArray:
+    """Return (4,) the whole tolerance: metres, and the share of the speed of sound."""
+    return np.array([tolerance.miss_mm / 1e3] * 3 + [tolerance.speed_share(model.medium)])
 
 
 def _tolerated_shares(share: FloatArray) -> FloatArray:

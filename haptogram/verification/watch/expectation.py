@@ -25,7 +25,7 @@ from haptogram.records.frame import FrameKey
 from ..frame import criteria
 from ..frame.status import frame_status_of
 from ..frame.target import FrameTarget
-from ..frame.tolerated import ToleratedHost
+from ..frame.tolerated import ToleratedHost, ToleratedHosts
 from ..frame.verdict import FrameStatus, FrameVerdict, Vector
 from ..tolerance import Tolerance, Uncertainty
 from .latch import SeenLatch
@@ -167,7 +167,8 @@ class Expectation:
         self, target: FrameTarget, weights: ComplexArray
     ) -> tuple[dict[str, Any], dict[str, bool]]:
         """Return what the drive alone shows, and S1, S3 and S4."""
-        host = ToleratedHost.nearest(target, np.angle(weights), target.active)
+        hosts = ToleratedHosts.of(target, Uncertainty(), target.drive_of_host)
+        host = ToleratedHost.nearest(hosts, np.angle(weights), target.active)
         intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
         verdicts, measures = criteria.judge_frame_drive(target, host, weights)
         return measures | {"intended_pressure_rms_pa": intended_pa}, verdicts
