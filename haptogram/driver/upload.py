@@ -64,15 +64,14 @@ class SequenceData:
                 f"frames of the mode {', '.join(modes)}; sequences hold phases or points, not "
                 "drives and not both"
             )
+        data = b"".join(frame.message.serialize() for frame in frames)
         counts = {len(f.message.points) for f in frames if isinstance(f.message, Points)}
         if not counts:
-            data = b"".join(frame.drive.phase_codes.tobytes() for frame in frames)
             return cls(UploadKind.PHASES, 0, data, len(frames))
         if len(counts) > 1:
             raise ConfigurationError(
                 f"frames of {min(counts)} to {max(counts)} foci; those of a sequence have as many"
             )
-        data = b"".join(frame.message.serialize() for frame in frames)
         return cls(UploadKind.POINTS, counts.pop(), data, len(frames))
 
     def check(self, identity: HelloReply) -> None:

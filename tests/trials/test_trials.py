@@ -55,6 +55,17 @@ def test_no_verdict_of_a_minute_of_trials_is_wrong(tmp_path):
     assert sum(map(results.counted, found["wrong"])) >= WRONG
 
 
+# --- the chain ---
+
+
+@pytest.mark.parametrize("mode", ["phases", "drives", "sequence"])
+def test_what_is_made_wrong_on_the_line_is_what_the_board_radiates(mode):
+    ran, _ = frames_session("wrong", mode=mode)
+    on_line = [seen for seen in ran.frames if seen.wrong and not seen.wrong.of_host]
+    assert on_line
+    assert all(np.array_equal(seen.radiated[0], seen.wrong.registers) for seen in on_line)
+
+
 # --- the trials notice a wrong verdict -------------------------------------------------------
 
 
