@@ -330,7 +330,8 @@ def _board(session: Session, program: Program, faults: list[str]) -> Iterator[_B
         "temperature_c": repr(session.temperature_c),
         "baud": BAUD,
         "seed": session.seed,
-        "reconstruct": 1,
+        # Nobody asks for the one focus of several foci: some sessions look for it all the same.
+        "reconstruct": int(len(session.frames[0].foci) == 1 or session.seed % 4 == 0),
         "fault": faults,
     }
     if program.calibration is not None:

@@ -243,7 +243,7 @@ def _effect(
 ) -> Effect:
     actual = truth.weights_of(*radiated)
     if len(wanted.foci) > 1:
-        return _of_several(session, wanted, actual, ideal)
+        return _of_several(session, wanted, actual, ideal, _peaks(session, wanted, ideal))
     phases = radiated[0] * (2.0 * math.pi / 256.0)
     return _of_one(session, wanted, (phases, actual), ideal, lie)
 
@@ -266,8 +266,9 @@ def _tolerate(effect: Effect, program: Program, wanted: Wanted, ideal: Complexes
         ]
         effect.tolerated_mm = allowance.miss_mm + max(map(float, found_mm), default=0.0)
         return
+    peaks = _peaks(session, wanted, ideal)
     for others in (air, [program.weights(moved(wanted, way)) for way in ways]):
-        found = [_of_several(session, wanted, other, ideal) for other in others]
+        found = [_of_several(session, wanted, other, ideal, peaks) for other in others]
         effect.tolerated += max((its.share for its in found), default=0.0)
         effect.tolerated_mm += max((its.miss_mm for its in found), default=0.0)
     effect.tolerated_mm = max(effect.tolerated_mm, allowance.miss_mm)
@@ -324,7 +325,24 @@ def _scatter_share(session: Session, wavenumber: float, bits: int) -> float:
     return math.cos(half) - math.cos(half + scatter)
 
 
-def _of_several(session: Session, wanted: Wanted, actual: Complexes, ideal: Complexes) -> Effect:
+def _peaks(session: Session, wanted: Wanted, ideal: Complexes) -> list[tuple[Lie, truth.Floats]]:
+    """The place of the peak next to each of several targets that has one of its own."""
+    scene, found = session.scene, []
+    for target in wanted.targets_m:
+        lie = truth.lie_of(scene, _heard(scene, ideal), target, session.wire_bits)
+        right = truth.loudest(scene, ideal, target, lie)
+        if _radians(lie, right - target) <= _NO_PEAK_RAD:  # else foci that merge: only a pressure
+            found.append((lie, right))
+    return found
+
+
+def _of_several(
+    session: Session,
+    wanted: Wanted,
+    actual: Complexes,
+    ideal: Complexes,
+    peaks: list[tuple[Lie, truth.Floats]],
+) -> Effect:
     scene, bits, steps = session.scene, session.wire_bits, _steps(session)
     targets = wanted.targets_m
     change = np.abs(truth.shares(scene, actual, ideal, targets) - 1.0)
@@ -335,11 +353,7 @@ def _of_several(session: Session, wanted: Wanted, actual: Complexes, ideal: Comp
         allowed = allowed + truth.rounding_worst(scene, ideal, targets, bits, steps)
     worst = int((change - allowed).argmax())
     effect = Effect(0.0, 0.0, float(change[worst]), float(allowed[worst]))
-    for target in targets:
-        lie = truth.lie_of(scene, _heard(scene, ideal), target, bits)
-        right = truth.loudest(scene, ideal, target, lie)
-        if _radians(lie, right - target) > _NO_PEAK_RAD:
-            continue  # foci that merge: there is no peak of its own here, only a pressure
+    for lie, right in peaks:
         miss = truth.loudest(scene, actual, right, lie) - right
         effect.miss_mm = max(effect.miss_mm, float(np.linalg.norm(miss) * 1e3))
         effect.miss_rad = max(effect.miss_rad, _radians(lie, miss))
