@@ -256,15 +256,9 @@ def _tolerate(effect: Effect, program: Program, wanted: Wanted, ideal: Complexes
     air = [program.weights(wanted, 1.0 + sign * share) for sign in (1, -1) if share]
     ways = [sign * miss_m * axis for axis in lie.axes for sign in (1.0, -1.0) if miss_m]
     if len(wanted.foci) == 1:
-        target, bits, levels = wanted.targets_m[0], session.wire_bits, np.abs(ideal)
-        found_mm = [
-            1e3
-            * np.linalg.norm(
-                truth.nearest(session.scene, np.angle(other), levels, target, lie, bits).miss_m
-            )
-            for other in air
-        ]
-        effect.tolerated_mm = allowance.miss_mm + max(map(float, found_mm), default=0.0)
+        effect.tolerated_mm = allowance.miss_mm + max(
+            (_moved_by_air_mm(session, wanted, other, lie) for other in air), default=0.0
+        )
         return
     peaks = _peaks(session, wanted, ideal)
     for others in (air, [program.weights(moved(wanted, way)) for way in ways]):
@@ -272,6 +266,17 @@ def _tolerate(effect: Effect, program: Program, wanted: Wanted, ideal: Complexes
         effect.tolerated += max((its.share for its in found), default=0.0)
         effect.tolerated_mm += max((its.miss_mm for its in found), default=0.0)
     effect.tolerated_mm = max(effect.tolerated_mm, allowance.miss_mm)
+
+
+def _moved_by_air_mm(session: Session, wanted: Wanted, other: Complexes, lie: Lie) -> float:
+    """How far the focus of a host in other air is off: by all elements alike, or as they sound."""
+    weightings = {tuple(levels) for levels in (np.abs(other), (other != 0.0) * 1.0)}
+    phases, target, bits = np.angle(other), wanted.targets_m[0], session.wire_bits
+    found = [
+        truth.nearest(session.scene, phases, np.array(levels), target, lie, bits).miss_m
+        for levels in weightings
+    ]
+    return max(float(np.linalg.norm(miss_m)) for miss_m in found) * 1e3
 
 
 def _of_one(
