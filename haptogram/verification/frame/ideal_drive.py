@@ -92,7 +92,7 @@ class IdealFrameDrive:
 
     @cached_property
     def tolerated(self) -> list[ComplexArray]:
-        """What the foci ask for at the ends of the tolerance: of a miss along each axis, of air."""
+        """Weights that the foci ask for at the ends of the tolerance: of each axis, and of air."""
         scale = scale_of_tolerance(self.targets[0].tolerance, self.targets[0].model)
         found = []
         for way in (*np.diag(scale), *np.diag(-scale)):
