@@ -37,6 +37,8 @@ from ...outcome import SELF_REPORTED, check, check_equal, informational, not_obs
 
 _MS: Final = 1000
 _DEFAULT_MS: Final = 1500  # of default timers that are awaited
+_LEAST_HOLD_MS: Final = 100  # of defaults that no SET_CONFIG extends
+_LEAST_LEASE_MS: Final = 500
 _JUST_RIGHT: Final[tuple[dict[str, Any], ...]] = (
     {"hold_ms": 1, "host_timeout_ms": 20, "sound_speed_mm_s": 300_000, "late_window_us": 0},
     {"hold_ms": 10_000, "ramp_ms": 2000, "host_timeout_ms": 10_000, "late_window_us": 100_000},
@@ -170,6 +172,10 @@ def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
         board = board.restart()
         board.hello()
     config = board.link.call(GetConfig(), ConfigReply).config
+    if not board.has(Feature.CONFIG):
+        found = config.hold_ms, config.host_timeout_ms
+        long_enough = config.hold_ms >= _LEAST_HOLD_MS and config.host_timeout_ms >= _LEAST_LEASE_MS
+        check(long_enough, f"hold_ms, host_timeout_ms are {found}, and no SET_CONFIG extends them")
     ramp_ms = config.ramp_ms if board.has(Feature.AMPLITUDE) else 0  # HG-6.11/3
     longest_ms = max(config.hold_ms, config.host_timeout_ms) + ramp_ms
     if longest_ms > _DEFAULT_MS:
