@@ -48,6 +48,7 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import OutputState
 
 DEFAULT_PLAY_LEAD_US: Final = 100_000  # from PLAY to the first frame
+DEFAULT_UNATTENDED_MS: Final = 3000  # that a sequence plays on without the host
 
 
 class Driver(ClosedByWith):
@@ -233,6 +234,14 @@ class Driver(ClosedByWith):
         self._pinger.synchronise()
         return self.clock.uncertainty_us
 
+    def silences_us(self) -> list[tuple[int, int]]:
+        """Return begin and end of each time in which this host sent nothing for 20 ms or longer.
+
+        Unwrapped device times in microseconds.
+        """
+        to_device_us = self.clock.to_device_us
+        return [(to_device_us(t0), to_device_us(t1)) for t0, t1 in self._link.silences_ns]
+
     def config(self) -> Config:
         """Return the board's configuration."""
         return self._session.configuration.read()
@@ -383,7 +392,7 @@ class Driver(ClosedByWith):
         mode: Mode | None = None,
         solver: Method | None = None,
         lead_us: int = DEFAULT_PLAY_LEAD_US,
-        unattended_ms: int = 3000,
+        unattended_ms: int = DEFAULT_UNATTENDED_MS,
         progress: Progress | None = None,
     ) -> PlayReport:
         """Upload *targets* as a sequence, play it on the board's clock, and wait for the end.

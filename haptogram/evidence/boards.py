@@ -426,5 +426,6 @@ class PortBoardUnderTest:
                 for event in driver.events
                 if isinstance(event.message, StateChanged)
                 and event.message.reason.name in TIMED_OUT
-            )
+            ),
+            is_machine_in_between=self._baudrate is None,
         )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, cast
 
 from haptogram.acoustics import AcousticModel, Calibration
 from haptogram.driver.dialect_driver import DialectDriver, DialectReport
-from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, Driver
+from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, DEFAULT_UNATTENDED_MS, Driver
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.line.port import open_transport
 from haptogram.driver.playback import PlayReport
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
 
 
+_UNDER_WAY_US: Final = 5_000  # until the first frame after a silence is at the board
 _OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
 
 
@@ -174,6 +175,7 @@ def measure_run(
     found.intended = driver.intended
     total = shown.count * config.pace.repeat
     growth: dict[str, int] = {}
+    lease_us = math.inf
     try:
         if elements is not None:
             note_calibration_of_run(found, elements, driver.model)
@@ -186,7 +188,7 @@ def measure_run(
                 driver.arm()  # now: the lease would run out while a solver is at work
                 found.report = _display_run(config, driver, frames, progress)
             board.finish(driver)  # after an interrupt as well: the board is there
-            growth = _growth_of_run(driver, before)
+            growth, lease_us = _growth_of_run(driver, before), _lease_of_run_us(driver, config)
             found.troubles = _troubles_of_run(
                 driver, growth, _OWN_MUTE if found.interrupted else ()
             )
@@ -199,8 +201,10 @@ def measure_run(
     if tap is not None:
         tap.tell(board.records())
     found.silences = board.silences(driver)
+    losses = board.losses(driver)
     found.losses = dataclasses.replace(
-        board.losses(driver),
+        losses,
+        neglects_us=_neglects_of_run_us(driver, losses.timeouts_us, lease_us),
         counters=found.troubles.get("board", {}),
         latched=growth.get("latched"),
     )
@@ -298,6 +302,21 @@ def _growth_of_run(driver: Driver, before: Counters) -> dict[str, int]:
     return {
         name: (getattr(after, name) - getattr(before, name)) % (1 << 32) for name in Counters.WIRE
     }
+
+
+def _lease_of_run_us(driver: Driver, config: VerifyConfig) -> int:
+    """Return how long the board goes on without a word of the host, less the error of the clock."""
+    is_played = config.drive.mode == "sequence"
+    lease_ms = DEFAULT_UNATTENDED_MS if is_played else driver.config().host_timeout_ms
+    return 1000 * lease_ms - math.ceil(driver.clock.uncertainty_us)
+
+
+def _neglects_of_run_us(
+    driver: Driver, timeouts_us: Iterable[int], lease_us: float
+) -> tuple[int, ...]:
+    """Return those of the timeouts that a silence of the host explains."""
+    silences = [(begin + lease_us, end + _UNDER_WAY_US) for begin, end in driver.silences_us()]
+    return tuple(t for t in timeouts_us if any(low <= t <= high for low, high in silences))
 
 
 def _troubles_of_run(

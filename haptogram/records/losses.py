@@ -34,6 +34,8 @@ class BoardLosses:
         Frames that it dropped, as the back door shows.
     timeouts_us, mutes_us : tuple of int
         When a timer of the board muted it, and when the host did.
+    neglects_us : tuple of int
+        Those of *timeouts_us* before which the host had sent nothing for as long as the lease.
     counters : mapping of str to int
         Growth of the counters of lost and damaged frames during the run.
     latched : int or None
@@ -46,6 +48,7 @@ class BoardLosses:
     drops: Mapping[FrameKey, FrameDrop] = field(default_factory=dict)
     timeouts_us: tuple[int, ...] = ()
     mutes_us: tuple[int, ...] = ()
+    neglects_us: tuple[int, ...] = ()
     counters: Mapping[str, int] = field(default_factory=dict)
     latched: int | None = None
     is_machine_in_between: bool = False

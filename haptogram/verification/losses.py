@@ -23,10 +23,13 @@ from .frame.verdict import FrameStatus, FrameVerdict
 LOST_BY_BOARD: Final = "lost by the board"
 _NOT_SENT: Final = "the host was held up and did not send it"
 _SENT_LATE: Final = "the host was held up and sent it too late"
+_SILENT: Final = "the host was held up for longer than its lease, and the board muted itself"
 _READ_LATE: Final = "the machine held up the process of the board"
 _TIMED_OUT: Final = "a timer had muted the board, because frames before it were held up"
-#: Nobody knows: a board that lost it and a right one would look alike.
-MAYBE_REPLACED: Final = "the next frame, read together with it, may have replaced it"
+_OWN_CLOCK: Final = (
+    "; at a pseudo-terminal or a socket a board that finds frames late and one whose process waits "
+    "for a processor look alike: its back door (--backdoor) or a quiet machine tells them apart"
+)
 _NOT_COUNTED: Final = "the board counted no drop"
 
 
@@ -70,8 +73,8 @@ class LossJudge:
         was_held_up = self._first is not None and self._first[1] is FrameStatus.HELD_UP
         if was_held_up and any(self._first_due_us < t <= due.latest_us for t in known.timeouts_us):
             return FrameStatus.HELD_UP, _TIMED_OUT, ""
-        if drop is None and wanted.t_apply_us is None and known.is_machine_in_between:
-            return FrameStatus.HELD_UP, MAYBE_REPLACED, "it had no time of its own"
+        if any(self._last_us < t <= due.latest_us for t in known.neglects_us):
+            return FrameStatus.HELD_UP, _SILENT, ""
         in_time = "" if sent_us is None or latest_us is None else _left_in_time(latest_us - sent_us)
         if drop is None:
             return FrameStatus.LOST, "", in_time
@@ -110,7 +113,11 @@ def lost_frames_reason(
         since += f", {_loss_ms(first.t_apply_us - begin_us)} into the run"
     were = "frame was" if due == 1 else "frames were"
     counted = "" if losses is None else f" ({_counted(lost, losses.counters)})"
-    return f"{len(lost)} of {due} {were} {LOST_BY_BOARD}, {since}{counted}"
+    # The word of a board alone: nobody knows when its process was given a processor.
+    is_late = losses is not None and losses.counters.get("dropped_late")
+    own_word = losses is not None and losses.is_machine_in_between and not losses.drops
+    doubt = _OWN_CLOCK if own_word and is_late else ""
+    return f"{len(lost)} of {due} {were} {LOST_BY_BOARD}, {since}{counted}{doubt}"
 
 
 def unnamed_losses_reason(

@@ -38,7 +38,7 @@ from .consequences.held import (
 )
 from .frame.judge import FrameJudge, lost_frame_verdict
 from .frame.verdict import JUDGED, MISSED, Cut, FrameStatus, FrameVerdict, Verdict
-from .losses import MAYBE_REPLACED, LossJudge, lost_frames_reason, unnamed_losses_reason
+from .losses import LossJudge, lost_frames_reason, unnamed_losses_reason
 from .run_verdict import RunVerdict
 from .tolerance import Tolerance, Uncertainty
 
@@ -235,8 +235,7 @@ class _MissedFrames:
         is_broken = self._cut is not None and self._cut.muted_us is None
         if why is None and self._cut is not None and is_broken and wanted.number > self._after:
             why = self._cut.reason  # who knows whether it was still on the line?
-        is_open = verdict.status is FrameStatus.LOST or MAYBE_REPLACED in verdict.faults
-        if why is None or not is_open:
+        if why is None or verdict.status is not FrameStatus.LOST:
             return verdict
         return dataclasses.replace(verdict, status=FrameStatus.NOT_VERIFIED, faults=(), note=why)
 

@@ -6,6 +6,7 @@ the same code runs on the wall clock and in virtual time.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Final, TypeAlias, TypeVar
 
@@ -23,6 +24,8 @@ from haptogram_protocol.connection import (
 from haptogram_protocol.messages import Error, ErrorCode, Message, UploadChunk
 
 NS_PER_S: Final = 1_000_000_000
+_SILENCE_NS: Final = 20_000_000  # the shortest lease of a board
+_MOST_SILENCES: Final = 10_000
 BURST_NS: Final = 1_800_000  # of line time that may be unsent: two frames of 276 B at 3 Mbaud
 _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 
@@ -54,6 +57,8 @@ class Link:
         How often the port did not take all bytes that it was offered.
     idle_since_ns : int
         When it last had nothing to do but wait for bytes.
+    silences_ns : deque of (int, int)
+        Begin and end of each time in which nothing was sent for 20 ms or longer.
     now_ns : callable
         Returns the time on the port's clock.
     """
@@ -67,8 +72,10 @@ class Link:
         self.handler: Handler = _ignore_link_event
         self.stalls = 0
         self.idle_since_ns = 0
+        self.silences_ns: deque[tuple[int, int]] = deque(maxlen=_MOST_SILENCES)
         self.now_ns = transport.now_ns  # the very method: it is called a dozen times a frame
         self._transport = transport
+        self._wrote_ns = transport.now_ns()
         self._timeout_ns = int(timeout_s * NS_PER_S)
         self._unwritten = b""
         self._refusing_since_ns: int | None = None
@@ -132,6 +139,9 @@ class Link:
         written = self._transport.write_some(data)
         self._unwritten = data[written:]
         self.line.add(written, now_ns)
+        if now_ns - self._wrote_ns >= _SILENCE_NS:
+            self.silences_ns.append((self._wrote_ns, now_ns))
+        self._wrote_ns = now_ns
         if not self._unwritten:
             self._refusing_since_ns = None
             return

@@ -5,25 +5,28 @@ All in virtual time: by every kind of evidence, for every way in which a frame c
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+from haptogram import Driver
 from haptogram.acoustics import AcousticModel
-from haptogram.evidence.backdoor import observed_losses_on_clock_of
+from haptogram.evidence.backdoor import observations_of_backdoor, observed_losses_on_clock_of
 from haptogram.evidence.boards import InProcessBoardUnderTest, PortBoardUnderTest
 from haptogram.evidence.run_record import measure_run
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram.settings.run.verify import VerifyConfig
-from haptogram.verification import FrameStatus, RunVerdict, Verdict
-from haptogram_protocol.messages import Feature
+from haptogram.verification import FrameStatus, RunVerdict, Verdict, verify_run
+from haptogram_protocol.messages import Config, Feature
 from sim_device.assembly import BoardAssembly
 from sim_device.backdoor.recorder import InlineReconstructionWorker
 from sim_device.board.board import Board
 from sim_device.board.counters import Drop
 from sim_device.board.settings import ALL_FEATURES
 from sim_device.board.stream_queue import StreamFrame
+from sim_device.board.timers import BoardTimers
 from virtual_ports import BAUD, BoardPort
 
 EVERY = 20
@@ -81,6 +84,24 @@ class MutesItself(Board):
         return super().submit(frame)
 
 
+class StopsPlaying(Board):
+    """Plays 20 frames of a sequence, and holds the last of them until a timer runs out."""
+
+    def _latch_playback(self) -> None:
+        if (playback := self._playback) is not None and playback.played == 20:
+            self._playback = dataclasses.replace(playback, start_us=playback.start_us + 10_000_000)
+        else:
+            super()._latch_playback()
+
+
+class ShortLease(Board):
+    """Mutes itself when the host is silent for less than its lead."""
+
+    def __init__(self, *arguments: Any, **more: Any) -> None:
+        super().__init__(*arguments, **more)
+        self.output.config = dataclasses.replace(self.output.config, host_timeout_ms=30)
+
+
 def part(board: type[Board]) -> dict[str, Any]:
     return {"parts": BoardAssembly(board=board)}
 
@@ -123,6 +144,7 @@ def verdict_on(
     job: dict[str, Any],
     hook: Callable[[BoardPort, int], None] | None = None,
     between: bool = False,
+    baudrate: int | None = BAUD,
     **board: Any,
 ) -> RunVerdict:
     """Run the job on a board, and judge it; *hook* is called with each frame that is sent."""
@@ -137,7 +159,7 @@ def verdict_on(
     else:
         computes = config.frame_kind == "points"
         under_test = PortBoardUnderTest(
-            "virtual://", baudrate=BAUD, rate_hz=config.pace.rate_hz, board_computes=computes
+            "virtual://", baudrate=baudrate, rate_hz=config.pace.rate_hz, board_computes=computes
         )
         under_test.port = port
     sent = iter(range(10_000))
@@ -168,6 +190,15 @@ def test_a_frame_that_the_board_loses_fails(evidence: str, cause: str) -> None:
 
 
 @pytest.mark.parametrize("evidence", EVIDENCE)
+def test_a_playback_that_stops_fails(evidence: str) -> None:
+    backdoor, features, job = EVIDENCE[evidence]
+    job = job | {"mode": "sequence"}
+    run = verdict_on(backdoor=backdoor, job=job, **features, **part(StopsPlaying))
+    assert run.verdict is Verdict.FAIL
+    assert f"{len(run.frames) - 20} of {len(run.frames)} frames were lost" in run.reasons[0]
+
+
+@pytest.mark.parametrize("evidence", EVIDENCE)
 def test_a_healthy_board_loses_nothing(evidence: str) -> None:
     backdoor, features, job = EVIDENCE[evidence]
     run = verdict_on(backdoor=backdoor, job=job, **features)
@@ -175,21 +206,57 @@ def test_a_healthy_board_loses_nothing(evidence: str) -> None:
     assert (run.counts["lost"], run.counts["held_up"]) == (0, 0)
 
 
-@pytest.mark.parametrize("stall_ms", [150, 900])
-@pytest.mark.parametrize("evidence", EVIDENCE)
-def test_what_the_host_held_up_is_excused(evidence: str, stall_ms: int) -> None:
-    """Above its lead the host skips frames; above the timers the board mutes itself."""
+#: How long the host is held up, what it does, and the board.
+STALLS: dict[str, tuple[int, dict[str, Any], dict[str, Any]]] = {
+    "above the lead, so that frames are skipped": (150, {}, {}),
+    "above the timers, so that the board mutes itself": (900, {}, {}),
+    "below the lead, above the lease, so that the queue is flushed": (95, {}, part(ShortLease)),
+    "above the lease of a playback": (4000, {"mode": "sequence", "rate_hz": 100}, {}),
+}
 
-    def stall(port: BoardPort, number: int) -> None:
+
+@pytest.mark.parametrize("stall", STALLS)
+@pytest.mark.parametrize("evidence", EVIDENCE)
+def test_what_the_host_held_up_is_excused(evidence: str, stall: str) -> None:
+    stall_ms, doing, board = STALLS[stall]
+
+    def hold_up(port: BoardPort, number: int) -> None:
         if number == 60:
             port.stall(stall_ms * 1_000_000)
 
     backdoor, features, job = EVIDENCE[evidence]
-    run = verdict_on(backdoor=backdoor, job=job, hook=stall, **features)
+    job = job | doing | ({"repeat": 100} if doing else {})
+    run = verdict_on(backdoor=backdoor, job=job, hook=hold_up, **features, **board)
     assert run.verdict is not Verdict.FAIL, run.reasons
     assert run.counts["lost"] == 0
     assert run.counts["held_up"] > 0
     assert "held up" in str(run)
+
+
+@pytest.mark.parametrize("cause", ["late", "full", "silent"])
+def test_a_busy_machine_is_named_where_a_board_alone_says_that_frames_came_late(cause: str) -> None:
+    board, _ = CAUSES[cause]
+    run = verdict_on(backdoor=False, job={}, baudrate=None, **board)  # a pseudo-terminal
+    assert run.verdict is Verdict.FAIL
+    assert ("whose process waits for a processor" in run.reasons[0]) is (cause == "late")
+
+
+class HiddenLeaseTimers(BoardTimers):
+    """Does not wait for as long as the configuration says."""
+
+    def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:
+        super().renew_lease(now_us, dataclasses.replace(config, host_timeout_ms=30), unattended_ms)
+
+
+def test_a_lease_that_is_shorter_than_the_board_says_is_no_excuse() -> None:
+    def hold_up(port: BoardPort, number: int) -> None:
+        if number == 60:
+            port.stall(95_000_000)
+
+    board = {"parts": BoardAssembly(timers=HiddenLeaseTimers)}
+    run = verdict_on(backdoor=True, job={"repeat": 100}, hook=hold_up, **board)
+    assert run.verdict is Verdict.FAIL
+    assert run.counts["lost"] > 0
 
 
 class LateReader:
@@ -215,3 +282,24 @@ def test_what_the_machine_read_late_is_excused_and_nothing_else(board: type[Boar
     assert run.counts["lost"] == (0 if board is Board else pytest.approx(30, abs=4))
     assert run.verdict is (Verdict.PASS if board is Board else Verdict.FAIL)
     assert "the machine held up the process of the board" in str(run)
+
+
+@pytest.mark.parametrize("board", [Board, Silent])
+def test_a_frame_without_a_time_is_lost_like_any_other(board: type[Board]) -> None:
+    """The next one cannot have replaced it: the driver asks for the status before each."""
+    records: list[dict[str, Any]] = []
+    port = BoardPort(model=MODEL, **part(board))
+    recorder = InlineReconstructionWorker(port.board.settings, records.append)
+    port.latch, port.notice = recorder.latch, recorder.notice
+    with Driver(port, model=MODEL, seed=1) as driver:
+        driver.arm()
+        for number in range(60):
+            driver.focus((0.0, 0.0, 0.06 + 1e-4 * number))
+    run = verify_run(
+        driver.intended,
+        observations_of_backdoor(records),
+        model=MODEL,
+        losses=observed_losses_on_clock_of(driver.intended, records, is_machine_in_between=True),
+    )
+    assert run.verdict is (Verdict.PASS if board is Board else Verdict.FAIL), run.reasons
+    assert (run.counts["lost"], run.counts["held_up"]) == (0 if board is Board else 3, 0)
