@@ -182,7 +182,7 @@ def _panel_map(model: AcousticModel, drive: Drive, plane: PicturePlane) -> RunFi
 
 
 def run_finite_amplitude(run: RunVerdict, model: AcousticModel) -> Iterator[str]:
-    """Yield what the linear field leaves out, at the focus where that is most."""
+    """Yield the limits of the linear field, at the focus that strains it most."""
     heard = [frame for frame in run.frames if frame.pressure_rms_pa is not None]
     if not heard:
         return

@@ -108,7 +108,6 @@ DRIVER = {
     "trace": (*OTHER, 1, -1),
     "keep": (*WHOLE, 0),
     "sink": CALLABLE,
-    "dialect": [3, True, "sonicsurfaces", b"sonicsurface"],
 }
 CHANNELS = (5, NAN, "x", b"x", [], {}, {1, 2}, object(), ["a"], [None], [[1]], [True], [-1])
 DIALECT_DRIVER = {
