@@ -380,7 +380,7 @@ def _outcome(
     passed, failed = verdict.status is FrameStatus.ON_TARGET, verdict.status in WRONG
     beyond = effect.why_beyond(verdict.smallest_miss_mm)
     if ran.session.group == "honest" or untouched:
-        if beyond is not None:
+        if beyond is not None and (passed or failed):
             trial.findings.append(f"truth: {beyond}, of an honest drive")
         if failed:
             trial.findings.append("; ".join(verdict.faults) or "no fault named")

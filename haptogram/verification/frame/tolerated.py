@@ -30,6 +30,7 @@ _STEPS: Final = 12
 _SETTLED: Final = 1e-4  # of the tolerance
 _SLOPE: Final = 0.02  # of the tolerance, to either side
 _ROUNDS: Final = 3  # of the exact solution, each linearised anew
+_SHORTER: Final = (1.0, 0.3, 0.1, 0.03)  # of the step of such a solution
 _HOPELESS: Final = 1.5  # times the limit: an RMS error that no place within rounding explains
 _EXACT: Final = 1.0 + 1e-4
 _SECOND_ORDER: Final = 1.5  # of the bound of the first order
@@ -235,8 +236,11 @@ class ToleratedHost:
         )
         if found.x is None:
             return self
-        other = dataclasses.replace(self, share=self.share + found.x[:4])
-        return other if other.error_rad < self.error_rad else self
+        for size in _SHORTER:  # along what hardly shows, a solution may be far off
+            other = dataclasses.replace(self, share=self.share + size * found.x[:4])
+            if other.error_rad < self.error_rad:
+                return other
+        return self
 
     def anywhere(self, model: AcousticModel) -> ToleratedHost:
         """Return the nearest host within any tolerance that can be stated."""
