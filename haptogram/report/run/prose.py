@@ -9,6 +9,7 @@ from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.model.lattice import find_lattice
 from haptogram.records.frame import Evidence
 from haptogram.verification import Tolerance, cut_run_verdict_text, tolerance_text
+from haptogram.verification.frame.criteria import CRITERIA as FRAME_CRITERIA
 
 from .pins import run_capture_sentences
 from .wording import run_count_wording, run_host_delay_text, run_remedy_text
@@ -23,14 +24,10 @@ _EVIDENCE: Final = {
 }
 
 CRITERIA: Final = (
-    "S1: every latched phase is within half a step of the one that focuses on the target.",
-    "S2: the focus that was reconstructed, without knowing the target, is where the target is.",
-    "S3: the sound of all transducers arrives at the target in step (coherence).",
-    "S4: the peak of the pressure is where that of the ideal drive is: diffraction pulls both "
-    "towards the array.",
-    "S5: every latched amplitude is the intended one, within half a step.",
-    "Several foci in a frame: each against what the ideal drive for these foci makes of it. S1: "
-    "every phase; S2: the place of the pressure peak next to the target; S3: the pressure there.",
+    *(f"{name}: {of_one}." for name, (of_one, _) in FRAME_CRITERIA.items()),
+    "Several foci in a frame: each against what the ideal drive for these foci makes of it. "
+    + "; ".join(f"{name}: {each}" for name, (_, each) in FRAME_CRITERIA.items() if each)
+    + ".",
     "Efficiency of several foci: the squares of their pressures, each over what the same output "
     "would make of that focus alone, added up. 1: they share it without loss; less: they take from "
     "each other; more: they are so near that one beam serves several.",

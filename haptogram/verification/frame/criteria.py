@@ -1,16 +1,8 @@
-"""The criteria S1 to S5 of one frame with one focus.
+"""The criteria S1 to S5 of a frame: one list, for one focus and for several.
 
-S1  element residual: every latched phase is within half a step of the one that focuses on the
-    target, up to a phase that all share.
-S2  the focus that was reconstructed, without knowing the target, is where the target is, within
-    the worst that rounding of the phases can do.
-S3  coherence at the target, |sum w_n g_n| / sum |A_n g_n| with the *intended* amplitudes A_n.
-S4  the peak of |p| across and along the beam is where that of the ideal drive is, within the worst
-    that rounding can do.
-S5  every latched amplitude is the intended one, within half a step.
-
-With a tolerance of the user, S2 is wider by it, and S1, S3 and S4 ask for the drive of a host that
-is within it: see :mod:`.tolerated`.  Several foci: see :mod:`.several`.
+With a tolerance of the user, S2 is wider by it, and the others ask for the drive of a host that is
+within it: see :mod:`.tolerated`.  Several foci share an aperture and pull at each other, so each is
+compared with what the ideal drive makes of it: see :mod:`.ideal_drive`.
 """
 
 from __future__ import annotations
@@ -30,6 +22,28 @@ from haptogram.records.frame import Intended
 from .peaks import ExpectedPeak
 from .target import FrameTarget
 from .tolerated import ToleratedHost
+
+#: What each criterion asks of one focus, and of each of several beside the ideal drive for them.
+CRITERIA: Final = {
+    "S1": (
+        "every latched phase is within half a step of the one that focuses on the target",
+        "every phase",
+    ),
+    "S2": (
+        "the focus that was reconstructed, without knowing the target, is where the target is",
+        "the place of the pressure peak next to the target",
+    ),
+    "S3": (
+        "the sound of all transducers arrives at the target in step (coherence)",
+        "the pressure there",
+    ),
+    "S4": (
+        "the peak of the pressure is where that of the ideal drive is: diffraction pulls both "
+        "towards the array",
+        "",
+    ),
+    "S5": ("every latched amplitude is the intended one, within half a step", "every amplitude"),
+}
 
 _ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
 AMPLITUDE_STEP: Final = 1.0 / FULL_AMPLITUDE

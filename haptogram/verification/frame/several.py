@@ -1,14 +1,7 @@
 """The verdict on a frame with several foci.
 
-Foci that share an aperture pull at each other, so each is compared with the peak that the ideal
-drive has next to its target, and not with the target.  The ideal drive is what made the frame,
-asked again in the air that there is; a frame of phases drives every element in full.
-
-S1  every latched phase is within half a step of the ideal one, up to a phase that all share.
-S2  the pressure peak next to each target is where that of the ideal drive is, within the worst
-    that rounding can do.
-S3  the pressure at each target is that of the ideal drive, within the worst that rounding can do.
-S5  every latched amplitude is the ideal one, within half a step.
+The criteria of :mod:`.criteria` are asked of each focus beside the ideal drive, which is what made
+the frame, asked again in the air that there is; a frame of phases drives every element in full.
 """
 
 from __future__ import annotations
