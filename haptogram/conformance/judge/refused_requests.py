@@ -88,17 +88,20 @@ def other_config_than_judged(board: BoardClient) -> Config:
     """Return a valid configuration in which every field that can be set is another one."""
     offered = [mode for feature, mode in TRACE_MODES if board.has(feature)]
     other = next((mode for mode in offered if mode is not board.config.trace_mode), TraceMode.OFF)
+    beside = {
+        name: value - 1 if value == CONFIG_BOUNDS[name][1] else value + 1
+        for name in ("ramp_ms", "sound_speed_mm_s", "trace_divider")
+        for value in [getattr(board.config, name)]
+    }
     return dataclasses.replace(
         board.config,
         hold_ms=1,
-        ramp_ms=board.config.ramp_ms + 1,
         host_timeout_ms=20,
         status_period_ms=board.quick_status_ms,
         late_window_us=abs(board.config.late_window_us - 1),
-        sound_speed_mm_s=board.config.sound_speed_mm_s + 1,
         trace_mode=other,
         amplitude_ceiling=board.config.amplitude_ceiling ^ 1,
-        trace_divider=board.config.trace_divider + 1,
+        **beside,
     )
 
 

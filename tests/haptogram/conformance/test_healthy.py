@@ -380,12 +380,12 @@ LEAST = (
 )
 
 
-class LateWindow(BoardOutput):
-    """Latches late frames by default: that is left to the board."""
+class OwnDefaults(BoardOutput):
+    """Latches late frames and ramps for 2 s by default: that is left to the board."""
 
     def __init__(self, *args, **kwargs):
         super().__init__(*args, **kwargs)
-        self.config = dataclasses.replace(self.config, late_window_us=5000)
+        self.config = dataclasses.replace(self.config, late_window_us=5000, ramp_ms=2000)
 
 
 @pytest.mark.nightly
@@ -403,7 +403,8 @@ def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
     [
         *TOGETHER,
         ({"max_horizon_us": 100_000}, NEAR),
-        *((limits | {"output": LateWindow}, ()) for limits in LEAST),
+        *((limits | {"output": OwnDefaults}, ()) for limits in LEAST),
+        ({"output": OwnDefaults}, ("HG-7.1/4",)),
         ({"grid": (32, 32), "rx_window": 4098, "max_chunk": 512}, ("HG-2.4/2-timers",)),
         ({"max_unattended_ms": 1000}, ("HG-7.6/4-long", "HG-7.8/1-many", "HG-8.4/1-many")),
         ({"max_upload_bytes": 2000, "max_stored_bytes": 3000}, ("HG-7.6/4-offsets",)),
