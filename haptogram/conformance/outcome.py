@@ -51,6 +51,15 @@ class CaseEndedError(HaptogramError):
         self.behaviour = behaviour
 
 
+class HeldUpError(CaseEndedError):
+    """Ends a case as INCONCLUSIVE: something on the way held it up, and nothing is judged."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(
+            Behaviour.INCONCLUSIVE, f"the host, its line or an emulator was held up: {text}"
+        )
+
+
 def check(holds: bool, text: str) -> None:
     """End the case as FAILED unless *holds*."""
     if not holds:
@@ -81,6 +90,12 @@ def inconclusive(text: str) -> NoReturn:
 def not_observed(text: str) -> NoReturn:
     """End the case as NOT-OBSERVED: this board or this line cannot show the behaviour."""
     raise CaseEndedError(Behaviour.NOT_OBSERVED, text)
+
+
+def require(holds: bool, why_not: str) -> None:
+    """End the case as NOT-OBSERVED unless *holds*: it is what the case needs to see something."""
+    if not holds:
+        not_observed(why_not)
 
 
 def unimplemented(text: str) -> NoReturn:

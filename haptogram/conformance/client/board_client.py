@@ -7,7 +7,7 @@ import dataclasses
 import random
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
 from haptogram_protocol.messages import (
@@ -55,6 +55,7 @@ from ..outcome import (
     fail,
     inconclusive,
     not_observed,
+    require,
     unimplemented,
 )
 from .board_clock import ClockClient
@@ -83,8 +84,10 @@ PARTS_OF_FRAMES: Final = (
 )
 #: Times in which the points of a frame come and are computed: more outlast leases and holds.
 _CARRIED_US: Final = 20_000
+_T = TypeVar("_T")
 _COMPUTED_US: Final = 100_000
 _FAULT_US: Final = 1_000_000  # how long a fault that a user brings about may last
+_DEEPEST: Final = 512  # queue that a case fills
 _STATUS_BYTES: Final = 148  # of a STATUS on the line
 
 
@@ -187,23 +190,28 @@ class BoardClient:
         self.link.rx_window = max(reply.rx_window, MAX_ENCODED_BYTES + 2)  # judged by HG-4.3/8
         self.clock.carrier_us = 1_000_000 // max(1, reply.carrier_hz)
         self.clock.point_time_us = reply.point_time_us
+        self.clock.latch_lead_us = reply.latch_lead_us
         self.clock.horizon_us = reply.max_horizon_us
-        self.clock.lead_us = self.ready_after_us(self.most_points)
+        self.clock.lead_us = self.clock.ready_us(0, self.most_points)
         self.link.processed_us = PROCESSED_US + reply.queue_depth * self.clock.lead_us
 
-    def ready_after_us(self, points: int = 0) -> int:
-        """Return the time from the arrival of a frame of so many points until it is ready."""
-        return self.identity.latch_lead_us + points * self.identity.point_time_us
+    def late_time_us(self, late_us: int, points: int = 0) -> int:
+        """Return the t_apply at which a frame that is sent now is ready so late.
 
-    def late_time_us(self, late_us: int) -> int:
-        """Return the t_apply at which a drive that is sent now is ready so late."""
-        return self.clock.device_us() + self.ready_after_us() - late_us
+        Within the late window it has to come so soon that it stays there: else nothing is judged.
+        """
+        t_us = self.clock.ready_us(self.clock.device_us(), points) - late_us
+        if 0 < late_us < self.config.late_window_us:
+            last_us = t_us + self.config.late_window_us - points * self.identity.point_time_us
+            self.clock.expect_before(last_us)
+        return t_us
 
     def prepare(self) -> None:
         """Open a session with the board DISARMED and quiet, as every case begins.
 
         The cases, and not this method, judge the replies.
         """
+        self.clock.forget_exchange()
         if self.hello().state is OutputState.FAULT and not self.leaves_fault():
             inconclusive("the board is in FAULT, and DISARM does not lead out")
         self.link.ask(Arm())  # the only way out of MUTED
@@ -364,6 +372,29 @@ class BoardClient:
             elements += reply.elements
         return elements
 
+    def depth_to_fill(self) -> int:
+        """Return the depth of the queue; NOT-OBSERVED if that is too much to fill."""
+        depth = self.identity.queue_depth
+        require(depth <= _DEEPEST, f"a queue of {depth} frames is not filled")
+        return depth
+
+    def times_in_queue(self, number: int, *, others: int = 0, ahead_us: int = 0) -> list[int]:
+        """Return so many times, a millisecond apart, for frames of :meth:`shortest_stream`.
+
+        With *others* beside them they come in time; NOT-OBSERVED if the line or the board takes
+        longer than the horizon for that.
+        """
+        good = self.shortest_stream()
+        frames = number + others
+        points = frames * (len(good.points) if isinstance(good, Points) else 0)
+        size = frames * len(self.link.stream_wire(good, 0, seq=0)) + _STATUS_BYTES
+        start_us = self.clock.soon_us(bytes(size), points=points) + ahead_us
+        times = [start_us + 1000 * place for place in range(number)]
+        last_us = self.clock.device_us() + self.identity.max_horizon_us
+        text = f"this line or board takes too long to fill a queue of {number} frames"
+        require(times[-1] + 1000 <= last_us, text)
+        return times
+
     def within_timers(self, wires: Iterable[bytes]) -> list[bytes]:
         """Return the first of *wires*, one at least, that the line brings before a timer ends.
 
@@ -394,6 +425,10 @@ class BoardClient:
             for name in ("frames", "requests")
         }
         return dataclasses.replace(status, counters=dataclasses.replace(status.counters, **counted))
+
+    def sample(self, items: Iterable[_T], at_wall: int = 1) -> list[_T]:
+        """Return all of *items*, at a wall clock, where each takes its time, the first of them."""
+        return list(items) if self.wire.is_virtual else list(items)[:at_wall]
 
     def require_no_status(self) -> None:
         """End the case as NOT-OBSERVED if the board sends STATUS, which empties the margins."""

@@ -6,8 +6,8 @@ from typing import Final
 
 from haptogram_protocol.messages import Ping, Pong, unwrap
 
-from ..outcome import inconclusive, not_observed
-from .request_client import RequestClient
+from ..outcome import HeldUpError, not_observed, require
+from .request_client import NO_TIME_US, RequestClient
 
 BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
 _TIMES_IN_CARRIER: Final = 3  # in µs
@@ -31,6 +31,8 @@ class ClockClient:
     ----------
     carrier_us : int
         Carrier period of the board that answered HELLO last.
+    latch_lead_us : int
+        Time that this board needs to make a frame without points ready.
     lead_us : int
         Time that this board needs to make any stream frame ready.
     point_time_us : int
@@ -42,7 +44,7 @@ class ClockClient:
     def __init__(self, link: RequestClient, *, booted: bool) -> None:
         self.booted = booted
         self.carrier_us = 1
-        self.lead_us = self.point_time_us = 0
+        self.lead_us = self.latch_lead_us = self.point_time_us = 0
         self.horizon_us = 1 << 31
         self._link = link
         self._wire = link.wire
@@ -75,6 +77,10 @@ class ClockClient:
         """Return the device time by the host's clock and the last PONG, or a little less."""
         return self._wire.now_us() + self._behind_us
 
+    def device_least_us(self) -> int:
+        """Return what the device clock shows at least, with the error of the host's estimate."""
+        return self.device_estimate_us() - self._wire.limits.slack_us - _SPARE_US
+
     def unwrap(self, t_wire_us: int) -> int:
         """Return a device time from a frame, unwrapped."""
         return unwrap(t_wire_us, self.device_estimate_us(), 32)
@@ -82,14 +88,22 @@ class ClockClient:
     def ahead_us(self, ahead_us: int) -> int:
         """Return the device time in *ahead_us*; NOT-OBSERVED if that is beyond the horizon."""
         self.require_horizon(ahead_us)
-        return self.device_us() + ahead_us
+        return self._begin_exchange(self.device_us() + ahead_us)
 
-    def can_be_in_time(self, ready_us: int) -> bool:
-        """Return True if a frame that is ready so long after its arrival may come in time.
+    def ready_us(self, came_us: int, points: int = 0) -> int:
+        """Return when a frame of so many points that came at *came_us* is ready."""
+        return came_us + self.latch_lead_us + points * self.point_time_us
 
-        A t_apply behind that lies beyond the horizon (HG-5.7/4) of some boards.
+    def timer_ms(self, least_ms: int, size: int = 0) -> int:
+        """Return *least_ms*, and what the line takes for *size* bytes and the board for a frame."""
+        return least_ms + (self._wire.line_us(size) + self.latch_lead_us) // 1000
+
+    def can_be_in_time(self, points: int = 0) -> bool:
+        """Return True if a frame of so many points may come in time.
+
+        The first t_apply for which it is ready lies beyond the horizon (HG-5.7/4) of some boards.
         """
-        return ready_us + _IN_TIME_US <= self.horizon_us
+        return self.ready_us(_IN_TIME_US, points) <= self.horizon_us
 
     def beyond_us(self, least_us: int) -> int | None:
         """Return the time from now to a t_apply *least_us* beyond the horizon.
@@ -116,7 +130,7 @@ class ClockClient:
         ready_us = points * self.point_time_us + self.lead_us
         ready_us += self._wire.limits.lead_us + 2 * extra_us
         self.require_horizon(ready_us + ahead_us)
-        return self.on_carrier(self.device_us() + ready_us) + ahead_us
+        return self._begin_exchange(self.on_carrier(self.device_us() + ready_us)) + ahead_us
 
     def require_times_in_carrier(self) -> None:
         """End the case as NOT-OBSERVED if a carrier period has no room for three times."""
@@ -128,21 +142,33 @@ class ClockClient:
         return -(-t_us // self.carrier_us) * self.carrier_us
 
     def wait_until(self, t_device_us: int) -> None:
-        """Wait until the device clock has passed *t_device_us*."""
+        """Wait until the device clock has passed *t_device_us*.
+
+        What was sent for a time in this exchange has to have come before: else nothing is judged.
+        """
+        self.end_exchange()
         left_us = t_device_us - self.device_estimate_us()
         self._wire.idle(max(0, left_us) + self._wire.limits.slack_us + _SPARE_US)
+
+    def wait_before(self, t_device_us: int) -> None:
+        """Wait until shortly before the device clock shows *t_device_us*, however late we wake."""
+        left_us = t_device_us - self.device_estimate_us() - self._wire.limits.slack_us
+        self._wire.idle(max(0, left_us))
 
     def wait_computed(self, points: int) -> None:
         """Wait until the board has computed so many points, which it has received."""
         self._wire.idle(points * self.point_time_us)
 
-    def wait_latched(self, ready_us: int | None = None) -> None:
+    def wait_latched(self, points: int | None = None) -> None:
         """Wait until the line has brought what was sent, and its frames have been latched.
 
-        The board makes them ready in *ready_us*; None: as long as it may need for any frame.
+        The board computes so many points for them; None: as many as it may for any frame.
         """
+        self.end_exchange()
         slack_us = self._wire.limits.slack_us
-        boundary_us = (self.lead_us if ready_us is None else ready_us) + 4 * self.carrier_us
+        boundary_us = (self.lead_us if points is None else self.ready_us(0, points)) + (
+            4 * self.carrier_us
+        )
         if not slack_us:
             self._wire.idle(self._wire.backlog_us + boundary_us)
             return
@@ -153,14 +179,46 @@ class ClockClient:
         while self.device_us() < latched_us and self._wire.now_us() < given_up_us:
             pass
 
-    def require_in_time(self, t_device_us: int, came_us: int | None = None) -> None:
-        """End the case as INCONCLUSIVE if the frames that were sent may have come after that.
+    # --- held up -------------------------------------------------------------------------------
 
-        They came by *came_us*. None: by now; in wall time the board itself tells when that is, as
-        an emulator may be held up too.
+    def _begin_exchange(self, t_device_us: int) -> int:
+        """Expect frames for *t_device_us*, or its carrier period, to come before their time."""
+        self._link.in_time_from_us = t_device_us - self.carrier_us
+        self._link.in_time_us = NO_TIME_US
+        return t_device_us
+
+    def expect_before(self, t_device_us: int) -> None:
+        """Expect what this exchange sends to be ready before that time."""
+        self._link.in_time_us = t_device_us
+
+    def end_exchange(self) -> None:
+        """End the case, not judged, if a frame of this exchange may have come behind its time."""
+        due_us = self._link.in_time_us
+        self.forget_exchange()
+        if due_us < NO_TIME_US:
+            self.require_before(due_us - self.latch_lead_us, "frames came too late")
+
+    def forget_exchange(self) -> None:
+        """Expect nothing of the frames that were made: the case chooses when they come."""
+        self._link.in_time_from_us = self._link.in_time_us = NO_TIME_US
+
+    def require_before(self, t_device_us: int, what: str, at_us: int | None = None) -> None:
+        """End the case, not judged, unless *what* is over before that device time.
+
+        It was over at *at_us*. None: now; in wall time the board itself tells when that is, as an
+        emulator may be held up too.
         """
-        if came_us is None:
-            came_us = self.device_us() if self._wire.limits.slack_us else self.device_estimate_us()
-        if came_us >= t_device_us:
+        if at_us is None:
+            at_us = self.device_estimate_us() if self._wire.is_virtual else self.device_us()
+        if at_us >= t_device_us:
             self._wire.note_held_up(self._wire.limits.lead_us)
-            inconclusive("the host, its line or an emulator was held up: frames came too late")
+            raise HeldUpError(f"{what}, {at_us - t_device_us} µs behind")
+
+    def require_frames_in_carrier(self, size: int, part: int = 1) -> None:
+        """End the case as NOT-OBSERVED unless *size* bytes come in a *part* of a carrier period."""
+        fits = self.is_one_moment(size * part)
+        require(fits, "no two frames come within one carrier period of this line")
+
+    def is_one_moment(self, size: int) -> bool:
+        """Return whether *size* bytes come within one carrier period, whenever the host wants."""
+        return self._wire.is_virtual and self._wire.carries(size, self.carrier_us - 1)

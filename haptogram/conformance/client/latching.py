@@ -94,7 +94,7 @@ def latch_now(board: BoardClient, message: Message) -> int:
     index = board.link.stream_next
     wire = board.link.stream_wire(message)
     board.link.send(wire)
-    board.clock.wait_latched(board.ready_after_us(points_of_stream_kind(message)))
+    board.clock.wait_latched(points_of_stream_kind(message))
     return index
 
 
@@ -116,6 +116,7 @@ def send_to_arrive_at(board: BoardClient, t_us: int, wires: bytes) -> None:
     start_us = t_us - board.wire.line_us(len(wires))
     board.wire.idle(max(0, start_us - board.clock.device_estimate_us()))
     board.link.send(wires)
+    board.clock.forget_exchange()
 
 
 def full_client_drive(registers: bytes) -> bytes:

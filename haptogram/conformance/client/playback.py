@@ -117,7 +117,7 @@ def play_now(
     )
     _require_hold(board, play.period_us)
     reply = board.link.call(play, PlayReply, flags=Flag.IMMEDIATE)
-    board.wire.idle(board.ready_after_us())
+    board.wire.idle(board.clock.ready_us(0))
     return reply
 
 
@@ -137,7 +137,7 @@ def play_at(
     _require_hold(board, play.period_us)
     answer = board.link.ask(play, time_us=start_us)
     if isinstance(answer.message, Error):
-        board.clock.require_in_time(start_us - board.ready_after_us())
+        board.clock.require_before(start_us - board.clock.ready_us(0), "PLAY came too late")
     return board.link.reply_in(answer, PlayReply, Play.TYPE)
 
 
@@ -216,8 +216,7 @@ def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> Playbac
     NOT-OBSERVED if the board, which is left alone meanwhile, mutes before the end.
     """
     require_time_to_play(board, lasts_us)
-    timeout_us = 2 * lasts_us + 300_000 + 2 * board.wire.limits.slack_us
-    found = board.link.await_event(PlaybackEnded, since, timeout_us)
+    found = board.link.await_event(PlaybackEnded, since, 2 * lasts_us + 300_000)
     if found is None:
         fail(f"no PLAYBACK_ENDED of a playback of {lasts_us / 1000:g} ms")
     return found[1]
@@ -236,7 +235,7 @@ def flood_with_traces(board: BoardClient) -> tuple[int, int]:
     rate = min(board.identity.max_playback_rate_hz, _FLOOD_RATE_HZ)
     period_us = board.clock.on_carrier(-(-1_000_000 // rate))
     frames = _FLOOD_FRAMES
-    if board.wire.limits.slack_us:
+    if not board.wire.is_virtual:
         trace = _TRACE_BYTES + 2 * board.identity.transducers
         frames = max(frames, 2 * (_BUFFERS_BYTES // (2 * trace)))
     require_time_to_play(board, frames * period_us)

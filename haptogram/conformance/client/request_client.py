@@ -32,6 +32,8 @@ _M = TypeVar("_M", bound=Message)
 PROCESSED_US: Final = 50_000
 #: Of a larger window or free room only so much is filled in one burst: it may be 4 GB.
 LONGEST_BURST_BYTES: Final = 1 << 17
+#: Later than every device time.
+NO_TIME_US: Final = 1 << 62
 _ECHO_BITS: Final = 64
 _KNOCK_US: Final = 100_000  # how soon a board that boots is asked again
 _PING_BYTES: Final = 26  # on the line, at most
@@ -64,6 +66,10 @@ class RequestClient:
         Encoded bytes that the board takes without an answer (HG-2.7/2).
     processed_us : int
         Time after which the board has processed what it has received.
+    in_time_from_us : int
+        Stream frames for this device time or a later one are to come before their time.
+    in_time_us : int
+        The first such time of a frame that was made since the last look at it.
     pauses : int
         How often the client waited for the board, by a PING that counts in ``requests``.
     """
@@ -78,6 +84,7 @@ class RequestClient:
         self.rx_window = MAX_ENCODED_BYTES + 2  # the least of HG-4.3/8
         self.processed_us = PROCESSED_US
         self.pauses = 0
+        self.in_time_from_us = self.in_time_us = NO_TIME_US
         self._unanswered: list[tuple[bytes, int, int]] = []  # with the mark before, and the time
         self._unanswered_bytes = 0
         self._answers_of_pauses: deque[ReceivedByClient] = deque(maxlen=_PAUSES_KEPT)
@@ -136,6 +143,8 @@ class RequestClient:
         if flags is None:
             flags = Flag.IMMEDIATE if at_us is None else 0
         time_us = at_us or 0
+        if not flags & Flag.IMMEDIATE and time_us >= self.in_time_from_us:
+            self.in_time_us = min(self.in_time_us, time_us)
         return encode_frame(
             self.body(kind, payload, seq=seq, flags=flags, time_us=time_us, session=session)
         )
@@ -228,7 +237,7 @@ class RequestClient:
         since = self.mark()
         self._put([wire])
         self.knock(wire, seq, since)
-        answer = self.answer_to(kind, seq, since, self.wire.line_us(len(wire)))
+        answer = self.answer_to(kind, seq, since)
         if kind != Mute.TYPE:  # which may overtake what was sent before (HG-3.8/2)
             self._forget_unanswered()
         return answer
@@ -254,27 +263,24 @@ class RequestClient:
         if self.knocks:
             self.wire.idle(wait_us)  # a board may have kept them all, and answers each
 
-    def answer_to(self, kind: int, seq: int, since: int, extra_us: int = 0) -> ReceivedByClient:
+    def answer_to(self, kind: int, seq: int, since: int) -> ReceivedByClient:
         """Return the answer to the request *seq* from piece *since* on; FAILED if none comes."""
-        found = self.try_answer(seq, since, extra_us)
+        found = self.try_answer(seq, since)
         if found is None:
-            fail(
-                f"no answer to {annotated_type_name(kind)} (seq {seq}) "
-                f"within {self._patience(extra_us)}"
-            )
+            patience_us = self.wire.limits.answer_us + self.wire.sent_for_us
+            name = annotated_type_name(kind)
+            fail(f"no answer to {name} (seq {seq}) within {patience_us / 1e6:.4g} s")
         return found
 
-    def try_answer(self, seq: int, since: int, extra_us: int = 0) -> ReceivedByClient | None:
+    def try_answer(self, seq: int, since: int) -> ReceivedByClient | None:
         """Return the answer to the request *seq*, None if none comes in time."""
-        timeout_us = self.wire.limits.answer_us + self.wire.backlog_us + extra_us
+        sent_us = self.wire.backlog_us + self.wire.sent_for_us
+        timeout_us = self.wire.limits.answer_us + sent_us
 
         def answers(piece: ReceivedByClient) -> bool:
             return piece.header is not None and piece.is_response and piece.header.seq == seq
 
         return self.wire.wait_for(answers, since, timeout_us)
-
-    def _patience(self, extra_us: int) -> str:
-        return f"{(self.wire.limits.answer_us + extra_us) / 1e6:.4g} s"
 
     def call(self, message: Message, reply: type[_M], **header: Any) -> _M:
         """Send a request and return its reply; FAILED if it is refused or not answered."""
@@ -386,6 +392,7 @@ class RequestClient:
 
     def await_event(self, kind: type[_M], since: int, timeout_us: int) -> tuple[Header, _M] | None:
         """Return the first event of a kind from piece *since* on; None if none comes in time."""
+        timeout_us += 2 * self.wire.limits.slack_us
         found = self.wire.wait_for(lambda piece: isinstance(piece.message, kind), since, timeout_us)
         if found is None or found.header is None or not isinstance(found.message, kind):
             return None

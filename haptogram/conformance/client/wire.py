@@ -16,7 +16,7 @@ from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, cobs_decode, decode_frame
 from haptogram_protocol.messages import EVENT_RANGE, RESPONSE_RANGE, Header, Message, parse_body
 
-from ..outcome import fail, inconclusive
+from ..outcome import HeldUpError, check, fail, inconclusive, require
 from .recording import DialogueRecording, TransferDirection
 
 _LOOK_NS: Final = 5_000_000  # longest wait at a wall clock before the host looks at it again
@@ -25,6 +25,7 @@ _HOUR_US: Final = 3_600_000_000
 _FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be judged
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
+HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
 
 @runtime_checkable
@@ -148,6 +149,8 @@ class RawFrameClient:
         Is given each piece as it comes.
     on_sent : callable or None
         Is given the bytes that are sent, and when the line is free for them.
+    sent_for_us : int
+        Time that the line needs for the bytes that were sent last.
     held_up_us : int
         The longest time since :meth:`begin_case` in which the host neither sent nor listened, and
         did not compute either: others had the processor, which the board may have missed too.
@@ -168,6 +171,7 @@ class RawFrameClient:
         self._zeros = 2  # delimiters since the last piece
         self._deadline_us = self.now_us() + limits.case_us
         self._busy_until_us = 0
+        self.sent_for_us = 0
 
     def begin_case(self) -> None:
         """Forget the pieces received so far, and start the time of the next case."""
@@ -190,6 +194,43 @@ class RawFrameClient:
         return -(-size * 10_000_000 // self.baudrate)
 
     @property
+    def is_virtual(self) -> bool:
+        """Whether time is virtual, so that bytes arrive to the microsecond."""
+        return not self.limits.slack_us
+
+    def require_exact_times(self) -> None:
+        """End the case as NOT-OBSERVED unless the host knows when a byte is on the line."""
+        require(self.is_virtual, "when a byte is on a real line is not known to 10 µs here")
+
+    def carries(self, size: int, within_us: int) -> bool:
+        """Return whether the line carries *size* bytes within that time."""
+        return self.line_us(size) <= within_us
+
+    def require_carried(self, size: int, within_us: int) -> None:
+        """End the case as NOT-OBSERVED unless the line carries *size* bytes within that time."""
+        took_us = self.line_us(size)
+        require(took_us <= within_us, f"{size} bytes take {took_us} µs on this line, too long")
+
+    def period_us(self, size: int, least_us: int = 1) -> int:
+        """Return *least_us*, or a longer period within which the line carries *size* bytes."""
+        return max(least_us, self.line_us(size))
+
+    def begun_us(self, piece: ReceivedByClient) -> int:
+        """Return when the first byte of a piece that came was on the line, at the latest."""
+        return piece.t_us - self.line_us(len(piece.piece) + 2)
+
+    def check_not_after(self, t_us: int, what: str) -> None:
+        """End the case, not judged, unless *what* was over by that time of the transport."""
+        if self.now_us() > t_us:
+            raise HeldUpError(f"{what}, {self.now_us() - t_us} µs behind")
+
+    def check_in_time(self, holds: bool, text: str) -> None:
+        """FAILED unless *holds*; not judged if the host was held up, and perhaps an emulator."""
+        if not holds and self.held_up_us > HELD_UP_US:
+            raise HeldUpError(f"for {self.held_up_us / 1000:.0f} ms, and then: {text}")
+        check(holds, text)
+
+    @property
     def backlog_us(self) -> int:
         """Time that the line still needs for the bytes that were sent."""
         return max(0, self._busy_until_us - self.now_us())
@@ -210,7 +251,8 @@ class RawFrameClient:
         self.recording.add(self.now_us(), TransferDirection.HOST, data)
         if self.on_sent is not None:
             self.on_sent(data, self.now_us() + self.backlog_us)
-        self._busy_until_us = self.now_us() + self.backlog_us + self.line_us(len(data))
+        self.sent_for_us = self.line_us(len(data))
+        self._busy_until_us = self.now_us() + self.backlog_us + self.sent_for_us
         patience_us = self.limits.answer_us + self.backlog_us
         stuck_us = self.now_us() + patience_us
         rest = memoryview(data)
@@ -260,6 +302,14 @@ class RawFrameClient:
     def idle(self, duration_us: int) -> None:
         """Read for *duration_us*."""
         self.wait(lambda: False, duration_us)
+
+    def idle_beyond(self, duration_us: int) -> None:
+        """Read for *duration_us*, and as long as the host's scheduling may delay what comes."""
+        self.idle(duration_us + self.limits.slack_us)
+
+    def idle_while_sending(self) -> None:
+        """Read until the line has carried what was sent."""
+        self.idle(self.backlog_us)
 
     def look_away(self, duration_us: int) -> None:
         """Let time pass without reading, so that what the board sends has to wait.

@@ -112,7 +112,7 @@ class Lockstep:
 
     def __init__(self, board: BoardClient) -> None:
         self._board = board
-        self._is_virtual = not board.wire.limits.slack_us
+        self._is_virtual = board.wire.is_virtual
         self._models = DialogueModels(board.identity, knows_time=self._is_virtual)
         self._opening = DialogueOpening(board, self._models)
         self.is_exact = self._is_virtual and board.wire.line_us(MAX_ENCODED_BYTES) <= 1
@@ -278,7 +278,7 @@ class Lockstep:
     def _settled_us(self) -> int:
         """Return the time after which a frame that was to be latched at once is."""
         board = self._board
-        ready_us = board.ready_after_us(board.identity.max_points) + _SETTLED_US
+        ready_us = board.clock.ready_us(_SETTLED_US, board.identity.max_points)
         return min(ready_us, SLOT_US - _END_US)
 
     def _early_us(self, line_us: int) -> int:

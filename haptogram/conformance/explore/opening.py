@@ -147,7 +147,7 @@ class DialogueOpening:
             self.unsure_us = wire.now_us() - sent_us
             if self.unsure_us < _QUICK_US:
                 break
-        if not wire.limits.slack_us:
+        if wire.is_virtual:
             # The PONG may have changed the estimate, by which the next bytes are sent.
             self.early_us = now_us - clock.device_estimate_us() + wire.now_us() - sent_us
             self.early_us -= _PING_BYTES * 10_000_000 // wire.baudrate

@@ -64,7 +64,7 @@ def _without_ramp(board: BoardClient, config: Config) -> None:
 
 
 def _wait_for_short_timer(board: BoardClient) -> None:
-    board.wire.idle((_SHORT_MS + 5) * _MS + board.wire.limits.slack_us)
+    board.wire.idle_beyond((_SHORT_MS + 5) * _MS)
 
 
 def event_of_damage(counter: str) -> Event:

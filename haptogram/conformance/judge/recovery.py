@@ -82,7 +82,7 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
         board.link.ask(Arm())
         before = board.link.ask(GetStatus()).message
         board.link.send(board.link.stream_wire(board.flat_phases()))
-        board.clock.wait_latched(board.ready_after_us())
+        board.clock.wait_latched(0)
         after = board.link.ask(GetStatus()).message
         for _ in range(min(_LOOKS, board.identity.queue_depth)):
             if not isinstance(after, StatusReply) or not after.queued:

@@ -16,8 +16,8 @@ from haptogram.records.frame import Evidence
 from ..case import Case, Depth
 from ..clauses import Clause, Level, load_clauses
 from ..client.board_client import BoardClient
+from ..client.wire import HELD_UP_US
 from ..judge.recovery import recover_board
-from ..judge.timers import HELD_UP_US
 from ..outcome import CaseEndedError
 from ..verdict import NO_RESET, Behaviour, CaseResult, Recovery, SuiteResult
 from .access import Access

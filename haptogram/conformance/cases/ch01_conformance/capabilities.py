@@ -31,7 +31,7 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.uploads import upload_to_board
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, require
 
 _POINT: Final = FocalPoint(0, 0, 150_000, 65_535, 0)
 _USES: Final[dict[Feature, Callable[[BoardClient], object]]] = {
@@ -117,8 +117,7 @@ def advertised_capabilities_are_there(board: BoardClient) -> None:
 )
 def refuses_capabilities_not_advertised(board: BoardClient) -> None:
     lacking = [make for any_of, make in _REQUESTS if not board.identity.features & any_of]
-    if not lacking:
-        not_observed("the board advertises every capability that a request can need")
+    require(bool(lacking), "the board advertises every capability that a request can need")
     for make in lacking:
         message = make(board)
         board.link.refused(message, ErrorCode.UNSUPPORTED, message.TYPE)
@@ -135,8 +134,7 @@ def drops_frames_of_capabilities_not_advertised(board: BoardClient) -> None:
         Feature.POINTS: Points((_POINT,)),
     }
     lacking = [message for feature, message in frames.items() if not board.has(feature)]
-    if not lacking:
-        not_observed("the board advertises every capability that a stream frame can need")
+    require(bool(lacking), "the board advertises every capability that a stream frame can need")
     board.arm()
     with board.counting(unknown_type=len(lacking), latched=0):
         for message in lacking:

@@ -14,14 +14,14 @@ from haptogram_protocol.rules import UPLOADS
 from ...case import Depth, case
 from ...causes import cause_rank
 from ...client.board_client import BoardClient
+from ...client.wire import HELD_UP_US
 from ...explore.actions import SLOT_US, UPLOADED, DialogueAction, has_room_in_dialogue
 from ...explore.generator import DialogueGenerator
 from ...explore.lockstep import Lockstep, Played
 from ...explore.model import HostLateError, identity_suits_lockstep_model
 from ...explore.shrinking import shrink_dialogue
 from ...explore.tables.coverage import DialogueCoverage
-from ...judge.timers import HELD_UP_US
-from ...outcome import SELF_REPORTED, check, inconclusive, not_observed
+from ...outcome import SELF_REPORTED, HeldUpError, check, not_observed, require
 
 _SLOTS: Final = 20
 _SLOTS_UNTIMED: Final = 40
@@ -53,16 +53,17 @@ _SHOWN: Final = 12  # last frames of a dialogue that differed once
     depth=Depth.DEFAULT,
 )
 def random_dialogues_match_the_model(board: BoardClient) -> None:
-    if not identity_suits_lockstep_model(board.identity):
-        not_observed("the model is a grid with a pitch and a carrier of 40 kHz; this board is not")
+    is_modelled = identity_suits_lockstep_model(board.identity)
+    require(
+        is_modelled, "the model is a grid with a pitch and a carrier of 40 kHz; this board is not"
+    )
     largest = len(board.flat_phases().serialize()) + 40
-    if board.wire.line_us(largest) > SLOT_US // 3:
-        not_observed("this line carries too few frames in the time between two of them")
-    if board.ready_after_us(min(1, board.most_points)) > SLOT_US // 5:
-        not_observed("this board latches later than the time between two frames allows")
-    if board.identity.features & UPLOADS and not has_room_in_dialogue(board.identity):
-        most = board.identity.max_upload_bytes  # what other cases have stored cannot be replaced
-        not_observed(f"uploads of {most} bytes are too small for the sequences of a dialogue")
+    board.wire.require_carried(largest, SLOT_US // 3)
+    is_soon = board.clock.ready_us(0, min(1, board.most_points)) <= SLOT_US // 5
+    require(is_soon, "this board latches later than the time between two frames allows")
+    if board.identity.features & UPLOADS:  # what other cases have stored cannot be replaced
+        text = f"uploads of {board.identity.max_upload_bytes} bytes are too small for a dialogue"
+        require(has_room_in_dialogue(board.identity), text)
     board.clock.require_horizon(_LONGEST_AHEAD_US)
     lockstep = Lockstep(board)
     number = compared = 0
@@ -78,15 +79,13 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
     finally:
         lockstep.close()
     check(not found.by_clause, found.text())
-    if 2 * compared < number and not board.wire.limits.slack_us:
-        not_observed(
-            f"{compared} of {number} dialogues were compared: in the others this board computes "
-            "points for so long, or its line drops so many traces, that more than one course is due"
-        )
     if 2 * compared < number:
-        inconclusive(
-            f"{compared} of {number} dialogues were compared: the host, its line or an emulator "
-            "was held up"
+        text = f"{compared} of {number} dialogues were compared"
+        if not board.wire.is_virtual:
+            raise HeldUpError(text)
+        not_observed(
+            f"{text}: in the others this board computes points for so long, or its line drops so "
+            "many traces, that more than one course is due"
         )
 
 
@@ -94,7 +93,7 @@ def _goes_on_after_dialogue(board: BoardClient, number: int, compared: int, star
     passed_us = board.wire.now_us() - start_us
     if board.explore_us:
         return passed_us < board.explore_us
-    if not board.wire.limits.slack_us:
+    if board.wire.is_virtual:
         return number < _DIALOGUES_VIRTUAL
     return compared < _DIALOGUES and number < 2 * _DIALOGUES and passed_us < _LONGEST_US
 
@@ -139,17 +138,16 @@ def _judge_random_dialogue(
     """
     board = lockstep.board
     seed = board.random.getrandbits(32)
-    is_virtual = not board.wire.limits.slack_us
-    line_us = board.wire.line_us
-    is_slow = line_us(len(board.flat_phases().serialize())) > SLOT_US // _TIMED
-    timed = not is_slow and number % (_TIMED_VIRTUAL if is_virtual else _TIMED) == 0
+    is_virtual = board.wire.is_virtual
+    is_fast = board.wire.carries(len(board.flat_phases().serialize()), SLOT_US // _TIMED)
+    timed = is_fast and number % (_TIMED_VIRTUAL if is_virtual else _TIMED) == 0
     generator = DialogueGenerator(
         board.identity,
         seed,
         coverage,
         timed=timed,
         exact=lockstep.is_exact,
-        slow=line_us(_LATCHES * 2 * board.identity.transducers) > SLOT_US // 2,
+        slow=not board.wire.carries(_LATCHES * 2 * board.identity.transducers, SLOT_US // 2),
     )
     config = generator.config()
     slots = _SLOTS_VIRTUAL if is_virtual else _SLOTS

@@ -13,7 +13,7 @@ from haptogram.records.frame import Evidence
 
 from ...case import Case
 from ...client.board_client import BoardClient
-from ...outcome import SELF_REPORTED, WIRE, check, not_observed
+from ...outcome import SELF_REPORTED, WIRE, RuleFindings, check, require
 
 _RULES: Final[dict[str, tuple[str, Evidence]]] = {
     "HG-2.1/1": ("no two frames share a delimiter", WIRE),
@@ -54,9 +54,8 @@ def _standing_case(clause: str) -> Case:
     summary, evidence = _RULES[clause]
 
     def body(board: BoardClient) -> None:
-        found = board.standing
-        if found is None or not found.judged.get(clause):
-            not_observed("no frame of this run tells of it")
+        found = board.standing or RuleFindings()
+        require(clause in found.judged, "no frame of this run tells of it")
         check(clause not in found.broken, found.broken.get(clause, ""))
 
     return Case(

@@ -111,5 +111,5 @@ def wrong_checksums_renew_no_lease(board: BoardClient) -> None:
             malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body))
         )
         board.wire.idle(40_000)
-    board.wire.idle(board.wire.limits.slack_us)
+    board.wire.idle_beyond(0)
     judge_lease_ends(board, since, "damaged frames have renewed the lease")

@@ -9,7 +9,7 @@ from haptogram_protocol.messages import Ping, Pong
 from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...outcome import SELF_REPORTED, CaseEndedError, not_observed
+from ...outcome import SELF_REPORTED, CaseEndedError
 
 _PAUSE_US: Final = 120_000
 _BYTE_US: Final = 1_000
@@ -53,10 +53,9 @@ def _ask_in_pieces(board: BoardClient, cuts: list[int], pause_us: int) -> None:
 )
 def longest_frame_lengths_count_once(board: BoardClient) -> None:
     for size in (65_536, 65_536 + 4_096, 70_000, 131_072 + 4_097, 200_000):
-        if 2 * board.wire.line_us(size) > board.wire.limits.case_us // 5:
-            not_observed(f"{size} bytes take too long on this line")
+        board.wire.require_carried(2 * size, board.wire.limits.case_us // 5)
         with board.counting(oversize=1):
             noise = malformed_frames.malformed_noise(board.random, size)
             board.link.send(b"\x00" + noise + b"\x00")
-            board.wire.idle(board.wire.line_us(size))
+            board.wire.idle_while_sending()
             board.link.barrier()

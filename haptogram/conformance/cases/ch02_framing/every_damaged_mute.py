@@ -18,7 +18,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
 from ...client.playback import play_now, send_phases_that_fit
 from ...judge.timers import judge_within_hold
-from ...outcome import SELF_REPORTED, not_observed
+from ...outcome import SELF_REPORTED
 
 _SEQUENCE: Final = 4
 _AHEAD_US: Final = 4_000_000
@@ -67,8 +67,7 @@ def _bytes_like_mute(board: BoardClient) -> Iterator[tuple[str, bytes]]:
     evidence=SELF_REPORTED,
 )
 def damaged_mutes_mute_nothing(board: BoardClient) -> None:
-    if board.wire.line_us(2 * MAX_ENCODED_BYTES) > _AHEAD_US // 4:
-        not_observed("the longest of these bytes take too long on this line")
+    board.wire.require_carried(2 * MAX_ENCODED_BYTES, _AHEAD_US // 4)
     plays = board.has(Feature.SEQUENCE_PHASES) and board.thorough
     if plays:
         send_phases_that_fit(board, _SEQUENCE, frames=2)
@@ -87,7 +86,7 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
     since, waits_until_us, latched_us = board.link.mark(), 0, board.wire.now_us()
     latch_in_us = min(_AHEAD_US // 2, 500 * board.config.hold_ms)
     for name, piece in _bytes_like_mute(board):
-        if board.wire.line_us(len(piece)) > latch_in_us // 2:
+        if not board.wire.carries(len(piece), latch_in_us // 2):
             continue  # a hold that nothing extends may end meanwhile
         if is_played:
             latched_us = board.wire.now_us()
@@ -97,7 +96,7 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
             waits_until_us = board.clock.ahead_us(_AHEAD_US)
             board.link.send(board.link.stream_wire(board.flat_phases(), waits_until_us))
         board.link.send(b"\x00" + piece + b"\x00")
-        board.wire.idle(board.wire.line_us(len(piece)))
+        board.wire.idle_while_sending()
         board.link.barrier()
         found = board.status()
         told = board.link.events(StateChanged, since)

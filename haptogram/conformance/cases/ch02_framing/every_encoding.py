@@ -23,7 +23,7 @@ from ...client import malformed_frames
 from ...client.board_client import BoardClient
 from ...client.latching import FULL, latch_now
 from ...client.wire import ReceivedByClient
-from ...outcome import SELF_REPORTED, check, check_equal, fail, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, fail, require
 
 _AROUND: Final = range(-4, 5)  # bytes around a full piece
 _PIECES: Final = 3  # full pieces in a row
@@ -98,8 +98,7 @@ def every_drive_is_stuffed(board: BoardClient) -> None:
     for count in _counts_of_stuffed_bytes(board.identity.transducers):
         _ask_with_stuffing(board, ReadDrive(DriveKind.LATCHED, 0, count), f"READ_DRIVE of {count}")
         judged += 1
-    if not judged:
-        not_observed(f"a drive of {board.identity.transducers} transducers fills no piece")
+    require(bool(judged), f"a drive of {board.identity.transducers} transducers fills no piece")
 
 
 def _counts_of_stuffed_bytes(transducers: int) -> list[int]:
@@ -155,5 +154,5 @@ def every_stuffed_piece_is_read(board: BoardClient) -> None:
             data = malformed_frames.malformed_with_crc(board.link.body(Mute.TYPE, payload, seq=seq))
             since = board.link.mark()
             board.link.send(malformed_frames.malformed_frame(data))
-            if board.link.try_answer(seq, since, board.wire.line_us(len(data))) is None:
+            if board.link.try_answer(seq, since) is None:
                 fail(f"a frame with {end.hex(' ')} behind {run} bytes without a zero is not read")

@@ -103,7 +103,7 @@ def _damaged_frame_with_a_pause(board: BoardClient) -> bytes:
     wall_depth=Depth.FULL,
 )
 def pauses_end_no_frame(board: BoardClient) -> None:
-    at_wall = bool(board.wire.limits.slack_us)
+    at_wall = not board.wire.is_virtual
     if board.has(Feature.SEQUENCE_PHASES):
         count = board.identity.transducers
         begin_upload(board, UploadKind.PHASES, _SEQUENCE, bytes(_CHUNK * count))
@@ -115,7 +115,7 @@ def pauses_end_no_frame(board: BoardClient) -> None:
 
 def _pauses_ms(board: BoardClient) -> tuple[int, ...]:
     """Return the pauses; without the longest if STATUS that nothing ends would flood the line."""
-    if board.wire.limits.slack_us:
+    if not board.wire.is_virtual:
         return _PAUSES_AT_WALL_MS
     return _PAUSES_MS[:-1] if board.config.status_period_ms else _PAUSES_MS
 
@@ -130,7 +130,7 @@ def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) 
             board.link.send(data[:cut])
             board.wire.idle(pause_ms * _MS)
             board.link.send(data[cut:])
-            board.wire.idle(board.wire.line_us(len(data)))
+            board.wire.idle_while_sending()
             board.link.barrier()
     except CaseEndedError as error:
         if pause_ms:
@@ -162,7 +162,8 @@ def everything_goes_on_in_a_pause(board: BoardClient) -> None:
         ping, seq = board.link.request_wire(Ping(board.random.getrandbits(64)))
         since, half = board.link.mark(), len(ping) // 2
         board.link.send(ping[:half])
-        board.clock.require_in_time(times[0], board.clock.device_estimate_us())
+        now_us = board.clock.device_estimate_us()  # a PING would end the pause
+        board.clock.require_before(times[0], "the frames and half a PING", now_us)
         board.wire.idle(_LONG_MS * _MS)
         header, _ = judged_mute_by_timer(board, since, 0, MuteReason.HOLD_EXPIRED)
         told = [board.clock.unwrap(head.time_us) for head, _ in board.link.events(Status, since)]

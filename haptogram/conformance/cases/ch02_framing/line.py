@@ -35,7 +35,7 @@ def line_takes_a_full_window(board: BoardClient) -> None:
     frames = [first, *(board.link.stream_wire(board.flat_phases()) for _ in range(count - 1))]
     with board.counting(dropped_state=count, frames=count):
         board.link.send(*frames)
-        board.wire.idle(board.wire.line_us(sum(map(len, frames))))
+        board.wire.idle_while_sending()
 
 
 @case(
@@ -52,7 +52,7 @@ def line_takes_a_window_of_shortest_frames(board: BoardClient) -> None:
     with board.counting(bad_length=count, frames=count + 1, requests=1, gap=0):
         ping, seq = board.link.request_wire(Ping(1))
         board.wire.send(b"".join([*frames, ping]))
-        board.link.answer_to(Ping.TYPE, seq, since, board.wire.line_us(count * len(first)))
+        board.link.answer_to(Ping.TYPE, seq, since)
 
 
 @case(

@@ -29,8 +29,7 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent
 from ...client.playback import play_request, send_phases_that_fit, wait_for_no_latch
-from ...client.stream_kinds import points_of_stream_kind
-from ...outcome import SELF_REPORTED, check, check_equal, fail, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, fail
 
 _STALE: Final = 0x0F0F
 _UNKNOWN_REQUEST: Final = 0x7D
@@ -97,25 +96,18 @@ def checks_stream_frames_in_order(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def checks_for_the_queue_in_order(board: BoardClient) -> None:
-    depth = board.identity.queue_depth
-    if depth > _DEEPEST:
-        not_observed(f"a queue of {depth} frames is not filled")
+    depth = board.depth_to_fill()
     good = board.shortest_stream()
-    size = len(board.link.stream_wire(good))
     board.hello()
     board.arm()
-    points = points_of_stream_kind(good) * (depth + 4)
-    start_us = board.clock.soon_us(bytes(size * (depth + 4) + _STATUS_BYTES), points=points)
-    times = [start_us + number * _STEP_US for number in range(depth)]
-    if times[-1] + _STEP_US > board.clock.device_us() + board.identity.max_horizon_us:
-        not_observed(f"this line or board takes too long to fill a queue of {depth} frames")
+    times = board.times_in_queue(depth, others=4)
     with board.counting(dropped_order=2, dropped_full=2, flushed=depth):
         board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
         beyond_us = times[-1] + min(2 * board.identity.max_horizon_us, _LATEST_US)
         for t_us in (times[-1], times[0] - 10 * 1_000_000, times[-1] + _STEP_US, beyond_us):
             board.link.send(board.link.stream_wire(good, t_us))
         board.link.barrier()  # or MUTE may overtake them
-        board.clock.require_in_time(times[0])
+        board.clock.end_exchange()
         board.link.call(Mute(), MuteReply)
 
 

@@ -36,7 +36,7 @@ def junk_headers_are_survived(board: BoardClient) -> None:
     for _ in range(40):
         size = board.random.randrange(1, 600)
         board.link.send(b"\x00", board.random.randbytes(size), b"\x00")
-        board.wire.idle(board.wire.line_us(size))
+        board.wire.idle_while_sending()
         if board.wire.now_us() - asked_us > 250 * board.config.host_timeout_ms:
             asked_us = board.wire.now_us()
             board.link.call(Ping(size), Pong)  # junk restarts no lease
@@ -110,7 +110,7 @@ def header_defects_count_once(board: BoardClient) -> None:
     )
     with board.counting(frames=6, requests=0, **dict.fromkeys(names.split(), 1)):
         board.link.send(*wires)
-        board.wire.idle(board.wire.line_us(sum(map(len, wires))))
+        board.wire.idle_while_sending()
 
 
 @case(

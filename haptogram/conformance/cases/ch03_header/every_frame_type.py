@@ -239,7 +239,7 @@ def mute_passes_with_every_header(board: BoardClient) -> None:
             )
             since = board.link.mark()
             board.link.send(encode_frame(body))
-            answer = board.link.answer_to(Mute.TYPE, seq, since, board.wire.line_us(size))
+            answer = board.link.answer_to(Mute.TYPE, seq, since)
             state = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
             check_equal(state.name, "MUTED", f"MUTE with {size} bytes: {state.name}")
     counted = board.counted_since(before)

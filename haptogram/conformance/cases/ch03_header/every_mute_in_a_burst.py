@@ -31,7 +31,7 @@ _SEQUENCE: Final = 4
 _STALE: Final = 0x0F0F
 _AHEAD_US: Final = 60  # of a frame's t_apply: it would be latched between two MUTE
 _LONGEST: Final = 4096
-_STAGES: Final = (1, 2)  # frames between how many pairs of MUTE
+_STAGES: Final = (2, 1)  # frames between how many pairs of MUTE
 
 #: A frame of a burst: its bytes, and of a request the message and its number.
 _Sent: TypeAlias = tuple[bytes, Message | None, int]
@@ -61,12 +61,12 @@ def _switches_on(board: BoardClient) -> Iterator[tuple[str, _Between]]:
         return _request_in_burst(board, Arm())
 
     def at_a_time() -> _Sent:
-        t_us = board.clock.device_estimate_us() + board.ready_after_us() + _AHEAD_US
+        t_us = board.clock.ready_us(board.clock.device_estimate_us()) + _AHEAD_US
         return _stream_in_burst(board, board.flat_phases(), t_us)
 
     yield "ARM", lambda: [arm(), arm()]
     yield "ARM and a frame for soon", lambda: [arm(), at_a_time()]
-    for kind in stream_kinds(board)[: 1 if board.wire.limits.slack_us else None]:
+    for kind in board.sample(stream_kinds(board)):
         yield (
             f"ARM and {kind.name}, IMMEDIATE",
             lambda make=kind.make: [arm(), _stream_in_burst(board, make())],  # type: ignore[misc]
@@ -94,14 +94,9 @@ def nothing_switches_on_between_mutes(board: BoardClient) -> None:
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for way in board.wire.ways_of_mute():
         for name, make in _switches_on(board):
-            for stages, others in itertools.product(_stages(board), (False, True)):
+            for stages, others in itertools.product(board.sample(_STAGES), (False, True)):
                 text = f"{name}{' of no session' * others}, between {stages + 1} MUTE {way}"
                 _judge_burst_of_mutes(board, text, make, stages, others=others)
-
-
-def _stages(board: BoardClient) -> tuple[int, ...]:
-    """Return all numbers of stages, at a wall clock the greatest."""
-    return _STAGES[-1:] if board.wire.limits.slack_us else _STAGES
 
 
 def _judge_burst_of_mutes(
@@ -140,7 +135,7 @@ def _judge_burst_of_mutes(
 
 def _is_burst_at_one_moment(board: BoardClient) -> bool:
     """Return whether bytes take no time; wait then for a moment at which nothing is latched."""
-    if board.wire.limits.slack_us or board.wire.line_us(_LONGEST) >= board.clock.carrier_us:
+    if not board.clock.is_one_moment(_LONGEST):
         return False
     carrier_us = board.clock.carrier_us
     board.wire.idle((carrier_us // 2 - board.clock.device_us()) % carrier_us)

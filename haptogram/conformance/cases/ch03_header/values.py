@@ -32,7 +32,7 @@ from ...client.board_client import BoardClient
 from ...client.capabilities import requests_that_board_takes, session_for_request
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
-from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
 
@@ -83,8 +83,7 @@ def _length_of_values(*parts: int) -> float:
 )
 def pitch_value_is_little_endian(board: BoardClient) -> None:
     identity = board.identity
-    if identity.grid_nx * identity.grid_ny < 2:
-        not_observed("the array is no grid, or of one transducer")
+    require(identity.grid_nx * identity.grid_ny >= 2, "the array is no grid, or of one transducer")
     first, second = board.read_geometry()[:2]
     apart_um = round(math.hypot(second.x_um - first.x_um, second.y_um - first.y_um))
     turned_um = int.from_bytes(identity.pitch_um.to_bytes(4, "little"), "big")

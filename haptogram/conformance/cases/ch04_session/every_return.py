@@ -35,7 +35,7 @@ _PATHS: Final = {"B": "the next session", "BA": "A behind B", "BCA": "A behind B
 
 def _paths_of_sessions(board: BoardClient) -> dict[str, str]:
     """Return all paths, at a wall clock the one that opens A again."""
-    return {"BA": _PATHS["BA"]} if board.wire.limits.slack_us else _PATHS
+    return _PATHS if board.wire.is_virtual else {"BA": _PATHS["BA"]}
 
 
 def _open_sessions_in_turn(board: BoardClient, path: str, number: int) -> None:

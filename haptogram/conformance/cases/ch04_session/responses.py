@@ -31,7 +31,7 @@ from haptogram_protocol.messages import (
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.playback import play_now, send_phases_that_fit
-from ...outcome import check, check_equal, not_observed
+from ...outcome import check, check_equal
 
 _PROMPT_US: Final = 10_000
 _TRIES: Final = 8
@@ -89,8 +89,7 @@ def responses_tell_the_time(board: BoardClient) -> None:
     variant="exact",
 )
 def refusing_responses_tell_the_time(board: BoardClient) -> None:
-    if board.wire.limits.slack_us:
-        not_observed("when a byte is on a real line is not known to 10 µs here")
+    board.wire.require_exact_times()
     offset_us = _device_offset_of_responses_us(board)
     greeting = board.hello_message(board.link.session)
     for message, header in ((Ping(1), {"flags": 0x40}), (greeting, {"session": 0})):
@@ -98,9 +97,9 @@ def refusing_responses_tell_the_time(board: BoardClient) -> None:
         short, seq = board.link.request_wire(message, **header)
         since = board.link.mark()
         board.link.send(long, short)
-        answer = board.link.answer_to(message.TYPE, seq, since, 50_000)
+        answer = board.link.answer_to(message.TYPE, seq, since)
         assert answer.header is not None  # answer_to
-        due_us = offset_us + answer.t_us - board.wire.line_us(len(answer.piece) + 2)
+        due_us = offset_us + board.wire.begun_us(answer)
         off_us = signed_difference(answer.header.time_us, due_us & 0xFFFFFFFF, 32)
         name = annotated_type_name(answer.header.type)
         check(abs(off_us) <= _CLOCK_US, f"the time of {name} is off by {off_us:+d} µs")
@@ -110,8 +109,7 @@ def _device_offset_of_responses_us(board: BoardClient) -> int:
     """Return the device clock less that of the transport, by a PONG that waited for nothing."""
     answer = board.link.ask(Ping(0))
     pong = board.link.reply_in(answer, Pong, Ping.TYPE)
-    left_us = answer.t_us - board.wire.line_us(len(answer.piece) + 2)
-    return pong.t_tx_us - left_us
+    return pong.t_tx_us - board.wire.begun_us(answer)
 
 
 @case("HG-4.11/6", "a PING again, 20 ms later: the time in the header is that of the first PONG")
@@ -133,7 +131,7 @@ def responses_come_promptly(board: BoardClient) -> None:
     took_us = min(_response_round_trip_us(board, number) for number in range(_TRIES))
     size = 2 * len(encode_frame(bytes(26)))
     check(
-        took_us <= _PROMPT_US + board.wire.line_us(size),
+        took_us <= board.wire.period_us(size) + _PROMPT_US,
         f"the fastest of {_TRIES} answers took {took_us} µs",
     )
 
@@ -179,7 +177,7 @@ def _responses_in_order(
     """Send a request; FAILED unless its reply and events come in the order *due*."""
     since = board.link.mark()
     board.link.ask(message, session=session)
-    board.wire.idle(_EVENTS_US + board.wire.limits.slack_us)
+    board.wire.idle_beyond(_EVENTS_US)
     came = [type(p.message) for p in board.wire.received[since:] if isinstance(p.message, due)]
     check(
         came == sorted(came, key=due.index),

@@ -15,7 +15,7 @@ from ...case import case, unobservable_case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...judge.witness import JudgeWitness
-from ...outcome import EXTERNAL, SELF_REPORTED, check, not_observed
+from ...outcome import EXTERNAL, SELF_REPORTED, check, require
 
 amplitude_is_linear = unobservable_case(
     "HG-5.3/2", "the pressure itself: only a microphone shows it", EXTERNAL
@@ -31,8 +31,7 @@ def drives_have_a_count_in_range(board: BoardClient) -> None:
 @case("HG-5.1/2", "on a grid GET_GEOMETRY counts the rows of a column before the next column")
 def drives_count_along_y_first(board: BoardClient) -> None:
     nx, ny = board.identity.grid_nx, board.identity.grid_ny
-    if not nx * ny > 1:
-        not_observed("this board is no grid of two transducers or more")
+    require(nx * ny > 1, "this board is no grid of two transducers or more")
     places = [(element.x_um, element.y_um) for element in board.read_geometry()]
     wrong = next((n for n, (a, b) in enumerate(itertools.pairwise(places)) if not a < b), None)
     check(

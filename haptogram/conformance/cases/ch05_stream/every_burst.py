@@ -39,7 +39,7 @@ from ...client.playback import (
     send_phases_to_store_if_supported,
 )
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _SEQUENCE: Final = 5
 _WINDOW_US: Final = 100_000
@@ -94,8 +94,8 @@ def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
             if name.startswith("HELLO"):
                 board.hello()  # behind that HELLO, whose session is not ours
             else:
-                board.clock.wait_latched(board.ready_after_us())
-            board.clock.require_in_time(late_us + _WINDOW_US, board.clock.device_us())
+                board.clock.wait_latched(0)
+            board.clock.end_exchange()
             counted = board.counted_since(before)
             if name.startswith("MUTE") and counted["dropped_state"] == 1:
                 continue  # MUTE has overtaken the frame: HG-3.8/4
@@ -129,13 +129,11 @@ def lateness_is_of_one_stream_frame(board: BoardClient) -> None:
         since, first = board.link.mark(), board.link.stream_next
         with board.counting(late=1, latched=3):
             frame = kind.make()
-            ready_us = board.ready_after_us(points_of_stream_kind(frame))
-            late_us = board.clock.device_us() + ready_us - 1000
+            late_us = board.late_time_us(1000, points_of_stream_kind(frame))
             size = 3 * len(frame.serialize()) + 60
             soon_us = board.clock.soon_us(bytes(size), points=3 * points_of_stream_kind(frame))
             times = (late_us, soon_us, soon_us + 1000)
             board.link.send(*(board.link.stream_wire(kind.make(), t_us) for t_us in times))
-            board.clock.require_in_time(soon_us)
             board.clock.wait_until(soon_us + 2000)
         late = [x.late for x in latches_received_from_board(board, since, mode) if x.index >= first]
         check_equal(
@@ -192,7 +190,6 @@ def _replace_in_burst(
             for early_us, message in zip((2, 1), pair, strict=True):
                 t_us = start_us + 1000 * place - early_us
                 board.link.send(board.link.stream_wire(message, t_us))
-        board.clock.require_in_time(start_us - 2)
         board.clock.wait_until(start_us + 1000 * len(frames))
     last, due = board.status().last_seq, board.link.stream_next - 1
     check(last == due, f"{pairs[-1][1].name}, in one period: latched was {last}, not {due}")
@@ -252,23 +249,24 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
 )
 def frames_behind_immediate_ones_of_a_burst(board: BoardClient) -> None:
     carrier_us = board.clock.carrier_us
-    if board.wire.limits.slack_us or board.wire.line_us(_LONGEST) >= carrier_us // 4:
-        not_observed("no two frames come within one carrier period of this line")
+    board.clock.require_frames_in_carrier(_LONGEST, 4)
     board.configure(late_window_us=_WINDOW_US)
     board.arm()
     for first, second in itertools.product(stream_kinds(board), repeat=2):
         for later_us in (-1000, -1, 0, 1):
             message, behind = first.make(), second.make()
-            computed_us = points_of_stream_kind(behind) * board.identity.point_time_us
+            points = points_of_stream_kind(message)
+            both = points + points_of_stream_kind(behind)
+            computed_us = (both - points) * board.identity.point_time_us
             if later_us > 0 and 0 < computed_us < carrier_us:
                 continue  # it may be ready within the carrier period, or behind it
-            ready_us = board.ready_after_us(points_of_stream_kind(message))
-            board.wire.idle((carrier_us // 2 - board.clock.device_us() - ready_us) % carrier_us)
-            t_us = board.clock.device_us() + ready_us + later_us
+            ready_us = board.clock.ready_us(board.clock.device_us(), points)
+            board.wire.idle((carrier_us // 2 - ready_us) % carrier_us)
+            t_us = board.late_time_us(-later_us, points)
             wires = board.link.stream_wire(message) + board.link.stream_wire(behind, t_us)
             before = board.status().counters
             board.link.send(wires)
-            board.clock.wait_latched(ready_us + computed_us)
+            board.clock.wait_latched(both)
             counted = board.counted_since(before)
             names = ("latched", "dropped_order", "flushed")
             got = tuple(counted[name] for name in names)
@@ -305,8 +303,8 @@ def an_output_off_between_two_latches_of_a_burst(board: BoardClient) -> None:
 )
 def a_session_between_two_latches_of_a_burst(board: BoardClient) -> None:
     mode = ask_for_board_latches_if_supported(board, Feature.TRACE | Feature.TRACE_DRIVE)
-    if mode is TraceMode.OFF:
-        not_observed("the trace ring of a new session tells of no latch before it (HG-8.5/1)")
+    text = "the trace ring of a new session tells of no latch before it (HG-8.5/1)"
+    require(mode is not TraceMode.OFF, text)
     _judge_latches_around_offs(board, (_HELLO,), mode)
 
 
@@ -326,9 +324,8 @@ def _judge_latches_around_off(
     board.arm()
     since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))
     first, rest = _latch_again_in_a_burst(board, name, plays)
-    is_slow = 2 * board.wire.line_us(len(rest)) >= board.clock.carrier_us
-    if is_slow and not board.wire.limits.slack_us:
-        not_observed("no two frames come within one carrier period of this line")
+    if board.wire.is_virtual:
+        board.clock.require_frames_in_carrier(len(rest), 2)
     send_to_arrive_at(board, boundary_us + off_us, first + rest)
     board.clock.wait_latched()
     times = [latch.t_us for latch in latches_received_from_board(board, since, mode)]
@@ -361,12 +358,12 @@ def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
 
 
 def _next_latch_boundary_us(board: BoardClient) -> int:
-    return board.clock.device_us() if board.wire.limits.slack_us else board.clock.soon_us()
+    return board.clock.soon_us() if board.wire.is_virtual else board.clock.device_us()
 
 
-def _moments_of_burst(board: BoardClient) -> range:
+def _moments_of_burst(board: BoardClient) -> list[int]:
     """Return how much later than reckoned bytes are sent to arrive at a moment, in turn."""
-    return range(1) if board.wire.limits.slack_us else _ROUNDED_US
+    return board.sample(_ROUNDED_US)
 
 
 def _play_and_stop_in_a_burst(board: BoardClient) -> None:

@@ -12,7 +12,7 @@ from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches_if_supported, latches_received_from_board
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, CaseEndedError, check, fail, not_observed
+from ...outcome import SELF_REPORTED, CaseEndedError, check, fail, require
 
 _STALE: Final = 0x0F0F
 _AHEAD_US: Final = 400_000
@@ -127,22 +127,16 @@ DROPS: Final = (
 def fill_queue(board: BoardClient, number: int, ahead_us: int = 5 * _AHEAD_US) -> int:
     """Queue so many frames, a millisecond apart, from *ahead_us* on; return the last t_apply."""
     good = board.shortest_stream()
-    size = len(board.link.stream_wire(good, 0, seq=0))
-    points = points_of_stream_kind(good) * number
-    start_us = board.clock.soon_us(bytes(size * number), points=points) + ahead_us
-    times = [start_us + 1000 * place - _BEFORE_US for place in range(number)]
-    if times[-1] + 1000 > board.clock.device_us() + board.identity.max_horizon_us:
-        not_observed(f"this line or board takes too long to fill a queue of {number} frames")
+    times = [t_us - _BEFORE_US for t_us in board.times_in_queue(number, ahead_us=ahead_us)]
     board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
-    board.clock.wait_computed(points)
+    board.clock.wait_computed(points_of_stream_kind(good) * number)
     return times[-1]
 
 
 def judge_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
     """FAILED unless every frame of one kind is dropped, counted once and not answered."""
     waiting, wires = frames_to_drop(board, drop, kind)
-    if not wires:
-        not_observed(f"no t_apply is {drop.summary}")
+    require(bool(wires), f"no t_apply is {drop.summary}")
     with board.counting(**{drop.counter: len(wires)}, latched=0):
         board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
         queued = board.status().queued
@@ -153,15 +147,13 @@ def judge_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
 
 def frames_to_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> tuple[int, list[bytes]]:
     """Bring the board to where it has to drop frames; return how many wait, and these frames."""
-    depth = board.identity.queue_depth
-    if drop.queued < 0 and depth > _DEEPEST:
-        not_observed(f"a queue of {depth} frames is not filled")
+    queued = board.depth_to_fill() if drop.queued < 0 else drop.queued
     board.hello()
     if drop.armed:
         board.arm()
     board.link.send(board.link.stream_wire(board.flat_phases()))  # the first number is used
     board.clock.wait_latched()
-    last_us = fill_queue(board, depth if drop.queued < 0 else drop.queued) if drop.queued else 0
+    last_us = fill_queue(board, queued) if queued else 0
     board.link.barrier()
     waiting = board.status().queued
     return waiting, board.within_timers(drop.frames(board, kind, last_us))
@@ -205,7 +197,6 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
             for place, low in enumerate(timed):
                 t_us = start_us + 1000 * place
                 board.link.send(board.link.stream_wire(kind.make(), t_us, flags=low))
-            board.clock.require_in_time(start_us)
             board.clock.wait_until(start_us + 1000 * len(timed))
             for low in lows:
                 past_us, flags = start_us - 1_000_000, Flag.IMMEDIATE | low

@@ -53,7 +53,7 @@ def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
     kinds = stream_kinds(board)
     names = list(_times_of_immediate_frames(board))
     pairs = list(itertools.product(kinds, names))
-    if board.wire.limits.slack_us:  # each kind and each time once: a host's lead takes its time
+    if not board.wire.is_virtual:  # each kind and each time once: a host's lead takes its time
         some = zip(itertools.cycle(kinds), itertools.cycle(names), strict=False)
         pairs = list(itertools.islice(some, max(len(kinds), len(names))))
     for number, ((kind, name), is_past) in enumerate(itertools.product(pairs, (False, True))):
@@ -75,7 +75,7 @@ def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
             continue
         allowed = [[1, 1, 0, 0, 1, 0]]
         # In virtual time a frame that came before the latch of the first met it in the queue.
-        if board.wire.limits.slack_us or rx_us >= latch_us:
+        if not board.wire.is_virtual or rx_us >= latch_us:
             allowed.append([1, 1, 0, 0, 0, 1])
         text += f" for {_PAST_US} µs ago: {_COUNTERS} count {counted}"
         check(counted in allowed, f"{text}, due is {' or '.join(map(str, allowed))}")
@@ -105,8 +105,6 @@ def _send_behind_immediate(
         board.link.stream_wire(second, at_us),
     )
     rx_us = board.clock.unwrap(board.link.call(Ping(0), Pong).t_rx_us)
-    if not is_past:
-        board.clock.require_in_time(due_us, rx_us)
     board.clock.wait_until(due_us + board.clock.lead_us)
     after = board.status()
     check_equal(
@@ -135,11 +133,11 @@ def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None
         since, start_us = board.link.mark(), board.clock.device_us()
         time_us = _times_of_immediate_frames(board)[name]
         board.link.call(play, PlayReply, flags=Flag.IMMEDIATE, time_us=time_us)
-        most_us = board.clock.on_carrier(board.clock.device_us() + board.ready_after_us())
+        most_us = board.clock.on_carrier(board.clock.ready_us(board.clock.device_us()))
         ended = await_playback_end(board, since, _FRAMES * period_us)
         check_equal(ended.frames, _FRAMES, f"PLAY with the time {name}: {ended.frames} frames")
         times = [x.t_us for x in latches_received_from_board(board, since, mode)][-_FRAMES:]
-        least_us = board.clock.on_carrier(start_us + board.ready_after_us())
+        least_us = board.clock.on_carrier(board.clock.ready_us(start_us))
         text = f"PLAY with IMMEDIATE and the time {name}: latches at {times} µs"
         check(
             least_us <= times[0] <= most_us,

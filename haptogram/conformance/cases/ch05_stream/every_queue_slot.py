@@ -19,7 +19,7 @@ from ...client.capabilities import TRACE_MODES
 from ...client.drive_paths import registers_asked_for
 from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, require
 from .every_drop import fill_queue
 
 _WINDOW_US: Final = 100_000
@@ -67,14 +67,12 @@ def every_format_is_streamed_at_once(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def every_format_flushes_a_full_queue(board: BoardClient) -> None:
-    depth = board.identity.queue_depth
-    if depth > _DEEPEST:
-        not_observed(f"a queue of {depth} frames is not filled")
+    depth = board.depth_to_fill()
     board.arm()
     for kind in stream_kinds(board):
-        last_us = fill_queue(board, depth)
+        fill_queue(board, depth)
         waiting = board.status().queued
-        board.clock.require_in_time(last_us - 1000 * depth)
+        board.clock.end_exchange()
         check_equal(waiting, depth, f"{depth} frames wait, queued is {waiting}")
         with board.counting(flushed=depth, latched=1):
             index = latch_now(board, kind.make())
@@ -103,12 +101,9 @@ def every_format_is_streamed_late(board: BoardClient) -> None:
                 for late_us in (None, _WINDOW_US // 2, None):
                     frame, at_us = kind.make(), None
                     if late_us is not None:
-                        ready_us = board.ready_after_us(points_of_stream_kind(frame))
-                        ready_us += _part_of_its_time_on_the_line_us(board, frame)
-                        at_us = board.clock.device_us() + ready_us - late_us
+                        late_us -= _part_of_its_time_on_the_line_us(board, frame)
+                        at_us = board.late_time_us(late_us, points_of_stream_kind(frame))
                     board.link.send(board.link.stream_wire(frame, at_us))
-                    if at_us is not None:
-                        board.clock.require_in_time(at_us + _WINDOW_US)
                     board.clock.wait_latched()
             if mode is TraceMode.OFF:
                 continue
@@ -128,7 +123,14 @@ def every_format_is_streamed_late(board: BoardClient) -> None:
 def _part_of_its_time_on_the_line_us(board: BoardClient, frame: Message) -> int:
     """Return less than a late frame may be late, however fast the line turns out to be."""
     wire = board.link.stream_wire(frame, 0, seq=0)
-    return min(board.wire.line_us(len(wire)), _WINDOW_US // 2 - 2000)
+    return min(board.wire.period_us(len(wire)), _WINDOW_US // 2 - 2000)
+
+
+def _arrival_of_frame_us(board: BoardClient) -> int:
+    """Return when PHASES that are sent now come, by the rate of the line."""
+    size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
+    board.clock.device_us()
+    return board.clock.device_estimate_us() + board.wire.period_us(size)
 
 
 @case(
@@ -146,10 +148,7 @@ def every_late_window_of_the_queue(board: BoardClient) -> None:
         around_us = [window_us + off_us for off_us in range(-3, 4)]
         for late_us in (round(0.4 * window_us), *around_us, round(1.5 * window_us)):
             before = board.status().counters
-            wire_us = board.wire.line_us(len(board.link.stream_wire(board.flat_phases(), 0, seq=0)))
-            board.clock.device_us()
-            ready_us = board.clock.device_estimate_us() + wire_us + board.ready_after_us()
-            t_us = ready_us - late_us
+            t_us = board.clock.ready_us(_arrival_of_frame_us(board)) - late_us
             wire = board.link.stream_wire(board.flat_phases(), t_us)
             board.link.send(wire)
             board.clock.wait_latched()
@@ -189,9 +188,7 @@ def _queued_codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
     depth=Depth.DEFAULT,
 )
 def every_queue_slot_is_written_whole(board: BoardClient) -> None:
-    depth = board.identity.queue_depth
-    if depth > _DEEPEST:
-        not_observed(f"a queue of {depth} frames is not filled")
+    depth = board.depth_to_fill()
     mode = ask_for_board_latches(board)
     room = board.identity.trace_ring if mode is TraceMode.RING else depth
     board.arm()
@@ -216,7 +213,7 @@ def _queue_some_stream_frames(
     messages: list[Message] = []
     for _ in range(most):
         messages.append(kind.make())
-        if board.wire.line_us(len(messages) * len(messages[0].serialize())) > _BATCH_US:
+        if not board.wire.carries(len(messages) * len(messages[0].serialize()), _BATCH_US):
             break
     room = bytes(sum(len(message.serialize()) + 20 for message in messages))
     start_us, step_us = board.clock.soon_us(room), board.clock.on_carrier(_STEP_US)
@@ -229,7 +226,6 @@ def _queue_some_stream_frames(
         sent[board.link.stream_next] = zlib.crc32(b"".join(registers))
         wires.append(board.link.stream_wire(message, start_us + place * step_us))
     board.link.send(*wires)
-    board.clock.require_in_time(start_us)
     board.clock.wait_until(start_us + len(messages) * step_us)
 
 
@@ -241,20 +237,18 @@ def _queue_some_stream_frames(
 )
 def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
     horizon_us = board.identity.max_horizon_us
-    if board.clock.beyond_us(4) is None:
-        not_observed(f"a t_apply beyond the horizon of {horizon_us} µs has passed")
-    if not board.clock.can_be_in_time(board.ready_after_us()):
-        not_observed(f"no frame for within the horizon of {horizon_us} µs is ready in time")
-    wire_us = board.wire.line_us(len(board.link.stream_wire(board.flat_phases(), 0, seq=0)))
+    is_beyond = board.clock.beyond_us(4) is not None
+    require(is_beyond, f"a t_apply beyond the horizon of {horizon_us} µs has passed")
+    is_within = board.clock.can_be_in_time()
+    require(is_within, f"no frame for within the horizon of {horizon_us} µs is ready in time")
     for off_us in range(-3, 4):
         board.arm()
-        board.clock.device_us()
         before = board.status().counters
-        t_us = board.clock.device_estimate_us() + wire_us + horizon_us + off_us
+        t_us = _arrival_of_frame_us(board) + horizon_us + off_us
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
         found = board.status()
         dropped = (found.counters.dropped_future - before.dropped_future) & 0xFFFFFFFF
-        ahead_us = found.margin_min_us + board.ready_after_us()  # the margin is of the ready frame
+        ahead_us = board.clock.ready_us(found.margin_min_us)  # the margin is of the ready frame
         within = ahead_us <= horizon_us
         due = (int(within), int(not within))
         check_equal(
@@ -276,19 +270,18 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
     board.arm()
     most_us = board.identity.max_horizon_us - _AHEAD_US
     lengths = [(1 << bits) + _OVER_US for bits in range(16, 31)]
-    least_us = board.ready_after_us() + _LOOK_US
+    least_us = board.clock.ready_us(_LOOK_US)
     ahead_us = [us for us in lengths if least_us < us < most_us][: board.identity.queue_depth]
-    if not ahead_us:
-        not_observed(f"max_horizon_us is {board.identity.max_horizon_us}: no wait of 2^16 µs fits")
+    text = f"max_horizon_us is {board.identity.max_horizon_us}: no wait of 2^16 µs fits"
+    require(bool(ahead_us), text)
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
-    wait_us = board.wire.line_us(len(ahead_us) * size)
-    now_us = board.clock.device_us() + wait_us
+    now_us = board.clock.device_us() + board.wire.period_us(len(ahead_us) * size)
     with board.counting(latched=0, flushed=len(ahead_us)):
         board.link.send(
             *(board.link.stream_wire(board.flat_phases(), now_us + us) for us in ahead_us)
         )
         board.wire.idle(_LOOK_US)
         queued = board.status().queued
-        board.clock.require_in_time(now_us + ahead_us[0])
+        board.clock.require_before(now_us + ahead_us[0], "a look at frames that wait")
         check_equal(queued, len(ahead_us), f"{len(ahead_us)} frames wait, queued is {queued}")
         board.link.ask(Mute())

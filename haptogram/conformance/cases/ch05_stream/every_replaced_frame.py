@@ -27,7 +27,7 @@ from ...client.latching import (
 )
 from ...client.playback import PERIOD_US, play_now, send_phases_that_fit
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _SEQUENCE: Final = 5
 _STEP_US: Final = 1000  # between two carrier periods that frames are sent for
@@ -94,7 +94,7 @@ def every_order_of_times_in_a_period(board: BoardClient) -> None:
     orders = [*orders_in_a_period(2), *orders_in_a_period(3)]
     room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
     turns = len(stream_kinds(board)) if board.thorough else 1
-    for turn in range(min(turns, _TURNS_AT_WALL) if board.wire.limits.slack_us else turns):
+    for turn in board.sample(range(turns), _TURNS_AT_WALL):
         for first in range(0, len(orders), room):
             _judge_orders(board, orders[first : first + room], turn, mode)
 
@@ -120,7 +120,6 @@ def _judge_orders(
         due[board.link.stream_next + order.taken[-1]] = order
         for message, t_us in zip(some, times, strict=True):
             board.link.send(board.link.stream_wire(message, t_us))
-    board.clock.require_in_time(start_us - board.clock.carrier_us)
     board.clock.wait_until(last_us)
     counted = board.counted_since(before)
     if mode is not TraceMode.OFF:
@@ -139,8 +138,7 @@ def _judge_shorter_burst(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: TraceMode
 ) -> None:
     """Judge half of the orders at a time: the line is slow, or the horizon near."""
-    if len(orders) == 1:
-        not_observed("no three frames reach this board within its horizon")
+    require(len(orders) != 1, "no three frames reach this board within its horizon")
     half = len(orders) // 2
     _judge_orders(board, orders[:half], turn, mode)
     _judge_orders(board, orders[half:], turn, mode)
@@ -189,7 +187,6 @@ def frames_with_defects_replace_no_frame(board: BoardClient) -> None:
             for _, wire in _frames_that_replace_nothing(board, message, t_us + 1):
                 board.link.send(wire)
                 wrong += 1
-        board.clock.require_in_time(t_us - board.clock.carrier_us)
         board.clock.wait_until(t_us + _STEP_US)
         counted = board.counted_since(before)
         got = tuple(counted[name] for name in _COUNTERS)
@@ -252,8 +249,8 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
     for name, flush in _FLUSHES.items():
         if flush is _flush_by_playback and not plays:
             continue
-        ready_us = board.ready_after_us()  # of a frame that flushes
-        t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=2 * PERIOD_US + ready_us)
+        ahead_us = board.clock.ready_us(2 * PERIOD_US)  # of a frame that flushes
+        t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=ahead_us)
         board.require_hold(t_us + _STEP_US - board.clock.device_us(), "a slow line")
         for later_us in (0, apart_us, 2 * apart_us):
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + later_us - apart_us))
@@ -262,7 +259,6 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
         before = board.status()
         check_equal(before.queued, 0, f"{before.queued} frames wait behind {name}")
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us - 2 * apart_us))
-        board.clock.require_in_time(t_us - 3 * apart_us - ready_us)
         board.clock.wait_until(t_us + _STEP_US)
         counted = board.counted_since(before.counters)
         got = tuple(counted[counter] for counter in _COUNTERS)
@@ -282,8 +278,7 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def late_frames_are_replaced_with_their_mark(board: BoardClient) -> None:
-    if board.wire.limits.slack_us or board.wire.line_us(_LONGEST) >= board.clock.carrier_us // 4:
-        not_observed("no two frames come within one carrier period of this line")
+    board.clock.require_frames_in_carrier(_LONGEST, 4)
     mode = ask_for_board_latches(board)
     board.configure(trace_mode=mode, late_window_us=_WINDOW_US)
     board.arm()
@@ -299,9 +294,11 @@ def _judge_late_pair(
     carrier_us = board.clock.carrier_us
     messages = [kind.make() for kind in kinds]
     came_us = board.clock.soon_us(bytes(_LONGEST)) + carrier_us // 5
-    ready_us = [came_us + board.ready_after_us(points_of_stream_kind(messages[0]))]
-    points = sum(map(points_of_stream_kind, messages))
-    ready_us.append(came_us + board.ready_after_us(points))
+    points = [points_of_stream_kind(message) for message in messages]
+    ready_us = [
+        board.clock.ready_us(came_us, points[0]),
+        board.clock.ready_us(came_us, sum(points)),
+    ]
     times = (
         ready_us[0] - carrier_us // 2,
         ready_us[1] + (-carrier_us if is_late else carrier_us) // 8,

@@ -158,7 +158,7 @@ def every_state_of_the_stream_sends_status(board: BoardClient) -> None:
         board.arm()
         bring()
         since = board.link.mark()
-        board.wire.idle(7 * period_ms * _MS // 2 + board.wire.limits.slack_us)
+        board.wire.idle_beyond(7 * period_ms * _MS // 2)
         board.link.barrier()
         times = [
             board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)

@@ -15,7 +15,7 @@ from haptogram_protocol.messages import Feature, FocalPoint, Points
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ClientDrive, latch_now, read_back
-from ...outcome import SELF_REPORTED, check, not_observed
+from ...outcome import SELF_REPORTED, check, require
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
@@ -242,8 +242,7 @@ def _latch_and_judge_points(
 )
 def streamed_points_all_but_cancel(board: BoardClient) -> None:
     most = min(board.most_points, 2 * 65_535 // _FAINT)
-    if most < 2:
-        not_observed("one point alone cancels nothing")
+    require(most >= 2, "one point alone cancels nothing")
     model = _model_of_streamed_points(board)
     board.arm()
     for number, turn in itertools.product({2, most - most % 2}, range(_TURNS)):
@@ -295,10 +294,10 @@ def streamed_points_lie_at_every_end(board: BoardClient) -> None:
 )
 def counts_the_points_of_a_frame(board: BoardClient) -> None:
     most = board.identity.max_points
-    if (most + 1) * FocalPoint.LAYOUT.size > 4000:
-        not_observed("more points than max_points do not fit into a frame")
+    text = "more points than max_points do not fit into a frame"
+    require((most + 1) * FocalPoint.LAYOUT.size <= 4000, text)
     size = (min(most + 1, 250) + min(2 * most, 250)) * FocalPoint.LAYOUT.size
-    board.require_hold(2 * board.wire.line_us(size), f"frames of {most + 1} points and more")
+    board.require_hold(board.wire.period_us(2 * size), f"frames of {most + 1} points and more")
     board.arm()
     point = FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
     with board.counting(latched=1, bad_value=2, bad_length=1):

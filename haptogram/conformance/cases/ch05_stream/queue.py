@@ -13,8 +13,7 @@ from ...client.latching import (
     latch_now,
     latches_received_from_board,
 )
-from ...client.stream_kinds import points_of_stream_kind
-from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _STATUS_BYTES: Final = 200  # of a STATUS_REPLY and of its request on the line, at most
 _DEEPEST: Final = 512
@@ -52,7 +51,6 @@ def queue_keeps_its_order(board: BoardClient) -> None:
         for early_us in (0, 1, 10_000):
             board.link.send(board.link.stream_wire(good, t_us - early_us))
         board.link.send(board.link.stream_wire(good, t_us + 1000))
-        board.clock.require_in_time(t_us - 10_000)
         board.clock.wait_until(t_us + 2000)
 
 
@@ -84,8 +82,8 @@ def _disarmed_before_order(board: BoardClient, _: int) -> None:
     depth=Depth.DEFAULT,
 )
 def an_empty_queue_has_no_order(board: BoardClient) -> None:
-    if board.ready_after_us() > _MAX_LATE_US // 2:
-        not_observed("a frame for a time before the last latch is ready behind the late window")
+    is_soon = board.clock.ready_us(0) <= _MAX_LATE_US // 2
+    require(is_soon, "a frame for a time before the last latch is ready behind the late window")
     board.configure(late_window_us=_MAX_LATE_US)
     for name, empty in (
         ("latched", _latched_before_order),
@@ -100,9 +98,8 @@ def an_empty_queue_has_no_order(board: BoardClient) -> None:
         earlier_us = min(t_us - 50, board.late_time_us(50))
         before = board.status().counters
         board.link.send(board.link.stream_wire(board.flat_phases(), earlier_us))
-        board.clock.require_in_time(
-            earlier_us + _MAX_LATE_US - board.ready_after_us(), board.clock.device_us()
-        )
+        last_us = earlier_us + _MAX_LATE_US - board.clock.ready_us(0)
+        board.clock.require_before(last_us, "a late frame", board.clock.device_us())
         board.clock.wait_latched()
         counted = board.counted_since(before)
         names = ("late", "latched", "dropped_order", "dropped_late")
@@ -117,23 +114,16 @@ def an_empty_queue_has_no_order(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def queue_holds_its_depth(board: BoardClient) -> None:
-    depth = board.identity.queue_depth
-    if depth > _DEEPEST:
-        not_observed(f"a queue of {depth} frames is not filled")
+    depth = board.depth_to_fill()
     board.arm()
     good = board.shortest_stream()
-    size = len(board.link.stream_wire(good, 0, seq=0))
-    points = points_of_stream_kind(good) * (depth + 1)
-    start_us = board.clock.soon_us(bytes(size * (depth + 1) + _STATUS_BYTES), points=points)
-    if start_us + 1000 * depth > board.clock.device_us() + board.identity.max_horizon_us:
-        not_observed(f"this line or board takes too long to fill a queue of {depth} frames")
+    times = board.times_in_queue(depth + 1)
     with board.counting(dropped_full=1, latched=depth):
-        for number in range(depth + 1):
-            board.link.send(board.link.stream_wire(good, start_us + 1000 * number))
+        for t_us in times:
+            board.link.send(board.link.stream_wire(good, t_us))
         queued = board.status().queued
-        board.clock.require_in_time(start_us)
+        board.clock.wait_until(times[-1])
         check_equal(queued, depth, f"{depth} frames wait, queued is {queued}")
-        board.clock.wait_until(start_us + 1000 * depth)
 
 
 @case(
@@ -145,11 +135,11 @@ def queue_has_its_horizon(board: BoardClient) -> None:
     board.arm()
     horizon_us = board.identity.max_horizon_us
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
-    slack_us = 20_000 + 2 * board.wire.limits.lead_us + 10 * board.wire.line_us(size)
     now_us = board.clock.device_us()
-    ahead_us = (horizon_us + slack_us, 2 * horizon_us, 2**31 - 1)
+    sent_us = board.wire.period_us(10 * size) + 20_000 + 2 * board.wire.limits.lead_us
+    ahead_us = (horizon_us + sent_us, 2 * horizon_us, 2**31 - 1)
     beyond_us = [us for us in ahead_us if horizon_us < us < 2**31]  # later ones have passed
-    can_wait = board.clock.can_be_in_time(board.ready_after_us())
+    can_wait = board.clock.can_be_in_time()
     with board.counting(dropped_future=len(beyond_us), flushed=int(can_wait)):
         for us in beyond_us:
             board.link.send(board.link.stream_wire(board.flat_phases(), now_us + us))
@@ -208,7 +198,6 @@ def latches_frames_within_the_late_window(board: BoardClient) -> None:
         board.clock.wait_latched()
         t_us = board.clock.soon_us(bytes(600))
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
-        board.clock.require_in_time(t_us)
         board.clock.wait_until(t_us + 1000)
     if mode is not TraceMode.OFF:
         flags = [latch.late for latch in latches_received_from_board(board, since, mode)]

@@ -53,14 +53,14 @@ def latches_frames_when_ready(board: BoardClient) -> None:
             around_us = send_between_pings(board, message)
             board.clock.wait_latched()
             got_us = board.clock.unwrap(board.status().last_latch_us)
+            ready_us = board.clock.ready_us(0, points)
             least_us, most_us = (
-                board.clock.on_carrier(t_us + board.ready_after_us(points)) for t_us in around_us
+                board.clock.on_carrier(board.clock.ready_us(t_us, points)) for t_us in around_us
             )
             check(
                 least_us <= got_us <= most_us,
                 f"{message.TYPE.name} of {points} points, latched {got_us - around_us[1]} µs after "
-                f"the PING behind it came; ready it is {board.ready_after_us(points)} µs after its "
-                f"arrival",
+                f"the PING behind it came; ready it is {ready_us} µs after its arrival",
             )
 
 
@@ -87,11 +87,11 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
         board.clock.wait_latched()
         board.clock.wait_latched()
         got_us = board.clock.unwrap(board.status().last_latch_us)
-        least_us = board.clock.on_carrier(from_us + board.ready_after_us(2 * most))
+        least_us = board.clock.on_carrier(board.clock.ready_us(from_us, 2 * most))
         check(
             got_us >= least_us,
             f"the second frame of {most} points was latched {got_us - from_us} µs after the PING "
-            f"before both; {board.ready_after_us(2 * most)} µs are due",
+            f"before both; {board.clock.ready_us(0, 2 * most)} µs are due",
         )
 
 
@@ -107,13 +107,13 @@ def lateness_counts_from_readiness(board: BoardClient) -> None:
     board.arm()
     window_us = board.config.late_window_us
     for message, points in _kinds_of_ready_frames(board):
-        if not board.clock.can_be_in_time(board.ready_after_us(points)):
+        if not board.clock.can_be_in_time(points):
             continue  # no such frame is ever in time
         for ahead_us in range(-200, 201, 80):
             board.clock.wait_latched()
             before = board.status().counters
             now_us = board.clock.device_us() + board.wire.limits.lead_us // 8
-            t_us = now_us + board.ready_after_us(points) - window_us + ahead_us
+            t_us = board.clock.ready_us(now_us, points) - window_us + ahead_us
             board.link.send(board.link.stream_wire(message, t_us))
             board.clock.wait_until(board.clock.on_carrier(t_us + window_us) + board.clock.lead_us)
             after = board.status()

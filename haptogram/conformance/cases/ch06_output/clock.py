@@ -12,7 +12,7 @@ from ...client.board_client import BoardClient
 from ...client.board_clock import BOOT_US
 from ...client.latching import latch_now
 from ...client.wire import ReceivedByClient
-from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _LIMIT_US: Final = 10
 _SAMPLES: Final = 24
@@ -63,7 +63,7 @@ class _OutputClockWatch:
     depth=Depth.DEFAULT,
 )
 def output_clock_keeps_time(board: BoardClient) -> None:
-    duration_us = 2_000_000 if board.wire.limits.slack_us else 10_000_000
+    duration_us = 10_000_000 if board.wire.is_virtual else 2_000_000
     watch = _OutputClockWatch(board)
     for _ in range(_SAMPLES + 1):
         watch.look()
@@ -110,8 +110,7 @@ def clock_starts_ten_seconds_before_the_wrap(board: BoardClient) -> None:
 )
 def clock_counts_beyond_32_bits(board: BoardClient) -> None:
     board.prepare()
-    if 2**32 % board.clock.carrier_us == 0:
-        not_observed("2^32 µs are whole carrier periods of this board")
+    require(2**32 % board.clock.carrier_us != 0, "2^32 µs are whole carrier periods of this board")
     board.wire.idle(max(0, _clock_to_the_wrap_us(board) + 10_000))
     board.clock.device_us()
     board.arm()
@@ -157,15 +156,14 @@ def clock_stamps_agree(board: BoardClient) -> None:
         since = board.link.mark()
         board.link.send(board.link.stream_wire(good, t_us), ping)
         pong = _clock_of_pong(board, board.link.answer_to(Ping.TYPE, seq, since))
-        ready_us = t_us - board.status().margin_min_us
-        arrival_us = ready_us - board.ready_after_us()
-        apart.append(signed_difference(pong.t_rx_us, arrival_us & 0xFFFFFFFF, 32))
-    line_us = board.wire.line_us(len(ping))
+        margin_us = board.clock.ready_us(board.status().margin_min_us)
+        apart.append(signed_difference(pong.t_rx_us, (t_us - margin_us) & 0xFFFFFFFF, 32))
+    sent_us = board.wire.period_us(len(ping))
     least_us = min(apart, key=abs)  # a host may send in two parts
     check(
-        -_LIMIT_US <= least_us <= line_us + _LIMIT_US,
+        -_LIMIT_US <= least_us <= sent_us + _LIMIT_US,
         f"t_rx is {least_us} µs behind the arrival of the frame right before the PING, by its "
-        f"margin; the PING takes {line_us} µs on the line",
+        f"margin; the PING takes {sent_us} µs on the line",
     )
 
 
@@ -176,19 +174,18 @@ def clock_stamps_agree(board: BoardClient) -> None:
     depth=Depth.DEFAULT,
 )
 def clock_stamps_the_end_of_a_ping(board: BoardClient) -> None:
-    slack_us = board.wire.limits.slack_us + _SPARE_US
     for number in range(3):
         ping, seq = board.link.request_wire(Ping(number))
         before = (2, len(ping) // 2, len(ping) - 1)[number]
         since = board.link.mark()
         board.link.send(ping[:before])
-        board.wire.idle(2 * slack_us + _PAUSE_US)
-        resumed_us = board.clock.device_estimate_us()
+        board.wire.idle_beyond(_PAUSE_US)
+        resumed_us = board.clock.device_least_us()
         board.link.send(ping[before:])
         pong = _clock_of_pong(board, board.link.answer_to(Ping.TYPE, seq, since))
         early_us = resumed_us - board.clock.unwrap(pong.t_rx_us)
         check(
-            early_us <= slack_us,
+            early_us <= 0,
             f"t_rx of a PING lies {early_us} µs before the rest of it was sent, all behind its "
             f"first {before} bytes",
         )
@@ -200,19 +197,18 @@ def clock_stamps_the_end_of_a_ping(board: BoardClient) -> None:
     variant="exact",
 )
 def clock_stamps_exactly(board: BoardClient) -> None:
-    if board.wire.limits.slack_us:
-        not_observed("when a byte is on a real line is not known to 10 µs here")
+    board.wire.require_exact_times()
     device_us = board.clock.device_us()
     ping, first = board.link.request_wire(Ping(1))
     encoded, _ = malformed_frames.malformed_mute_of_size(board.link, 4000)
     sent_us = board.wire.now_us()
-    base_us = board.link.call(Ping(0), Pong).t_rx_us - sent_us - board.wire.line_us(len(ping))
+    base_us = board.link.call(Ping(0), Pong).t_rx_us - sent_us - board.wire.period_us(len(ping))
     ping, first = board.link.request_wire(Ping(2))
     before = b"\x00" + encoded + b"\x00"
     since, sent_us = board.link.mark(), board.wire.now_us()
     board.link.send(before, ping)
-    pong = _clock_of_pong(board, board.link.answer_to(Ping.TYPE, first, since, 50_000))
-    due_us = base_us + sent_us + board.wire.line_us(len(before) + len(ping))
+    pong = _clock_of_pong(board, board.link.answer_to(Ping.TYPE, first, since))
+    due_us = base_us + sent_us + board.wire.period_us(len(before) + len(ping))
     off_us = signed_difference(pong.t_rx_us, due_us & 0xFFFFFFFF, 32)
     check(abs(off_us) <= _LIMIT_US, f"t_rx is off by {off_us:+d} µs (clock at {device_us})")
     _check_clock_of_first_byte(board, base_us)
@@ -223,8 +219,8 @@ def _check_clock_of_first_byte(board: BoardClient, base_us: int) -> None:
     ping, seq = board.link.request_wire(Ping(3))
     since = board.link.mark()
     board.link.send(long, ping)
-    answer = board.link.answer_to(Ping.TYPE, seq, since, 50_000)
+    answer = board.link.answer_to(Ping.TYPE, seq, since)
     pong = _clock_of_pong(board, answer)
-    due_us = base_us + answer.t_us - board.wire.line_us(len(answer.piece) + 2)
+    due_us = base_us + board.wire.begun_us(answer)
     off_us = signed_difference(pong.t_tx_us, due_us & 0xFFFFFFFF, 32)
     check(abs(off_us) <= _LIMIT_US, f"t_tx of a PONG behind a long reply is off by {off_us:+d} µs")

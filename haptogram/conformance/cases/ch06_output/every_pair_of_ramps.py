@@ -14,7 +14,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
 from ...client.playback import play_now, send_phases_to_store_if_supported
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, CaseEndedError, check, inconclusive
+from ...outcome import SELF_REPORTED, CaseEndedError, check
 from ..ch12_timers.every_restart import SLOW_US, wait_for_timer
 
 _MS: Final = 1000
@@ -73,7 +73,7 @@ def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> 
 
 def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
     """Return a length of time, or a longer one on a slow line, or for a slow board."""
-    slow_line, slow_board = board.wire.line_us(200), board.ready_after_us()
+    slow_line, slow_board = board.wire.period_us(200), board.clock.ready_us(0)
     return length_ms * max(1, slow_line // _SLOW_LINE_US, -(-slow_board // _SLOW_LINE_US))
 
 
@@ -91,9 +91,10 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
         begins_us, both_us = _begin_ramp_of_pair(board, pair)
         if pair.renewed_by == _FRAME:
             wait_for_timer(board, both_us)
-            at_us = board.clock.device_us()
-            if at_us >= begins_us + pair.ramp_ms * _MS:
-                inconclusive("the host or the line is too slow for a frame in a ramp")
+            frame_us = board.clock.device_us()
+            board.clock.require_before(
+                begins_us + pair.ramp_ms * _MS, "a frame in a ramp", frame_us
+            )
         reason = pair.other
         if pair.renewed_by == _FRAME or (pair.is_hold_first and not pair.renewed_by):
             reason = MuteReason.HOLD_EXPIRED
@@ -128,8 +129,8 @@ def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
         board.link.send(board.link.stream_wire(board.flat_phases(), latch_us + ahead_us))
     asked_us = board.clock.device_us()
     hold_us, other_us = latch_us + hold_ms * _MS, asked_us + other_ms * _MS
-    if asked_us > latch_us + hold_ms * _MS or (hold_us < other_us) is not pair.is_hold_first:
-        inconclusive("the host or the line is too slow for two timers that run out")
+    last_us = hold_us - (0 if pair.is_hold_first else other_ms * _MS)  # the PING renews a lease
+    board.clock.require_before(last_us, "two timers that run out", asked_us)
     return min(hold_us, other_us), latch_us + ahead_us
 
 

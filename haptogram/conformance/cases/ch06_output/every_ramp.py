@@ -14,7 +14,7 @@ from ...client.latching import FULL, latch_now, read_back_radiated
 from ...client.playback import play_now, send_phases_to_store, send_phases_to_store_if_supported
 from ...judge.ramps import judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import judge_in_time, judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, inconclusive
+from ...outcome import SELF_REPORTED
 from ..ch07_configuration.every_running_timer import every_other_setting
 
 _MS: Final = 1000
@@ -27,8 +27,8 @@ _PLAYED_RAMPS_MS: Final = {128: 300}  # at a wall clock
 _RAMPS_NEED: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
 #: Ceilings at the beginning of a ramp, and set one after the other within it.
 _CEILINGS_IN_RAMPS: Final = (
-    (100, (100, 255, 101, 254)),
     (255, (200, 255, 199, 200, 60, 61, 255, 0, 1, 255)),
+    (100, (100, 255, 101, 254)),
     (200, (255, 40, 255, 39, 200)),
     (0, (255, 1)),
     (1, (0, 255)),
@@ -56,7 +56,7 @@ def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
 def output_ramps_begin_below_the_ceiling(board: BoardClient) -> None:
     played = board.has(Feature.SEQUENCE_PHASES)
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    at_wall = board.wire.limits.slack_us > 0
+    at_wall = not board.wire.is_virtual
     played_ms = (_PLAYED_RAMPS_MS if at_wall else _RAMPS_MS) if played else {}
     for ceiling, ramp_ms in _RAMPS_MS.items():
         _judge_output_ramp(board, ceiling, ramp_ms, plays=False)
@@ -115,7 +115,7 @@ def output_ramps_keep_their_beginning(board: BoardClient) -> None:
     steps = [*every_other_setting(board), *ceilings, *lengths]
     for plays in _sources_of_drives(board):
         # Behind the last ones the ramp ends: at its own time, whatever is in force.
-        for last in steps[-1:] if board.wire.limits.slack_us else lengths:
+        for last in board.sample(lengths[::-1]):
             _judge_ramp_with_settings(board, 100, [*steps, last], plays=plays)
 
 
@@ -129,13 +129,9 @@ def output_ramps_keep_their_beginning(board: BoardClient) -> None:
 )
 def output_ramps_are_cut_off(board: BoardClient) -> None:
     chains: list[tuple[int, tuple[int, ...]]] = list(_CEILINGS_IN_RAMPS)
-    if board.wire.limits.slack_us:
-        chains = chains[1:2]
-    else:
-        codes = (0, 1, 2, 77, 128, 253, 254, 255)
-        for first in codes:
-            chains.append((first, tuple(board.random.choices(codes, k=len(codes)))))
-    for first, ceilings in chains:
+    codes = (0, 1, 2, 77, 128, 253, 254, 255)
+    chains += [(first, tuple(board.random.choices(codes, k=len(codes)))) for first in codes]
+    for first, ceilings in board.sample(chains):
         steps = [{"amplitude_ceiling": ceiling} for ceiling in ceilings]
         for plays in _sources_of_drives(board):
             _judge_ramp_with_settings(board, first, steps, plays=plays)
@@ -144,7 +140,7 @@ def output_ramps_are_cut_off(board: BoardClient) -> None:
 def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
     """Yield whether a drive is played; at a wall clock streamed ones alone."""
     yield False
-    if board.has(Feature.SEQUENCE_PHASES) and not board.wire.limits.slack_us:
+    if board.has(Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
         send_phases_to_store(board, _SEQUENCE, frames=1)
         yield True
 
@@ -176,8 +172,8 @@ def _judge_ramp_with_settings(
 
 def _length_of_long_ramp_ms(board: BoardClient) -> int:
     """Return a ramp in which many frames can be sent."""
-    reads_us = 25 * board.wire.line_us(2 * board.identity.transducers + 150)
-    return _LONG_MS if reads_us > _LONG_MS * _MS // 4 else _LONG_MS // 2
+    reads = 25 * (2 * board.identity.transducers + 150)
+    return _LONG_MS // 2 if board.wire.carries(reads, _LONG_MS * _MS // 4) else _LONG_MS
 
 
 # --- How a ramp ends ---------------------------------------------------------------------------
@@ -196,7 +192,7 @@ def undone_ramps_take_the_new_ceiling(board: BoardClient) -> None:
     timers = ["hold", "lease", "both", "both, the lease first"]
     timers += ["unattended"] if board.has(Feature.SEQUENCE_PHASES) else []
     for first, then in ((100, FULL), (FULL, 100)):
-        for timer in timers if first < then or not board.wire.limits.slack_us else timers[:1]:
+        for timer in timers if first < then or board.wire.is_virtual else timers[:1]:
             _undo_ramp_with_settings(board, timer, first, then)
 
 
@@ -235,8 +231,7 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
         judge_straight_ramp(board, [reading], _LONG_MS, begins, name, cut=then)
         return
     shown = read_back_radiated(board)
-    if board.clock.device_us() - latch_us > _LONG_MS * _MS:
-        inconclusive("the host was held up during a ramp")
+    board.clock.require_before(latch_us + _LONG_MS * _MS, "a read-back in a ramp")
     due = _below_ceiling(latched, then)
     wrong = [(n, got) for n, got in enumerate(shown.amplitudes) if got != due[n]]
     judge_in_time(

@@ -88,11 +88,12 @@ def _moments_of_hardware_fault(board: BoardClient) -> dict[str, Callable[[BoardC
 
 def fail_hardware(board: BoardClient) -> None:
     """Let the hardware fail; NOT-OBSERVED if nothing can."""
-    if board.raise_fault is None:
+    raise_fault = board.raise_fault
+    if raise_fault is None:
         not_observed("nothing can let the hardware of this board fail (--fault-cmd)")
     board.link.barrier()
-    board.raise_fault()
-    board.wire.idle(board.wire.limits.slack_us + 1000)
+    raise_fault()
+    board.wire.idle_beyond(1000)
 
 
 def recover_from_hardware_fault(board: BoardClient) -> None:

@@ -81,7 +81,6 @@ def _check_mute_flushes(board: BoardClient, message: Message) -> None:
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))
         board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
         board.link.ask(message)
-        board.clock.require_in_time(t_us)
         board.arm()
         board.clock.wait_until(t_us + 4000)
 
@@ -95,7 +94,7 @@ def _check_mute_ends_playback(board: BoardClient, message: Message) -> None:
     play_now(board, 2, loops=0)
     let_play(board, 5)
     board.link.ask(message)
-    event = board.link.await_event(PlaybackEnded, since, 20_000 + board.wire.limits.slack_us)
+    event = board.link.await_event(PlaybackEnded, since, 20_000)
     check(event is not None, f"{message.TYPE.name} did not end the playback")
     board.arm()
     with board.counting(latched=0):
@@ -119,7 +118,7 @@ def mute_takes_the_reason(board: BoardClient) -> None:
         board.configure(hold_ms=20, ramp_ms=0)
         board.arm()
         latch_now(board, board.flat_phases())
-        board.wire.idle(40_000 + board.wire.limits.slack_us)
+        board.wire.idle_beyond(40_000)
         before = board.status().reason
         check_equal(
             before, MuteReason.HOLD_EXPIRED, f"the hold ran out, the reason is {before.name}"

@@ -156,7 +156,7 @@ def output_ramps_are_renewed(board: BoardClient) -> None:
     evidence=SELF_REPORTED,
 )
 def output_ramps_end_muted(board: BoardClient) -> None:
-    hold_ms = 60 + board.wire.line_us(2 * board.identity.transducers + 200) // _MS
+    hold_ms = board.clock.timer_ms(60, 2 * board.identity.transducers + 200)
     ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0
     board.configure(hold_ms=hold_ms, ramp_ms=60)
     board.arm()
@@ -210,5 +210,5 @@ def output_ramps_end_playback(board: BoardClient) -> None:
     since = board.link.mark()
     play_now(board, 1, loops=0, period_us=500_000)
     judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
-    found = board.link.await_event(PlaybackEnded, since, 50 * _MS + board.wire.limits.slack_us)
+    found = board.link.await_event(PlaybackEnded, since, 50 * _MS)
     check(found is not None, "a timer has muted the board, but no PLAYBACK_ENDED came")

@@ -160,7 +160,7 @@ def arms_again_in_armed_state(board: BoardClient) -> None:
         for number in range(2):
             board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))
         board.arm()
-        board.clock.require_in_time(t_us)
+        board.clock.end_exchange()
         if board.has(Feature.READ_RADIATED):
             check(not is_board_silent(board), "ARM while ARMED silences the board")
         board.clock.wait_until(t_us + 2000)
@@ -172,7 +172,7 @@ def tells_the_state_after_a_foreign_mute(board: BoardClient) -> None:
         board.arm()
         since = board.link.mark()
         board.link.ask(Mute(), session=session)
-        found = board.link.await_event(StateChanged, since, 20_000 + board.wire.limits.slack_us)
+        found = board.link.await_event(StateChanged, since, 20_000)
         check(found is not None, f"MUTE of session {session:#06x}: no STATE_CHANGED")
         if found is not None:
             event = found[1]
@@ -195,7 +195,7 @@ def tells_the_state_after_a_timer(board: BoardClient) -> None:
         board.arm()
         since = board.link.mark()
         latch_now(board, board.flat_phases())
-        found = board.link.await_event(StateChanged, since, 200_000 + board.wire.limits.slack_us)
+        found = board.link.await_event(StateChanged, since, 200_000)
         if found is None:
             fail(f"{reason.name}: no STATE_CHANGED within 200 ms")
         got = (found[1].state, found[1].reason)

@@ -119,7 +119,7 @@ def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
         board.arm()
         since, asked_us = board.link.mark(), board.clock.device_us()
         play_now(board, _SEQUENCE, loops=1, period_us=period_us)
-        most_us = board.clock.on_carrier(board.clock.device_us() + board.ready_after_us())
+        most_us = board.clock.on_carrier(board.clock.ready_us(board.clock.device_us()))
         await_playback_end(board, since, _FRAMES * period_us)
         seen = latches_received_from_board(board, since, mode)[-_FRAMES:]
         text = f"PLAY behind one {moment} that {name} has ended"
@@ -145,7 +145,7 @@ def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
         board.configure(status_period_ms=period_ms)
         board.arm()
         since = board.link.mark()
-        wait_us = 3 * period_ms * _MS + 2 * board.wire.limits.slack_us
+        wait_us = 3 * period_ms * _MS
         board.link.await_event(Status, since, wait_us)  # this session has an event
         bring(board)
         since = board.link.mark()

@@ -32,7 +32,7 @@ from ...client.playback import (
 )
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import frames_with_room, upload_to_board
-from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _SEQUENCE: Final = 0x0201
 #: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.
@@ -152,8 +152,8 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
     _begin_traced_playback(board)
     since = board.link.mark()
     period_us, seen_us = _shortest_playback_us(board), 20_000
-    if (len(stored) - 1) * period_us <= seen_us:
-        not_observed(f"the last of {len(stored)} frames at most is played within {seen_us} µs")
+    text = f"the last of {len(stored)} frames at most is played within {seen_us} µs"
+    require((len(stored) - 1) * period_us > seen_us, text)
     play_now(board, _SEQUENCE, loops=1, period_us=period_us)
     board.wire.idle(seen_us)
     board.link.call(Stop(), StopReply)
@@ -330,7 +330,7 @@ def a_divider_divides_many_playback_latches(board: BoardClient) -> None:
 )
 def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=1)
-    board.clock.require_horizon(board.ready_after_us() + _WINDOW_US // 2)
+    board.clock.require_horizon(board.clock.ready_us(_WINDOW_US // 2))
     for divider in (2, 3, 4):
         board.configure(
             trace_mode=TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US

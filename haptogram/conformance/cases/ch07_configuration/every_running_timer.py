@@ -19,7 +19,7 @@ from ...client.playback import (
     send_phases_to_store_if_supported,
 )
 from ...judge.timers import EXACT_US, judge_mute_time, judge_status_steps, judged_mute_by_timer
-from ...outcome import check, not_observed
+from ...outcome import check, require
 
 _MS: Final = 1000
 _SEQUENCE: Final = 3
@@ -51,7 +51,7 @@ def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
     found = every_other_setting(board)
     if board.has(Feature.AMPLITUDE):
         found.append({"amplitude_ceiling": 50})
-    if board.wire.limits.slack_us:
+    if not board.wire.is_virtual:
         found = [{name: value for change in reversed(found) for name, value in change.items()}]
     return found
 
@@ -97,7 +97,7 @@ def _hold_with_configuration(
     board.wire.idle(max(0, start_us + _BEFORE_MS * _MS - board.clock.device_estimate_us()))
     early_us = board.clock.device_us()
     late_us = _set_configuration_alone(board, **after)
-    board.clock.require_in_time(start_us + length_ms * _MS, late_us)
+    board.clock.require_before(start_us + length_ms * _MS, "SET_CONFIG in a hold", late_us)
     longest_ms = 2 * max(length_ms, after["hold_ms"]) + after["ramp_ms"]
     header, _ = judged_mute_by_timer(board, since, longest_ms * _MS, MuteReason.HOLD_EXPIRED)
     muted_us = board.clock.unwrap(header.time_us)
@@ -137,8 +137,8 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
         *((_LENGTH_MS, changes) for changes in [*ramps, *_other_settings(board)]),
     ]
     for start in starts:
-        least = board.wire.limits.slack_us and start is _start_played_hold_to_configure
-        for length_ms, changes in lengths[:2] if least else lengths:
+        most = 2 if start is _start_played_hold_to_configure else len(lengths)
+        for length_ms, changes in board.sample(lengths, most):
             _hold_with_configuration(board, start, length_ms, changes)
 
 
@@ -177,7 +177,7 @@ def _lease_with_configuration(
     begun_us = board.clock.device_us()
     board.wire.idle(_BEFORE_MS * _MS)
     start_us = _set_configuration_alone(board, **after)
-    board.clock.require_in_time(begun_us + _LENGTH_MS * _MS, start_us)
+    board.clock.require_before(begun_us + _LENGTH_MS * _MS, "SET_CONFIG in a lease", start_us)
     due_ms = (_LENGTH_MS if plays else after["host_timeout_ms"]) + after["ramp_ms"]
     reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
     header, _ = judged_mute_by_timer(board, since, 3 * due_ms * _MS, reason)
@@ -200,7 +200,7 @@ def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
         {"ramp_ms": 2000},
         {"host_timeout_ms": 200},
     ]
-    if board.wire.limits.slack_us:
+    if not board.wire.is_virtual:
         lengths = [{"hold_ms": _NEVER_MS, "ramp_ms": 2000}, {"hold_ms": 1, "ramp_ms": 0}]
     for changes in [*lengths, *_other_settings(board)]:
         board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
@@ -209,7 +209,7 @@ def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
         start_us = _start_hold_to_configure(board)
         middle_us = start_us + (hold_ms + ramp_ms // 3) * _MS
         board.wire.idle(max(0, middle_us - board.clock.device_estimate_us()))
-        board.clock.require_in_time(start_us + (hold_ms + ramp_ms) * _MS)
+        board.clock.require_before(start_us + (hold_ms + ramp_ms) * _MS, "the middle of a ramp")
         board.configure(**{"hold_ms": hold_ms, "ramp_ms": ramp_ms} | changes)
         header, _ = judged_mute_by_timer(board, since, 2500 * _MS, MuteReason.HOLD_EXPIRED)
         name = f"a ramp of {hold_ms} + {ramp_ms} ms, {changes} meanwhile"
@@ -225,14 +225,13 @@ def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
 )
 def configuration_changes_a_running_status_period(board: BoardClient) -> None:
     least_ms = board.quick_status_ms
-    if least_ms > 1000:
-        not_observed("a status period takes too long on this line")
+    require(least_ms <= 1000, "a status period takes too long on this line")
     for before_ms, after_ms in ((65_535, least_ms), (least_ms, 3 * least_ms), (0, least_ms)):
         board.configure(status_period_ms=before_ms)
         board.wire.idle(least_ms * _MS // 2)
         since = board.link.mark()
         start_us = _set_configuration_alone(board, status_period_ms=after_ms)
-        board.wire.idle(7 * after_ms * _MS // 2 + board.wire.limits.slack_us)
+        board.wire.idle_beyond(7 * after_ms * _MS // 2)
         board.link.barrier()
         found = board.link.events(Status, since)
         times = [board.clock.unwrap(header.time_us) for header, _ in found]

@@ -76,7 +76,7 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
             send_phases_to_store(board, _SEQUENCE, frames=1)
             play_now(board, _SEQUENCE, loops=1)
             let_play(board, 2)
-            board.wire.idle(board.wire.limits.slack_us)
+            board.wire.idle_beyond(0)
         else:
             latch_now(board, board.flat_phases())
         for ceiling in _CEILINGS:
@@ -167,7 +167,7 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
     from ...judge.array_model import judged_model_of_board
 
     settings = _settings_beside_timers(board)
-    if board.wire.limits.slack_us:  # all fields at once, at one end and at the other
+    if not board.wire.is_virtual:  # all fields at once, at one end and at the other
         both = (settings, settings[::-1])
         settings = [{name: v for one in some for name, v in one.items()} for some in both]
     before = {"sound_speed_mm_s": board.identity.sound_speed_mm_s}
@@ -185,7 +185,6 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
             with board.counting(accepted=1, latched=1):
                 board.link.send(board.link.stream_wire(frame, at_us))
                 board.configure(**before | changes)
-                board.clock.require_in_time(at_us)
                 board.clock.wait_until(at_us + 2 * board.clock.carrier_us)
                 shown = read_back(board)
             late_us = board.clock.unwrap(shown.reply.t_latch_us) - at_us
@@ -220,11 +219,11 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
     send_phases_that_fit(board, _SEQUENCE, frames=2)
     other = board.random_registers()
     begin_upload(board, UploadKind.PHASES, _SEQUENCE + 1, other)
-    period_us = board.clock.on_carrier(max(20 * _MS, 4 * board.wire.line_us(2 * count + 200)))
+    period_us = board.clock.on_carrier(board.wire.period_us(4 * (2 * count + 200), 20 * _MS))
     board.arm()
     since, before = board.link.mark(), board.status().counters.latched
     play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=10_000)
-    board.clock.wait_latched(board.ready_after_us())
+    board.clock.wait_latched(0)
     begun = board.status()  # of the second frame or a later one, if the host was held up
     latched = (begun.counters.latched - before) & 0xFFFFFFFF
     first_us = board.clock.unwrap(begun.last_latch_us) - (latched - 1) * period_us

@@ -162,7 +162,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
 
 def _period_to_trace(board: BoardClient) -> int:
     """Return a period in which a slow line brings the trace of a latch beside the replies."""
-    return max(2000, board.wire.line_us(_TRACED_BYTES))
+    return board.wire.period_us(_TRACED_BYTES, 2000)
 
 
 @case(

@@ -27,7 +27,7 @@ from ...client.latching import full_client_drive, latch_now, latches_received_fr
 from ...client.playback import period_to_play, play_out
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import announce_upload, begin_upload, upload_to_board
-from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _SEQUENCE: Final = 4
 _FRAMES: Final = 3
@@ -114,8 +114,7 @@ def every_size_of_chunks_is_taken(board: BoardClient) -> None:
     room = min(room, board.identity.max_upload_bytes)
     while sizes and sum(sizes) + count > room:
         sizes.pop()
-    if not sizes:
-        not_observed(f"chunks of different sizes do not fit into uploads of {room} bytes")
+    require(bool(sizes), f"chunks of different sizes do not fit into uploads of {room} bytes")
     frames = -(-sum(sizes) // count)
     drives = [board.random.randbytes(count) for _ in range(frames)]
     data = b"".join(drives)
@@ -129,7 +128,7 @@ def every_size_of_chunks_is_taken(board: BoardClient) -> None:
     board.configure(trace_mode=TraceMode.CRC)
     board.arm()
     since = board.link.mark()
-    period_us = max(period_to_play(board), board.wire.line_us(_TRACE_BYTES))
+    period_us = board.wire.period_us(_TRACE_BYTES, period_to_play(board))
     play_out(board, _SEQUENCE, frames, period_us=period_us)
     got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
     due = [zlib.crc32(full_client_drive(drive)) for drive in drives]

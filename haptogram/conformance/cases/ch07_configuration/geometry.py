@@ -12,7 +12,7 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...outcome import check, check_equal, not_observed
+from ...outcome import check, check_equal, require
 
 _ELEMENTS: Final = 18
 
@@ -46,8 +46,7 @@ def geometry_has_no_more_transducers(board: BoardClient) -> None:
 @case("HG-7.5/3", "GET_GEOMETRY is the grid of HELLO_REPLY: pitch, z = 0, normals (0, 0, 32767)")
 def geometry_is_the_grid(board: BoardClient) -> None:
     nx, ny, pitch_um = board.identity.grid_nx, board.identity.grid_ny, board.identity.pitch_um
-    if not nx * ny:
-        not_observed("this board is no grid")
+    require(bool(nx * ny), "this board is no grid")
     for n, element in enumerate(board.read_geometry()):
         ix, iy = divmod(n, ny)
         due_um = ((ix - (nx - 1) / 2) * pitch_um, (iy - (ny - 1) / 2) * pitch_um, 0)

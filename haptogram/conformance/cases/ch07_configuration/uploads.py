@@ -27,7 +27,7 @@ from ...client.uploads import (
     send_upload_chunks,
     upload_to_board,
 )
-from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _ANY: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS | Feature.CORRECTION
 _LARGEST: Final = 0xFFFFFFFF
@@ -72,8 +72,7 @@ def refuses_uploads_too_large(board: BoardClient) -> None:
             identity.max_sequence_frames,
         )
         tested = True
-    if not tested:
-        not_observed("no upload that 32 bits can announce is too large for this board")
+    require(bool(tested), "no upload that 32 bits can announce is too large for this board")
     board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
 
 
@@ -193,9 +192,8 @@ def takes_a_window_of_chunks(board: BoardClient) -> None:
     wires = [board.link.request_wire(piece) for piece in pieces]
     since = board.link.mark()
     board.link.send(*(wire for wire, _ in wires))
-    extra_us = board.wire.line_us(sum(len(wire) for wire, _ in wires))
     for _, seq in wires:
-        answer = board.link.answer_to(UploadChunk.TYPE, seq, since, extra_us)
+        answer = board.link.answer_to(UploadChunk.TYPE, seq, since)
         board.link.reply_in(answer, UploadChunkReply, UploadChunk.TYPE)
     sent = sum(len(piece.data) for piece in pieces)
     received = board.link.call(UploadChunk(0, pieces[0].data), UploadChunkReply).received
@@ -208,8 +206,8 @@ def takes_a_window_of_chunks(board: BoardClient) -> None:
 def limits_the_chunks_of_an_upload(board: BoardClient) -> None:
     kind, target, frame = _upload_kind(board)
     limit = board.identity.max_chunk
-    if limit + 1 > 4000 or (kind is UploadKind.CORRECTION and frame <= limit):
-        not_observed("no chunk longer than max_chunk fits, or makes sense")
+    text = "no chunk longer than max_chunk fits, or makes sense"
+    require(not (limit + 1 > 4000 or (kind is UploadKind.CORRECTION and frame <= limit)), text)
     frames = -(-(limit + 1) // frame)
     begin_upload(board, kind, target, bytes(frame * frames), int(kind is UploadKind.POINTS))
     board.link.refused(UploadChunk(0, bytes(limit + 1)), ErrorCode.BAD_LENGTH, limit)

@@ -168,7 +168,7 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
                     for codes, t_us in zip(registers, times, strict=True)
                 )
             )
-            board.clock.require_in_time(times[0])
+            board.clock.end_exchange()
             board.wire.idle(max(0, times[-1] + 5 * _MS - board.clock.device_estimate_us()))
             seen = [
                 latch

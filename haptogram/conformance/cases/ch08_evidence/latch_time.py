@@ -30,7 +30,6 @@ def _latch_at_time_of_trace(board: BoardClient, offset_us: int) -> int:
     index = board.link.stream_next
     t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
     board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
-    board.clock.require_in_time(t_us)
     board.clock.wait_until(board.clock.on_carrier(t_us) + 200)
     return index
 
@@ -76,7 +75,7 @@ def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
     board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
     waiting = board.status()
     ring = board.link.call(ReadTrace(0, 0xFFFF), TraceReply)
-    board.clock.require_in_time(t_us)
+    board.clock.end_exchange()
     for name in ("last_seq", "last_latch_us"):
         got, due = getattr(waiting, name), getattr(before, name)
         check(got == due, f"{name} is {got} before the latch, was {due}")
@@ -109,11 +108,13 @@ def drives_are_there_at_their_latch_time(board: BoardClient) -> None:
         index, since = board.link.stream_next, board.link.mark()
         t_us = board.clock.soon_us(bytes(1000), ahead_us=2000)
         board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.clock.end_exchange()
         ping, first = board.link.request_wire(Ping(moment_us & 0xFFFF))
         read, seq = board.link.request_wire(
             ReadDrive(DriveKind.LATCHED, 0, board.identity.transducers)
         )
-        wait_us = t_us + moment_us - board.wire.line_us(2 * size) - board.clock.device_estimate_us()
+        sent_us = board.clock.device_estimate_us() + board.wire.period_us(2 * size)
+        wait_us = t_us + moment_us - sent_us
         board.wire.idle(max(0, wait_us))
         board.link.send(ping, read)
         pong = board.link.reply_in(board.link.answer_to(Ping.TYPE, first, since), Pong, Ping.TYPE)

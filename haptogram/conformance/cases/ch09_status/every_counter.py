@@ -196,6 +196,6 @@ def _move_all_counters(board: BoardClient) -> None:
 def _run_out_timers_at_counters(board: BoardClient) -> None:
     board.configure(host_timeout_ms=_LEASE_MS)
     board.arm()
-    timeout_us = (_LEASE_MS + 200) * _MS + board.wire.limits.slack_us
+    timeout_us = (_LEASE_MS + 200) * _MS
     board.link.await_event(StateChanged, board.link.mark(), timeout_us)
     board.configure()

@@ -11,7 +11,7 @@ from haptogram_protocol.messages import Phases, Ping
 from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...outcome import SELF_REPORTED, not_observed
+from ...outcome import SELF_REPORTED
 
 _OVER_8_BITS: Final = 300
 _OVER_16_BITS: Final = 66_000
@@ -39,8 +39,7 @@ def _counts_of_junk(board: BoardClient) -> Iterator[tuple[str, Callable[[], byte
 
 def _count_much_junk(board: BoardClient, number: int) -> None:
     """FAILED unless each counter grows by *number* with so many frames."""
-    if 2 * board.wire.line_us(8 * number * _LONGEST) > board.wire.limits.case_us:
-        not_observed(f"{number} frames of each defect take too long on this line")
+    board.wire.require_carried(2 * 8 * number * _LONGEST, board.wire.limits.case_us)
     board.link.send(board.link.stream_wire(board.flat_phases()))  # the first number is used
     board.link.barrier()
     for counter, make in _counts_of_junk(board):

@@ -35,7 +35,7 @@ from ...client.playback import (
     send_phases_to_store,
 )
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, check_equal, inconclusive
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _MS: Final = 1000
 _SEQUENCE: Final = 4
@@ -104,7 +104,6 @@ def _late_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus
     t_us = board.late_time_us(_LATE_US)
     wire = board.link.stream_wire(frame, t_us)
     board.link.send(wire)
-    board.clock.require_in_time(t_us + _WINDOW_US - board.ready_after_us())
     board.clock.wait_latched()
     return _LatchEffectInStatus(key, registers, (1, 1, 1, 0))
 
@@ -116,7 +115,7 @@ def _replacing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInS
     t_us = board.clock.soon_us(bytes(_HEADERS_BYTES + 2 * len(first.serialize())))
     board.link.send(board.link.stream_wire(first, t_us - period_us + 1))
     key = _stream_key_in_status(board)
-    _send_latch_for_status(board, second, t_us, in_time_us=t_us - period_us)
+    _send_latch_for_status(board, second, t_us)
     return _LatchEffectInStatus(key, registers, (2, 1, 0, 1))
 
 
@@ -129,12 +128,9 @@ def _flushing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInSt
     return _LatchEffectInStatus(key, registers, (2, 1, 0, 1))
 
 
-def _send_latch_for_status(
-    board: BoardClient, frame: Message, t_us: int, in_time_us: int | None = None
-) -> None:
+def _send_latch_for_status(board: BoardClient, frame: Message, t_us: int) -> None:
     """Send a frame for *t_us* and wait for its latch; INCONCLUSIVE if it is sent too late."""
     board.link.send(board.link.stream_wire(frame, t_us))
-    board.clock.require_in_time(t_us if in_time_us is None else in_time_us)
     board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
 
 
@@ -153,7 +149,7 @@ def _played_in_time_for_status(board: BoardClient, last: bytes) -> _LatchEffectI
 
 def _playback_end_for_status(board: BoardClient, since: int, last: bytes) -> _LatchEffectInStatus:
     latches = _LOOPS * _FRAMES
-    traces_us = board.wire.line_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
+    traces_us = board.wire.period_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
     await_playback_end(board, since, latches * period_to_play(board) + traces_us)
     return _LatchEffectInStatus(
         LatchKey(_SEQUENCE, _LOOPS - 1, _FRAMES - 1), last, (0, latches, 0, 0)
@@ -276,10 +272,9 @@ def _check_status_against_traces(
 def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
     last = _stored_for_status(board)
     # A path waits for two frames, twice as long as the line needs, behind a third of the hold.
-    line_us = board.wire.line_us(8 * len(board.flat_phases().serialize()))
-    period_us = period_to_play(board)  # between two latches of a playback
-    wait_us = line_us + 2 * period_us + 4 * board.clock.lead_us
-    hold_ms = min(10_000, _HOLD_MS + wait_us // _MS)
+    wait_us = 2 * period_to_play(board) + 4 * board.clock.lead_us  # two latches of a playback
+    size = 8 * len(board.flat_phases().serialize())
+    hold_ms = min(10_000, board.clock.timer_ms(_HOLD_MS + wait_us // _MS, size))
     board.configure(hold_ms=hold_ms, late_window_us=_WINDOW_US)
     for name, path in _latch_paths_for_status(board):
         board.arm()
@@ -289,8 +284,8 @@ def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
         board.wire.idle(hold_ms * _MS // 3)
         _, latches, _, _ = path(board, last).counted
         start_us = board.clock.unwrap(board.status().last_latch_us)
-        first_us = start_us - (latches - 1) * period_us
-        if first_us > begun_us + (hold_ms - 50) * _MS:
-            inconclusive("the line or the host is too slow to latch within the hold")
+        first_us = start_us - (latches - 1) * period_to_play(board)
+        last_us = begun_us + (hold_ms - 50) * _MS
+        board.clock.require_before(last_us, "a latch within the hold", first_us)
         header, _ = judged_mute_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
         judge_mute_time(board, start_us, header, hold_ms, f"hold_ms = {hold_ms}, behind {name}")

@@ -69,7 +69,7 @@ def status_is_never_late(board: BoardClient) -> None:
     late_us = board.late_time_us(5000)
     board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
     board.clock.wait_latched()
-    board.wire.idle(1200 * period_ms + board.wire.limits.slack_us)
+    board.wire.idle_beyond(1200 * period_ms)
     for message in [*valid_requests_to_send(board, _SEQUENCE), Mute()]:
         board.link.ask(message, flags=Flag.IMMEDIATE if isinstance(message, Play) else 0)
     for piece in board.wire.received[since:]:
@@ -154,7 +154,7 @@ def _status_margins_behind(board: BoardClient, messages: list[Message]) -> bool:
     for ahead_us in (_AHEAD_US, 3 * _AHEAD_US, 2 * _AHEAD_US):  # the last one is dropped
         board.link.send(board.link.stream_wire(board.flat_phases(), now_us + ahead_us))
     board.link.barrier()
-    passed_us = board.clock.device_us() - now_us + board.ready_after_us()
+    passed_us = board.clock.ready_us(board.clock.device_us() - now_us)
     for message in messages:
         flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
         if isinstance(message, Hello):
@@ -162,7 +162,7 @@ def _status_margins_behind(board: BoardClient, messages: list[Message]) -> bool:
         else:
             board.link.ask(message, flags=flags)
     found = board.status()
-    least_us, mean_us = (n * _AHEAD_US - board.ready_after_us() for n in (1, 2))
+    least_us, mean_us = (n * _AHEAD_US - board.clock.ready_us(0) for n in (1, 2))
     return (
         found.margins == 3
         and least_us - passed_us <= found.margin_min_us <= least_us

@@ -36,7 +36,7 @@ def sends_status(board: BoardClient) -> None:
     period_ms = board.quick_status_ms
     board.configure(status_period_ms=period_ms)
     since = board.link.mark()
-    board.wire.idle(int(8.4 * period_ms * _MS) + board.wire.limits.slack_us)
+    board.wire.idle_beyond(int(8.4 * period_ms * _MS))
     board.link.barrier()
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) >= 8, f"{len(times)} STATUS in 8.4 periods, due are 8")
@@ -86,17 +86,17 @@ def status_tells_margins(board: BoardClient) -> None:
         board.link.stream_wire(good, base_us - 1_000_000)
     )  # not after the last: dropped, counted
     board.link.send(board.link.stream_wire(good))  # IMMEDIATE: no margin; flushes
-    sent_us = board.wire.line_us(size * 5)
+    sent_us = board.wire.period_us(size * 5)
     found = board.status()
     late_us = board.clock.device_us() - base_us
-    least_us = -1_000_000 - board.ready_after_us()
-    mean_us = (sum(ahead) - 1_000_000) // 4 - board.ready_after_us()
+    ready_us = board.clock.ready_us(0)
+    least_us, mean_us = -1_000_000 - ready_us, (sum(ahead) - 1_000_000) // 4 - ready_us
     _check_margins(found, 4, least_us, mean_us, late_us + sent_us)
     _check_margins(board.status(), 0, 0, 0, 0)
 
 
 def _check_margins(
-    status: StatusReply, number: int, least_us: int, mean_us: int, slack_us: int
+    status: StatusReply, number: int, least_us: int, mean_us: int, later_us: int
 ) -> None:
     check(status.margins == number, f"margins of {status.margins} frames, due are {number}")
     for name, got, due in (
@@ -104,8 +104,8 @@ def _check_margins(
         ("margin_mean_us", status.margin_mean_us, mean_us),
     ):
         check(
-            due - slack_us - 1 <= got <= due + 1,
-            f"{name} is {got}, due is {due} less at most {slack_us}",
+            due - later_us - 1 <= got <= due + 1,
+            f"{name} is {got}, due is {due} less at most {later_us}",
         )
 
 
@@ -136,7 +136,7 @@ def status_tells_wide_margins(board: BoardClient) -> None:
         wires = [board.link.stream_wire(good, base_us + margin) for margin in margins]
         board.link.send(*wires)
         found = board.status()
-        late_us = board.clock.device_us() - base_us + board.wire.line_us(sum(map(len, wires)))
+        late_us = board.clock.device_us() - base_us + board.wire.period_us(sum(map(len, wires)))
         mean_us = sum(margins) // len(margins)
         _check_margins(found, len(margins), min(margins), mean_us, late_us + board.clock.lead_us)
 
@@ -160,7 +160,7 @@ def status_margins_count_from_ready(board: BoardClient) -> None:
         board.status()
         from_us, to_us = send_between_pings(board, message, t_us)
         found = board.status()
-        ready_us = board.ready_after_us(points)
+        ready_us = board.clock.ready_us(0, points)
         _check_margins(
             found, 1, t_us - from_us - ready_us, t_us - from_us - ready_us, to_us - from_us
         )

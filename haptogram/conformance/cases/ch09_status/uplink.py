@@ -51,7 +51,7 @@ def free_bytes_in_status_are_free(board: BoardClient) -> None:
         board.link.send(
             frames, *(board.link.stream_wire(board.flat_phases()) for _ in range(count - 1))
         )
-        board.wire.idle(board.wire.line_us(count * len(frames)))
+        board.wire.idle_while_sending()
 
 
 @case("HG-9.5/1", "events count up without a gap, even where traces were dropped at the board")
@@ -96,7 +96,7 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     start_us = board.clock.device_us()  # an answer behind the first traces may wait for the line
     play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
     board.wire.look_away((alone_ms + 5) * _MS)
-    timeout_us = 20 * alone_ms * _MS + 2 * board.wire.limits.slack_us
+    timeout_us = 20 * alone_ms * _MS
     changed = board.link.await_event(StateChanged, since, timeout_us)
     ended = board.link.await_event(PlaybackEnded, since, timeout_us)
     board.link.barrier()
@@ -178,7 +178,7 @@ def bounds_its_uplink(board: BoardClient) -> None:
     wires = [board.link.request_wire(GetGeometry(0, 0xFFFF))[0] for _ in range(_ASKED)]
     since = board.link.mark()
     board.link.send(*wires)
-    board.wire.idle(board.wire.line_us(_ASKED * 4200))
+    board.wire.idle_while_sending()
     broken = [piece for piece in board.wire.received[since:] if piece.fault]
     check(not broken, f"a frame came in pieces: {broken[0].fault if broken else ''}")
     board.link.call(Ping(3), Pong)

@@ -271,7 +271,7 @@ def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
         with board.counting(latched=frames):
             play_now(board, sequence, loops=1)
             let_play(board, frames + 1)
-            board.wire.idle(board.wire.limits.slack_us)
+            board.wire.idle_beyond(0)
 
 
 @case(
@@ -308,8 +308,7 @@ def a_refusal_leaves_every_timer(board: BoardClient) -> None:
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
         source = _refusals_while_playing if plays else requests_refused_while_armed
         refusals = list(source(board))
-        at_once = board.wire.limits.slack_us > 0
-        for group in [refusals] if at_once else [[refusal] for refusal in refusals]:
+        for group in [[r] for r in refusals] if board.wire.is_virtual else [refusals]:
             _judge_timer_behind_refusals(board, group, plays=plays)
 
 
@@ -317,8 +316,7 @@ def _judge_timer_behind_refusals(
     board: BoardClient, refusals: Sequence[Refusal], *, plays: bool
 ) -> None:
     """FAILED unless the timer of the host, renewed once more, runs out with its own length."""
-    line_us = board.wire.line_us(4 * board.identity.transducers)
-    lease_ms = _LEASE_MS + (line_us + board.ready_after_us()) // _MS
+    lease_ms = board.clock.timer_ms(_LEASE_MS, 4 * board.identity.transducers)
     board.hello()
     board.configure(host_timeout_ms=2 * lease_ms if plays else lease_ms, hold_ms=10_000)
     board.arm()

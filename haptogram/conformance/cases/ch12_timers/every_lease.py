@@ -99,7 +99,7 @@ def _start_lease_for_reason(board: BoardClient, reason: MuteReason, length_ms: i
 def _lease_length_ms(board: BoardClient, frames: Frames) -> int:
     """Return the length of a timer within which the line carries *frames* three times."""
     size = sum(len(data) for some in frames.values() for data in some)
-    return _LENGTH_MS + 5 * board.wire.line_us(size) // _MS
+    return board.clock.timer_ms(_LENGTH_MS, 5 * size)
 
 
 def _lease_ran_out_ms(board: BoardClient, reason: MuteReason, frames: Frames) -> float:

@@ -156,7 +156,7 @@ def timer_ramps_of_every_length_do_not_wrap(board: BoardClient) -> None:
 )
 def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
     ramp_ms = 270  # of other lengths: HG-6.11/5-pairs
-    length_ms = 60 + board.wire.line_us(2 * board.identity.transducers + 200) // _MS
+    length_ms = board.clock.timer_ms(60, 2 * board.identity.transducers + 200)
     for reason, changes in (
         (MuteReason.HOLD_EXPIRED, {"hold_ms": length_ms}),
         (MuteReason.HOST_SILENT, {"host_timeout_ms": length_ms}),
@@ -245,7 +245,7 @@ def _start_ramp_of_lease(board: BoardClient, length_ms: int) -> int:
 
 def _longest_unattended_time(board: BoardClient) -> int:
     most_ms = board.identity.max_unattended_ms
-    return min(most_ms, _LONGEST_WALL_MS if board.wire.limits.slack_us else 1 << 21)
+    return min(most_ms, 1 << 21 if board.wire.is_virtual else _LONGEST_WALL_MS)
 
 
 _TIMERS: Final = (
@@ -284,8 +284,8 @@ def timers_pass_their_whole_lengths(board: BoardClient) -> None:
             continue
         most_ms = timer.most_ms(board)
         lengths = [most_ms]
-        if not board.wire.limits.slack_us:
-            least_ms = timer.least_ms + board.ready_after_us() // _MS
+        if board.wire.is_virtual:
+            least_ms = board.clock.timer_ms(timer.least_ms)
             lengths = [*wrapping_timer_lengths(least_ms, most_ms), most_ms]
         for length_ms in lengths:
             since = board.link.mark()
@@ -304,7 +304,7 @@ def timers_pass_their_whole_lengths(board: BoardClient) -> None:
 )
 def status_timers_pass_their_whole_lengths(board: BoardClient) -> None:
     lengths = [65_535]
-    if not board.wire.limits.slack_us:
+    if board.wire.is_virtual:
         lengths = [*wrapping_timer_lengths(board.quick_status_ms, lengths[0]), *lengths]
     for length_ms in lengths:
         before_us = board.clock.device_us()

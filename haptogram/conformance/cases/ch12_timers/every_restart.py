@@ -130,7 +130,7 @@ def wait_for_timer(board: BoardClient, t_us: int) -> None:
 
 def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
     """Let a playback of the stored sequence wait so long for its start, or until it is ready."""
-    ahead_us = max(ahead_ms * _MS, board.ready_after_us() + 20 * _MS)
+    ahead_us = max(ahead_ms * _MS, board.clock.ready_us(20 * _MS))
     play_later(board, STORED, ahead_us, period_us=SLOW_US, unattended_ms=alone_ms)
 
 
@@ -209,13 +209,13 @@ def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = Fal
     """
     timer = "unattended time" if plays else "lease"
     send_phases_to_store_if_supported(board, STORED, frames=2)
-    line_ms = 2 * board.wire.line_us(2 * 2 * board.identity.transducers) // _MS
+    size = 2 * 2 * 2 * board.identity.transducers
     repeated = _repeated_renewals(board, plays=plays)
     at_once = ((name, make, None) for name, make in _renewals(board, plays=plays))
-    is_long = (ramps or plays) and board.wire.limits.slack_us  # at a wall clock
+    is_long = (ramps or plays) and not board.wire.is_virtual
     for name, make, first in itertools.chain(at_once, () if is_long else repeated):
         for least_ms, wait_ms in _LEASES_IN_RAMPS_MS if ramps else _LEASES_MS:
-            lasts_ms = least_ms + line_ms
+            lasts_ms = board.clock.timer_ms(least_ms, size)
             ramp_ms = least_ms // 2 if ramps else 0
             host_timeout_ms = lasts_ms - ramp_ms + (_OTHER_MS if plays else 0)
             if board.config.host_timeout_ms != host_timeout_ms:
@@ -284,7 +284,7 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
             yield message.TYPE.name, partial(_request_that_renews, board, message)
             name = f"{message.TYPE.name} with an unknown flag"
             yield name, partial(_request_that_renews, board, message, flags=_UNKNOWN_FLAG)
-    for refusal in requests_refused_while_armed(board) if not board.wire.limits.slack_us else ():
+    for refusal in board.sample(requests_refused_while_armed(board), 0):
         other = (ErrorCode.STALE_SESSION, ErrorCode.SEQUENCE_REUSED)
         if refusal.kind != Hello.TYPE and refusal.code not in other:  # HELLO is of no session
             yield refusal.name, partial(_refused_request_that_renews, board, refusal)

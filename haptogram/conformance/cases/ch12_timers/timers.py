@@ -51,7 +51,7 @@ def timers_are_exact(board: BoardClient) -> None:
     period_ms = board.quick_status_ms + 10
     board.configure(status_period_ms=period_ms)
     since = board.link.mark()
-    board.wire.idle(6 * period_ms * _MS + board.wire.limits.slack_us)
+    board.wire.idle_beyond(6 * period_ms * _MS)
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(Status, since)]
     check(len(times) >= 5, f"status_period_ms = {period_ms}: {len(times)} STATUS in 6 periods")
     judge_status_steps(board, times, period_ms)
@@ -59,8 +59,7 @@ def timers_are_exact(board: BoardClient) -> None:
 
 @case("HG-12.2/1", "without a frame the board is muted host_timeout_ms later", needs=Feature.CONFIG)
 def lease_runs_out(board: BoardClient) -> None:
-    ready_ms = board.ready_after_us() // _MS
-    for timeout_ms in (80 + ready_ms, 200 + ready_ms):
+    for timeout_ms in map(board.clock.timer_ms, (80, 200)):
         board.configure(host_timeout_ms=timeout_ms)
         board.arm()
         latch_now(board, board.flat_phases())
@@ -133,7 +132,7 @@ def lease_is_back_after_playback(board: BoardClient) -> None:
     board.arm()
     since = board.link.mark()
     play_now(board, 1, loops=150, period_us=1000, unattended_ms=5000)
-    ended = board.link.await_event(PlaybackEnded, since, 600 * _MS + board.wire.limits.slack_us)
+    ended = board.link.await_event(PlaybackEnded, since, 600 * _MS)
     if ended is None:
         fail("a playback of 300 ms did not end: host_timeout_ms counted while it played?")
     header, _ = judged_mute_by_timer(board, since, 500 * _MS, MuteReason.HOST_SILENT)
@@ -151,7 +150,7 @@ def the_first_timer_wins(board: BoardClient) -> None:
         (MuteReason.HOLD_EXPIRED, 60, 120, 100),
         (MuteReason.HOST_SILENT, 160, 80, 100),
     ):
-        hold_ms, lease_ms = (ms + board.ready_after_us() // _MS for ms in (hold_ms, lease_ms))
+        hold_ms, lease_ms = map(board.clock.timer_ms, (hold_ms, lease_ms))
         board.configure(hold_ms=hold_ms, host_timeout_ms=lease_ms, ramp_ms=ramp_ms)
         board.arm()
         since = board.link.mark()
