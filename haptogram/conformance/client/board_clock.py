@@ -212,7 +212,8 @@ class ClockClient:
             at_us = self.device_estimate_us() if self._wire.is_virtual else self.device_us()
         if at_us >= t_device_us:
             self._wire.note_held_up(self._wire.limits.lead_us)
-            raise HeldUpError(f"{what}, {at_us - t_device_us} µs behind")
+            late_us = at_us - t_device_us
+            raise HeldUpError(f"{what}, by {late_us} µs")
 
     def require_frames_in_carrier(self, size: int, part: int = 1) -> None:
         """End the case as NOT-OBSERVED unless *size* bytes come in a *part* of a carrier period."""

@@ -38,6 +38,7 @@ def recover_board(board: BoardClient) -> Recovery:
     A session is opened first if the case left none.
     """
     board.wire.begin_case()
+    board.clock.forget_exchange()
     try:
         for number in range(1, MAX_FRAMES + 1):
             if _answers_after_recovery(board):
