@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from typing import Final
 
-from haptogram_protocol.messages import Header, StateChanged
+from haptogram_protocol.messages import ArmReply, Header, StateChanged
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ..client.board_client import BoardClient
@@ -22,6 +22,7 @@ def judged_mute_by_timer(
     """Return the STATE_CHANGED of a timer; FAILED if none comes, or one of another timer."""
     found = board.link.await_event(StateChanged, since, timeout_us)
     if found is None:
+        _require_not_muted_before(board, since)
         fail(f"{reason.name}: the board is not muted within {timeout_us / _MS:.0f} ms")
     header, event = found
     judge_in_time(
@@ -30,6 +31,15 @@ def judged_mute_by_timer(
         f"due is MUTED, {reason.name}; STATE_CHANGED says {event.state.name}, {event.reason.name}",
     )
     return header, event
+
+
+def _require_not_muted_before(board: BoardClient, since: int) -> None:
+    """End the case, not judged, if a timer ended behind ARM, when the host had not looked yet."""
+    for piece in () if board.wire.is_virtual else reversed(board.wire.received[:since]):
+        if isinstance(piece.message, ArmReply):
+            return
+        if isinstance(piece.message, StateChanged) and piece.message.state is OutputState.MUTED:
+            raise HeldUpError("muted before the case looked")
 
 
 def judge_mute_time(

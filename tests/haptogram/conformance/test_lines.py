@@ -28,7 +28,7 @@ from haptogram.conformance.verdict import INCONCLUSIVE_STATUS, Behaviour
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.report.conformance.text import suite_text
 from haptogram_protocol.framing import FrameDecoder, cobs_encode
-from haptogram_protocol.messages import Disarm, GetStatus, Phases, Ping, ReadDrive
+from haptogram_protocol.messages import Arm, Disarm, GetStatus, Phases, Ping, ReadDrive
 
 pytestmark = pytest.mark.sampled(2)
 
@@ -172,6 +172,33 @@ def test_an_end_that_arrives_when_a_timer_has_ended_the_output_is_sent_again(tim
     assert result.seconds > 0.25 * times
     if verdict is Behaviour.INCONCLUSIVE:
         assert result.detail.startswith("DISARM sounding: answered after 25")
+
+
+class Away(Wrapped):
+    """Reads nothing for 250 ms behind each ARM, and then all that has come."""
+
+    unread = b""
+
+    def write_some(self, data):
+        written = super().write_some(data)
+        bodies = [body for body in FrameDecoder().feed(data) if isinstance(body, bytes)]
+        if any(body[0] == Arm.TYPE for body in bodies):
+            end_ns = self.now_ns() + 250_000_000
+            while self.now_ns() < end_ns:
+                self.unread += super().read_available(end_ns)
+        return written
+
+    def read_available(self, deadline_ns):
+        data, self.unread = self.unread, b""
+        return data or super().read_available(deadline_ns)
+
+
+def test_a_timer_that_ends_before_the_host_looks_fails_no_board():
+    access = virtual(array="3x2", wrap=Away)
+    access.virtual = False
+    [result] = run(access, "HG-6.4/4-origins").results
+    assert result.behaviour is Behaviour.INCONCLUSIVE, result.detail
+    assert "muted before the case looked" in result.detail
 
 
 @pytest.mark.parametrize("times", [1, 99])
