@@ -153,7 +153,7 @@ class UploadRoom:
     """
 
     def __init__(self) -> None:
-        self._begins: dict[int, UploadBegin] = {}  # by the number of the request
+        self._begins: dict[int, list[UploadBegin]] = {}  # unanswered, by the number of the request
         self._commits: dict[int, int] = {}
         self._open: UploadBegin | None = None
         self._stored: dict[int, tuple[int, int]] = {}  # kind and size by target
@@ -163,7 +163,7 @@ class UploadRoom:
     def note_sent(self, header: Header, message: Message) -> None:
         """Note a request about an upload."""
         if isinstance(message, UploadBegin):
-            self._begins[header.seq] = message
+            self._begins.setdefault(header.seq, []).append(message)
         elif isinstance(message, UploadCommit):
             self._commits[header.seq] = message.target
 
@@ -171,10 +171,14 @@ class UploadRoom:
         """Return in words that there is less room than before; None: the frame tells nothing."""
         if isinstance(message, UploadCommitReply):
             self._commit(self._commits.get(seq, 0))
-        begin = self._begins.get(seq)
         is_refused = isinstance(message, Error) and message.request == UploadBegin.TYPE
-        if begin is None or not (is_refused or isinstance(message, UploadBeginReply)):
+        if not (is_refused or isinstance(message, UploadBeginReply)):
             return None
+        sent = self._begins.pop(seq, [])
+        if len(set(sent)) != 1:  # two of one number: one of them is refused for that
+            self._open = None
+            return None
+        begin = sent[0]
         key = frozenset(self._stored.items()), begin.target, begin.kind
         if not isinstance(message, Error):
             self._open = begin
