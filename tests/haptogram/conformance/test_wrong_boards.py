@@ -260,7 +260,7 @@ def test_a_host_that_was_held_up_does_not_blame_the_board(away_s, due):
         check(False, "the board is muted")
 
     asleep = Late(virtual(array="4x4").open())
-    access = VirtualAccess("late", lambda _: asleep, baudrate=BAUD, virtual=True)
+    access = VirtualAccess("late", lambda _: asleep, baudrate=BAUD, virtual=False)
     (result,) = (
         SuiteRunner(access, SuiteOptions())
         .run([Case("HG-2.3/1", "sleeps meanwhile", body)])
@@ -282,7 +282,7 @@ def held_up(away_ms, *, holds_at, judge):
         judge(board, len(attempts) >= holds_at, "the timer is late")
 
     asleep = Late(virtual(array="4x4").open())
-    access = VirtualAccess("late", lambda _: asleep, baudrate=BAUD, virtual=True)
+    access = VirtualAccess("late", lambda _: asleep, baudrate=BAUD, virtual=False)
     case = Case("HG-2.3/1", "sleeps meanwhile", body)
     (result,) = SuiteRunner(access, SuiteOptions()).run([case]).results
     return result, len(attempts)
