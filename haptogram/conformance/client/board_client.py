@@ -63,6 +63,7 @@ from .recording import DialogueRecording
 from .request_client import PROCESSED_US, RequestClient
 from .wire import RawFrameClient, ReceivedByClient
 
+_T = TypeVar("_T")
 #: Counters that grow although a host did nothing wrong.
 _HARMLESS: Final = GROWING_COUNTERS | {"late", "trace_dropped"}
 #: Counters of what became of the frames that `frames` counts: HG-3.9/2.
@@ -84,7 +85,6 @@ PARTS_OF_FRAMES: Final = (
 )
 #: Times in which the points of a frame come and are computed: more outlast leases and holds.
 _CARRIED_US: Final = 20_000
-_T = TypeVar("_T")
 _COMPUTED_US: Final = 100_000
 _FAULT_US: Final = 1_000_000  # how long a fault that a user brings about may last
 _DEEPEST: Final = 512  # queue that a case fills
