@@ -78,7 +78,7 @@ class ClockClient:
         return self._wire.now_us() + self._behind_us
 
     def device_least_us(self) -> int:
-        """Return what the device clock shows at least, with the error of the host's estimate."""
+        """Return the least that the device clock can show: the estimate less its error."""
         return self.device_estimate_us() - self._wire.limits.slack_us - _SPARE_US
 
     def unwrap(self, t_wire_us: int) -> int:
@@ -221,5 +221,5 @@ class ClockClient:
         require(fits, "no two frames come within one carrier period of this line")
 
     def is_one_moment(self, size: int) -> bool:
-        """Return whether *size* bytes come within one carrier period, whenever the host wants."""
+        """Return True if *size* bytes come within one carrier period, whenever the host wants."""
         return self._wire.is_virtual and self._wire.carries(size, self.carrier_us - 1)

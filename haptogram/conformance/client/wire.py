@@ -195,7 +195,7 @@ class RawFrameClient:
 
     @property
     def is_virtual(self) -> bool:
-        """Whether time is virtual, so that bytes arrive to the microsecond."""
+        """True if time is virtual, so that bytes arrive to the microsecond."""
         return not self.limits.slack_us
 
     def require_exact_times(self) -> None:
@@ -203,7 +203,7 @@ class RawFrameClient:
         require(self.is_virtual, "when a byte is on a real line is not known to 10 µs here")
 
     def carries(self, size: int, within_us: int) -> bool:
-        """Return whether the line carries *size* bytes within that time."""
+        """Return True if the line carries *size* bytes within that time."""
         return self.line_us(size) <= within_us
 
     def require_carried(self, size: int, within_us: int) -> None:
