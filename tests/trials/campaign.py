@@ -41,7 +41,7 @@ calibration, tolerance and fault are drawn at random.
   wrong trials    wrong drives, faults and poses: a verdict that passes one, although its effect is
                   larger than the verdict says that it would have shown, is a false pass
 
-A session has {frames} frames.  20 000 trials take about two hours on two cores.
+A session has {frames} frames.  20 000 trials take about a quarter of an hour on two idle cores.
 """
 _EXAMPLES: Final = """\
 examples:
