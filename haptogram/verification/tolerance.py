@@ -11,7 +11,10 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from haptogram.acoustics import Medium
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.medium import air_speed_uncertainty
 from haptogram.settings.arguments import check_number
 from haptogram.settings.tolerance import (
@@ -70,6 +73,14 @@ class Tolerance:
     def is_strict(self) -> bool:
         """True if nothing but rounding is tolerated."""
         return not any(getattr(self, field.name) for field in fields(self))
+
+    def left_m(self, offset_m: FloatArray | None) -> FloatArray | float:
+        """Return (3,) what is left of an offset beyond the tolerated miss; 0 of one not known."""
+        if offset_m is None:
+            return 0.0
+        length_m = max(float(np.linalg.norm(offset_m)), 1e-12)
+        left: FloatArray = np.abs(offset_m) * max(0.0, 1.0 - self.miss_mm / 1e3 / length_m)
+        return left
 
     def speed_share(self, medium: Medium) -> float:
         """Return the relative difference of the speed of sound that is tolerated."""

@@ -43,6 +43,7 @@ from .verdict import FrameStatus, FrameVerdict, Vector
 _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # of the bound of the first order
 _EXACT: Final = 1.0 + 1e-4
+_FLAT: Final = 1.02  # of the distance to a peak that was found: it may be so flat
 _MOST_SLACK: Final = 2.0  # of an amplitude, times the limit of the phases of a host that was found
 _MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
@@ -203,17 +204,22 @@ def _host_of_foci(
 def _judge_foci_of_host(
     ideal: IdealFrameDrive, host: ToleratedHost, intended: Intended, latched: Drive, active: Bools
 ) -> _Findings:
-    """Return the findings about the drive of a tolerated host: as if it were what was asked for."""
+    """Return the findings about the drive of a tolerated host: as if it were what was asked for.
+
+    The peaks of several foci may be off by more than their host is: so far a miss does not show.
+    """
     of_host = ideal.of_host(intended, host)
     found = _judge_frame_foci_strictly(
         of_host, intended, latched, active, host.error_rad / _EXACT, _MOST_SLACK * host.limit_rad
     )
+    beyond = host.is_beyond(scale_of_tolerance(ideal.targets[0].tolerance, ideal.targets[0].model))
+    own_m = [None] * len(ideal.placed) if beyond else ideal.offsets_m(latched.weights())
     limits_m = found.limits_m and [
-        limit_m + target.tolerated_m
-        for limit_m, target in zip(found.limits_m, ideal.placed, strict=True)
+        np.maximum(limit_m + target.tolerated_m, _FLAT * target.tolerance.left_m(offset_m))
+        for limit_m, target, offset_m in zip(found.limits_m, ideal.placed, own_m, strict=True)
     ]
     offsets_m = [None if one is None else one + host.off[:3] for one in found.offsets_m]
-    if host.is_beyond(scale_of_tolerance(ideal.targets[0].tolerance, ideal.targets[0].model)):
+    if beyond:
         found = dataclasses.replace(found, verdicts=found.verdicts | {"S2": False})
     return dataclasses.replace(found, limits_m=limits_m, offsets_m=offsets_m)
 
