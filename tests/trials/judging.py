@@ -510,6 +510,6 @@ def _check_silence(trial: Trial, session: Session, seen: Seen, ideal: Complexes,
         seen.wanted.targets_m[0],
         session.scene.wavenumber,
     )
-    sides = session.layout.grid or (session.layout.count**0.5,) * 2
+    sides = session.layout.grid or (float(np.count_nonzero(ideal)) ** 0.5,) * 2
     if min(sides) >= _ELEMENTS and half >= 0.9 * _ELEMENTS / 2 and fresnel >= _FRESNEL:
         trial.findings.append(f"silent at a Fresnel number of {fresnel:.3g}: {seen.verdict.note}")
