@@ -279,6 +279,17 @@ class Serial(serial.SerialBase):
             data += self.simulation.host_read(size - len(data))
         return data
 
+    def read_until_ns(self, deadline_ns: int) -> bytes:
+        """Return all that has come; wait for the first byte, up to a time of this port's clock."""
+        self._check_cable()
+        while not self.simulation.host_waiting and self.now_ns() < deadline_ns:
+            if self._is_virtual:
+                self.simulation.advance_to_output(deadline_ns)
+            else:
+                self._pass_time(deadline_ns)
+            self._check_cable()
+        return self.simulation.host_read()
+
     def write(self, b: Any, /) -> int:
         """Hand over bytes, and return how many were taken.
 

@@ -78,7 +78,8 @@ def board_identity(board: Board) -> HelloReply:
 
 def board_counters(board: Board, link: Mapping[str, int], trace_dropped: int) -> dict[str, int]:
     """Return every counter by its name on the wire, modulo 2^32."""
-    own = dataclasses.asdict(board.counters)
+    fields = dataclasses.fields(board.counters)
+    own = {field.name: getattr(board.counters, field.name) for field in fields}
     merged = {**link, **own, "trace_dropped": trace_dropped}
     return {name: merged[name] & _U32 for name in Counters.WIRE}
 

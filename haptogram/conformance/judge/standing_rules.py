@@ -182,9 +182,10 @@ class StandingRules:
     def _judge_identity(self, _: ReceivedByClient, message: Message) -> Broken:
         if not isinstance(message, HelloReply):
             return
-        before, now = self._since.identity, dataclasses.asdict(message)
-        was = dataclasses.asdict(before) if before is not None else now
-        names = [n for n in now if n not in _OF_SESSION and now[n] != was[n]]
+        was = self._since.identity or message
+        fields = (field.name for field in dataclasses.fields(message))
+        kept = (name for name in fields if name not in _OF_SESSION)
+        names = [name for name in kept if getattr(message, name) != getattr(was, name)]
         yield "HG-4.3/1", f"{', '.join(names)} changed" if names else ""
         self._since.identity = message
 

@@ -146,7 +146,7 @@ class PyserialTransport:
     """A port without a file descriptor, through pyserial's own methods.
 
     A port that has a method ``now_ns`` brings its own clock (virtual time): there, a blocking read
-    is what makes time pass.
+    is what makes time pass. One that has ``read_until_ns`` reads by a deadline of that clock.
 
     Parameters
     ----------
@@ -161,6 +161,7 @@ class PyserialTransport:
         self._port.write_timeout = 0
         clock = getattr(port, "now_ns", None)
         self._now_ns: Callable[[], int] = clock if callable(clock) else time.monotonic_ns
+        self._read_until_ns: Callable[[int], bytes] | None = getattr(port, "read_until_ns", None)
         self.url = url
 
     def now_ns(self) -> int:
@@ -170,6 +171,8 @@ class PyserialTransport:
     def read_available(self, deadline_ns: int) -> bytes:
         """Return received bytes; see :class:`Transport`."""
         with _transport_loss(self.url):
+            if self._read_until_ns is not None:  # all at once
+                return self._read_until_ns(deadline_ns)
             data = self._read(self._port.in_waiting)
             while not data and (wait_ns := deadline_ns - self.now_ns()) > 0:
                 self._port.timeout = wait_ns / 1e9
