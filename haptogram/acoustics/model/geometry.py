@@ -82,8 +82,8 @@ class TransducerArray:
     (4, [[-0.005, -0.005, 0.0], [-0.005, 0.005, 0.0], [0.005, -0.005, 0.0], [0.005, 0.005, 0.0]])
     """
 
-    positions_m: FloatArray
-    normals: FloatArray
+    positions_m: FloatArray = field(repr=False)
+    normals: FloatArray = field(repr=False)
     grid_shape: tuple[int, int] | None = None
     pitch_m: float | None = None
     bounds_m: FloatArray = field(init=False, repr=False)

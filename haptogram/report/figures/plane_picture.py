@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -68,8 +68,8 @@ class PictureField:
     """
 
     plane: PicturePlane
-    values: NDArray[Any]
-    model: AcousticModel
+    values: NDArray[Any] = field(repr=False)
+    model: AcousticModel = field(repr=False)
 
     def peak_m(self) -> tuple[float, float, float]:
         """Return the position of the largest magnitude."""
