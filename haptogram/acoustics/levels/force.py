@@ -24,7 +24,7 @@ from haptogram.settings.arguments import check_number, check_positive
 _REFERENCE_PRESSURE_PA: Final = 20e-6
 _TOTAL_REFLECTION: Final = 2.0
 _DISC_RADIUS_M: Final = 0.010
-_STENCIL_RAD: Final = 0.1  # half the span of a difference, as a phase: force is off by 0.1 %
+_STENCIL_RAD: Final = 0.1  # half the span of a difference, as a phase: force is off by 0.3 %
 _NO_LENGTH: Final = 1e-9
 
 

@@ -79,7 +79,7 @@ def test_a_wider_array_is_pulled_in_less(z, shift):
 @settings(max_examples=40)
 @given(st.one_of(hemisphere_targets(), targets(low=0.100, high=0.200)))
 def test_the_prediction_bounds_the_shift(target):
-    """Never below the shift, at most 5, 9 and 17 % above; and the gain is never above its own."""
+    """Never below the shift, at most 6, 9 and 17 % above; and the gain is never above its own."""
     predicted, found = predict_focal_shift(MODEL, target), peak(MODEL, target) - target
     limit = 0.1e-3 if target[2] < 0.1 else 0.5e-3 if target[2] < 0.15 else 2.7e-3
     assert np.linalg.norm(predicted.offset_m - found) < limit
