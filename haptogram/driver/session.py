@@ -99,7 +99,7 @@ class DriverSession:
         """Open *port* and a session on it; close the port again if that fails."""
         connection = HostConnection(nonce=nonce, cobs=fastest_cobs())
         transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
-        link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s)
+        link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s, keep=keep)
         try:
             return cls(link, nonce, keep, sink)
         except BaseException:

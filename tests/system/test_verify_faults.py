@@ -11,6 +11,7 @@ import pytest
 
 from haptogram.cli import main
 from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, Parameter, fault_words
+from sim_device.simulation import Simulation
 
 _CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "2", "--quiet"]
 _FEW = ["--resolution-mm", "10"]
@@ -306,10 +307,13 @@ def test_in_a_url_the_plan_is_blamed_too(
 def test_a_plan_that_did_nothing_is_not_blamed(
     fault: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def silent(*_: object) -> bytes:
+    read = Simulation.host_read
+
+    def silent(simulation: Simulation, *_: object) -> bytes:
+        read(simulation)  # and the bytes are lost
         return b""
 
-    monkeypatch.setattr("sim_device.simulation.Simulation.host_read", silent)
+    monkeypatch.setattr(Simulation, "host_read", silent)
     words = [*_JOB, "--virtual-time"]
     assert main(_faulty(words, *([fault] if fault else []))) == 2
     said = capsys.readouterr().err

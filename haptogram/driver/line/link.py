@@ -25,7 +25,6 @@ from haptogram_protocol.messages import Error, ErrorCode, Message, UploadChunk
 
 NS_PER_S: Final = 1_000_000_000
 _SILENCE_NS: Final = 20_000_000  # the shortest lease of a board
-_MOST_SILENCES: Final = 10_000
 BURST_NS: Final = 1_800_000  # of line time that may be unsent: two frames of 276 B at 3 Mbaud
 _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 
@@ -48,6 +47,8 @@ class Link:
         Rate of the line, bits per second.
     timeout_s : float
         How long the port may refuse to take a byte, and the board to answer.
+    keep : int or None
+        Number of silences to keep; None: all.
 
     Attributes
     ----------
@@ -58,13 +59,19 @@ class Link:
     idle_since_ns : int
         When it last had nothing to do but wait for bytes.
     silences_ns : deque of (int, int)
-        Begin and end of each time in which nothing was sent for 20 ms or longer.
+        Begin and end of the newest times in which nothing was sent for 20 ms or longer.
     now_ns : callable
         Returns the time on the port's clock.
     """
 
     def __init__(
-        self, transport: Transport, connection: HostConnection, *, baudrate: int, timeout_s: float
+        self,
+        transport: Transport,
+        connection: HostConnection,
+        *,
+        baudrate: int,
+        timeout_s: float,
+        keep: int | None,
     ) -> None:
         self.connection = connection
         self.line = LineBudget(baudrate)
@@ -72,7 +79,7 @@ class Link:
         self.handler: Handler = _ignore_link_event
         self.stalls = 0
         self.idle_since_ns = 0
-        self.silences_ns: deque[tuple[int, int]] = deque(maxlen=_MOST_SILENCES)
+        self.silences_ns: deque[tuple[int, int]] = deque(maxlen=keep)
         self.now_ns = transport.now_ns  # the very method: it is called a dozen times a frame
         self._transport = transport
         self._wrote_ns = transport.now_ns()
