@@ -2,7 +2,8 @@
 
 The sections of SPEC.md stand here from the ground up.  A case relies on everything below its own
 section, so that of several failures the lowest is the likeliest cause, and the others may follow.
-A clause that two cases of its own find broken stands before those that one case happens to touch.
+A clause that two cases of its own find broken stands before those that one case happens to touch,
+if that is none of the clauses that stand here themselves.
 A case that asks many clauses at once fails with each of them, and stands behind the others.
 What many failures find alike says more of a cause than any of their clauses.
 """
@@ -14,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
-from .verdict import CaseResult
+from .verdict import Behaviour, CaseResult
 
 #: Clauses, sections and chapters from the ground up; the longest name that fits a clause counts.
 FOUNDATIONS: Final = (
@@ -26,6 +27,8 @@ FOUNDATIONS: Final = (
     "HG-3.5",
     "HG-3.7",
     "HG-4.3",
+    "HG-5.7/7",  # of HELLO_REPLY too
+    "HG-6.1/1",  # the state after a reset
     "HG-4",
     "HG-6.9",
     "HG-4.11",
@@ -37,9 +40,10 @@ FOUNDATIONS: Final = (
     "HG-8.6",
     "HG-5.4",
     "HG-6.2",
-    "HG-6.3",
+    "HG-6.6",
     "HG-6.4",
     "HG-6.5",
+    "HG-6.3",
     "HG-6.1",
     "HG-6.7",
     "HG-3.6",
@@ -101,9 +105,10 @@ def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
     failures = [result for result in results if result.is_failure]
     directed = Counter(result.clause for result in failures if not _is_broad(result))
 
-    def place(result: CaseResult) -> tuple[bool, bool, int]:
-        is_alone = directed[result.clause] < _ENOUGH
-        return _is_broad(result), is_alone, cause_rank(result.clause)
+    def place(result: CaseResult) -> tuple[bool, bool, bool, int]:
+        is_alone = directed[result.clause] < _ENOUGH and result.clause not in FOUNDATIONS
+        is_passed = result.behaviour is Behaviour.OK  # the board was not clean behind it
+        return is_passed, _is_broad(result), is_alone, cause_rank(result.clause)
 
     return sorted(failures, key=place)
 

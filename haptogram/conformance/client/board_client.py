@@ -59,7 +59,7 @@ from ..outcome import (
     unimplemented,
 )
 from .board_clock import ClockClient
-from .recording import DialogueRecording
+from .recording import DialogueRecording, counter_steps
 from .request_client import PROCESSED_US, RequestClient
 from .wire import RawFrameClient, ReceivedByClient
 
@@ -351,8 +351,10 @@ class BoardClient:
             self.link.ask(Mute())
 
     def disarm(self) -> OutputState:
-        """Disarm, and return the state."""
-        return self.link.call(Disarm(), DisarmReply).state
+        """Disarm, and return the state; FAILED if it is ARMED."""
+        state = self.link.call(Disarm(), DisarmReply).state
+        check(state is not OutputState.ARMED, "DISARM_REPLY says ARMED; due is DISARMED or MUTED")
+        return state
 
     def leaves_fault(self) -> bool:
         """Ask for DISARM until it leads out of FAULT; return False if the fault lasts longer."""
@@ -462,15 +464,13 @@ class BoardClient:
         if differs:
             due = ", ".join(f"{name} {wanted.get(name, 0)}" for name in differs)
             got = ", ".join(f"{name} {number}" for name, number in differs.items())
-            fail(f"should count {due}; counted {got}")
+            sent = self.wire.recording.before(self.link.seq)
+            fail(f"should count {due}; counted {got}; {sent}")
 
     def counted_since(self, before: Counters) -> dict[str, int]:
         """Return by how much every counter grew, less the GET_STATUS of this call."""
         after = self.status().counters
-        counted = {
-            name: (getattr(after, name) - getattr(before, name)) & 0xFFFFFFFF
-            for name in Counters.WIRE
-        }
+        counted = counter_steps(before, after)
         counted["frames"] -= 1
         counted["requests"] -= 1
         return counted

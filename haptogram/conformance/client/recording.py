@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import enum
+import itertools
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.annotation.frames import annotated_frame_text
+from haptogram_protocol.annotation.frames import Annotated, annotated_frame, annotated_frame_text
+from haptogram_protocol.annotation.words import annotated_message_text, annotated_type_name
 from haptogram_protocol.framing import DELIMITER
+from haptogram_protocol.messages import (
+    REQUEST_RANGE,
+    RESPONSE_RANGE,
+    Counters,
+    Error,
+    ErrorCode,
+    Flag,
+    Message,
+)
 
 _KEPT_TRANSFERS: Final = 200  # from the beginning of a case, and as many from its end
 _SHOWN_BYTES: Final = 96  # of one transfer
 _PER_LINE: Final = 32
+_ALWAYS_US: Final = 1 << 63
+_TOLD_BEFORE: Final = 4  # frames, of those before one
+_TOLD_FIELDS: Final = 100  # characters of a message
 
 
 class TransferDirection(enum.StrEnum):
@@ -60,18 +74,107 @@ class DialogueRecording:
             return (*lines, *_client_transcript_lines(self._last, start_us))
         return tuple(_client_transcript_lines([*self._first, *self._last], start_us))
 
+    def request(self, seq: int) -> str:
+        """Return the host's last request with the number *seq* in words; empty if none is kept."""
+        sent = [frame for frame in self._frames(TransferDirection.HOST) if _seq_of(frame) == seq]
+        found = sent[-1] if sent else None
+        if found is None or found.message is None:
+            return found.name if found is not None else ""
+        return message_text(found.message)
+
+    def before(self, seq: int) -> str:
+        """Return in words what the host sent before its last request *seq*, with the answers."""
+        sent = list(self._frames(TransferDirection.HOST))
+        places = (place for place, frame in enumerate(sent) if _seq_of(frame) == seq)
+        return f"sent before: {self._sent_text(sent[: max(places, default=0)])}"
+
+    def between(self, from_us: int, until_us: int) -> str:
+        """Return in words what the host sent last between two times, with the answers."""
+        sent = self._frames(TransferDirection.HOST, from_us, until_us)
+        return f"sent between: {self._sent_text(list(sent))}"
+
+    def _sent_text(self, sent: Sequence[Annotated]) -> str:
+        answers: dict[int | None, str] = {
+            frame.header.seq: _answer_name(frame)
+            for frame in self._frames(TransferDirection.BOARD)
+            if frame.header is not None and frame.header.type in RESPONSE_RANGE
+        }
+        texts = [
+            " -> ".join(filter(None, (_sent_name(frame), answers.get(_seq_of(frame)))))
+            for frame in sent
+        ]
+        runs = [(text, len(list(run))) for text, run in itertools.groupby(texts)]
+        told = (text if many == 1 else f"{many} x {text}" for text, many in runs[-_TOLD_BEFORE:])
+        return ", ".join(told) or "nothing"
+
+    def _frames(
+        self, sender: TransferDirection, from_us: int = 0, until_us: int = _ALWAYS_US
+    ) -> Iterator[Annotated]:
+        """Yield what one side sent between delimiters, as far as it is kept."""
+        for transfer, pieces in _client_pieces([*self._first, *self._last]):
+            if transfer.direction is sender and from_us <= transfer.t_us <= until_us:
+                yield from map(annotated_frame, pieces)
+
+
+def counter_steps(before: Counters, after: Counters) -> dict[str, int]:
+    """Return by how much every counter grew."""
+    return {
+        name: (getattr(after, name) - getattr(before, name)) & 0xFFFFFFFF for name in Counters.WIRE
+    }
+
+
+def moved_counters_text(before: Counters, after: Counters) -> str:
+    """Return the counters that grew, and by how much."""
+    steps = counter_steps(before, after)
+    return ", ".join(f"{name} {step}" for name, step in steps.items() if step) or "nothing"
+
+
+def message_text(message: Message) -> str:
+    """Return the type and the first fields of a message."""
+    name, text = annotated_type_name(message.TYPE), annotated_message_text(message)
+    cut = text if len(text) <= _TOLD_FIELDS else f"{text[:_TOLD_FIELDS].rpartition(',')[0]}, ..."
+    return f"{name} ({cut})" if message.serialize() else name
+
+
+def error_name(error: Error) -> str:
+    """Return an ERROR with the name of its code."""
+    known = ErrorCode._value2member_map_.get(error.code)
+    return f"ERROR({getattr(known, 'name', error.code)})"
+
+
+def _answer_name(frame: Annotated) -> str:
+    return error_name(frame.message) if isinstance(frame.message, Error) else frame.name
+
+
+def _sent_name(frame: Annotated) -> str:
+    if frame.header is None:
+        return frame.text
+    return frame.name + " IMMEDIATE" * bool(frame.header.flags & Flag.IMMEDIATE)
+
+
+def _seq_of(frame: Annotated) -> int | None:
+    """Return the number of a request; None: the frame is none."""
+    is_request = frame.header is not None and frame.header.type in REQUEST_RANGE
+    return frame.header.seq if frame.header is not None and is_request else None
+
+
+def _client_pieces(transfers: Iterable[Transfer]) -> Iterator[tuple[Transfer, list[bytes]]]:
+    """Yield transfers, each with the pieces between delimiters that it completes."""
+    partial = dict.fromkeys(TransferDirection, b"")
+    for transfer in transfers:
+        *ended, partial[transfer.direction] = (partial[transfer.direction] + transfer.data).split(
+            DELIMITER
+        )
+        yield transfer, [piece for piece in ended if piece]
+
 
 def _client_transcript_lines(transfers: Iterable[Transfer], start_us: int) -> list[str]:
     """Return transfers as lines; a frame is described behind its last byte."""
-    partial = dict.fromkeys(TransferDirection, b"")
-    lines = []
-    for transfer in transfers:
-        *ended, rest = (partial[transfer.direction] + transfer.data).split(DELIMITER)
-        partial[transfer.direction] = rest
-        lines += _client_transcript_lines_of(
-            transfer, start_us, [piece for piece in ended if piece]
-        )
-    return lines
+    return [
+        line
+        for transfer, pieces in _client_pieces(transfers)
+        for line in _client_transcript_lines_of(transfer, start_us, pieces)
+    ]
 
 
 def _client_transcript_lines_of(

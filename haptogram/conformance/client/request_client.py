@@ -7,12 +7,13 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any, Final, TypeVar
 
-from haptogram_protocol.annotation.words import annotated_message_text, annotated_type_name
+from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame, encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
     REQUEST_RANGE,
+    Counters,
     Error,
     ErrorCode,
     Flag,
@@ -23,8 +24,10 @@ from haptogram_protocol.messages import (
     Ping,
     Pong,
 )
+from haptogram_protocol.state import OutputState
 
 from ..outcome import check, check_equal, fail
+from .recording import error_name, message_text, moved_counters_text
 from .wire import RawFrameClient, ReceivedByClient
 
 _M = TypeVar("_M", bound=Message)
@@ -265,11 +268,14 @@ class RequestClient:
 
     def answer_to(self, kind: int, seq: int, since: int) -> ReceivedByClient:
         """Return the answer to the request *seq* from piece *since* on; FAILED if none comes."""
+        counted = self.wire.counters
         found = self.try_answer(seq, since)
         if found is None:
-            patience_us = self.wire.limits.answer_us + self.wire.sent_for_us
-            name = annotated_type_name(kind)
-            fail(f"no answer to {name} (seq {seq}) within {patience_us / 1e6:.4g} s")
+            patience_s = (self.wire.limits.answer_us + self.wire.sent_for_us) / 1e6
+            fail(
+                f"no answer to {annotated_type_name(kind)} (seq {seq}) within {patience_s:.4g} s; "
+                f"{self.wire.recording.before(seq)}; {self._text_since(since, counted)}"
+            )
         return found
 
     def try_answer(self, seq: int, since: int) -> ReceivedByClient | None:
@@ -281,6 +287,16 @@ class RequestClient:
             return piece.header is not None and piece.is_response and piece.header.seq == seq
 
         return self.wire.wait_for(answers, since, timeout_us)
+
+    def _text_since(self, since: int, counted: Counters | None) -> str:
+        """Return in words what has come from piece *since* on, and which counters it moved."""
+        headers = [piece.header for piece in self.wire.received[since:] if piece.header is not None]
+        came = sorted({annotated_type_name(header.type) for header in headers})
+        told = f"since then {', '.join(came)} came" if came else "nothing came since then"
+        now = self.wire.counters
+        if counted is None or now is None or now is counted:
+            return told
+        return f"{told}; counted since the STATUS before: {moved_counters_text(counted, now)}"
 
     def call(self, message: Message, reply: type[_M], **header: Any) -> _M:
         """Send a request and return its reply; FAILED if it is refused or not answered."""
@@ -294,7 +310,9 @@ class RequestClient:
         if answer.message is None:
             fail(f"the answer to {name} cannot be read: {answer.fault}")
         got = self.answer_text(answer).replace(f") to {name},", "),")  # only another is named
-        fail(f"{name} was answered by {got}, not by {reply.TYPE.name}")
+        seq = answer.header.seq if answer.header is not None else 0
+        asked, before = self.wire.recording.request(seq) or name, self.wire.recording.before(seq)
+        fail(f"{asked} was answered by {got}, not by {reply.TYPE.name}; {before}")
 
     def refused(
         self,
@@ -322,19 +340,12 @@ class RequestClient:
     ) -> Error:
         """Return the ERROR in *answer*; FAILED unless it has this code and detail."""
         wanted = f"ERROR({code.name})" + ("" if detail is None else f", detail {detail:#x}")
-        message = answer.message
-        if not isinstance(message, Error):
-            fail(
-                f"{annotated_type_name(kind)} should be refused with {wanted}; "
-                f"got {self.answer_text(answer)}"
-            )
-        same = (message.request, message.code) == (kind, code)
-        check(
-            same and detail in (None, message.detail),
-            f"{annotated_type_name(kind)} should be refused with {wanted}; "
-            f"got {self.answer_text(answer)}",
-        )
-        return message
+        message, seq = answer.message, answer.header.seq if answer.header is not None else 0
+        is_due = isinstance(message, Error) and (message.request, message.code) == (kind, code)
+        if isinstance(message, Error) and is_due and detail in (None, message.detail):
+            return message
+        name = self.wire.recording.request(seq) or annotated_type_name(kind)
+        fail(f"{name} should be refused with {wanted}; got {self.answer_text(answer)}")
 
     @staticmethod
     def answer_text(answer: ReceivedByClient) -> str:
@@ -342,15 +353,11 @@ class RequestClient:
         if answer.message is None:
             return answer.fault or "nothing"
         if isinstance(answer.message, Error):
-            known = ErrorCode._value2member_map_.get(answer.message.code)
-            name = known.name if isinstance(known, ErrorCode) else str(answer.message.code)
-            return (
-                f"ERROR({name}) to {annotated_type_name(answer.message.request)}, "
-                f"detail {answer.message.detail:#x}"
-            )
-        return (
-            f"{annotated_type_name(answer.message.TYPE)} ({annotated_message_text(answer.message)})"
-        )
+            request, detail = annotated_type_name(answer.message.request), answer.message.detail
+            state = {s.value: f" ({s.name})" for s in OutputState}.get(detail, "")
+            told = state if answer.message.code == ErrorCode.BAD_STATE else ""
+            return f"{error_name(answer.message)} to {request}, detail {detail:#x}{told}"
+        return message_text(answer.message)
 
     # --- received frames -----------------------------------------------------------------------
 

@@ -14,7 +14,16 @@ from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, cobs_decode, decode_frame
-from haptogram_protocol.messages import EVENT_RANGE, RESPONSE_RANGE, Header, Message, parse_body
+from haptogram_protocol.messages import (
+    EVENT_RANGE,
+    RESPONSE_RANGE,
+    Counters,
+    Header,
+    Message,
+    Status,
+    StatusReply,
+    parse_body,
+)
 
 from ..outcome import HeldUpError, check, fail, inconclusive, require
 from .recording import DialogueRecording, TransferDirection
@@ -145,6 +154,8 @@ class RawFrameClient:
         Pieces since :meth:`begin_case`.
     heard : int
         Bytes since :meth:`begin_case`.
+    counters : Counters or None
+        What the board has counted, by the last STATUS or STATUS_REPLY.
     on_piece : callable or None
         Is given each piece as it comes.
     on_sent : callable or None
@@ -164,6 +175,7 @@ class RawFrameClient:
         self.on_sent: Callable[[bytes, int], None] | None = None
         self.recording = DialogueRecording()
         self.heard = 0
+        self.counters: Counters | None = None
         self._transport = transport
         self.held_up_us = 0
         self._leave(self.now_us())
@@ -380,6 +392,8 @@ class RawFrameClient:
             if piece:
                 self.received.append(_received_by_client(now_us, piece, shared=self._zeros == 1))
                 self._zeros = 0
+                if isinstance(message := self.received[-1].message, Status | StatusReply):
+                    self.counters = message.counters
                 if self.on_piece is not None:
                     self.on_piece(self.received[-1])
             self._zeros += 1

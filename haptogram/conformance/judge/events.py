@@ -1,11 +1,13 @@
-"""Events that a board meets, each brought about, and over when the call returns."""
+"""Events that a board meets, each brought about, and over when the call returns; those it sends."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias
 
+from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Config, Ping, SetConfig, Stop, UploadKind
 
@@ -13,6 +15,8 @@ from ..client import malformed_frames
 from ..client.board_client import BoardClient
 from ..client.playback import play_later
 from ..client.uploads import upload_to_board
+from ..client.wire import ReceivedByClient
+from ..outcome import fail
 from .refused_requests import STORED
 
 #: An event: brought about by a call.
@@ -22,6 +26,23 @@ _MS: Final = 1000
 _SHORT_MS: Final = 20
 _AHEAD_US: Final = 8_000_000
 _TOO_LONG: Final = 4200
+
+
+def judge_event_numbers(
+    board: BoardClient, pieces: Sequence[ReceivedByClient], name: str = ""
+) -> None:
+    """FAILED unless the events among *pieces* count up by 1."""
+    events = [piece for piece in pieces if piece.is_event]
+    for one, two in itertools.pairwise(events):
+        assert one.header is not None  # is_event
+        assert two.header is not None
+        if two.header.seq != (due := (one.header.seq + 1) & 0xFFFF):
+            kinds = [annotated_type_name(header.type) for header in (one.header, two.header)]
+            fail(
+                f"{name and name + ': '}{kinds[1]} has the event number {two.header.seq} behind "
+                f"{kinds[0]} with {one.header.seq}; due is {due}; "
+                f"{board.wire.recording.between(one.t_us, two.t_us)}"
+            )
 
 
 def event_of_correction(board: BoardClient) -> None:

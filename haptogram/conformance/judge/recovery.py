@@ -24,6 +24,7 @@ from haptogram_protocol.state import OutputState
 
 from ..client.board_client import BoardClient
 from ..client.introduction import introduce_to_board
+from ..client.recording import counter_steps, moved_counters_text
 from ..outcome import CaseEndedError
 from ..verdict import Recovery
 
@@ -93,8 +94,13 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
         board.link.ask(Disarm())
         _ask_for_room(board)
         if isinstance(before, StatusReply) and isinstance(after, StatusReply):
-            latched = (after.counters.latched - before.counters.latched) & 0xFFFFFFFF
-            return "" if latched == 1 else f"{latched} latches after one stream frame"
+            if counter_steps(before.counters, after.counters)["latched"] == 1:
+                return ""
+            moved = moved_counters_text(before.counters, after.counters)
+            return (
+                "HELLO, SET_CONFIG, ARM and a stream frame are to latch it; "
+                f"{after.state.name}, {after.reason.name}, queued {after.queued}, counted {moved}"
+            )
     return "a request in a new session is not answered"
 
 

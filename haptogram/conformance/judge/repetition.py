@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, Final, TypeAlias
 
+from haptogram_protocol.framing import DELIMITER
 from haptogram_protocol.messages import (
     VERSION_MAJOR,
     ErrorCode,
@@ -22,9 +23,10 @@ from haptogram_protocol.messages import (
 from ..client import malformed_frames
 from ..client.board_client import BoardClient
 from ..client.playback import send_phases_to_store_if_supported
+from ..client.request_client import RequestClient
 from ..client.stream_kinds import refused_requests_to_send, valid_requests_to_send
 from ..client.wire import ReceivedByClient
-from ..outcome import check
+from ..outcome import fail, record_differences
 
 _SEQUENCE: Final = 4
 _UNKNOWN_REQUEST: Final = 0x7B
@@ -60,13 +62,20 @@ def judge_repeated_reply(
     """FAILED unless the request in *wire* gets the reply *first* to the byte."""
     since = board.link.mark()
     board.link.send(wire)
-    kind = first.body[0]
-    again = board.link.answer_to(kind, seq, since)
-    check(
-        again.body == first.body,
-        f"after {after}, a repeated request is answered by {board.link.answer_text(again)}; "
-        f"the first answer was {board.link.answer_text(first)}",
-    )
+    kind = wire.strip(DELIMITER)[1]
+    judge_same_answer(board.link.answer_to(kind, seq, since), first, f"after {after}")
+
+
+def judge_same_answer(again: ReceivedByClient, first: ReceivedByClient, name: str) -> None:
+    """FAILED unless the answer to a request that was sent again is the first one to the byte."""
+    if again.body == first.body:
+        return
+    text = f"{name}, the same request again is answered by {RequestClient.answer_text(again)}"
+    if type(again.message) is not type(first.message):
+        fail(f"{text}; the first answer was {RequestClient.answer_text(first)}")
+    parts = (again.header, first.header), (again.message, first.message)
+    differs = [record_differences(one, two, "was") for one, two in parts if one != two]
+    fail(f"{text}; another than at first: {'; '.join(differs)}")
 
 
 # --- What comes between -------------------------------------------------------------------------

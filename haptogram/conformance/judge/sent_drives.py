@@ -33,6 +33,7 @@ Codes: TypeAlias = tuple[bytes, bytes]
 _KEPT: Final = 4096  # stream frames
 _LONGEST_UPLOAD: Final = 1 << 20
 _FULL: Final = b"\xff"  # amplitude of a stored phase: HG-5.2/6
+_TELLING: Final = 4  # transducers that tell one drive from another
 DRIVE_OF: Final = "it is the drive of frame"
 #: What is stored, then target and kind of an upload.
 _RoomKey: TypeAlias = tuple[frozenset[tuple[int, tuple[int, int]]], int, int]
@@ -129,11 +130,17 @@ class SentDrives:
         known = [codes for codes in found if codes is not None]
         return known if index >= FIRST_STREAM_SEQ and len(known) == len(found) else []
 
-    def other_frame(self, crc: int) -> str:
-        """Return in words which frame of the stream has the drive with this CRC-32, if one has."""
-        known = ((key, codes) for key, some in self._codes.items() for codes in some if codes)
-        found = [key[1] for key, codes in known if zlib.crc32(b"".join(codes)) == crc]
-        return f": {DRIVE_OF} {found[-1]}" if found else ""
+    def other_frame(self, session: int, crc: int, part: slice = slice(None)) -> str:
+        """Return in words which frame of the stream has the drive with this CRC-32, if one has.
+
+        With *part*: the drive of these transducers, if they are enough to tell frames apart.
+        """
+        for (of, index), some in reversed(self._codes.items()):
+            for phases, amplitudes in filter(None, some):
+                shown = phases[part]
+                if len(shown) >= _TELLING and zlib.crc32(shown + amplitudes[part]) == crc:
+                    return f": {DRIVE_OF} {index}" + " of a session before" * (of != session)
+        return ""
 
     def _decode(self, piece: bytes, transducers: int) -> None:
         """Keep the codes of a frame, unless it is damaged or has a wrong length."""

@@ -9,11 +9,14 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import zlib
+from collections import Counter as Counts
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
+from haptogram_protocol.annotation.words import annotated_type_name
+from haptogram_protocol.framing import DELIMITER, HEADER_BYTES
 from haptogram_protocol.messages import (
     Config,
     ConfigReply,
@@ -42,6 +45,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from ..causes import cause_rank
 from ..client.board_client import PARTS_OF_FRAMES
+from ..client.recording import counter_steps
 from ..client.wire import ReceivedByClient
 from ..outcome import RuleFindings, record_differences
 from .line_rules import TRACES, Broken, LineRules
@@ -79,6 +83,7 @@ class _Since:
     latch: tuple[int, int] | None = None  # time of the last traced latch, and of its trace
     ended: tuple[int, int] | None = None  # session and time of the last PLAYBACK_ENDED
     response: tuple[int, int] | None = None  # the same of the newest response
+    sent: Counts[int] = field(default_factory=Counts)  # frames since the last status, by type
     at_once: set[bytes] = field(default_factory=set)  # responses of that time
 
 
@@ -133,6 +138,8 @@ class StandingRules:
 
     def take_sent(self, data: bytes, t_us: int = 0) -> None:
         """Note bytes that the host sends."""
+        pieces = data.split(DELIMITER)
+        self._since.sent.update(piece[1] for piece in pieces if len(piece) > HEADER_BYTES)
         self._sent.take(data)
         self._line.take_sent(data, t_us)
 
@@ -194,14 +201,26 @@ class StandingRules:
     def _judge_status(self, _: ReceivedByClient, message: Message) -> Broken:
         if not isinstance(message, Status | StatusReply):
             return
-        counters = message.counters
-        total = sum(getattr(counters, name) for name in PARTS_OF_FRAMES) % _WRAP
-        text = f"frames is {counters.frames}, its parts make {total}"
-        yield "HG-3.9/2", text if counters.frames != total else ""
+        yield "HG-3.9/2", self._wrong_sum(message.counters)
         due = _REASONS[OutputState(message.state)]
         text = f"{message.state.name} with the reason {message.reason.name}"
         yield "HG-6.2/3", text if message.reason not in due else ""
         yield "HG-9.1/3", "; ".join(_contradictions(message))
+
+    def _wrong_sum(self, counters: Counters) -> str:
+        """Return in words that the frames are not those of the parts, and what was sent."""
+        lacks, sent = _lacking_parts(counters), +self._since.sent
+        self._since.sent.clear()
+        before = self._since.counters
+        if lacks == (_lacking_parts(before) if before is not None else 0):
+            return ""  # or told when it began
+        text = f"frames is {counters.frames}, its parts make {counters.frames - lacks}"
+        if before is None:
+            return text
+        steps = counter_steps(before, counters)
+        parts = ", ".join(f"{name} {steps[name]}" for name in PARTS_OF_FRAMES if steps[name])
+        named = ", ".join(f"{many} {annotated_type_name(kind)}" for kind, many in sent.items())
+        return f"{text}; since the STATUS before: frames {steps['frames']}, {parts}; sent: {named}"
 
     def _judge_counters(self, _: ReceivedByClient, message: Message) -> Broken:
         if not isinstance(message, Status | StatusReply):
@@ -325,7 +344,7 @@ class StandingRules:
             text = f"frame {key.index} was latched as another drive than it was sent"
             due = [zlib.crc32(phases + amplitudes) for phases, amplitudes in sent]
             is_wrong = due and crc not in due
-            yield "HG-8.3/2", text + self._sent.other_frame(crc) if is_wrong else ""
+            yield "HG-8.3/2", text + self._sent.other_frame(session, crc) if is_wrong else ""
         if isinstance(message, DriveReply) and message.kind is DriveKind.LATCHED:
             key, half = message.key, len(message.data) // 2
             part = slice(message.first, message.first + half)
@@ -334,8 +353,7 @@ class StandingRules:
             text = f"frame {key.index} is shown as another drive than it was sent"
             if due_codes and message.data not in due_codes:
                 told = dataclasses.replace(message, data=due_codes[-1])
-                whole = len(message.data) == 2 * number
-                text += self._sent.other_frame(zlib.crc32(message.data)) if whole else ""
+                text += self._sent.other_frame(session, zlib.crc32(message.data), part)
                 yield "HG-8.6/3", f"{text}: {record_differences(message, told)}"
             else:
                 yield "HG-8.6/3", ""
@@ -373,6 +391,12 @@ def _crcs_of_latches(message: Message, transducers: int) -> Iterator[tuple[Latch
     elif isinstance(message, TraceReply):
         for item in message.records:
             yield item.key, item.crc
+
+
+def _lacking_parts(counters: Counters) -> int:
+    """Return how many frames more are counted than their parts make."""
+    parts = sum(int(getattr(counters, name)) for name in PARTS_OF_FRAMES)
+    return (counters.frames - parts + _WRAP // 2) % _WRAP - _WRAP // 2
 
 
 def _contradictions(status: Status | StatusReply) -> Iterator[str]:

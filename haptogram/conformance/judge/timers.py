@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from typing import Final
 
-from haptogram_protocol.messages import ArmReply, Header, StateChanged
+from haptogram_protocol.messages import (
+    ArmReply,
+    Header,
+    StateChanged,
+    Status,
+    signed_difference,
+)
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ..client.board_client import BoardClient
@@ -54,14 +59,21 @@ def judge_mute_time(
     )
 
 
-def judge_status_steps(
-    board: BoardClient, times_us: Sequence[int], period_ms: int, name: str = ""
+def judge_status_period(
+    board: BoardClient, since: int, period_ms: int, least: int, name: str = ""
 ) -> None:
-    """FAILED unless the STATUS at these device times are a period apart, within 1 ms."""
-    steps = [later - earlier for earlier, later in itertools.pairwise(times_us)]
-    off = [step for step in steps if abs(step - period_ms * _MS) > EXACT_US]
-    text = f"status_period_ms = {period_ms}{name and ', '}{name}: steps of {off} µs"
-    judge_in_time(board, not off, text)
+    """FAILED unless STATUS came, *least* at least, a period apart within 1 ms."""
+    name = f"status_period_ms = {period_ms}{name and ', '}{name}"
+    pieces = [p for p in board.wire.received[since:] if p.header and isinstance(p.message, Status)]
+    for one, two in itertools.pairwise(pieces):
+        assert one.header is not None  # above
+        assert two.header is not None
+        step_ms = signed_difference(two.header.time_us, one.header.time_us, 32) / _MS
+        if abs(step_ms - period_ms) * _MS > EXACT_US:
+            sent = board.wire.recording.between(one.t_us, two.t_us)
+            text = f"{name}: STATUS {step_ms:.3f} ms after the one before, due within 1 ms; {sent}"
+            judge_in_time(board, False, text)
+    check(len(pieces) >= least, f"{name}: {len(pieces)} STATUS came; due are {least} at least")
 
 
 def judge_lease_ends(board: BoardClient, since: int, text: str) -> None:

@@ -362,4 +362,5 @@ def test_a_refusal_that_should_be_a_reply_is_told_once():
     access = virtual(array="4x4", wrap=lambda inner: Rewritten(inner, refused))
     [result] = run(access, "HG-6.3/1").results
     assert result.behaviour is Behaviour.FAILED
-    assert result.detail == "ARM was answered by ERROR(BAD_STATE), detail 0x2, not by ARM_REPLY"
+    text = "ARM was answered by ERROR(BAD_STATE), detail 0x2 (MUTED), not by ARM_REPLY"
+    assert result.detail == f"{text}; sent before: nothing"

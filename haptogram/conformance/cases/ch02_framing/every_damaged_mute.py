@@ -107,5 +107,7 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
             (not shows or not is_board_silent(board), "the output is off"),
             (not told, f"the board tells {told[0][1] if told else ''}"),
         ):
-            judge_within_hold(board, latched_us, holds, f"a MUTE with {name}: {wrong}")
+            judge_within_hold(
+                board, latched_us, holds, f"a MUTE with {name} is to do nothing: {wrong}"
+            )
     board.disarm()

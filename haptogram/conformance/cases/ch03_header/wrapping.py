@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from functools import partial
 from typing import Final
 
@@ -22,6 +21,7 @@ from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
 from ...client.wire import ReceivedByClient
+from ...judge.events import judge_event_numbers
 from ...outcome import SELF_REPORTED, check, check_equal, fail, require
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
@@ -86,14 +86,7 @@ def header_times_wrap(board: BoardClient) -> None:
 
 @case("HG-3.6/2", "events count up by 1; requests in between make no gap in the stream")
 def numbers_three_header_sequences(board: BoardClient) -> None:
-    pieces = [piece for piece in full_client_dialogue(board) if piece.is_event]
-    for before, after in itertools.pairwise(pieces):
-        assert before.header is not None  # is_event
-        assert after.header is not None
-        step = (after.header.seq - before.header.seq) & 0xFFFF
-        check_equal(
-            step, 1, f"an event {step} after the one before: {annotated_frame_text(after.piece)}"
-        )
+    judge_event_numbers(board, full_client_dialogue(board))
     board.hello()
     with board.counting(dropped_state=8):
         for number in range(8):

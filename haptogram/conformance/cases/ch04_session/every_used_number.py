@@ -35,6 +35,7 @@ from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import refused_requests_to_send, valid_requests_to_send
 from ...client.uploads import begin_upload
 from ...client.wire import ReceivedByClient
+from ...judge.repetition import judge_same_answer
 from ...outcome import SELF_REPORTED, CaseEndedError, check
 
 _SEQUENCE: Final = 4
@@ -172,8 +173,7 @@ def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
         wire, before, reply = sent, number & 0xFFFF, answer
     text = f"behind {use.name} of a number {step:+d} from the newest one"
     again = _answer_to_step(board, wire, use.kind if use.is_remembered else kind, before)
-    shown = f"{text} the reply of before is {board.link.answer_text(again)}"
-    check(again.body == reply.body, f"{shown}, it was {board.link.answer_text(reply)}")
+    judge_same_answer(again, reply, text)
     for old in sorted({newest, newest - 1, board.link.seq, number, number + 1}):
         if newest - _FARTHEST <= old <= newest:
             _check_step_is_refused(board, Ping(board.random.getrandbits(64)), old, text)

@@ -24,6 +24,8 @@ from haptogram_protocol.state import OutputState
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.uploads import begin_upload
+from ...client.wire import ReceivedByClient
+from ...judge.repetition import judge_repeated_reply
 from ...outcome import check, check_equal
 
 _UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.CORRECTION
@@ -44,11 +46,13 @@ host_starts_at_0 = case_about_host("HG-4.8/4")
 host_gives_up = case_about_host("HG-4.8/5")
 
 
-def _repeat_request(board: BoardClient, wire: bytes, kind: type[Message], seq: int) -> bytes:
-    """Send the same bytes again and return the body of the answer."""
+def _send_request(
+    board: BoardClient, wire: bytes, kind: type[Message], seq: int
+) -> ReceivedByClient:
+    """Send the bytes of a request and return the answer."""
     since = board.link.mark()
     board.link.send(wire)
-    return board.link.answer_to(kind.TYPE, seq, since).body
+    return board.link.answer_to(kind.TYPE, seq, since)
 
 
 @case(
@@ -57,7 +61,7 @@ def _repeat_request(board: BoardClient, wire: bytes, kind: type[Message], seq: i
 )
 def repeats_the_reply_to_a_request(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Arm())
-    first = _repeat_request(board, wire, Arm, seq)
+    _send_request(board, wire, Arm, seq)
     board.link.ask(Mute(), session=0, seq=seq + 1000)
     with board.counting(repeated=2):
         # GET_STATUS would be the last request: the repetitions come first.
@@ -65,20 +69,18 @@ def repeats_the_reply_to_a_request(board: BoardClient) -> None:
         state = board.status().state
         check_equal(state, OutputState.MUTED, f"after MUTE: {state.name}")
         wire, seq = board.link.request_wire(Ping(7))
-        first = _repeat_request(board, wire, Ping, seq)
+        first = _send_request(board, wire, Ping, seq)
         board.wire.idle(5000)
         for _ in range(2):
-            again = _repeat_request(board, wire, Ping, seq)
-            check(again == first, f"PING again: {again.hex(' ')} instead of {first.hex(' ')}")
+            judge_repeated_reply(board, wire, seq, first, "PING")
     _repeated_arm_is_not_done_twice(board)
 
 
 def _repeated_arm_is_not_done_twice(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Arm())
-    first = _repeat_request(board, wire, Arm, seq)
+    first = _send_request(board, wire, Arm, seq)
     board.link.ask(Mute(), session=0, seq=seq + 1000)
-    again = _repeat_request(board, wire, Arm, seq)
-    check(again == first, f"ARM again: {again.hex(' ')} instead of {first.hex(' ')}")
+    judge_repeated_reply(board, wire, seq, first, "ARM and a MUTE without a session")
     board.link.seq = seq
     state = board.status().state
     check(state is OutputState.MUTED, f"ARM sent again was carried out again: {state.name}")
@@ -100,7 +102,7 @@ def refuses_a_reused_request_number(board: BoardClient) -> None:
 @case("HG-4.9/3", "a delayed copy of ARM does not undo a later DISARM: SEQUENCE_REUSED")
 def refuses_a_delayed_copy_of_a_request(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Arm())
-    _repeat_request(board, wire, Arm, seq)
+    _send_request(board, wire, Arm, seq)
     board.disarm()
     since = board.link.mark()
     board.link.send(wire)
@@ -116,7 +118,7 @@ def refuses_a_delayed_copy_of_a_request(board: BoardClient) -> None:
 @case("HG-4.9/4", "after refusals for flags, length and type the same number is still free")
 def refused_requests_use_no_number(board: BoardClient) -> None:
     wire, seq = board.link.request_wire(Arm())
-    reply = _repeat_request(board, wire, Arm, seq)
+    reply = _send_request(board, wire, Arm, seq)
     free = (seq + 1) & 0xFFFF
     board.link.refused(Ping(1), ErrorCode.UNSUPPORTED, 0x20, seq=free, flags=0x20)
     board.link.refused_raw(Ping.TYPE, bytes(3), ErrorCode.BAD_LENGTH, 8, seq=free)
@@ -124,7 +126,7 @@ def refused_requests_use_no_number(board: BoardClient) -> None:
     board.link.refused(
         Ping(1), ErrorCode.STALE_SESSION, seq=free, session=board.link.session ^ 0x0F0F
     )
-    check_equal(_repeat_request(board, wire, Arm, seq), reply, "the remembered reply is gone")
+    judge_repeated_reply(board, wire, seq, reply, "refused requests")
     board.link.call(Ping(2), Pong, seq=free)
     board.link.seq = free
 
@@ -135,10 +137,9 @@ def refused_requests_use_no_number(board: BoardClient) -> None:
 )
 def mute_passes_a_pending_request(board: BoardClient) -> None:
     ping, seq = board.link.request_wire(Ping(9))
-    first = _repeat_request(board, ping, Ping, seq)
+    first = _send_request(board, ping, Ping, seq)
     board.link.call(Mute(), MuteReply)
-    again = _repeat_request(board, ping, Ping, seq)
-    check(again == first, f"PING again: {again.hex(' ')} instead of {first.hex(' ')}")
+    judge_repeated_reply(board, ping, seq, first, "PING and MUTE")
     for message in (Arm(), Ping(1)):
         lost, seq = board.link.request_wire(message)
         board.link.call(Mute(), MuteReply)
@@ -155,10 +156,10 @@ def mute_passes_a_pending_request(board: BoardClient) -> None:
 def repeated_mute_is_done_again(board: BoardClient) -> None:
     board.arm()
     wire, seq = board.link.request_wire(Mute())
-    _repeat_request(board, wire, Mute, seq)
+    _send_request(board, wire, Mute, seq)
     board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
     board.arm()
-    _repeat_request(board, wire, Mute, seq)
+    _send_request(board, wire, Mute, seq)
     state = board.status().state
     check_equal(state, OutputState.MUTED, f"the same MUTE again has led to {state.name}")
     board.link.call(Mute(), MuteReply, session=0, seq=board.link.seq + 500)
@@ -189,7 +190,7 @@ def repeated_chunks_are_done_again(board: BoardClient) -> None:
     data = bytes(board.identity.transducers)
     begin_upload(board, kind, target, data)
     wire, seq = board.link.request_wire(UploadChunk(0, data[:1]))
-    first = _repeat_request(board, wire, UploadChunk, seq)
+    first = _send_request(board, wire, UploadChunk, seq)
     begin_upload(board, kind, target, data)
     since = board.link.mark()
     board.link.send(wire)

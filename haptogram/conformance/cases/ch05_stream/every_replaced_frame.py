@@ -122,16 +122,16 @@ def _judge_orders(
             board.link.send(board.link.stream_wire(message, t_us))
     board.clock.wait_until(last_us)
     counted = board.counted_since(before)
+    taken = sum(len(order.taken) for order in orders)
+    wanted = (taken, taken - len(orders), len(every) - taken, len(orders))
+    got = tuple(counted[name] for name in _COUNTERS)
+    counts = f"{', '.join(_COUNTERS)} count {got}, due are {wanted}"
     if mode is not TraceMode.OFF:
         seen = {latch.index for latch in latches_received_from_board(board, since, mode)}
         lost = [order for index, order in due.items() if index not in seen]
         text = f"frames for one carrier period, their times in the order {lost and lost[0].ranks}"
-        check(not lost, f"{text}: the last one in order is not latched")
-    taken = sum(len(order.taken) for order in orders)
-    wanted = (taken, taken - len(orders), len(every) - taken, len(orders))
-    got = tuple(counted[name] for name in _COUNTERS)
-    text = f"{len(orders)} times two or three frames for one carrier period: "
-    check(got == wanted, f"{text}{', '.join(_COUNTERS)} count {got}, due are {wanted}")
+        check(not lost, f"{text}: the last one in order is not latched; {counts}")
+    check(got == wanted, f"{len(orders)} times two or three frames for one period: {counts}")
 
 
 def _judge_shorter_burst(

@@ -134,10 +134,12 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
         due_us = board.clock.on_carrier(start_us + number * _SLOW_US)
         board.clock.wait_until(due_us + _MS)
         if board.link.events(PlaybackEnded, since):
-            fail(f"the playback ended before frame {number}, {number * _SLOW_US / 1e6:.0f} s on")
+            fail(f"the playback ended before frame {number}")
         status = board.status()
         got_us = board.clock.unwrap(status.last_latch_us)
-        check(got_us == due_us, f"frame {number} was latched at {got_us} µs, due was {due_us} µs")
+        on_s = number * _SLOW_US / 1e6
+        text = f"frame {number}, {on_s:.1f} s after the start: latched at {got_us} µs, due {due_us}"
+        check(got_us == due_us, text)
     board.link.call(Stop(), StopReply)
     found = board.link.await_event(PlaybackEnded, since, 100 * _MS)
     told = None if found is None else (found[1].loops, found[1].frames)

@@ -31,6 +31,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import latch_now
 from ...client.playback import flood_with_traces, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
+from ...judge.events import judge_event_numbers
 from ...judge.refused_requests import judged_refusal, requests_refused_by_link
 from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal
 from ..ch05_stream.every_drop import DROPS, frames_to_drop
@@ -67,9 +68,7 @@ def requests_leave_the_event_counters(board: BoardClient) -> None:
     latches = [trace.index for _, trace in board.link.events(Trace, since)]
     for place, (one, two) in enumerate(itertools.pairwise(latches)):
         check_equal(two, one + 1, f"behind {names[place + 1]}: stream frames {one}, then {two}")
-    numbers = [p.header.seq for p in board.wire.received[since:] if p.is_event and p.header]
-    steps = [(two - one) & 0xFFFF for one, two in itertools.pairwise(numbers)]
-    check(set(steps) <= {1}, f"{len(numbers)} events: steps of {sorted(set(steps))}")
+    judge_event_numbers(board, board.wire.received[since:])
     check_equal(len(latches), len(names), f"{len(latches)} traces of {len(names)} latches")
     moved = {name: counted[name] for name in ("gap", "duplicate") if counted[name]}
     check(not moved, f"stream frames without a gap are counted in {moved}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -28,6 +27,7 @@ from ...client.playback import (
     shortest_period_to_play_us,
 )
 from ...client.request_client import LONGEST_BURST_BYTES
+from ...judge.events import judge_event_numbers
 from ...outcome import SELF_REPORTED, check, check_equal
 
 _ASKED: Final = 40
@@ -59,13 +59,7 @@ def uplink_drops_no_event_numbers(board: BoardClient) -> None:
     board.need(Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG)
     since = board.link.mark()
     flood_with_traces(board)
-    numbers = [
-        piece.header.seq
-        for piece in board.wire.received[since:]
-        if piece.is_event and piece.header is not None
-    ]
-    gaps = [(b - a) & 0xFFFF for a, b in itertools.pairwise(numbers) if (b - a) & 0xFFFF != 1]
-    check(not gaps, f"between events that follow each other: steps of {gaps[:5]}")
+    judge_event_numbers(board, board.wire.received[since:])
 
 
 @case(
@@ -109,9 +103,7 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     told = [t for header, _ in found if (t := board.clock.unwrap(header.time_us)) <= end_us]
     due = (end_us - start_us) // (period_ms * _MS)
     check(len(told) >= due, f"{name}: {len(told)} STATUS came in {alone_ms} ms, due are {due}")
-    numbers = [p.header.seq for p in board.wire.received[since:] if p.is_event and p.header]
-    gaps = [(b - a) & 0xFFFF for a, b in itertools.pairwise(numbers) if (b - a) & 0xFFFF != 1]
-    check(not gaps, f"{name}: steps of {gaps[:5]} between events")
+    judge_event_numbers(board, board.wire.received[since:], name)
 
 
 @case(
@@ -153,10 +145,8 @@ def _fill_uplink(board: BoardClient, state: OutputState, mode: TraceMode) -> Non
     board.wire.idle(3 * period_ms * _MS)
     counted = board.counted_since(before)
     events = [p for p in board.wire.received[since:] if p.is_event and p.header]
-    numbers = [p.header.seq for p in events if p.header]
-    gaps = [(b - a) & 0xFFFF for a, b in itertools.pairwise(numbers) if (b - a) & 0xFFFF != 1]
-    name = f"{state.name}, trace {mode.name}"
-    check(not gaps, f"{name}: steps of {gaps[:5]} between events when the host reads again")
+    name = f"{state.name}, trace {mode.name}, the host reads again"
+    judge_event_numbers(board, board.wire.received[since:], name)
     traces = sum(isinstance(p.message, TracePlayback | TraceDrive) for p in events)
     due = counted["latched"] - counted["trace_dropped"]
     check(
