@@ -38,6 +38,7 @@ FOUNDATIONS: Final = (
     "HG-5.2",
     "HG-5.3",
     "HG-8.6",
+    "HG-8.3/2",  # CRC-32 by which a trace names a drive
     "HG-5.4",
     "HG-6.2",
     "HG-6.6",

@@ -464,7 +464,7 @@ class BoardClient:
         if differs:
             due = ", ".join(f"{name} {wanted.get(name, 0)}" for name in differs)
             got = ", ".join(f"{name} {number}" for name, number in differs.items())
-            sent = self.wire.recording.before(self.link.seq)
+            sent = self.wire.recording.before(self.link.seq & 0xFFFF)
             fail(f"should count {due}; counted {got}; {sent}")
 
     def counted_since(self, before: Counters) -> dict[str, int]:

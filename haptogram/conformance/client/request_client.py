@@ -368,9 +368,8 @@ class RequestClient:
     def barrier(self) -> None:
         """Wait until the board has read everything sent so far: frames are taken in order."""
         echo = self.random.getrandbits(_ECHO_BITS)
-        check_equal(
-            self.call(Ping(echo), Pong).echo, echo, "PONG does not carry the number of PING"
-        )
+        got = self.call(Ping(echo), Pong).echo
+        check_equal(got, echo, f"PONG carries {got:016x}, not the number of PING")
 
     def events(self, kind: type[_M], since: int = 0) -> list[tuple[Header, _M]]:
         """Return the events of one kind from piece *since* on, with their headers."""

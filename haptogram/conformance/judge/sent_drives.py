@@ -140,6 +140,8 @@ class SentDrives:
                 shown = phases[part]
                 if len(shown) >= _TELLING and zlib.crc32(shown + amplitudes[part]) == crc:
                     return f": {DRIVE_OF} {index}" + " of a session before" * (of != session)
+                if zlib.crc32(phases) == crc:
+                    return f": {crc:#010x} is of the phases of frame {index} alone"
         return ""
 
     def _decode(self, piece: bytes, transducers: int) -> None:

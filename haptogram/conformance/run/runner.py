@@ -12,6 +12,7 @@ from typing import Final, Self, TypeAlias
 
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
 from haptogram.records.frame import Evidence
+from haptogram_protocol.messages import StateChanged
 
 from ..case import Case, Depth
 from ..clauses import Clause, Level, load_clauses
@@ -307,12 +308,22 @@ class SuiteRunner:
             return _Outcome(Behaviour.INCONCLUSIVE, text)
         if ended.behaviour is Behaviour.FAILED and self._is_slow:
             return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))
-        if ended.behaviour is Behaviour.FAILED and (also := self._connection.rules.found_in_case):
-            ended = CaseEndedError(ended.behaviour, f"{ended} (in its frames: {also})")
+        if ended.behaviour is Behaviour.FAILED:
+            ended = CaseEndedError(ended.behaviour, f"{ended}{self._found_meanwhile(board, ended)}")
         lenient = clause.level is Level.SHOULD and not self._options.strict
         if ended.behaviour is Behaviour.FAILED and lenient:
             return _Outcome(Behaviour.NON_STRICT, str(ended))
         return _Outcome(ended.behaviour, str(ended))
+
+    def _found_meanwhile(self, board: BoardClient, ended: CaseEndedError) -> str:
+        """Return in words what the frames of a case show that its own finding does not tell."""
+        events = [event for _, event in board.link.events(StateChanged, 0)]
+        told = {f"{event.state.name}, {event.reason.name}": event.reason.name for event in events}
+        new = [text for text, reason in told.items() if reason not in str(ended)]
+        also = [f"meanwhile the board told {'; '.join(new)}"] if new else []
+        if found := self._connection.rules.found_in_case:
+            also.append(f"in its frames: {found}")
+        return f" ({'; '.join(also)})" if also else ""
 
     def _afterwards(self, case: Case, board: BoardClient, outcome: _Outcome) -> _Outcome:
         if _is_behaviour_shown_in_suite(outcome.behaviour):

@@ -10,7 +10,7 @@ from haptogram.conformance.causes import CommonFinding, common_finding, failures
 from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
 from .transcript import folded_transcript
-from .wording import common_finding_line, evidence_text, suite_counts, suite_verdict
+from .wording import case_finding, common_finding_line, evidence_text, suite_counts, suite_verdict
 
 _LEFT_OUT: Final = "takes longer than this depth"  # begin of the reason of such cases
 _CAUSES: Final = 3  # failures with their bytes; the others may follow from these
@@ -68,7 +68,7 @@ def _conformance_failure_lines(
 
 def _conformance_follower_line(result: CaseResult) -> Iterator[str]:
     """Yield a failure that may follow from those before it; its bytes are in the files."""
-    yield f"{result.case}  {result.behaviour} [{result.evidence.upper()}]: {result.detail}"
+    yield f"{result.case}  {case_finding(result)}"
 
 
 def _conformance_case_lines(result: CaseResult) -> Iterator[str]:

@@ -224,4 +224,7 @@ def test_the_page_tells_a_case_after_which_the_board_does_not_recover(tmp_path):
         "not recovered",
         "recovery not clean: a request in a new session is not answered",
     ) in told
-    assert any(badge == "FAILED" and " s; recovery not clean: " in text for badge, text in told)
+    assert any(
+        badge == "FAILED" and " came since then; recovery not clean: " in text
+        for badge, text in told
+    )
