@@ -13,6 +13,7 @@ from typing import Final, Self, TypeAlias
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
 from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import StateChanged
+from haptogram_protocol.state import MuteReason
 
 from ..case import Case, Depth
 from ..clauses import Clause, Level, load_clauses
@@ -318,8 +319,9 @@ class SuiteRunner:
     def _found_meanwhile(self, board: BoardClient, ended: CaseEndedError) -> str:
         """Return in words what the frames of a case show that its own finding does not tell."""
         events = [event for _, event in board.link.events(StateChanged, 0)]
-        told = {f"{event.state.name}, {event.reason.name}": event.reason.name for event in events}
-        new = [text for text, reason in told.items() if reason not in str(ended)]
+        told = {event.reason.name: f"{event.state.name}, {event.reason.name}" for event in events}
+        told.pop(MuteReason.MUTE.name, None)  # which the host asked for
+        new = [text for name, text in told.items() if name not in str(ended)]
         also = [f"meanwhile the board told {'; '.join(new)}"] if new else []
         if found := self._connection.rules.found_in_case:
             also.append(f"in its frames: {found}")
