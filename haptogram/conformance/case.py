@@ -84,8 +84,8 @@ class Case:
 
 
 def case(
-    clause: str,
-    summary: str,
+    name: str,
+    summary: str = "",
     *,
     variant: str = "",
     needs: Feature = NOTHING,
@@ -96,14 +96,19 @@ def case(
     depth: Depth = Depth.QUICK,
     wall_depth: Depth | None = None,
 ) -> Callable[[Body], Case]:
-    """Return a decorator that makes a function a :class:`Case`."""
+    """Return a decorator that makes a function the :class:`Case` of that id.
+
+    Its docstring is the summary, unless one is given.
+    """
+    section, _, rest = name.partition("/")
+    number, _, own_variant = rest.partition("-")
 
     def make(body: Body) -> Case:
         return Case(
-            clause,
-            summary,
+            f"{section}/{number}",
+            summary or " ".join((body.__doc__ or "").split()),
             body,
-            variant,
+            variant or own_variant,
             needs,
             evidence,
             needs_reset,

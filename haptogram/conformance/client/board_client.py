@@ -432,6 +432,11 @@ class BoardClient:
         """Return all of *items*, at a wall clock, where each takes its time, the first of them."""
         return list(items) if self.wire.is_virtual else list(items)[:at_wall]
 
+    def check_state(self, due: OutputState, text: str) -> None:
+        """FAILED unless the board is in the state *due*; *text* goes before another one."""
+        state = self.status().state
+        check_equal(state, due, f"{text} {state.name}")
+
     def require_no_status(self) -> None:
         """End the case as NOT-OBSERVED if the board sends STATUS, which empties the margins."""
         if self.config.status_period_ms:

@@ -7,6 +7,7 @@ from typing import Final
 from haptogram_protocol.messages import (
     MESSAGES,
     REQUEST_RANGE,
+    DriveKind,
     Feature,
     Hello,
     Message,
@@ -21,6 +22,10 @@ TRACES: Final = Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING
 #: Trace modes with the capability of each: with OFF, which needs none, and without.
 ALL_MODES: Final = tuple((feature, mode) for mode, feature in TRACE_CAPABILITIES.items())
 TRACE_MODES: Final = tuple(pair for pair in ALL_MODES if pair[1] is not TraceMode.OFF)
+_READ_BACKS: Final = (
+    (Feature.READ_LATCHED, DriveKind.LATCHED),
+    (Feature.READ_RADIATED, DriveKind.RADIATED),
+)
 
 
 def requests_that_board_takes(board: BoardClient) -> list[type[Message]]:
@@ -32,6 +37,17 @@ def requests_that_board_takes(board: BoardClient) -> list[type[Message]]:
         if kind.TYPE in REQUEST_RANGE and not kind.TAIL and kind.TYPE not in lacking
         if kind is not Mute
     ]
+
+
+def drive_kinds(board: BoardClient) -> list[DriveKind]:
+    """Return the kinds of drives that the board reads back."""
+    return [kind for feature, kind in _READ_BACKS if board.has(feature)]
+
+
+def trace_modes(board: BoardClient, *wanted: TraceMode) -> list[TraceMode]:
+    """Return those of the *wanted* trace modes, or of all but OFF, that the board takes."""
+    modes = wanted or (TraceMode.CRC, TraceMode.DRIVE, TraceMode.RING)
+    return [mode for mode in modes if board.has(TRACE_CAPABILITIES[mode])]
 
 
 def session_for_request(board: BoardClient, kind: type[Message]) -> int:

@@ -18,7 +18,7 @@ from haptogram_protocol.messages import (
 )
 
 from .board_client import BoardClient
-from .latching import latch_now
+from .latching import latch_in_time, latch_now
 from .playback import let_play, period_to_play, play_now, play_out
 from .stream_kinds import StreamKind, random_point_to_send, stream_kinds
 from .uploads import upload_to_board
@@ -71,9 +71,7 @@ def _drive_path_at_once(board: BoardClient, kind: StreamKind) -> Message:
 
 def _drive_path_in_time(board: BoardClient, kind: StreamKind) -> Message:
     message = kind.make()
-    t_us = board.clock.soon_us(bytes(2 * len(board.link.stream_wire(message, 0, seq=0))))
-    board.link.send(board.link.stream_wire(message, t_us))
-    board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
+    latch_in_time(board, message)
     return message
 
 

@@ -89,13 +89,32 @@ def is_board_silent(board: BoardClient) -> bool:
     return read_back_radiated(board).loudest == 0
 
 
-def latch_now(board: BoardClient, message: Message) -> int:
-    """Send a stream frame that is latched as soon as complete; return its unwrapped number."""
-    index = board.link.stream_next
-    wire = board.link.stream_wire(message)
-    board.link.send(wire)
+def latch_now(board: BoardClient, message: Message | None = None) -> int:
+    """Send a stream frame that is latched as soon as complete; return its unwrapped number.
+
+    None: a drive of equal phases.
+    """
+    index, message = board.link.stream_next, message or board.flat_phases()
+    board.link.stream(message)
     board.clock.wait_latched(points_of_stream_kind(message))
     return index
+
+
+def latch_random(board: BoardClient, number: int) -> list[bytes]:
+    """Latch so many random drives, each as soon as complete, and return their registers."""
+    drives = [board.random_registers() for _ in range(number)]
+    for registers in drives:
+        latch_now(board, board.phases(registers))
+    return drives
+
+
+def latch_in_time(board: BoardClient, message: Message, ahead_us: int = 0) -> int:
+    """Latch a stream frame at its time, so far behind a carrier boundary; return that time."""
+    size = 2 * len(board.link.stream_wire(message, 0, seq=0))
+    t_us = board.clock.soon_us(bytes(size), ahead_us=ahead_us)
+    board.link.stream(message, t_us)
+    board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
+    return t_us
 
 
 def send_between_pings(board: BoardClient, message: Message, at_us: int | None = None) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import random
 from collections import deque
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ from haptogram_protocol.messages import (
     MessageType,
     Mute,
     Ping,
+    Play,
     Pong,
 )
 from haptogram_protocol.state import OutputState
@@ -43,6 +45,11 @@ _PING_BYTES: Final = 26  # on the line, at most
 _PAUSES_KEPT: Final = 256
 #: How far the number of such a PING is behind the newest: more than there are in any window.
 _PAUSE_BEHIND: Final = 0x1000
+
+
+def flags_at_once(message: Message) -> int:
+    """Return the flags of a request that is carried out as it comes: PLAY begins at once."""
+    return int(Flag.IMMEDIATE) if isinstance(message, Play) else 0
 
 
 class RequestClient:
@@ -177,6 +184,10 @@ class RequestClient:
             run.append(wire)
         self._put(run)
 
+    def stream(self, message: Message, at_us: int | None = None, **header: Any) -> None:
+        """Send a stream frame; see :meth:`stream_wire`."""
+        self.send(self.stream_wire(message, at_us, **header))
+
     def _put(self, wires: Sequence[bytes]) -> None:
         """Write *wires*; a run that no window holds comes at the rate of the line."""
         mark, data = self.mark(), b"".join(wires)
@@ -228,6 +239,21 @@ class RequestClient:
     def ask(self, message: Message, **header: Any) -> ReceivedByClient:
         """Send a request and return its answer, a refusal too; FAILED if none comes."""
         return self.ask_raw(message.TYPE, message.serialize(), **header)
+
+    def ask_at_once(self, message: Message, **header: Any) -> ReceivedByClient:
+        """Send a request, PLAY to begin at once, and return its answer; see :meth:`ask`."""
+        return self.ask(message, flags=flags_at_once(message), **header)
+
+    def exchange(self, *wires: bytes) -> list[ReceivedByClient]:
+        """Send frames without a pause; return the answer to each request among them.
+
+        FAILED if one has none.
+        """
+        since = self.mark()
+        self.send(*wires)
+        headers = [header for wire in wires if (header := _header_of_frame(wire)) is not None]
+        requests = [header for header in headers if header.type in REQUEST_RANGE]
+        return [self.answer_to(header.type, header.seq, since) for header in requests]
 
     def ask_raw(
         self, kind: int, payload: bytes = b"", *, seq: int | None = None, **header: Any
@@ -379,6 +405,12 @@ class RequestClient:
             if piece.header is not None and isinstance(piece.message, kind)
         ]
 
+    def event_gaps(self, since: int = 0) -> list[int]:
+        """Return the steps other than 1 between the numbers of events from piece *since* on."""
+        numbers = [p.frame_header.seq for p in self.wire.received[since:] if p.is_event]
+        steps = [(two - one) & 0xFFFF for one, two in itertools.pairwise(numbers)]
+        return [step for step in steps if step != 1]
+
     def responses(self, since: int) -> list[ReceivedByClient]:
         """Return the responses from piece *since* on, but for those of :meth:`send` itself."""
         pauses = set(map(id, self._answers_of_pauses))
@@ -409,10 +441,17 @@ class RequestClient:
         return answer.header.type if answer.header is not None else MessageType.ERROR
 
 
-def _number_of_request(wire: bytes) -> int | None:
-    """Return the number of a request that is answered in its turn; None if *wire* is none."""
+def _header_of_frame(wire: bytes) -> Header | None:
+    """Return the header of a frame between delimiters; None if *wire* is none."""
     try:
-        header = Header.unpack(decode_frame(wire.strip(DELIMITER))[: Header.LAYOUT.size])
+        return Header.unpack(decode_frame(wire.strip(DELIMITER))[: Header.LAYOUT.size])
     except RemoteProtocolError:
         return None
-    return header.seq if header.type in REQUEST_RANGE and header.type != Mute.TYPE else None
+
+
+def _number_of_request(wire: bytes) -> int | None:
+    """Return the number of a request that is answered in its turn; None if *wire* is none."""
+    header = _header_of_frame(wire)
+    if header is None or header.type not in REQUEST_RANGE or header.type == Mute.TYPE:
+        return None
+    return header.seq

@@ -123,6 +123,12 @@ class ReceivedByClient:
     reason: str = ""
 
     @property
+    def frame_header(self) -> Header:
+        """The header of a piece that is a frame."""
+        assert self.header is not None
+        return self.header
+
+    @property
     def is_response(self) -> bool:
         """True for a response."""
         return self.header is not None and self.header.type in RESPONSE_RANGE

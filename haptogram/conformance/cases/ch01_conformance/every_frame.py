@@ -3,7 +3,7 @@ HG-5.8, HG-6.2, HG-7.1, HG-7.2, HG-7.5, HG-7.6, HG-8.3, HG-8.5, HG-8.6, HG-9.1, 
 HG-11.5: what every frame of all other cases has shown.
 
 These rules hold in each frame, whatever was asked.
-"""  # noqa: D205 -- the sections take more than a line
+"""
 
 from __future__ import annotations
 

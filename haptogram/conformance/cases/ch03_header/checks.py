@@ -41,8 +41,9 @@ _STEP_US: Final = 1000
 _SEQUENCE: Final = 4
 
 
-@case("HG-3.8/1", "requests with two defects are refused for the one that is checked first")
+@case("HG-3.8/1")
 def checks_requests_in_order(board: BoardClient) -> None:
+    """requests with two defects are refused for the one that is checked first"""
     stale = board.link.session ^ _STALE
     used = board.link.seq
     refused = board.link.refused_raw
@@ -59,13 +60,9 @@ def checks_requests_in_order(board: BoardClient) -> None:
         refused(UploadCommit.TYPE, commit, ErrorCode.SEQUENCE_REUSED, used & 0xFFFF, seq=used)
 
 
-@case(
-    "HG-3.8/1",
-    "stream frames with two defects are counted for the one that is checked first",
-    variant="stream",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.8/1-stream", evidence=SELF_REPORTED)
 def checks_stream_frames_in_order(board: BoardClient) -> None:
+    """stream frames with two defects are counted for the one that is checked first"""
     stale, good = board.link.session ^ _STALE, board.flat_phases()
     payload = good.serialize()
     first = board.link.stream_wire(good)
@@ -89,13 +86,9 @@ def checks_stream_frames_in_order(board: BoardClient) -> None:
             board.link.send(wire)
 
 
-@case(
-    "HG-3.8/1",
-    "a full queue: order is checked before room, room before horizon, order before lateness",
-    variant="queue",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.8/1-queue", evidence=SELF_REPORTED)
 def checks_for_the_queue_in_order(board: BoardClient) -> None:
+    """a full queue: order is checked before room, room before horizon, order before lateness"""
     depth = board.depth_to_fill()
     good = board.shortest_stream()
     board.hello()
@@ -105,14 +98,15 @@ def checks_for_the_queue_in_order(board: BoardClient) -> None:
         board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
         beyond_us = times[-1] + min(2 * board.identity.max_horizon_us, _LATEST_US)
         for t_us in (times[-1], times[0] - 10 * 1_000_000, times[-1] + _STEP_US, beyond_us):
-            board.link.send(board.link.stream_wire(good, t_us))
+            board.link.stream(good, t_us)
         board.link.barrier()  # or MUTE may overtake them
         board.clock.end_exchange()
         board.link.call(Mute(), MuteReply)
 
 
-@case("HG-3.8/2", "a PING of the new session right behind its HELLO is answered, after it")
+@case("HG-3.8/2")
 def checks_frames_in_the_order_they_come(board: BoardClient) -> None:
+    """a PING of the new session right behind its HELLO is answered, after it"""
     nonce = board.new_nonce()
     hello, first = board.link.request_wire(board.hello_message(nonce), session=0)
     ping, second = board.link.request_wire(Ping(5), session=nonce)
@@ -135,12 +129,9 @@ def _answer_to_checked_message(
     return found
 
 
-@case(
-    "HG-3.8/4",
-    "ARM, a stream frame, PLAY, ARM and MUTE at once: off behind it, each frame done or refused",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.8/4", evidence=SELF_REPORTED)
 def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
+    """ARM, a stream frame, PLAY, ARM and MUTE at once: off behind it, each frame done or refused"""
     plays = board.has(Feature.SEQUENCE_PHASES)
     if plays:
         send_phases_that_fit(board, _SEQUENCE, frames=2)
@@ -208,8 +199,9 @@ def judge_silence_behind_mute(board: BoardClient) -> None:
     )
 
 
-@case("HG-3.8/3", "MUTE with any session, flags, payload and number is carried out")
+@case("HG-3.8/3")
 def mute_passes_all_header_checks(board: BoardClient) -> None:
+    """MUTE with any session, flags, payload and number is carried out"""
     for header in (
         {"session": 0},
         {"session": board.link.session ^ _STALE},

@@ -24,12 +24,9 @@ _STALE: Final = 0x0F0F
 _UNKNOWN_STREAM: Final = 0x3D
 
 
-@case(
-    "HG-3.9/3",
-    "junk of every kind neither restarts the board nor moves a counter back nor disarms it",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.9/3", evidence=SELF_REPORTED)
 def junk_headers_are_survived(board: BoardClient) -> None:
+    """junk of every kind neither restarts the board nor moves a counter back nor disarms it"""
     boot_id, before = board.identity.boot_id, board.status()
     board.arm()
     asked_us = board.wire.now_us()
@@ -46,12 +43,9 @@ def junk_headers_are_survived(board: BoardClient) -> None:
     check_equal(board.hello().boot_id, boot_id, "boot_id is another one: junk restarts the board")
 
 
-@case(
-    "HG-3.9/4",
-    "1 MiB of junk, or 20 s of it: PINGs are answered, and free_bytes is as before",
-    depth=Depth.DEFAULT,
-)
+@case("HG-3.9/4", depth=Depth.DEFAULT)
 def junk_headers_leak_no_memory(board: BoardClient) -> None:
+    """1 MiB of junk, or 20 s of it: PINGs are answered, and free_bytes is as before"""
     before = board.status()
     left = min(_JUNK_BYTES, board.wire.baudrate // 10 * _JUNK_S)
     while left > 0:
@@ -83,12 +77,9 @@ def _counted_junk_headers(board: BoardClient) -> bytes:
     )
 
 
-@case(
-    "HG-3.9/1",
-    "of one frame with each defect every counter grows by 1, and frames by their number",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.9/1", evidence=SELF_REPORTED)
 def header_defects_count_once(board: BoardClient) -> None:
+    """of one frame with each defect every counter grows by 1, and frames by their number"""
     good, old = board.flat_phases(), board.link.session ^ _STALE
     used = board.link.stream_next
     ping = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())
@@ -113,21 +104,18 @@ def header_defects_count_once(board: BoardClient) -> None:
         board.wire.idle_while_sending()
 
 
-@case(
-    "HG-3.9/2",
-    "frames = accepted + requests + repeated + every drop, over 60 frames of all sorts",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.9/2", evidence=SELF_REPORTED)
 def header_counts_add_up(board: BoardClient) -> None:
+    """frames = accepted + requests + repeated + every drop, over 60 frames of all sorts"""
     board.arm()
     before = board.status().counters
     good, queued, sent = board.flat_phases(), 0, 0
     for number in range(15):
-        board.link.send(board.link.stream_wire(good))
+        board.link.stream(good)
         queued += 1
-        board.link.send(board.link.stream_wire(good, seq=board.link.stream_next - 1))
+        board.link.stream(good, seq=board.link.stream_next - 1)
         board.link.call(Ping(number), Pong)
-        board.link.send(board.link.stream_wire(good, flags=Flag.IMMEDIATE | 0x40))
+        board.link.stream(good, flags=Flag.IMMEDIATE | 0x40)
         sent += 4
     counted = board.counted_since(before)
     check_equal(

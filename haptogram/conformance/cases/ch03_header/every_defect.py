@@ -38,13 +38,11 @@ def _unknown_frame_types(types: Iterable[int]) -> list[int]:
     return [kind for kind in types if kind not in MESSAGES]
 
 
-@case(
-    "HG-3.3/2",
-    "each of the 189 types that no host may send, of any session: dropped and counted, no answer",
-    variant="types",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.3/2-types", evidence=SELF_REPORTED)
 def every_foreign_header_type_is_dropped(board: BoardClient) -> None:
+    """each of the 189 types that no host may send, of any session: dropped and counted, no
+    answer
+    """
     board.arm()
     streams = _unknown_frame_types(STREAM_RANGE)
     others = list(range(REQUEST_RANGE.stop, 0x100))
@@ -61,12 +59,11 @@ def every_foreign_header_type_is_dropped(board: BoardClient) -> None:
             board.link.unanswered("a frame of a type that no host may send", *wires)
 
 
-@case(
-    "HG-3.3/3",
-    "each of the 48 unknown types of requests, of any session, is refused by its type: UNSUPPORTED",
-    variant="types",
-)
+@case("HG-3.3/3-types")
 def every_unknown_header_type_is_refused(board: BoardClient) -> None:
+    """each of the 48 unknown types of requests, of any session, is refused by its type:
+    UNSUPPORTED
+    """
     kinds = _unknown_frame_types(REQUEST_RANGE)
     with board.counting(requests=2 * len(kinds)):
         for kind in kinds:
@@ -176,13 +173,11 @@ def _pairs_of_defects(board: BoardClient, defects: Iterable[_Defect]) -> list[tu
     return [*((one,) for one in every), *itertools.combinations(every, 2), every]
 
 
-@case(
-    "HG-3.8/1",
-    "requests of every type with every two defects are refused and counted for the first of them",
-    variant="requests",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.8/1-requests", evidence=SELF_REPORTED)
 def requests_with_every_two_defects_are_checked_in_order(board: BoardClient) -> None:
+    """requests of every type with every two defects are refused and counted for the first of
+    them
+    """
     for message in valid_requests_to_send(board, _SEQUENCE):
         seq = board.link.seq + 1 & 0xFFFF
         right = _Frame(message.TYPE, message.serialize(), seq, board.link.session)
@@ -206,12 +201,9 @@ def requests_with_every_two_defects_are_checked_in_order(board: BoardClient) -> 
                 )
 
 
-@case(
-    "HG-4.9/4",
-    "a request of every type that is refused for one defect leaves its number free for the next",
-    variant="numbers",
-)
+@case("HG-4.9/4-numbers")
 def every_defect_leaves_the_request_number(board: BoardClient) -> None:
+    """a request of every type that is refused for one defect leaves its number free for the next"""
     for message in valid_requests_to_send(board, _SEQUENCE):
         for defect in _OF_REQUESTS[:-1]:
             seq = board.link.seq + 1 & 0xFFFF
@@ -224,14 +216,10 @@ def every_defect_leaves_the_request_number(board: BoardClient) -> None:
                 board.link.call(Ping(seq), Pong)
 
 
-@case(
-    "HG-3.8/1",
-    "stream frames of every format with every two defects count once, for the first of them",
-    variant="formats",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.8/1-formats", evidence=SELF_REPORTED)
 def stream_frames_with_every_two_defects_are_checked_in_order(board: BoardClient) -> None:
-    board.link.send(board.link.stream_wire(board.flat_phases()))  # the first number is used
+    """stream frames of every format with every two defects count once, for the first of them"""
+    board.link.stream(board.flat_phases())  # the first number is used
     for kind in stream_kinds(board):
         message = kind.make()
         for some in _pairs_of_defects(board, _OF_STREAM):
@@ -270,13 +258,9 @@ def _names_of_defects(defects: Iterable[_Defect]) -> str:
 # --- Counts ------------------------------------------------------------------------------------
 
 
-@case(
-    "HG-3.9/2",
-    "each request of every type, carried out or refused by the board, ARMED or not, counts once",
-    variant="types",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.9/2-types", evidence=SELF_REPORTED)
 def every_header_type_counts_once(board: BoardClient) -> None:
+    """each request of every type, carried out or refused by the board, ARMED or not, counts once"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for armed in (True, False) if board.thorough else (True,):
         board.arm()

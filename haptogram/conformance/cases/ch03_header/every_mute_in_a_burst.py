@@ -83,14 +83,11 @@ def _switches_on(board: BoardClient) -> Iterator[tuple[str, _Between]]:
     )
 
 
-@case(
-    "HG-3.8/4",
-    "MUTE, what may switch on, MUTE (and again) in one burst: nothing is on, ARM counts behind it",
-    variant="burst",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-3.8/4-burst", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def nothing_switches_on_between_mutes(board: BoardClient) -> None:
+    """MUTE, what may switch on, MUTE (and again) in one burst: nothing is on, ARM counts behind
+    it
+    """
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for way in board.wire.ways_of_mute():
         for name, make in _switches_on(board):
@@ -107,7 +104,7 @@ def _judge_burst_of_mutes(
     MUTE has no session, or another one, if *others*.
     """
     board.arm()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     sessions = itertools.cycle((0, board.link.session ^ _STALE) if others else (None,))
     before = board.status().counters
     at_one_moment = _is_burst_at_one_moment(board)
@@ -130,7 +127,7 @@ def _judge_burst_of_mutes(
     )
     board.arm()
     with board.counting(latched=1):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
 
 
 def _is_burst_at_one_moment(board: BoardClient) -> bool:

@@ -56,14 +56,14 @@ def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -
     """FAILED unless numbers on both sides of each power of two are told whole."""
     mode = ask_for_board_latches_if_supported(board)
     board.arm()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     first, before, sent = board.link.stream_next, board.status().counters, 0
     for bits in range(least_bits, most_bits + 1):
         _go_up_to_unwrapped_number(board, (1 << bits) - 1)
         board.arm_anew()  # or a hold that nothing extends may end before the next latch
         for index in range((1 << bits) - 1, (1 << bits) + 2):
             since = board.link.mark()
-            latch_now(board, board.flat_phases())
+            latch_now(board)
             wrong = _numbers_told_of_a_latch(board, since, mode, index)
             check(not wrong, f"the unwrapped number is {index % _WRAP}, told is {wrong}")
         board.wire.forget_received()

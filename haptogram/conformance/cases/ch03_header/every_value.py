@@ -79,13 +79,11 @@ def _uploads_with_values(board: BoardClient) -> Iterator[UploadBegin]:
         yield UploadBegin(UploadKind.CORRECTION, 0, 0, count, 0)
 
 
-@case(
-    "HG-3.2/5",
-    "each value that the table of a request's byte does not name: BAD_VALUE, and the byte's offset",
-    variant="bytes",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.2/5-bytes", evidence=SELF_REPORTED)
 def every_value_of_no_table_is_refused(board: BoardClient) -> None:
+    """each value that the table of a request's byte does not name: BAD_VALUE, and the byte's
+    offset
+    """
     for message in _requests_with_values(board):
         for byte in _value_bytes(type(message)):
             values = byte.wrong_values(thorough=board.thorough)
@@ -95,12 +93,9 @@ def every_value_of_no_table_is_refused(board: BoardClient) -> None:
                     board.link.refused_raw(message.TYPE, payload, ErrorCode.BAD_VALUE, byte.offset)
 
 
-@case(
-    "HG-3.2/5",
-    "points_per_frame other than 0 without points, 0 with them, above max_points: BAD_VALUE",
-    variant="points",
-)
+@case("HG-3.2/5-points")
 def every_number_of_points_of_no_table_is_refused(board: BoardClient) -> None:
+    """points_per_frame other than 0 without points, 0 with them, above max_points: BAD_VALUE"""
     begins = list(_uploads_with_values(board))
     if not begins:
         unimplemented("the board takes no uploads")
@@ -116,12 +111,9 @@ def every_number_of_points_of_no_table_is_refused(board: BoardClient) -> None:
                 board.link.refused(wrong, ErrorCode.BAD_VALUE, offset)
 
 
-@case(
-    "HG-4.4/1",
-    "HELLO of each other major version: ERROR(VERSION), and the session goes on",
-    variant="majors",
-)
+@case("HG-4.4/1-majors")
 def every_other_major_version_is_refused(board: BoardClient) -> None:
+    """HELLO of each other major version: ERROR(VERSION), and the session goes on"""
     right = board.hello_message(board.new_nonce())
     byte = _ValueByte("major", right.WIRE["major"].offset, (VERSION_MAJOR,))
     for major in byte.wrong_values(thorough=board.thorough):

@@ -16,8 +16,9 @@ from ...client.dialogue import (
 from ...outcome import SELF_REPORTED, check
 
 
-@case("HG-3.1/1", "every frame of a full dialogue begins with a header of ten bytes")
+@case("HG-3.1/1")
 def frames_begin_with_a_header(board: BoardClient) -> None:
+    """every frame of a full dialogue begins with a header of ten bytes"""
     for piece in full_client_dialogue(board):
         _, body = crc_of_received_piece(piece)
         check(
@@ -30,8 +31,9 @@ def frames_begin_with_a_header(board: BoardClient) -> None:
         )
 
 
-@case("HG-3.7/1", "every frame of a full dialogue carries its session; ERROR may carry 0")
+@case("HG-3.7/1")
 def header_carries_the_session(board: BoardClient) -> None:
+    """every frame of a full dialogue carries its session; ERROR may carry 0"""
     pieces = undamaged_received_pieces(full_client_dialogue(board))
     greetings = (piece.message for piece in pieces if isinstance(piece.message, HelloReply))
     due = next((greeting.nonce for greeting in greetings), board.link.session)
@@ -45,24 +47,17 @@ def header_carries_the_session(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-3.7/2",
-    "a stream frame of another session is counted in stale_session and uses up no number",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.7/2", evidence=SELF_REPORTED)
 def drops_headers_of_another_session(board: BoardClient) -> None:
+    """a stream frame of another session is counted in stale_session and uses up no number"""
     old = board.link.session
     board.hello()
     board.arm()
     sessions = (old, board.link.session ^ 0x0100, board.link.session ^ 0x0001, 0)
     with board.counting(stale_session=len(sessions), latched=1):
         for session in sessions:
-            board.link.send(
-                board.link.stream_wire(
-                    board.flat_phases(), seq=board.link.stream_next, session=session
-                )
-            )
-        board.link.send(board.link.stream_wire(board.flat_phases()))
+            board.link.stream(board.flat_phases(), seq=board.link.stream_next, session=session)
+        board.link.stream(board.flat_phases())
         board.clock.wait_latched()
 
 

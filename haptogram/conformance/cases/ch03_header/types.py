@@ -26,8 +26,9 @@ from ...outcome import SELF_REPORTED, check
 _UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
 
 
-@case("HG-3.3/1", "each request is answered by its type + 0x40, or by ERROR")
+@case("HG-3.3/1")
 def header_has_the_right_reply_type(board: BoardClient) -> None:
+    """each request is answered by its type + 0x40, or by ERROR"""
     kinds: list[type[Message]] = [*requests_that_board_takes(board), Mute]
     for kind in kinds:
         payload = bytes(kind.LAYOUT.size)
@@ -41,12 +42,9 @@ def header_has_the_right_reply_type(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-3.3/2",
-    "stream, response and event frames of unknown types are counted in unknown_type, unanswered",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.3/2", evidence=SELF_REPORTED)
 def drops_unknown_header_types(board: BoardClient) -> None:
+    """stream, response and event frames of unknown types are counted in unknown_type, unanswered"""
     kinds = (0x00, 0x04, 0x3F, 0x80, 0xBE, 0xBF, 0xC0, 0xFF)
     frames = [
         board.link.stream_raw(kind, bytes(5))
@@ -58,8 +56,9 @@ def drops_unknown_header_types(board: BoardClient) -> None:
         board.link.unanswered("a frame of an unknown type", *frames)
 
 
-@case("HG-3.3/3", "unknown requests are refused with UNSUPPORTED and their type, and counted")
+@case("HG-3.3/3")
 def refuses_unknown_header_types(board: BoardClient) -> None:
+    """unknown requests are refused with UNSUPPORTED and their type, and counted"""
     unknown = [kind for kind in _UNKNOWN_REQUESTS if kind not in MESSAGES]
     with board.counting(requests=len(unknown)):
         for kind in unknown:

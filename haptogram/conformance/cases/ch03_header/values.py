@@ -37,8 +37,9 @@ from ...outcome import SELF_REPORTED, check, check_equal, require
 _ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
 
 
-@case("HG-3.2/1", "numbers of 16, 32 and 64 bits, signed ones too, have their lowest byte first")
+@case("HG-3.2/1")
 def values_are_little_endian(board: BoardClient) -> None:
+    """numbers of 16, 32 and 64 bits, signed ones too, have their lowest byte first"""
     nonce = 0x1FE2 if board.link.session != 0x1FE2 else 0x1FE3
     reply = board.hello(nonce)
     check(reply.nonce == nonce, f"HELLO_REPLY has the nonce {reply.nonce:#06x}, not {nonce:#06x}")
@@ -76,12 +77,9 @@ def _length_of_values(*parts: int) -> float:
     return math.hypot(*parts)
 
 
-@case(
-    "HG-3.2/1",
-    "pitch_um in HELLO_REPLY is not the pitch of the geometry with its bytes reversed",
-    variant="pitch",
-)
+@case("HG-3.2/1-pitch")
 def pitch_value_is_little_endian(board: BoardClient) -> None:
+    """pitch_um in HELLO_REPLY is not the pitch of the geometry with its bytes reversed"""
     identity = board.identity
     require(identity.grid_nx * identity.grid_ny >= 2, "the array is no grid, or of one transducer")
     first, second = board.read_geometry()[:2]
@@ -93,13 +91,9 @@ def pitch_value_is_little_endian(board: BoardClient) -> None:
     )
 
 
-@case(
-    "HG-3.2/1",
-    "a configuration of six different numbers comes back as it was sent",
-    variant="config",
-    needs=Feature.CONFIG,
-)
+@case("HG-3.2/1-config", needs=Feature.CONFIG)
 def takes_little_endian_values(board: BoardClient) -> None:
+    """a configuration of six different numbers comes back as it was sent"""
     sent = board.configure(
         hold_ms=0x0102, ramp_ms=0x0304, host_timeout_ms=0x0506, status_period_ms=0x0708
     )
@@ -107,8 +101,9 @@ def takes_little_endian_values(board: BoardClient) -> None:
     check_equal(got, sent, "the configuration in force is not the one that was sent")
 
 
-@case("HG-3.2/2", "the firmware's name is UTF-8 and filled with zeros to 16 bytes")
+@case("HG-3.2/2")
 def text_value_is_filled(board: BoardClient) -> None:
+    """the firmware's name is UTF-8 and filled with zeros to 16 bytes"""
     answer = board.link.ask(board.hello_message(board.link.session), session=0)
     raw = answer.body[-16:]
     name = raw.rstrip(b"\x00")
@@ -119,16 +114,16 @@ def text_value_is_filled(board: BoardClient) -> None:
         check(False, f"{raw!r} is no UTF-8: {error}")
 
 
-@case("HG-3.2/3", "every payload of a full dialogue has the length of its type")
+@case("HG-3.2/3")
 def payload_types_have_their_length(board: BoardClient) -> None:
+    """every payload of a full dialogue has the length of its type"""
     wrong = [piece for piece in full_client_dialogue(board) if piece.reason == "bad_length"]
     check(not wrong, f"{annotated_frame_text(wrong[0].piece) if wrong else ''}")
 
 
-@case(
-    "HG-3.2/4", "requests a byte too long or too short are refused; the detail is the right length"
-)
+@case("HG-3.2/4")
 def refuses_a_wrong_length_of_type(board: BoardClient) -> None:
+    """requests a byte too long or too short are refused; the detail is the right length"""
     kinds = requests_that_board_takes(board)
     wrong = [
         (kind, size) for kind in kinds for size in _wrong_lengths_of_payload_type(kind.LAYOUT.size)
@@ -146,13 +141,9 @@ def _wrong_lengths_of_payload_type(right: int) -> tuple[int, ...]:
     return (right + 1,) if right == 0 else (right - 1, right + 1)
 
 
-@case(
-    "HG-3.2/4",
-    "stream frames a byte too long or too short are counted in bad_length and not answered",
-    variant="stream",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.2/4-stream", evidence=SELF_REPORTED)
 def drops_a_wrong_length_of_type(board: BoardClient) -> None:
+    """stream frames a byte too long or too short are counted in bad_length and not answered"""
     right = board.flat_phases()
     payloads = [right.serialize() + b"\x00", right.serialize()[:-1], b""]
     bodies = [(Phases.TYPE, payload) for payload in payloads]
@@ -167,8 +158,9 @@ def drops_a_wrong_length_of_type(board: BoardClient) -> None:
         )
 
 
-@case("HG-3.2/5", "values that no table has are refused with BAD_VALUE and the field's offset")
+@case("HG-3.2/5")
 def refuses_values_of_no_table(board: BoardClient) -> None:
+    """values that no table has are refused with BAD_VALUE and the field's offset"""
     wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, bytes([VERSION_MAJOR, *bytes(7)]), 2)]
     if board.has(Feature.READ_LATCHED):
         wrong.append((ReadDrive.TYPE, b"\x07\x00\x00\x01\x00", 0))
@@ -184,8 +176,9 @@ def refuses_values_of_no_table(board: BoardClient) -> None:
             board.link.refused_raw(kind, value, ErrorCode.BAD_VALUE, offset, session=session)
 
 
-@case("HG-3.2/6", "requests, chunks and stream frames that begin at each of 8 addresses are taken")
+@case("HG-3.2/6")
 def reads_values_at_any_address(board: BoardClient) -> None:
+    """requests, chunks and stream frames that begin at each of 8 addresses are taken"""
     board.arm()
     with board.counting(latched=_ADDRESSES):
         for zeros in range(_ADDRESSES):  # the frame before it ends at another address each time
@@ -194,4 +187,4 @@ def reads_values_at_any_address(board: BoardClient) -> None:
             check_equal(board.link.call(Ping(echo), Pong).echo, echo, f"PING behind {zeros} zeros")
             shown = board.link.call(GetConfig(), ConfigReply).config
             check_equal(shown, board.config, f"GET_CONFIG behind {zeros} zeros")
-            latch_now(board, board.flat_phases())
+            latch_now(board)

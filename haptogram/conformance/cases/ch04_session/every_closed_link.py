@@ -28,14 +28,9 @@ _UNKNOWN_REQUEST: Final = 0x7B
 _OF_A_SESSION: Final = ("accepted", "latched", "dropped_state", "duplicate", "gap", "bad_length")
 
 
-@case(
-    "HG-4.12/1",
-    "before the first HELLO frames of every type and session, 0 too, are stale: nothing is done",
-    variant="closed",
-    needs_reset=True,
-    evidence=SELF_REPORTED,
-)
+@case("HG-4.12/1-closed", needs_reset=True, evidence=SELF_REPORTED)
 def closed_link_does_nothing_before_hello(board: BoardClient) -> None:
+    """before the first HELLO frames of every type and session, 0 too, are stale: nothing is done"""
     streamed: list[int] = []
     answers = []
     for session in (0, 1, 0x8000, 0xFFFF, board.new_nonce()):
@@ -73,13 +68,9 @@ def closed_link_does_nothing_before_hello(board: BoardClient) -> None:
     check(asked <= requests <= asked + heard, text)
 
 
-@case(
-    "HG-4.11/1",
-    "before the first HELLO every answer has session 0",
-    variant="closed",
-    needs_reset=True,
-)
+@case("HG-4.11/1-closed", needs_reset=True)
 def closed_link_has_session_0(board: BoardClient) -> None:
+    """before the first HELLO every answer has session 0"""
     board.link.session = 0
     answers = {
         "MUTE": board.link.ask(Mute()),

@@ -79,33 +79,26 @@ def _judge_remembered_reply(board: BoardClient, betweens: dict[str, Between]) ->
             judge_repeated_reply(board, wire, seq, first, f"{message.TYPE.name} and {name}")
 
 
-@case(
-    "HG-4.10/1",
-    "a reply of every type, refusals too, is still remembered after MUTE and UPLOAD_CHUNK",
-    variant="kept",
-)
+@case("HG-4.10/1-kept")
 def remembered_reply_outlives_idempotent_requests(board: BoardClient) -> None:
+    """a reply of every type, refusals too, is still remembered after MUTE and UPLOAD_CHUNK"""
     betweens = dict(MUTES_BETWEEN)
     if board.identity.features & UPLOADS:
         betweens |= CHUNKS_BETWEEN
     _judge_remembered_reply(board, betweens)
 
 
-@case(
-    "HG-4.9/4",
-    "a reply of every type, refusals too, is still remembered after each refusal of steps 5 to 11",
-    variant="types",
-)
+@case("HG-4.9/4-types")
 def remembered_reply_outlives_refusals(board: BoardClient) -> None:
+    """a reply of every type, refusals too, is still remembered after each refusal of steps 5 to
+    11
+    """
     _judge_remembered_reply(board, REFUSALS_BETWEEN)
 
 
-@case(
-    "HG-4.9/1",
-    "refused requests, and those with the longest replies, get the same bytes again",
-    variant="replies",
-)
+@case("HG-4.9/1-replies")
 def every_reply_is_remembered(board: BoardClient) -> None:
+    """refused requests, and those with the longest replies, get the same bytes again"""
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, _SEQUENCE, frames=2)
         _fill_ring_for_remembered_reply(board)

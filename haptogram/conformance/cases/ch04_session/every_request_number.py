@@ -36,12 +36,11 @@ _LOW_FLAGS: Final = (1, 2, 4, 8)
 _SAME_HALF_OF_CRC: Final = {"low": 0x15E3E, "high": 0x8567}
 
 
-@case(
-    "HG-4.10/1",
-    "the number of a MUTE or UPLOAD_CHUNK of the session, refused or not, is used: SEQUENCE_REUSED",
-    variant="used",
-)
+@case("HG-4.10/1-used")
 def idempotent_requests_use_request_numbers(board: BoardClient) -> None:
+    """the number of a MUTE or UPLOAD_CHUNK of the session, refused or not, is used:
+    SEQUENCE_REUSED
+    """
     messages: list[Message] = [Mute()]
     if board.identity.features & UPLOADS:
         messages += [UploadChunk(0, b""), UploadChunk(0, b"\x01"), UploadChunk(0x7FFFFFFF, b"\x01")]
@@ -51,12 +50,9 @@ def idempotent_requests_use_request_numbers(board: BoardClient) -> None:
         board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
 
 
-@case(
-    "HG-4.9/3",
-    "requests 1 to 32767 numbers ahead are carried out, those 1 to 32768 behind are refused",
-    variant="jumps",
-)
+@case("HG-4.9/3-jumps")
 def every_jump_of_request_numbers_is_judged(board: BoardClient) -> None:
+    """requests 1 to 32767 numbers ahead are carried out, those 1 to 32768 behind are refused"""
     for bits in range(16):
         for jump in {1 << bits, (1 << bits) - 1} - {0, 1 << 15}:
             board.link.seq += jump - 1
@@ -65,12 +61,9 @@ def every_jump_of_request_numbers_is_judged(board: BoardClient) -> None:
             board.link.refused(Ping(jump), ErrorCode.SEQUENCE_REUSED, old, seq=old)
 
 
-@case(
-    "HG-4.9/1",
-    "requests numbered 0, 255, 0x7FFF, 0x8000, 0xFFFF and beside them get the same bytes again",
-    variant="numbers",
-)
+@case("HG-4.9/1-numbers")
 def every_request_number_is_remembered(board: BoardClient) -> None:
+    """requests numbered 0, 255, 0x7FFF, 0x8000, 0xFFFF and beside them get the same bytes again"""
     for number in _NUMBERS:
         board.hello(seq=number - 1 & 0xFFFF)
         wire, seq = board.link.request_wire(Ping(number), seq=number)
@@ -84,12 +77,9 @@ def every_request_number_is_remembered(board: BoardClient) -> None:
         board.link.seq = number + 1
 
 
-@case(
-    "HG-4.9/4",
-    "a request of every type, refused for flags or length, uses no number; for a value it does",
-    variant="values",
-)
+@case("HG-4.9/4-values")
 def refused_requests_leave_the_request_number(board: BoardClient) -> None:
+    """a request of every type, refused for flags or length, uses no number; for a value it does"""
     board.arm()
     for kind in requests_that_board_takes(board):
         if kind is Hello:
@@ -157,12 +147,11 @@ def _is_legal_request(board: BoardClient, body: bytes) -> bool:
     return config == board.config  # the bounds of hold_ms are far
 
 
-@case(
-    "HG-4.9/2",
-    "the number of a request of every type with one byte changed, in header or payload, is refused",
-    variant="bytes",
-)
+@case("HG-4.9/2-bytes")
 def every_changed_byte_is_no_repetition(board: BoardClient) -> None:
+    """the number of a request of every type with one byte changed, in header or payload, is
+    refused
+    """
     for message in requests_to_repeat(board):
         board.arm()
         seq = board.link.next_seq()
@@ -200,12 +189,9 @@ def _is_repetition_refused(answer: ReceivedByClient, seq: int, *, may_be_value: 
     return (error.code, error.detail) == (ErrorCode.SEQUENCE_REUSED, seq)
 
 
-@case(
-    "HG-4.9/2",
-    "a PING with the number of the last one, and half of its CRC-32, is refused",
-    variant="halves",
-)
+@case("HG-4.9/2-halves")
 def half_a_crc_makes_no_repetition(board: BoardClient) -> None:
+    """a PING with the number of the last one, and half of its CRC-32, is refused"""
     for half, bits in _SAME_HALF_OF_CRC.items():
         echo = board.random.getrandbits(64)
         board.link.call(Ping(echo), Pong)

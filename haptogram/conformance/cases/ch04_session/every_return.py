@@ -48,14 +48,9 @@ def _open_sessions_in_turn(board: BoardClient, path: str, number: int) -> None:
     board.link.seq = number
 
 
-@case(
-    "HG-4.6/4",
-    "a reply of every type, refusals too, is forgotten in the next session, and in A behind B",
-    variant="replies",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-4.6/4-replies", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def remembered_replies_do_not_outlive_a_session(board: BoardClient) -> None:
+    """a reply of every type, refusals too, is forgotten in the next session, and in A behind B"""
     for path, name in _paths_of_sessions(board).items():
         for message in every_request_to_repeat(board):
             board.arm()
@@ -125,7 +120,7 @@ def _numbers_of_session_anew(board: BoardClient) -> None:
     board.arm()
     since = board.link.mark()
     with board.counting(latched=1):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     numbers = [header.seq for header, _ in board.link.events(kind, since)] if kind else [0]
     check_equal(numbers, [0], f"the first events of the session have the numbers {numbers}")
 
@@ -139,14 +134,11 @@ _OWNED: Final[dict[str, Callable[[BoardClient], None]]] = {
 }
 
 
-@case(
-    "HG-4.6/4",
-    "drive, latches, ring, upload and numbers of a session are gone in the next, and in A behind B",
-    variant="owned",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-4.6/4-owned", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def nothing_owned_outlives_a_session(board: BoardClient) -> None:
+    """drive, latches, ring, upload and numbers of a session are gone in the next, and in A
+    behind B
+    """
     for path in _paths_of_sessions(board):
         for judge in _OWNED.values():
             if board.has(Feature.TRACE_RING | Feature.CONFIG):
@@ -157,6 +149,6 @@ def nothing_owned_outlives_a_session(board: BoardClient) -> None:
             for number in range(_LATCHES):
                 latch_now(board, board.flat_phases(0x20 + number))
             waiting_us = board.clock.soon_us(bytes(2000), ahead_us=5_000_000)
-            board.link.send(board.link.stream_wire(board.flat_phases(), waiting_us))
+            board.link.stream(board.flat_phases(), waiting_us)
             _open_sessions_in_turn(board, path, board.link.seq - 20)
             judge(board)

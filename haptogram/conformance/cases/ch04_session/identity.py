@@ -40,8 +40,9 @@ host_uses = case_about_host("HG-4.5/1")
 host_ignores = case_about_host("HG-4.5/2")
 
 
-@case("HG-4.3/1", "HELLO is answered while DISARMED, ARMED and MUTED")
+@case("HG-4.3/1")
 def greets_hello_in_every_state(board: BoardClient) -> None:
+    """HELLO is answered while DISARMED, ARMED and MUTED"""
     board.hello()
     board.arm()
     board.hello()
@@ -50,19 +51,22 @@ def greets_hello_in_every_state(board: BoardClient) -> None:
     check_equal(state, OutputState.MUTED, f"HELLO_REPLY of a muted board says {state.name}")
 
 
-@case("HG-4.3/2", "carrier_hz divides 1000000")
+@case("HG-4.3/2")
 def identity_has_a_whole_carrier(board: BoardClient) -> None:
+    """carrier_hz divides 1000000"""
     carrier = board.identity.carrier_hz
     check(0 < carrier <= 1_000_000 and 1_000_000 % carrier == 0, f"carrier_hz is {carrier}")
 
 
-@case("HG-4.3/3", "clock_hz is 1000000")
+@case("HG-4.3/3")
 def identity_has_a_clock_of_a_megahertz(board: BoardClient) -> None:
+    """clock_hz is 1000000"""
     check_equal(board.identity.clock_hz, 1_000_000, f"clock_hz is {board.identity.clock_hz}")
 
 
-@case("HG-4.3/4", "grid_nx grid_ny is N, or both are 0")
+@case("HG-4.3/4")
 def identity_has_a_whole_grid(board: BoardClient) -> None:
+    """grid_nx grid_ny is N, or both are 0"""
     nx, ny, count = (
         board.identity.grid_nx,
         board.identity.grid_ny,
@@ -71,22 +75,25 @@ def identity_has_a_whole_grid(board: BoardClient) -> None:
     check((nx, ny) == (0, 0) or nx * ny == count, f"grid of {nx} x {ny}, {count} transducers")
 
 
-@case("HG-4.3/5", "boot_id after a reset is not the one before", needs_reset=True)
+@case("HG-4.3/5", needs_reset=True)
 def boot_identity_differs(board: BoardClient) -> None:
+    """boot_id after a reset is not the one before"""
     board.hello()
     now = board.identity.boot_id
     check(now != board.last_boot_id, f"boot_id is {now:#x} after a reset, as before")
 
 
-@case("HG-4.3/6", "geometry_hash is the CRC-32 of the geometry records of all transducers")
+@case("HG-4.3/6")
 def identity_has_the_geometry_hash(board: BoardClient) -> None:
+    """geometry_hash is the CRC-32 of the geometry records of all transducers"""
     records = b"".join(element.pack() for element in board.read_geometry())
     got, due = board.identity.geometry_hash, zlib.crc32(records)
     check(got == due, f"geometry_hash is {got:#010x}, that of the records {due:#010x}")
 
 
-@case("HG-4.3/8", "every limit of what is advertised has the least value that a host may rely on")
+@case("HG-4.3/8")
 def identity_has_large_enough_limits(board: BoardClient) -> None:
+    """every limit of what is advertised has the least value that a host may rely on"""
     identity = board.identity
     for name, least, features in LEAST_LIMITS:
         if not features or identity.features & features:
@@ -100,8 +107,9 @@ def identity_has_large_enough_limits(board: BoardClient) -> None:
         check(got <= _LONGEST_CHUNK, f"max_chunk is {got}; a frame holds {_LONGEST_CHUNK}")
 
 
-@case("HG-4.3/9", "rx_window has room for upload_window of the longest chunks")
+@case("HG-4.3/9")
 def identity_has_room_for_a_window(board: BoardClient) -> None:
+    """rx_window has room for upload_window of the longest chunks"""
     identity = board.identity
     board.need_any(_UPLOADS)
     longest = UploadChunk(0xFFFFFFFF, b"\xff" * min(identity.max_chunk, _LONGEST_CHUNK))

@@ -41,30 +41,25 @@ from ...client.uploads import begin_upload
 from ...outcome import SELF_REPORTED, check, check_equal
 
 
-@case(
-    "HG-4.6/1",
-    "HELLO with the open nonce: same reply; ARMED, queue and numbers stay; repeated + 1",
-)
+@case("HG-4.6/1")
 def the_same_nonce(board: BoardClient) -> None:
+    """HELLO with the open nonce: same reply; ARMED, queue and numbers stay; repeated + 1"""
     first = board.hello()
     board.arm()
     t_us = board.clock.soon_us(bytes(2000))
     with board.counting(repeated=1, latched=2):
-        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.link.stream(board.flat_phases(), t_us)
         again = board.hello(board.link.session)
         board.clock.wait_until(t_us)
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     check_equal(again, first, "HELLO again has another reply than the first")
     state = board.status().state
     check_equal(state, OutputState.ARMED, f"HELLO of the open session has led to {state.name}")
 
 
-@case(
-    "HG-4.6/1",
-    "HELLO with the open nonce: its own number, and a time between those of two PONGs around it",
-    variant="time",
-)
+@case("HG-4.6/1-time")
 def the_same_nonce_at_another_time(board: BoardClient) -> None:
+    """HELLO with the open nonce: its own number, and a time between those of two PONGs around it"""
     first = board.link.ask(board.hello_message(board.link.session), session=0)
     board.wire.idle(20_000)
     times = []
@@ -79,15 +74,12 @@ def the_same_nonce_at_another_time(board: BoardClient) -> None:
     check(min(steps) >= 0, f"times of PONG, HELLO_REPLY and PONG in a row: {times}")
 
 
-@case(
-    "HG-4.6/1",
-    "HELLO with the open nonce, another minor version, description or number: the same greeting",
-    variant="fields",
-)
+@case("HG-4.6/1-fields")
 def the_same_nonce_with_other_fields(board: BoardClient) -> None:
+    """HELLO with the open nonce, another minor version, description or number: the same greeting"""
     first = board.hello()
     board.arm()
-    index = latch_now(board, board.flat_phases())
+    index = latch_now(board)
     same = board.hello_message(board.link.session)
     others = (
         {"minor": same.minor + 1},
@@ -104,10 +96,11 @@ def the_same_nonce_with_other_fields(board: BoardClient) -> None:
     check_equal(found, (OutputState.ARMED, index), f"HELLO of the open session has led to {found}")
 
 
-@case("HG-4.6/2", "a new nonce: ARMED becomes DISARMED (NEW_SESSION), MUTED stays MUTED")
+@case("HG-4.6/2")
 def a_new_nonce_and_the_state(board: BoardClient) -> None:
+    """a new nonce: ARMED becomes DISARMED (NEW_SESSION), MUTED stays MUTED"""
     board.arm()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     status = (board.hello(), board.status())[1]
     found = (status.state, status.reason)
     due = (OutputState.DISARMED, MuteReason.NEW_SESSION)
@@ -118,27 +111,22 @@ def a_new_nonce_and_the_state(board: BoardClient) -> None:
     board.link.ask(Arm())
 
 
-@case(
-    "HG-4.6/3", "a new nonce flushes the queue; no queued frame is latched", evidence=SELF_REPORTED
-)
+@case("HG-4.6/3", evidence=SELF_REPORTED)
 def a_new_nonce_flushes(board: BoardClient) -> None:
+    """a new nonce flushes the queue; no queued frame is latched"""
     board.arm()
     start_us = board.clock.soon_us(board.bytes_of_frames(3))
     with board.counting(flushed=3, latched=0):
         for number in range(3):
-            board.link.send(board.link.stream_wire(board.flat_phases(), start_us + number * 1000))
+            board.link.stream(board.flat_phases(), start_us + number * 1000)
         board.hello()
         board.arm()
         board.clock.wait_until(start_us + 5000)
 
 
-@case(
-    "HG-4.6/3",
-    "a new nonce ends playback and abandons an upload",
-    variant="playback",
-    needs=Feature.SEQUENCE_PHASES,
-)
+@case("HG-4.6/3-playback", needs=Feature.SEQUENCE_PHASES)
 def a_new_nonce_ends_playback(board: BoardClient) -> None:
+    """a new nonce ends playback and abandons an upload"""
     send_phases_that_fit(board, 3, frames=4)
     board.arm()
     play_now(board, 3, loops=0)
@@ -156,41 +144,38 @@ def a_new_nonce_ends_playback(board: BoardClient) -> None:
     )
 
 
-@case("HG-4.6/4", "a new nonce: requests and stream count anew, an old reply is forgotten")
+@case("HG-4.6/4")
 def a_new_nonce_starts_anew(board: BoardClient) -> None:
+    """a new nonce: requests and stream count anew, an old reply is forgotten"""
     board.arm()
     for _ in range(20):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     board.link.seq = 500
     nonce = board.new_nonce()
     board.hello(nonce, seq=3)
     board.link.call(Ping(1), Pong, seq=4)  # far behind 500
     board.arm_at(5)
     with board.counting(latched=1):
-        index = latch_now(board, board.flat_phases())
+        index = latch_now(board)
     last = board.status().last_seq
     check_equal(last, index, f"first frame of a session has the number {index}, last_seq is {last}")
 
 
-@case(
-    "HG-4.6/4",
-    "a new nonce empties the trace ring",
-    variant="ring",
-    needs=Feature.TRACE_RING | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-4.6/4-ring", needs=Feature.TRACE_RING | Feature.CONFIG, evidence=SELF_REPORTED)
 def a_new_nonce_empties_the_ring(board: BoardClient) -> None:
+    """a new nonce empties the trace ring"""
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
     for _ in range(3):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     board.hello()
     reply = board.link.call(ReadTrace(0, 100), TraceReply)
     check(not reply.records and reply.next == 0, f"the ring still holds {len(reply.records)}")
 
 
-@case("HG-4.6/5", "a new nonce keeps configuration and counters", needs=Feature.CONFIG)
+@case("HG-4.6/5", needs=Feature.CONFIG)
 def a_new_nonce_keeps(board: BoardClient) -> None:
+    """a new nonce keeps configuration and counters"""
     sent = board.configure(hold_ms=4321, ramp_ms=77)
     before = board.status()
     board.hello()
@@ -204,13 +189,9 @@ def a_new_nonce_keeps(board: BoardClient) -> None:
     check_equal(grown, 2, f"requests went up by {grown} over HELLO and GET_STATUS")
 
 
-@case(
-    "HG-4.6/5",
-    "a new nonce keeps stored sequences",
-    variant="sequences",
-    needs=Feature.SEQUENCE_PHASES,
-)
+@case("HG-4.6/5-sequences", needs=Feature.SEQUENCE_PHASES)
 def a_new_nonce_keeps_sequences(board: BoardClient) -> None:
+    """a new nonce keeps stored sequences"""
     send_phases_to_store(board, 3, frames=2)
     board.hello()
     board.arm()
@@ -219,11 +200,9 @@ def a_new_nonce_keeps_sequences(board: BoardClient) -> None:
         let_play(board, 4)
 
 
-@case(
-    "HG-4.6/6",
-    "HELLO is accepted with number 0, 0x8000, 0xFFFF, ...; the next request counts from there",
-)
+@case("HG-4.6/6")
 def a_hello_of_any_number(board: BoardClient) -> None:
+    """HELLO is accepted with number 0, 0x8000, 0xFFFF, ...; the next request counts from there"""
     for seq in (0, 0x8000, 0xFFFF, 0x7FFF, 1):
         board.hello(seq=seq)
         board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)

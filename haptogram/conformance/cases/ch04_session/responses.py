@@ -42,8 +42,9 @@ _EVENTS_US: Final = 10_000  # until the events that a request leads to have come
 host_ignores = case_about_host("HG-4.11/4")
 
 
-@case("HG-4.11/1", "responses have the number of their request and the open session")
+@case("HG-4.11/1")
 def responses_belong_to_their_requests(board: BoardClient) -> None:
+    """responses have the number of their request and the open session"""
     requests: tuple[Message, ...] = (Ping(1), GetStatus(), GetConfig(), Arm(), Disarm())
     for message in requests:
         board.link.seq += 77
@@ -61,11 +62,9 @@ def responses_belong_to_their_requests(board: BoardClient) -> None:
     check(session == 0, f"ERROR(STALE_SESSION) has session {session:#06x}, must be 0")
 
 
-@case(
-    "HG-4.11/2",
-    "the header time is that of the first byte: t_tx of a PONG; it rises from reply to reply",
-)
+@case("HG-4.11/2")
 def responses_tell_the_time(board: BoardClient) -> None:
+    """the header time is that of the first byte: t_tx of a PONG; it rises from reply to reply"""
     for _ in range(_TRIES):
         first = board.link.ask(Ping(1))
         middle = board.link.ask(GetStatus())
@@ -83,12 +82,9 @@ def responses_tell_the_time(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-4.11/2",
-    "ERROR to unknown flags and a repeated HELLO_REPLY, behind a long reply: when they leave",
-    variant="exact",
-)
+@case("HG-4.11/2-exact")
 def refusing_responses_tell_the_time(board: BoardClient) -> None:
+    """ERROR to unknown flags and a repeated HELLO_REPLY, behind a long reply: when they leave"""
     board.wire.require_exact_times()
     offset_us = _device_offset_of_responses_us(board)
     greeting = board.hello_message(board.link.session)
@@ -112,8 +108,9 @@ def _device_offset_of_responses_us(board: BoardClient) -> int:
     return pong.t_tx_us - board.wire.begun_us(answer)
 
 
-@case("HG-4.11/6", "a PING again, 20 ms later: the time in the header is that of the first PONG")
+@case("HG-4.11/6")
 def repeated_responses_keep_their_time(board: BoardClient) -> None:
+    """a PING again, 20 ms later: the time in the header is that of the first PONG"""
     wire, seq = board.link.request_wire(Ping(5))
     times = []
     for _ in range(3):
@@ -126,8 +123,9 @@ def repeated_responses_keep_their_time(board: BoardClient) -> None:
     check_equal(len(set(times)), 1, f"header time and t_tx of a PONG and its repetitions: {times}")
 
 
-@case("HG-4.11/3", "of 8 PINGs one is answered within 10 ms")
+@case("HG-4.11/3")
 def responses_come_promptly(board: BoardClient) -> None:
+    """of 8 PINGs one is answered within 10 ms"""
     took_us = min(_response_round_trip_us(board, number) for number in range(_TRIES))
     size = 2 * len(encode_frame(bytes(26)))
     check(
@@ -142,19 +140,16 @@ def _response_round_trip_us(board: BoardClient, number: int) -> int:
     return board.wire.now_us() - start_us
 
 
-@case("HG-4.11/5", "MUTE without a session: MUTE_REPLY comes before STATE_CHANGED")
+@case("HG-4.11/5")
 def responses_come_before_reports(board: BoardClient) -> None:
+    """MUTE without a session: MUTE_REPLY comes before STATE_CHANGED"""
     board.arm()
     _responses_in_order(board, Mute(), (MuteReply, StateChanged), session=0)
 
 
-@case(
-    "HG-4.11/5",
-    "STOP, MUTE, DISARM, HELLO during playback: reply, STATE_CHANGED, then PLAYBACK_ENDED",
-    variant="play",
-    needs=Feature.SEQUENCE_PHASES,
-)
+@case("HG-4.11/5-play", needs=Feature.SEQUENCE_PHASES)
 def responses_come_before_the_playback_ends(board: BoardClient) -> None:
+    """STOP, MUTE, DISARM, HELLO during playback: reply, STATE_CHANGED, then PLAYBACK_ENDED"""
     send_phases_that_fit(board, 1, frames=2)
     hello = board.hello_message(board.new_nonce())
     orders: tuple[tuple[Message, int, tuple[type[Message], ...]], ...] = (

@@ -36,7 +36,7 @@ _Bring = Callable[[BoardClient], object]
 def _wait_with_a_frame(board: BoardClient) -> None:
     board.arm()
     t_us = board.clock.ahead_us(_AHEAD_US)
-    board.link.send(board.link.stream_wire(board.phases(board.random_registers()), t_us))
+    board.link.stream(board.phases(board.random_registers()), t_us)
 
 
 def _wait_with_a_playback(board: BoardClient) -> None:
@@ -45,7 +45,7 @@ def _wait_with_a_playback(board: BoardClient) -> None:
 
 
 def _drop_a_frame(board: BoardClient) -> None:
-    board.link.send(board.link.stream_wire(board.phases(board.random_registers())))
+    board.link.stream(board.phases(board.random_registers()))
 
 
 def _correct_again(board: BoardClient) -> None:
@@ -76,13 +76,11 @@ def _states_of_the_session_before(board: BoardClient) -> Iterator[tuple[str, _Br
     yield "nothing", lambda _: None
 
 
-@case(
-    "HG-8.6/4",
-    "before a session's first latch both kinds show 0, armed, muted, waiting, under a correction",
-    variant="kinds",
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.6/4-kinds", evidence=SELF_REPORTED)
 def both_kinds_show_nothing_before_the_first_latch(board: BoardClient) -> None:
+    """before a session's first latch both kinds show 0, armed, muted, waiting, under a
+    correction
+    """
     kinds = [kind for feature, kind in _KINDS if board.has(feature)]
     if not kinds:
         board.need_any(Feature.READ_LATCHED | Feature.READ_RADIATED)

@@ -50,19 +50,14 @@ def _spans_of_ring(oldest: int, following: int) -> Iterator[tuple[int, int]]:
             yield first, count
 
 
-@case(
-    "HG-8.5/2",
-    "READ_TRACE of spans at every edge of a ring that has turned over: those, as many as fit",
-    variant="spans",
-    needs=_NEEDS,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.5/2-spans", needs=_NEEDS, evidence=SELF_REPORTED)
 def every_span_of_the_ring(board: BoardClient) -> None:
+    """READ_TRACE of spans at every edge of a ring that has turned over: those, as many as fit"""
     ring = board.identity.trace_ring
     board.configure(trace_mode=TraceMode.RING)
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     board.arm()
-    index = latch_now(board, board.flat_phases())
+    index = latch_now(board)
     turns_over = board.thorough and ring < 6000
     loops = -(-(max(_LATCHES, ring + 7) if turns_over else _LATCHES) // _FRAMES)
     play_out(
@@ -162,14 +157,11 @@ class _RingWithHoles:
         return reply
 
 
-@case(
-    "HG-8.5/2",
-    "READ_TRACE before, in, over and behind latches of other modes, MUTE, DISARM, playback, upload",
-    variant="holes",
-    needs=_NEEDS,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.5/2-holes", needs=_NEEDS, evidence=SELF_REPORTED)
 def every_span_of_a_ring_with_holes(board: BoardClient) -> None:
+    """READ_TRACE before, in, over and behind latches of other modes, MUTE, DISARM, playback,
+    upload
+    """
     others = [mode for feature, mode in _OTHER_MODES if board.has(feature)]
     for turn in range(len(_BETWEEN) if board.thorough else 1):
         board.hello()
@@ -194,14 +186,15 @@ def every_span_of_a_ring_with_holes(board: BoardClient) -> None:
 
 
 @case(
-    "HG-8.1/1",
-    "in modes CRC and RING every latch of stream and playback is told, whatever trace_divider is",
-    variant="divider",
+    "HG-8.1/1-divider",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def a_divider_is_of_drive_traces_alone(board: BoardClient) -> None:
+    """in modes CRC and RING every latch of stream and playback is told, whatever trace_divider
+    is
+    """
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     for feature, mode in ((Feature.TRACE, TraceMode.CRC), (Feature.TRACE_RING, TraceMode.RING)):
         if not board.has(feature):
@@ -210,7 +203,7 @@ def a_divider_is_of_drive_traces_alone(board: BoardClient) -> None:
         board.configure(trace_mode=mode, trace_divider=3)
         board.arm()
         since = board.link.mark()
-        due = [(0, latch_now(board, board.flat_phases())) for _ in range(4)]
+        due = [(0, latch_now(board)) for _ in range(4)]
         play_out(board, _SEQUENCE, _FRAMES)
         due += [(_SEQUENCE, number) for number in range(_FRAMES)]
         got = [

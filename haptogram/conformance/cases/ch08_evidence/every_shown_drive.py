@@ -73,14 +73,15 @@ def _shown_under_ceiling(board: BoardClient, **changes: Any) -> Iterator[None]:
 
 
 @case(
-    "HG-8.3/2",
-    "drives of every format and path, under ceiling and correction: every trace shows the latched",
-    variant="paths",
+    "HG-8.3/2-paths",
     needs=Feature.CONFIG | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
+    """drives of every format and path, under ceiling and correction: every trace shows the
+    latched
+    """
     for feature, mode in TRACE_MODES:
         if not board.has(feature):
             continue
@@ -99,14 +100,9 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
                 check_equal(seen[-1].crc, shown.crc, f"{name}: traced is not the latched drive")
 
 
-@case(
-    "HG-8.6/1",
-    "READ_DRIVE of every span, of drives of every format under ceiling, correction and a ramp",
-    variant="shaded",
-    needs=Feature.CONFIG | Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.6/1-shaded", needs=Feature.CONFIG | Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def every_span_of_a_read_back_under_a_ceiling(board: BoardClient) -> None:
+    """READ_DRIVE of every span, of drives of every format under ceiling, correction and a ramp"""
     count = board.identity.transducers
     kinds = [DriveKind.LATCHED]
     kinds += [DriveKind.RADIATED] if board.has(Feature.READ_RADIATED) else []
@@ -139,14 +135,13 @@ def _check_span_of_read_back(
 
 
 @case(
-    "HG-8.3/2",
-    "latches in a ramp, and while the ceiling is 0 and changes, are traced as they are latched",
-    variant="ramp",
+    "HG-8.3/2-ramp",
     needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
+    """latches in a ramp, and while the ceiling is 0 and changes, are traced as they are latched"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=4)
     for feature, mode in TRACE_MODES:
         if not board.has(feature):
@@ -183,14 +178,15 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
 
 
 @case(
-    "HG-8.3/2",
-    "sequences of one frame, played in turn, stored anew, stream frames between: each has its CRC",
-    variant="keys",
+    "HG-8.3/2-keys",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def traces_of_frames_with_like_keys(board: BoardClient) -> None:
+    """sequences of one frame, played in turn, stored anew, stream frames between: each has its
+    CRC
+    """
     for feature, mode in TRACE_MODES:
         if not board.has(feature):
             continue
@@ -222,27 +218,28 @@ def traces_of_frames_with_like_keys(board: BoardClient) -> None:
 
 
 @case(
-    "HG-8.4/1",
-    "a divider counts the latches of stream and playback from SET_CONFIG and from HELLO on, each",
-    variant="restarts",
+    "HG-8.4/1-restarts",
     needs=Feature.CONFIG | Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
 )
 def trace_divisions_start_anew(board: BoardClient) -> None:
+    """a divider counts the latches of stream and playback from SET_CONFIG and from HELLO on,
+    each
+    """
     send_phases_to_store(board, _SEQUENCE, frames=2)
     for before in range(4):
         for name in ("SET_CONFIG", "HELLO"):
             board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
             board.arm()
             for _ in range(before):
-                latch_now(board, board.flat_phases())
+                latch_now(board)
             if name == "HELLO":
                 board.hello()
             else:
                 board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
             board.arm()
             since = board.link.mark()
-            latch_now(board, board.flat_phases())
+            latch_now(board)
             play_out(board, _SEQUENCE, 2, loops=3)  # 7 latches: 0, 3 and 6 of them are traced
             board.link.barrier()
             keys = [event.key for _, event in board.link.events(TraceDrive, since)]

@@ -29,18 +29,14 @@ def _latch_at_time_of_trace(board: BoardClient, offset_us: int) -> int:
     """Latch a frame at its time; return its unwrapped number."""
     index = board.link.stream_next
     t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
-    board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+    board.link.stream(board.flat_phases(), t_us)
     board.clock.wait_until(board.clock.on_carrier(t_us) + 200)
     return index
 
 
-@case(
-    "HG-8.3/3",
-    "the time of a latch in TRACE or the ring, in a read-back and in STATUS is the same",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.3/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def evidence_names_one_latch_time(board: BoardClient) -> None:
+    """the time of a latch in TRACE or the ring, in a read-back and in STATUS is the same"""
     modes = ((Feature.TRACE, TraceMode.CRC), (Feature.TRACE_RING, TraceMode.RING))
     for _, mode in (pair for pair in modes if board.has(pair[0])):
         for offset_us in _OFFSETS_US:
@@ -59,20 +55,17 @@ def evidence_names_one_latch_time(board: BoardClient) -> None:
             check_equal(len(set(times.values())), 1, f"one latch at different times: {times}")
 
 
-@case(
-    "HG-8.3/3",
-    "while a frame waits for its time, neither STATUS nor trace nor read-back knows of its latch",
-    variant="before",
-    needs=Feature.CONFIG | Feature.TRACE_RING,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.3/3-before", needs=Feature.CONFIG | Feature.TRACE_RING, evidence=SELF_REPORTED)
 def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
+    """while a frame waits for its time, neither STATUS nor trace nor read-back knows of its
+    latch
+    """
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     before = board.status()
     t_us = board.clock.soon_us(bytes(2000), ahead_us=50_000)
-    board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+    board.link.stream(board.flat_phases(), t_us)
     waiting = board.status()
     ring = board.link.call(ReadTrace(0, 0xFFFF), TraceReply)
     board.clock.end_exchange()
@@ -92,22 +85,21 @@ def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
 
 
 @case(
-    "HG-8.3/1",
-    "read-backs right behind the time that the trace tells of a latch show its drive",
-    variant="measured",
+    "HG-8.3/1-measured",
     needs=Feature.TRACE | Feature.READ_LATCHED | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def drives_are_there_at_their_latch_time(board: BoardClient) -> None:
+    """read-backs right behind the time that the trace tells of a latch show its drive"""
     board.configure(trace_mode=TraceMode.CRC)
     board.arm()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     size = len(board.link.request_wire(Ping(0))[0])
     for moment_us in _MOMENTS_US:
         index, since = board.link.stream_next, board.link.mark()
         t_us = board.clock.soon_us(bytes(1000), ahead_us=2000)
-        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.link.stream(board.flat_phases(), t_us)
         board.clock.end_exchange()
         ping, first = board.link.request_wire(Ping(moment_us & 0xFFFF))
         read, seq = board.link.request_wire(

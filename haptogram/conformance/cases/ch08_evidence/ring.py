@@ -30,12 +30,12 @@ _FILLED_US: Final = 60_000_000  # nor one that takes longer
 
 @case(
     "HG-8.5/1",
-    "the ring keeps the last trace_ring latches, numbered from 0, and forgets the oldest",
     needs=Feature.TRACE_RING | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def trace_ring_keeps_the_last(board: BoardClient) -> None:
+    """the ring keeps the last trace_ring latches, numbered from 0, and forgets the oldest"""
     size = board.identity.trace_ring
     check(size > 0, "TRACE_RING is advertised, trace_ring is 0")
     board.configure(trace_mode=TraceMode.RING)
@@ -53,20 +53,16 @@ def _fill_trace_ring(board: BoardClient, size: int) -> int:
     is_long = size > _RING_TRIED or 2 * loops * period_us > _FILLED_US
     if is_long or not board.has(Feature.SEQUENCE_PHASES):
         for _ in range(20):
-            latch_now(board, board.flat_phases())
+            latch_now(board)
         return 20
     send_phases_to_store(board, 2, frames=2)
     play_out(board, 2, 2, loops=loops, period_us=period_us)
     return 2 * loops
 
 
-@case(
-    "HG-8.5/2",
-    "READ_TRACE of some, none and all records shows numbers, keys and CRCs, oldest first",
-    needs=Feature.TRACE_RING | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.5/2", needs=Feature.TRACE_RING | Feature.CONFIG, evidence=SELF_REPORTED)
 def trace_ring_is_read(board: BoardClient) -> None:
+    """READ_TRACE of some, none and all records shows numbers, keys and CRCs, oldest first"""
     board.configure(trace_mode=TraceMode.RING)
     board.arm()
     first = board.link.stream_next
@@ -85,14 +81,9 @@ def trace_ring_is_read(board: BoardClient) -> None:
             check_equal(item.crc, crc, f"latch {item.number} has the CRC of another drive")
 
 
-@case(
-    "HG-8.5/1",
-    "latches while trace_mode is another one have their numbers: the ring goes on behind them",
-    variant="modes",
-    needs=Feature.TRACE_RING | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.5/1-modes", needs=Feature.TRACE_RING | Feature.CONFIG, evidence=SELF_REPORTED)
 def trace_ring_counts_latches_of_every_mode(board: BoardClient) -> None:
+    """latches while trace_mode is another one have their numbers: the ring goes on behind them"""
     modes = [mode for feature, mode in ALL_MODES if board.has(feature)]
     board.hello()
     total = 0

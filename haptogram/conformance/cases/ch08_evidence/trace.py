@@ -36,13 +36,9 @@ def _trace_events(board: BoardClient, since: int) -> int:
     return sum(len(board.link.events(kind, since)) for kind in _KINDS)
 
 
-@case(
-    "HG-8.1/1",
-    "of 6 latches the trace modes OFF and RING report none, CRC and DRIVE report 6",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.1/1", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def traces_by_its_mode(board: BoardClient) -> None:
+    """of 6 latches the trace modes OFF and RING report none, CRC and DRIVE report 6"""
     modes = {
         TraceMode.OFF: (Feature(0), 0),
         TraceMode.CRC: (Feature.TRACE, 6),
@@ -56,23 +52,19 @@ def traces_by_its_mode(board: BoardClient) -> None:
         board.arm()
         since = board.link.mark()
         for _ in range(6):
-            latch_now(board, board.flat_phases())
+            latch_now(board)
         got = _trace_events(board, since)
         check(got == due, f"trace_mode {mode.name}: {got} events of 6 latches, due are {due}")
 
 
-@case(
-    "HG-8.2/1",
-    "40 stream latches across 0xFFFF and two passes of a sequence have unique keys",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.2/1", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def trace_keys_are_unique(board: BoardClient) -> None:
+    """40 stream latches across 0xFFFF and two passes of a sequence have unique keys"""
     mode = ask_for_board_latches(board)
     board.arm()
     since, first = board.link.mark(), board.link.stream_next
     for _ in range(40):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     due = [(0, 0, first + number) for number in range(40)]
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_to_store(board, 4, frames=3)
@@ -89,20 +81,15 @@ def trace_keys_are_unique(board: BoardClient) -> None:
     check(got == due, f"keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}")
 
 
-@case(
-    "HG-8.3/1",
-    "the time in a trace is the carrier period at or after t_apply, as in STATUS",
-    needs=Feature.TRACE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-8.3/1", needs=Feature.TRACE | Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def traces_tell_the_time(board: BoardClient) -> None:
+    """the time in a trace is the carrier period at or after t_apply, as in STATUS"""
     board.configure(trace_mode=TraceMode.CRC)
     board.arm()
     for offset_us in (0, 3, 990):
         since = board.link.mark()
         t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
-        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.link.stream(board.flat_phases(), t_us)
         board.clock.wait_until(board.clock.on_carrier(t_us) + 100)
         seen = latches_received_from_board(board, since, TraceMode.CRC)
         check_equal(len(seen), 1, f"one latch gives {len(seen)} TRACE")
@@ -113,13 +100,11 @@ def traces_tell_the_time(board: BoardClient) -> None:
         check_equal(latch.t_us, status_us, f"TRACE says {latch.t_us} µs, STATUS {status_us} µs")
 
 
-@case(
-    "HG-8.3/2",
-    "the CRC in TRACE is that of N phases and N amplitudes 255, of 8 random drives and a sequence",
-    needs=Feature.TRACE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.3/2", needs=Feature.TRACE | Feature.CONFIG, evidence=SELF_REPORTED)
 def traces_hash_the_drive(board: BoardClient) -> None:
+    """the CRC in TRACE is that of N phases and N amplitudes 255, of 8 random drives and a
+    sequence
+    """
     board.configure(trace_mode=TraceMode.CRC, amplitude_ceiling=99)
     board.arm()
     since = board.link.mark()
@@ -136,13 +121,9 @@ def traces_hash_the_drive(board: BoardClient) -> None:
     check(wrong == 0, f"{wrong} of {len(due)} traced CRCs are not those of the drives sent")
 
 
-@case(
-    "HG-8.4/1",
-    "with trace_divider 3 only latches 0, 3, 6 and 9 are traced, and so again after HELLO",
-    needs=Feature.TRACE_DRIVE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.4/1", needs=Feature.TRACE_DRIVE | Feature.CONFIG, evidence=SELF_REPORTED)
 def traces_every_third(board: BoardClient) -> None:
+    """with trace_divider 3 only latches 0, 3, 6 and 9 are traced, and so again after HELLO"""
     board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
     for anew in range(2):
         if anew:
@@ -166,11 +147,11 @@ def traces_every_third(board: BoardClient) -> None:
 
 @case(
     "HG-8.7/1",
-    "while traces fill the line all of 400 frames are latched at the highest rate, in time",
     needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
 def traces_delay_nothing(board: BoardClient) -> None:
+    """while traces fill the line all of 400 frames are latched at the highest rate, in time"""
     before = board.status().counters
     _, frames = flood_with_traces(board)
     counted = board.counted_since(before)
@@ -183,11 +164,11 @@ def traces_delay_nothing(board: BoardClient) -> None:
 
 @case(
     "HG-8.7/2",
-    "traces that find no room are counted in trace_dropped; PONG and PLAYBACK_ENDED get through",
     needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
 def traces_give_way(board: BoardClient) -> None:
+    """traces that find no room are counted in trace_dropped; PONG and PLAYBACK_ENDED get through"""
     before = board.status().counters
     seen, frames = flood_with_traces(board)
     dropped = board.counted_since(before)["trace_dropped"]

@@ -40,7 +40,7 @@ def _counts_of_junk(board: BoardClient) -> Iterator[tuple[str, Callable[[], byte
 def _count_much_junk(board: BoardClient, number: int) -> None:
     """FAILED unless each counter grows by *number* with so many frames."""
     board.wire.require_carried(2 * 8 * number * _LONGEST, board.wire.limits.case_us)
-    board.link.send(board.link.stream_wire(board.flat_phases()))  # the first number is used
+    board.link.stream(board.flat_phases())  # the first number is used
     board.link.barrier()
     for counter, make in _counts_of_junk(board):
         with board.counting(**{counter: number}):
@@ -48,23 +48,13 @@ def _count_much_junk(board: BoardClient, number: int) -> None:
                 board.link.send(*(make() for _ in range(min(left, _BLOCK))))
 
 
-@case(
-    "HG-9.2/1",
-    "300 frames of each defect that has no answer: each counter grows by 300, beyond 8 bits",
-    variant="hundreds",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-9.2/1-hundreds", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def counters_hold_hundreds_of_junk_frames(board: BoardClient) -> None:
+    """300 frames of each defect that has no answer: each counter grows by 300, beyond 8 bits"""
     _count_much_junk(board, _OVER_8_BITS)
 
 
-@case(
-    "HG-9.2/1",
-    "66 000 frames of each defect that has no answer: each counter grows by 66 000",
-    variant="thousands",
-    evidence=SELF_REPORTED,
-    depth=Depth.FULL,
-)
+@case("HG-9.2/1-thousands", evidence=SELF_REPORTED, depth=Depth.FULL)
 def counters_hold_thousands_of_junk_frames(board: BoardClient) -> None:
+    """66 000 frames of each defect that has no answer: each counter grows by 66 000"""
     _count_much_junk(board, _OVER_16_BITS)

@@ -55,15 +55,11 @@ def _status_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
             yield message.TYPE.name, partial(board.link.ask, message)
     yield (
         "a frame for later",
-        lambda: board.link.send(
-            board.link.stream_wire(board.flat_phases(9), board.clock.ahead_us(5_000_000))
-        ),
+        lambda: board.link.stream(board.flat_phases(9), board.clock.ahead_us(5_000_000)),
     )
     yield (
         "a late frame",
-        lambda: board.link.send(
-            board.link.stream_wire(board.flat_phases(9), board.clock.device_us() - 5_000_000)
-        ),
+        lambda: board.link.stream(board.flat_phases(9), board.clock.device_us() - 5_000_000),
     )
     if board.has(Feature.SEQUENCE_PHASES):
         yield "a playback that waits", lambda: _play_later_than_last_latch(board)
@@ -100,13 +96,9 @@ def _last_latch_stays_in_status(board: BoardClient, name: str) -> None:
         check(not changed, f"after {name}, {what} changes {', '.join(changed)} of the last latch")
 
 
-@case(
-    "HG-9.1/2",
-    "last_seq, last_latch_us, key and codes of the last latch stay until the next latch",
-    variant="stays",
-    evidence=SELF_REPORTED,
-)
+@case("HG-9.1/2-stays", evidence=SELF_REPORTED)
 def the_last_latch_stays_in_status(board: BoardClient) -> None:
+    """last_seq, last_latch_us, key and codes of the last latch stay until the next latch"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.arm()
     index = latch_now(board, board.phases(board.random_registers()))

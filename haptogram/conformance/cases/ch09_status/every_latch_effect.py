@@ -113,7 +113,7 @@ def _replacing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInS
     (_, first), (registers, second) = _new_frame_for_status(board), _new_frame_for_status(board)
     period_us = board.clock.carrier_us
     t_us = board.clock.soon_us(bytes(_HEADERS_BYTES + 2 * len(first.serialize())))
-    board.link.send(board.link.stream_wire(first, t_us - period_us + 1))
+    board.link.stream(first, t_us - period_us + 1)
     key = _stream_key_in_status(board)
     _send_latch_for_status(board, second, t_us)
     return _LatchEffectInStatus(key, registers, (2, 1, 0, 1))
@@ -122,7 +122,7 @@ def _replacing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInS
 def _flushing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
     """Latch at once a frame that flushes one for later."""
     (_, first), (registers, second) = _new_frame_for_status(board), _new_frame_for_status(board)
-    board.link.send(board.link.stream_wire(first, board.clock.ahead_us(2_000_000)))
+    board.link.stream(first, board.clock.ahead_us(2_000_000))
     key = _stream_key_in_status(board)
     latch_now(board, second)
     return _LatchEffectInStatus(key, registers, (2, 1, 0, 1))
@@ -130,7 +130,7 @@ def _flushing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInSt
 
 def _send_latch_for_status(board: BoardClient, frame: Message, t_us: int) -> None:
     """Send a frame for *t_us* and wait for its latch; INCONCLUSIVE if it is sent too late."""
-    board.link.send(board.link.stream_wire(frame, t_us))
+    board.link.stream(frame, t_us)
     board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
 
 
@@ -184,14 +184,9 @@ def _stored_for_status(board: BoardClient) -> bytes:
 # --- Cases -------------------------------------------------------------------------------------
 
 
-@case(
-    "HG-9.1/3",
-    "a latch of every path, the first and later: counters, last_seq, time, key, codes, LATE",
-    variant="latches",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-9.1/3-latches", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def a_latch_changes_all_of_the_status(board: BoardClient) -> None:
+    """a latch of every path, the first and later: counters, last_seq, time, key, codes, LATE"""
     last = _stored_for_status(board)
     modes = [mode for feature, mode in ALL_MODES if board.has(feature)]
     for mode in modes if board.has(Feature.CONFIG) else [TraceMode.OFF]:
@@ -262,14 +257,9 @@ def _check_status_against_traces(
     check_equal(flags, [bool(late)] * latched, f"{text}: the traces have LATE {flags}")
 
 
-@case(
-    "HG-12.3/1",
-    "a latch of every path begins the hold anew: it ends hold_ms behind the last latch",
-    variant="latches",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-12.3/1-latches", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
+    """a latch of every path begins the hold anew: it ends hold_ms behind the last latch"""
     last = _stored_for_status(board)
     # A path waits for two frames, twice as long as the line needs, behind a third of the hold.
     wait_us = 2 * period_to_play(board) + 4 * board.clock.lead_us  # two latches of a playback
@@ -279,7 +269,7 @@ def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
     for name, path in _latch_paths_for_status(board):
         board.arm()
         since = board.link.mark()
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         begun_us = board.clock.unwrap(board.status().last_latch_us)
         board.wire.idle(hold_ms * _MS // 3)
         _, latches, _, _ = path(board, last).counted
