@@ -7,7 +7,7 @@ from collections import Counter, defaultdict
 import pytest
 from hypothesis import HealthCheck, settings
 
-pytest_plugins = ["costs"]
+pytest_plugins = ["costs", "time_limit"]
 
 # Before the first import of numpy: the tests must not compete with themselves for cores.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
