@@ -14,12 +14,9 @@ from ...judge.timers import judge_lease_ends
 from ...outcome import SELF_REPORTED, check, inconclusive
 
 
-@case(
-    "HG-2.4/1",
-    "HELLO with a CRC-32 is answered by a frame with a CRC-32; another checksum is named",
-    needs_session=False,
-)
+@case("HG-2.4/1", needs_session=False)
 def frames_have_crc32_checksum(board: BoardClient) -> None:
+    """HELLO with a CRC-32 is answered by a frame with a CRC-32; another checksum is named"""
     board.link.session = 0
     for _ in range(3):
         reply = introduce_to_board(board)
@@ -59,12 +56,9 @@ def _check_checksum(board: BoardClient) -> None:
     check(not wrong, f"a frame without its CRC-32: {wrong[0].fault if wrong else ''}")
 
 
-@case(
-    "HG-2.4/2",
-    "frames with a wrong CRC are counted in crc; they get no answer and use up no number",
-    evidence=SELF_REPORTED,
-)
+@case("HG-2.4/2", evidence=SELF_REPORTED)
 def drops_frames_of_wrong_checksum(board: BoardClient) -> None:
+    """frames with a wrong CRC are counted in crc; they get no answer and use up no number"""
     flips = (1, 0x80000000, 0x00010000, 0xFFFFFFFF)
     body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())
     stream = board.link.body(
@@ -90,17 +84,12 @@ def drops_frames_of_wrong_checksum(board: BoardClient) -> None:
             "a frame with a wrong CRC", *map(malformed_frames.malformed_frame, long)
         )
         # Its number is still free: the next frame takes it, without a gap or a duplicate.
-        board.link.send(board.link.stream_wire(board.flat_phases()))
+        board.link.stream(board.flat_phases())
 
 
-@case(
-    "HG-2.4/2",
-    "frames with a wrong CRC do not keep an ARMED board alive",
-    variant="lease",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-2.4/2-lease", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def wrong_checksums_renew_no_lease(board: BoardClient) -> None:
+    """frames with a wrong CRC do not keep an ARMED board alive"""
     timeout_ms = 200
     board.configure(host_timeout_ms=timeout_ms)
     body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())

@@ -13,15 +13,17 @@ from ...client.dialogue import full_client_dialogue
 from ...outcome import SELF_REPORTED, check, fail
 
 
-@case("HG-2.1/1", "in a full dialogue no two frames share a delimiter")
+@case("HG-2.1/1")
 def sends_both_delimiters(board: BoardClient) -> None:
+    """in a full dialogue no two frames share a delimiter"""
     pieces = full_client_dialogue(board)
     shared = [annotated_frame_text(piece.piece) for piece in pieces if piece.shared]
     check(not shared, f"{len(shared)} frames share a zero with the one before: {shared[:1]}")
 
 
-@case("HG-2.1/2", "a stream frame and a PING that share a zero are both taken")
+@case("HG-2.1/2")
 def frames_may_share_a_delimiter(board: BoardClient) -> None:
+    """a stream frame and a PING that share a zero are both taken"""
     frames = [board.link.stream_wire(board.flat_phases()) for _ in range(3)]
     with board.counting(dropped_state=3, requests=1):
         ping, seq = board.link.request_wire(Ping(1))
@@ -30,8 +32,9 @@ def frames_may_share_a_delimiter(board: BoardClient) -> None:
         board.link.answer_to(Ping.TYPE, seq, since)
 
 
-@case("HG-2.1/3", "a PING is answered right behind noise, halves of frames and runs too long")
+@case("HG-2.1/3")
 def frames_are_read_behind_junk(board: BoardClient) -> None:
+    """a PING is answered right behind noise, halves of frames and runs too long"""
     half = encode_frame(board.link.body(Ping.TYPE, bytes(8), seq=0x4444))[:-6]
     junk = [
         malformed_frames.malformed_noise(board.random, size) for size in (1, 3, 17, 300, 4095, 5000)
@@ -44,11 +47,8 @@ def frames_are_read_behind_junk(board: BoardClient) -> None:
             fail(f"a PING right behind {len(before)} bytes ({before[:8].hex(' ')} ...) is lost")
 
 
-@case(
-    "HG-2.3/1",
-    "100 zeros in a row move no counter, and the next request is answered",
-    evidence=SELF_REPORTED,
-)
+@case("HG-2.3/1", evidence=SELF_REPORTED)
 def ignores_empty_frames(board: BoardClient) -> None:
+    """100 zeros in a row move no counter, and the next request is answered"""
     with board.counting(frames=0, requests=0):
         board.link.send(b"\x00" * 100)

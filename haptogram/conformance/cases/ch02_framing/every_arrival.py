@@ -15,12 +15,11 @@ _PAUSE_US: Final = 120_000
 _BYTE_US: Final = 1_000
 
 
-@case(
-    "HG-2.1/3",
-    "PINGs in two pieces cut at every byte, byte by byte, and with a pause of 120 ms are answered",
-    variant="pieces",
-)
+@case("HG-2.1/3-pieces")
 def reads_frames_cut_at_every_byte(board: BoardClient) -> None:
+    """PINGs in two pieces cut at every byte, byte by byte, and with a pause of 120 ms are
+    answered
+    """
     size = len(board.link.request_wire(Ping(0), seq=0)[0])
     cuts: list[list[int]] = [[at] for at in range(1, size)]
     for at in cuts if board.thorough else cuts[::5]:
@@ -44,14 +43,9 @@ def _ask_in_pieces(board: BoardClient, cuts: list[int], pause_us: int) -> None:
         raise CaseEndedError(error.behaviour, f"a PING {how}: {error}") from None
 
 
-@case(
-    "HG-2.6/3",
-    "runs of 65 536 to 200 000 bytes count once in oversize, and in nothing else",
-    variant="lengths",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-2.6/3-lengths", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def longest_frame_lengths_count_once(board: BoardClient) -> None:
+    """runs of 65 536 to 200 000 bytes count once in oversize, and in nothing else"""
     for size in (65_536, 65_536 + 4_096, 70_000, 131_072 + 4_097, 200_000):
         board.wire.require_carried(2 * size, board.wire.limits.case_us // 5)
         with board.counting(oversize=1):

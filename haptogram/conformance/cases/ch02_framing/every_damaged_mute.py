@@ -60,13 +60,11 @@ def _bytes_like_mute(board: BoardClient) -> Iterator[tuple[str, bytes]]:
         yield "a chunk around it", encode_frame(stale).strip(b"\x00")
 
 
-@case(
-    "HG-2.4/2",
-    "bytes that look like MUTE, damaged, too short, too long, within a frame: the output goes on",
-    variant="mutes",
-    evidence=SELF_REPORTED,
-)
+@case("HG-2.4/2-mutes", evidence=SELF_REPORTED)
 def damaged_mutes_mute_nothing(board: BoardClient) -> None:
+    """bytes that look like MUTE, damaged, too short, too long, within a frame: the output goes
+    on
+    """
     board.wire.require_carried(2 * MAX_ENCODED_BYTES, _AHEAD_US // 4)
     plays = board.has(Feature.SEQUENCE_PHASES) and board.thorough
     if plays:
@@ -92,9 +90,9 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
             latched_us = board.wire.now_us()
         elif waits_until_us - board.clock.device_estimate_us() < _AHEAD_US - latch_in_us:
             latched_us = board.wire.now_us()
-            latch_now(board, board.flat_phases())  # which flushes the frame that waits
+            latch_now(board)  # which flushes the frame that waits
             waits_until_us = board.clock.ahead_us(_AHEAD_US)
-            board.link.send(board.link.stream_wire(board.flat_phases(), waits_until_us))
+            board.link.stream(board.flat_phases(), waits_until_us)
         board.link.send(b"\x00" + piece + b"\x00")
         board.wire.idle_while_sending()
         board.link.barrier()

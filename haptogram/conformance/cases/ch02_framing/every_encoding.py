@@ -76,14 +76,11 @@ def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, Message, bytes]]
             yield run, Phases(bytes(codes)), registers
 
 
-@case(
-    "HG-2.2/1",
-    "drives with zeros 254 n bytes before, behind, and before the end: read back, traced undamaged",
-    variant="drives",
-    needs=Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-2.2/1-drives", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def every_drive_is_stuffed(board: BoardClient) -> None:
+    """drives with zeros 254 n bytes before, behind, and before the end: read back, traced
+    undamaged
+    """
     if board.has(Feature.TRACE_DRIVE | Feature.CONFIG):
         board.configure(trace_mode=TraceMode.DRIVE)
     board.arm()
@@ -136,12 +133,9 @@ def _check_stuffing(pieces: list[ReceivedByClient], name: str) -> None:
         check_equal(piece.piece, cobs_encode(piece.unstuffed), f"{name} is stuffed in another way")
 
 
-@case(
-    "HG-2.2/1",
-    "frames with one, two or more zeros around each multiple of 254 other bytes are read",
-    variant="pieces",
-)
+@case("HG-2.2/1-pieces")
 def every_stuffed_piece_is_read(board: BoardClient) -> None:
+    """frames with one, two or more zeros around each multiple of 254 other bytes are read"""
     for run in _runs_to_stuff(_MOST - 10):
         for end in _ENDS if board.thorough else _ENDS[:1]:
             payload = (

@@ -93,15 +93,11 @@ def _damaged_frame_with_a_pause(board: BoardClient) -> bytes:
     return malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body))
 
 
-@case(
-    "HG-2.1/3",
-    "frames of every kind and junk with a pause within, of 1 ms to 70 s: each taken, counted once",
-    variant="pauses",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@case("HG-2.1/3-pauses", evidence=SELF_REPORTED, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
 def pauses_end_no_frame(board: BoardClient) -> None:
+    """frames of every kind and junk with a pause within, of 1 ms to 70 s: each taken, counted
+    once
+    """
     at_wall = not board.wire.is_virtual
     if board.has(Feature.SEQUENCE_PHASES):
         count = board.identity.transducers
@@ -141,15 +137,9 @@ def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) 
 # --- What goes on meanwhile --------------------------------------------------------------------
 
 
-@case(
-    "HG-2.1/3",
-    "in a pause of 1.5 s within a PING frames are latched, STATUS comes, the hold ends, in time",
-    variant="meanwhile",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-2.1/3-meanwhile", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def everything_goes_on_in_a_pause(board: BoardClient) -> None:
+    """in a pause of 1.5 s within a PING frames are latched, STATUS comes, the hold ends, in time"""
     status_ms = max(_STATUS_MS, board.quick_status_ms)
     board.configure(hold_ms=_HOLD_MS, status_period_ms=status_ms)
     board.arm()
@@ -173,14 +163,9 @@ def everything_goes_on_in_a_pause(board: BoardClient) -> None:
     judge_status_period(board, since, status_ms, due - 1, f"a pause of {due} within a PING")
 
 
-@case(
-    "HG-6.7/1",
-    "a frame renews the lease when it is complete, not with its first bytes; half a frame never",
-    variant="pauses",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.7/1-pauses", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def bytes_of_a_frame_renew_no_lease(board: BoardClient) -> None:
+    """a frame renews the lease when it is complete, not with its first bytes; half a frame never"""
     board.configure(host_timeout_ms=_LEASE_MS)
     for name, late_ms in (("bytes that make no frame yet", None), ("a PING in two parts", 200)):
         since = board.link.mark()

@@ -16,20 +16,18 @@ _LISTEN_US: Final = 300_000
 _PING_BYTES: Final = 26  # on the line, at most
 
 
-@case("HG-2.7/1", "all 256 byte values come back from PING as they were sent")
+@case("HG-2.7/1")
 def line_carries_every_byte(board: BoardClient) -> None:
+    """all 256 byte values come back from PING as they were sent"""
     for start in range(0, 256, 8):
         echo = int.from_bytes(bytes(range(start, start + 8)), "little")
         got = board.link.call(Ping(echo), Pong).echo
         check_equal(got, echo, f"sent {echo:016x}, came back {got:016x}: the line changes bytes")
 
 
-@case(
-    "HG-2.7/2",
-    "stream frames of rx_window bytes, sent without a pause, are all counted",
-    evidence=SELF_REPORTED,
-)
+@case("HG-2.7/2", evidence=SELF_REPORTED)
 def line_takes_a_full_window(board: BoardClient) -> None:
+    """stream frames of rx_window bytes, sent without a pause, are all counted"""
     first = board.link.stream_wire(board.flat_phases())
     count = max(1, min(board.identity.rx_window, LONGEST_BURST_BYTES) // len(first))
     frames = [first, *(board.link.stream_wire(board.flat_phases()) for _ in range(count - 1))]
@@ -38,13 +36,9 @@ def line_takes_a_full_window(board: BoardClient) -> None:
         board.wire.idle_while_sending()
 
 
-@case(
-    "HG-2.7/2",
-    "the shortest stream frames, rx_window bytes of them without a pause: each is counted",
-    variant="shortest",
-    evidence=SELF_REPORTED,
-)
+@case("HG-2.7/2-shortest", evidence=SELF_REPORTED)
 def line_takes_a_window_of_shortest_frames(board: BoardClient) -> None:
+    """the shortest stream frames, rx_window bytes of them without a pause: each is counted"""
     first = board.link.stream_raw(Phases.TYPE, b"")  # of a wrong length: 14 bytes before stuffing
     count = (min(board.identity.rx_window, LONGEST_BURST_BYTES) - _PING_BYTES) // len(first)
     frames = [first, *(board.link.stream_raw(Phases.TYPE, b"") for _ in range(count - 1))]
@@ -55,13 +49,9 @@ def line_takes_a_window_of_shortest_frames(board: BoardClient) -> None:
         board.link.answer_to(Ping.TYPE, seq, since)
 
 
-@case(
-    "HG-2.7/3",
-    "for 0.3 s after a reset the board sends no frame; boot text is tolerated",
-    needs_reset=True,
-    depth=Depth.DEFAULT,
-)
+@case("HG-2.7/3", needs_reset=True, depth=Depth.DEFAULT)
 def line_is_silent_before_hello(board: BoardClient) -> None:
+    """for 0.3 s after a reset the board sends no frame; boot text is tolerated"""
     board.wire.idle(_LISTEN_US)
     frames = [piece for piece in board.wire.received if piece.header is not None]
     check(

@@ -74,14 +74,9 @@ def _time_behind_burst_us(board: BoardClient) -> int:
     return board.clock.device_estimate_us() + _AHEAD_US
 
 
-@case(
-    "HG-5.7/6",
-    "a late frame that is flushed before its latch counts in flushed alone, whatever flushes it",
-    variant="flushed",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/6-flushed", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
+    """a late frame that is flushed before its latch counts in flushed alone, whatever flushes it"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.configure(late_window_us=_WINDOW_US)
     for name, make in _enders_of_burst(board):
@@ -113,14 +108,11 @@ def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
             board.link.ask(Stop())
 
 
-@case(
-    "HG-5.7/6",
-    "of a late frame and two for later, sent at once, the late one alone is told and counted late",
-    variant="first",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/6-first", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def lateness_is_of_one_stream_frame(board: BoardClient) -> None:
+    """of a late frame and two for later, sent at once, the late one alone is told and counted
+    late
+    """
     mode = ask_for_board_latches(board)
     board.configure(late_window_us=_WINDOW_US, trace_mode=mode)
     board.arm()
@@ -141,13 +133,11 @@ def lateness_is_of_one_stream_frame(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-5.8/3",
-    "of frames of every two kinds for one carrier period the later is latched, the other flushed",
-    variant="replaced",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.8/3-replaced", evidence=SELF_REPORTED)
 def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
+    """of frames of every two kinds for one carrier period the later is latched, the other
+    flushed
+    """
     board.clock.require_times_in_carrier()
     kinds = stream_kinds(board)
     mode = ask_for_board_latches_if_supported(board)
@@ -165,7 +155,7 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
 def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: TraceMode) -> None:
     """FAILED unless the frames of a playback that flushes a queued frame are those stored."""
     stored = send_phases_to_store(board, _SEQUENCE, frames=2)
-    board.link.send(board.link.stream_wire(kind.make(), _time_behind_burst_us(board)))
+    board.link.stream(kind.make(), _time_behind_burst_us(board))
     since = board.link.mark()
     play_out(board, _SEQUENCE, 2)
     due = [zlib.crc32(full_client_drive(codes)) for codes in stored]
@@ -189,7 +179,7 @@ def _replace_in_burst(
         for place, pair in enumerate(frames):
             for early_us, message in zip((2, 1), pair, strict=True):
                 t_us = start_us + 1000 * place - early_us
-                board.link.send(board.link.stream_wire(message, t_us))
+                board.link.stream(message, t_us)
         board.clock.wait_until(start_us + 1000 * len(frames))
     last, due = board.status().last_seq, board.link.stream_next - 1
     check(last == due, f"{pairs[-1][1].name}, in one period: latched was {last}, not {due}")
@@ -208,15 +198,11 @@ def _replace_in_burst(
         check(got == due_crc, text + ("nothing" if got is None else "another drive"))
 
 
-@case(
-    "HG-5.8/3",
-    "frames of every two kinds that come at once, on a latch, with PLAY or STOP: one in a period",
-    variant="pairs",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.8/3-pairs", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
+    """frames of every two kinds that come at once, on a latch, with PLAY or STOP: one in a
+    period
+    """
     mode = ask_for_board_latches(board)
     kinds = stream_kinds(board)
     board.arm()
@@ -229,7 +215,7 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     for kind in kinds:
         for off_us in _moments_of_burst(board):
             t_us = board.clock.soon_us(bytes(4000))
-            board.link.send(board.link.stream_wire(kind.make(), t_us))
+            board.link.stream(kind.make(), t_us)
             send_to_arrive_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
             board.clock.wait_latched()
     if board.has(Feature.SEQUENCE_PHASES):
@@ -239,15 +225,11 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     check(not near, f"of {len(times)} latches {len(near)} are in the carrier period of another")
 
 
-@case(
-    "HG-5.7/2",
-    "a frame for before and behind an IMMEDIATE one that waits for its carrier period, every kind",
-    variant="immediate",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.7/2-immediate", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def frames_behind_immediate_ones_of_a_burst(board: BoardClient) -> None:
+    """a frame for before and behind an IMMEDIATE one that waits for its carrier period, every
+    kind
+    """
     carrier_us = board.clock.carrier_us
     board.clock.require_frames_in_carrier(_LONGEST, 4)
     board.configure(late_window_us=_WINDOW_US)
@@ -277,31 +259,32 @@ def frames_behind_immediate_ones_of_a_burst(board: BoardClient) -> None:
             check(got == due, text + f"{', '.join(names)} count {got}, due is {due}")
 
 
+# At a wall clock no frame arrives to the microsecond.
 @case(
-    "HG-5.8/3",
-    "a latch, the output off, ARM and a latch at one moment, on a latch: one in a period",
-    variant="off",
+    "HG-5.8/3-off",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,  # where no frame arrives to the microsecond
+    wall_depth=Depth.FULL,
 )
 def an_output_off_between_two_latches_of_a_burst(board: BoardClient) -> None:
+    """a latch, the output off, ARM and a latch at one moment, on a latch: one in a period"""
     mode = ask_for_board_latches(board)
     for _ in board.wire.ways_of_mute():
         _judge_latches_around_offs(board, _OFFS_OF_BURST, mode)
 
 
 @case(
-    "HG-5.8/3",
-    "a latch, HELLO of a new session, ARM and a latch at one moment, on a latch: one in a period",
-    variant="session",
+    "HG-5.8/3-session",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
 def a_session_between_two_latches_of_a_burst(board: BoardClient) -> None:
+    """a latch, HELLO of a new session, ARM and a latch at one moment, on a latch: one in a
+    period
+    """
     mode = ask_for_board_latches_if_supported(board, Feature.TRACE | Feature.TRACE_DRIVE)
     text = "the trace ring of a new session tells of no latch before it (HG-8.5/1)"
     require(mode is not TraceMode.OFF, text)

@@ -31,15 +31,9 @@ _CEILINGS: Final = (1, 100, 254)
 _SEQUENCE: Final = 3
 
 
-@case(
-    "HG-5.2/6",
-    "PHASES and DRIVES of every format reach the registers, at once, at their time and played",
-    variant="paths",
-    needs=Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.2/6-paths", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_path_of_streamed_codes(board: BoardClient) -> None:
+    """PHASES and DRIVES of every format reach the registers, at once, at their time and played"""
     board.arm()
     for path in drive_paths(board):
         due = registers_asked_for(board, path.latch())
@@ -50,14 +44,13 @@ def every_path_of_streamed_codes(board: BoardClient) -> None:
 
 
 @case(
-    "HG-5.4/1",
-    "focal points on every path at three speeds of sound, the same ones too: phases, amplitudes",
-    variant="paths",
+    "HG-5.4/1-paths",
     needs=Feature.POINTS | Feature.READ_LATCHED | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def every_path_of_streamed_points(board: BoardClient) -> None:
+    """focal points on every path at three speeds of sound, the same ones too: phases, amplitudes"""
     for speed in _SPEEDS_MM_S if board.thorough else _SPEEDS_MM_S[:1]:
         board.configure(sound_speed_mm_s=speed)
         board.arm()
@@ -77,7 +70,7 @@ def _judge_same_points_streamed_again(board: BoardClient) -> None:
         board.arm()
         for speed, between in itertools.product(_SPEEDS_MM_S, (False, True)):
             if between:  # the drive that is latched is another one
-                latch_now(board, board.flat_phases())
+                latch_now(board)
             board.configure(sound_speed_mm_s=speed)
             index = latch_now(board, message)
             check_equal(board.status().last_seq, index, "frame lost: the number of the last latch")
@@ -86,14 +79,13 @@ def _judge_same_points_streamed_again(board: BoardClient) -> None:
 
 
 @case(
-    "HG-5.4/2",
-    "1 to max_points points of full amplitude that add up, cancel and mix, streamed and played",
-    variant="sums",
+    "HG-5.4/2-sums",
     needs=Feature.POINTS | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def every_sum_of_streamed_points(board: BoardClient) -> None:
+    """1 to max_points points of full amplitude that add up, cancel and mix, streamed and played"""
     board.arm()
     most = board.most_points
     for number in range(1, most + 1):
@@ -133,14 +125,13 @@ def _check_streamed_points(board: BoardClient, name: str, message: Points) -> No
 
 
 @case(
-    "HG-7.9/1",
-    "on every path the radiated phases are the latched ones and the correction, modulo 256",
-    variant="paths",
+    "HG-7.9/1-paths",
     needs=Feature.CORRECTION | READ_BACKS,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def every_drive_path_is_corrected(board: BoardClient) -> None:
+    """on every path the radiated phases are the latched ones and the correction, modulo 256"""
     correction = board.random.randbytes(board.identity.transducers)
     upload_to_board(board, UploadKind.CORRECTION, 0, correction)
     board.arm()
@@ -153,14 +144,15 @@ def every_drive_path_is_corrected(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.9/2",
-    "on every path no radiated amplitude is above ceilings of 1, 100 and 254, none below them less",
-    variant="paths",
+    "HG-7.9/2-paths",
     needs=Feature.CONFIG | Feature.AMPLITUDE | READ_BACKS,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def every_drive_path_is_limited(board: BoardClient) -> None:
+    """on every path no radiated amplitude is above ceilings of 1, 100 and 254, none below them
+    less
+    """
     for ceiling in _CEILINGS if board.thorough else _CEILINGS[1:2]:
         board.configure(amplitude_ceiling=ceiling)
         board.arm()

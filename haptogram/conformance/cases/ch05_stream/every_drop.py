@@ -151,7 +151,7 @@ def frames_to_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> tuple[in
     board.hello()
     if drop.armed:
         board.arm()
-    board.link.send(board.link.stream_wire(board.flat_phases()))  # the first number is used
+    board.link.stream(board.flat_phases())  # the first number is used
     board.clock.wait_latched()
     last_us = fill_queue(board, queued) if queued else 0
     board.link.barrier()
@@ -174,14 +174,11 @@ def _drop_case(drop: Drop) -> Case:
 PRODUCT: Final = tuple(_drop_case(drop) for drop in DROPS)
 
 
-@case(
-    "HG-3.4/2",
-    "stream frames of every message and format with each bit of the low nibble: in time, at once",
-    variant="stream",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-3.4/2-stream", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
+    """stream frames of every message and format with each bit of the low nibble: in time, at
+    once
+    """
     board.arm()
     lows = _LOW_FLAGS if board.thorough else _LOW_FLAGS[-1:]
     mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
@@ -196,11 +193,11 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
             )
             for place, low in enumerate(timed):
                 t_us = start_us + 1000 * place
-                board.link.send(board.link.stream_wire(kind.make(), t_us, flags=low))
+                board.link.stream(kind.make(), t_us, flags=low)
             board.clock.wait_until(start_us + 1000 * len(timed))
             for low in lows:
                 past_us, flags = start_us - 1_000_000, Flag.IMMEDIATE | low
-                board.link.send(board.link.stream_wire(kind.make(), past_us, flags=flags))
+                board.link.stream(kind.make(), past_us, flags=flags)
                 board.clock.wait_latched()
     late = sum(latch.late for latch in latches_received_from_board(board, since, mode))
     check(late == 0, f"{late} traces say LATE; no frame was late, some had flags or a time past")

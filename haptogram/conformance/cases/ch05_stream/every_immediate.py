@@ -39,15 +39,11 @@ def _times_of_immediate_frames(board: BoardClient) -> dict[str, int]:
     }
 
 
-@case(
-    "HG-5.9/1",
-    "frames behind one with IMMEDIATE, whatever its time: for the past dropped, for later latched",
-    variant="behind",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.9/1-behind", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
+    """frames behind one with IMMEDIATE, whatever its time: for the past dropped, for later
+    latched
+    """
     mode = ask_for_board_latches(board)
     board.arm()
     kinds = stream_kinds(board)
@@ -114,14 +110,9 @@ def _send_behind_immediate(
     return due_us, rx_us, counted
 
 
-@case(
-    "HG-3.5/2",
-    "PLAY with IMMEDIATE, whatever its time, begins at once, and its frames keep to that start",
-    variant="play",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.5/2-play", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
 def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None:
+    """PLAY with IMMEDIATE, whatever its time, begins at once, and its frames keep to that start"""
     mode = ask_for_board_latches(board)
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     board.arm()

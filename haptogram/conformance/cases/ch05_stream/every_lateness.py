@@ -41,15 +41,11 @@ def _settings_of_late_window(board: BoardClient) -> Iterator[tuple[int, TraceMod
         yield window_us, modes[number % len(modes)]
 
 
-@case(
-    "HG-5.7/6",
-    "margins 1 µs around 0, a carrier period, the late window: in time, late and LATE, or dropped",
-    variant="borders",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.7/6-borders", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def lateness_has_its_borders(board: BoardClient) -> None:
+    """margins 1 µs around 0, a carrier period, the late window: in time, late and LATE, or
+    dropped
+    """
     delays_us: dict[str, int] = {}  # from the PING before a frame to the frame, by kind
     late = 0
     for window_us, mode in _settings_of_late_window(board):

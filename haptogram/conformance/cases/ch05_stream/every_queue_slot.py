@@ -34,39 +34,27 @@ _AHEAD_US: Final = 400_000
 _TRIES: Final = 3
 
 
-@case(
-    "HG-5.9/1",
-    "IMMEDIATE frames of every message and format flush the queue, whatever their time_us",
-    variant="types",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.9/1-types", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_format_is_streamed_at_once(board: BoardClient) -> None:
+    """IMMEDIATE frames of every message and format flush the queue, whatever their time_us"""
     good = board.flat_phases()
     for kind in stream_kinds(board):
         board.hello()
         board.arm()
         t_us = board.clock.soon_us(bytes(4000), ahead_us=1_000_000)
         for number in range(_WAITING):
-            board.link.send(board.link.stream_wire(good, t_us + 1000 * number))
+            board.link.stream(good, t_us + 1000 * number)
         for past_us in (0, 1, 2**30, -(2**30)):
             waiting = board.status().queued
             with board.counting(flushed=waiting, latched=1, late=0):
-                board.link.send(
-                    board.link.stream_wire(kind.make(), t_us - past_us, flags=Flag.IMMEDIATE)
-                )
+                board.link.stream(kind.make(), t_us - past_us, flags=Flag.IMMEDIATE)
                 board.clock.wait_latched()
         check_equal(board.status().queued, 0, f"{kind.name}: frames wait behind IMMEDIATE")
 
 
-@case(
-    "HG-5.9/1",
-    "IMMEDIATE frames of every message and format flush a full queue, and are latched",
-    variant="full",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.9/1-full", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_format_flushes_a_full_queue(board: BoardClient) -> None:
+    """IMMEDIATE frames of every message and format flush a full queue, and are latched"""
     depth = board.depth_to_fill()
     board.arm()
     for kind in stream_kinds(board):
@@ -81,15 +69,9 @@ def every_format_flushes_a_full_queue(board: BoardClient) -> None:
         check(told == (0, index), f"{kind.name}: queued and last_seq {told}, due are {(0, index)}")
 
 
-@case(
-    "HG-5.7/6",
-    "late frames of every message and format, in every trace: LATE, and only of these",
-    variant="types",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.7/6-types", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_format_is_streamed_late(board: BoardClient) -> None:
+    """late frames of every message and format, in every trace: LATE, and only of these"""
     modes = [mode for feature, mode in TRACE_MODES if board.has(feature)] or [TraceMode.OFF]
     modes = modes if board.thorough else modes[:1]
     for mode in modes:
@@ -103,7 +85,7 @@ def every_format_is_streamed_late(board: BoardClient) -> None:
                     if late_us is not None:
                         late_us -= _part_of_its_time_on_the_line_us(board, frame)
                         at_us = board.late_time_us(late_us, points_of_stream_kind(frame))
-                    board.link.send(board.link.stream_wire(frame, at_us))
+                    board.link.stream(frame, at_us)
                     board.clock.wait_latched()
             if mode is TraceMode.OFF:
                 continue
@@ -133,15 +115,9 @@ def _arrival_of_frame_us(board: BoardClient) -> int:
     return board.clock.device_estimate_us() + board.wire.period_us(size)
 
 
-@case(
-    "HG-5.7/5",
-    "windows of 20, 66, 100 ms: frames 0.4 times so late, at the very border, 1.5 times so late",
-    variant="windows",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.7/5-windows", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_late_window_of_the_queue(board: BoardClient) -> None:
+    """windows of 20, 66, 100 ms: frames 0.4 times so late, at the very border, 1.5 times so late"""
     for window_us in (20_000, 66_000, _WINDOW_US):
         board.configure(late_window_us=window_us)
         board.arm()
@@ -179,15 +155,9 @@ def _queued_codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
     return [kind for each in full for kind in (*graded, each)]
 
 
-@case(
-    "HG-5.2/6",
-    "through every slot of the queue DRIVES, then PHASES of every format: each as it was sent",
-    variant="slots",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.2/6-slots", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_queue_slot_is_written_whole(board: BoardClient) -> None:
+    """through every slot of the queue DRIVES, then PHASES of every format: each as it was sent"""
     depth = board.depth_to_fill()
     mode = ask_for_board_latches(board)
     room = board.identity.trace_ring if mode is TraceMode.RING else depth
@@ -229,13 +199,9 @@ def _queue_some_stream_frames(
     board.clock.wait_until(start_us + len(messages) * step_us)
 
 
-@case(
-    "HG-5.7/4",
-    "frames at the very border of the horizon wait or are dropped, by their margin",
-    variant="border",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/4-border", evidence=SELF_REPORTED)
 def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
+    """frames at the very border of the horizon wait or are dropped, by their margin"""
     horizon_us = board.identity.max_horizon_us
     is_beyond = board.clock.beyond_us(4) is not None
     require(is_beyond, f"a t_apply beyond the horizon of {horizon_us} µs has passed")
@@ -245,7 +211,7 @@ def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
         board.arm()
         before = board.status().counters
         t_us = _arrival_of_frame_us(board) + horizon_us + off_us
-        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.link.stream(board.flat_phases(), t_us)
         found = board.status()
         dropped = (found.counters.dropped_future - before.dropped_future) & 0xFFFFFFFF
         ahead_us = board.clock.ready_us(found.margin_min_us)  # the margin is of the ready frame
@@ -260,13 +226,9 @@ def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
         board.link.ask(Mute())
 
 
-@case(
-    "HG-5.7/4",
-    "frames due just above every power of two of microseconds wait, up to the horizon",
-    variant="lengths",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/4-lengths", evidence=SELF_REPORTED)
 def far_frames_wait_in_the_queue(board: BoardClient) -> None:
+    """frames due just above every power of two of microseconds wait, up to the horizon"""
     board.arm()
     most_us = board.identity.max_horizon_us - _AHEAD_US
     lengths = [(1 << bits) + _OVER_US for bits in range(16, 31)]

@@ -82,13 +82,11 @@ def orders_in_a_period(frames: int) -> list[PeriodOrder]:
     return [PeriodOrder(some) for some in ranks if set(some) == set(range(max(some) + 1))]
 
 
-@case(
-    "HG-5.7/2",
-    "two and three frames for one carrier period, in every order of times: the last in order is on",
-    variant="period",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/2-period", evidence=SELF_REPORTED)
 def every_order_of_times_in_a_period(board: BoardClient) -> None:
+    """two and three frames for one carrier period, in every order of times: the last in order
+    is on
+    """
     board.clock.require_times_in_carrier()
     mode = ask_for_board_latches_if_supported(board)
     orders = [*orders_in_a_period(2), *orders_in_a_period(3)]
@@ -119,7 +117,7 @@ def _judge_orders(
         times = order.times_us(start_us + _STEP_US * place, board.clock.carrier_us)
         due[board.link.stream_next + order.taken[-1]] = order
         for message, t_us in zip(some, times, strict=True):
-            board.link.send(board.link.stream_wire(message, t_us))
+            board.link.stream(message, t_us)
     board.clock.wait_until(last_us)
     counted = board.counted_since(before)
     taken = sum(len(order.taken) for order in orders)
@@ -164,13 +162,11 @@ def _frames_that_replace_nothing(
     yield "the newest number", board.link.stream_wire(message, t_us, seq=newest)
 
 
-@case(
-    "HG-5.8/3",
-    "frames of every format and defect for the carrier period of a queued one: that one is latched",
-    variant="defects",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.8/3-defects", evidence=SELF_REPORTED)
 def frames_with_defects_replace_no_frame(board: BoardClient) -> None:
+    """frames of every format and defect for the carrier period of a queued one: that one is
+    latched
+    """
     board.clock.require_times_in_carrier()
     mode = ask_for_board_latches_if_supported(board)
     kinds = stream_kinds(board)
@@ -181,7 +177,7 @@ def frames_with_defects_replace_no_frame(board: BoardClient) -> None:
         size = sum(8 * len(message.serialize()) + 200 for message in (queued, *others))
         points = sum(map(points_of_stream_kind, (queued, *others)))
         t_us = board.clock.soon_us(bytes(size), points=points) - 1
-        board.link.send(board.link.stream_wire(queued, t_us))
+        board.link.stream(queued, t_us)
         wrong = 0
         for message in others:
             for _, wire in _frames_that_replace_nothing(board, message, t_us + 1):
@@ -216,7 +212,7 @@ def _flush_by_session(board: BoardClient) -> None:
 
 
 def _flush_by_immediate(board: BoardClient) -> None:
-    latch_now(board, board.flat_phases())
+    latch_now(board)
 
 
 def _flush_by_playback(board: BoardClient) -> None:
@@ -233,14 +229,11 @@ _FLUSHES: Final[dict[str, Callable[[BoardClient], None]]] = {
 }
 
 
-@case(
-    "HG-5.7/2",
-    "frames for one carrier period, flushed by all that flushes: one for before them is in order",
-    variant="flushed",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.7/2-flushed", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def flushed_frames_leave_no_order(board: BoardClient) -> None:
+    """frames for one carrier period, flushed by all that flushes: one for before them is in
+    order
+    """
     plays = board.has(Feature.SEQUENCE_PHASES)
     if plays:
         send_phases_that_fit(board, _SEQUENCE, frames=2)
@@ -253,12 +246,12 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
         t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=ahead_us)
         board.require_hold(t_us + _STEP_US - board.clock.device_us(), "a slow line")
         for later_us in (0, apart_us, 2 * apart_us):
-            board.link.send(board.link.stream_wire(board.flat_phases(), t_us + later_us - apart_us))
+            board.link.stream(board.flat_phases(), t_us + later_us - apart_us)
         board.link.barrier()  # or MUTE may overtake them
         flush(board)
         before = board.status()
         check_equal(before.queued, 0, f"{before.queued} frames wait behind {name}")
-        board.link.send(board.link.stream_wire(board.flat_phases(), t_us - 2 * apart_us))
+        board.link.stream(board.flat_phases(), t_us - 2 * apart_us)
         board.clock.wait_until(t_us + _STEP_US)
         counted = board.counted_since(before.counters)
         got = tuple(counted[counter] for counter in _COUNTERS)
@@ -269,15 +262,9 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
 # --- Late frames -------------------------------------------------------------------------------
 
 
-@case(
-    "HG-5.7/6",
-    "late frames of every kind, replaced by one in time or late: marked is what is latched",
-    variant="replaced",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.7/6-replaced", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def late_frames_are_replaced_with_their_mark(board: BoardClient) -> None:
+    """late frames of every kind, replaced by one in time or late: marked is what is latched"""
     board.clock.require_frames_in_carrier(_LONGEST, 4)
     mode = ask_for_board_latches(board)
     board.configure(trace_mode=mode, late_window_us=_WINDOW_US)

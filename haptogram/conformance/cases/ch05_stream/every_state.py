@@ -52,7 +52,7 @@ def _states_at_stream_frame(board: BoardClient) -> dict[str, Callable[[], object
         "while DISARMED": partial(board.bring_to, OutputState.DISARMED),
         "while MUTED": partial(board.bring_to, OutputState.MUTED),
         _SILENT: partial(_silent_at_stream_frame, board),
-        _SOUNDS: lambda: latch_now(board, board.flat_phases()),
+        _SOUNDS: lambda: latch_now(board),
     }
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_to_store(board, _SEQUENCE, frames=1)
@@ -61,13 +61,11 @@ def _states_at_stream_frame(board: BoardClient) -> dict[str, Callable[[], object
     return states
 
 
-@case(
-    "HG-5.7/1",
-    "frames while DISARMED, MUTED, while a sequence plays or waits: dropped_state, none is latched",
-    variant="states",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/1-states", evidence=SELF_REPORTED)
 def no_other_state_takes_stream_frames(board: BoardClient) -> None:
+    """frames while DISARMED, MUTED, while a sequence plays or waits: dropped_state, none is
+    latched
+    """
     kinds = stream_kinds(board)
     for name, bring in _states_at_stream_frame(board).items():
         if name in _TAKES_FRAMES:
@@ -81,8 +79,8 @@ def no_other_state_takes_stream_frames(board: BoardClient) -> None:
         try:
             with board.counting(dropped_state=2 * len(messages), latched=0):
                 for message in messages:
-                    board.link.send(board.link.stream_wire(message))
-                    board.link.send(board.link.stream_wire(message, t_us))
+                    board.link.stream(message)
+                    board.link.stream(message, t_us)
                 board.clock.wait_latched()
                 queued = board.status().queued
                 check_equal(queued, 0, f"{queued} frames are queued")
@@ -91,18 +89,13 @@ def no_other_state_takes_stream_frames(board: BoardClient) -> None:
         board.link.ask(Mute())
 
 
-@case(
-    "HG-3.8/1",
-    "stale, old, flagged, wrong frames of every format count alike off, on, playing and waiting",
-    variant="states",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-3.8/1-states", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
+    """stale, old, flagged, wrong frames of every format count alike off, on, playing and waiting"""
     for name, bring in _states_at_stream_frame(board).items():
         board.hello()
         board.arm()
-        latch_now(board, board.flat_phases())  # a number is used
+        latch_now(board)  # a number is used
         for kind in stream_kinds(board):
             for drop in DROPS:
                 if drop.counter not in BEFORE_STATE:
@@ -120,14 +113,9 @@ def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
         board.link.ask(Mute())
 
 
-@case(
-    "HG-5.5/2",
-    "gaps before frames that are taken or dropped count alike off, on, playing and waiting",
-    variant="states",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.5/2-states", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_state_counts_gaps_of_the_stream(board: BoardClient) -> None:
+    """gaps before frames that are taken or dropped count alike off, on, playing and waiting"""
     for name, bring in _states_at_stream_frame(board).items():
         board.arm()
         bring()
@@ -135,8 +123,8 @@ def every_state_counts_gaps_of_the_stream(board: BoardClient) -> None:
             for flags in ({}, {"flags": 0x40}):
                 before = board.status().counters
                 board.link.stream_next += _GAP
-                board.link.send(board.link.stream_wire(kind.make(), **flags))
-                board.link.send(board.link.stream_wire(kind.make(), **flags))
+                board.link.stream(kind.make(), **flags)
+                board.link.stream(kind.make(), **flags)
                 counted = board.counted_since(before)["gap"]
                 check_equal(
                     counted, _GAP, f"{name}, a gap of {_GAP} before {kind.name} counts {counted}"
@@ -144,14 +132,9 @@ def every_state_counts_gaps_of_the_stream(board: BoardClient) -> None:
         board.link.ask(Mute())
 
 
-@case(
-    "HG-9.1/1",
-    "STATUS comes at its time off, on, playing and waiting",
-    variant="states",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-9.1/1-states", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def every_state_of_the_stream_sends_status(board: BoardClient) -> None:
+    """STATUS comes at its time off, on, playing and waiting"""
     period_ms = board.quick_status_ms
     for name, bring in _states_at_stream_frame(board).items():
         board.configure(status_period_ms=period_ms)

@@ -24,18 +24,14 @@ _BURST: Final = 48
 _READS: Final = 12
 
 
-@case(
-    "HG-5.8/1",
-    "frames for 0 to 49 µs past a carrier period are latched on the next one, none before",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.8/1", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def latches_on_carrier_boundaries(board: BoardClient) -> None:
+    """frames for 0 to 49 µs past a carrier period are latched on the next one, none before"""
     board.arm()
     for offset_us in _OFFSETS_US:
         t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
         before = board.status().counters.latched
-        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.link.stream(board.flat_phases(), t_us)
         early = board.status()
         if (
             board.clock.unwrap(early.last_latch_us) < t_us
@@ -52,29 +48,22 @@ def latches_on_carrier_boundaries(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-5.8/1",
-    "frames latched as soon as complete lie on multiples of the carrier period",
-    variant="immediate",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.8/1-immediate", evidence=SELF_REPORTED)
 def latches_immediate_frames_on_the_carrier(board: BoardClient) -> None:
+    """frames latched as soon as complete lie on multiples of the carrier period"""
     board.arm()
     for _ in range(12):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         t_us = board.clock.unwrap(board.status().last_latch_us)
         off_us = t_us % board.clock.carrier_us
         check_equal(off_us, 0, f"latched at {t_us} µs, {off_us} µs past a carrier period")
 
 
-@case(
-    "HG-5.8/2",
-    "two drives that alternate on every carrier period are never mixed in a read-back or a trace",
-    needs=Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.8/2", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def latches_all_elements_at_once(board: BoardClient) -> None:
+    """two drives that alternate on every carrier period are never mixed in a read-back or a
+    trace
+    """
     count = board.identity.transducers
     mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
     drives = (bytes([0x08]) * count, bytes([0xF0]) * count)
@@ -122,40 +111,34 @@ def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
     board.clock.wait_until(start_us + number * step_us)
 
 
-@case(
-    "HG-5.8/3",
-    "of two frames for the same carrier period the later is latched, the other flushed",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.8/3", evidence=SELF_REPORTED)
 def latches_once_a_period(board: BoardClient) -> None:
+    """of two frames for the same carrier period the later is latched, the other flushed"""
     board.clock.require_times_in_carrier()
     board.arm()
     t_us = board.clock.soon_us(bytes(1200))
     with board.counting(latched=2, flushed=1):
         for early_us in (board.clock.carrier_us - 1, board.clock.carrier_us - 2):
-            board.link.send(board.link.stream_wire(board.flat_phases(), t_us - early_us))
+            board.link.stream(board.flat_phases(), t_us - early_us)
         last = board.link.stream_next - 1
         board.clock.wait_until(t_us + 100)
         got = board.status().last_seq
         check(got == last, f"frame {last} replaces {last - 1}; latched was {got}")
-        latch_now(board, board.flat_phases())
+        latch_now(board)
 
 
-@case("HG-5.8/4", "25 frames add 25 to latched", evidence=SELF_REPORTED)
+@case("HG-5.8/4", evidence=SELF_REPORTED)
 def counts_latches(board: BoardClient) -> None:
+    """25 frames add 25 to latched"""
     board.arm()
     with board.counting(latched=25):
         for _ in range(25):
-            latch_now(board, board.flat_phases())
+            latch_now(board)
 
 
-@case(
-    "HG-5.8/5",
-    "each of 8 drives stays in the registers until the next is latched",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.8/5", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def holds_the_last_latched_drive(board: BoardClient) -> None:
+    """each of 8 drives stays in the registers until the next is latched"""
     witness = JudgeWitness.of(board)
     board.arm()
     before = board.random_registers()
@@ -165,7 +148,7 @@ def holds_the_last_latched_drive(board: BoardClient) -> None:
         ahead_us = 10_000 + board.wire.limits.lead_us
         t_us = board.clock.soon_us(bytes(1000), ahead_us=ahead_us)
         since = board.link.mark()
-        board.link.send(board.link.stream_wire(board.phases(registers), t_us))
+        board.link.stream(board.phases(registers), t_us)
         if witness.mode is None:
             witness.expect(before)
         board.clock.wait_until(t_us + 100)
@@ -176,19 +159,16 @@ def holds_the_last_latched_drive(board: BoardClient) -> None:
         witness.expect(before)
 
 
-@case(
-    "HG-5.9/1",
-    "IMMEDIATE flushes 3 queued frames and is latched at once",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.9/1", evidence=SELF_REPORTED)
 def immediate_frames_flush_the_queue(board: BoardClient) -> None:
+    """IMMEDIATE flushes 3 queued frames and is latched at once"""
     board.arm()
     t_us = board.clock.soon_us(board.bytes_of_frames(4), ahead_us=50_000)
     board.require_hold(t_us + 5000 - board.clock.device_us(), "a slow line")
     with board.counting(flushed=3, latched=1):
         for number in range(3):
-            board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))
-        index = latch_now(board, board.flat_phases())
+            board.link.stream(board.flat_phases(), t_us + number * 1000)
+        index = latch_now(board)
         got = board.status()
         check_equal(
             (got.last_seq, got.queued),

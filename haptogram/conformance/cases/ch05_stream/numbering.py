@@ -12,46 +12,37 @@ from ...client.latching import latch_now
 from ...outcome import SELF_REPORTED
 
 
-@case(
-    "HG-5.5/1",
-    "frames 1 to 32 before the expected one are counted in duplicate and not latched",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.5/1", evidence=SELF_REPORTED)
 def drops_duplicates_of_the_stream(board: BoardClient) -> None:
+    """frames 1 to 32 before the expected one are counted in duplicate and not latched"""
     board.arm()
     for _ in range(20):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     behind = (1, 2, 3, 15, 16, 17, 31, 32)
     with board.counting(duplicate=len(behind), latched=1):
         for back in behind:
-            board.link.send(
-                board.link.stream_wire(board.flat_phases(), seq=board.link.stream_next - back)
-            )
+            board.link.stream(board.flat_phases(), seq=board.link.stream_next - back)
         board.clock.wait_latched(0)
-        latch_now(board, board.flat_phases())
+        latch_now(board)
 
 
-@case(
-    "HG-5.5/2",
-    "frames ahead by 1 to 65 503, as behind a cut of the line, add to gap and are latched at once",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.5/2", evidence=SELF_REPORTED)
 def counts_stream_gaps(board: BoardClient) -> None:
+    """frames ahead by 1 to 65 503, as behind a cut of the line, add to gap and are latched at
+    once
+    """
     board.arm()
     for ahead in (1, 15, 16, 255, 256, 300, 32_767, 32_768, 40_000, 65_503):
         board.link.stream_next += ahead
         with board.counting(gap=ahead, latched=1):
-            latch_now(board, board.flat_phases())
+            latch_now(board)
 
 
-@case(
-    "HG-5.6/1",
-    "frames dropped for type, flags, length, state and time use up their numbers",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.6/1", evidence=SELF_REPORTED)
 def stream_numbers_are_used_up(board: BoardClient) -> None:
+    """frames dropped for type, flags, length, state and time use up their numbers"""
     good = board.flat_phases()
-    board.link.send(board.link.stream_wire(good))  # not armed: dropped_state
+    board.link.stream(good)  # not armed: dropped_state
     board.arm()
     past_us = board.clock.device_us() - 1_000_000
     beyond_us = board.clock.beyond_us(10_000_000)
@@ -70,4 +61,4 @@ def stream_numbers_are_used_up(board: BoardClient) -> None:
     used = range(board.link.stream_next - 1 - len(dropped), board.link.stream_next)
     with board.counting(duplicate=len(used)):
         for seq in used:
-            board.link.send(board.link.stream_wire(good, seq=seq))
+            board.link.stream(good, seq=seq)

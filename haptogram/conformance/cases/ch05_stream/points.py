@@ -63,15 +63,9 @@ def _judge_latched_foci(board: BoardClient, model: AcousticModel, frames: Iterab
         judge_focus(judge, frame, drive)
 
 
-@case(
-    "HG-5.2/1",
-    "PHASES for each of several foci: the focus of the latched drive lies on its target",
-    variant="focus",
-    needs=Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.2/1-focus", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def streamed_phases_make_a_focus(board: BoardClient) -> None:
+    """PHASES for each of several foci: the focus of the latched drive lies on its target"""
     from ...judge.focusing import judged_host_frames
 
     model = _model_of_streamed_points(board)
@@ -79,14 +73,13 @@ def streamed_phases_make_a_focus(board: BoardClient) -> None:
 
 
 @case(
-    "HG-5.3/1",
-    "DRIVES for each of two foci: the focus of the latched drive lies on its target",
-    variant="focus",
+    "HG-5.3/1-focus",
     needs=Feature.READ_LATCHED | Feature.AMPLITUDE,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def streamed_drives_make_a_focus(board: BoardClient) -> None:
+    """DRIVES for each of two foci: the focus of the latched drive lies on its target"""
     from ...judge.focusing import judged_host_frames
 
     model = _model_of_streamed_points(board)
@@ -94,13 +87,9 @@ def streamed_drives_make_a_focus(board: BoardClient) -> None:
     _judge_latched_foci(board, model, frames)
 
 
-@case(
-    "HG-5.4/1",
-    "POINTS for each of two foci: the focus lies on its target; sign, order and axes are right",
-    needs=_COMPUTES,
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.4/1", needs=_COMPUTES, evidence=SELF_REPORTED)
 def streamed_points_make_a_focus(board: BoardClient) -> None:
+    """POINTS for each of two foci: the focus lies on its target; sign, order and axes are right"""
     from ...judge.focusing import judged_host_frames
 
     model = _model_of_streamed_points(board)
@@ -133,14 +122,9 @@ def _latches_of_random_points(
     return found
 
 
-@case(
-    "HG-5.4/1",
-    "over 24 random foci phase codes are rounded to the nearest, not cut off",
-    variant="rounding",
-    needs=_COMPUTES,
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.4/1-rounding", needs=_COMPUTES, evidence=SELF_REPORTED)
 def streamed_points_are_rounded(board: BoardClient) -> None:
+    """over 24 random foci phase codes are rounded to the nearest, not cut off"""
     from ...judge.focusing import judged_phase_errors
 
     model = _model_of_streamed_points(board)
@@ -151,13 +135,11 @@ def streamed_points_are_rounded(board: BoardClient) -> None:
     check(abs(mean) < _ROUNDING, f"phase codes are {kind}: off by {mean:+.2f} steps on average")
 
 
-@case(
-    "HG-5.4/2",
-    "amplitude codes of two points together: floor(255 min(1, |w|) + 1/2), 255 without AMPLITUDE",
-    needs=_COMPUTES,
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.4/2", needs=_COMPUTES, evidence=SELF_REPORTED)
 def streamed_points_have_their_amplitude(board: BoardClient) -> None:
+    """amplitude codes of two points together: floor(255 min(1, |w|) + 1/2), 255 without
+    AMPLITUDE
+    """
     from ...judge.focusing import judged_amplitude_errors
 
     model = _model_of_streamed_points(board)
@@ -174,13 +156,9 @@ def streamed_points_have_their_amplitude(board: BoardClient) -> None:
         check(abs(mean) < _ROUNDING, f"amplitudes are off by {mean:+.2f} codes on average")
 
 
-@case(
-    "HG-5.4/3",
-    "over 24 random superpositions no phase and no amplitude is off by more than one step",
-    needs=_COMPUTES,
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.4/3", needs=_COMPUTES, evidence=SELF_REPORTED)
 def streamed_points_are_exact(board: BoardClient) -> None:
+    """over 24 random superpositions no phase and no amplitude is off by more than one step"""
     from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
 
     model = _model_of_streamed_points(board)
@@ -194,15 +172,11 @@ def streamed_points_are_exact(board: BoardClient) -> None:
         check(worst <= 1.5 + 1e-6, f"an amplitude is off by {worst:.2f} steps before rounding")
 
 
-@case(
-    "HG-5.4/3",
-    "frames of 1 to max_points points on every side, near, far, silent: no step is wrong by more",
-    variant="sides",
-    needs=_COMPUTES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.4/3-sides", needs=_COMPUTES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def streamed_points_lie_on_every_side(board: BoardClient) -> None:
+    """frames of 1 to max_points points on every side, near, far, silent: no step is wrong by
+    more
+    """
     model = _model_of_streamed_points(board)
     board.arm()
     for number in range(1, board.most_points + 1):
@@ -232,15 +206,9 @@ def _latch_and_judge_points(
     judge_drive_of_points(board, model, group, read_back(board), name)
 
 
-@case(
-    "HG-5.4/3",
-    "2 and max_points points that cancel but for 1/16 of full, at every phase: no step is wrong",
-    variant="faint",
-    needs=_COMPUTES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.4/3-faint", needs=_COMPUTES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def streamed_points_all_but_cancel(board: BoardClient) -> None:
+    """2 and max_points points that cancel but for 1/16 of full, at every phase: no step is wrong"""
     most = min(board.most_points, 2 * 65_535 // _FAINT)
     require(most >= 2, "one point alone cancels nothing")
     model = _model_of_streamed_points(board)
@@ -257,15 +225,11 @@ def streamed_points_all_but_cancel(board: BoardClient) -> None:
         _latch_and_judge_points(board, model, group, name)
 
 
-@case(
-    "HG-5.4/3",
-    "points on a transducer, beside it, at the centre, at the ends of each axis: no step is wrong",
-    variant="ends",
-    needs=_COMPUTES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.4/3-ends", needs=_COMPUTES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def streamed_points_lie_at_every_end(board: BoardClient) -> None:
+    """points on a transducer, beside it, at the centre, at the ends of each axis: no step is
+    wrong
+    """
     model = _model_of_streamed_points(board)
     board.arm()
     last = board.identity.transducers - 1
@@ -286,13 +250,9 @@ def streamed_points_lie_at_every_end(board: BoardClient) -> None:
         _latch_and_judge_points(board, model, (FocalPoint(*place, level, phase),), name)
 
 
-@case(
-    "HG-5.4/4",
-    "the most points are latched, more than max_points counted in bad_value, none in bad_length",
-    needs=Feature.POINTS,
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.4/4", needs=Feature.POINTS, evidence=SELF_REPORTED)
 def counts_the_points_of_a_frame(board: BoardClient) -> None:
+    """the most points are latched, more than max_points counted in bad_value, none in bad_length"""
     most = board.identity.max_points
     text = "more points than max_points do not fit into a frame"
     require((most + 1) * FocalPoint.LAYOUT.size <= 4000, text)
@@ -303,6 +263,6 @@ def counts_the_points_of_a_frame(board: BoardClient) -> None:
     with board.counting(latched=1, bad_value=2, bad_length=1):
         latch_now(board, Points((point,) * board.most_points))
         for number in (most + 1, 2 * most):
-            board.link.send(board.link.stream_wire(Points((point,) * min(number, 250))))
+            board.link.stream(Points((point,) * min(number, 250)))
         board.link.send(board.link.stream_raw(Points.TYPE, b""))
         board.clock.wait_latched()

@@ -20,37 +20,31 @@ _DEEPEST: Final = 512
 _MAX_LATE_US: Final = 100_000  # HG-7.1
 
 
-@case(
-    "HG-5.7/1",
-    "frames while DISARMED and MUTED are counted in dropped_state",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/1", evidence=SELF_REPORTED)
 def drops_stream_frames_unless_armed(board: BoardClient) -> None:
+    """frames while DISARMED and MUTED are counted in dropped_state"""
     t_us = board.clock.soon_us(bytes(2000))
     with board.counting(dropped_state=2, latched=0):
-        board.link.send(board.link.stream_wire(board.flat_phases()))
-        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.link.stream(board.flat_phases())
+        board.link.stream(board.flat_phases(), t_us)
         board.clock.wait_until(t_us)
     board.arm()
     board.link.ask_raw(0x42)
     with board.counting(dropped_state=1, latched=0):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
 
 
-@case(
-    "HG-5.7/2",
-    "frames not after the last queued one are counted in dropped_order",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/2", evidence=SELF_REPORTED)
 def queue_keeps_its_order(board: BoardClient) -> None:
+    """frames not after the last queued one are counted in dropped_order"""
     board.arm()
     t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=20_000)
     good = board.flat_phases()
     with board.counting(dropped_order=3, latched=2):
-        board.link.send(board.link.stream_wire(good, t_us))
+        board.link.stream(good, t_us)
         for early_us in (0, 1, 10_000):
-            board.link.send(board.link.stream_wire(good, t_us - early_us))
-        board.link.send(board.link.stream_wire(good, t_us + 1000))
+            board.link.stream(good, t_us - early_us)
+        board.link.stream(good, t_us + 1000)
         board.clock.wait_until(t_us + 2000)
 
 
@@ -59,7 +53,7 @@ def _latched_before_order(board: BoardClient, t_us: int) -> None:
 
 
 def _replaced_before_order(board: BoardClient, _: int) -> None:
-    latch_now(board, board.flat_phases())  # flushes the queue
+    latch_now(board)  # flushes the queue
 
 
 def _muted_before_order(board: BoardClient, _: int) -> None:
@@ -73,15 +67,11 @@ def _disarmed_before_order(board: BoardClient, _: int) -> None:
     board.arm()
 
 
-@case(
-    "HG-5.7/2",
-    "behind a frame that is latched or flushed the queue is empty: no earlier time is out of order",
-    variant="empty",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.7/2-empty", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def an_empty_queue_has_no_order(board: BoardClient) -> None:
+    """behind a frame that is latched or flushed the queue is empty: no earlier time is out of
+    order
+    """
     is_soon = board.clock.ready_us(0) <= _MAX_LATE_US // 2
     require(is_soon, "a frame for a time before the last latch is ready behind the late window")
     board.configure(late_window_us=_MAX_LATE_US)
@@ -93,11 +83,11 @@ def an_empty_queue_has_no_order(board: BoardClient) -> None:
     ):
         board.arm()
         t_us = board.clock.soon_us(bytes(4000), ahead_us=10_000)
-        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.link.stream(board.flat_phases(), t_us)
         empty(board, t_us)
         earlier_us = min(t_us - 50, board.late_time_us(50))
         before = board.status().counters
-        board.link.send(board.link.stream_wire(board.flat_phases(), earlier_us))
+        board.link.stream(board.flat_phases(), earlier_us)
         last_us = earlier_us + _MAX_LATE_US - board.clock.ready_us(0)
         board.clock.require_before(last_us, "a late frame", board.clock.device_us())
         board.clock.wait_latched()
@@ -108,30 +98,24 @@ def an_empty_queue_has_no_order(board: BoardClient) -> None:
         check(got == (1, 1, 0, 0), f"{text} count {got}, due are (1, 1, 0, 0)")
 
 
-@case(
-    "HG-5.7/3",
-    "queue_depth frames are queued and latched; one more is dropped_full",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/3", evidence=SELF_REPORTED)
 def queue_holds_its_depth(board: BoardClient) -> None:
+    """queue_depth frames are queued and latched; one more is dropped_full"""
     depth = board.depth_to_fill()
     board.arm()
     good = board.shortest_stream()
     times = board.times_in_queue(depth + 1)
     with board.counting(dropped_full=1, latched=depth):
         for t_us in times:
-            board.link.send(board.link.stream_wire(good, t_us))
+            board.link.stream(good, t_us)
         queued = board.status().queued
         board.clock.wait_until(times[-1])
         check_equal(queued, depth, f"{depth} frames wait, queued is {queued}")
 
 
-@case(
-    "HG-5.7/4",
-    "a frame beyond max_horizon_us is dropped_future, one 1% nearer is queued",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/4", evidence=SELF_REPORTED)
 def queue_has_its_horizon(board: BoardClient) -> None:
+    """a frame beyond max_horizon_us is dropped_future, one 1% nearer is queued"""
     board.arm()
     horizon_us = board.identity.max_horizon_us
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
@@ -142,69 +126,56 @@ def queue_has_its_horizon(board: BoardClient) -> None:
     can_wait = board.clock.can_be_in_time()
     with board.counting(dropped_future=len(beyond_us), flushed=int(can_wait)):
         for us in beyond_us:
-            board.link.send(board.link.stream_wire(board.flat_phases(), now_us + us))
+            board.link.stream(board.flat_phases(), now_us + us)
         if can_wait:
             near_us = now_us + horizon_us - horizon_us // 100
-            board.link.send(board.link.stream_wire(board.flat_phases(), near_us))
+            board.link.stream(board.flat_phases(), near_us)
         board.link.barrier()
         board.disarm()
 
 
-@case(
-    "HG-5.7/5",
-    "frames 1 µs to 1 s later than late_window_us are dropped_late, none is latched",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/5", evidence=SELF_REPORTED)
 def drops_late_stream_frames(board: BoardClient) -> None:
+    """frames 1 µs to 1 s later than late_window_us are dropped_late, none is latched"""
     board.arm()
     late = (1, 100, 5_000, 200_000, 1_000_000)
     with board.counting(dropped_late=len(late), latched=0):
         for late_us in late:
             t_us = board.clock.device_us() - board.config.late_window_us - late_us
-            board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+            board.link.stream(board.flat_phases(), t_us)
         board.clock.wait_latched()
 
 
-@case(
-    "HG-5.7/5",
-    "with a window of 100 ms a frame 0.5 s late is dropped_late",
-    variant="window",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/5-window", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
+    """with a window of 100 ms a frame 0.5 s late is dropped_late"""
     board.configure(late_window_us=_MAX_LATE_US)
     board.arm()
     with board.counting(dropped_late=1, latched=0):
-        board.link.send(
-            board.link.stream_wire(board.flat_phases(), board.clock.device_us() - 500_000)
-        )
+        board.link.stream(board.flat_phases(), board.clock.device_us() - 500_000)
         board.clock.wait_latched()
 
 
-@case(
-    "HG-5.7/6",
-    "with a window of 100 ms a frame 5 ms late is latched, counted in late, LATE in its trace",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/6", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def latches_frames_within_the_late_window(board: BoardClient) -> None:
+    """with a window of 100 ms a frame 5 ms late is latched, counted in late, LATE in its trace"""
     mode = ask_for_board_latches_if_supported(board)
     board.configure(late_window_us=_MAX_LATE_US, trace_mode=mode)
     board.arm()
     since = board.link.mark()
     with board.counting(late=1, latched=2):
-        board.link.send(board.link.stream_wire(board.flat_phases(), board.late_time_us(5000)))
+        board.link.stream(board.flat_phases(), board.late_time_us(5000))
         board.clock.wait_latched()
         t_us = board.clock.soon_us(bytes(600))
-        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.link.stream(board.flat_phases(), t_us)
         board.clock.wait_until(t_us + 1000)
     if mode is not TraceMode.OFF:
         flags = [latch.late for latch in latches_received_from_board(board, since, mode)]
         check_equal(flags, [True, False], f"a late frame, then one in time: LATE is {flags}")
 
 
-@case("HG-5.7/7", "max_horizon_us is less than 2^31")
+@case("HG-5.7/7")
 def queue_horizon_is_below_half_the_clock(board: BoardClient) -> None:
+    """max_horizon_us is less than 2^31"""
     horizon_us = board.identity.max_horizon_us
     check(0 < horizon_us < 2**31, f"max_horizon_us is {horizon_us}")

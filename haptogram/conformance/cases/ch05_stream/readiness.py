@@ -25,8 +25,9 @@ _TRIES: Final = 6
 _POINT: Final = FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
 
 
-@case("HG-5.7/9", "latch_lead_us and point_time_us are at most 100 ms")
+@case("HG-5.7/9")
 def readiness_takes_a_short_lead(board: BoardClient) -> None:
+    """latch_lead_us and point_time_us are at most 100 ms"""
     for name in ("latch_lead_us", "point_time_us"):
         got_us = getattr(board.identity, name)
         check(got_us <= _MOST_US, f"{name} is {got_us}, must be {_MOST_US} or less")
@@ -40,13 +41,9 @@ def _kinds_of_ready_frames(board: BoardClient) -> list[tuple[Message, int]]:
     return kinds
 
 
-@case(
-    "HG-5.8/1",
-    "frames as soon as complete, of each kind: latched when they are ready",
-    variant="ready",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.8/1-ready", evidence=SELF_REPORTED)
 def latches_frames_when_ready(board: BoardClient) -> None:
+    """frames as soon as complete, of each kind: latched when they are ready"""
     board.arm()
     for message, points in _kinds_of_ready_frames(board):
         for _ in range(_TRIES):
@@ -64,14 +61,9 @@ def latches_frames_when_ready(board: BoardClient) -> None:
             )
 
 
-@case(
-    "HG-5.8/1",
-    "two frames of points as soon as complete: the board computes the second behind the first",
-    variant="computed",
-    needs=Feature.POINTS,
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.8/1-computed", needs=Feature.POINTS, evidence=SELF_REPORTED)
 def readies_frames_one_after_the_other(board: BoardClient) -> None:
+    """two frames of points as soon as complete: the board computes the second behind the first"""
     board.arm()
     most = board.most_points
     message = Points((_POINT,) * most)
@@ -95,14 +87,9 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-5.7/5",
-    "frames for times around the end of the late window: dropped_late beyond it, else latched",
-    variant="margin",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.7/5-margin", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def lateness_counts_from_readiness(board: BoardClient) -> None:
+    """frames for times around the end of the late window: dropped_late beyond it, else latched"""
     board.require_no_status()
     board.arm()
     window_us = board.config.late_window_us
@@ -114,7 +101,7 @@ def lateness_counts_from_readiness(board: BoardClient) -> None:
             before = board.status().counters
             now_us = board.clock.device_us() + board.wire.limits.lead_us // 8
             t_us = board.clock.ready_us(now_us, points) - window_us + ahead_us
-            board.link.send(board.link.stream_wire(message, t_us))
+            board.link.stream(message, t_us)
             board.clock.wait_until(board.clock.on_carrier(t_us + window_us) + board.clock.lead_us)
             after = board.status()
             dropped = after.counters.dropped_late - before.dropped_late
@@ -128,14 +115,11 @@ def lateness_counts_from_readiness(board: BoardClient) -> None:
             )
 
 
-@case(
-    "HG-5.7/8",
-    "accepted = latched + flushed + queued, over frames latched, flushed, dropped, waiting",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/8", evidence=SELF_REPORTED)
 def counts_accepted_stream_frames(board: BoardClient) -> None:
+    """accepted = latched + flushed + queued, over frames latched, flushed, dropped, waiting"""
     good = board.flat_phases()
-    board.link.send(board.link.stream_wire(good))  # not armed: dropped
+    board.link.stream(good)  # not armed: dropped
     board.arm()
     first = board.status()
     for _ in range(3):

@@ -57,12 +57,9 @@ class _OutputClockWatch:
         )
 
 
-@case(
-    "HG-6.9/1",
-    "over 10 s (2 s in wall time) the clock keeps its rate and makes no step",
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.9/1", depth=Depth.DEFAULT)
 def output_clock_keeps_time(board: BoardClient) -> None:
+    """over 10 s (2 s in wall time) the clock keeps its rate and makes no step"""
     duration_us = 10_000_000 if board.wire.is_virtual else 2_000_000
     watch = _OutputClockWatch(board)
     for _ in range(_SAMPLES + 1):
@@ -70,15 +67,9 @@ def output_clock_keeps_time(board: BoardClient) -> None:
         board.wire.idle(duration_us // _SAMPLES)
 
 
-@case(
-    "HG-6.9/1",
-    "the clock goes on across 2^32, 10 s after a reset",
-    variant="wrap",
-    needs_reset=True,
-    before_wrap_us=1_000_000,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.9/1-wrap", needs_reset=True, before_wrap_us=1_000_000, depth=Depth.DEFAULT)
 def output_clock_crosses_the_wrap(board: BoardClient) -> None:
+    """the clock goes on across 2^32, 10 s after a reset"""
     board.prepare()
     watch = _OutputClockWatch(board)
     watch.look()
@@ -93,29 +84,26 @@ def _clock_to_the_wrap_us(board: BoardClient) -> int:
     return -signed_difference(board.link.call(Ping(0), Pong).t_rx_us, 0, 32)
 
 
-@case("HG-6.9/4", "soon after a reset the clock is little past 2^32 - 10 s", needs_reset=True)
+@case("HG-6.9/4", needs_reset=True)
 def clock_starts_ten_seconds_before_the_wrap(board: BoardClient) -> None:
+    """soon after a reset the clock is little past 2^32 - 10 s"""
     board.prepare()
     up_us = _AT_BOOT_US - _clock_to_the_wrap_us(board)
     check(0 <= up_us < _BOOTED_US, f"soon after a reset the clock is {up_us} µs past 2^32 - 10 s")
 
 
 @case(
-    "HG-6.9/5",
-    "behind 2^32 drives are latched on carrier periods of the whole count, which has a bit 32",
-    needs_reset=True,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
+    "HG-6.9/5", needs_reset=True, evidence=SELF_REPORTED, depth=Depth.DEFAULT, wall_depth=Depth.FULL
 )
 def clock_counts_beyond_32_bits(board: BoardClient) -> None:
+    """behind 2^32 drives are latched on carrier periods of the whole count, which has a bit 32"""
     board.prepare()
     require(2**32 % board.clock.carrier_us != 0, "2^32 µs are whole carrier periods of this board")
     board.wire.idle(max(0, _clock_to_the_wrap_us(board) + 10_000))
     board.clock.device_us()
     board.arm()
     for _ in range(4):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         t_us = board.clock.unwrap(board.status().last_latch_us)
         off_us = t_us % board.clock.carrier_us
         check(t_us > 2**32, f"the latch at {t_us} µs is not behind 2^32 µs")
@@ -126,8 +114,9 @@ def _clock_of_pong(board: BoardClient, answer: ReceivedByClient) -> Pong:
     return board.link.reply_in(answer, Pong, Ping.TYPE)
 
 
-@case("HG-6.9/2", "t_rx is not after t_tx, and both lie within the round trip")
+@case("HG-6.9/2")
 def clock_stamps_pings(board: BoardClient) -> None:
+    """t_rx is not after t_tx, and both lie within the round trip"""
     for number in range(_SAMPLES):
         start_us = board.wire.now_us()
         answer = board.link.ask(Ping(number))
@@ -140,13 +129,9 @@ def clock_stamps_pings(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-6.9/2",
-    "a stream frame and the PING behind it arrive together, by the frame's margin and by t_rx",
-    variant="margin",
-    evidence=SELF_REPORTED,
-)
+@case("HG-6.9/2-margin", evidence=SELF_REPORTED)
 def clock_stamps_agree(board: BoardClient) -> None:
+    """a stream frame and the PING behind it arrive together, by the frame's margin and by t_rx"""
     board.arm()
     good, apart = board.flat_phases(), []
     for _ in range(min(_SAMPLES // 3, board.identity.queue_depth)):
@@ -167,13 +152,9 @@ def clock_stamps_agree(board: BoardClient) -> None:
     )
 
 
-@case(
-    "HG-6.9/2",
-    "t_rx of a PING in two parts is the arrival of its end, however much came before a pause",
-    variant="pieces",
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.9/2-pieces", depth=Depth.DEFAULT)
 def clock_stamps_the_end_of_a_ping(board: BoardClient) -> None:
+    """t_rx of a PING in two parts is the arrival of its end, however much came before a pause"""
     for number in range(3):
         ping, seq = board.link.request_wire(Ping(number))
         before = (2, len(ping) // 2, len(ping) - 1)[number]
@@ -191,12 +172,11 @@ def clock_stamps_the_end_of_a_ping(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-6.9/2",
-    "behind 4000 bytes t_rx is the end of the PING itself; behind a reply t_tx waits for the line",
-    variant="exact",
-)
+@case("HG-6.9/2-exact")
 def clock_stamps_exactly(board: BoardClient) -> None:
+    """behind 4000 bytes t_rx is the end of the PING itself; behind a reply t_tx waits for the
+    line
+    """
     board.wire.require_exact_times()
     device_us = board.clock.device_us()
     ping, first = board.link.request_wire(Ping(1))

@@ -264,13 +264,13 @@ def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held
     """Return what a board holds after an event; FAILED if an old number is taken again."""
     since = board.link.mark()
     if last_us:  # dropped for its order: the margins tell of it
-        board.link.send(board.link.stream_wire(board.shortest_stream(), last_us))
+        board.link.stream(board.shortest_stream(), last_us)
         board.link.barrier()  # or MUTE may overtake it (HG-3.8/2)
     effect.happen(board)
     old = (board.link.seq - 1) & 0xFFFF
     board.link.refused(Ping(board.random.getrandbits(64)), _REUSED, old, seq=old)
     # A frame that uses its number and nothing else: gap and duplicate tell which one was due.
-    board.link.send(board.link.stream_wire(board.shortest_stream(), flags=_UNKNOWN_FLAG))
+    board.link.stream(board.shortest_stream(), flags=_UNKNOWN_FLAG)
     return judged_held_state(board, since)
 
 

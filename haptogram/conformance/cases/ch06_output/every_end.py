@@ -85,7 +85,7 @@ def _output_of_nothing(_: BoardClient) -> None:
 
 
 def _output_of_sound(board: BoardClient) -> None:
-    latch_now(board, board.flat_phases())
+    latch_now(board)
 
 
 def _output_with_queue(board: BoardClient) -> None:

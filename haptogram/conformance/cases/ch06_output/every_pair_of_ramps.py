@@ -123,10 +123,10 @@ def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
         play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=other_ms)
         board.clock.wait_latched(0)
     else:
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     latch_us = board.clock.unwrap(board.status().last_latch_us)
     if pair.renewed_by == _LATCH and pair.other is MuteReason.HOST_SILENT:
-        board.link.send(board.link.stream_wire(board.flat_phases(), latch_us + ahead_us))
+        board.link.stream(board.flat_phases(), latch_us + ahead_us)
     asked_us = board.clock.device_us()
     hold_us, other_us = latch_us + hold_ms * _MS, asked_us + other_ms * _MS
     last_us = hold_us - (0 if pair.is_hold_first else other_ms * _MS)  # the PING renews a lease
@@ -134,25 +134,16 @@ def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
     return min(hold_us, other_us), latch_us + ahead_us
 
 
-@case(
-    "HG-6.11/5",
-    "of two timers that run out the first begins the ramp, which mutes with its reason, once",
-    variant="pairs",
-    needs=_RAMPS_NEED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-6.11/5-pairs", needs=_RAMPS_NEED, evidence=SELF_REPORTED)
 def the_first_timer_begins_the_ramp(board: BoardClient) -> None:
+    """of two timers that run out the first begins the ramp, which mutes with its reason, once"""
     _judge_timer_pairs(board, _RAMP_MS, "")
 
 
-@case(
-    "HG-6.11/4",
-    "a frame or a latch that renews one of two timers that have run out leaves the ramp as it is",
-    variant="pairs",
-    needs=_RAMPS_NEED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/4-pairs", needs=_RAMPS_NEED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def the_ramp_goes_on(board: BoardClient) -> None:
+    """a frame or a latch that renews one of two timers that have run out leaves the ramp as it
+    is
+    """
     reached = board.clock.horizon_us > 2 * _MS * _ramp_time_ms(board, _RENEWED_MS)
     _judge_timer_pairs(board, _RAMP_MS, _FRAME, *([_LATCH] if reached else []))

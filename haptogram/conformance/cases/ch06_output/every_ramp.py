@@ -45,15 +45,9 @@ def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
     return bytes(codes[n % len(codes)] for n in range(count))
 
 
-@case(
-    "HG-6.11/2",
-    "ramps of amplitudes at and beside each ceiling, one of 2 s too: straight from begin to end",
-    variant="ceilings",
-    needs=_RAMPS_NEED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/2-ceilings", needs=_RAMPS_NEED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_begin_below_the_ceiling(board: BoardClient) -> None:
+    """ramps of amplitudes at and beside each ceiling, one of 2 s too: straight from begin to end"""
     played = board.has(Feature.SEQUENCE_PHASES)
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     at_wall = not board.wire.is_virtual
@@ -93,15 +87,11 @@ def _below_ceiling(amplitudes: bytes, ceiling: int) -> bytes:
 # --- What is set during the ramp of a hold -----------------------------------------------------
 
 
-@case(
-    "HG-6.11/6",
-    "a ramp keeps line and end, whichever field is set to its least and greatest value meanwhile",
-    variant="fields",
-    needs=_RAMPS_NEED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/6-fields", needs=_RAMPS_NEED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_keep_their_beginning(board: BoardClient) -> None:
+    """a ramp keeps line and end, whichever field is set to its least and greatest value
+    meanwhile
+    """
     lengths: list[dict[str, Any]] = [
         {"hold_ms": 1},
         {"hold_ms": 10_000},
@@ -119,15 +109,9 @@ def output_ramps_keep_their_beginning(board: BoardClient) -> None:
             _judge_ramp_with_settings(board, 100, [*steps, last], plays=plays)
 
 
-@case(
-    "HG-6.11/6",
-    "of the ceilings that are set in a ramp the one in force cuts it off; its line goes on",
-    variant="ceilings",
-    needs=_RAMPS_NEED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/6-ceilings", needs=_RAMPS_NEED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_are_cut_off(board: BoardClient) -> None:
+    """of the ceilings that are set in a ramp the one in force cuts it off; its line goes on"""
     chains: list[tuple[int, tuple[int, ...]]] = list(_CEILINGS_IN_RAMPS)
     codes = (0, 1, 2, 77, 128, 253, 254, 255)
     chains += [(first, tuple(board.random.choices(codes, k=len(codes)))) for first in codes]
@@ -179,15 +163,9 @@ def _length_of_long_ramp_ms(board: BoardClient) -> int:
 # --- How a ramp ends ---------------------------------------------------------------------------
 
 
-@case(
-    "HG-6.11/4",
-    "a ramp that is undone leads to full amplitude below the ceiling that was set in it",
-    variant="settings",
-    needs=_RAMPS_NEED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/4-settings", needs=_RAMPS_NEED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def undone_ramps_take_the_new_ceiling(board: BoardClient) -> None:
+    """a ramp that is undone leads to full amplitude below the ceiling that was set in it"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     timers = ["hold", "lease", "both", "both, the lease first"]
     timers += ["unattended"] if board.has(Feature.SEQUENCE_PHASES) else []

@@ -38,14 +38,11 @@ _FOREIGN: Final = 0x0440
 _NO_SESSION: Final = -1
 
 
-@case(
-    "HG-6.2/3",
-    "behind each reason of each state every input leads to the state and the reason that are due",
-    variant="origins",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.2/3-origins", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_input_in_every_output_state(board: BoardClient) -> None:
+    """behind each reason of each state every input leads to the state and the reason that are
+    due
+    """
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     for bring, due in _origins_of_output_states(board):
         for name, event, happen in _inputs_to_output_states(board):
@@ -53,14 +50,9 @@ def every_input_in_every_output_state(board: BoardClient) -> None:
             _judge_input_to_output_state(board, due, name, event, happen)
 
 
-@case(
-    "HG-6.4/4",
-    "MUTE of every session or none, once and twice, behind each reason: state, events, counters",
-    variant="origins",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.4/4-origins", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_mute_in_every_output_state(board: BoardClient) -> None:
+    """MUTE of every session or none, once and twice, behind each reason: state, events, counters"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     for bring, due in _origins_of_output_states(board):
         for way in board.wire.ways_of_mute():
@@ -73,18 +65,14 @@ def every_mute_in_every_output_state(board: BoardClient) -> None:
                 _judge_rest_behind_mutes(board, since, before, f"{text} in {_state_text(due)}")
 
 
-@case(
-    "HG-5.7/1",
-    "in FAULT frames of every message and format are counted in dropped_state, none is latched",
-    variant="fault",
-    evidence=SELF_REPORTED,
-)
+@case("HG-5.7/1-fault", evidence=SELF_REPORTED)
 def a_hardware_fault_drops_stream_frames(board: BoardClient) -> None:
+    """in FAULT frames of every message and format are counted in dropped_state, none is latched"""
     fail_hardware(board)
     kinds = stream_kinds(board)
     with board.counting(dropped_state=len(kinds), latched=0):
         for kind in kinds:
-            board.link.send(board.link.stream_wire(kind.make()))
+            board.link.stream(kind.make())
     recover_from_hardware_fault(board)
 
 
@@ -184,7 +172,7 @@ def _new_session_for_output_state(board: BoardClient) -> None:
 def _sound_for_output_state(board: BoardClient) -> None:
     board.bring_to(OutputState.DISARMED)
     board.arm()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
 
 
 def _mute_by_timer_for_state(board: BoardClient, reason: MuteReason) -> None:
@@ -199,7 +187,7 @@ def _mute_by_timer_for_state(board: BoardClient, reason: MuteReason) -> None:
     if reason is MuteReason.UNATTENDED:
         play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_SHORT_MS)
     elif hold:
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     judged_mute_by_timer(board, since, 1000 * _MS, reason)
     board.configure()
 
@@ -217,7 +205,7 @@ def _inputs_to_output_states(
         yield event.name, event, partial(board.link.ask, message)
     yield "a new session", OutputInput.NEW_SESSION, board.hello
     yield "HELLO again", None, lambda: board.hello(board.link.session)
-    yield "a stream frame", None, lambda: latch_now(board, board.flat_phases())
+    yield "a stream frame", None, lambda: latch_now(board)
     if board.identity.features & PLAYBACK:
         yield "STOP", None, partial(board.link.ask, Stop())
     if board.has(Feature.SEQUENCE_PHASES):

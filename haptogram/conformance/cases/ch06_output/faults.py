@@ -55,7 +55,7 @@ def _mute_before_fault(board: BoardClient) -> None:
 
 
 def _output_on_before_fault(board: BoardClient) -> None:
-    latch_now(board, board.flat_phases())
+    latch_now(board)
 
 
 def _queue_output_before_fault(board: BoardClient) -> None:
@@ -105,8 +105,9 @@ def recover_from_hardware_fault(board: BoardClient) -> None:
     not_observed("the fault lasts: the command that brings it about (--fault-cmd) has to end it")
 
 
-@case("HG-6.8/1", "STATE_CHANGED tells a fault once, from each state", variant="fault")
+@case("HG-6.8/1-fault")
 def tells_of_a_hardware_fault(board: BoardClient) -> None:
+    """STATE_CHANGED tells a fault once, from each state"""
     for name, bring in _moments_of_hardware_fault(board).items():
         board.arm()
         bring(board)
@@ -118,13 +119,9 @@ def tells_of_a_hardware_fault(board: BoardClient) -> None:
         recover_from_hardware_fault(board)
 
 
-@case(
-    "HG-6.6/1",
-    "a fault silences the output, flushes the queue and ends a playback, in each state",
-    variant="fault",
-    evidence=SELF_REPORTED,
-)
+@case("HG-6.6/1-fault", evidence=SELF_REPORTED)
 def a_hardware_fault_silences(board: BoardClient) -> None:
+    """a fault silences the output, flushes the queue and ends a playback, in each state"""
     for name, bring in _moments_of_hardware_fault(board).items():
         board.arm()
         since = board.link.mark()
@@ -147,8 +144,9 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
         recover_from_hardware_fault(board)
 
 
-@case("HG-6.6/3", "a fault that lasts refuses DISARM with ERROR(FAULT)")
+@case("HG-6.6/3")
 def a_lasting_hardware_fault_refuses_disarm(board: BoardClient) -> None:
+    """a fault that lasts refuses DISARM with ERROR(FAULT)"""
     fail_hardware(board)
     answer = board.link.ask(Disarm())
     is_gone = not isinstance(answer.message, Error)
@@ -159,8 +157,9 @@ def a_lasting_hardware_fault_refuses_disarm(board: BoardClient) -> None:
         not_observed("DISARM led out of FAULT at once: the fault was over before")
 
 
-@case("HG-6.2/1", "in FAULT every input leads to the state in the table", variant="fault")
+@case("HG-6.2/1-fault")
 def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
+    """in FAULT every input leads to the state in the table"""
     inputs: dict[OutputInput, Message] = {
         OutputInput.ARM: Arm(),
         OutputInput.MUTE: Mute(),
@@ -180,7 +179,7 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
             recover_from_hardware_fault(board)
         elif event is OutputInput.LATCH:
             with board.counting(dropped_state=None, latched=0):
-                board.link.send(board.link.stream_wire(board.flat_phases()))
+                board.link.stream(board.flat_phases())
         elif due is None:
             flags = 0x10 if event is OutputInput.PLAY else 0
             state = int(OutputState.FAULT)
@@ -193,13 +192,11 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
         recover_from_hardware_fault(board)
 
 
-@case(
-    "HG-6.2/3",
-    "MUTE of any session, a refused ARM, a new session and a second fault leave the reason FAULT",
-    variant="fault",
-    evidence=SELF_REPORTED,
-)
+@case("HG-6.2/3-fault", evidence=SELF_REPORTED)
 def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
+    """MUTE of any session, a refused ARM, a new session and a second fault leave the reason
+    FAULT
+    """
     others: dict[str, Callable[[], object]] = {
         "MUTE": lambda: board.link.ask(Mute()),
         "MUTE without a session": lambda: board.link.ask(Mute(), session=0),
@@ -216,16 +213,17 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
 
 
 @case(
-    "HG-6.2/1",
-    "in FAULT all requests but ARM and PLAY are carried out: settings, uploads, readings, STATUS",
-    variant="requests",
+    "HG-6.2/1-requests",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
+    """in FAULT all requests but ARM and PLAY are carried out: settings, uploads, readings,
+    STATUS
+    """
     board.arm()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     fail_hardware(board)
     period_ms = board.quick_status_ms
     board.hello()
@@ -252,5 +250,5 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
     board.configure()
     board.arm()
     with board.counting(latched=2):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         play_out(board, _SEQUENCE, 1)

@@ -45,11 +45,9 @@ resets_silently = unobservable_case(
 )
 
 
-@case(
-    "HG-6.4/1",
-    "MUTE mutes in every state, without a session and with a payload; frames are dropped",
-)
+@case("HG-6.4/1")
 def mutes_in_every_output_state(board: BoardClient) -> None:
+    """MUTE mutes in every state, without a session and with a payload; frames are dropped"""
     for state in _STATES:
         for header in (
             {},
@@ -59,7 +57,7 @@ def mutes_in_every_output_state(board: BoardClient) -> None:
         ):
             board.bring_to(state)
             if state is OutputState.ARMED:
-                latch_now(board, board.flat_phases())
+                latch_now(board)
             answer = board.link.ask_raw(Mute.TYPE, b"\x01\x02\x03", **header)
             replied = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
             found = board.status()
@@ -68,7 +66,7 @@ def mutes_in_every_output_state(board: BoardClient) -> None:
                 f"MUTE while {state.name}: {replied.name}, then {found.state.name}",
             )
             with board.counting(dropped_state=None, latched=0):
-                latch_now(board, board.flat_phases())
+                latch_now(board)
             if board.has(Feature.READ_RADIATED):
                 check(is_board_silent(board), "MUTE is acknowledged, but the board still radiates")
 
@@ -78,7 +76,7 @@ def _check_mute_flushes(board: BoardClient, message: Message) -> None:
     t_us = board.clock.soon_us(bytes(2000), ahead_us=20_000)
     with board.counting(flushed=3, latched=0):
         for number in range(3):
-            board.link.send(board.link.stream_wire(board.flat_phases(), t_us + number * 1000))
+            board.link.stream(board.flat_phases(), t_us + number * 1000)
         board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
         board.link.ask(message)
         board.arm()
@@ -101,23 +99,20 @@ def _check_mute_ends_playback(board: BoardClient, message: Message) -> None:
         wait_for_no_latch(board, 10_000)
 
 
-@case("HG-6.4/2", "MUTE flushes 3 queued frames and ends a playback", evidence=SELF_REPORTED)
+@case("HG-6.4/2", evidence=SELF_REPORTED)
 def mute_flushes(board: BoardClient) -> None:
+    """MUTE flushes 3 queued frames and ends a playback"""
     _check_mute_flushes(board, Mute())
     _check_mute_ends_playback(board, Mute())
 
 
-@case(
-    "HG-6.4/4",
-    "MUTE, with and without a session, after a timer has muted: the reason becomes MUTE",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-6.4/4", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def mute_takes_the_reason(board: BoardClient) -> None:
+    """MUTE, with and without a session, after a timer has muted: the reason becomes MUTE"""
     for session in (board.link.session, 0):
         board.configure(hold_ms=20, ramp_ms=0)
         board.arm()
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         board.wire.idle_beyond(40_000)
         before = board.status().reason
         check_equal(
@@ -128,14 +123,16 @@ def mute_takes_the_reason(board: BoardClient) -> None:
         check_equal(after, MuteReason.MUTE, f"MUTE while MUTED: the reason is {after.name}")
 
 
-@case("HG-6.5/1", "DISARM flushes 3 queued frames and ends a playback", evidence=SELF_REPORTED)
+@case("HG-6.5/1", evidence=SELF_REPORTED)
 def disarm_flushes_the_output(board: BoardClient) -> None:
+    """DISARM flushes 3 queued frames and ends a playback"""
     _check_mute_flushes(board, Disarm())
     _check_mute_ends_playback(board, Disarm())
 
 
-@case("HG-6.5/2", "DISARM while MUTED: DISARM_REPLY and STATUS say MUTED")
+@case("HG-6.5/2")
 def disarm_leaves_muted_state(board: BoardClient) -> None:
+    """DISARM while MUTED: DISARM_REPLY and STATUS say MUTED"""
     board.link.ask(Mute())
     replied, found = board.link.call(Disarm(), DisarmReply).state, board.status().state
     check(
@@ -144,17 +141,13 @@ def disarm_leaves_muted_state(board: BoardClient) -> None:
     )
 
 
-@case(
-    "HG-6.6/1",
-    "the radiated drive, read back right behind MUTE, DISARM and HELLO, is silent",
-    needs=Feature.READ_RADIATED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-6.6/1", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)
 def output_is_off_at_once(board: BoardClient) -> None:
+    """the radiated drive, read back right behind MUTE, DISARM and HELLO, is silent"""
     for message in (Mute(), Disarm(), board.hello_message(board.new_nonce())):
         board.prepare()
         board.arm()
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         check(read_back_radiated(board).loudest > 0, "a latch is not radiated")
         greets = message.TYPE == board.hello_message(1).TYPE
         session = getattr(message, "nonce", board.link.session)
@@ -171,19 +164,15 @@ def output_is_off_at_once(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-6.6/2",
-    "in DISARMED and MUTED nothing is radiated, whatever was latched before",
-    needs=Feature.READ_RADIATED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-6.6/2", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)
 def output_is_off_unless_armed(board: BoardClient) -> None:
+    """in DISARMED and MUTED nothing is radiated, whatever was latched before"""
     for message in (Mute(), Disarm()):
         board.arm()
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         board.link.ask(message)
         for _ in range(3):
             check(is_board_silent(board), f"after {message.TYPE.name} the board radiates")
             board.wire.idle(20_000)
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         check(is_board_silent(board), f"after {message.TYPE.name} a stream frame is radiated")

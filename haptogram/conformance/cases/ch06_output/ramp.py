@@ -27,13 +27,11 @@ _MS: Final = 1000
 _RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
 
 
-@case(
-    "HG-6.7/1",
-    "frames dropped for type, flags, length, number or time renew the lease; stale frames do not",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.7/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def any_frame_renews_the_output_lease(board: BoardClient) -> None:
+    """frames dropped for type, flags, length, number or time renew the lease; stale frames do
+    not
+    """
     board.configure(host_timeout_ms=600)  # a busy emulator may miss a few frames' time
     good = board.flat_phases()
     kinds: dict[str, Callable[[], bytes]] = {
@@ -60,12 +58,13 @@ def any_frame_renews_the_output_lease(board: BoardClient) -> None:
     judge_lease_ends(board, since, "frames of another session renew the lease")
 
 
-@case("HG-6.10/1", "a sounding board whose stream stops is muted by the hold", needs=Feature.CONFIG)
+@case("HG-6.10/1", needs=Feature.CONFIG)
 def mutes_the_output_after_hold(board: BoardClient) -> None:
+    """a sounding board whose stream stops is muted by the hold"""
     board.configure(hold_ms=60)
     board.arm()
     since = board.link.mark()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     judged_mute_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
     check_equal(board.status().reason, MuteReason.HOLD_EXPIRED, "STATUS does not say HOLD_EXPIRED")
 
@@ -74,18 +73,13 @@ def _ramp_of_output(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[R
     """Return what is radiated from before a ramp of the hold to behind its end."""
     board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
     board.arm()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     return judged_ramp(board, hold_ms=hold_ms, ramp_ms=ramp_ms)
 
 
-@case(
-    "HG-6.11/1",
-    "during a ramp the amplitude in read-backs never rises",
-    needs=_RAMPS,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/1", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_do_not_rise(board: BoardClient) -> None:
+    """during a ramp the amplitude in read-backs never rises"""
     ramp = _ramp_of_output(board, hold_ms=100, ramp_ms=300)
     for before, after in itertools.pairwise(ramp):
         rises = [b for a, b in zip(before.amplitudes, after.amplitudes, strict=True) if b > a]
@@ -95,49 +89,40 @@ def output_ramps_do_not_rise(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-6.11/2",
-    "the amplitude is full before a ramp, is that of a straight line within it, and then 0",
-    needs=_RAMPS,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/2", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_reach_silence(board: BoardClient) -> None:
+    """the amplitude is full before a ramp, is that of a straight line within it, and then 0"""
     ramp_ms = 400
     ramp = _ramp_of_output(board, hold_ms=100, ramp_ms=ramp_ms)
     judge_straight_ramp(board, ramp, ramp_ms, bytes([FULL]) * board.identity.transducers)
 
 
-@case("HG-6.11/3", "with ramp_ms = 0 the board is muted right at the end of the hold")
+@case("HG-6.11/3")
 def hard_mute_has_no_ramp(board: BoardClient) -> None:
+    """with ramp_ms = 0 the board is muted right at the end of the hold"""
     board.configure(hold_ms=80, ramp_ms=0)
     board.arm()
     since = board.link.mark()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     start_us = board.clock.unwrap(board.status().last_latch_us)
     header, _ = judged_mute_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
     judge_mute_time(board, start_us, header, 80, "hold_ms = 80, ramp_ms = 0")
 
 
-@case(
-    "HG-6.11/4",
-    "a latch ends the ramp of the hold, a request does not; any frame ends the lease's ramp",
-    needs=_RAMPS,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/4", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_are_renewed(board: BoardClient) -> None:
+    """a latch ends the ramp of the hold, a request does not; any frame ends the lease's ramp"""
     board.configure(hold_ms=100, ramp_ms=600)
     board.arm()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     board.wire.idle(300 * _MS)
     board.link.barrier()
     check(read_back_radiated(board).loudest < 255, "a request ends the ramp of the hold")
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     check_equal(read_back_radiated(board).loudest, 255, "a latch does not end the ramp of the hold")
     board.configure(host_timeout_ms=100, ramp_ms=600)
     board.arm()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     since = board.link.mark()
     board.wire.idle(400 * _MS)
     check_equal(
@@ -149,42 +134,34 @@ def output_ramps_are_renewed(board: BoardClient) -> None:
     )
 
 
-@case(
-    "HG-6.11/5",
-    "a ramp ends in MUTED with its reason; the queue is flushed, timeouts + 1",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-6.11/5", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def output_ramps_end_muted(board: BoardClient) -> None:
+    """a ramp ends in MUTED with its reason; the queue is flushed, timeouts + 1"""
     hold_ms = board.clock.timer_ms(60, 2 * board.identity.transducers + 200)
     ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0
     board.configure(hold_ms=hold_ms, ramp_ms=60)
     board.arm()
     with board.counting(timeouts=1, flushed=1, latched=1):
         since = board.link.mark()
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         start_us = board.clock.unwrap(board.status().last_latch_us)
         board.clock.require_horizon(2_000_000)
-        board.link.send(board.link.stream_wire(board.flat_phases(), start_us + 2_000_000))
+        board.link.stream(board.flat_phases(), start_us + 2_000_000)
         timeout_us = (400 + hold_ms) * _MS
         header, _ = judged_mute_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
     judge_mute_time(board, start_us, header, hold_ms + ramp_ms, "the hold and its ramp")
 
 
-@case(
-    "HG-6.11/6",
-    "a higher ceiling and another ramp_ms, set during a ramp, leave its line; a lower one cuts it",
-    variant="alone",
-    needs=_RAMPS,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/6-alone", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
+    """a higher ceiling and another ramp_ms, set during a ramp, leave its line; a lower one cuts
+    it
+    """
     hold_ms, ramp_ms, ceiling = 60, 240, 100
     board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
     board.arm()
     since = board.link.mark()
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     latch_us = board.clock.unwrap(board.status().last_latch_us)
     begins = bytes([ceiling]) * board.identity.transducers
     for wait_ms, then in ((hold_ms + ramp_ms // 4, FULL), (ramp_ms // 4, 20)):
@@ -197,13 +174,9 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
     judge_mute_time(board, latch_us, header, hold_ms + ramp_ms, "ramp_ms set meanwhile")
 
 
-@case(
-    "HG-6.11/5",
-    "at the end of a ramp a playback ends",
-    variant="playback",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-)
+@case("HG-6.11/5-playback", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES)
 def output_ramps_end_playback(board: BoardClient) -> None:
+    """at the end of a ramp a playback ends"""
     board.configure(hold_ms=50)
     send_phases_that_fit(board, 1, frames=2)
     board.arm()
