@@ -75,7 +75,7 @@ enum hg_message_type {
 
 /* Header flags.  HG-3.4: a receiver must understand the high nibble, may ignore the low one. */
 enum hg_flag {
-    HG_FLAG_LATE = 0x01, /* trace: latched after its t_apply, within the late window */
+    HG_FLAG_LATE = 0x01, /* trace: the frame was late, within the late window (HG-5.7/6) */
     /* stream, PLAY: t_apply is not used, act as soon as the frame is complete */
     HG_FLAG_IMMEDIATE = 0x10
 };

@@ -48,14 +48,24 @@ def _require_not_muted_before(board: BoardClient, since: int) -> None:
 
 
 def judge_mute_time(
-    board: BoardClient, start_us: int, header: Header, due_ms: int, timer: str
+    board: BoardClient,
+    start_us: int,
+    header: Header,
+    due_ms: int,
+    timer: str,
+    *,
+    asked_us: int | None = None,
 ) -> None:
-    """FAILED unless the mute in *header* came *due_ms* after *start_us*, within 1 ms."""
-    took_us = board.clock.unwrap(header.time_us) - start_us
+    """FAILED unless the mute in *header* came *due_ms* after *start_us*, within 1 ms.
+
+    A request that started the timer came at *asked_us* or later; its reply began at *start_us*.
+    """
+    late_us = board.clock.unwrap(header.time_us) - start_us - due_ms * _MS
+    least_us = 0 if asked_us is None else asked_us - start_us
     judge_in_time(
         board,
-        abs(took_us - due_ms * _MS) <= EXACT_US,
-        f"{timer}: muted {took_us / _MS:.3f} ms after, due is {due_ms} ms within 1 ms",
+        least_us - EXACT_US <= late_us <= EXACT_US,
+        f"{timer}: muted {late_us / _MS + due_ms:.3f} ms after, due is {due_ms} ms within 1 ms",
     )
 
 

@@ -75,7 +75,7 @@ class MessageType(enum.IntEnum):
 class Flag(DocumentedFlag):
     """Header flags.  HG-3.4: a receiver must understand the high nibble, may ignore the low one."""
 
-    LATE = 0x01, "trace: latched after its t_apply, within the late window"
+    LATE = 0x01, "trace: the frame was late, within the late window (HG-5.7/6)"
     IMMEDIATE = 0x10, "stream, PLAY: t_apply is not used, act as soon as the frame is complete"
 
 

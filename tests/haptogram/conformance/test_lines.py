@@ -27,8 +27,18 @@ from haptogram.conformance.run.spawning import SpawnAccess
 from haptogram.conformance.verdict import INCONCLUSIVE_STATUS, Behaviour
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.report.conformance.text import suite_text
-from haptogram_protocol.framing import FrameDecoder, cobs_encode
-from haptogram_protocol.messages import Arm, Disarm, GetStatus, Phases, Ping, ReadDrive
+from haptogram_protocol.framing import FrameDecoder, cobs_encode, encode_frame
+from haptogram_protocol.messages import (
+    Arm,
+    ArmReply,
+    Disarm,
+    GetStatus,
+    Phases,
+    Ping,
+    ReadDrive,
+    SetConfigReply,
+    StopReply,
+)
 
 pytestmark = pytest.mark.sampled(2)
 
@@ -172,6 +182,37 @@ def test_an_end_that_arrives_when_a_timer_has_ended_the_output_is_sent_again(tim
     assert result.seconds > 0.25 * times
     if verdict is Behaviour.INCONCLUSIVE:
         assert result.detail.startswith("DISARM sounding: answered after 25")
+
+
+class Storing(Wrapped):
+    """Begins its answers to SET_CONFIG, ARM and STOP 3 ms after the request has come."""
+
+    late_us = 3000
+
+    def __init__(self, inner):
+        super().__init__(inner)
+        self.decoder = FrameDecoder()
+
+    def read_available(self, deadline_ns):
+        bodies = [*self.decoder.feed(super().read_available(deadline_ns))]
+        if any(map(self.is_late, bodies)):
+            end_ns = self.now_ns() + 1000 * self.late_us
+            while self.now_ns() < end_ns:
+                bodies += self.decoder.feed(super().read_available(end_ns))
+        return b"".join(encode_frame(self.told_later(body)) for body in bodies)
+
+    def is_late(self, body):
+        return body[0] in (SetConfigReply.TYPE, ArmReply.TYPE, StopReply.TYPE)
+
+    def told_later(self, body):
+        t_us = int.from_bytes(body[4:8], "little") + self.late_us * self.is_late(body)
+        return body[:4] + (t_us % 2**32).to_bytes(4, "little") + body[8:]
+
+
+@pytest.mark.parametrize("case", ["HG-6.7/1-pauses", "HG-7.1/3-lease", "HG-7.6/5-waiting"])
+def test_a_timer_starts_when_a_request_comes_however_long_its_answer_takes(case):
+    [result] = run(virtual(array="3x2", wrap=Storing), case).results
+    assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 
 class Away(Wrapped):

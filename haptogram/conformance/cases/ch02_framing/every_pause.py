@@ -11,8 +11,6 @@ from functools import partial
 from typing import Final
 
 from haptogram_protocol.messages import (
-    Arm,
-    ArmReply,
     Feature,
     Ping,
     Pong,
@@ -169,10 +167,8 @@ def bytes_of_a_frame_renew_no_lease(board: BoardClient) -> None:
     board.configure(host_timeout_ms=_LEASE_MS)
     for name, late_ms in (("bytes that make no frame yet", None), ("a PING in two parts", 200)):
         since = board.link.mark()
-        answer = board.link.ask(Arm())
-        board.link.reply_in(answer, ArmReply, Arm.TYPE)
-        assert answer.header is not None  # reply_in
-        start_us = board.clock.unwrap(answer.header.time_us)
+        board.arm()
+        start_us = board.clock.device_us()
         ping, seq = board.link.request_wire(Ping(board.random.getrandbits(64)))
         if late_ms is None:
             _send_byte_by_byte(board, ping[:-1])

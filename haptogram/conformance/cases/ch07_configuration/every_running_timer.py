@@ -176,12 +176,14 @@ def _lease_with_configuration(
         latch_now(board, board.flat_phases())
     begun_us = board.clock.device_us()
     board.wire.idle(_BEFORE_MS * _MS)
+    asked_us = board.clock.device_estimate_us()
     start_us = _set_configuration_alone(board, **after)
     board.clock.require_before(begun_us + _LENGTH_MS * _MS, "SET_CONFIG in a lease", start_us)
     due_ms = (_LENGTH_MS if plays else after["host_timeout_ms"]) + after["ramp_ms"]
     reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
     header, _ = judged_mute_by_timer(board, since, 3 * due_ms * _MS, reason)
-    judge_mute_time(board, start_us, header, due_ms, f"{reason.name}, {dict(changes)} meanwhile")
+    name = f"{reason.name}, {dict(changes)} meanwhile"
+    judge_mute_time(board, start_us, header, due_ms, name, asked_us=asked_us)
 
 
 @case(

@@ -162,12 +162,14 @@ def waits_unattended(board: BoardClient) -> None:
         since = board.link.mark()
         play_later_than_timer(board, ahead_ms + 60, 9000)
         board.wire.idle(150 * _MS)
+        asked_us = board.clock.device_estimate_us()
         answer = board.link.ask(Stop())  # nothing behind it: that would renew the lease
         board.link.reply_in(answer, StopReply, Stop.TYPE)
         assert answer.header is not None  # reply_in
         start_us = board.clock.unwrap(answer.header.time_us)
         header, _ = judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOST_SILENT)
-        judge_mute_time(board, start_us, header, 80, "host_timeout_ms behind STOP")
+        name = "host_timeout_ms behind STOP"
+        judge_mute_time(board, start_us, header, 80, name, asked_us=asked_us)
 
 
 @case(
