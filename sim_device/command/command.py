@@ -111,7 +111,6 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
         if options.as_device:
             options.link = _private_board_path(signals, "board")
         try:
-            port = _open_board_port(options, settings.line)
             if options.view and options.backdoor is None:
                 options.backdoor = SOCKET + _private_board_path(signals, "backdoor")
             _tell_start(options, "starting the process that rebuilds fields")
@@ -128,6 +127,8 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
                 faults=plan,
                 probe=pins,
             )
+            # Now, and not before: whoever waits for the port to be there is answered at once.
+            port = _open_board_port(options, settings.line)
             counts = BoardCountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
             heartbeat = Heartbeat(simulation, port, worker, counts, tap)
             if options.until_eof:

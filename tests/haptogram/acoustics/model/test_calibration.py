@@ -146,7 +146,7 @@ def values(result):
     if dataclasses.is_dataclass(result):
         return values([getattr(result, f.name) for f in dataclasses.fields(result)])
     if isinstance(result, list | tuple):
-        return np.concatenate([values(part) for part in result])
+        return np.concatenate([np.empty(0), *map(values, result)])
     if isinstance(result, str):
         return np.frombuffer(result.encode(), np.uint8).astype(complex)
     return np.atleast_1d(np.asarray(result, dtype=complex)).ravel()
@@ -422,7 +422,7 @@ GEOMETRY_ALONE = {
 }
 OTHERWISE_ABOVE = {
     "FocusCodes", "FocusTracker", "NumbaEngine", "Numpy32Engine", "PlaneField", "Reconstructor",
-    "fit_focus", "focus_phases", "predict_spot_width_m", "pressure_after_hop", "solve_foci",
+    "fit_focus", "focus_phases", "predict_spot_width_m", "pressure_after_hop", "shock_lengths", "solve_foci",
     "solver_quality", "superpose_foci", "weights_for_foci",
 }  # fmt: skip
 
