@@ -422,8 +422,8 @@ GEOMETRY_ALONE = {
 }
 OTHERWISE_ABOVE = {
     "FocusCodes", "FocusTracker", "NumbaEngine", "Numpy32Engine", "PlaneField", "Reconstructor",
-    "fit_focus", "focus_phases", "predict_spot_width_m", "pressure_after_hop", "shock_lengths", "solve_foci",
-    "solver_quality", "superpose_foci", "weights_for_foci",
+    "fit_focus", "focus_phases", "predict_spot_width_m", "pressure_after_hop", "shock_lengths",
+    "solve_foci", "solver_quality", "superpose_foci", "weights_for_foci",
 }  # fmt: skip
 
 
