@@ -96,9 +96,7 @@ def set_up_field(parser: Parser) -> None:
         "modulation makes of a focus is shown by 'haptogram modulation'."
     )
     parser.epilog = _EPILOG
-    parser.main_options = (
-        "focus_mm object drive rate_hz array temperature_c picture view quantity at_mm ear_mm"
-    )
+    parser.main_options = "focus_mm object drive rate_hz array picture view quantity at_mm ear_mm"
     _add_field_source(parser)
     add_array_options(parser.add_argument_group("array and air"))
     _add_field_picture(parser)
