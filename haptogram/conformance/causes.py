@@ -78,7 +78,9 @@ BROAD: Final = frozenset({"always", "alone", "moments", "same", "dialogues"})
 _ENOUGH: Final = 2  # cases of one clause that do not fail by chance together
 _LEAST_ALIKE: Final = 3
 _LEAST_SHARE: Final = 1 / 3
+_MOST_SHARE: Final = 1 / 2  # of failures whose common finding is the likeliest cause
 _LEAST_WORDS: Final = 3  # of a part of a finding that says anything
+_CONTEXT: Final = re.compile(r"; sent (?:before|between): .*?(?= \((?:meanwhile|in its)|$)")
 _NUMBERS: Final = re.compile(r"0x[0-9a-f]+|-?\d+(?:\.\d+)?")
 
 
@@ -111,7 +113,12 @@ def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
         is_passed = result.behaviour is Behaviour.OK  # the board was not clean behind it
         return is_passed, _is_broad(result), is_alone, cause_rank(result.clause)
 
-    return sorted(failures, key=place)
+    failures.sort(key=place)
+    failed = [result for result in failures if result.behaviour is not Behaviour.OK]
+    alike = common_finding(failed)
+    if alike is not None and len(alike.cases) >= _MOST_SHARE * len(failed):
+        failures.sort(key=lambda result: result.detail != alike.text)
+    return failures
 
 
 def _is_broad(result: CaseResult) -> bool:
@@ -126,6 +133,7 @@ def common_finding(failures: Sequence[CaseResult]) -> CommonFinding | None:
     failures : sequence of CaseResult
         As :func:`failures_by_cause` returns them.
     """
+    failures = [result for result in failures if result.behaviour is not Behaviour.OK]
     parts = [_parts(result.detail) for result in failures]
     times = Counter(part for found in parts for part in found)
     if not times:
@@ -140,6 +148,6 @@ def common_finding(failures: Sequence[CaseResult]) -> CommonFinding | None:
 
 def _parts(finding: str) -> set[str]:
     """Return a finding and the parts of it that say something, with the numbers left out."""
-    whole = _NUMBERS.sub("#", finding)
+    whole = _NUMBERS.sub("#", _CONTEXT.sub("", finding))
     parts = re.split("[,;:] ", whole)
     return {part for part in (whole, *parts) if len(part.split()) >= _LEAST_WORDS}

@@ -15,6 +15,7 @@ from haptogram_protocol.framing import DELIMITER
 from haptogram_protocol.messages import (
     REQUEST_RANGE,
     RESPONSE_RANGE,
+    STREAM_RANGE,
     Counters,
     Error,
     ErrorCode,
@@ -80,7 +81,11 @@ class DialogueRecording:
         found = sent[-1] if sent else None
         if found is None or found.message is None:
             return found.name if found is not None else ""
-        return message_text(found.message)
+        header = found.header
+        has_time = header is not None and header.time_us and not header.flags & Flag.IMMEDIATE
+        return message_text(found.message) + (
+            f" for t {header.time_us}" if header is not None and has_time else ""
+        )
 
     def before(self, seq: int) -> str:
         """Return in words what the host sent before its last request *seq*, with the answers."""
@@ -99,12 +104,15 @@ class DialogueRecording:
             for frame in self._frames(TransferDirection.BOARD)
             if frame.header is not None and frame.header.type in RESPONSE_RANGE
         }
-        texts = [
-            " -> ".join(filter(None, (_sent_name(frame), answers.get(_seq_of(frame)))))
-            for frame in sent
-        ]
-        runs = [(text, len(list(run))) for text, run in itertools.groupby(texts)]
-        told = (text if many == 1 else f"{many} x {text}" for text, many in runs[-_TOLD_BEFORE:])
+
+        def text_of(frame: Annotated) -> str:
+            return " -> ".join(filter(None, (_sent_name(frame), answers.get(_seq_of(frame)))))
+
+        runs = [(text, list(run)) for text, run in itertools.groupby(sent, text_of)]
+        told = (
+            (text if len(run) == 1 else f"{len(run)} x {text}") + _stream_numbers(run)
+            for text, run in runs[-_TOLD_BEFORE:]
+        )
         return ", ".join(told) or "nothing"
 
     def _frames(
@@ -150,6 +158,13 @@ def _sent_name(frame: Annotated) -> str:
     if frame.header is None:
         return frame.text
     return frame.name + " IMMEDIATE" * bool(frame.header.flags & Flag.IMMEDIATE)
+
+
+def _stream_numbers(run: Sequence[Annotated]) -> str:
+    """Return the numbers of alike stream frames, the first and the last."""
+    headers = [frame.header for frame in run if frame.header is not None]
+    numbers = [str(header.seq) for header in headers if header.type in STREAM_RANGE]
+    return f" {' to '.join(dict.fromkeys([numbers[0], numbers[-1]]))}" if numbers else ""
 
 
 def _seq_of(frame: Annotated) -> int | None:

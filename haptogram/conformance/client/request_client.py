@@ -338,7 +338,8 @@ class RequestClient:
         got = self.answer_text(answer).replace(f") to {name},", "),")  # only another is named
         seq = answer.header.seq if answer.header is not None else 0
         asked, before = self.wire.recording.request(seq) or name, self.wire.recording.before(seq)
-        fail(f"{asked} was answered by {got}, not by {reply.TYPE.name}; {before}")
+        when = f" at t {answer.header.time_us}" if " for t " in asked and answer.header else ""
+        fail(f"{asked} was answered{when} by {got}, not by {reply.TYPE.name}; {before}")
 
     def refused(
         self,

@@ -80,13 +80,14 @@ def judge_straight_ramp(
         low = _judged_ramp_left(reading.to_ms + _TIMER_MS, ramp_ms)
         high = _judged_ramp_left(reading.from_ms - _TIMER_MS - _STEP_MS, ramp_ms)
         for begin, got in zip(begins, reading.amplitudes, strict=True):
+            as_ms = (1 - got / max(begin, 1)) * ramp_ms
             least, most = min(begin * low - 1, cut), min(begin * high + 1, cut)
             judge_in_time(
                 board,
                 least <= got <= most,
                 f"{name}{reading.from_ms:.1f} ms after the hold ended, in a ramp of {ramp_ms} ms "
-                f"from amplitude {begin}, the amplitude is {got}; the straight line allows "
-                f"{least:.1f} to {most:.1f}",
+                f"from amplitude {begin}, the amplitude is {got}, due at {as_ms:.1f} ms; "
+                f"the straight line allows {least:.1f} to {most:.1f}",
             )
 
 

@@ -8,6 +8,7 @@ from typing import Any, Final, TypeAlias
 from haptogram_protocol.framing import DELIMITER
 from haptogram_protocol.messages import (
     VERSION_MAJOR,
+    Error,
     ErrorCode,
     Flag,
     GetGeometry,
@@ -71,6 +72,8 @@ def judge_same_answer(again: ReceivedByClient, first: ReceivedByClient, name: st
     if again.body == first.body:
         return
     text = f"{name}, the same request again is answered by {RequestClient.answer_text(again)}"
+    if isinstance(again.message, Error) and again.message.code == ErrorCode.SEQUENCE_REUSED:
+        text = f"{name}, the reply to the request before is forgotten: {text.partition(', ')[2]}"
     if type(again.message) is not type(first.message):
         fail(f"{text}; the first answer was {RequestClient.answer_text(first)}")
     parts = (again.header, first.header), (again.message, first.message)

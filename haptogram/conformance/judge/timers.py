@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Final
 
+from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.messages import (
     ArmReply,
     Header,
@@ -19,6 +20,7 @@ from ..outcome import HeldUpError, check, fail
 
 EXACT_US: Final = 1000  # HG-12.1: timers are within 1 ms
 _MS: Final = 1000
+_AT_ONCE_US: Final = 50
 
 
 def judged_mute_by_timer(
@@ -65,8 +67,21 @@ def judge_mute_time(
     judge_in_time(
         board,
         least_us - EXACT_US <= late_us <= EXACT_US,
-        f"{timer}: muted {late_us / _MS + due_ms:.3f} ms after, due is {due_ms} ms within 1 ms",
+        f"{timer}: muted {late_us / _MS + due_ms:.3f} ms after, due is {due_ms} ms within 1 ms"
+        f"{_begin_text(board, header, due_ms)}",
     )
+
+
+def _begin_text(board: BoardClient, muted: Header, due_ms: int) -> str:
+    """Return in words behind which frames of the board a timer of that length has run."""
+    begun_us = (muted.time_us - due_ms * _MS) & 0xFFFFFFFF
+    headers = [piece.header for piece in board.wire.received if piece.header is not None]
+    names = {
+        annotated_type_name(header.type)
+        for header in headers
+        if abs(signed_difference(header.time_us, begun_us, 32)) <= _AT_ONCE_US
+    }
+    return f"; it is {due_ms} ms behind {' and '.join(sorted(names))}" if names else ""
 
 
 def judge_status_period(

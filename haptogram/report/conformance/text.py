@@ -37,15 +37,20 @@ def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[s
     for result in suite.results:
         if result.is_failure or (not verbose and (result.behaviour, result.detail) in common):
             continue  # below, by cause; or named once, in the summary
-        if verbose or result.behaviour in _IN_FULL:
+        if verbose or (result.behaviour in _IN_FULL and not failures):
             yield from _conformance_case_lines(result)
+        elif result.behaviour in _IN_FULL:  # a failure may be the reason
+            yield f"{result.case}  {case_finding(result)}"
         elif result.is_unexpected_pass:
             yield f"{result.case}  {result.behaviour}: {result.expected} was expected"
     for number, result in enumerate(failures):
         if verbose or number < _CAUSES or not result.is_new_failure:
             yield from _conformance_case_lines(result)
-        elif alike is None or result.case not in alike.cases:
-            yield from _conformance_follower_line(result)
+        elif result.behaviour is not Behaviour.OK and (
+            alike is None or result.case not in alike.cases
+        ):
+            yield f"{result.case}  {case_finding(result)}"
+    yield from () if verbose else _conformance_unclean_lines(failures[_CAUSES:])
     yield from _conformance_summary_line(suite)
     yield from _conformance_failure_lines(failures, alike)
     unseen = suite.unseen_without_reset
@@ -66,9 +71,15 @@ def _conformance_failure_lines(
         yield f"in common    {common_finding_line(alike, len(failures))}"
 
 
-def _conformance_follower_line(result: CaseResult) -> Iterator[str]:
-    """Yield a failure that may follow from those before it; its bytes are in the files."""
-    yield f"{result.case}  {case_finding(result)}"
+def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
+    """Yield what was found behind cases that passed, with the cases behind which it was."""
+    found: dict[str, list[str]] = {}
+    for result in failures:
+        if result.behaviour is Behaviour.OK:
+            found.setdefault(str(result.recovery), []).append(result.case)
+    for text, cases in found.items():
+        named = ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases"
+        yield f"{named}  {Behaviour.OK}; recovery {text}"
 
 
 def _conformance_case_lines(result: CaseResult) -> Iterator[str]:

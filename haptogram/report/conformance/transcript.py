@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from haptogram.conformance.verdict import CaseResult
 
 _HEAD: Final = re.compile(r"^(\s*[+-][\d.]+ s) (host|board) ?")
-_WORDS: Final = re.compile(r"0x[0-9a-f]+|\d{2,}|[A-Z]{3,}(?:_[A-Z]+)*|[a-z]+(?:_[a-z]+)+")
+_WORDS: Final = re.compile(r"0x[0-9a-f]+|\d{4,}|[A-Z]{3,}(?:_[A-Z]+)*|[a-z]+(?:_[a-z]+)+")
 _SEQ: Final = re.compile(r"\w+ seq (\d+) ")
 _READINGS: Final = ("PING", "GET_STATUS", "GET_CONFIG", "READ_DRIVE", "READ_TRACE")
 _ZEROS: Final = re.compile(r"\b\w+=0(?:, |(?=\)))")  # counters that say nothing

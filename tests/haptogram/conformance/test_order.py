@@ -12,7 +12,7 @@ from haptogram.conformance.causes import BROAD, common_finding, failures_by_caus
 from haptogram.conformance.clauses import load_clauses
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
-from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
+from haptogram.conformance.verdict import Behaviour, CaseResult, Recovery, SuiteResult
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.records.frame import Evidence
 from haptogram.report.conformance.page import write_conformance_page
@@ -81,6 +81,7 @@ def test_what_many_failures_find_alike_is_told_in_the_plainest_words():
     alike = common_finding(failures)
     assert alike.text == whys["HG-4.6/1"]
     assert alike.cases == ("HG-3.6/1", "HG-4.6/1", "HG-7.6/3")
+    assert failures_by_cause(failures)[0].detail == alike.text  # of three in four
     assert common_finding(failures[1:]) is None  # two are no pattern
     others = [failure_of(f"HG-5.1/{n}", f"{'more ' * n}findings") for n in range(3, 9)]
     assert common_finding([*failures, *others]) is None  # nor is less than a third
@@ -109,6 +110,12 @@ def test_every_report_says_once_what_many_failures_find_and_how_many_there_are(t
     assert line in suite_summary(suite).facts
     write_conformance_page(tmp_path / "page.html", suite)
     assert line in (tmp_path / "page.html").read_text("utf-8")
+    unclean = [
+        dataclasses.replace(result, behaviour=Behaviour.OK, detail="", recovery=Recovery(9, "mute"))
+        for result in failures
+    ]
+    lines = suite_text(SuiteResult((failures[0], *unclean))).splitlines()
+    assert sum("recovery" in told for told in lines) == 4  # two in full, all others, how many
     alone = SuiteResult((failures[0],))
     assert "in common" not in suite_text(alone)
     assert suite_dict(alone)["in_common"] is None

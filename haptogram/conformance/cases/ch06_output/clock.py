@@ -190,7 +190,10 @@ def clock_stamps_exactly(board: BoardClient) -> None:
     pong = _clock_of_pong(board, board.link.answer_to(Ping.TYPE, first, since))
     due_us = base_us + sent_us + board.wire.period_us(len(before) + len(ping))
     off_us = signed_difference(pong.t_rx_us, due_us & 0xFFFFFFFF, 32)
-    check(abs(off_us) <= _LIMIT_US, f"t_rx is off by {off_us:+d} µs (clock at {device_us})")
+    took_us = board.wire.line_us(len(ping))
+    text = f"t_rx of PING seq {first} is {off_us:+d} µs from its end; it takes {took_us} µs "
+    text += f"(clock at {device_us / 1e6:.3f} s)"
+    check(abs(off_us) <= _LIMIT_US, text)
     _check_clock_of_first_byte(board, base_us)
 
 
