@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import re
 from collections.abc import Iterator, Sequence
@@ -80,6 +81,15 @@ def check_equal(got: object, due: object, text: str) -> None:
 def fail(text: str) -> NoReturn:
     """End the case as FAILED: the board does not meet the clause."""
     raise CaseEndedError(Behaviour.FAILED, text)
+
+
+@contextlib.contextmanager
+def named(text: str) -> Iterator[None]:
+    """Put *text* before the words of a verdict that ends the case meanwhile."""
+    try:
+        yield
+    except CaseEndedError as error:
+        raise CaseEndedError(error.behaviour, f"{text}: {error}") from None
 
 
 def inconclusive(text: str) -> NoReturn:

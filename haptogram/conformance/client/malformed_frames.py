@@ -7,7 +7,7 @@ import zlib
 from typing import Final
 
 from haptogram_protocol.framing import cobs_encode
-from haptogram_protocol.messages import Mute
+from haptogram_protocol.messages import Mute, Ping
 
 from .request_client import RequestClient
 
@@ -33,6 +33,12 @@ def malformed_with_wrong_crc(body: bytes, flip: int = 1) -> bytes:
 def malformed_noise(source: random.Random, size: int) -> bytes:
     """Return random bytes without a zero, so that they end no frame."""
     return source.randbytes(size).replace(b"\x00", b"\x01")
+
+
+def malformed_ping(link: RequestClient, flip: int = 1) -> bytes:
+    """Return a PING of the next number, which it does not use up, with a wrong CRC-32."""
+    body = link.body(Ping.TYPE, bytes(8), seq=link.seq + 1)
+    return malformed_frame(malformed_with_wrong_crc(body, flip))
 
 
 def _malformed_mute(link: RequestClient, payload: bytes) -> tuple[bytes, int]:

@@ -418,6 +418,13 @@ class RequestClient:
         pieces = self.wire.received[since:]
         return [piece for piece in pieces if piece.is_response and id(piece) not in pauses]
 
+    def check_answered(self, seq: int, text: str, *wires: bytes) -> None:
+        """Send *wires*; FAILED with *text* unless the request *seq* among them is answered."""
+        since = self.mark()
+        self.send(*wires)
+        if self.try_answer(seq, since) is None:
+            fail(text)
+
     def unanswered(self, frames: str, *wires: bytes) -> None:
         """Send *wires*, called *frames* in the message; FAILED if the board answers them."""
         since = self.mark()

@@ -93,11 +93,11 @@ def event_of_damage(counter: str) -> Event:
 
     def send(board: BoardClient) -> None:
         body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
-        wrong = malformed_frames.malformed_with_wrong_crc(body, 1 << board.random.randrange(32))
+        wrong = malformed_frames.malformed_ping(board.link, 1 << board.random.randrange(32))
         short = malformed_frames.malformed_with_crc(body[:9])
         noise = malformed_frames.malformed_noise(board.random, _TOO_LONG)
         wires = {
-            "crc": malformed_frames.malformed_frame(wrong),
+            "crc": wrong,
             "cobs": b"\x00\xff\x01\x02\x00",
             "short": malformed_frames.malformed_frame(short),
             "oversize": b"\x00" + noise + b"\x00",

@@ -144,10 +144,7 @@ def _stream_between_repetitions(board: BoardClient) -> None:
 
 
 def _damaged_between_repetitions(board: BoardClient) -> None:
-    body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
-    board.link.send(
-        malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body))
-    )
+    board.link.send(malformed_frames.malformed_ping(board.link))
     board.link.send(b"\x00\xff\x01\x02\x00", b"\x00\x05\x01\x02\x03\x04\x00")
 
 

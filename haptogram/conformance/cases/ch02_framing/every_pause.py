@@ -6,9 +6,8 @@ No length of time ends a frame: only its closing delimiter does, at which it arr
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import (
     Feature,
@@ -20,12 +19,17 @@ from haptogram_protocol.messages import (
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
-from ...client import malformed_frames
 from ...client.board_client import BoardClient
+from ...client.malformed_frames import (
+    malformed_frame,
+    malformed_noise,
+    malformed_ping,
+    malformed_with_crc,
+)
 from ...client.stream_kinds import StreamKind, stream_kinds
 from ...client.uploads import begin_upload
 from ...judge.timers import judge_mute_time, judge_status_period, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, CaseEndedError
+from ...outcome import SELF_REPORTED, CaseEndedError, named
 
 _MS: Final = 1000
 _PAUSES_MS: Final = (1, 100, 1_500, 10_000, 70_000)
@@ -46,49 +50,28 @@ _LEASE_MS: Final = 300
 _STEP_MS: Final = 20
 
 
-@dataclass(frozen=True, slots=True)
-class Paused:
-    """Bytes that the line pauses in.
-
-    Attributes
-    ----------
-    name : str
-        For reports.
-    make : callable
-        Returns the bytes, with both delimiters.
-    counter : str
-        Counter that they move by one.
-    """
-
-    name: str
-    make: Callable[[], bytes]
-    counter: str
+#: Bytes that the line pauses in, with both delimiters: name, counter that they move by one, maker.
+Paused: TypeAlias = tuple[str, str, Callable[[], bytes]]
 
 
 def _paused_bytes(board: BoardClient) -> Iterator[Paused]:
     """Yield requests, stream frames of every format, and bytes that are no frame."""
     link = board.link
-    yield Paused("PING", lambda: link.request_wire(Ping(7))[0], "requests")
+    yield "PING", "requests", lambda: link.request_wire(Ping(7))[0]
     if board.has(Feature.SEQUENCE_PHASES):
         chunk = UploadChunk(0, bytes(range(1, 1 + _CHUNK)))
-        yield Paused("UPLOAD_CHUNK", lambda: link.request_wire(chunk)[0], "requests")
+        yield "UPLOAD_CHUNK", "requests", lambda: link.request_wire(chunk)[0]
     for kind in stream_kinds(board):
-        yield Paused(kind.name, partial(_stream_frame_with_a_pause, board, kind), "dropped_state")
-    yield Paused("a wrong CRC", lambda: _damaged_frame_with_a_pause(board), "crc")
-    yield Paused("wrong stuffing", lambda: b"\x00\xff\x01\x02\x03\x04\x05\x00", "cobs")
-    short = malformed_frames.malformed_with_crc(b"too short")
-    yield Paused("a short frame", lambda: malformed_frames.malformed_frame(short), "short")
-    noise = malformed_frames.malformed_noise(board.random, _TOO_LONG)
-    yield Paused("a run that is too long", lambda: b"\x00" + noise + b"\x00", "oversize")
+        yield kind.name, "dropped_state", partial(_paused_stream_frame, board, kind)
+    yield "a wrong CRC", "crc", lambda: malformed_ping(link)
+    yield "wrong stuffing", "cobs", lambda: b"\x00\xff\x01\x02\x03\x04\x05\x00"
+    yield "a short frame", "short", lambda: malformed_frame(malformed_with_crc(b"too short"))
+    noise = malformed_noise(board.random, _TOO_LONG)
+    yield "a run that is too long", "oversize", lambda: b"\x00" + noise + b"\x00"
 
 
-def _stream_frame_with_a_pause(board: BoardClient, kind: StreamKind) -> bytes:
+def _paused_stream_frame(board: BoardClient, kind: StreamKind) -> bytes:
     return board.link.stream_wire(kind.make())
-
-
-def _damaged_frame_with_a_pause(board: BoardClient) -> bytes:
-    body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
-    return malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body))
 
 
 @case("HG-2.1/3-pauses", evidence=SELF_REPORTED, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
@@ -115,21 +98,22 @@ def _pauses_ms(board: BoardClient) -> tuple[int, ...]:
 
 def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) -> None:
     """FAILED unless bytes with a pause in them, and the PING behind them, are each counted once."""
-    counts = {paused.counter: 1} | {"requests": 1 + (paused.counter == "requests")}
+    name, counter, make = paused
+    counts = {counter: 1} | {"requests": 1 + (counter == "requests")}
+    text = f"with a pause of {pause_ms} ms {place}" if pause_ms else "without a pause"
     try:
-        with board.counting(**counts):
-            data = paused.make()
+        with named(f"{name} {text}"), board.counting(**counts):
+            data = make()
             cut = {_PLACES[0]: len(data) // 2, _PLACES[1]: 1, _PLACES[2]: 2}.get(place, -1)
             board.link.send(data[:cut])
             board.wire.idle(pause_ms * _MS)
             board.link.send(data[cut:])
             board.wire.idle_while_sending()
             board.link.barrier()
-    except CaseEndedError as error:
+    except CaseEndedError:
         if pause_ms:
             _judge_pause(board, paused, place, 0)  # is the pause the cause?
-        text = f"with a pause of {pause_ms} ms {place}" if pause_ms else "without a pause"
-        raise CaseEndedError(error.behaviour, f"{paused.name} {text}: {error}") from None
+        raise
 
 
 # --- What goes on meanwhile --------------------------------------------------------------------
@@ -171,7 +155,9 @@ def bytes_of_a_frame_renew_no_lease(board: BoardClient) -> None:
         start_us = board.clock.device_us()
         ping, seq = board.link.request_wire(Ping(board.random.getrandbits(64)))
         if late_ms is None:
-            _send_byte_by_byte(board, ping[:-1])
+            for byte in ping[:-1]:  # as far as they last until the lease is over
+                board.link.send(bytes([byte]))
+                board.wire.idle(_STEP_MS * _MS)
         else:
             board.link.send(ping[:-5])
             board.wire.idle(late_ms * _MS)
@@ -184,10 +170,3 @@ def bytes_of_a_frame_renew_no_lease(board: BoardClient) -> None:
         if late_ms is None:
             board.link.send(ping[-1:])
             board.link.answer_to(Ping.TYPE, seq, since)
-
-
-def _send_byte_by_byte(board: BoardClient, data: bytes) -> None:
-    """Send bytes one by one until the lease is over, as far as they last."""
-    for place in range(len(data)):
-        board.link.send(data[place : place + 1])
-        board.wire.idle(_STEP_MS * _MS)

@@ -1,0 +1,184 @@
+"""HG-2.1, HG-2.3, HG-2.5, HG-2.6, HG-2.7: delimiters, lengths of frames, and the line."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from haptogram_protocol.annotation.frames import annotated_frame_text
+from haptogram_protocol.framing import MAX_ENCODED_BYTES, cobs_encode, encode_frame
+from haptogram_protocol.messages import Arm, Phases, Ping, Pong
+
+from ...case import Depth, case
+from ...client.board_client import BoardClient
+from ...client.dialogue import full_client_dialogue
+from ...client.malformed_frames import (
+    malformed_frame,
+    malformed_mute_of_size,
+    malformed_noise,
+    malformed_with_crc,
+)
+from ...client.request_client import LONGEST_BURST_BYTES
+from ...outcome import SELF_REPORTED, check, check_equal, fail, named
+
+_PAUSE_US: Final = 120_000
+_BYTE_US: Final = 1_000
+_LISTEN_US: Final = 300_000
+_PING_BYTES: Final = 26  # on the line, at most
+
+# --- Delimiters --------------------------------------------------------------------------------
+
+
+@case("HG-2.1/1")
+def sends_both_delimiters(board: BoardClient) -> None:
+    """in a full dialogue no two frames share a delimiter"""
+    pieces = full_client_dialogue(board)
+    shared = [annotated_frame_text(piece.piece) for piece in pieces if piece.shared]
+    check(not shared, f"{len(shared)} frames share a zero with the one before: {shared[:1]}")
+
+
+@case("HG-2.1/2")
+def frames_may_share_a_delimiter(board: BoardClient) -> None:
+    """a stream frame and a PING that share a zero are both taken"""
+    frames = [board.link.stream_wire(board.flat_phases()) for _ in range(3)]
+    with board.counting(dropped_state=3, requests=1):
+        ping, _ = board.link.request_wire(Ping(1))
+        board.link.exchange(*(frame[:-1] for frame in frames), ping)
+
+
+@case("HG-2.1/3")
+def frames_are_read_behind_junk(board: BoardClient) -> None:
+    """a PING is answered right behind noise, halves of frames and runs too long"""
+    half = encode_frame(board.link.body(Ping.TYPE, bytes(8), seq=0x4444))[:-6]
+    junk = [malformed_noise(board.random, size) for size in (1, 3, 17, 300, 4095, 5000)]
+    for before in [b"\xff", b"\x01", half, b"boot: ok\r\n", *junk]:
+        ping, seq = board.link.request_wire(Ping(len(before)))
+        text = f"a PING right behind {len(before)} bytes ({before[:8].hex(' ')} ...) is lost"
+        # Without a pause: a board that waits for one loses the PING.
+        board.link.check_answered(seq, text, before, ping)
+
+
+@case("HG-2.1/3-pieces")
+def reads_frames_cut_at_every_byte(board: BoardClient) -> None:
+    """PINGs in two pieces cut at every byte, byte by byte, and with a pause of 120 ms are
+    answered
+    """
+    size = len(board.link.request_wire(Ping(0), seq=0)[0])
+    cuts: list[list[int]] = [[at] for at in range(1, size)]
+    for at in cuts if board.thorough else cuts[::5]:
+        _ask_in_pieces(board, at, _BYTE_US)
+    _ask_in_pieces(board, list(range(1, size)), _BYTE_US)
+    _ask_in_pieces(board, [size // 2], _PAUSE_US)
+
+
+def _ask_in_pieces(board: BoardClient, cuts: list[int], pause_us: int) -> None:
+    """Send a PING cut at *cuts*, with a pause at each; FAILED if it is not answered."""
+    wire, seq = board.link.request_wire(Ping(board.random.getrandbits(64)))
+    since = board.link.mark()
+    for start, stop in zip([0, *cuts], [*cuts, len(wire)], strict=True):
+        board.link.send(wire[start:stop])
+        if stop < len(wire):
+            board.wire.idle(pause_us)
+    with named(f"a PING cut at {cuts[:3]} of {len(wire)} bytes, with pauses of {pause_us} µs"):
+        board.link.reply_in(board.link.answer_to(Ping.TYPE, seq, since), Pong, Ping.TYPE)
+
+
+@case("HG-2.3/1", evidence=SELF_REPORTED)
+def ignores_empty_frames(board: BoardClient) -> None:
+    """100 zeros in a row move no counter, and the next request is answered"""
+    with board.counting(frames=0, requests=0):
+        board.link.send(b"\x00" * 100)
+
+
+# --- Lengths -----------------------------------------------------------------------------------
+
+
+@case("HG-2.5/1", evidence=SELF_REPORTED)
+def drops_frames_of_short_length(board: BoardClient) -> None:
+    """1 to 13 bytes, some with a right CRC-32, are counted in short, once each"""
+    pieces = [malformed_noise(board.random, size) for size in range(1, 14)]
+    pieces += [malformed_with_crc(bytes([Ping.TYPE] * size)) for size in range(10)]
+    with board.counting(short=len(pieces), frames=0):
+        board.link.send(*map(malformed_frame, pieces))
+
+
+@case("HG-2.6/1", depth=Depth.DEFAULT)
+def frames_keep_the_longest_length(board: BoardClient) -> None:
+    """no frame of a full dialogue is longer than 4096 bytes"""
+    longest = max((len(piece.piece) for piece in full_client_dialogue(board)), default=0)
+    check(longest <= MAX_ENCODED_BYTES, f"{longest} bytes between two delimiters")
+
+
+@case("HG-2.6/2")
+def reads_frames_of_longest_length(board: BoardClient) -> None:
+    """frames of 4090 to 4096 bytes between their delimiters are read"""
+    for size in (2048, MAX_ENCODED_BYTES - 6, MAX_ENCODED_BYTES - 1, MAX_ENCODED_BYTES):
+        encoded, seq = malformed_mute_of_size(board.link, size)
+        text = f"a frame of {size} bytes between its delimiters is not read"
+        board.link.check_answered(seq, text, b"\x00", encoded, b"\x00")
+
+
+@case("HG-2.6/3", evidence=SELF_REPORTED)
+def discards_frames_beyond_the_longest_length(board: BoardClient) -> None:
+    """runs of 4097 to 20000 bytes are counted in oversize, once; frames inside have no effect"""
+    inside = cobs_encode(malformed_with_crc(board.link.body(Arm.TYPE, seq=0x7000)))
+    runs = [malformed_noise(board.random, size) for size in (4097, 5000, 8192, 20_000)]
+    with board.counting(oversize=len(runs) + 1):
+        for run in [*runs, malformed_noise(board.random, 4096) + inside]:
+            text = f"a frame inside a run of {len(run)} bytes"
+            board.link.unanswered(text, b"\x00" + run + b"\x00")
+
+
+@case("HG-2.6/3-lengths", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def longest_frame_lengths_count_once(board: BoardClient) -> None:
+    """runs of 65 536 to 200 000 bytes count once in oversize, and in nothing else"""
+    for size in (65_536, 65_536 + 4_096, 70_000, 131_072 + 4_097, 200_000):
+        board.wire.require_carried(2 * size, board.wire.limits.case_us // 5)
+        with board.counting(oversize=1):
+            board.link.send(b"\x00" + malformed_noise(board.random, size) + b"\x00")
+            board.wire.idle_while_sending()
+            board.link.barrier()
+
+
+# --- The line ----------------------------------------------------------------------------------
+
+
+@case("HG-2.7/1")
+def line_carries_every_byte(board: BoardClient) -> None:
+    """all 256 byte values come back from PING as they were sent"""
+    for start in range(0, 256, 8):
+        echo = int.from_bytes(bytes(range(start, start + 8)), "little")
+        got = board.link.call(Ping(echo), Pong).echo
+        check_equal(got, echo, f"sent {echo:016x}, came back {got:016x}: the line changes bytes")
+
+
+@case("HG-2.7/2", evidence=SELF_REPORTED)
+def line_takes_a_full_window(board: BoardClient) -> None:
+    """stream frames of rx_window bytes, sent without a pause, are all counted"""
+    first = board.link.stream_wire(board.flat_phases())
+    count = max(1, min(board.identity.rx_window, LONGEST_BURST_BYTES) // len(first))
+    frames = [first, *(board.link.stream_wire(board.flat_phases()) for _ in range(count - 1))]
+    with board.counting(dropped_state=count, frames=count):
+        board.link.send(*frames)
+        board.wire.idle_while_sending()
+
+
+@case("HG-2.7/2-shortest", evidence=SELF_REPORTED)
+def line_takes_a_window_of_shortest_frames(board: BoardClient) -> None:
+    """the shortest stream frames, rx_window bytes of them without a pause: each is counted"""
+    first = board.link.stream_raw(Phases.TYPE, b"")  # of a wrong length: 14 bytes before stuffing
+    count = (min(board.identity.rx_window, LONGEST_BURST_BYTES) - _PING_BYTES) // len(first)
+    frames = [first, *(board.link.stream_raw(Phases.TYPE, b"") for _ in range(count - 1))]
+    since = board.link.mark()
+    with board.counting(bad_length=count, frames=count + 1, requests=1, gap=0):
+        ping, seq = board.link.request_wire(Ping(1))
+        board.wire.send(b"".join([*frames, ping]))
+        board.link.answer_to(Ping.TYPE, seq, since)
+
+
+@case("HG-2.7/3", needs_reset=True, depth=Depth.DEFAULT)
+def line_is_silent_before_hello(board: BoardClient) -> None:
+    """for 0.3 s after a reset the board sends no frame; boot text is tolerated"""
+    board.wire.idle(_LISTEN_US)
+    for piece in board.wire.received:
+        if piece.header is not None:
+            fail(f"before the first HELLO: {annotated_frame_text(piece.piece)}")
