@@ -151,7 +151,7 @@ def _bytes_like_mute(board: BoardClient) -> Iterator[tuple[str, bytes]]:
 
 
 @case("HG-2.4/2-mutes", evidence=SELF_REPORTED)
-def damaged_mutes_mute_nothing(board: BoardClient) -> None:
+def every_damaged_mute_is_none(board: BoardClient) -> None:
     """bytes that look like MUTE, damaged, too short, too long, within a frame: the output goes
     on
     """

@@ -58,7 +58,7 @@ def frames_are_read_behind_junk(board: BoardClient) -> None:
 
 
 @case("HG-2.1/3-pieces")
-def reads_frames_cut_at_every_byte(board: BoardClient) -> None:
+def every_cut_frame_is_read(board: BoardClient) -> None:
     """PINGs in two pieces cut at every byte, byte by byte, and with a pause of 120 ms are
     answered
     """
@@ -129,7 +129,7 @@ def discards_frames_beyond_the_longest_length(board: BoardClient) -> None:
 
 
 @case("HG-2.6/3-lengths", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def longest_frame_lengths_count_once(board: BoardClient) -> None:
+def every_long_run_counts_once(board: BoardClient) -> None:
     """runs of 65 536 to 200 000 bytes count once in oversize, and in nothing else"""
     for size in (65_536, 65_536 + 4_096, 70_000, 131_072 + 4_097, 200_000):
         board.wire.require_carried(2 * size, board.wire.limits.case_us // 5)
