@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
-from .verdict import Behaviour, CaseResult
+from .verdict import FAIL, MEANINGS, CaseResult
 
 #: Clauses, sections and chapters from the ground up; the longest name that fits a clause counts.
 FOUNDATIONS: Final = (
@@ -75,6 +75,7 @@ FOUNDATIONS: Final = (
 #: end or the same settings again must leave, every reason of a drop, random dialogues.
 BROAD: Final = frozenset({"always", "alone", "moments", "same", "dialogues"})
 
+_RELIED_ON: Final = "HG-4.3/"  # capabilities and limits, which every case reckons with
 _ENOUGH: Final = 2  # cases of one clause that do not fail by chance together
 _LEAST_ALIKE: Final = 3
 _LEAST_SHARE: Final = 1 / 3
@@ -109,16 +110,22 @@ def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
     directed = Counter(result.clause for result in failures if not _is_broad(result))
 
     def place(result: CaseResult) -> tuple[bool, bool, bool, int]:
-        is_alone = directed[result.clause] < _ENOUGH and result.clause not in FOUNDATIONS
-        is_passed = result.behaviour is Behaviour.OK  # the board was not clean behind it
-        return is_passed, _is_broad(result), is_alone, cause_rank(result.clause)
+        stands = result.clause in FOUNDATIONS or result.clause.startswith(_RELIED_ON)
+        is_alone = directed[result.clause] < _ENOUGH and not stands
+        is_left = not _is_found(result)  # the board was not clean behind it
+        return is_left, _is_broad(result), is_alone, cause_rank(result.clause)
 
     failures.sort(key=place)
-    failed = [result for result in failures if result.behaviour is not Behaviour.OK]
+    failed = [result for result in failures if _is_found(result)]
     alike = common_finding(failed)
     if alike is not None and len(alike.cases) >= _MOST_SHARE * len(failed):
         failures.sort(key=lambda result: result.detail != alike.text)
     return failures
+
+
+def _is_found(result: CaseResult) -> bool:
+    """Return whether the case failed, and not only the recovery behind it."""
+    return MEANINGS[result.behaviour].exit_status == FAIL
 
 
 def _is_broad(result: CaseResult) -> bool:
@@ -133,7 +140,7 @@ def common_finding(failures: Sequence[CaseResult]) -> CommonFinding | None:
     failures : sequence of CaseResult
         As :func:`failures_by_cause` returns them.
     """
-    failures = [result for result in failures if result.behaviour is not Behaviour.OK]
+    failures = [result for result in failures if _is_found(result)]
     parts = [_parts(result.detail) for result in failures]
     times = Counter(part for found in parts for part in found)
     if not times:

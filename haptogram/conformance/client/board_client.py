@@ -7,7 +7,7 @@ import dataclasses
 import random
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NoReturn, TypeVar
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
 from haptogram_protocol.messages import (
@@ -30,6 +30,7 @@ from haptogram_protocol.messages import (
     GetConfig,
     GetGeometry,
     GetStatus,
+    Header,
     Hello,
     HelloReply,
     Message,
@@ -64,6 +65,7 @@ from .request_client import PROCESSED_US, RequestClient
 from .wire import RawFrameClient, ReceivedByClient
 
 _T = TypeVar("_T")
+_M = TypeVar("_M", bound=Message)
 #: Counters that grow although a host did nothing wrong.
 _HARMLESS: Final = GROWING_COUNTERS | {"late", "trace_dropped"}
 #: Counters of what became of the frames that `frames` counts: HG-3.9/2.
@@ -471,6 +473,19 @@ class BoardClient:
             got = ", ".join(f"{name} {number}" for name, number in differs.items())
             sent = self.wire.recording.before(self.link.seq & 0xFFFF)
             fail(f"should count {due}; counted {got}; {sent}")
+
+    def due_event(
+        self, kind: type[_M], since: int, timeout_us: int, name: str = ""
+    ) -> tuple[Header, _M]:
+        """Return the first event of a kind from piece *since* on; FAILED if none comes in time."""
+        found = self.link.await_event(kind, since, timeout_us)
+        return found or self.lacks_event(kind, since, timeout_us, name)
+
+    def lacks_event(self, kind: type[Message], since: int, timeout_us: int, name: str) -> NoReturn:
+        """FAILED, as no such event has come; tell what did, and the state."""
+        came, status = self.link.text_since(since), self.status()
+        text = f"{name and f'{name}: '}no {kind.TYPE.name} within {timeout_us / 1000:g} ms; {came}"
+        fail(f"{text}; STATUS_REPLY says {status.state.name}, {status.reason.name}")
 
     def counted_since(self, before: Counters) -> dict[str, int]:
         """Return by how much every counter grew, less the GET_STATUS of this call."""

@@ -16,7 +16,7 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ..outcome import check, fail, not_observed
+from ..outcome import check, not_observed
 from .board_client import BoardClient
 from .uploads import upload_to_board
 
@@ -216,10 +216,8 @@ def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> Playbac
     NOT-OBSERVED if the board, which is left alone meanwhile, mutes before the end.
     """
     require_time_to_play(board, lasts_us)
-    found = board.link.await_event(PlaybackEnded, since, 2 * lasts_us + 300_000)
-    if found is None:
-        fail(f"no PLAYBACK_ENDED of a playback of {lasts_us / 1000:g} ms")
-    return found[1]
+    name = f"a playback of {lasts_us / 1000:g} ms"
+    return board.due_event(PlaybackEnded, since, 2 * lasts_us + 300_000, name)[1]
 
 
 def flood_with_traces(board: BoardClient) -> tuple[int, int]:

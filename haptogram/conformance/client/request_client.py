@@ -300,7 +300,7 @@ class RequestClient:
             patience_s = (self.wire.limits.answer_us + self.wire.sent_for_us) / 1e6
             fail(
                 f"no answer to {annotated_type_name(kind)} (seq {seq}) within {patience_s:.4g} s; "
-                f"{self.wire.recording.before(seq)}; {self._text_since(since, counted)}"
+                f"{self.wire.recording.before(seq)}; {self.text_since(since, counted)}"
             )
         return found
 
@@ -314,8 +314,8 @@ class RequestClient:
 
         return self.wire.wait_for(answers, since, timeout_us)
 
-    def _text_since(self, since: int, counted: Counters | None) -> str:
-        """Return in words what has come from piece *since* on, and which counters it moved."""
+    def text_since(self, since: int, counted: Counters | None = None) -> str:
+        """Return in words what has come from piece *since* on, and what moved since *counted*."""
         headers = [piece.header for piece in self.wire.received[since:] if piece.header is not None]
         came = sorted({annotated_type_name(header.type) for header in headers})
         told = f"since then {', '.join(came)} came" if came else "nothing came since then"

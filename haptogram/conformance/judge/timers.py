@@ -30,7 +30,7 @@ def judged_mute_by_timer(
     found = board.link.await_event(StateChanged, since, timeout_us)
     if found is None:
         _require_not_muted_before(board, since)
-        fail(f"{reason.name}: the board is not muted within {timeout_us / _MS:.0f} ms")
+        board.lacks_event(StateChanged, since, timeout_us, reason.name)
     header, event = found
     judge_in_time(
         board,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from haptogram.conformance.causes import CommonFinding, common_finding, failures_by_cause
-from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
+from haptogram.conformance.verdict import FAIL, MEANINGS, Behaviour, CaseResult, SuiteResult
 
 from .transcript import folded_transcript
 from .wording import case_finding, common_finding_line, evidence_text, suite_counts, suite_verdict
@@ -46,7 +46,7 @@ def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[s
     for number, result in enumerate(failures):
         if verbose or number < _CAUSES or not result.is_new_failure:
             yield from _conformance_case_lines(result)
-        elif result.behaviour is not Behaviour.OK and (
+        elif MEANINGS[result.behaviour].exit_status == FAIL and (
             alike is None or result.case not in alike.cases
         ):
             yield f"{result.case}  {case_finding(result)}"
@@ -72,14 +72,14 @@ def _conformance_failure_lines(
 
 
 def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
-    """Yield what was found behind cases that passed, with the cases behind which it was."""
+    """Yield what was found behind cases that did not fail, with those cases."""
     found: dict[str, list[str]] = {}
     for result in failures:
-        if result.behaviour is Behaviour.OK:
+        if MEANINGS[result.behaviour].exit_status != FAIL:
             found.setdefault(str(result.recovery), []).append(result.case)
     for text, cases in found.items():
         named = ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases"
-        yield f"{named}  {Behaviour.OK}; recovery {text}"
+        yield f"{named}  not failed; recovery {text}"
 
 
 def _conformance_case_lines(result: CaseResult) -> Iterator[str]:

@@ -238,7 +238,8 @@ def mute_passes_with_every_header(board: BoardClient) -> None:
             board.link.send(encode_frame(body))
             answer = board.link.answer_to(Mute.TYPE, seq, since)
             state = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
-            check_equal(state.name, "MUTED", f"MUTE with {size} bytes: {state.name}")
+            name = f"MUTE of session {session:#06x}, {size} bytes"
+            check_equal(state.name, "MUTED", f"{name}: {state.name}")
     counted = board.counted_since(before)
     due = 2 * 3 * len(sizes)  # with an ARM each
     moved = {name: number for name, number in counted.items() if number}

@@ -67,7 +67,7 @@ def repeats_the_reply_to_a_request(board: BoardClient) -> None:
         # GET_STATUS would be the last request: the repetitions come first.
         board.link.seq = seq + 1
         state = board.status().state
-        check_equal(state, OutputState.MUTED, f"after MUTE: {state.name}")
+        check_equal(state, OutputState.MUTED, f"after MUTE without a session: {state.name}")
         wire, seq = board.link.request_wire(Ping(7))
         first = _send_request(board, wire, Ping, seq)
         board.wire.idle(5000)

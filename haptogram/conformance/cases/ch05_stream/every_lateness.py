@@ -90,7 +90,8 @@ def _judge_lateness(
     after = board.status()
     got_us = after.margin_min_us
     delays_us[kind] = delay_us + due_us - got_us
-    name = f"{kind}, margin {got_us} µs, late window {window_us} µs"
+    ready_us = board.clock.ready_us(0, points)
+    name = f"{kind}, margin {got_us} µs, ready {ready_us} µs after it came, window {window_us} µs"
     told = (after.margins, after.margin_mean_us)
     check_equal(told, (1, got_us), f"{name}: margins {told[0]}, margin_mean_us {told[1]}")
     dropped, is_late = got_us < -window_us, -window_us <= got_us < 0

@@ -140,9 +140,11 @@ def every_late_window_of_the_queue(board: BoardClient) -> None:
             within = late_us <= window_us
             late = within and late_us > 0
             due = {"latched": within, "late": late, "dropped_late": not within}
-            check_equal(
-                counted, due, f"window {window_us} µs, a frame {late_us} µs late: counted {counted}"
+            ready_us = board.clock.ready_us(0)
+            text = (
+                f"a frame {late_us} µs late, ready {ready_us} µs after it came: counted {counted}"
             )
+            check_equal(counted, due, f"window {window_us} µs, {text}")
 
 
 # --- Slots and times ---------------------------------------------------------------------------

@@ -110,8 +110,9 @@ def lateness_counts_from_readiness(board: BoardClient) -> None:
             check_equal(
                 (after.margins, dropped, latched),
                 (1, int(late), int(not late)),
-                f"{message.TYPE.name} of {points} points, margin {after.margin_min_us} µs: margins "
-                f" {after.margins}, dropped_late {dropped}, latched {latched}",
+                f"{message.TYPE.name} of {points} points, margin {after.margin_min_us} µs, ready "
+                f"{board.clock.ready_us(0, points)} µs after it came, late window {window_us} µs: "
+                f"margins {after.margins}, dropped_late {dropped}, latched {latched}",
             )
 
 

@@ -63,7 +63,7 @@ def mutes_in_every_output_state(board: BoardClient) -> None:
             found = board.status()
             check(
                 replied is found.state is OutputState.MUTED,
-                f"MUTE while {state.name}: {replied.name}, then {found.state.name}",
+                f"MUTE with {header} while {state.name}: {replied.name}, then {found.state.name}",
             )
             with board.counting(dropped_state=None, latched=0):
                 latch_now(board)

@@ -40,17 +40,10 @@ from ...client.playback import (
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import upload_to_board
 from ...judge.timers import judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, check_equal, fail, require
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _MS: Final = 1000
 _NEEDS: Final = Feature.SEQUENCE_PHASES
-
-
-def _playback_ended(board: BoardClient, since: int, timeout_us: int) -> PlaybackEnded:
-    found = board.link.await_event(PlaybackEnded, since, timeout_us)
-    if found is None:
-        fail(f"no PLAYBACK_ENDED within {timeout_us / _MS:.0f} ms")
-    return found[1]
 
 
 @case(
@@ -94,7 +87,7 @@ def checks_the_times_of_playback(board: BoardClient) -> None:
         board.link.refused(play, bad, 0, time_us=board.clock.device_us() + beyond_us)
     since = board.link.mark()
     play_now(board, 1, loops=1, period_us=least_us)
-    _playback_ended(board, since, 2 * least_us + 50 * _MS)
+    board.due_event(PlaybackEnded, since, 2 * least_us + 50 * _MS)
 
 
 @case(
@@ -117,7 +110,7 @@ def playback_leaves_time_to_compute(board: BoardClient) -> None:
         board.link.refused(Play(1, least_us - 1, 1, 1000), bad, period, flags=0x10)
     since = board.link.mark()
     play_at(board, 1, board.clock.soon_us(bytes(100)), loops=1, period_us=usual_us)
-    _playback_ended(board, since, 2 * usual_us + board.clock.lead_us + 50 * _MS)
+    board.due_event(PlaybackEnded, since, 2 * usual_us + board.clock.lead_us + 50 * _MS)
 
 
 @case(
@@ -211,7 +204,7 @@ def playback_loops_until_it_is_ended(board: BoardClient) -> None:
             board.hello()
         else:
             board.link.ask(message)
-            event = _playback_ended(board, since, 20 * _MS)
+            _, event = board.due_event(PlaybackEnded, since, 20 * _MS)
             check(event.frames >= 40, f"{event.frames} frames were latched in 50 periods")
         board.arm()
         with board.counting(latched=0):
@@ -227,7 +220,7 @@ def stop_ends_the_playback(board: BoardClient) -> None:
     let_play(board, 5)
     state = board.link.call(Stop(), StopReply).state
     check_equal(state, OutputState.ARMED, f"STOP_REPLY says {state.name}")
-    _playback_ended(board, since, 20 * _MS)
+    board.due_event(PlaybackEnded, since, 20 * _MS)
     with board.counting(latched=0):
         wait_for_no_latch(board, 10 * _MS)
         check_equal(board.status().state, OutputState.ARMED, "STOP does not leave the board ARMED")
@@ -256,7 +249,7 @@ def tells_the_end_of_playback(board: BoardClient) -> None:
         let_play(board, 15)
         if message is not None:
             board.link.ask(message)
-        event = _playback_ended(board, since, 20 * _MS)
+        _, event = board.due_event(PlaybackEnded, since, 20 * _MS)
         board.link.barrier()
         number = len(board.link.events(PlaybackEnded, since))
         check_equal(number, 1, f"{number} PLAYBACK_ENDED for one playback")
