@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ..errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from ..campaigns.soak.segment import MakeBoard
+    from ..campaigns.soak.comparison import MakeBoard
     from ..conformance.run.access import VirtualAccess
     from ..driver.line.port import Transport
     from ..evidence.boards import BoardUnderTest
@@ -235,7 +235,7 @@ def board_without_a_line(mutant: str | None) -> MakeBoard:
     from sim_device.mutants import mutant_parts
 
     mutant_parts(mutant)
-    return functools.partial(VirtualSoakBoard, mutant=mutant)
+    return functools.partial(VirtualSoakBoard.power_up, mutant=mutant)
 
 
 def records_of_bytes(config: BoardConfig, data: bytes) -> list[dict[str, Any]]:

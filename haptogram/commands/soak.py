@@ -26,8 +26,9 @@ from .shell.output_files import FILE_HELP, CommandOutputs, announce_output_file
 from .shell.recording import command_recording, is_command_recorded
 
 if TYPE_CHECKING:
-    from haptogram.campaigns.soak.campaign import Progress, SoakCampaign
-    from haptogram.campaigns.soak.segment import MakeBoard
+    from haptogram.campaigns.soak.campaign import SoakCampaign
+    from haptogram.campaigns.soak.comparison import MakeBoard
+    from haptogram.campaigns.soak.segment import Progress
     from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
 

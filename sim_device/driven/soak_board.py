@@ -7,14 +7,16 @@ the caller's.
 from __future__ import annotations
 
 import dataclasses
-from typing import Final, TypeAlias
+from typing import Final, Self, TypeAlias
 
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol.connection import BoardEvent, StreamReceived
-from haptogram_protocol.connection.events import FrameDropped, RequestReceived
+from haptogram_protocol.connection.events import FrameDropped
 
-from ..board.events import Latch, StateChange
-from ..board.settings import BOOT_US, board_settings
+from ..assembly import HEALTHY, BoardAssembly
+from ..board.clock import BoardClock
+from ..board.events import Latch
+from ..board.settings import BOOT_US, BoardSettings, board_settings
 from ..faults.clock import faulty_clock
 from ..mutants import mutant_parts
 
@@ -29,36 +31,44 @@ class VirtualSoakBoard:
 
     Parameters
     ----------
-    seed : int
-        Seed of everything random.
-    baud : int
-        Rate of the line that it reports.
-    plan : FaultPlan
-        Faults of its clock.
-    running_us : int
-        Time that its clock has been running at power-up.
-    mutant : str or None
-        Firmware that is wrong in one way.
+    settings : BoardSettings
+        Hardware and limits of the board.
+    clock : BoardClock
+        The clock of the board.
+    parts : BoardAssembly
+        What it is put together from.
     """
 
-    def __init__(
-        self,
+    def __init__(self, settings: BoardSettings, clock: BoardClock, parts: BoardAssembly) -> None:
+        self._settings, self._clock = settings, clock
+        self._verdicts: list[Verdict] = []
+        self._dialect = parts.assemble(settings, self._note)
+        self.transducers = settings.count
+        self.carrier_us = settings.carrier_us
+
+    @classmethod
+    def power_up(
+        cls,
         *,
         seed: int,
         baud: int,
         plan: FaultPlan,
         running_us: int = 0,
         mutant: str | None = None,
-    ) -> None:
+    ) -> Self:
+        """Return a board of random identity *seed*, with the faults of its clock from *plan*.
+
+        It reports a line of *baud*, and its clock has been running for *running_us*; *mutant* is
+        firmware that is wrong in one way.
+        """
         parts = mutant_parts(mutant)
-        self._verdicts: list[Verdict] = []
-        self._clock = faulty_clock(plan, parts.clock(BOOT_US + running_us))
-        settings = dataclasses.replace(
-            board_settings(seed=seed, baud=baud), boot_us=self._clock.boot_us
-        )
-        self._dialect = parts.assemble(settings, self._note)
-        self.transducers = settings.count
-        self.carrier_us = settings.carrier_us
+        clock = faulty_clock(plan, parts.clock(BOOT_US + running_us))
+        settings = board_settings(seed=seed, baud=baud)
+        return cls(dataclasses.replace(settings, boot_us=clock.boot_us), clock, parts)
+
+    def model(self) -> Self:
+        """Return a healthy board like this one, just powered up, whose clock goes as this one's."""
+        return type(self)(self._settings, self._clock, HEALTHY)
 
     @property
     def session(self) -> int:
@@ -94,28 +104,21 @@ class VirtualSoakBoard:
 
     def take_output(self) -> bytes:
         """Return whole frames for the line."""
+        self._dialect.take_notices()
         return self._dialect.take_output() if self._dialect.output_bytes else b""
 
     def take_verdicts(self) -> list[Verdict]:
         """Return the verdict on each frame since the last call, in order."""
-        taken = self._verdicts[:]
-        self._verdicts.clear()
+        taken, self._verdicts = self._verdicts, []
         return taken
 
     def take_latches(self) -> list[Latch]:
         """Return the latches since the last call."""
         return self._dialect.take_latches()
 
-    def take_timeouts(self) -> int:
-        """Return the number of times that a timer switched the output off since the last call."""
-        notices = self._dialect.take_notices()
-        return sum(isinstance(n, StateChange) and not n.requested for n in notices)
-
     def _note(self, event: BoardEvent) -> None:
         """Keep the board's verdict on the frame of *event*."""
         if isinstance(event, StreamReceived):
             self._verdicts.append(event.index)
-        elif isinstance(event, FrameDropped):
-            self._verdicts.append(event.reason)
-        elif isinstance(event, RequestReceived):
-            self._verdicts.append(REQUEST)
+        else:
+            self._verdicts.append(event.reason if isinstance(event, FrameDropped) else REQUEST)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import multiprocessing
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,25 +16,73 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram.machine.files import write_json_file
+from haptogram.machine.posix import posix_module
 from haptogram.settings.text_file import read_json_file
 
-from .account.tally import MEMORY_GREW, SoakTally
-from .memory import SoakMemory, resident_soak_bytes
-from .segment import MakeBoard, run_soak_segment
+from .comparison import MakeBoard
+from .segment import Progress, run_soak_segment
 from .setup import SoakSetup
+from .tally import MEMORY_GREW, SoakTally
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
 
-VERSION: Final = 2
+VERSION: Final = 3
+GROWTH_LIMIT_BYTES: Final = 32 << 20  # a byte lost per frame would be 82 MiB a day
+_STATM: Final = Path("/proc/self/statm")
 
-#: Called with the virtual seconds that are done, of this segment and those before it.
-Progress: TypeAlias = Callable[[float], None]
 _Done: TypeAlias = tuple[SoakTally, int, int]  # with process id and memory
 
 
 class Interrupted(HaptogramError):
     """The soak was interrupted between two segments; what is done is kept."""
+
+
+def resident_soak_bytes() -> int:
+    """Return the resident memory of this process; where the system does not tell, its largest."""
+    try:
+        return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        resource = posix_module("resource", "the memory of a soak", "a POSIX system for it")
+        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return int(most) if sys.platform == "darwin" else int(most) * 1024
+
+
+@dataclass(slots=True)
+class SoakMemory:
+    """Resident memory of every process, after its first segment and after its last one.
+
+    Attributes
+    ----------
+    processes : dict
+        By sitting and process: number of segments, first, last and largest sample in bytes.
+    """
+
+    processes: dict[str, dict[str, int]] = field(default_factory=dict)
+    _sitting: int = 0
+
+    def begin_sitting(self) -> None:
+        """Take samples of new processes from now on."""
+        self._sitting = 1 + max((int(name.split("/")[0]) for name in self.processes), default=0)
+
+    def add(self, process: int, resident: int) -> None:
+        """Take a sample, after a segment."""
+        own = self.processes.setdefault(
+            f"{self._sitting}/{process}", {"segments": 0, "first": resident, "most": 0}
+        )
+        own["segments"] += 1
+        own["last"] = resident
+        own["most"] = max(own["most"], resident)
+
+    @property
+    def growth_bytes(self) -> int:
+        """By how much the process that grew most has grown since its first segment."""
+        return max((own["last"] - own["first"] for own in self.processes.values()), default=0)
+
+    @property
+    def grown_bytes(self) -> int | None:
+        """The same, if it is more than is allowed."""
+        return self.growth_bytes if self.growth_bytes > GROWTH_LIMIT_BYTES else None
 
 
 @dataclass(slots=True)
@@ -70,11 +120,8 @@ class SoakCampaign:
         if not path.exists():
             return cls(setup)
         state = read_json_file(path, "resume")
-        try:
-            known = state["kind"], state["version"]
-        except (KeyError, TypeError) as error:
-            raise ConfigurationError(f"{path} is no checkpoint of a soak") from error
-        if known != ("haptogram soak", VERSION):
+        known = {"kind": "haptogram soak", "version": VERSION}
+        if not isinstance(state, dict) or state | known != state:
             raise ConfigurationError(f"{path} is no checkpoint of a soak of version {VERSION}")
         for name, value in setup.as_dict().items():
             if state["setup"].get(name) != value:
@@ -84,7 +131,7 @@ class SoakCampaign:
             setup,
             state["done"],
             SoakTally.from_dict(state["tally"]),
-            SoakMemory.from_dict(state["memory"]),
+            SoakMemory(state["memory"]),
             state["spent_s"],
         )
 
@@ -99,7 +146,7 @@ class SoakCampaign:
             "done": self.done,
             "spent_s": round(self.spent_s, 3),
             "times_real_time": round(self.times_real_time, 3),
-            "memory": self.memory.as_dict(),
+            "memory": self.memory.processes,
             "tally": self.tally.as_dict(),
         }
 
@@ -156,10 +203,17 @@ class SoakCampaign:
             At a KeyboardInterrupt; the segments under way are lost, those before are kept.
         """
         self.memory.begin_sitting()
+        run = functools.partial(
+            _run_soak_worker,
+            make_board,
+            self.setup,
+            progress if jobs == 1 else None,
+            writer is not None,
+        )
         try:
-            with self._segments(make_board, jobs, progress, writer is not None) as segments:
+            with _soak_mapping(jobs) as mapping:
                 since_s = time.monotonic()
-                for tally, process, resident in segments:
+                for tally, process, resident in mapping(run, range(self.done, self.setup.segments)):
                     if writer is not None:
                         for excerpt in tally.excerpts:
                             excerpt.write(writer, round(self.done_s * 1e9))
@@ -175,55 +229,26 @@ class SoakCampaign:
         except KeyboardInterrupt as interrupt:
             raise Interrupted from interrupt
 
-    @contextmanager
-    def _segments(
-        self, make_board: MakeBoard, jobs: int, progress: Progress | None, recorded: bool
-    ) -> Iterator[Iterator[_Done]]:
-        """Give the results of the segments that are left, in order."""
-        numbers = range(self.done, self.setup.segments)
-        if jobs == 1:
-            yield (
-                _run_soak_worker(make_board, self.setup, number, progress, recorded=recorded)
-                for number in numbers
-            )
-            return
-        # Spawned, not forked: no process inherits threads or memory of this one.
-        with multiprocessing.get_context("spawn").Pool(jobs, _leave_interrupts_to_soak) as pool:
-            yield pool.imap(_Work(make_board, self.setup, recorded), numbers)
 
-
-@dataclass(frozen=True, slots=True)
-class _Work:
-    """The work of a process of the pool: one segment for each call."""
-
-    make_board: MakeBoard
-    setup: SoakSetup
-    recorded: bool
-
-    def __call__(self, number: int) -> _Done:
-        return _run_soak_worker(self.make_board, self.setup, number, None, recorded=self.recorded)
+@contextmanager
+def _soak_mapping(jobs: int) -> Iterator[Callable[..., Iterator[_Done]]]:
+    """Give the function that runs segments in order, in this process or in *jobs* of them."""
+    if jobs == 1:
+        yield map
+        return
+    # Spawned, not forked: no process inherits threads or memory of this one.
+    with multiprocessing.get_context("spawn").Pool(jobs, _leave_interrupts_to_soak) as pool:
+        yield pool.imap
 
 
 def _run_soak_worker(
     make_board: MakeBoard,
     setup: SoakSetup,
-    number: int,
     progress: Progress | None,
-    *,
     recorded: bool,
+    number: int,
 ) -> _Done:
-    start_s = setup.start_s(number)
-    tally = run_soak_segment(
-        make_board,
-        seed=setup.seed,
-        number=number,
-        seconds=setup.length_s(number),
-        start_s=start_s,
-        fault_rate=setup.fault_rate,
-        interval_s=setup.interval_s,
-        progress=None if progress is None else lambda done_s: progress(start_s + done_s),
-        recorded=recorded,
-    )
+    tally = run_soak_segment(make_board, setup, number, progress, recorded=recorded)
     return tally, os.getpid(), resident_soak_bytes()
 
 

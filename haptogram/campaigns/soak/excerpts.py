@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from haptogram.records.latch import LatchRecord, LatchSeen
+from haptogram.records.latch import LatchRecord
 
-from .account.tally import SoakTally
+from .tally import SoakTally
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
@@ -19,7 +18,7 @@ AFTER_NS: Final = 1_000_000_000
 MOST_KEPT: Final = 20  # excerpts of a segment; later violations are counted all the same
 
 #: Bytes for the board or for the host, or a latch.
-Entry: TypeAlias = tuple[int, bool, bytes] | tuple[int, None, LatchRecord]
+Entry: TypeAlias = tuple[int, bool | None, bytes | LatchRecord]
 
 
 @dataclass(slots=True)
@@ -59,42 +58,25 @@ class SoakExcerpts:
         self._tally = tally
         self._last: deque[Entry] = deque()
         self._violations = 0
-        self._open: SoakExcerpt | None = None
 
-    def to_board(self, t_ns: int, data: bytes) -> None:
-        """Keep bytes that the board took."""
-        self._add((t_ns, True, data))
-
-    def to_host(self, t_ns: int, data: bytes) -> None:
-        """Keep bytes that the host took."""
-        self._add((t_ns, False, data))
-
-    def latches(self, t_ns: int, latches: Iterable[LatchSeen]) -> None:
-        """Keep latches."""
-        for latch in latches:
-            self._add((t_ns, None, LatchRecord.of(latch)))
-
-    def look(self, t_ns: int) -> None:
-        """Begin or extend an excerpt if there is a violation that is new."""
-        violations = sum(self._tally.violations.values())
-        if violations == self._violations:
-            return
-        self._violations = violations
-        if self._open is not None:
-            self._open.until_ns = t_ns + AFTER_NS
-        elif len(self.found) < MOST_KEPT:
-            text = self._tally.examples[-1] if self._tally.examples else "violation"
-            self._open = SoakExcerpt(text, t_ns + AFTER_NS, list(self._last))
-            self.found.append(self._open)
-
-    def _add(self, entry: Entry) -> None:
-        t_ns = entry[0]
+    def add(self, t_ns: int, to_board: bool | None, data: bytes | LatchRecord) -> None:
+        """Keep bytes that the board or the host took, or a latch, which goes nowhere."""
         self.look(t_ns)
-        if self._open is not None:
-            if t_ns <= self._open.until_ns:
-                self._open.entries.append(entry)
-            else:
-                self._open = None
+        entry = t_ns, to_board, data
+        if self.found and t_ns <= self.found[-1].until_ns:
+            self.found[-1].entries.append(entry)
         self._last.append(entry)
         while self._last[0][0] < t_ns - BEFORE_NS:
             self._last.popleft()
+
+    def look(self, t_ns: int) -> None:
+        """Begin or extend an excerpt if there is a violation that is new."""
+        violations = self._tally.violations.total()
+        if violations == self._violations:
+            return
+        self._violations = violations
+        if self.found and t_ns <= self.found[-1].until_ns:
+            self.found[-1].until_ns = t_ns + AFTER_NS
+        elif len(self.found) < MOST_KEPT:
+            text = self._tally.examples[-1]
+            self.found.append(SoakExcerpt(text, t_ns + AFTER_NS, list(self._last)))

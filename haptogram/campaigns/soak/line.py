@@ -3,62 +3,114 @@
 What stands between two delimiters is a *run*.  A run that is, byte by byte, the encoding of a frame
 that was sent must be taken for it, whatever was around it (HG-2.1/3); every other one is damage and
 must be counted once (HG-2.2, HG-2.4 to HG-2.6).  That rule, and no decoder, says what to expect.
+
+The names of faults are those of :mod:`haptogram.settings.faults`, and two more: ``lose`` takes a
+whole frame away, ``junk`` puts a run before it that is longer than a frame can be.  A fault is
+drawn for a whole frame, not for a byte, so that the account knows the fault of every frame.
 """
 
 from __future__ import annotations
 
+import math
 import random
 from collections import deque
-from typing import Final
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, TypeAlias
 
-from haptogram_protocol.framing import DELIMITER
+from haptogram.driver.line.budget import line_transmission_ns
+from haptogram.settings.faults.kinds import FAULT_KINDS
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
+from haptogram_protocol.messages import EVENT_RANGE, STREAM_RANGE
 
-from .account.tally import DAMAGE, UNEXPLAINED, SoakHit, SoakTally
-from .line_damage import FAULTS, KINDS
+from .tally import DAMAGE, UNEXPLAINED, SoakHit, SoakTally
 
-_NS_PER_S: Final = 1_000_000_000
-_BITS_PER_BYTE: Final = 10
+BAUD: Final = 6_000_000  # half of it is free, so that the line catches up after what held it up
 _MOST_BEHIND_NS: Final = 60_000_000  # no delay makes the line fall further behind
+_MOST_FLIPS: Final = 3
+_BURST_BYTES: Final = round(FAULT_KINDS["line.burst"]["bytes"].default)
+_MOST_INSERTED: Final = 4
+_JUNK_BYTES: Final = MAX_ENCODED_BYTES + 100
+_LEAST_DELAY_NS: Final = 100_000
+_MOST_DELAY_NS: Final = 60_000_000  # beyond the lead of the stream: some frames come too late
+
+#: Pieces of a frame, each with how long the line waits before it.
+Pieces: TypeAlias = list[tuple[int, bytes]]
 
 
+def _flip_damage(wire: bytes, source: random.Random) -> Pieces:
+    flipped = bytearray(wire)
+    for place in source.sample(range(8 * len(wire)), source.randint(1, _MOST_FLIPS)):
+        flipped[place // 8] ^= 1 << place % 8
+    return [(0, bytes(flipped))]
+
+
+def _replaced(wire: bytes, source: random.Random, gone: int, new: int) -> Pieces:
+    """Return *wire* with *new* random bytes in place of *gone* ones, somewhere."""
+    place = source.randrange(len(wire) - gone + 1)
+    return [(0, wire[:place] + source.randbytes(new) + wire[place + gone :])]
+
+
+def _delay_damage(wire: bytes, source: random.Random) -> Pieces:
+    spread = math.log(_MOST_DELAY_NS / _LEAST_DELAY_NS)
+    return [(round(_LEAST_DELAY_NS * math.exp(spread * source.random())), wire)]
+
+
+def _slice_damage(wire: bytes, source: random.Random) -> Pieces:
+    place = source.randrange(1, len(wire))
+    return [(0, wire[:place]), (source.randrange(_LEAST_DELAY_NS), wire[place:])]
+
+
+FAULTS: Final[dict[str, Callable[[bytes, random.Random], Pieces]]] = {
+    "flip": _flip_damage,
+    "burst": lambda wire, source: _replaced(wire, source, _BURST_BYTES, _BURST_BYTES),
+    "drop": lambda wire, source: _replaced(wire, source, 1, 0),
+    "insert": lambda wire, source: _replaced(wire, source, 0, source.randint(1, _MOST_INSERTED)),
+    "truncate": lambda wire, source: [(0, wire[: source.randrange(len(wire))])],
+    "break": lambda _, __: [(0, b"\x00")],  # what a receiver makes of a line held low
+    "lose": lambda _, __: [],
+    "duplicate": lambda wire, _: [(0, wire), (0, wire)],
+    "junk": lambda wire, source: [
+        (0, source.randbytes(_JUNK_BYTES).replace(b"\x00", b"\x01")),
+        (0, wire),
+    ],
+    "delay": _delay_damage,
+    "slice": _slice_damage,
+}
+KINDS: Final = tuple(FAULTS)
+
+
+@dataclass(slots=True, eq=False)
 class Sent:
-    """A frame that was put on the line."""
+    """A frame that was put on the line.
 
-    __slots__ = ("about", "cause", "encoded", "hit", "kind", "session")
+    Attributes
+    ----------
+    wire : bytes
+        Between two delimiters.
+    session : int
+        To which it belongs.
+    due_us : int
+        t_apply of a stream frame, device time.
+    hit, cause : SoakHit or None
+        What became of it, and why it is late.
+    """
 
-    def __init__(self, kind: str, wire: bytes, session: int, about: int = 0) -> None:
-        self.kind = kind  # stream, request, event, reply
-        self.encoded = wire[1:-1]
-        self.session = session
-        self.about = about  # t_apply of a stream frame, device microseconds
-        self.hit: SoakHit | None = None
-        self.cause: SoakHit | None = None  # of its being late
+    wire: bytes
+    session: int
+    due_us: int = 0
+    hit: SoakHit | None = None
+    cause: SoakHit | None = None
 
+    @property
+    def type(self) -> int:
+        """Message type: none is 0, so that it stands behind a delimiter and a code byte."""
+        return self.wire[2]
 
-class DamagedFrame:
-    """A run that is no frame that was sent."""
-
-    __slots__ = ("hit",)
-
-    def __init__(self, hit: SoakHit | None) -> None:
-        self.hit = hit
-
-    def explain(self, verdict: int | str, who: str, tally: SoakTally) -> None:
-        """Take down the *verdict* on this run, by *who* was to find damage in it."""
-        if self.hit is None:
-            tally.violate(UNEXPLAINED, f"damage at {who} that nothing did: {verdict}")
-        elif verdict not in DAMAGE:
-            tally.violate(
-                "damaged frame taken", f"{who} took what {self.hit.kind} left for {verdict!r}"
-            )
-        else:
-            tally.find(self.hit, str(verdict))
-            tally.totals[f"{who}: {verdict}"] += 1
-
-
-def sent_soak_message_type(encoded: bytes) -> int:
-    """Return the message type of an undamaged frame: no type is 0, so that it stands there."""
-    return encoded[1]
+    @property
+    def is_numbered(self) -> bool:
+        """True if the next one tells that this one is missing."""
+        return self.type in STREAM_RANGE or self.type in EVENT_RANGE
 
 
 class SoakLine:
@@ -66,10 +118,8 @@ class SoakLine:
 
     Parameters
     ----------
-    name : str
-        ``down`` or ``up``: begins the names of its faults.
-    baud : int
-        Bits per second.
+    name, end : str
+        ``down`` or ``up``: begins the names of its faults; who is at the far end.
     share : float
         Of the frames that are hit.
     source : random.Random
@@ -81,134 +131,121 @@ class SoakLine:
     ----------
     arriving : deque of (int, bytes)
         When which bytes have come.
-    expected : deque of Sent or Damaged
-        What is to be found in them, in order.
     calm : bool
         Whether no frame is hit for now.
     cut : bool
         Whether no frame comes through.
-    hits : list of Hit
-        Faults that are not closed.
-    lost : deque of Hit
-        Numbered frames that will not be found, so that a gap must be.
+    free_ns : int
+        When it has carried everything.
     """
 
     def __init__(
-        self, name: str, baud: int, share: float, source: random.Random, tally: SoakTally
+        self, name: str, end: str, share: float, source: random.Random, tally: SoakTally
     ) -> None:
         self.arriving: deque[tuple[int, bytes]] = deque()
-        self.expected: deque[Sent | DamagedFrame] = deque()
         self.calm = True
         self.cut = False
-        self.hits: list[SoakHit] = []
-        self.lost: deque[SoakHit] = deque()
         self.free_ns = 0
-        self._name, self._baud, self._share = name, baud, share
+        self._name, self._end, self._share = name, end, share
         self._source, self._tally = source, tally
+        self._runs: deque[tuple[Sent | None, SoakHit | None]] = deque()  # None: damage, by a fault
+        self._numbered: deque[Sent] = deque()  # numbered frames that nobody has found yet
         self._partial = b""
-        self._open: Sent | None = None  # with whose bytes that begins
-        self._pending: Sent | None = None  # whole but for the delimiter, so far
+        self._under_way: list[Sent] = []  # with whose bytes that begins
         self._cause: SoakHit | None = None
 
-    def send(self, sent: Sent, wire: bytes, t_ns: int, *, spared: bool = False) -> None:
+    def begin_session(self) -> None:
+        """Forget the numbers of the session before."""
+        self._numbered.clear()
+
+    def send(self, sent: Sent, t_ns: int, *, spared: bool = False) -> None:
         """Put a frame on the line at *t_ns*; nothing happens to one that is *spared*."""
         if self.free_ns <= t_ns:
             self._cause = None
-        sent.cause = self._cause
-        if self.cut:
-            self._strike(sent, "outage")
-            self._note_loss(sent, found=False)
-        elif spared or self.calm or self._source.random() >= self._share:
-            self._carry(wire, t_ns)
-            if self._partial:
-                self._split(wire, sent)
-            else:
-                self.expected.append(sent)
-        else:
-            self._harm(sent, wire, t_ns)
-
-    def _harm(self, sent: Sent, wire: bytes, t_ns: int) -> None:
-        kind = KINDS[int(self._source.random() * len(KINDS))]
-        hit = self._strike(sent, kind)
-        usual_ns = max(self.free_ns, t_ns) + self._ns(len(wire))
-        found = 0
-        for wait_ns, piece in FAULTS[kind](wire, self._source):
+        if sent.is_numbered and not spared:
+            self._numbered.append(sent)
+        usual_ns = max(self.free_ns, t_ns) + line_transmission_ns(len(sent.wire), BAUD)
+        for wait_ns, piece in [(0, sent.wire)] if spared else self._harm(sent):
             self._carry(piece, t_ns, wait_ns)
-            found += self._split(piece, sent)
-        self._note_loss(sent, found=found > 0)
+            self._expect(piece, sent)
         if self.free_ns > usual_ns:
-            self._cause = hit  # what comes behind it is late because of it
-            sent.cause = hit
+            self._cause = sent.hit  # what comes behind it is late because of it
+        sent.cause = self._cause
+        hit = sent.hit or sent.cause
+        if hit is not None and not sent.is_numbered:
+            hit.delivered = True  # or asked for again: the host waits for it
+            self._tally.request_hits.append(hit)
 
-    def _strike(self, sent: Sent, kind: str) -> SoakHit:
-        sent.hit = hit = self._tally.inject(f"{self._name}.{kind}")
-        self.hits.append(hit)
-        return hit
+    def _harm(self, sent: Sent) -> Pieces:
+        """Return what is left of a frame, with the times that the line waits."""
+        if self.cut:
+            kind, pieces = "outage", []
+        elif self.calm or self._source.random() >= self._share:
+            return [(0, sent.wire)]
+        else:
+            kind = self._source.choice(KINDS)
+            pieces = FAULTS[kind](sent.wire, self._source)
+        sent.hit = self._tally.inject(f"{self._name}.{kind}")
+        return pieces
 
-    def _note_loss(self, sent: Sent, *, found: bool) -> None:
-        if not found and self._partial and self._partial == sent.encoded:
-            self._pending = sent  # the next delimiter will end it
-        elif not found:
-            self._lose(sent)
-
-    def _lose(self, sent: Sent) -> None:
-        if sent.kind in ("stream", "event"):
-            assert sent.hit is not None  # only what was hit is lost
-            self.lost.append(sent.hit)
-
-    def _carry(self, data: bytes, t_ns: int, wait_ns: int = 0) -> None:
+    def _carry(self, data: bytes, t_ns: int, wait_ns: int) -> None:
         if not data:
             return
         start_ns = max(self.free_ns, t_ns)
         start_ns += max(0, min(wait_ns, t_ns + _MOST_BEHIND_NS - start_ns))
-        self.free_ns = start_ns + self._ns(len(data))
+        self.free_ns = start_ns + line_transmission_ns(len(data), BAUD)
         # The board counts in microseconds.
         self.arriving.append((-(-self.free_ns // 1000) * 1000, data))
 
-    def _ns(self, count: int) -> int:
-        return count * _BITS_PER_BYTE * _NS_PER_S // self._baud
-
-    def _split(self, data: bytes, sent: Sent) -> int:
-        """Expect what the runs that end in *data* are; return how often *sent* is among them."""
-        found = 0
-        *ended, rest = data.split(DELIMITER)
-        for piece in ended:
-            run, before, pending = self._partial + piece, self._open, self._pending
-            self._partial, self._open, self._pending = b"", None, None
-            if not run:
-                continue
-            if run == sent.encoded:
-                self.expected.append(sent)
-                found += 1
-            elif pending is not None and run == pending.encoded:
-                self.expected.append(pending)
-            else:
-                self.expected.append(DamagedFrame((before or sent).hit or sent.hit))
-                if pending is not None:
-                    self._lose(pending)
-        if rest and self._open is None:
-            self._open = sent
-        self._partial += rest
-        return found
+    def _expect(self, data: bytes, sent: Sent) -> None:
+        """Expect what the runs are that end in *data*."""
+        *ended, rest = (self._partial + data).split(DELIMITER)
+        self._under_way.append(sent)
+        for run in ended:
+            if run:
+                whole = next((one for one in self._under_way if one.wire[1:-1] == run), None)
+                hits = (one.hit for one in self._under_way if one.hit is not None)
+                self._runs.append((whole, whole.hit if whole else next(hits, None)))
+            self._under_way = [sent]
+        if not rest:
+            self._under_way = []
+        self._partial = rest
 
     @property
     def is_idle(self) -> bool:
-        """True if every frame that was sent has arrived and was matched."""
-        return not self.arriving and not self.expected and not self._partial
+        """True if every frame that was sent has arrived and was matched, or is known as lost."""
+        return not (self.arriving or self._runs or self._partial or self._numbered)
 
-    def next_sent(self, verdict: int | str, who: str) -> Sent | None:
-        """Return the whole frame of which *who* found *verdict*; None: damage, or nothing came."""
-        if not self.expected:
-            self._tally.violate(UNEXPLAINED, f"{who} found {verdict} where nothing came")
+    def next_sent(self, verdict: int | str) -> Sent | None:
+        """Return the whole frame of which the end found *verdict*; None: damage, or nothing."""
+        if not self._runs:
+            self._tally.violate(UNEXPLAINED, f"{self._end} found {verdict} where nothing came")
             return None
-        sent = self.expected.popleft()
-        if isinstance(sent, DamagedFrame):
-            sent.explain(verdict, who, self._tally)
-            return None
+        sent, hit = self._runs.popleft()
+        if sent is None:
+            self._explain_damage(hit, verdict)
+        elif hit is not None:
+            hit.delivered = True
         return sent
 
-    def close(self) -> None:
-        """Close the account of every fault up to now."""
-        for hit in self.hits:
-            self._tally.close(hit)
-        self.hits.clear()
+    def _explain_damage(self, hit: SoakHit | None, verdict: int | str) -> None:
+        if hit is None:
+            text = f"damage at {self._end} that nothing did: {verdict}"
+            self._tally.violate(UNEXPLAINED, text)
+        elif verdict not in DAMAGE:
+            text = f"{self._end} took what {hit.kind} left for {verdict!r}"
+            self._tally.violate("damaged frame taken", text)
+        else:
+            self._tally.find(hit, str(verdict))
+            self._tally.count(f"{self._end}: {verdict}", column="damaged")
+
+    def explain_gap(self, sent: Sent) -> int:
+        """Take down the numbered frames before *sent* that nobody found; return their number."""
+        missing = 0
+        while sent in self._numbered and (lost := self._numbered.popleft()) is not sent:
+            missing += 1
+            if lost.hit is None:
+                self._tally.violate(UNEXPLAINED, f"{self._end} missed a frame that came whole")
+            else:
+                self._tally.find(lost.hit, "gap")
+        return missing

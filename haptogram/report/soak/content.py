@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Final
 
-from haptogram.campaigns.soak.account.tally import SoakTally
 from haptogram.campaigns.soak.campaign import SoakCampaign
+from haptogram.campaigns.soak.tally import STATES, SoakTally
 
 FAULT_HEAD: Final = ("fault", "injected", "detected", "harmless", "found as")
 COUNTER_HEAD: Final = ("counter", "board", "explained by")
@@ -74,19 +74,17 @@ def soak_total_rows(tally: SoakTally) -> list[tuple[str, str]]:
 def soak_fault_rows(tally: SoakTally) -> list[tuple[str, ...]]:
     """Return a row for each kind of fault, under :data:`FAULT_HEAD`."""
     rows = []
-    for kind, count in sorted(tally.injected.items()):
-        outcomes = sorted(tally.outcomes.items())
-        found = ", ".join(f"{name} {n}" for (k, name), n in outcomes if k == kind)
-        counts = (count, tally.detected[kind], tally.harmless[kind])
-        rows.append((kind, *map(str, counts), found))
+    for kind, found in tally.found().items():
+        counts = (str(tally.faults[kind][state]) for state in STATES)
+        rows.append((kind, *counts, ", ".join(f"{name} {n}" for name, n in found.items())))
     return rows
 
 
 def soak_counter_rows(tally: SoakTally) -> Iterator[tuple[str, str, str]]:
     """Yield the board's counters, each with the faults that explain it."""
     by_name: dict[str, Counter[str]] = {}
-    for (kind, name), count in tally.outcomes.items():
-        if kind.startswith("down."):
+    for kind, found in tally.found().items():
+        for name, count in found.items() if kind.startswith("down.") else ():
             by_name.setdefault(name, Counter())[kind.removeprefix("down.")] += count
     for name, total in sorted(tally.totals.items()):
         counter = name.removeprefix("counter ")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from haptogram.campaigns.soak.account.tally import MEMORY_GREW, VIOLATIONS
 from haptogram.campaigns.soak.campaign import SoakCampaign
+from haptogram.campaigns.soak.tally import MEMORY_GREW, VIOLATIONS
 from haptogram.machine.provenance import UNSTATED, Provenance
 
 from ..formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit

@@ -31,7 +31,7 @@ def draw_soak_course(campaign: SoakCampaign) -> Figure:
     edges = np.arange(last + 2) * interval_s / unit_s
 
     def column(name: str) -> list[float]:
-        return [getattr(course[n], name) if n in course else 0 for n in range(last + 1)]
+        return [course[n][name] if n in course else 0 for n in range(last + 1)]
 
     with new_figure(8.0, 5.2) as figure:
         frames, late, wrong = figure.subplots(

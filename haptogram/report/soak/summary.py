@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from haptogram.campaigns.soak.account.tally import MEMORY_GREW
 from haptogram.campaigns.soak.campaign import SoakCampaign
+from haptogram.campaigns.soak.tally import MEMORY_GREW
 
 from ..formats.job_summary import Finding, JobSummary, Level, SummaryTable
 from . import content

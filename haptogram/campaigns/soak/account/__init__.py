@@ -1,1 +1,0 @@
-"""Counts of a soak: of every fault, of everything that was done, and their course over time."""

@@ -1,0 +1,207 @@
+"""The board under test beside a healthy one that hears only the frames that came whole.
+
+The line knows which of them did.  So damage may change nothing but the counters of damage:
+verdicts, latches, silence and all other counters must be those of the model, at the same times.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Protocol, Self
+
+from haptogram.errors import HaptogramError
+from haptogram.records.latch import LatchRecord, LatchSeen
+from haptogram.settings.faults.plan import FaultPlan
+from haptogram_protocol.messages import Hello, Mute, signed_difference
+
+from .excerpts import SoakExcerpts
+from .line import Sent, SoakLine
+from .tally import DAMAGE, UNEXPLAINED, SoakTally
+
+
+class Hopeless(HaptogramError):
+    """The board is so wrong that the account cannot go on."""
+
+
+class BoardUnderSoak(Protocol):
+    """A board without its line; times are nanoseconds since power-up."""
+
+    transducers: int
+    carrier_us: int
+
+    @property
+    def session(self) -> int: ...  # noqa: D102  see sim_device.driven.soak_board.VirtualSoakBoard
+    @property
+    def counters(self) -> dict[str, int]: ...  # noqa: D102
+    @property
+    def is_silent(self) -> bool: ...  # noqa: D102
+    def model(self) -> Self: ...  # noqa: D102
+    def device_us(self, t_ns: int) -> int: ...  # noqa: D102
+    def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None: ...  # noqa: D102
+    def advance_to(self, t_ns: int) -> None: ...  # noqa: D102
+    def take_output(self) -> bytes: ...  # noqa: D102
+    def take_verdicts(self) -> list[int | str]: ...  # noqa: D102
+    def take_latches(self) -> Sequence[LatchSeen]: ...  # noqa: D102
+
+
+class MakeBoard(Protocol):
+    """Powers a board up; see ``sim_device.driven.soak_board.VirtualSoakBoard``."""
+
+    def __call__(self, *, seed: int, baud: int, plan: FaultPlan, running_us: int) -> BoardUnderSoak:
+        """Return it."""
+        ...
+
+
+class SoakComparison:
+    """Compares a board with its model.
+
+    Parameters
+    ----------
+    board : BoardUnderSoak
+        Just powered up.
+    line : SoakLine
+        To the board.
+    tally : SoakTally
+        The account.
+    excerpts : SoakExcerpts or None
+        Keeps what the board takes and latches, for a recording.
+    """
+
+    def __init__(
+        self,
+        board: BoardUnderSoak,
+        line: SoakLine,
+        tally: SoakTally,
+        excerpts: SoakExcerpts | None = None,
+    ) -> None:
+        self._board, self._line, self._tally, self._excerpts = board, line, tally, excerpts
+        self._model = board.model()
+        self._seen: deque[LatchSeen] = deque()
+        self._due: deque[LatchSeen] = deque()
+        self._silent = (True, True)  # the board, and the model
+        self._last: Sent | None = None
+
+    def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None:
+        """Let bytes come to the board, and compare what it makes of each frame."""
+        if self._excerpts is not None:
+            self._excerpts.add(t_ns, True, data)
+        self._board.receive(data, t_ns, up_free_ns)
+        ended = False
+        for verdict in self._board.take_verdicts():
+            ended |= self._judge(verdict, t_ns, up_free_ns)
+        self._compare_latches(t_ns)
+        if ended:
+            self.compare(t_ns + self._board.carrier_us * 1000, requested=True)  # HG-6.6/1
+        self._model.advance_to(t_ns)
+
+    def take_frames(self) -> list[bytes]:
+        """Return the frames that the board sends: those of the model, but for their content."""
+        frames, due = (
+            [b"\x00" + encoded + b"\x00" for encoded in one.take_output().split(b"\x00") if encoded]
+            for one in (self._board, self._model)
+        )
+        if [frame[2] for frame in frames] != [frame[2] for frame in due]:
+            text = f"the board sends {len(frames)} frames; {len(due)} of other types were due"
+            self._tally.violate(UNEXPLAINED, text)
+        return frames
+
+    def _judge(self, verdict: int | str, t_ns: int, up_free_ns: int) -> bool:
+        """Compare a verdict with that of the model; return whether the frame ends the output."""
+        sent = self._line.next_sent(verdict)
+        if sent is None:
+            return False
+        self._model.receive(sent.wire, t_ns, up_free_ns)
+        due = self._model.take_verdicts()[-1]
+        if verdict != due:
+            name = "copy taken" if isinstance(verdict, int) else "undamaged frame dropped"
+            self._tally.violate(
+                name, f"type {sent.type:#04x} at the board: {verdict}; {due} was due"
+            )
+        if sent is self._last and sent.hit is not None:  # the line carried it twice
+            self._tally.find(sent.hit, str(due))
+        elif isinstance(due, int):
+            self._tally.count("gap", self._line.explain_gap(sent), column="lost")
+            self._judge_lateness(sent, due, t_ns)
+        self._last = sent
+        return sent.type in (Hello.TYPE, Mute.TYPE) and due == "request"
+
+    def _judge_lateness(self, sent: Sent, index: int, t_ns: int) -> None:
+        late_us = signed_difference(self._board.device_us(t_ns), sent.due_us, 32)
+        if late_us <= 0:
+            return
+        self._tally.note_lateness(late_us)
+        dropped = self._model.counters["dropped_late"] - self._tally.totals["dropped_late"]
+        self._tally.count("dropped_late", dropped, column="late")
+        if sent.cause is None:
+            self._tally.violate("late without a cause", f"frame {index}, by {late_us} µs")
+        else:
+            self._tally.find(sent.cause, "dropped_late" if dropped else "late")
+
+    def compare(self, t_ns: int, *, requested: bool = False) -> None:
+        """Let time pass for both, and compare what was latched and whether anything sounds.
+
+        *requested*: whether a frame has just ended the output.
+        """
+        self._board.advance_to(t_ns)
+        self._model.advance_to(t_ns)
+        self._compare_latches(t_ns)
+        for latch in self._seen:
+            self._tally.violate("wrong frame latched", f"frame {latch.key.index}; none was due")
+        for latch in self._due:
+            self._tally.violate("not latched", f"frame {latch.key.index}")
+        self._seen.clear()
+        self._due.clear()
+        self._compare_silence(t_ns, requested=requested)
+
+    def _compare_latches(self, t_ns: int) -> None:
+        """Compare latches with those of the model, as far as both have come to them."""
+        latches = self._board.take_latches()
+        if self._excerpts is not None:
+            for latch in latches:
+                self._excerpts.add(t_ns, None, LatchRecord.of(latch))
+        self._seen += latches
+        self._due += self._model.take_latches()
+        while self._seen and self._due:
+            latch, due = self._seen.popleft(), self._due.popleft()
+            index, wanted = latch.key.index, due.key.index
+            if (latch.session, index) == (due.session, wanted):
+                self._compare_latch(latch, due)
+            elif wanted < index:
+                self._tally.violate("not latched", f"frame {wanted}")
+                self._seen.appendleft(latch)
+            else:
+                text = f"frame {index}; frame {wanted} was due"
+                self._tally.violate("wrong frame latched", text)
+                self._due.appendleft(due)
+
+    def _compare_latch(self, latch: LatchSeen, due: LatchSeen) -> None:
+        index = due.key.index
+        self._tally.totals["latched"] += 1
+        self._tally.count("late", latch.late, column="late")
+        if (latch.t_latch_us, latch.late) != (due.t_latch_us, due.late):
+            moved_us = latch.t_latch_us - due.t_latch_us
+            self._tally.violate("latched at a wrong time", f"frame {index}, by {moved_us} µs")
+        if latch.drive.digest() != due.drive.digest():
+            self._tally.violate("torn latch", f"frame {index} is not the drive that was sent")
+
+    def _compare_silence(self, t_ns: int, *, requested: bool) -> None:
+        before, self._silent = self._silent, (self._board.is_silent, self._model.is_silent)
+        silent, due = self._silent
+        if silent == due or before == self._silent:
+            return
+        too_late = not before[1] and not requested
+        name = "muted too late" if too_late else "sounds when it is off"
+        self._tally.violate("muted too early" if silent else name, f"at {t_ns // 1000} µs")
+
+    def compare_counters(self) -> None:
+        """Compare the board's counters with the model's, and with the damage of the line."""
+        totals = self._tally.totals
+        damage = {name: totals[f"the board: {name}"] for name in DAMAGE}
+        due = self._model.counters | damage | {"gap": totals["gap"]}
+        totals["muted by a timer"] = due["timeouts"]
+        for name, count in self._board.counters.items():
+            totals[f"counter {name}"] += count
+            if count != due[name]:
+                text = f"{name} is {count}; the account says {due[name]}"
+                self._tally.violate("counter unexplained", text)
