@@ -49,7 +49,9 @@ def fill(fd):
 
 def linked(name, timeout_s):
     connection = HostConnection(nonce=1)
-    return Link(open_transport(name), connection, baudrate=50_000_000, timeout_s=timeout_s)
+    return Link(
+        open_transport(name), connection, baudrate=50_000_000, timeout_s=timeout_s, keep=None
+    )
 
 
 @pytest.mark.parametrize("spin_ns", [0, PERIOD_NS // 4])
