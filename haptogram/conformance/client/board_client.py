@@ -329,10 +329,16 @@ class BoardClient:
         """Status period that leaves nine tenths of the line free (HG-7.1/2)."""
         return max(50, -(-_STATUS_BYTES * 10 * 10 * 1000 // self.wire.baudrate))
 
-    def arm(self) -> None:
-        """Arm; FAILED unless ARM_REPLY says ARMED."""
+    def arm(self, **changes: Any) -> int:
+        """Arm, and return the number of the next piece; FAILED unless ARM_REPLY says ARMED.
+
+        With *changes* it sets the base configuration with them before.
+        """
+        if changes:
+            self.configure(**changes)
         state = self.link.call(Arm(), ArmReply).state
         check_equal(state, OutputState.ARMED, f"ARM_REPLY says {state.name}")
+        return self.link.mark()
 
     def arm_anew(self) -> None:
         """Arm so that no hold runs before the next latch (HG-12.2/2)."""
@@ -418,6 +424,10 @@ class BoardClient:
             taken.append(wire)
 
     # --- status --------------------------------------------------------------------------------
+
+    def last_latch_us(self) -> int:
+        """Return the device time of the last latch, by the status."""
+        return self.clock.unwrap(self.status().last_latch_us)
 
     def status(self) -> StatusReply:
         """Return the status, without the pauses of the client in its counters."""

@@ -90,10 +90,8 @@ def _is_advertised_drive_latched(board: BoardClient, message: Message, name: str
 def _traces_as_advertised(
     board: BoardClient, mode: TraceMode, kind: type[Message], name: str
 ) -> None:
-    board.configure(trace_mode=mode)
-    board.arm()
-    since = board.link.mark()
-    latch_now(board, board.flat_phases())
+    since = board.arm(trace_mode=mode)
+    latch_now(board)
     board.link.barrier()
     check(bool(board.link.events(kind, since)), f"{name} is advertised, but a latch gives no event")
 
@@ -104,18 +102,18 @@ def _stores_as_advertised(
     upload_to_board(board, kind, target, data, points)
 
 
-@case("HG-1.2/1", "every capability that the board advertises is used once, and works")
+@case("HG-1.2/1")
 def advertised_capabilities_are_there(board: BoardClient) -> None:
+    """every capability that the board advertises is used once, and works"""
     for feature, use in _USES.items():
         if board.has(feature):
             board.hello()
             use(board)
 
 
-@case(
-    "HG-1.2/2", "requests that need a capability which is not advertised are refused: UNSUPPORTED"
-)
+@case("HG-1.2/2")
 def refuses_capabilities_not_advertised(board: BoardClient) -> None:
+    """requests that need a capability which is not advertised are refused: UNSUPPORTED"""
     lacking = [make for any_of, make in _REQUESTS if not board.identity.features & any_of]
     require(bool(lacking), "the board advertises every capability that a request can need")
     for make in lacking:
@@ -123,12 +121,9 @@ def refuses_capabilities_not_advertised(board: BoardClient) -> None:
         board.link.refused(message, ErrorCode.UNSUPPORTED, message.TYPE)
 
 
-@case(
-    "HG-1.2/3",
-    "DRIVES and POINTS are dropped and counted in unknown_type where they are not advertised",
-    evidence=SELF_REPORTED,
-)
+@case("HG-1.2/3", evidence=SELF_REPORTED)
 def drops_frames_of_capabilities_not_advertised(board: BoardClient) -> None:
+    """DRIVES and POINTS are dropped and counted in unknown_type where they are not advertised"""
     frames: dict[Feature, Message] = {
         Feature.AMPLITUDE: _advertised_drives(board),
         Feature.POINTS: Points((_POINT,)),
@@ -138,5 +133,5 @@ def drops_frames_of_capabilities_not_advertised(board: BoardClient) -> None:
     board.arm()
     with board.counting(unknown_type=len(lacking), latched=0):
         for message in lacking:
-            board.link.send(board.link.stream_wire(message))
+            board.link.stream(message)
         board.clock.wait_latched()

@@ -44,15 +44,9 @@ _DIFFERENT: Final = 30  # dialogues, after which hardly another clause is found
 _SHOWN: Final = 12  # last frames of a dialogue that differed once
 
 
-@case(
-    "HG-1.2/1",
-    "random legal and illegal dialogues: every reply, event and counter is that of the model",
-    variant="dialogues",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-1.2/1-dialogues", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def random_dialogues_match_the_model(board: BoardClient) -> None:
+    """random legal and illegal dialogues: every reply, event and counter is that of the model"""
     is_modelled = identity_suits_lockstep_model(board.identity)
     require(
         is_modelled, "the model is a grid with a pitch and a carrier of 40 kHz; this board is not"

@@ -52,12 +52,11 @@ def _configuration_in_force(board: BoardClient) -> Config:
     return board.link.call(GetConfig(), ConfigReply).config
 
 
-@case(
-    "HG-7.1/1",
-    "values one beyond a bound are refused with their offset and change nothing; bounds are taken",
-    needs=Feature.CONFIG,
-)
+@case("HG-7.1/1", needs=Feature.CONFIG)
 def configuration_keeps_its_bounds(board: BoardClient) -> None:
+    """values one beyond a bound are refused with their offset and change nothing; bounds are
+    taken
+    """
     before = _configuration_in_force(board)
     for name, value in OUT_OF_BOUNDS:
         changes: dict[str, Any] = {"hold_ms": 777, name: value}
@@ -73,12 +72,9 @@ def configuration_keeps_its_bounds(board: BoardClient) -> None:
         board.configure(**values)
 
 
-@case(
-    "HG-7.1/2",
-    "a status_period_ms at which STATUS takes more than a tenth of the line is refused",
-    needs=Feature.CONFIG,
-)
+@case("HG-7.1/2", needs=Feature.CONFIG)
 def configuration_spares_the_line(board: BoardClient) -> None:
+    """a status_period_ms at which STATUS takes more than a tenth of the line is refused"""
     least_ms = _STATUS_BYTES * 10 * 10 * 1000 // board.wire.baudrate
     require(least_ms > 10, "on a line this fast STATUS every 10 ms takes less than a tenth")
     if not board.wire.is_virtual:
@@ -89,13 +85,9 @@ def configuration_spares_the_line(board: BoardClient) -> None:
     board.link.refused(SetConfig(wrong), ErrorCode.BAD_VALUE, offset)
 
 
-@case(
-    "HG-7.1/3",
-    "STATUS period and late window are in force for the frame behind SET_CONFIG",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.1/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def configuration_is_in_force_at_once(board: BoardClient) -> None:
+    """STATUS period and late window are in force for the frame behind SET_CONFIG"""
     board.arm()
     period_ms = board.quick_status_ms
     wanted = dataclasses.replace(
@@ -117,19 +109,12 @@ def configuration_is_in_force_at_once(board: BoardClient) -> None:
     check(found is not None, f"status_period_ms = {period_ms} is not in force")
 
 
-@case(
-    "HG-7.1/3",
-    "a ramp that has begun goes on as it began",
-    variant="ramp",
-    needs=Feature.CONFIG | Feature.AMPLITUDE,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/3-ramp", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def configuration_lets_a_ramp_go_on(board: BoardClient) -> None:
-    board.configure(hold_ms=50, ramp_ms=400)
-    board.arm()
-    since = board.link.mark()
-    latch_now(board, board.flat_phases())
-    start_us = board.clock.unwrap(board.status().last_latch_us)
+    """a ramp that has begun goes on as it began"""
+    since = board.arm(hold_ms=50, ramp_ms=400)
+    latch_now(board)
+    start_us = board.last_latch_us()
     board.wire.idle(150 * _MS)
     board.configure(hold_ms=5000, ramp_ms=0)
     found = board.link.await_event(StateChanged, since, 600 * _MS)
@@ -137,12 +122,9 @@ def configuration_lets_a_ramp_go_on(board: BoardClient) -> None:
     check(abs(took_ms - 450) <= 1.0, f"a ramp of 50 + 400 ms ended after {took_ms:.1f} ms")
 
 
-@case(
-    "HG-7.1/4",
-    "a configuration is gone after a reset, unless CONFIG_KEPT is advertised",
-    needs_reset=True,
-)
+@case("HG-7.1/4", needs_reset=True)
 def starts_with_the_default_configuration(board: BoardClient) -> None:
+    """a configuration is gone after a reset, unless CONFIG_KEPT is advertised"""
     board.hello()
     board.need(Feature.CONFIG)
     found, set_before = _configuration_in_force(board), board.last_config
@@ -154,14 +136,9 @@ def starts_with_the_default_configuration(board: BoardClient) -> None:
         check(not kept, f"{found} has survived a reset, but CONFIG_KEPT is not advertised")
 
 
-@case(
-    "HG-7.1/4",
-    "after a reset, without SET_CONFIG, STATUS, hold and lease are as the configuration says",
-    variant="timers",
-    needs_reset=True,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/4-timers", needs_reset=True, depth=Depth.DEFAULT)
 def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
+    """after a reset, without SET_CONFIG, STATUS, hold and lease are as the configuration says"""
     board.hello()
     if board.has(Feature.CONFIG | Feature.CONFIG_KEPT):
         board.config = _configuration_in_force(board)
@@ -180,8 +157,8 @@ def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
     require(longest_ms <= _DEFAULT_MS, text)
     since = board.link.mark()
     board.arm()
-    latch_now(board, board.flat_phases())
-    start_us = board.clock.unwrap(board.status().last_latch_us)
+    latch_now(board)
+    start_us = board.last_latch_us()
     for reason, length_ms in (
         (MuteReason.HOLD_EXPIRED, config.hold_ms),
         (MuteReason.HOST_SILENT, config.host_timeout_ms),
@@ -190,22 +167,15 @@ def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
             due_ms = length_ms + ramp_ms
             header, _ = judged_mute_by_timer(board, since, 2 * due_ms * _MS, reason)
             judge_mute_time(board, start_us, header, due_ms, f"{reason.name} after a reset")
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         start_us = board.clock.device_us()
     if config.status_period_ms and config.status_period_ms < longest_ms // 3:
         judge_status_period(board, 0, config.status_period_ms, 2, "after a reset")
 
 
-@case(
-    "HG-7.1/4",
-    "every field and the correction, set to other values, are the default again, or kept",
-    variant="fields",
-    needs_reset=True,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/4-fields", needs_reset=True, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def no_value_outlives_a_reset(board: BoardClient) -> None:
+    """every field and the correction, set to other values, are the default again, or kept"""
     first = board.hello()
     board.need(Feature.CONFIG)
     kept = board.has(Feature.CONFIG_KEPT)
@@ -265,11 +235,9 @@ def _drives_as_configured(board: BoardClient) -> list[bytes]:
     return found
 
 
-@case(
-    "HG-7.1/5",
-    "config_crc is the CRC-32 of the 20 bytes in force and the N bytes of the correction",
-)
+@case("HG-7.1/5")
 def configuration_has_its_crc(board: BoardClient) -> None:
+    """config_crc is the CRC-32 of the 20 bytes in force and the N bytes of the correction"""
     none = bytes(board.identity.transducers)
     corrections = [none]
     if board.has(Feature.CORRECTION):
@@ -288,12 +256,9 @@ def configuration_has_its_crc(board: BoardClient) -> None:
             check(got == due, f"config_crc in {name} is {got:#010x}, due is {due:#010x}")
 
 
-@case(
-    "HG-7.1/6",
-    "trace modes that are not advertised or not defined are refused",
-    needs=Feature.CONFIG,
-)
+@case("HG-7.1/6", needs=Feature.CONFIG)
 def refuses_configuration_of_other_traces(board: BoardClient) -> None:
+    """trace modes that are not advertised or not defined are refused"""
     lacking = [int(mode) for mode, feature in TRACE_CAPABILITIES.items() if not board.has(feature)]
     offset = Config.WIRE["trace_mode"].offset
     for mode in (*lacking, max(TraceMode) + 1, 0xFF):

@@ -18,11 +18,11 @@ from ...outcome import SELF_REPORTED, check, check_equal
 
 @case(
     "HG-7.9/1",
-    "the correction is added to the radiated phases, modulo 256; the latched drive stays",
     needs=Feature.CORRECTION | Feature.READ_RADIATED | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
 def adds_the_phase_correction(board: BoardClient) -> None:
+    """the correction is added to the radiated phases, modulo 256; the latched drive stays"""
     count = board.identity.transducers
     correction = board.random.randbytes(count)
     upload_to_board(board, UploadKind.CORRECTION, 0, correction)
@@ -42,15 +42,15 @@ def adds_the_phase_correction(board: BoardClient) -> None:
 
 @case(
     "HG-7.9/2",
-    "with a ceiling of 100 no radiated amplitude is above 100; the latched drive stays",
     needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
 def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
+    """with a ceiling of 100 no radiated amplitude is above 100; the latched drive stays"""
     board.arm()
     for ceiling in (100, 1, 255):
         board.configure(amplitude_ceiling=ceiling)
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         loudest = read_back(board, DriveKind.RADIATED).loudest
         check(loudest <= ceiling, f"ceiling {ceiling}: amplitude {loudest} is radiated")
         check(loudest > 0, f"ceiling {ceiling}: nothing is radiated")

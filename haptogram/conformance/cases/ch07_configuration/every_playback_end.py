@@ -74,15 +74,11 @@ _ENDS: Final[dict[str, _Act]] = {
 }
 
 
-@case(
-    "HG-7.8/1",
-    "one PLAYBACK_ENDED tells of a playback that waits, in its first frame and later, by every end",
-    variant="ends",
-    needs=_NEEDS,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.8/1-ends", needs=_NEEDS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_playback_end_is_told(board: BoardClient) -> None:
+    """one PLAYBACK_ENDED tells of a playback that waits, in its first frame and later, by every
+    end
+    """
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     for (moment, (bring, least)), (name, end) in itertools.product(_MOMENTS.items(), _ENDS.items()):
         board.arm()
@@ -100,15 +96,9 @@ def every_playback_end_is_told(board: BoardClient) -> None:
         check(latched >= least, f"{text}: {latched} latches")
 
 
-@case(
-    "HG-7.6/4",
-    "behind a playback that was ended at any moment, by every end, the next begins with frame 0",
-    variant="again",
-    needs=_NEEDS,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.6/4-again", needs=_NEEDS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
+    """behind a playback that was ended at any moment, by every end, the next begins with frame 0"""
     mode = ask_for_board_latches(board)
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     period_us = board.clock.on_carrier(period_to_play(board))
@@ -131,20 +121,13 @@ def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
         check(in_time, f"{text}: its first frame is latched {seen[0].t_us - asked_us} µs later")
 
 
-@case(
-    "HG-3.6/4",
-    "the event that a new session causes by ending a playback has the number 0, the next one 1",
-    variant="playback",
-    needs=_NEEDS,
-    depth=Depth.DEFAULT,
-)
+@case("HG-3.6/4-playback", needs=_NEEDS, depth=Depth.DEFAULT)
 def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
+    """the event that a new session causes by ending a playback has the number 0, the next one 1"""
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     period_ms = board.quick_status_ms
     for moment, (bring, _) in _MOMENTS.items():
-        board.configure(status_period_ms=period_ms)
-        board.arm()
-        since = board.link.mark()
+        since = board.arm(status_period_ms=period_ms)
         wait_us = 3 * period_ms * _MS
         board.link.await_event(Status, since, wait_us)  # this session has an event
         bring(board)
@@ -161,13 +144,9 @@ def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
         check_equal(seen[:2], due, f"a new session and a playback {moment}: events {seen[:2]}")
 
 
-@case(
-    "HG-7.6/5",
-    "SET_CONFIG while a sequence plays or waits: unattended_ms still stands for host_timeout_ms",
-    variant="config",
-    needs=_NEEDS,
-)
+@case("HG-7.6/5-config", needs=_NEEDS)
 def a_configured_lease_leaves_the_playback_its_time(board: BoardClient) -> None:
+    """SET_CONFIG while a sequence plays or waits: unattended_ms still stands for host_timeout_ms"""
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     alone_ms = min(_ALONE_MS, board.identity.max_unattended_ms)
     for is_waiting in (False, True) if board.thorough else (False,):

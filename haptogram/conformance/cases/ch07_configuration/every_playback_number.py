@@ -51,15 +51,9 @@ def _playback_loop_numbers(frames: int) -> list[int]:
     return sorted(number for number in numbers if number * frames > _SEEN and number < 1 << 32)
 
 
-@case(
-    "HG-7.6/4",
-    "loops of every width of 1, 2 and 3 frames do not end after the first few frames",
-    variant="loops",
-    needs=Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.6/4-loops", needs=Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def many_playback_loops_go_on(board: BoardClient) -> None:
+    """loops of every width of 1, 2 and 3 frames do not end after the first few frames"""
     period_us = _playback_period_us(board)
     require_time_to_play(board, (_SEEN + 1) * period_us)
     for frames in (1, 2, 3):
@@ -84,14 +78,9 @@ def _playback_periods_us() -> list[int]:
     return sorted(edge + 10 * _MS for edge in edges if 200 * _MS <= edge < (1 << 32) - 10 * _MS)
 
 
-@case(
-    "HG-7.6/4",
-    "periods of every width up to 2^32 µs: no second frame comes soon after the first",
-    variant="periods",
-    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.6/4-periods", needs=Feature.SEQUENCE_PHASES | Feature.CONFIG, evidence=SELF_REPORTED)
 def long_playback_periods_are_long(board: BoardClient) -> None:
+    """periods of every width up to 2^32 µs: no second frame comes soon after the first"""
     send_phases_to_store(board, _SEQUENCE, frames=3)
     board.configure(hold_ms=10_000)
     periods = _playback_periods_us()
@@ -108,15 +97,14 @@ def long_playback_periods_are_long(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.6/4",
-    "one playback of more than 2^32 µs: each frame at its time, past 2^31 and 2^32 µs too",
-    variant="long",
+    "HG-7.6/4-long",
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
 def long_playbacks_stay_in_time(board: BoardClient) -> None:
+    """one playback of more than 2^32 µs: each frame at its time, past 2^31 and 2^32 µs too"""
     frames = 4  # 38 s at a wall clock
     if board.wire.is_virtual:
         frames += (1 << 32) // _SLOW_US
@@ -125,8 +113,7 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
     alone_ms = min(60_000, board.identity.max_unattended_ms)
     text = f"frames are {_SLOW_US} µs apart; max_unattended_ms is {alone_ms}"
     require(alone_ms * _MS >= 2 * _SLOW_US, text)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     start_us = board.clock.ahead_us(board.clock.ready_us(20 * _MS))
     play = play_request(board, _SEQUENCE, loops=0, period_us=_SLOW_US, unattended_ms=alone_ms)
     board.link.call(play, PlayReply, time_us=start_us)
@@ -147,15 +134,14 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.6/2",
-    "starts up to the horizon ahead are taken; the first frame is latched then and not before",
-    variant="starts",
+    "HG-7.6/2-starts",
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
 def every_playback_start_is_kept(board: BoardClient) -> None:
+    """starts up to the horizon ahead are taken; the first frame is latched then and not before"""
     send_phases_to_store(board, _SEQUENCE, frames=1)
     horizon_us = board.identity.max_horizon_us
     aheads = {70 * _MS, 600 * _MS, horizon_us - 200 * _MS}
@@ -176,24 +162,19 @@ def every_playback_start_is_kept(board: BoardClient) -> None:
         early = (board.status().counters.latched - before) & 0xFFFFFFFF
         in_time = board.clock.device_us() < start_us
         board.clock.wait_until(start_us + _MS)
-        got_us = board.clock.unwrap(board.status().last_latch_us)
+        got_us = board.last_latch_us()
         check(not (early and in_time), f"a start {ahead_us} µs ahead: latched before it")
         check_equal(
             got_us, start_us, f"a start {ahead_us} µs ahead: latched at {got_us - start_us:+d} µs"
         )
 
 
-@case(
-    "HG-7.6/2",
-    "starts that have passed are refused with detail 0, whatever late_window_us is",
-    variant="late",
-    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
-)
+@case("HG-7.6/2-late", needs=Feature.SEQUENCE_PHASES | Feature.CONFIG)
 def passed_playback_starts_are_refused(board: BoardClient) -> None:
+    """starts that have passed are refused with detail 0, whatever late_window_us is"""
     send_phases_to_store(board, _SEQUENCE, frames=1)
     for window_us in (0, 20_000, 100_000):
-        board.configure(late_window_us=window_us)
-        board.arm()
+        board.arm(late_window_us=window_us)
         for late_us in (1, 1000, 15_000, 70_000, 1_000_000):
             start_us = board.clock.device_us() - late_us
             play = play_request(

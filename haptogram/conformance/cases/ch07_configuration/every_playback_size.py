@@ -77,14 +77,15 @@ def _shortest_playback_us(board: BoardClient) -> int:
 
 
 @case(
-    "HG-7.6/4",
-    "258 loops, 300 frames, a period of 70 ms, of phases and points: each frame at its time, once",
-    variant="sizes",
+    "HG-7.6/4-sizes",
     needs=Feature.TRACE_RING | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def every_playback_size_is_played(board: BoardClient) -> None:
+    """258 loops, 300 frames, a period of 70 ms, of phases and points: each frame at its time,
+    once
+    """
     ring = board.identity.trace_ring
     for kind in _kinds_of_playback(board):
         for frames, loops, period_us in _SHAPES:
@@ -93,8 +94,7 @@ def every_playback_size_is_played(board: BoardClient) -> None:
             board.hello()
             board.configure(trace_mode=TraceMode.RING)
             _store_playback(board, kind, frames)
-            board.arm()
-            since = board.link.mark()
+            since = board.arm()
             start_us = board.clock.soon_us(bytes(100), ahead_us=1003)
             period = max(period_us or _shortest_playback_us(board), board.identity.point_time_us)
             alone_ms = max(UNATTENDED_MS, 2 * frames * loops * period // 1000)
@@ -122,14 +122,15 @@ def every_playback_size_is_played(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.6/4",
-    "two sequences of more than 64 KiB, of phases and points: each frame latched is the one stored",
-    variant="offsets",
+    "HG-7.6/4-offsets",
     needs=Feature.TRACE_RING | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def frames_of_long_playback_are_those_stored(board: BoardClient) -> None:
+    """two sequences of more than 64 KiB, of phases and points: each frame latched is the one
+    stored
+    """
     for kind in _kinds_of_playback(board):
         for sequence in (_SEQUENCE, _BEHIND):
             wanted = _OVER_16_BITS // _frame_bytes_of_playback(board, kind) + 2
@@ -139,15 +140,16 @@ def frames_of_long_playback_are_those_stored(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.6/4",
-    "a sequence of as many frames as the board takes, 65537 at most, is stored, and its first play",
-    variant="most",
+    "HG-7.6/4-most",
     needs=Feature.TRACE_RING | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
 def playback_of_most_frames_begins(board: BoardClient) -> None:
+    """a sequence of as many frames as the board takes, 65537 at most, is stored, and its first
+    play
+    """
     kind, stored = _store_most_frames(board)
     _begin_traced_playback(board)
     since = board.link.mark()
@@ -168,14 +170,15 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.6/4",
-    "a sequence of as many frames as the board takes, 65537 at most, is played to its last frame",
-    variant="longest",
+    "HG-7.6/4-longest",
     needs=Feature.TRACE_RING | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.FULL,
 )
 def playback_of_most_frames_is_what_was_stored(board: BoardClient) -> None:
+    """a sequence of as many frames as the board takes, 65537 at most, is played to its last
+    frame
+    """
     kind, stored = _store_most_frames(board)
     _judge_frames_of_long_playback(board, _SEQUENCE, stored, f"{kind.name}, {len(stored)} frames")
     upload_to_board(board, kind, _SEQUENCE, stored[0], int(kind is UploadKind.POINTS))  # makes room
@@ -191,8 +194,7 @@ def _store_most_frames(board: BoardClient) -> tuple[UploadKind, list[bytes]]:
 
 def _begin_traced_playback(board: BoardClient) -> None:
     board.hello()
-    board.configure(trace_mode=TraceMode.RING)
-    board.arm()
+    board.arm(trace_mode=TraceMode.RING)
 
 
 def _frame_bytes_of_playback(board: BoardClient, kind: UploadKind) -> int:
@@ -239,20 +241,13 @@ def _judge_frames_of_long_playback(
     )
 
 
-@case(
-    "HG-7.8/1",
-    "66000 frames are played and counted: more than 16 bits hold",
-    variant="many",
-    needs=Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.8/1-many", needs=Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def many_playback_frames_are_counted(board: BoardClient) -> None:
+    """66000 frames are played and counted: more than 16 bits hold"""
     send_phases_to_store(board, _SEQUENCE, frames=1)
     rings = board.has(Feature.TRACE_RING | Feature.CONFIG)
     if rings:
-        board.configure(trace_mode=TraceMode.RING, late_window_us=_WINDOW_US)
-    board.arm()
+        board.arm(trace_mode=TraceMode.RING, late_window_us=_WINDOW_US)
     with board.counting(latched=_MANY):
         event = play_out(
             board, _SEQUENCE, 1, loops=_MANY, period_us=shortest_period_to_play_us(board)
@@ -266,7 +261,7 @@ def many_playback_frames_are_counted(board: BoardClient) -> None:
 def _check_playback_in_the_ring(board: BoardClient) -> None:
     """FAILED unless the ring numbers the last latches, and one late frame, beyond 16 bits."""
     last = board.link.stream_next
-    board.link.send(board.link.stream_wire(board.flat_phases(), board.late_time_us(5000)))
+    board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()
     reply = board.link.call(ReadTrace(_MANY - 2, 9), TraceReply)
     due = [(n, _SEQUENCE, n, 0, 0) for n in (_MANY - 2, _MANY - 1)]
@@ -278,18 +273,15 @@ def _check_playback_in_the_ring(board: BoardClient) -> None:
 
 
 @case(
-    "HG-8.4/1",
-    "of 600 latches a divider of 260 traces those of 0, 260 and 520, of stream and playback",
-    variant="divider",
+    "HG-8.4/1-divider",
     needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
 def wide_dividers_divide_playback(board: BoardClient) -> None:
+    """of 600 latches a divider of 260 traces those of 0, 260 and 520, of stream and playback"""
     send_phases_to_store(board, _SEQUENCE, frames=3)
-    board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
-    board.arm()
-    since = board.link.mark()
-    latch_now(board, board.flat_phases())
+    since = board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
+    latch_now(board)
     play_out(board, _SEQUENCE, 3, loops=200, period_us=_shortest_playback_us(board))
     board.link.barrier()
     got = [event.key for _, event in board.link.events(TraceDrive, since)]
@@ -300,19 +292,16 @@ def wide_dividers_divide_playback(board: BoardClient) -> None:
 
 
 @case(
-    "HG-8.4/1",
-    "of 66000 latches since SET_CONFIG those 0 and 40000 are traced by a divider of 40000",
-    variant="many",
+    "HG-8.4/1-many",
     needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
 def a_divider_divides_many_playback_latches(board: BoardClient) -> None:
+    """of 66000 latches since SET_CONFIG those 0 and 40000 are traced by a divider of 40000"""
     send_phases_to_store(board, _SEQUENCE, frames=1)
-    board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_MANY_DIVIDER)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_MANY_DIVIDER)
     play_out(board, _SEQUENCE, 1, loops=_MANY, period_us=shortest_period_to_play_us(board))
     got = [event.key.loop for _, event in board.link.events(TraceDrive, since)]
     due = list(range(0, _MANY, _MANY_DIVIDER))
@@ -321,28 +310,24 @@ def a_divider_divides_many_playback_latches(board: BoardClient) -> None:
 
 
 @case(
-    "HG-8.4/1",
-    "latches at once, in time, late and played count alike in a division by 2, 3 and 4",
-    variant="kinds",
+    "HG-8.4/1-kinds",
     needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
+    """latches at once, in time, late and played count alike in a division by 2, 3 and 4"""
     send_phases_to_store(board, _SEQUENCE, frames=1)
     board.clock.require_horizon(board.clock.ready_us(_WINDOW_US // 2))
     for divider in (2, 3, 4):
-        board.configure(
-            trace_mode=TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US
-        )
-        board.arm()
+        board.arm(trace_mode=TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US)
         since, latched = board.link.mark(), board.status().counters.latched
         keys = []
         for _ in range(3):
             for lateness_us in (None, _WINDOW_US // 20, -_WINDOW_US // 2):
                 keys.append((0, board.link.stream_next))
                 at_us = None if lateness_us is None else board.late_time_us(lateness_us)
-                board.link.send(board.link.stream_wire(board.flat_phases(), at_us))
+                board.link.stream(board.flat_phases(), at_us)
                 board.wire.idle(max(0, -(lateness_us or 0)))
                 board.clock.wait_latched()
             keys.append((_SEQUENCE, 0))

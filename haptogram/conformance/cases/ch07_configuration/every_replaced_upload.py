@@ -65,9 +65,7 @@ def _replace_upload(board: BoardClient, form: _Form) -> list[int]:
 
 
 @case(
-    "HG-7.4/1",
-    "a sequence in place of one of every kind and number of points, and that beside it, are whole",
-    variant="kinds",
+    "HG-7.4/1-kinds",
     needs=Feature.SEQUENCE_PHASES
     | Feature.SEQUENCE_POINTS
     | Feature.POINTS
@@ -77,8 +75,10 @@ def _replace_upload(board: BoardClient, form: _Form) -> list[int]:
     depth=Depth.DEFAULT,
 )
 def a_replaced_upload_leaves_nothing(board: BoardClient) -> None:
-    board.configure(trace_mode=TraceMode.CRC)
-    board.arm()
+    """a sequence in place of one of every kind and number of points, and that beside it, are
+    whole
+    """
+    board.arm(trace_mode=TraceMode.CRC)
     other = [board.random.randbytes(board.identity.transducers) for _ in range(2)]
     period_us = period_to_play(board, board.most_points)
     before = "nothing"
@@ -120,13 +120,9 @@ def _uploads_with_pieces(board: BoardClient) -> Iterator[tuple[UploadKind, int, 
         yield kind, points, _SEQUENCE * is_sequence, board.random.randbytes(frame * frames)
 
 
-@case(
-    "HG-7.4/2",
-    "behind a whole upload a part of the next one is INCOMPLETE",
-    variant="pieces",
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.4/2-pieces", depth=Depth.DEFAULT)
 def every_uploaded_piece_counts_for_itself(board: BoardClient) -> None:
+    """behind a whole upload a part of the next one is INCOMPLETE"""
     board.need_any(UPLOADS)
     for kind, points, target, data in _uploads_with_pieces(board):
         size, most = len(data), board.identity.max_chunk

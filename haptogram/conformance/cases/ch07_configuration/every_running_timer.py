@@ -66,8 +66,8 @@ def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
 
 
 def _start_hold_to_configure(board: BoardClient) -> int:
-    latch_now(board, board.flat_phases())
-    return board.clock.unwrap(board.status().last_latch_us)
+    latch_now(board)
+    return board.last_latch_us()
 
 
 def _start_played_hold_to_configure(board: BoardClient) -> int:
@@ -77,7 +77,7 @@ def _start_played_hold_to_configure(board: BoardClient) -> int:
 
 
 def _last_latch_before_configuration(board: BoardClient) -> int:
-    return board.clock.unwrap(board.status().last_latch_us)
+    return board.last_latch_us()
 
 
 def _hold_with_configuration(
@@ -90,9 +90,7 @@ def _hold_with_configuration(
     ramps = board.has(Feature.AMPLITUDE)
     before = {"hold_ms": length_ms, "ramp_ms": _RAMP_MS if ramps else 0}
     after = before | dict(changes)
-    board.configure(**before)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm(**before)
     start_us = start(board)
     board.wire.idle(max(0, start_us + _BEFORE_MS * _MS - board.clock.device_estimate_us()))
     early_us = board.clock.device_us()
@@ -113,14 +111,11 @@ def _hold_with_configuration(
     )
 
 
-@case(
-    "HG-7.1/3",
-    "a hold that runs, of stream and playback, gets a new length and ramp; other fields leave it",
-    variant="hold",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/3-hold", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def configuration_changes_a_running_hold(board: BoardClient) -> None:
+    """a hold that runs, of stream and playback, gets a new length and ramp; other fields leave
+    it
+    """
     ramps: list[dict[str, Any]] = [{"ramp_ms": 0}]
     if board.has(Feature.AMPLITUDE):
         ramps += [{"ramp_ms": 90}, {"ramp_ms": 90, "hold_ms": _LENGTH_MS - 50}]
@@ -142,14 +137,11 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
             _hold_with_configuration(board, start, length_ms, changes)
 
 
-@case(
-    "HG-7.1/3",
-    "a lease, and an unattended time, that run get new lengths with SET_CONFIG, and the new ramp",
-    variant="lease",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/3-lease", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def configuration_changes_a_running_lease(board: BoardClient) -> None:
+    """a lease, and an unattended time, that run get new lengths with SET_CONFIG, and the new
+    ramp
+    """
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     lengths: list[dict[str, Any]] = [
         {"host_timeout_ms": 60},
@@ -167,13 +159,11 @@ def _lease_with_configuration(
 ) -> None:
     before = {"host_timeout_ms": _LENGTH_MS, "hold_ms": 5000, "ramp_ms": 0}
     after = before | dict(changes)
-    board.configure(**before)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm(**before)
     if plays:
         play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_LENGTH_MS)
     else:
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     begun_us = board.clock.device_us()
     board.wire.idle(_BEFORE_MS * _MS)
     asked_us = board.clock.device_estimate_us()
@@ -186,14 +176,9 @@ def _lease_with_configuration(
     judge_mute_time(board, start_us, header, due_ms, name, asked_us=asked_us)
 
 
-@case(
-    "HG-7.1/3",
-    "a ramp that has begun goes on as it began, whichever field is set meanwhile",
-    variant="fields",
-    needs=Feature.CONFIG | Feature.AMPLITUDE,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/3-fields", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
+    """a ramp that has begun goes on as it began, whichever field is set meanwhile"""
     hold_ms, ramp_ms = 30, 150
     lengths: list[dict[str, Any]] = [
         {"hold_ms": 1},
@@ -205,9 +190,7 @@ def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
     if not board.wire.is_virtual:
         lengths = [{"hold_ms": _NEVER_MS, "ramp_ms": 2000}, {"hold_ms": 1, "ramp_ms": 0}]
     for changes in [*lengths, *_other_settings(board)]:
-        board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
-        board.arm()
-        since = board.link.mark()
+        since = board.arm(hold_ms=hold_ms, ramp_ms=ramp_ms)
         start_us = _start_hold_to_configure(board)
         middle_us = start_us + (hold_ms + ramp_ms // 3) * _MS
         board.wire.idle(max(0, middle_us - board.clock.device_estimate_us()))
@@ -218,14 +201,9 @@ def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
         judge_mute_time(board, start_us, header, hold_ms + ramp_ms, name)
 
 
-@case(
-    "HG-7.1/3",
-    "a status period that runs is replaced: the first STATUS comes within the new period",
-    variant="status",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/3-status", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def configuration_changes_a_running_status_period(board: BoardClient) -> None:
+    """a status period that runs is replaced: the first STATUS comes within the new period"""
     least_ms = board.quick_status_ms
     require(least_ms <= 1000, "a status period takes too long on this line")
     for before_ms, after_ms in ((65_535, least_ms), (least_ms, 3 * least_ms), (0, least_ms)):

@@ -61,13 +61,14 @@ _QUEUED_US: Final = 40_000
 
 
 @case(
-    "HG-7.1/3",
-    "a ceiling set while a drive sounds, of stream and playback, is in force without a new latch",
-    variant="ceiling",
+    "HG-7.1/3-ceiling",
     needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED,
     evidence=SELF_REPORTED,
 )
 def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
+    """a ceiling set while a drive sounds, of stream and playback, is in force without a new
+    latch
+    """
     plays = [False, True] if board.has(Feature.SEQUENCE_PHASES) else [False]
     for played in plays:
         board.configure()
@@ -78,7 +79,7 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
             let_play(board, 2)
             board.wire.idle_beyond(0)
         else:
-            latch_now(board, board.flat_phases())
+            latch_now(board)
         for ceiling in _CEILINGS:
             board.configure(amplitude_ceiling=ceiling)
             loudest = read_back_radiated(board).loudest
@@ -88,21 +89,19 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.1/3",
-    "points stored before a new speed of sound are played with the new one",
-    variant="speed",
+    "HG-7.1/3-speed",
     needs=Feature.CONFIG | Feature.SEQUENCE_POINTS | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
 )
 def stored_points_take_the_configured_speed(board: BoardClient) -> None:
+    """points stored before a new speed of sound are played with the new one"""
     from ...judge.array_model import judged_model_of_board
     from ...judge.focusing import judged_phase_errors
 
     frame = Points(tuple(random_point_to_send(board, 1) for _ in range(1)))
     upload_to_board(board, UploadKind.POINTS, _SEQUENCE, frame.serialize(), 1)
     for speed in _SPEEDS_MM_S:
-        board.configure(sound_speed_mm_s=speed)
-        board.arm()
+        board.arm(sound_speed_mm_s=speed)
         play_out(board, _SEQUENCE, 1, period_us=period_to_play(board, 1))
         errors = judged_phase_errors(
             judged_model_of_board(board), [(tuple(frame.points), read_back(board))]
@@ -112,14 +111,13 @@ def stored_points_take_the_configured_speed(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.1/3",
-    "trace modes set one after the other while a sequence plays are each in force at once",
-    variant="traces",
+    "HG-7.1/3-traces",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
+    """trace modes set one after the other while a sequence plays are each in force at once"""
     events = {
         TraceMode.OFF: (Feature(0), None),
         TraceMode.CRC: (Feature.TRACE, TracePlayback),
@@ -156,14 +154,13 @@ def _settings_beside_timers(board: BoardClient) -> list[dict[str, Any]]:
 
 
 @case(
-    "HG-7.1/3",
-    "frames in the queue are latched when they are due, as they came, whatever is set meanwhile",
-    variant="queue",
+    "HG-7.1/3-queue",
     needs=Feature.CONFIG | Feature.READ_LATCHED,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def configuration_leaves_the_queue(board: BoardClient) -> None:
+    """frames in the queue are latched when they are due, as they came, whatever is set meanwhile"""
     from ...judge.array_model import judged_model_of_board
 
     settings = _settings_beside_timers(board)
@@ -183,7 +180,7 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
             wire_bytes = bytes(2 * len(frame.serialize()) + 400)
             at_us = board.clock.soon_us(wire_bytes, points=1, ahead_us=_QUEUED_US)
             with board.counting(accepted=1, latched=1):
-                board.link.send(board.link.stream_wire(frame, at_us))
+                board.link.stream(frame, at_us)
                 board.configure(**before | changes)
                 board.clock.wait_until(at_us + 2 * board.clock.carrier_us)
                 shown = read_back(board)
@@ -207,14 +204,13 @@ def _judge_queued_points(
 
 
 @case(
-    "HG-7.1/3",
-    "a playback keeps its period, and an upload its bytes, whatever is set meanwhile",
-    variant="playback",
+    "HG-7.1/3-playback",
     needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def configuration_leaves_a_playback(board: BoardClient) -> None:
+    """a playback keeps its period, and an upload its bytes, whatever is set meanwhile"""
     count = board.identity.transducers
     send_phases_that_fit(board, _SEQUENCE, frames=2)
     other = board.random_registers()
@@ -251,35 +247,33 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
 
 
 @case(
-    "HG-8.4/1",
-    "requests between latches, carried out and refused, leave the division as it runs",
-    variant="requests",
+    "HG-8.4/1-requests",
     needs=Feature.CONFIG | Feature.TRACE_DRIVE,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def requests_leave_the_configured_division(board: BoardClient) -> None:
+    """requests between latches, carried out and refused, leave the division as it runs"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    board.configure(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
-    board.arm()
+    board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
     since, first = board.link.mark(), board.link.stream_next
     count = 0
     messages: list[Message] = [*valid_requests_to_send(board, _SEQUENCE), Mute(), Arm()]
     for message in messages:
         if isinstance(message, SetConfig | Play | UploadBegin):
             continue
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         board.link.ask(message)
         if isinstance(message, Disarm | Stop | Mute):
             board.arm()
         count += 1
     for refusal in requests_refused_by_link(board):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         board.link.ask_raw(refusal.kind, refusal.payload, **{"session": 0} | dict(refusal.header))
         count += 1
     for _ in range(_DIVIDER):
         board.hello(board.link.session)
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     board.link.barrier()
     got = [event.key.index - first for _, event in board.link.events(TraceDrive, since)]
     due = list(range(0, count + _DIVIDER, _DIVIDER))

@@ -30,12 +30,9 @@ def _spans_of_geometry(count: int) -> list[tuple[int, int]]:
     return sorted((first, number) for first in firsts for number in counts if number >= 0)
 
 
-@case(
-    "HG-7.5/1",
-    "GET_GEOMETRY of spans at and around every edge shows the elements that the whole shows",
-    variant="spans",
-)
+@case("HG-7.5/1-spans")
 def every_span_of_the_geometry(board: BoardClient) -> None:
+    """GET_GEOMETRY of spans at and around every edge shows the elements that the whole shows"""
     whole, total = board.read_geometry(), board.identity.transducers
     for first, count in _spans_of_geometry(total):
         reply = board.link.call(GetGeometry(first, count), GeometryReply)
@@ -48,14 +45,9 @@ def every_span_of_the_geometry(board: BoardClient) -> None:
         board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, total)
 
 
-@case(
-    "HG-8.6/1",
-    "READ_DRIVE of spans at and around every edge shows the codes that the whole shows",
-    variant="spans",
-    needs=Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.6/1-spans", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def every_span_of_drive_and_geometry(board: BoardClient) -> None:
+    """READ_DRIVE of spans at and around every edge shows the codes that the whole shows"""
     frame = stream_kinds(board)[-1].make()  # with amplitudes that differ, where it can
     kinds = [DriveKind.LATCHED]
     if board.has(Feature.READ_RADIATED):

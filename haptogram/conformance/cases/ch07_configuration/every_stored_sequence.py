@@ -105,13 +105,12 @@ def _orders_of_stored_sequences() -> Iterator[tuple[int, ...]]:
 
 
 @case(
-    "HG-7.4/1",
-    "3 sequences, each replaced in every order by a longer or shorter one: all are played whole",
-    variant="store",
+    "HG-7.4/1-store",
     needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
 def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
+    """3 sequences, each replaced in every order by a longer or shorter one: all are played whole"""
     orders = list(_orders_of_stored_sequences())
     for order in orders if board.thorough else orders[3:4]:
         board.configure(trace_mode=TraceMode.CRC)
@@ -131,20 +130,18 @@ def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.2/5",
-    "while a sequence plays, waits, or has ended others and the correction are uploaded",
-    variant="others",
+    "HG-7.2/5-others",
     needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
 def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
+    """while a sequence plays, waits, or has ended others and the correction are uploaded"""
     first, second, third = _IDS
     board.configure(trace_mode=TraceMode.CRC)
     store = SequenceStore(board)
     for sequence in _IDS:
         store.put(sequence, 2)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     play_now(board, second, loops=0, period_us=_period_to_trace(board))
     store.put(first, 3)  # those before and behind the one that plays move it
     store.put(third, 1)
@@ -166,13 +163,14 @@ def _period_to_trace(board: BoardClient) -> int:
 
 
 @case(
-    "HG-7.2/5",
-    "an upload begun before PLAY is refused while its sequence waits or plays, and taken after it",
-    variant="commit",
+    "HG-7.2/5-commit",
     needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
 )
 def no_upload_replaces_the_sequence_that_plays(board: BoardClient) -> None:
+    """an upload begun before PLAY is refused while its sequence waits or plays, and taken after
+    it
+    """
     board.configure(trace_mode=TraceMode.CRC)
     store = SequenceStore(board)
     for waits, end in itertools.product((False, True), (Stop(), Mute())):
@@ -206,12 +204,9 @@ def _judge_commit_of_playing_sequence(store: SequenceStore, end: Message, *, wai
     store.check_all(f"committed behind {name}")
 
 
-@case(
-    "HG-7.4/5",
-    "after a reset no sequence of either kind is stored, and no upload is under way",
-    needs_reset=True,
-)
+@case("HG-7.4/5", needs_reset=True)
 def no_sequence_outlives_a_reset(board: BoardClient) -> None:
+    """after a reset no sequence of either kind is stored, and no upload is under way"""
     board.hello()
     board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
     frames = {
@@ -241,14 +236,15 @@ def no_sequence_outlives_a_reset(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.6/1",
-    "one sequence more at a time, to TOO_LARGE or 70: each is played, NOT_FOUND tells their number",
-    variant="many",
+    "HG-7.6/1-many",
     needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def many_sequences_are_stored(board: BoardClient) -> None:
+    """one sequence more at a time, to TOO_LARGE or 70: each is played, NOT_FOUND tells their
+    number
+    """
     board.configure(trace_mode=TraceMode.CRC)
     store, count = SequenceStore(board), board.identity.transducers
     for sequence in SEQUENCES:  # later cases find room for theirs

@@ -48,12 +48,9 @@ def _upload_units(board: BoardClient) -> Iterator[tuple[UploadKind, int, int]]:
             yield UploadKind.POINTS, number, number * FocalPoint.LAYOUT.size
 
 
-@case(
-    "HG-7.2/2",
-    "1 to 3 whole frames of every kind and number of points are taken, and no broken frame",
-    variant="kinds",
-)
+@case("HG-7.2/2-kinds")
 def every_upload_is_of_whole_frames(board: BoardClient) -> None:
+    """1 to 3 whole frames of every kind and number of points are taken, and no broken frame"""
     board.need_any(UPLOADS)
     for kind, points, unit in _upload_units(board):
         target = int(kind is not UploadKind.CORRECTION)
@@ -70,14 +67,13 @@ def every_upload_is_of_whole_frames(board: BoardClient) -> None:
 
 
 @case(
-    "HG-5.4/1",
-    "3 frames of every number of points are played as they are latched from the stream",
-    variant="played",
+    "HG-5.4/1-played",
     needs=Feature.POINTS | Feature.SEQUENCE_POINTS | Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def every_number_of_points_is_played(board: BoardClient) -> None:
+    """3 frames of every number of points are played as they are latched from the stream"""
     board.configure(trace_mode=TraceMode.CRC)
     for number in range(1, board.most_points + 1):
         groups = [
@@ -87,8 +83,7 @@ def every_number_of_points_is_played(board: BoardClient) -> None:
         frames = [Points(group) for group in groups]
         data = b"".join(frame.serialize() for frame in frames)
         upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, number)
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         for frame in frames:
             latch_now(board, frame)
         play_out(board, _SEQUENCE, _FRAMES, period_us=period_to_play(board, number))
@@ -100,14 +95,13 @@ def every_number_of_points_is_played(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.3/1",
-    "chunks of 1 byte to max_chunk, even and odd, one behind the other: what is played is whole",
-    variant="sizes",
+    "HG-7.3/1-sizes",
     needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def every_size_of_chunks_is_taken(board: BoardClient) -> None:
+    """chunks of 1 byte to max_chunk, even and odd, one behind the other: what is played is whole"""
     most, count = board.identity.max_chunk, board.identity.transducers
     sizes = sorted({size for size in _SIZES if size < most} | {most - 1, most})
     room = count * min(board.identity.max_sequence_frames, _PLAYED)
@@ -125,9 +119,7 @@ def every_size_of_chunks_is_taken(board: BoardClient) -> None:
         at = board.link.call(chunk, UploadChunkReply).received
     taken = board.link.call(UploadCommit(_SEQUENCE), UploadCommitReply).frames
     check(taken == frames, f"{taken} frames are taken, not {frames}")
-    board.configure(trace_mode=TraceMode.CRC)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm(trace_mode=TraceMode.CRC)
     period_us = board.wire.period_us(_TRACE_BYTES, period_to_play(board))
     play_out(board, _SEQUENCE, frames, period_us=period_us)
     got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]

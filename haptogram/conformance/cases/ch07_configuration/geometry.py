@@ -17,8 +17,9 @@ from ...outcome import check, check_equal, require
 _ELEMENTS: Final = 18
 
 
-@case("HG-7.5/1", "GET_GEOMETRY of one, some and too many transducers shows those from first on")
+@case("HG-7.5/1")
 def shows_its_geometry(board: BoardClient) -> None:
+    """GET_GEOMETRY of one, some and too many transducers shows those from first on"""
     count = board.identity.transducers
     room = (4075 - 14) // _ELEMENTS
     whole = board.link.call(GetGeometry(0, 0xFFFF), GeometryReply)
@@ -36,15 +37,17 @@ def shows_its_geometry(board: BoardClient) -> None:
             )
 
 
-@case("HG-7.5/2", "GET_GEOMETRY from N on is refused with NOT_FOUND, detail N")
+@case("HG-7.5/2")
 def geometry_has_no_more_transducers(board: BoardClient) -> None:
+    """GET_GEOMETRY from N on is refused with NOT_FOUND, detail N"""
     count = board.identity.transducers
     for first in (count, count + 1, 0xFFFF):
         board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, count)
 
 
-@case("HG-7.5/3", "GET_GEOMETRY is the grid of HELLO_REPLY: pitch, z = 0, normals (0, 0, 32767)")
+@case("HG-7.5/3")
 def geometry_is_the_grid(board: BoardClient) -> None:
+    """GET_GEOMETRY is the grid of HELLO_REPLY: pitch, z = 0, normals (0, 0, 32767)"""
     nx, ny, pitch_um = board.identity.grid_nx, board.identity.grid_ny, board.identity.pitch_um
     require(bool(nx * ny), "this board is no grid")
     for n, element in enumerate(board.read_geometry()):

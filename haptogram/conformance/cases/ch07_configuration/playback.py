@@ -46,12 +46,11 @@ _MS: Final = 1000
 _NEEDS: Final = Feature.SEQUENCE_PHASES
 
 
-@case(
-    "HG-7.6/1",
-    "PLAY during a playback is refused with BAD_STATE, of no stored sequence and 0 with NOT_FOUND",
-    needs=_NEEDS,
-)
+@case("HG-7.6/1", needs=_NEEDS)
 def refuses_playback_in_wrong_state(board: BoardClient) -> None:
+    """PLAY during a playback is refused with BAD_STATE, of no stored sequence and 0 with
+    NOT_FOUND
+    """
     send_phases_that_fit(board, 1, frames=2)
     play = play_request(board, 1, loops=1)
     board.link.refused(play, ErrorCode.BAD_STATE, 0, flags=0x10)
@@ -63,12 +62,9 @@ def refuses_playback_in_wrong_state(board: BoardClient) -> None:
     board.link.refused(play, ErrorCode.BAD_STATE, 1, flags=0x10)
 
 
-@case(
-    "HG-7.6/2",
-    "periods, unattended times and starts out of bounds are refused with BAD_VALUE",
-    needs=_NEEDS,
-)
+@case("HG-7.6/2", needs=_NEEDS)
 def checks_the_times_of_playback(board: BoardClient) -> None:
+    """periods, unattended times and starts out of bounds are refused with BAD_VALUE"""
     send_phases_that_fit(board, 1, frames=2)
     board.arm()
     identity = board.identity
@@ -90,13 +86,11 @@ def checks_the_times_of_playback(board: BoardClient) -> None:
     board.due_event(PlaybackEnded, since, 2 * least_us + 50 * _MS)
 
 
-@case(
-    "HG-7.6/2",
-    "a start before the first frame is ready, and a period too short for its points, are refused",
-    variant="ready",
-    needs=Feature.SEQUENCE_POINTS,
-)
+@case("HG-7.6/2-ready", needs=Feature.SEQUENCE_POINTS)
 def playback_leaves_time_to_compute(board: BoardClient) -> None:
+    """a start before the first frame is ready, and a period too short for its points, are
+    refused
+    """
     points = board.most_points
     frame = b"".join(random_point_to_send(board, points).pack() for _ in range(points))
     upload_to_board(board, UploadKind.POINTS, 1, 2 * frame, points)
@@ -113,20 +107,16 @@ def playback_leaves_time_to_compute(board: BoardClient) -> None:
     board.due_event(PlaybackEnded, since, 2 * usual_us + board.clock.lead_us + 50 * _MS)
 
 
-@case(
-    "HG-7.6/3",
-    "PLAY, at once and for a time behind them, flushes 3 queued frames",
-    needs=_NEEDS,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.6/3", needs=_NEEDS, evidence=SELF_REPORTED)
 def playback_flushes_the_queue(board: BoardClient) -> None:
+    """PLAY, at once and for a time behind them, flushes 3 queued frames"""
     send_phases_to_store(board, 1, frames=2)
     for plays_later in (False, True):
         board.arm_anew()
         t_us = board.clock.soon_us(bytes(2000), ahead_us=30_000)
         with board.counting(flushed=3, latched=2):
             for number in range(3):
-                board.link.send(board.link.stream_wire(board.flat_phases(), t_us + 1000 * number))
+                board.link.stream(board.flat_phases(), t_us + 1000 * number)
             if plays_later:
                 play_at(board, 1, t_us + 4000, loops=1)
             else:
@@ -135,21 +125,16 @@ def playback_flushes_the_queue(board: BoardClient) -> None:
             let_play(board, 5)
 
 
-@case(
-    "HG-7.6/4",
-    "60 frames whose times lie between carrier periods are each latched on the next one",
-    needs=_NEEDS | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.6/4", needs=_NEEDS | Feature.CONFIG, evidence=SELF_REPORTED)
 def plays_the_sequence_in_time(board: BoardClient) -> None:
+    """60 frames whose times lie between carrier periods are each latched on the next one"""
     mode = ask_for_board_latches(board)
     send_phases_to_store(board, 1, frames=3)
     least_us = shortest_period_to_play_us(board)
     room = board.identity.trace_ring if mode is TraceMode.RING else 60
     period_us = max(1003, least_us)
     loops = max(1, min(20, room // 3, most_periods_to_play(board, period_us) // 3))
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     start_us = board.clock.soon_us(bytes(100), ahead_us=5003)
     play_at(board, 1, start_us, loops=loops, period_us=period_us)
     event = await_playback_end(board, since, 3 * loops * period_us)
@@ -166,18 +151,14 @@ def plays_the_sequence_in_time(board: BoardClient) -> None:
     check_equal(reported, (1, loops, 3 * loops), f"PLAYBACK_ENDED says {reported}")
 
 
-@case(
-    "HG-7.6/5",
-    "a playback outlives host_timeout_ms, and is muted after unattended_ms: UNATTENDED",
-    needs=_NEEDS | Feature.CONFIG,
-)
+@case("HG-7.6/5", needs=_NEEDS | Feature.CONFIG)
 def playback_may_be_left_alone(board: BoardClient) -> None:
+    """a playback outlives host_timeout_ms, and is muted after unattended_ms: UNATTENDED"""
     board.configure(host_timeout_ms=60)
     send_phases_that_fit(board, 1, frames=2)
     alone_ms = min(300, board.identity.max_unattended_ms)
     require(alone_ms > 100, "max_unattended_ms is too short to tell it from host_timeout_ms")
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     play_now(board, 1, loops=0, unattended_ms=alone_ms)
     start_us = board.clock.device_us()
     header, _ = judged_mute_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
@@ -185,17 +166,12 @@ def playback_may_be_left_alone(board: BoardClient) -> None:
     check(abs(took_ms - alone_ms) <= 1, f"unattended_ms = {alone_ms}: muted after {took_ms:.1f} ms")
 
 
-@case(
-    "HG-7.6/6",
-    "with loops = 0 a sequence plays until STOP, DISARM, MUTE or a new session ends it",
-    needs=_NEEDS,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.6/6", needs=_NEEDS, depth=Depth.DEFAULT)
 def playback_loops_until_it_is_ended(board: BoardClient) -> None:
+    """with loops = 0 a sequence plays until STOP, DISARM, MUTE or a new session ends it"""
     send_phases_that_fit(board, 1, frames=2)
     for message in (Stop(), Disarm(), Mute(), None):
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         play_now(board, 1, loops=0)
         with board.counting():
             let_play(board, 50)
@@ -211,11 +187,11 @@ def playback_loops_until_it_is_ended(board: BoardClient) -> None:
             wait_for_no_latch(board, 10 * _MS)
 
 
-@case("HG-7.7/1", "STOP ends a playback; the board stays ARMED and holds the drive", needs=_NEEDS)
+@case("HG-7.7/1", needs=_NEEDS)
 def stop_ends_the_playback(board: BoardClient) -> None:
+    """STOP ends a playback; the board stays ARMED and holds the drive"""
     send_phases_that_fit(board, 1, frames=2)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     play_now(board, 1, loops=0)
     let_play(board, 5)
     state = board.link.call(Stop(), StopReply).state
@@ -226,8 +202,9 @@ def stop_ends_the_playback(board: BoardClient) -> None:
         check_equal(board.status().state, OutputState.ARMED, "STOP does not leave the board ARMED")
 
 
-@case("HG-7.7/2", "STOP without a playback is answered with STOP_REPLY")
+@case("HG-7.7/2")
 def stop_without_playback(board: BoardClient) -> None:
+    """STOP without a playback is answered with STOP_REPLY"""
     board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
     since = board.link.mark()
     state = board.link.call(Stop(), StopReply).state
@@ -235,16 +212,12 @@ def stop_without_playback(board: BoardClient) -> None:
     check(not board.link.events(PlaybackEnded, since), "PLAYBACK_ENDED without a playback")
 
 
-@case(
-    "HG-7.8/1",
-    "one PLAYBACK_ENDED tells each end of a playback: by itself, by STOP, MUTE and DISARM",
-    needs=_NEEDS,
-)
+@case("HG-7.8/1", needs=_NEEDS)
 def tells_the_end_of_playback(board: BoardClient) -> None:
+    """one PLAYBACK_ENDED tells each end of a playback: by itself, by STOP, MUTE and DISARM"""
     send_phases_to_store(board, 4, frames=3)
     for message in (None, Stop(), Mute(), Disarm()):
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         play_now(board, 4, loops=2 if message is None else 0)
         let_play(board, 15)
         if message is not None:
@@ -260,11 +233,12 @@ def tells_the_end_of_playback(board: BoardClient) -> None:
         )
 
 
-@case("HG-7.8/2", "after the last frame the board is ARMED and latches stream frames", needs=_NEEDS)
+@case("HG-7.8/2", needs=_NEEDS)
 def streams_after_playback(board: BoardClient) -> None:
+    """after the last frame the board is ARMED and latches stream frames"""
     send_phases_that_fit(board, 1, frames=2)
     board.arm()
     play_out(board, 1, 2)
     with board.counting(latched=1):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     check_equal(board.status().state, OutputState.ARMED, "not ARMED after a playback")

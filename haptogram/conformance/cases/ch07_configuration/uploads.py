@@ -48,11 +48,9 @@ def _begin_upload_of_size(board: BoardClient, size: int, crc: int = 0) -> Upload
     return UploadBegin(kind, int(kind is UploadKind.POINTS), target, size, crc)
 
 
-@case(
-    "HG-7.2/1",
-    "an upload of more bytes or frames than fit is refused: TOO_LARGE, detail: the limit",
-)
+@case("HG-7.2/1")
 def refuses_uploads_too_large(board: BoardClient) -> None:
+    """an upload of more bytes or frames than fit is refused: TOO_LARGE, detail: the limit"""
     kind, _, frame = _upload_kind(board)
     identity = board.identity
     size = identity.max_upload_bytes - identity.max_upload_bytes % frame + frame
@@ -76,12 +74,9 @@ def refuses_uploads_too_large(board: BoardClient) -> None:
     board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
 
 
-@case(
-    "HG-7.2/7",
-    "after a reset uploads of the advertised frames, points and bytes, and one less, are taken",
-    needs_reset=True,
-)
+@case("HG-7.2/7", needs_reset=True)
 def takes_uploads_at_its_limits(board: BoardClient) -> None:
+    """after a reset uploads of the advertised frames, points and bytes, and one less, are taken"""
     board.hello()
     kind, _, frame = _upload_kind(board)
     identity = board.identity
@@ -99,18 +94,18 @@ def takes_uploads_at_its_limits(board: BoardClient) -> None:
     board.hello()  # which abandons the upload
 
 
-@case(
-    "HG-7.2/2", "sizes that are no whole frames are refused: BAD_LENGTH, detail: bytes in a frame"
-)
+@case("HG-7.2/2")
 def refuses_uploads_of_broken_size(board: BoardClient) -> None:
+    """sizes that are no whole frames are refused: BAD_LENGTH, detail: bytes in a frame"""
     _, _, frame = _upload_kind(board)
     for size in (0, frame + 1, 2 * frame - 1):
         if size == 0 or (size % frame and size <= board.identity.max_upload_bytes):
             board.link.refused(_begin_upload_of_size(board, size), ErrorCode.BAD_LENGTH, frame)
 
 
-@case("HG-7.2/3", "sequence 0, and a correction for target 1, are refused with BAD_VALUE")
+@case("HG-7.2/3")
 def refuses_uploads_to_a_wrong_target(board: BoardClient) -> None:
+    """sequence 0, and a correction for target 1, are refused with BAD_VALUE"""
     board.need_any(_ANY)
     count, offset = board.identity.transducers, UploadBegin.WIRE["target"].offset
     if board.has(Feature.SEQUENCE_PHASES):
@@ -124,8 +119,9 @@ def refuses_uploads_to_a_wrong_target(board: BoardClient) -> None:
         board.link.refused(wrong, ErrorCode.BAD_VALUE, offset)
 
 
-@case("HG-7.2/4", "a second UPLOAD_BEGIN discards the chunks of the first")
+@case("HG-7.2/4")
 def upload_begins_anew(board: BoardClient) -> None:
+    """a second UPLOAD_BEGIN discards the chunks of the first"""
     kind, target, frame = _upload_kind(board)
     data = b"\x07" * frame
     points = int(kind is UploadKind.POINTS)
@@ -135,12 +131,9 @@ def upload_begins_anew(board: BoardClient) -> None:
     board.link.refused(UploadCommit(target), ErrorCode.INCOMPLETE, 0)
 
 
-@case(
-    "HG-7.2/5",
-    "UPLOAD_BEGIN for the sequence that plays is refused with BAD_STATE",
-    needs=Feature.SEQUENCE_PHASES,
-)
+@case("HG-7.2/5", needs=Feature.SEQUENCE_PHASES)
 def upload_spares_the_playing_sequence(board: BoardClient) -> None:
+    """UPLOAD_BEGIN for the sequence that plays is refused with BAD_STATE"""
     send_phases_that_fit(board, 5, frames=2)
     board.arm()
     play_now(board, 5, loops=0)
@@ -148,8 +141,9 @@ def upload_spares_the_playing_sequence(board: BoardClient) -> None:
     board.link.refused(UploadBegin(UploadKind.PHASES, 0, 5, size, 0), ErrorCode.BAD_STATE, 1)
 
 
-@case("HG-7.2/6", "UPLOAD_BEGIN_REPLY names max_chunk and upload_window of HELLO_REPLY")
+@case("HG-7.2/6")
 def names_the_limits_of_uploads(board: BoardClient) -> None:
+    """UPLOAD_BEGIN_REPLY names max_chunk and upload_window of HELLO_REPLY"""
     _, _, frame = _upload_kind(board)
     reply = announce_upload(board, _begin_upload_of_size(board, frame))
     due = board.identity.max_chunk, board.identity.upload_window
@@ -157,11 +151,11 @@ def names_the_limits_of_uploads(board: BoardClient) -> None:
     check(told == due, f"max_chunk and window are {told}, in HELLO_REPLY {due}")
 
 
-@case(
-    "HG-7.3/1",
-    "chunks in order are taken, the same and overlapping ones again; one behind a gap is refused",
-)
+@case("HG-7.3/1")
 def takes_chunks_in_order(board: BoardClient) -> None:
+    """chunks in order are taken, the same and overlapping ones again; one behind a gap is
+    refused
+    """
     kind, target, frame = _upload_kind(board)
     data = board.random.randbytes(frame)
     begin_upload(board, kind, target, data, int(kind is UploadKind.POINTS))
@@ -177,8 +171,9 @@ def takes_chunks_in_order(board: BoardClient) -> None:
     board.link.call(UploadCommit(target), UploadCommitReply)
 
 
-@case("HG-7.3/2", "a window of chunks sent without a pause is taken whole")
+@case("HG-7.3/2")
 def takes_a_window_of_chunks(board: BoardClient) -> None:
+    """a window of chunks sent without a pause is taken whole"""
     kind, target, frame = _upload_kind(board)
     identity = board.identity
     most = 1 if kind is UploadKind.CORRECTION else identity.max_sequence_frames
@@ -202,8 +197,9 @@ def takes_a_window_of_chunks(board: BoardClient) -> None:
     )
 
 
-@case("HG-7.3/3", "a chunk of max_chunk bytes is taken; one byte more is refused with BAD_LENGTH")
+@case("HG-7.3/3")
 def limits_the_chunks_of_an_upload(board: BoardClient) -> None:
+    """a chunk of max_chunk bytes is taken; one byte more is refused with BAD_LENGTH"""
     kind, target, frame = _upload_kind(board)
     limit = board.identity.max_chunk
     text = "no chunk longer than max_chunk fits, or makes sense"
@@ -215,11 +211,9 @@ def limits_the_chunks_of_an_upload(board: BoardClient) -> None:
     check_equal(received, limit, f"a chunk of {limit} bytes: {received} are there")
 
 
-@case(
-    "HG-7.3/4",
-    "a chunk past the end is refused with BAD_VALUE, one without an upload with BAD_STATE",
-)
+@case("HG-7.3/4")
 def refuses_stray_upload_chunks(board: BoardClient) -> None:
+    """a chunk past the end is refused with BAD_VALUE, one without an upload with BAD_STATE"""
     kind, target, frame = _upload_kind(board)
     board.hello()
     board.link.refused(UploadChunk(0, b"\x01"), ErrorCode.BAD_STATE)
@@ -228,12 +222,9 @@ def refuses_stray_upload_chunks(board: BoardClient) -> None:
         board.link.refused(UploadChunk(offset, bytes(size)), ErrorCode.BAD_VALUE)
 
 
-@case(
-    "HG-7.3/4",
-    "chunks of 0, 1, 2 and max_chunk bytes at every edge: those at the start are taken",
-    variant="edges",
-)
+@case("HG-7.3/4-edges")
 def takes_chunks_that_fit(board: BoardClient) -> None:
+    """chunks of 0, 1, 2 and max_chunk bytes at every edge: those at the start are taken"""
     kind, target, frame = _upload_kind(board)
     size = frame if kind is UploadKind.CORRECTION else 3 * frame
     for offset in (0, 1, size // 2, size - 1, size, size + 1, 1 << 16, 1 << 31, _LARGEST):
@@ -251,13 +242,9 @@ def takes_chunks_that_fit(board: BoardClient) -> None:
             check_equal(reply.received, length, f"{name}: {reply.received} are there")
 
 
-@case(
-    "HG-7.4/1",
-    "until the commit the old sequence plays, then the new one, whole",
-    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.4/1", needs=Feature.SEQUENCE_PHASES | Feature.CONFIG, evidence=SELF_REPORTED)
 def upload_keeps_the_old_sequence(board: BoardClient) -> None:
+    """until the commit the old sequence plays, then the new one, whole"""
     mode = ask_for_board_latches(board)
     old = send_phases_to_store(board, 6, frames=2)
     new = [board.random.randbytes(len(old[0])) for _ in range(2)]
@@ -267,8 +254,7 @@ def upload_keeps_the_old_sequence(board: BoardClient) -> None:
         board.hello()  # a new session: the ring begins anew, and an upload that is not committed
         if due is new:
             upload_to_board(board, UploadKind.PHASES, 6, b"".join(new))
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         play_out(board, 6, 2)
         full = b"\xff" * len(old[0])
         got = [latch.crc for latch in latches_received_from_board(board, since, mode)]
@@ -277,8 +263,9 @@ def upload_keeps_the_old_sequence(board: BoardClient) -> None:
         check(got == wanted, f"the {which} sequence is due; traced are {len(got)} other drives")
 
 
-@case("HG-7.4/2", "a commit with bytes missing is refused: INCOMPLETE, detail: the first of them")
+@case("HG-7.4/2")
 def refuses_upload_commits_of_a_part(board: BoardClient) -> None:
+    """a commit with bytes missing is refused: INCOMPLETE, detail: the first of them"""
     kind, target, frame = _upload_kind(board)
     frames = 1 if kind is UploadKind.CORRECTION else 2
     data = board.random.randbytes(frame * frames)
@@ -295,11 +282,9 @@ def refuses_upload_commits_of_a_part(board: BoardClient) -> None:
     check(got == due, f"UPLOAD_COMMIT_REPLY says {got}, due is {due}")
 
 
-@case(
-    "HG-7.4/3",
-    "a commit of other bytes than announced is refused: CRC_MISMATCH, detail: their CRC-32",
-)
+@case("HG-7.4/3")
 def refuses_upload_commits_of_other_bytes(board: BoardClient) -> None:
+    """a commit of other bytes than announced is refused: CRC_MISMATCH, detail: their CRC-32"""
     kind, target, frame = _upload_kind(board)
     data = board.random.randbytes(frame)
     begin = _begin_upload_of_size(board, frame, zlib.crc32(data) ^ 0x10)
@@ -309,11 +294,9 @@ def refuses_upload_commits_of_other_bytes(board: BoardClient) -> None:
     check_equal(kind, begin.kind, "the upload is of another kind")
 
 
-@case(
-    "HG-7.4/4",
-    "a commit of another target is refused with BAD_VALUE, one without an upload with BAD_STATE",
-)
+@case("HG-7.4/4")
 def refuses_a_stray_upload_commit(board: BoardClient) -> None:
+    """a commit of another target is refused with BAD_VALUE, one without an upload with BAD_STATE"""
     kind, target, frame = _upload_kind(board)
     board.hello()
     board.link.refused(UploadCommit(target), ErrorCode.BAD_STATE)

@@ -26,19 +26,20 @@ from ...outcome import check, check_equal
 unknown_codes = case_about_host("HG-10.1/3")
 
 
-@case("HG-10.1/1", "refused requests leave state, configuration, queue and stream numbers alone")
+@case("HG-10.1/1")
 def error_refusals_change_nothing(board: BoardClient) -> None:
+    """refused requests leave state, configuration, queue and stream numbers alone"""
     board.arm()
     before, config = board.status(), board.link.call(GetConfig(), ConfigReply)
     t_us = board.clock.soon_us(bytes(2000), ahead_us=40_000)
     with board.counting(latched=2):
-        board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+        board.link.stream(board.flat_phases(), t_us)
         board.link.refused_raw(0x43, b"\x00", ErrorCode.BAD_LENGTH, 0)
         board.link.refused_raw(0x43, b"", ErrorCode.UNSUPPORTED, 0x20, flags=0x20)
         board.link.refused_raw(0x43, b"", ErrorCode.STALE_SESSION, session=board.link.session ^ 3)
         board.link.refused(GetGeometry(0xFFFF, 1), ErrorCode.NOT_FOUND)
         board.clock.wait_until(t_us + 100)
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     after = board.status()
     check_equal(after.state, before.state, f"a refusal has led to {after.state.name}")
     check_equal(
@@ -46,8 +47,9 @@ def error_refusals_change_nothing(board: BoardClient) -> None:
     )
 
 
-@case("HG-10.1/2", "stream frames, good ones and bad ones of every kind, get no answer")
+@case("HG-10.1/2")
 def stream_gets_no_error(board: BoardClient) -> None:
+    """stream frames, good ones and bad ones of every kind, get no answer"""
     board.arm()
     good = board.flat_phases()
     frames = [
@@ -65,8 +67,9 @@ def stream_gets_no_error(board: BoardClient) -> None:
     board.link.unanswered("a stream frame while DISARMED", board.link.stream_wire(good))
 
 
-@case("HG-10.2/1", "ten refusals have the code that SPEC.md gives; none is BUSY")
+@case("HG-10.2/1")
 def uses_the_right_error_codes(board: BoardClient) -> None:
+    """ten refusals have the code that SPEC.md gives; none is BUSY"""
     board.link.refused_raw(0x7B, b"", ErrorCode.UNSUPPORTED, 0x7B)
     board.link.refused(Ping(0), ErrorCode.UNSUPPORTED, 0x80, flags=0x80)
     board.link.refused_raw(Ping.TYPE, b"", ErrorCode.BAD_LENGTH, 8)

@@ -50,14 +50,9 @@ def _allowed_readings(board: BoardClient) -> list[Message]:
     return [m for m in valid_requests_to_send(board, _ABSENT) if not isinstance(m, _CHANGING)]
 
 
-@case(
-    "HG-10.2/1",
-    "requests that only ask are answered while streaming, playing, waiting, DISARMED and MUTED",
-    variant="moments",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-10.2/1-moments", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def allowed_readings_are_always_answered(board: BoardClient) -> None:
+    """requests that only ask are answered while streaming, playing, waiting, DISARMED and MUTED"""
     send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         last_us, before = brought_to_refusal(board, situation)
@@ -70,15 +65,11 @@ def allowed_readings_are_always_answered(board: BoardClient) -> None:
         check(not text, f"{situation.name}, requests that only ask: {text}")
 
 
-@case(
-    "HG-7.1/3",
-    "a field set while frames wait, a sequence plays or an upload is under way changes only itself",
-    variant="alone",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/3-alone", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def an_allowed_setting_changes_only_itself(board: BoardClient) -> None:
+    """a field set while frames wait, a sequence plays or an upload is under way changes only
+    itself
+    """
     send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         last_us, before = brought_to_refusal(board, situation)
@@ -103,13 +94,9 @@ def an_allowed_setting_changes_only_itself(board: BoardClient) -> None:
         board.config = usual
 
 
-@case(
-    "HG-7.1/3",
-    "HELLO_REPLY tells the speed of sound that is set",
-    variant="hello",
-    needs=Feature.CONFIG,
-)
+@case("HG-7.1/3-hello", needs=Feature.CONFIG)
 def an_allowed_speed_is_told_by_hello(board: BoardClient) -> None:
+    """HELLO_REPLY tells the speed of sound that is set"""
     for speed in (300_000, 343_210, 380_000):
         board.configure(sound_speed_mm_s=speed)
         told = board.hello().sound_speed_mm_s
@@ -117,14 +104,13 @@ def an_allowed_speed_is_told_by_hello(board: BoardClient) -> None:
 
 
 @case(
-    "HG-3.6/2",
-    "2200 events of one session count up by 1: more than 11 bits of their numbers are kept",
-    variant="events",
+    "HG-3.6/2-events",
     needs=Feature.TRACE | Feature.CONFIG | Feature.SEQUENCE_PHASES,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def events_of_many_allowed_requests_are_numbered(board: BoardClient) -> None:
+    """2200 events of one session count up by 1: more than 11 bits of their numbers are kept"""
     send_phases_that_fit(board, STORED, frames=2)
     board.configure(trace_mode=TraceMode.CRC)
     board.hello()

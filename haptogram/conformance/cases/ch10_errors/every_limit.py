@@ -226,25 +226,15 @@ def _judge_times_beyond_limits(board: BoardClient, counter: str, offs_us: list[i
         board.link.barrier()
 
 
-@case(
-    "HG-5.7/4",
-    "frames beyond the horizon by each power of two of microseconds are dropped_future",
-    variant="bits",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.7/4-bits", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_time_beyond_the_horizon_is_a_limit(board: BoardClient) -> None:
+    """frames beyond the horizon by each power of two of microseconds are dropped_future"""
     ahead = [off_us for off_us in _times_beyond_limits(board) if off_us > 0]
     _judge_times_beyond_limits(board, "dropped_future", ahead)
 
 
-@case(
-    "HG-5.7/5",
-    "frames by each power of two of microseconds beyond the late window are dropped_late",
-    variant="bits",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.7/5-bits", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_time_that_has_passed_is_a_limit(board: BoardClient) -> None:
+    """frames by each power of two of microseconds beyond the late window are dropped_late"""
     passed = [off_us for off_us in _times_beyond_limits(board) if off_us < 0]
     _judge_times_beyond_limits(board, "dropped_late", passed)

@@ -94,7 +94,7 @@ def _set_before_refusal(board: BoardClient) -> None:
     """Open a session, with settings away from the default, and an upload of one byte."""
     board.hello()
     board.link.stream_next += _GAP  # numbers of more than 16 bits
-    board.link.send(board.link.stream_wire(board.shortest_stream(), flags=_UNKNOWN_FLAG))
+    board.link.stream(board.shortest_stream(), flags=_UNKNOWN_FLAG)
     if board.has(Feature.CORRECTION) and not any(board.correction or b""):
         codes = board.random.randbytes(board.identity.transducers)
         upload_to_board(board, UploadKind.CORRECTION, 0, codes)
@@ -207,13 +207,9 @@ def refusal_situations(board: BoardClient) -> Iterator[Situation]:
 # --- Cases -------------------------------------------------------------------------------------
 
 
-@case(
-    "HG-10.1/1",
-    "queue, output, playback, upload, margins, settings, ring: no refused request changes them",
-    variant="types",
-    evidence=SELF_REPORTED,
-)
+@case("HG-10.1/1-types", evidence=SELF_REPORTED)
 def every_refusal_changes_nothing(board: BoardClient) -> None:
+    """queue, output, playback, upload, margins, settings, ring: no refused request changes them"""
     send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         _judge_refusals_in_situation(board, situation)
@@ -254,7 +250,7 @@ def held_after_refusals(
     """Return the state after a frame that is dropped for its order, and what *happen* does."""
     since = board.link.mark()
     if last_us:
-        board.link.send(board.link.stream_wire(board.shortest_stream(), last_us))
+        board.link.stream(board.shortest_stream(), last_us)
     happen()
     return judged_held_state(board, since)
 
@@ -274,13 +270,9 @@ def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
             board.wire.idle_beyond(0)
 
 
-@case(
-    "HG-10.1/1",
-    "an upload outlives a commit that is refused with CRC_MISMATCH: the right bytes complete it",
-    variant="mismatch",
-    needs=Feature.SEQUENCE_PHASES,
-)
+@case("HG-10.1/1-mismatch", needs=Feature.SEQUENCE_PHASES)
 def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
+    """an upload outlives a commit that is refused with CRC_MISMATCH: the right bytes complete it"""
     data = pending_before_refusal(board)
     _begin_upload_before_refusal(board, data, zlib.crc32(data))
     damaged = bytes([data[0] ^ 0x40]) + data[1:]
@@ -296,14 +288,11 @@ def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
     board.link.reply_in(answer, UploadCommitReply, UploadCommit.TYPE)
 
 
-@case(
-    "HG-10.1/1",
-    "behind a refusal of every kind lease and unattended time have their own lengths and reasons",
-    variant="timers",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-10.1/1-timers", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def a_refusal_leaves_every_timer(board: BoardClient) -> None:
+    """behind a refusal of every kind lease and unattended time have their own lengths and
+    reasons
+    """
     send_phases_to_store_if_supported(board, STORED, frames=1)
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
         source = _refusals_while_playing if plays else requests_refused_while_armed
@@ -318,13 +307,11 @@ def _judge_timer_behind_refusals(
     """FAILED unless the timer of the host, renewed once more, runs out with its own length."""
     lease_ms = board.clock.timer_ms(_LEASE_MS, 4 * board.identity.transducers)
     board.hello()
-    board.configure(host_timeout_ms=2 * lease_ms if plays else lease_ms, hold_ms=10_000)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm(host_timeout_ms=2 * lease_ms if plays else lease_ms, hold_ms=10_000)
     if plays:
         play_now(board, STORED, loops=0, period_us=_PERIOD_US, unattended_ms=lease_ms)
     else:
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     for refusal in refusals:
         judged_refusal(board, refusal)
     start_us = board.clock.device_us()
@@ -334,12 +321,9 @@ def _judge_timer_behind_refusals(
     judge_mute_time(board, start_us, header, lease_ms, name)
 
 
-@case(
-    "HG-10.2/1",
-    "a request of every type, refused for every reason, gets the code of that reason",
-    variant="types",
-)
+@case("HG-10.2/1-types")
 def every_refusal_has_its_error_code(board: BoardClient) -> None:
+    """a request of every type, refused for every reason, gets the code of that reason"""
     send_phases_to_store_if_supported(board, STORED, frames=1)
     _streaming_before_refusal(board)
     for refusal in list(_refusals_while_streaming(board)):

@@ -37,8 +37,9 @@ numbers_gone = case_about_text("HG-11.4/2")
 host_versions = case_about_host("HG-11.4/3")
 
 
-@case("HG-11.1/1", "HELLO of major 0 to 255 and MUTE with a longer payload are understood")
+@case("HG-11.1/1")
 def keeps_what_no_version_changes(board: BoardClient) -> None:
+    """HELLO of major 0 to 255 and MUTE with a longer payload are understood"""
     for major in {0, 1, 2, 3, 127, 255} - {VERSION_MAJOR}:
         hello = Hello(major, 99, board.new_nonce(), 0xFFFFFFFF)
         board.link.refused(hello, ErrorCode.VERSION, VERSION_MAJOR, session=0)
@@ -49,12 +50,9 @@ def keeps_what_no_version_changes(board: BoardClient) -> None:
     check_equal(reply.body[10], VERSION_MAJOR, f"byte 0 of HELLO_REPLY is {reply.body[10]}")
 
 
-@case(
-    "HG-11.2/2",
-    "a host of minor version 255 is answered; the board sends messages of its version only",
-    depth=Depth.DEFAULT,
-)
+@case("HG-11.2/2", depth=Depth.DEFAULT)
 def uses_the_smaller_minor_version(board: BoardClient) -> None:
+    """a host of minor version 255 is answered; the board sends messages of its version only"""
     hello = Hello(VERSION_MAJOR, 255, board.new_nonce())
     reply = board.link.call(hello, HelloReply, session=0)
     board.adopt(reply)
@@ -72,20 +70,17 @@ def uses_the_smaller_minor_version(board: BoardClient) -> None:
     )
 
 
-@case("HG-11.5/1", "SYNC_IN and COMMIT are not advertised")
+@case("HG-11.5/1")
 def advertises_no_reserved_bits(board: BoardClient) -> None:
+    """SYNC_IN and COMMIT are not advertised"""
     reserved = Feature.SYNC_IN | Feature.COMMIT
     found = Feature(board.identity.features & int(reserved))
     check(not found, f"{found.name} is reserved in this version")
 
 
-@case(
-    "HG-11.5/2",
-    "no frame of a full dialogue has a type, flag, code, value or capability outside the tables",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-11.5/2", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def sends_no_reserved_bits(board: BoardClient) -> None:
+    """no frame of a full dialogue has a type, flag, code, value or capability outside the tables"""
     known = sum(int(feature) for feature in Feature)
     spare = board.identity.features & ~known
     check(not spare, f"capability bits {spare:#x} are in no table")

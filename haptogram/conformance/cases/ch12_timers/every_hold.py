@@ -39,14 +39,11 @@ _FADING_MS: Final = 2000
 _MOST_HOLD_MS: Final = 7000
 
 
-@case(
-    "HG-6.10/1",
-    "dropped frames of every kind and every request leave the hold as it runs; only latches do not",
-    variant="types",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.10/1-types", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def nothing_else_restarts_the_hold(board: BoardClient) -> None:
+    """dropped frames of every kind and every request leave the hold as it runs; only latches do
+    not
+    """
     drops = [drop for drop in DROPS if drop.armed and drop.queued >= 0]
     groups: list[Drop | None] = [None, *sorted(drops, key=lambda drop: drop.queued)]
     parts = -(-_time_of_all_ms(board) // _MOST_HOLD_MS)  # more than one on a slow line
@@ -83,11 +80,9 @@ def _time_of_all_ms(board: BoardClient) -> int:
 def _hold_after(board: BoardClient, groups: list[Drop | None], hold_ms: int) -> int:
     """Return the time from a latch to the mute by the hold, with *groups* sent in between."""
     board.hello()
-    board.configure(hold_ms=hold_ms)
-    board.arm()
-    since = board.link.mark()
-    latch_now(board, board.flat_phases())
-    start_us = board.clock.unwrap(board.status().last_latch_us)
+    since = board.arm(hold_ms=hold_ms)
+    latch_now(board)
+    start_us = board.last_latch_us()
     board.wire.idle(30 * _MS)
     for group in groups:
         if group is None:
@@ -115,20 +110,13 @@ def _ask_all_during_hold(board: BoardClient) -> None:
     board.hello(board.link.session)
 
 
-@case(
-    "HG-12.3/1",
-    "during a ramp of the hold no request, ARM and SET_CONFIG among them, ends or moves it",
-    variant="ramp",
-    needs=Feature.CONFIG | Feature.AMPLITUDE,
-    depth=Depth.DEFAULT,
-)
+@case("HG-12.3/1-ramp", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def nothing_else_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
+    """during a ramp of the hold no request, ARM and SET_CONFIG among them, ends or moves it"""
     hold_ms, ramp_ms = 60, min(2000, _length_of_hold_ms(board))
-    board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
-    board.arm()
-    since = board.link.mark()
-    latch_now(board, board.flat_phases())
-    start_us = board.clock.unwrap(board.status().last_latch_us)
+    since = board.arm(hold_ms=hold_ms, ramp_ms=ramp_ms)
+    latch_now(board)
+    start_us = board.last_latch_us()
     wait_for_timer(board, start_us + (hold_ms + 20) * _MS)
     _ask_all_during_hold(board)
     board.configure(hold_ms=10_000, ramp_ms=1)
@@ -138,47 +126,34 @@ def nothing_else_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     judge_mute_time(board, start_us, header, hold_ms + ramp_ms, "hold and ramp")
 
 
-@case(
-    "HG-12.3/1",
-    "during a playback longer than the hold each latch restarts it; after it the hold runs out",
-    variant="playback",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    depth=Depth.DEFAULT,
-)
+@case("HG-12.3/1-playback", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
 def playback_restarts_the_hold(board: BoardClient) -> None:
+    """during a playback longer than the hold each latch restarts it; after it the hold runs out"""
     board.configure(hold_ms=100)
     send_phases_that_fit(board, STORED, frames=2)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     play_now(board, STORED, loops=50, period_us=4 * _MS)
     timeout_us = 600 * _MS
     ended = board.link.await_event(PlaybackEnded, since, timeout_us)
     check(ended is not None, "a playback of 400 ms with a hold of 100 ms did not end")
-    start_us = board.clock.unwrap(board.status().last_latch_us)
+    start_us = board.last_latch_us()
     header, _ = judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
     judge_mute_time(board, start_us, header, 100, "after the last frame of a playback")
 
 
-@case(
-    "HG-12.3/1",
-    "PLAY, a playback that waits, STOP and ARM leave the hold of the last latch as it runs",
-    variant="stop",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    depth=Depth.DEFAULT,
-)
+@case("HG-12.3/1-stop", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
 def stop_leaves_the_hold(board: BoardClient) -> None:
+    """PLAY, a playback that waits, STOP and ARM leave the hold of the last latch as it runs"""
     send_phases_that_fit(board, STORED, frames=2)
     for name in ("a playback that waits, muted", "a playback that waits", "a slow playback"):
         board.hello()
-        board.configure(hold_ms=TIMER_MS)
-        board.arm()
-        since = board.link.mark()
+        since = board.arm(hold_ms=TIMER_MS)
         if name == "a slow playback":
             play_now(board, STORED, loops=0, period_us=SLOW_US)
             board.clock.wait_latched()
         else:
-            latch_now(board, board.flat_phases())
-        start_us = board.clock.unwrap(board.status().last_latch_us)
+            latch_now(board)
+        start_us = board.last_latch_us()
         wait_for_timer(board, start_us + 40 * _MS)
         if name != "a slow playback":
             play_later_than_timer(board, 2 * TIMER_MS, 2 * TIMER_MS)
@@ -190,14 +165,11 @@ def stop_leaves_the_hold(board: BoardClient) -> None:
         judge_mute_time(board, start_us, header, TIMER_MS, f"hold_ms behind {name}")
 
 
-@case(
-    "HG-6.10/1",
-    "drives without sound, of amplitude 0 or under a ceiling of 0, are held and traced as others",
-    variant="silent",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.10/1-silent", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
+    """drives without sound, of amplitude 0 or under a ceiling of 0, are held and traced as
+    others
+    """
     count = board.identity.transducers
     silent: dict[str, tuple[Message, int]] = {}
     if board.has(Feature.AMPLITUDE):
@@ -209,12 +181,10 @@ def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
         silent["POINTS of amplitude 0"] = Points(points), FULL
     mode = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
     for name, (message, ceiling) in silent.items():
-        board.configure(hold_ms=_SILENT_MS, amplitude_ceiling=ceiling, trace_mode=mode)
-        board.arm()
-        since = board.link.mark()
+        since = board.arm(hold_ms=_SILENT_MS, amplitude_ceiling=ceiling, trace_mode=mode)
         with board.counting(latched=1, accepted=1, timeouts=1):
             latch_now(board, message)
-            start_us = board.clock.unwrap(board.status().last_latch_us)
+            start_us = board.last_latch_us()
             timeout_us = (_SILENT_MS + 300) * _MS
             header, _ = judged_mute_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
         judge_mute_time(board, start_us, header, _SILENT_MS, name)
@@ -226,14 +196,13 @@ def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
 
 
 @case(
-    "HG-6.11/4",
-    "in a ramp of the hold every latch restores the output: at once, queued, late, played",
-    variant="latches",
+    "HG-6.11/4-latches",
     needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
+    """in a ramp of the hold every latch restores the output: at once, queued, late, played"""
     full = bytes([FULL]) * board.identity.transducers
     ways = ["at once", "queued", "queued, with others behind it", "late"]
     if board.has(Feature.SEQUENCE_PHASES):
@@ -241,11 +210,10 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
         ways += ["played", "played later"]
     for way in ways:
         board.hello()
-        board.configure(hold_ms=_HELD_MS, ramp_ms=_FADING_MS, late_window_us=100_000)
-        board.arm()
+        board.arm(hold_ms=_HELD_MS, ramp_ms=_FADING_MS, late_window_us=100_000)
         board.clock.require_horizon((_HELD_MS + 200 + 8000 * way.endswith("it")) * _MS)
-        latch_now(board, board.flat_phases())
-        start_us = board.clock.unwrap(board.status().last_latch_us)
+        latch_now(board)
+        start_us = board.last_latch_us()
         at_us = board.clock.on_carrier(start_us + (_HELD_MS + 200) * _MS)  # a tenth of the ramp
         if way.startswith("queued"):
             number = 3 if "others" in way else 1
@@ -261,15 +229,15 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
             check(faded < FULL, f"{way}: no ramp of the hold begins")
         board.clock.wait_until(board.clock.ready_us(at_us))
         if way == "at once":
-            latch_now(board, board.flat_phases())
+            latch_now(board)
         elif way == "late":
             late_us = board.late_time_us(20 * _MS)
-            board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
+            board.link.stream(board.flat_phases(), late_us)
             board.clock.wait_latched(0)
         elif way == "played":
             play_now(board, STORED, loops=0, period_us=SLOW_US)
             board.clock.wait_latched(0)
-        latched_us = board.clock.unwrap(board.status().last_latch_us)
+        latched_us = board.last_latch_us()
         reading = judged_ramp_reading(board, latched_us + _HELD_MS * _MS)
         # Behind that the ramp that was to end would be over, too.
         last_us = latched_us + (_HELD_MS + _FADING_MS - 100) * _MS

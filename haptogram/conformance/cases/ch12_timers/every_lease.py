@@ -84,15 +84,14 @@ def _start_lease_for_reason(board: BoardClient, reason: MuteReason, length_ms: i
         changes["hold_ms"] = length_ms
     elif reason is MuteReason.HOST_SILENT:
         changes["host_timeout_ms"] = length_ms
-    board.configure(**changes)
-    board.arm()
+    board.arm(**changes)
     if reason is MuteReason.UNATTENDED:
         play_now(board, _SEQUENCE, loops=0, unattended_ms=length_ms)
     else:
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     start_us = board.clock.device_us()
     if reason is MuteReason.HOLD_EXPIRED:
-        start_us = board.clock.unwrap(board.status().last_latch_us)
+        start_us = board.last_latch_us()
     return start_us
 
 
@@ -140,36 +139,23 @@ def _judge_lease(board: BoardClient, make: Callable[[BoardClient], Frames]) -> N
         fail(f"the mute, {reason.name}, is moved by {late_ms:+.1f} ms {how}; due is 0")
 
 
-@case(
-    "HG-2.4/2",
-    "frames of every type with a wrong CRC renew no hold, lease or unattended time, nor in a ramp",
-    variant="timers",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-2.4/2-timers", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def damaged_frames_renew_no_timer(board: BoardClient) -> None:
+    """frames of every type with a wrong CRC renew no hold, lease or unattended time, nor in a
+    ramp
+    """
     _judge_lease(board, _wrong_crc_renews_no_lease)
 
 
-@case(
-    "HG-6.7/1",
-    "other damage and frames of another session do not renew hold, lease or unattended time",
-    variant="others",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.7/1-others", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def frames_of_other_sessions_renew_no_timer(board: BoardClient) -> None:
+    """other damage and frames of another session do not renew hold, lease or unattended time"""
     _judge_lease(board, _defect_renews_no_lease)
 
 
-@case(
-    "HG-4.6/1",
-    "HELLO with the open nonce renews no hold, lease or unattended time, nor in a ramp",
-    variant="timers",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-4.6/1-timers", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def a_repeated_hello_renews_no_timer(board: BoardClient) -> None:
+    """HELLO with the open nonce renews no hold, lease or unattended time, nor in a ramp"""
     _judge_lease(board, _repeated_hello_renews_no_lease)
 
 
@@ -179,14 +165,9 @@ def _repeated_hello_renews_no_lease(board: BoardClient) -> Frames:
     return {"HELLO with the open nonce": wires}
 
 
-@case(
-    "HG-6.3/2",
-    "ARM while ARMED, before the end of the hold and in its ramp, leaves the hold as it runs",
-    variant="hold",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.3/2-hold", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def arm_while_armed_renews_no_hold(board: BoardClient) -> None:
+    """ARM while ARMED, before the end of the hold and in its ramp, leaves the hold as it runs"""
     since = board.link.mark()
     reason = MuteReason.HOLD_EXPIRED
     start_us = _start_lease_for_reason(board, reason, _LENGTH_MS)

@@ -67,39 +67,25 @@ def _timer_stays(
     board.link.ask(Mute())
 
 
-@case(
-    "HG-12.2/1",
-    "leases just above every power of two of 1 µs to 1 ms do not run out at once",
-    variant="lengths",
-    needs=Feature.CONFIG,
-)
+@case("HG-12.2/1-lengths", needs=Feature.CONFIG)
 def leases_of_every_length_do_not_wrap(board: BoardClient) -> None:
+    """leases just above every power of two of 1 µs to 1 ms do not run out at once"""
     for length_ms in wrapping_timer_lengths(20, 10_000, thorough=board.thorough):
         board.configure(host_timeout_ms=length_ms)
         _timer_stays(board, "host_timeout_ms", board.arm, length_ms)
 
 
-@case(
-    "HG-12.3/1",
-    "holds just above every power of two of 1 µs to 1 ms do not run out at once",
-    variant="lengths",
-    needs=Feature.CONFIG,
-)
+@case("HG-12.3/1-lengths", needs=Feature.CONFIG)
 def holds_of_every_length_do_not_wrap(board: BoardClient) -> None:
+    """holds just above every power of two of 1 µs to 1 ms do not run out at once"""
     for length_ms in wrapping_timer_lengths(1, 10_000, thorough=board.thorough):
-        board.configure(hold_ms=length_ms)
-        board.arm()
-        _timer_stays(board, "hold_ms", lambda: latch_now(board, board.flat_phases()), length_ms)
+        board.arm(hold_ms=length_ms)
+        _timer_stays(board, "hold_ms", lambda: latch_now(board), length_ms)
 
 
-@case(
-    "HG-7.6/5",
-    "unattended times just above every power of two of 1 µs to 1 ms do not run out at once",
-    variant="lengths",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.6/5-lengths", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
 def unattended_times_of_every_length_do_not_wrap(board: BoardClient) -> None:
+    """unattended times just above every power of two of 1 µs to 1 ms do not run out at once"""
     send_phases_that_fit(board, _SEQUENCE, frames=2)
     for length_ms in wrapping_timer_lengths(
         1, board.identity.max_unattended_ms, thorough=board.thorough
@@ -112,13 +98,9 @@ def unattended_times_of_every_length_do_not_wrap(board: BoardClient) -> None:
         _timer_stays(board, "unattended_ms", play, length_ms)
 
 
-@case(
-    "HG-9.1/1",
-    "status periods just above every power of two of 1 µs to 1 ms bring no STATUS at once",
-    variant="lengths",
-    needs=Feature.CONFIG,
-)
+@case("HG-9.1/1-lengths", needs=Feature.CONFIG)
 def status_timers_of_every_length_do_not_wrap(board: BoardClient) -> None:
+    """status periods just above every power of two of 1 µs to 1 ms bring no STATUS at once"""
     for length_ms in wrapping_timer_lengths(board.quick_status_ms, 65_535, thorough=board.thorough):
         set_us = board.clock.device_us()
         board.configure(status_period_ms=length_ms)
@@ -132,29 +114,19 @@ def status_timers_of_every_length_do_not_wrap(board: BoardClient) -> None:
         )
 
 
-@case(
-    "HG-6.11/2",
-    "ramps just above every power of two of 1 µs to 1 ms do not end at once",
-    variant="lengths",
-    needs=Feature.CONFIG | Feature.AMPLITUDE,
-)
+@case("HG-6.11/2-lengths", needs=Feature.CONFIG | Feature.AMPLITUDE)
 def timer_ramps_of_every_length_do_not_wrap(board: BoardClient) -> None:
+    """ramps just above every power of two of 1 µs to 1 ms do not end at once"""
     for length_ms in wrapping_timer_lengths(60, 2000, thorough=board.thorough):
-        board.configure(ramp_ms=length_ms, hold_ms=5)
-        board.arm()
-        _timer_stays(
-            board, "ramp_ms", lambda: latch_now(board, board.flat_phases()), length_ms - 10
-        )
+        board.arm(ramp_ms=length_ms, hold_ms=5)
+        _timer_stays(board, "ramp_ms", lambda: latch_now(board), length_ms - 10)
 
 
-@case(
-    "HG-6.11/5",
-    "hold, lease and unattended time each mute after their ramp, with their reason, counted once",
-    variant="timers",
-    needs=Feature.CONFIG | Feature.AMPLITUDE,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/5-timers", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
+    """hold, lease and unattended time each mute after their ramp, with their reason, counted
+    once
+    """
     ramp_ms = 270  # of other lengths: HG-6.11/5-pairs
     length_ms = board.clock.timer_ms(60, 2 * board.identity.transducers + 200)
     for reason, changes in (
@@ -167,17 +139,16 @@ def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
             continue
         if plays:
             send_phases_that_fit(board, _SEQUENCE, frames=2)
-        board.configure(ramp_ms=ramp_ms, **changes)
-        board.arm()
+        board.arm(ramp_ms=ramp_ms, **changes)
         with board.counting(timeouts=1):
             since = board.link.mark()
             if plays:
                 play_now(board, _SEQUENCE, loops=0, unattended_ms=length_ms)
             else:
-                latch_now(board, board.flat_phases())
+                latch_now(board)
             start_us = board.clock.device_us()
             if reason is MuteReason.HOLD_EXPIRED:
-                start_us = board.clock.unwrap(board.status().last_latch_us)
+                start_us = board.last_latch_us()
             header, _ = judged_mute_by_timer(
                 board, since, (400 + length_ms + ramp_ms) * _MS, reason
             )
@@ -216,16 +187,14 @@ class TimerKind:
 
 
 def _start_lease(board: BoardClient, length_ms: int) -> int:
-    board.configure(host_timeout_ms=length_ms)
-    board.arm()
+    board.arm(host_timeout_ms=length_ms)
     return board.clock.device_us()
 
 
 def _start_hold(board: BoardClient, length_ms: int) -> int:
-    board.configure(hold_ms=length_ms)
-    board.arm()
-    latch_now(board, board.flat_phases())  # before it the hold does not run (HG-12.2/2)
-    return board.clock.unwrap(board.status().last_latch_us)
+    board.arm(hold_ms=length_ms)
+    latch_now(board)  # before it the hold does not run (HG-12.2/2)
+    return board.last_latch_us()
 
 
 def _start_unattended(board: BoardClient, length_ms: int) -> int:
@@ -237,10 +206,9 @@ def _start_unattended(board: BoardClient, length_ms: int) -> int:
 
 
 def _start_ramp_of_lease(board: BoardClient, length_ms: int) -> int:
-    board.configure(ramp_ms=length_ms, hold_ms=5)
-    board.arm()
-    latch_now(board, board.flat_phases())
-    return board.clock.unwrap(board.status().last_latch_us) + 5 * _MS
+    board.arm(ramp_ms=length_ms, hold_ms=5)
+    latch_now(board)
+    return board.last_latch_us() + 5 * _MS
 
 
 def _longest_unattended_time(board: BoardClient) -> int:
@@ -270,15 +238,9 @@ _TIMERS: Final = (
 )
 
 
-@case(
-    "HG-12.1/1",
-    "lease, hold, ramp and unattended time of lengths up to the greatest end within 1 ms",
-    variant="whole",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@case("HG-12.1/1-whole", needs=Feature.CONFIG, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
 def timers_pass_their_whole_lengths(board: BoardClient) -> None:
+    """lease, hold, ramp and unattended time of lengths up to the greatest end within 1 ms"""
     for timer in _TIMERS:
         if not board.has(timer.needs):
             continue
@@ -294,15 +256,9 @@ def timers_pass_their_whole_lengths(board: BoardClient) -> None:
             judge_mute_time(board, start_us, header, length_ms, f"{timer.name} = {length_ms}")
 
 
-@case(
-    "HG-9.1/1",
-    "status periods of every length up to the greatest pass as a whole",
-    variant="whole",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@case("HG-9.1/1-whole", needs=Feature.CONFIG, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
 def status_timers_pass_their_whole_lengths(board: BoardClient) -> None:
+    """status periods of every length up to the greatest pass as a whole"""
     lengths = [65_535]
     if board.wire.is_virtual:
         lengths = [*wrapping_timer_lengths(board.quick_status_ms, lengths[0]), *lengths]

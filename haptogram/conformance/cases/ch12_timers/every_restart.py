@@ -86,22 +86,15 @@ def hello_again_during_timers(board: BoardClient) -> bytes:
     return encode_frame(body)
 
 
-@case(
-    "HG-12.2/1",
-    "no latch, of queue or playback, and no HELLO again renews lease or unattended time",
-    variant="latches",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-12.2/1-latches", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def latches_renew_no_lease(board: BoardClient) -> None:
+    """no latch, of queue or playback, and no HELLO again renews lease or unattended time"""
     ramp_ms = TIMER_MS if board.has(Feature.AMPLITUDE) else 0
     send_phases_to_store_if_supported(board, STORED, frames=2)
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
         reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
         board.hello()
-        board.configure(host_timeout_ms=50 if plays else TIMER_MS, ramp_ms=ramp_ms)
-        board.arm()
-        since = board.link.mark()
+        since = board.arm(host_timeout_ms=50 if plays else TIMER_MS, ramp_ms=ramp_ms)
         if plays:
             play_now(board, STORED, loops=0, unattended_ms=TIMER_MS, period_us=50 * _MS)
         else:
@@ -116,7 +109,7 @@ def latches_renew_no_lease(board: BoardClient) -> None:
 
 def _queue_over_lease(board: BoardClient, length_ms: int) -> None:
     """Latch a frame, and queue frames for every 50 ms of a time."""
-    latch_now(board, board.flat_phases())
+    latch_now(board)
     first_us = board.clock.soon_us(bytes(4000))
     good, number = board.shortest_stream(), min(board.identity.queue_depth, length_ms // 50)
     times = [first_us + 50 * _MS * place for place in range(number)]
@@ -137,29 +130,24 @@ def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> N
     play_later(board, STORED, ahead_us, period_us=SLOW_US, unattended_ms=alone_ms)
 
 
-@case(
-    "HG-7.6/5",
-    "from PLAY on, also before its start, unattended_ms stands for host_timeout_ms; STOP ends that",
-    variant="waiting",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.6/5-waiting", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
 def waits_unattended(board: BoardClient) -> None:
+    """from PLAY on, also before its start, unattended_ms stands for host_timeout_ms; STOP ends
+    that
+    """
     send_phases_that_fit(board, STORED, frames=2)
     board.configure(host_timeout_ms=80, hold_ms=10_000)
     for name, ahead_ms, alone_ms in (
         ("its start comes", 250, 400),
         ("muted before its start", 700, 250),
     ):
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         play_later_than_timer(board, ahead_ms, alone_ms)
         start_us = board.clock.device_us()
         header, _ = judged_mute_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
         judge_mute_time(board, start_us, header, alone_ms, f"unattended_ms, {name}")
     for ahead_ms in (0, 5000):
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         play_later_than_timer(board, ahead_ms + 60, 9000)
         board.wire.idle(150 * _MS)
         asked_us = board.clock.device_estimate_us()
@@ -172,36 +160,23 @@ def waits_unattended(board: BoardClient) -> None:
         judge_mute_time(board, start_us, header, 80, name, asked_us=asked_us)
 
 
-@case(
-    "HG-6.7/1",
-    "frames of every type, good, bad and repeated, each renew the lease: it runs out behind them",
-    variant="types",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.7/1-types", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def every_type_renews_the_lease(board: BoardClient) -> None:
+    """frames of every type, good, bad and repeated, each renew the lease: it runs out behind
+    them
+    """
     _timer_renewed_by_each(board, plays=False)
 
 
-@case(
-    "HG-6.7/1",
-    "in a playback frames of every type, good, bad and repeated, each renew the unattended time",
-    variant="playing",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.7/1-playing", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
 def every_type_renews_the_unattended_time(board: BoardClient) -> None:
+    """in a playback frames of every type, good, bad and repeated, each renew the unattended time"""
     _timer_renewed_by_each(board, plays=True)
 
 
-@case(
-    "HG-6.11/4",
-    "during a ramp of the lease frames of every type, good and bad, each end it",
-    variant="types",
-    needs=Feature.CONFIG | Feature.AMPLITUDE,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/4-types", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def every_type_ends_the_ramp_of_a_lease(board: BoardClient) -> None:
+    """during a ramp of the lease frames of every type, good and bad, each end it"""
     _timer_renewed_by_each(board, plays=False, ramps=True)
 
 
@@ -343,20 +318,15 @@ def _request_that_renews(board: BoardClient, message: Message, flags: int = 0) -
 # --- STATUS ------------------------------------------------------------------------------------
 
 
-@case(
-    "HG-9.1/1",
-    "STATUS comes at its time whatever is sent and refused meanwhile: only STATUS restarts it",
-    variant="types",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-9.1/1-types", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def nothing_else_restarts_the_status_timer(board: BoardClient) -> None:
+    """STATUS comes at its time whatever is sent and refused meanwhile: only STATUS restarts it"""
     period_ms = board.quick_status_ms + 7
     board.configure(status_period_ms=period_ms)
     since, end_us = board.link.mark(), board.wire.now_us() + 6 * period_ms * _MS
     while board.wire.now_us() < end_us:
         board.arm()
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         for message in valid_requests_to_send(board, STORED):
             if not isinstance(message, SetConfig):
                 board.link.ask(message)

@@ -44,15 +44,14 @@ def _wait_before_timer_wrap(board: BoardClient, before_us: int) -> int:
 
 
 @case(
-    "HG-3.6/1",
-    "frames are dropped by the same rules on both sides of 2^32 µs; a playback starts across it",
-    variant="sides",
+    "HG-3.6/1-sides",
     needs_reset=True,
     before_wrap_us=3_000_000,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def frames_on_both_sides_of_the_timer_wrap(board: BoardClient) -> None:
+    """frames are dropped by the same rules on both sides of 2^32 µs; a playback starts across it"""
     board.prepare()
     kind = stream_kinds(board)[0]
     for side in ("before", "after"):
@@ -93,15 +92,13 @@ def _play_across_timer_wrap(board: BoardClient) -> None:
 
 
 def _lease_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
-    board.configure(host_timeout_ms=200)
-    board.arm()
+    board.arm(host_timeout_ms=200)
     return MuteReason.HOST_SILENT, board.clock.device_us()
 
 
 def _hold_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
-    board.configure(hold_ms=200)
-    board.arm()
-    latch_now(board, board.flat_phases())
+    board.arm(hold_ms=200)
+    latch_now(board)
     status = board.status()
     start_us = board.clock.unwrap(status.last_latch_us)
     if board.has(Feature.READ_LATCHED):
@@ -113,16 +110,14 @@ def _hold_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
 
 
 def _ramp_of_timer_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
-    board.configure(hold_ms=20, ramp_ms=180)
-    board.arm()
-    latch_now(board, board.flat_phases())
-    return MuteReason.HOLD_EXPIRED, board.clock.unwrap(board.status().last_latch_us)
+    board.arm(hold_ms=20, ramp_ms=180)
+    latch_now(board)
+    return MuteReason.HOLD_EXPIRED, board.last_latch_us()
 
 
 def _unattended_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
     send_phases_that_fit(board, _SEQUENCE, frames=2)
-    board.configure(host_timeout_ms=20)
-    board.arm()
+    board.arm(host_timeout_ms=20)
     play_now(board, _SEQUENCE, loops=0, unattended_ms=200)
     return MuteReason.UNATTENDED, board.clock.device_us()
 
@@ -136,15 +131,14 @@ _TIMERS: Final[tuple[tuple[Callable[[BoardClient], tuple[MuteReason, int]], Feat
 
 
 @case(
-    "HG-12.1/1",
-    "STATUS, lease, hold, ramp and unattended time that run across 2^32 µs end at their times",
-    variant="wrap",
+    "HG-12.1/1-wrap",
     needs=Feature.CONFIG,
     needs_reset=True,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
 def timers_cross_the_wrap(board: BoardClient) -> None:
+    """STATUS, lease, hold, ramp and unattended time that run across 2^32 µs end at their times"""
     board.prepare()
     board.need(Feature.CONFIG)
     for start, needs in _TIMERS:

@@ -32,19 +32,13 @@ host_times = case_about_host("HG-12.6/1")
 host_gives_up = case_about_host("HG-12.6/2")
 
 
-@case(
-    "HG-12.1/1",
-    "hold and STATUS come within 1 ms of their time",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-12.1/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def timers_are_exact(board: BoardClient) -> None:
+    """hold and STATUS come within 1 ms of their time"""
     for hold_ms in (50, 137):
-        board.configure(hold_ms=hold_ms)
-        board.arm()
-        since = board.link.mark()
-        latch_now(board, board.flat_phases())
-        start_us = board.clock.unwrap(board.status().last_latch_us)
+        since = board.arm(hold_ms=hold_ms)
+        latch_now(board)
+        start_us = board.last_latch_us()
         header, _ = judged_mute_by_timer(board, since, hold_ms * 2 * _MS, MuteReason.HOLD_EXPIRED)
         judge_mute_time(board, start_us, header, hold_ms, f"hold_ms = {hold_ms}")
     period_ms = board.quick_status_ms + 10
@@ -54,42 +48,32 @@ def timers_are_exact(board: BoardClient) -> None:
     judge_status_period(board, since, period_ms, 5, "6 periods")
 
 
-@case("HG-12.2/1", "without a frame the board is muted host_timeout_ms later", needs=Feature.CONFIG)
+@case("HG-12.2/1", needs=Feature.CONFIG)
 def lease_runs_out(board: BoardClient) -> None:
+    """without a frame the board is muted host_timeout_ms later"""
     for timeout_ms in map(board.clock.timer_ms, (80, 200)):
-        board.configure(host_timeout_ms=timeout_ms)
-        board.arm()
-        latch_now(board, board.flat_phases())
+        board.arm(host_timeout_ms=timeout_ms)
+        latch_now(board)
         start_us, since = board.clock.device_us(), board.link.mark()
         header, _ = judged_mute_by_timer(board, since, 3 * timeout_ms * _MS, MuteReason.HOST_SILENT)
         judge_mute_time(board, start_us, header, timeout_ms, f"host_timeout_ms = {timeout_ms}")
 
 
-@case(
-    "HG-12.2/2",
-    "between ARM and the first latch the hold does not run, the lease does",
-    needs=Feature.CONFIG,
-)
+@case("HG-12.2/2", needs=Feature.CONFIG)
 def hold_timer_waits_for_a_latch(board: BoardClient) -> None:
-    board.configure(hold_ms=30, host_timeout_ms=250)
-    board.arm()
+    """between ARM and the first latch the hold does not run, the lease does"""
+    board.arm(hold_ms=30, host_timeout_ms=250)
     start_us, since = board.clock.device_us(), board.link.mark()
     header, _ = judged_mute_by_timer(board, since, 600 * _MS, MuteReason.HOST_SILENT)
     judge_mute_time(board, start_us, header, 250, "host_timeout_ms = 250")
 
 
-@case(
-    "HG-12.2/2",
-    "behind each end of a held drive, ARM and every other request start no hold",
-    variant="ended",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-12.2/2-ended", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def hold_timer_is_not_taken_up_again(board: BoardClient) -> None:
+    """behind each end of a held drive, ARM and every other request start no hold"""
     for end in (Mute(), Disarm(), None):
-        board.configure(hold_ms=_STALE_MS)
-        board.arm()
-        latch_now(board, board.flat_phases())
+        board.arm(hold_ms=_STALE_MS)
+        latch_now(board)
         if end is None:
             board.hello()
         else:
@@ -105,30 +89,24 @@ def hold_timer_is_not_taken_up_again(board: BoardClient) -> None:
         check(not told, f"{text}: a hold runs that no latch began")
 
 
-@case("HG-12.3/1", "the hold runs from the last of several latches", needs=Feature.CONFIG)
+@case("HG-12.3/1", needs=Feature.CONFIG)
 def hold_timer_runs_from_the_last_latch(board: BoardClient) -> None:
-    board.configure(hold_ms=150)
-    board.arm()
-    since = board.link.mark()
+    """the hold runs from the last of several latches"""
+    since = board.arm(hold_ms=150)
     for _ in range(4):
-        latch_now(board, board.flat_phases())
+        latch_now(board)
         board.wire.idle(60 * _MS)
-    start_us = board.clock.unwrap(board.status().last_latch_us)
+    start_us = board.last_latch_us()
     header, _ = judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
     judge_mute_time(board, start_us, header, 150, "hold_ms = 150 after the last latch")
 
 
-@case(
-    "HG-12.4/1",
-    "from the end of a playback on the lease is host_timeout_ms again",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    depth=Depth.DEFAULT,
-)
+@case("HG-12.4/1", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
 def lease_is_back_after_playback(board: BoardClient) -> None:
+    """from the end of a playback on the lease is host_timeout_ms again"""
     board.configure(host_timeout_ms=150, hold_ms=5000)
     send_phases_that_fit(board, 1, frames=2)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     play_now(board, 1, loops=150, period_us=1000, unattended_ms=5000)
     ended = board.link.await_event(PlaybackEnded, since, 600 * _MS)
     if ended is None:
@@ -137,23 +115,17 @@ def lease_is_back_after_playback(board: BoardClient) -> None:
     judge_mute_time(board, board.clock.unwrap(ended[0].time_us), header, 150, "after the playback")
 
 
-@case(
-    "HG-12.5/1",
-    "the timer that runs out first mutes, in both orders",
-    needs=Feature.CONFIG,
-    depth=Depth.DEFAULT,
-)
+@case("HG-12.5/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def the_first_timer_wins(board: BoardClient) -> None:
+    """the timer that runs out first mutes, in both orders"""
     for reason, hold_ms, lease_ms, ramp_ms in (
         (MuteReason.HOLD_EXPIRED, 60, 120, 100),
         (MuteReason.HOST_SILENT, 160, 80, 100),
     ):
         hold_ms, lease_ms = map(board.clock.timer_ms, (hold_ms, lease_ms))
-        board.configure(hold_ms=hold_ms, host_timeout_ms=lease_ms, ramp_ms=ramp_ms)
-        board.arm()
-        since = board.link.mark()
+        since = board.arm(hold_ms=hold_ms, host_timeout_ms=lease_ms, ramp_ms=ramp_ms)
         with board.counting(timeouts=1):
-            latch_now(board, board.flat_phases())
+            latch_now(board)
             start_us = board.clock.device_us()
             header, _ = judged_mute_by_timer(board, since, 600 * _MS, reason)
         took_ms = (board.clock.unwrap(header.time_us) - start_us) / _MS
