@@ -293,6 +293,10 @@ class BoardClient:
         )
         return self.config
 
+    def read_config(self) -> Config:
+        """Ask for the configuration in force."""
+        return self.link.call(GetConfig(), ConfigReply).config
+
     @property
     def most_points(self) -> int:
         """Focal points in one frame that a case sends, at most.
@@ -496,6 +500,14 @@ class BoardClient:
         came, status = self.link.text_since(since), self.status()
         text = f"{name and f'{name}: '}no {kind.TYPE.name} within {timeout_us / 1000:g} ms; {came}"
         fail(f"{text}; STATUS_REPLY says {status.state.name}, {status.reason.name}")
+
+    def check_counters_kept(self, before: Counters, name: str) -> Counters:
+        """FAILED unless no counter went back since *before*; return the counters."""
+        after = self.status().counters
+        fell = [counter for counter, step in counter_steps(before, after).items() if step >> 31]
+        less = {counter: (getattr(before, counter), getattr(after, counter)) for counter in fell}
+        check(not less, f"{name}: counters went back: {less}")
+        return after
 
     def counted_since(self, before: Counters) -> dict[str, int]:
         """Return by how much every counter grew, less the GET_STATUS of this call."""

@@ -9,7 +9,6 @@ from haptogram_protocol.messages import (
     REQUEST_RANGE,
     DriveKind,
     Feature,
-    Hello,
     Message,
     Mute,
     TraceMode,
@@ -48,8 +47,3 @@ def trace_modes(board: BoardClient, *wanted: TraceMode) -> list[TraceMode]:
     """Return those of the *wanted* trace modes, or of all but OFF, that the board takes."""
     modes = wanted or (TraceMode.CRC, TraceMode.DRIVE, TraceMode.RING)
     return [mode for mode in modes if board.has(TRACE_CAPABILITIES[mode])]
-
-
-def session_for_request(board: BoardClient, kind: type[Message]) -> int:
-    """Return the session that the header of a request carries: 0 for HELLO."""
-    return 0 if kind is Hello else board.link.session

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from haptogram_protocol.messages import (
     DriveKind,
@@ -12,6 +12,7 @@ from haptogram_protocol.messages import (
     Feature,
     Flag,
     Header,
+    LatchKey,
     Message,
     Ping,
     Pong,
@@ -30,6 +31,7 @@ from .capabilities import TRACES
 from .stream_kinds import points_of_stream_kind
 
 FULL: Final = 255
+_PING_BYTES: Final = 60  # of a PING and its answer on the line
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +67,19 @@ def client_drive_of_reply(reply: DriveReply) -> ClientDrive:
     return ClientDrive(reply.data[:half], reply.data[half:], reply)
 
 
+def read_drive(
+    board: BoardClient, kind: DriveKind, first: int = 0, count: int = 0xFFFF
+) -> DriveReply:
+    """Ask for the drive of so many transducers."""
+    return board.link.call(ReadDrive(kind, first, count), DriveReply)
+
+
 def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> ClientDrive:
     """Ask for the drive of all transducers; UNIMPLEMENTED without the capability."""
     latched = kind is DriveKind.LATCHED
     board.need(Feature.READ_LATCHED if latched else Feature.READ_RADIATED)
     count = board.identity.transducers
-    shown = client_drive_of_reply(board.link.call(ReadDrive(kind, 0, count), DriveReply))
+    shown = client_drive_of_reply(read_drive(board, kind, 0, count))
     check_equal(
         len(shown.phases),
         count,
@@ -110,7 +119,7 @@ def latch_random(board: BoardClient, number: int) -> list[bytes]:
 
 def latch_in_time(board: BoardClient, message: Message, ahead_us: int = 0) -> int:
     """Latch a stream frame at its time, so far behind a carrier boundary; return that time."""
-    size = 2 * len(board.link.stream_wire(message, 0, seq=0))
+    size = 2 * len(board.link.stream_wire(message, 0, seq=0)) + _PING_BYTES
     t_us = board.clock.soon_us(bytes(size), ahead_us=ahead_us)
     board.link.stream(message, t_us)
     board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
@@ -138,9 +147,19 @@ def send_to_arrive_at(board: BoardClient, t_us: int, wires: bytes) -> None:
     board.clock.forget_exchange()
 
 
+def drive_crc(registers: bytes) -> int:
+    """Return the CRC-32 of a drive at full amplitude, as a trace tells it."""
+    return zlib.crc32(full_client_drive(registers))
+
+
 def full_client_drive(registers: bytes) -> bytes:
     """Return N phase codes and N amplitude codes of a drive at full amplitude."""
     return registers + bytes([FULL]) * len(registers)
+
+
+def read_ring(board: BoardClient, first: int = 0, count: int = 0xFFFF) -> TraceReply:
+    """Ask for so many records of the trace ring."""
+    return board.link.call(ReadTrace(first, count), TraceReply)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +172,18 @@ class ClientLatch:
     late: bool
     sequence: int = 0
     loop: int = 0
+
+    @property
+    def key(self) -> LatchKey:
+        """The key of the latch, as a read-back or the ring shows it."""
+        return LatchKey(self.sequence, self.loop, self.index)
+
+
+def begin_traces(board: BoardClient, mode: TraceMode, **changes: Any) -> int:
+    """Configure a trace mode, arm, and return the mark of the first event."""
+    board.configure(trace_mode=mode, **changes)
+    board.arm()
+    return board.link.mark()
 
 
 def ask_for_board_latches(board: BoardClient, traces: Feature = TRACES) -> TraceMode:
@@ -210,7 +241,7 @@ def _latches_received_from_ring(board: BoardClient) -> list[ClientLatch]:
     found: list[ClientLatch] = []
     first = 0
     while True:
-        reply = board.link.call(ReadTrace(first, 0xFFFF), TraceReply)
+        reply = read_ring(board, first)
         for item in reply.records:
             t_us, late = board.clock.unwrap(item.t_latch_us), bool(item.flags & Flag.LATE)
             key = item.key

@@ -6,12 +6,13 @@ import random
 import zlib
 from typing import Final
 
-from haptogram_protocol.framing import cobs_encode
+from haptogram_protocol.framing import cobs_encode, encode_frame
 from haptogram_protocol.messages import Mute, Ping
 
 from .request_client import RequestClient
 
 _ZEROS: Final = 64
+_TOO_LONG: Final = 4200
 BLOCK: Final = 254  # HG-2.2: longest piece of COBS without a zero
 
 
@@ -39,6 +40,18 @@ def malformed_ping(link: RequestClient, flip: int = 1) -> bytes:
     """Return a PING of the next number, which it does not use up, with a wrong CRC-32."""
     body = link.body(Ping.TYPE, bytes(8), seq=link.seq + 1)
     return malformed_frame(malformed_with_wrong_crc(body, flip))
+
+
+def malformed_by_counter(link: RequestClient) -> dict[str, bytes]:
+    """Return bytes that no host may send, by the one counter that counts them."""
+    body = link.body(Ping.TYPE, bytes(8), seq=link.seq + 1)
+    return {
+        "crc": malformed_ping(link, 1 << link.random.randrange(32)),
+        "cobs": b"\x00\xff\x01\x02\x00",
+        "short": malformed_frame(malformed_with_crc(body[:9])),
+        "oversize": b"\x00" + malformed_noise(link.random, _TOO_LONG) + b"\x00",
+        "unknown_type": encode_frame(link.body(0xEE, seq=0)),
+    }
 
 
 def _malformed_mute(link: RequestClient, payload: bytes) -> tuple[bytes, int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import random
 from collections import deque
 from collections.abc import Sequence
@@ -14,11 +13,13 @@ from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_fram
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
     REQUEST_RANGE,
+    RESPONSE_OFFSET,
     Counters,
     Error,
     ErrorCode,
     Flag,
     Header,
+    Hello,
     Message,
     MessageType,
     Mute,
@@ -117,7 +118,8 @@ class RequestClient:
         session: int | None = None,
     ) -> bytes:
         """Return header and payload of a frame."""
-        session = self.session if session is None else session
+        if session is None:
+            session = 0 if kind == Hello.TYPE else self.session
         header = Header(kind, flags, seq & 0xFFFF, time_us & 0xFFFFFFFF, session)
         return header.pack() + payload
 
@@ -328,11 +330,11 @@ class RequestClient:
         """Send a request and return its reply; FAILED if it is refused or not answered."""
         return self.reply_in(self.ask(message, **header), reply, message.TYPE)
 
-    def reply_in(self, answer: ReceivedByClient, reply: type[_M], kind: int) -> _M:
+    def reply_in(self, answer: ReceivedByClient, reply: type[_M], kind: int | None = None) -> _M:
         """Return the reply in *answer*; FAILED if the answer is something else."""
         if isinstance(answer.message, reply):
             return answer.message
-        name = annotated_type_name(kind)
+        name = annotated_type_name(reply.TYPE - RESPONSE_OFFSET if kind is None else kind)
         if answer.message is None:
             fail(f"the answer to {name} cannot be read: {answer.fault}")
         got = self.answer_text(answer).replace(f") to {name},", "),")  # only another is named
@@ -405,12 +407,6 @@ class RequestClient:
             for piece in self.wire.received[since:]
             if piece.header is not None and isinstance(piece.message, kind)
         ]
-
-    def event_gaps(self, since: int = 0) -> list[int]:
-        """Return the steps other than 1 between the numbers of events from piece *since* on."""
-        numbers = [p.frame_header.seq for p in self.wire.received[since:] if p.is_event]
-        steps = [(two - one) & 0xFFFF for one, two in itertools.pairwise(numbers)]
-        return [step for step in steps if step != 1]
 
     def responses(self, since: int) -> list[ReceivedByClient]:
         """Return the responses from piece *since* on, but for those of :meth:`send` itself."""

@@ -8,6 +8,7 @@ from typing import Final
 from haptogram_protocol.messages import (
     Error,
     ErrorCode,
+    Feature,
     FocalPoint,
     UploadBegin,
     UploadBeginReply,
@@ -39,6 +40,14 @@ def upload_to_board(
         board.correction = data
 
 
+def upload_correction(board: BoardClient, codes: bytes | None = None) -> None:
+    """Upload a phase correction; None: one that shifts every phase by a random code."""
+    if codes is None:
+        drawn = board.random.randbytes(board.identity.transducers)
+        codes = bytes(1 + code % 255 for code in drawn)
+    upload_to_board(board, UploadKind.CORRECTION, 0, codes)
+
+
 def frames_with_room(
     board: BoardClient, kind: UploadKind, target: int, wanted: int, size: int
 ) -> int:
@@ -68,6 +77,19 @@ def begin_upload(
     """
     begin = upload_request(board, kind, target, len(data), points, crc=zlib.crc32(data))
     return announce_upload(board, begin)
+
+
+def begin_any_upload(board: BoardClient, sequence: int) -> None:
+    """Announce an upload of a frame for *sequence*, or of a correction if none is stored.
+
+    UNIMPLEMENTED if the board takes neither.
+    """
+    board.need_any(Feature.SEQUENCE_PHASES | Feature.CORRECTION)
+    data = bytes(board.identity.transducers)
+    if board.has(Feature.SEQUENCE_PHASES):
+        begin_upload(board, UploadKind.PHASES, sequence, data)
+    else:
+        begin_upload(board, UploadKind.CORRECTION, 0, data)
 
 
 def announce_upload(board: BoardClient, begin: UploadBegin) -> UploadBeginReply:

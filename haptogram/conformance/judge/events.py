@@ -8,8 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias
 
 from haptogram_protocol.annotation.words import annotated_type_name
-from haptogram_protocol.framing import encode_frame
-from haptogram_protocol.messages import Config, Ping, SetConfig, Stop, UploadKind
+from haptogram_protocol.messages import Config, SetConfig, Stop, UploadKind
 
 from ..client import malformed_frames
 from ..client.board_client import BoardClient
@@ -25,7 +24,6 @@ Event: TypeAlias = Callable[[BoardClient], object]
 _MS: Final = 1000
 _SHORT_MS: Final = 20
 _AHEAD_US: Final = 8_000_000
-_TOO_LONG: Final = 4200
 
 
 def judge_event_numbers(
@@ -92,17 +90,6 @@ def event_of_damage(counter: str) -> Event:
     """Return the event of a frame that only *counter* counts."""
 
     def send(board: BoardClient) -> None:
-        body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
-        wrong = malformed_frames.malformed_ping(board.link, 1 << board.random.randrange(32))
-        short = malformed_frames.malformed_with_crc(body[:9])
-        noise = malformed_frames.malformed_noise(board.random, _TOO_LONG)
-        wires = {
-            "crc": wrong,
-            "cobs": b"\x00\xff\x01\x02\x00",
-            "short": malformed_frames.malformed_frame(short),
-            "oversize": b"\x00" + noise + b"\x00",
-            "unknown_type": encode_frame(board.link.body(0xEE, seq=0)),
-        }
-        board.link.send(wires[counter])
+        board.link.send(malformed_frames.malformed_by_counter(board.link)[counter])
 
     return send

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, Final, TypeAlias
 
-from haptogram_protocol.framing import DELIMITER
 from haptogram_protocol.messages import (
     VERSION_MAJOR,
     Error,
     ErrorCode,
-    Flag,
     GetGeometry,
     Hello,
     Message,
     Mute,
     MuteReply,
     Ping,
-    Play,
     UploadChunk,
 )
 
@@ -52,19 +49,12 @@ def every_request_to_repeat(board: BoardClient) -> Iterator[Message]:
     yield GetGeometry(0, 0xFFFF)
 
 
-def flags_of_repetition(message: Message) -> int:
-    """Return the flags that a request needs: PLAY begins at once."""
-    return int(Flag.IMMEDIATE) if isinstance(message, Play) else 0
-
-
 def judge_repeated_reply(
-    board: BoardClient, wire: bytes, seq: int, first: ReceivedByClient, after: str
+    board: BoardClient, message: Message, first: ReceivedByClient, after: str
 ) -> None:
-    """FAILED unless the request in *wire* gets the reply *first* to the byte."""
-    since = board.link.mark()
-    board.link.send(wire)
-    kind = wire.strip(DELIMITER)[1]
-    judge_same_answer(board.link.answer_to(kind, seq, since), first, f"after {after}")
+    """FAILED unless a request with the number of the reply *first* gets it again to the byte."""
+    again = board.link.ask_at_once(message, seq=first.frame_header.seq)
+    judge_same_answer(again, first, f"after {after}")
 
 
 def judge_same_answer(again: ReceivedByClient, first: ReceivedByClient, name: str) -> None:

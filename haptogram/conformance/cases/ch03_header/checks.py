@@ -1,17 +1,20 @@
-"""HG-3.8: the order in which a board checks a frame."""
+"""HG-3.8: the order in which a board checks frames, and MUTE among others in one burst."""
 
 from __future__ import annotations
 
 import itertools
-from typing import Final
+from collections.abc import Callable, Iterator
+from typing import Final, TypeAlias
 
+from haptogram_protocol.framing import DELIMITER, decode_frame
 from haptogram_protocol.messages import (
+    FIRST_STREAM_SEQ,
+    REQUEST_RANGE,
     RESPONSE_OFFSET,
     Arm,
     Error,
     ErrorCode,
     Feature,
-    Flag,
     Hello,
     HelloReply,
     Message,
@@ -22,23 +25,36 @@ from haptogram_protocol.messages import (
     Play,
     Pong,
     UploadCommit,
+    parse_body,
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import is_board_silent
-from ...client.playback import play_request, send_phases_that_fit, wait_for_no_latch
-from ...outcome import SELF_REPORTED, check, check_equal, fail
+from ...client.latching import is_board_silent, latch_now
+from ...client.playback import (
+    play_request,
+    send_phases_that_fit,
+    send_phases_to_store_if_supported,
+    wait_for_no_latch,
+)
+from ...client.request_client import flags_at_once
+from ...client.stream_kinds import stream_kinds
+from ...client.wire import ReceivedByClient
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _STALE: Final = 0x0F0F
 _UNKNOWN_REQUEST: Final = 0x7D
 _UNKNOWN_STREAM: Final = 0x3D
-_DEEPEST: Final = 512  # a queue deeper than this is not filled: it would take seconds
 _LATEST_US: Final = 1 << 30  # behind the last in the queue: what is half a turn ahead has passed
-_STATUS_BYTES: Final = 200  # of a STATUS_REPLY and of its request on the line, at most
 _STEP_US: Final = 1000
 _SEQUENCE: Final = 4
+_AHEAD_US: Final = 60  # of a frame's t_apply: it would be latched between two MUTE
+_LONGEST: Final = 4096
+_STAGES: Final = (2, 1)  # frames between how many pairs of MUTE
+
+#: Makes the frames between two MUTE of a burst.
+_Between: TypeAlias = Callable[[], list[bytes]]
 
 
 @case("HG-3.8/1")
@@ -108,80 +124,67 @@ def checks_for_the_queue_in_order(board: BoardClient) -> None:
 def checks_frames_in_the_order_they_come(board: BoardClient) -> None:
     """a PING of the new session right behind its HELLO is answered, after it"""
     nonce = board.new_nonce()
-    hello, first = board.link.request_wire(board.hello_message(nonce), session=0)
+    hello, first = board.link.request_wire(board.hello_message(nonce))
     ping, second = board.link.request_wire(Ping(5), session=nonce)
     since = board.link.mark()
-    board.link.send(hello, ping)
-    board.adopt(
-        board.link.reply_in(board.link.answer_to(Hello.TYPE, first, since), HelloReply, Hello.TYPE)
-    )
-    board.link.reply_in(board.link.answer_to(Ping.TYPE, second, since), Pong, Ping.TYPE)
-    numbers = [p.header.seq for p in board.link.responses(since) if p.header is not None]
+    greeting, pong = board.link.exchange(hello, ping)
+    board.adopt(board.link.reply_in(greeting, HelloReply))
+    board.link.reply_in(pong, Pong)
+    numbers = [piece.frame_header.seq for piece in board.link.responses(since)]
     check(numbers == [first, second], f"sent were {first}, {second}; answered {numbers}")
-
-
-def _answer_to_checked_message(
-    board: BoardClient, message: Message, seq: int, since: int
-) -> Message:
-    found = board.link.answer_to(message.TYPE, seq, since).message
-    if found is None:
-        fail(f"the answer to {message.TYPE.name} cannot be read")
-    return found
 
 
 @case("HG-3.8/4", evidence=SELF_REPORTED)
 def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
     """ARM, a stream frame, PLAY, ARM and MUTE at once: off behind it, each frame done or refused"""
-    plays = board.has(Feature.SEQUENCE_PHASES)
-    if plays:
+    ahead: list[Message] = [Ping(7), Arm()]
+    if board.has(Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, _SEQUENCE, frames=2)
+        ahead.insert(1, play_request(board, _SEQUENCE, loops=0, unattended_ms=1000))
     for _ in board.wire.ways_of_mute():
         for session, sounds in itertools.product((board.link.session, 0), (False, True)):
             board.arm()
             if not sounds:
                 board.disarm()
-            play = play_request(board, _SEQUENCE, loops=0, unattended_ms=1000)
-            ahead: list[tuple[Message, int]] = [(Arm(), 0), (Ping(7), 0)]
-            ahead += [(play, Flag.IMMEDIATE)] if plays else []
-            ahead.append((Arm(), 0))
             before = board.status().counters
-            since = board.link.mark()
-            wires = [board.link.request_wire(message, flags=flags) for message, flags in ahead]
-            frame = board.link.stream_wire(board.flat_phases())
-            mute, mute_seq = board.link.request_wire(Mute(), session=session)
-            first, *others = (wire for wire, _ in wires)
-            board.link.send(first, frame, *others, mute)
-            state = _answer_to_checked_message(board, Mute(), mute_seq, since)
-            check_equal(state, MuteReply(OutputState.MUTED), "MUTE behind other frames")
-            for (message, _), (_, seq) in zip(ahead, wires, strict=True):
-                judge_overtaken_request(
-                    message, _answer_to_checked_message(board, message, seq, since)
-                )
+            arm, frame = (
+                _request_in_burst(board, Arm()),
+                board.link.stream_wire(board.flat_phases()),
+            )
+            others = [_request_in_burst(board, message) for message in ahead]
+            mute = _request_in_burst(board, Mute(), session=session)
+            _judge_answers_in_burst(board, "MUTE behind others", arm, frame, *others, mute)
             board.clock.wait_latched()
-            judge_silence_behind_mute(board)
+            _judge_silence_behind_mute(board)
             counted = board.counted_since(before)
             found = counted["accepted"], counted["dropped_state"]
-            check(
-                found in ((1, 0), (0, 1)),
-                f"a stream frame, ... and MUTE at once: accepted and dropped_state count {found}",
-            )
+            text = f"a stream frame, ... and MUTE at once: accepted and dropped_state count {found}"
+            check(found in ((1, 0), (0, 1)), text)
 
 
-def judge_overtaken_request(message: Message, answer: Message) -> None:
-    """FAILED unless a request before a MUTE was carried out, or refused for being overtaken."""
-    name = message.TYPE.name
-    if isinstance(answer, Error):
-        refused = (answer.code, answer.detail) == (ErrorCode.BAD_STATE, OutputState.MUTED)
-        check(
-            refused and isinstance(message, Arm | Play),
-            f"{name} right before MUTE is refused with code {answer.code}, detail {answer.detail}",
-        )
+def _judge_answers_in_burst(board: BoardClient, name: str, *wires: bytes) -> None:
+    """Send a burst; FAILED unless its requests are carried out, or refused as overtaken."""
+    answers = iter(board.link.exchange(*wires))
+    for _, sent in (parse_body(decode_frame(wire.strip(DELIMITER))) for wire in wires):
+        if sent.TYPE in REQUEST_RANGE:
+            _judge_answer_in_burst(board, f"{name}: {sent.TYPE.name}", sent, next(answers))
+
+
+def _judge_answer_in_burst(
+    board: BoardClient, name: str, sent: Message, answer: ReceivedByClient
+) -> None:
+    got, text = answer.message, f"{name} is answered by {board.link.answer_text(answer)}"
+    if isinstance(got, Error) and isinstance(sent, Arm | Play):
+        check((got.code, got.detail) == (ErrorCode.BAD_STATE, OutputState.MUTED), text)
         return
-    due = message.TYPE + RESPONSE_OFFSET
-    check_equal(answer.TYPE, due, f"{name} right before MUTE is answered by {answer.TYPE.name}")
+    check(got is not None and got.TYPE == sent.TYPE + RESPONSE_OFFSET, text)
+    if isinstance(got, MuteReply):
+        check(got.state is OutputState.MUTED, text)
+    elif isinstance(sent, Hello) and isinstance(got, HelloReply):
+        check(got.nonce == sent.nonce, text)
 
 
-def judge_silence_behind_mute(board: BoardClient) -> None:
+def _judge_silence_behind_mute(board: BoardClient) -> None:
     """FAILED unless the board is MUTED, silent, and stays so."""
     found = board.status()
     got = found.state, found.reason, found.queued
@@ -192,11 +195,8 @@ def judge_silence_behind_mute(board: BoardClient) -> None:
     wait_for_no_latch(board, 5000)
     behind = board.status()
     check_equal(behind.counters.latched, latched, "what arrived before MUTE is latched behind it")
-    check_equal(
-        behind.state,
-        OutputState.MUTED,
-        f"{board.wire.now_us() - begin_us} µs behind MUTE: {behind.state.name}",
-    )
+    text = f"{board.wire.now_us() - begin_us} µs behind MUTE: {behind.state.name}"
+    check_equal(behind.state, OutputState.MUTED, text)
 
 
 @case("HG-3.8/3")
@@ -211,5 +211,99 @@ def mute_passes_all_header_checks(board: BoardClient) -> None:
     ):
         board.arm()
         answer = board.link.ask_raw(Mute.TYPE, bytes(range(17)), **header)
-        state = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
+        state = board.link.reply_in(answer, MuteReply).state
         check_equal(state.name, "MUTED", f"MUTE with {header}: {state.name}")
+
+
+# --- MUTE in a burst ---------------------------------------------------------------------------
+
+
+def _request_in_burst(board: BoardClient, message: Message, **header: int) -> bytes:
+    return board.link.request_wire(message, flags=flags_at_once(message), **header)[0]
+
+
+def _hello_in_burst(board: BoardClient) -> bytes:
+    nonce = board.new_nonce()
+    sent = _request_in_burst(board, board.hello_message(nonce))
+    board.link.session, board.link.stream_next = nonce, FIRST_STREAM_SEQ
+    return sent
+
+
+def _switches_on(board: BoardClient) -> Iterator[tuple[str, _Between]]:
+    """Yield what might switch the output on behind a MUTE: its name, and what makes its frames."""
+    link = board.link
+
+    def arm() -> bytes:
+        return _request_in_burst(board, Arm())
+
+    def at_a_time() -> bytes:
+        t_us = board.clock.ready_us(board.clock.device_estimate_us()) + _AHEAD_US
+        return link.stream_wire(board.flat_phases(), t_us)
+
+    yield "ARM", lambda: [arm(), arm()]
+    yield "ARM and a frame for soon", lambda: [arm(), at_a_time()]
+    for kind in board.sample(stream_kinds(board)):
+        yield (
+            f"ARM and {kind.name}, IMMEDIATE",
+            lambda make=kind.make: [arm(), link.stream_wire(make())],  # type: ignore[misc]
+        )
+    if board.has(Feature.SEQUENCE_PHASES):
+        play = play_request(board, _SEQUENCE, loops=0, unattended_ms=1000)
+        yield "ARM and PLAY", lambda: [arm(), _request_in_burst(board, play)]
+    yield (
+        "HELLO, ARM and a frame",
+        lambda: [_hello_in_burst(board), arm(), link.stream_wire(board.flat_phases())],
+    )
+
+
+@case("HG-3.8/4-burst", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_burst_of_mutes(board: BoardClient) -> None:
+    """MUTE, what may switch on, MUTE (and again) in one burst: nothing is on, ARM counts behind
+    it
+    """
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    for way in board.wire.ways_of_mute():
+        for name, make in _switches_on(board):
+            for stages, others in itertools.product(board.sample(_STAGES), (False, True)):
+                text = f"{name}{' of no session' * others}, between {stages + 1} MUTE {way}"
+                _judge_burst_of_mutes(board, text, make, stages, others=others)
+
+
+def _judge_burst_of_mutes(
+    board: BoardClient, name: str, make: _Between, stages: int, *, others: bool
+) -> None:
+    """Send the burst from an ARMED, sounding board; FAILED unless it ends MUTED, and arms again.
+
+    MUTE has no session, or another one, if *others*.
+    """
+    board.arm()
+    latch_now(board)
+    sessions = itertools.cycle((0, board.link.session ^ _STALE) if others else (None,))
+    before = board.status().counters
+    at_one_moment = _is_burst_at_one_moment(board)
+    burst = [_mute_in_burst(board, next(sessions))]
+    for _ in range(stages):
+        burst += [*make(), _mute_in_burst(board, next(sessions))]
+    _judge_answers_in_burst(board, name, *burst)
+    board.clock.wait_computed(stages * board.most_points)
+    board.clock.wait_latched()
+    _judge_silence_behind_mute(board)
+    latched = board.counted_since(before)["latched"]
+    text = f"{name}, which came at one moment: {latched} frames of before MUTE were latched"
+    check(latched == 0 or not at_one_moment, text)
+    board.arm()
+    with board.counting(latched=1):
+        latch_now(board)
+
+
+def _is_burst_at_one_moment(board: BoardClient) -> bool:
+    """Return whether bytes take no time; wait then for a moment at which nothing is latched."""
+    if not board.clock.is_one_moment(_LONGEST):
+        return False
+    carrier_us = board.clock.carrier_us
+    board.wire.idle((carrier_us // 2 - board.clock.device_us()) % carrier_us)
+    return True
+
+
+def _mute_in_burst(board: BoardClient, session: int | None) -> bytes:
+    return board.link.request_wire(Mute(), session=session)[0]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -26,7 +25,7 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import refused_requests_to_send, stream_kinds, valid_requests_to_send
-from ...outcome import SELF_REPORTED, CaseEndedError, check_equal
+from ...outcome import SELF_REPORTED, check_equal, named
 
 _SEQUENCE: Final = 2
 
@@ -189,7 +188,7 @@ def requests_with_every_two_defects_are_checked_in_order(board: BoardClient) -> 
                 frame = defect.spoil(board, frame)
             first = defects[0]
             assert first.code is not None  # of a request
-            with _defect_naming(f"{message.TYPE.name} with {_names_of_defects(defects)}"):
+            with named(f"{message.TYPE.name} with {_names_of_defects(defects)}"):
                 board.link.refused_raw(
                     frame.kind,
                     frame.payload,
@@ -209,7 +208,7 @@ def every_defect_leaves_the_request_number(board: BoardClient) -> None:
             seq = board.link.seq + 1 & 0xFFFF
             right = _Frame(message.TYPE, message.serialize(), seq, board.link.session)
             frame = defect.spoil(board, right)
-            with _defect_naming(f"{message.TYPE.name} with a wrong {defect.name}, then its number"):
+            with named(f"{message.TYPE.name} with a wrong {defect.name}, then its number"):
                 board.link.ask_raw(
                     frame.kind, frame.payload, seq=seq, session=frame.session, flags=frame.flags
                 )
@@ -238,17 +237,8 @@ def stream_frames_with_every_two_defects_are_checked_in_order(board: BoardClient
                 frame.kind, frame.payload, seq=frame.seq, flags=frame.flags, session=frame.session
             )
             name = f"{kind.name} with {_names_of_defects(some)}"
-            with _defect_naming(name), board.counting(**{some[0].counter: 1}):
+            with named(name), board.counting(**{some[0].counter: 1}):
                 board.link.unanswered(name, encode_frame(body))
-
-
-@contextlib.contextmanager
-def _defect_naming(name: str) -> Iterator[None]:
-    """Put *name* in front of what ends the case."""
-    try:
-        yield
-    except CaseEndedError as error:
-        raise CaseEndedError(error.behaviour, f"{name}: {error}") from None
 
 
 def _names_of_defects(defects: Iterable[_Defect]) -> str:

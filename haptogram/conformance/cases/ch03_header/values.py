@@ -1,21 +1,23 @@
-"""HG-3.2: byte order, text, lengths and values of fields."""
+"""HG-3.2: byte order, text, lengths and values of fields; every value that no table allows."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Collection, Iterator, Sequence
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import (
     VERSION_MAJOR,
-    ConfigReply,
     Drives,
     ErrorCode,
     Feature,
+    FocalPoint,
     GeometryReply,
-    GetConfig,
     GetGeometry,
     Hello,
+    Message,
     Phases,
     Ping,
     Points,
@@ -23,16 +25,19 @@ from haptogram_protocol.messages import (
     ReadDrive,
     SetConfig,
     UploadBegin,
+    UploadChunk,
+    UploadKind,
     signed_difference,
 )
+from haptogram_protocol.record import Record
 from haptogram_protocol.rules import UPLOADS
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import requests_that_board_takes, session_for_request
+from ...client.capabilities import drive_kinds, requests_that_board_takes
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
-from ...outcome import SELF_REPORTED, check, check_equal, require
+from ...outcome import SELF_REPORTED, check, check_equal, require, unimplemented
 
 _ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
 
@@ -63,18 +68,15 @@ def _check_geometry_values(board: BoardClient) -> None:
     reply = board.link.call(GetGeometry(0, 0xFFFF), GeometryReply)
     far = [e for e in reply.elements if max(abs(e.x_um), abs(e.y_um), abs(e.z_um)) > 5_000_000]
     check(not far, f"a transducer 5 m away: {far[:1]}")
+    lengths = [math.hypot(e.nx, e.ny, e.nz) / 32767 for e in reply.elements]
     bent = [
-        e for e in reply.elements if not 0.98 < _length_of_values(e.nx, e.ny, e.nz) / 32767 < 1.02
+        e for e, length in zip(reply.elements, lengths, strict=True) if not 0.98 < length < 1.02
     ]
     check(not bent, f"a normal that is not of length 1 (32767): {bent[:1]}")
     if board.identity.transducers > 2:
         some = board.link.call(GetGeometry(1, 2), GeometryReply)
         got = (some.first, len(some.elements))
         check_equal(got, (1, 2), f"GET_GEOMETRY of 2 from 1: {got[1]} from {got[0]}")
-
-
-def _length_of_values(*parts: int) -> float:
-    return math.hypot(*parts)
 
 
 @case("HG-3.2/1-pitch")
@@ -97,8 +99,9 @@ def takes_little_endian_values(board: BoardClient) -> None:
     sent = board.configure(
         hold_ms=0x0102, ramp_ms=0x0304, host_timeout_ms=0x0506, status_period_ms=0x0708
     )
-    got = board.link.call(GetConfig(), ConfigReply).config
-    check_equal(got, sent, "the configuration in force is not the one that was sent")
+    check_equal(
+        board.read_config(), sent, "the configuration in force is not the one that was sent"
+    )
 
 
 @case("HG-3.2/2")
@@ -125,20 +128,34 @@ def payload_types_have_their_length(board: BoardClient) -> None:
 def refuses_a_wrong_length_of_type(board: BoardClient) -> None:
     """requests a byte too long or too short are refused; the detail is the right length"""
     kinds = requests_that_board_takes(board)
-    wrong = [
-        (kind, size) for kind in kinds for size in _wrong_lengths_of_payload_type(kind.LAYOUT.size)
-    ]
+    _check_wrong_lengths(board, [(kind, right) for kind in kinds for right in _near_lengths(kind)])
+
+
+def _near_lengths(kind: type[Message]) -> set[int]:
+    return {kind.LAYOUT.size - 1, kind.LAYOUT.size + 1} - {-1}
+
+
+@case("HG-3.2/4-requests", depth=Depth.DEFAULT)
+def every_wrong_length_is_refused(board: BoardClient) -> None:
+    """requests of every type and 11 wrong lengths: the detail is the right one, 0 where it
+    varies
+    """
+    wrong: list[tuple[type[Message], int]] = []
+    for kind in requests_that_board_takes(board):
+        right = kind.LAYOUT.size  # some others have its low byte
+        sizes = {0, 1, 2 * right, right + 4, *(right + (1 << bits) for bits in range(7, 12))}
+        wrong += [(kind, size) for size in sorted(sizes | _near_lengths(kind)) if size != right]
+    if board.identity.features & UPLOADS:
+        wrong += [(UploadChunk, size) for size in range(UploadChunk.LAYOUT.size)]
+    _check_wrong_lengths(board, wrong)
+
+
+def _check_wrong_lengths(board: BoardClient, wrong: Sequence[tuple[type[Message], int]]) -> None:
+    """FAILED unless requests of these types and lengths are refused with the right length."""
     with board.counting(requests=len(wrong)):
         for kind, size in wrong:
-            right = kind.LAYOUT.size
-            session = session_for_request(board, kind)
-            board.link.refused_raw(
-                kind.TYPE, bytes(size), ErrorCode.BAD_LENGTH, right, session=session
-            )
-
-
-def _wrong_lengths_of_payload_type(right: int) -> tuple[int, ...]:
-    return (right + 1,) if right == 0 else (right - 1, right + 1)
+            right = 0 if kind.TAIL else kind.LAYOUT.size
+            board.link.refused_raw(kind.TYPE, bytes(size), ErrorCode.BAD_LENGTH, right)
 
 
 @case("HG-3.2/4-stream", evidence=SELF_REPORTED)
@@ -172,8 +189,7 @@ def refuses_values_of_no_table(board: BoardClient) -> None:
         wrong.append((SetConfig.TYPE, bytes(payload), 16))
     with board.counting(requests=len(wrong)):
         for kind, value, offset in wrong:
-            session = 0 if kind == Hello.TYPE else board.link.session
-            board.link.refused_raw(kind, value, ErrorCode.BAD_VALUE, offset, session=session)
+            board.link.refused_raw(kind, value, ErrorCode.BAD_VALUE, offset)
 
 
 @case("HG-3.2/6")
@@ -185,6 +201,87 @@ def reads_values_at_any_address(board: BoardClient) -> None:
             echo = 0x0102030405060708 + zeros
             board.link.send(b"\x00" * zeros)
             check_equal(board.link.call(Ping(echo), Pong).echo, echo, f"PING behind {zeros} zeros")
-            shown = board.link.call(GetConfig(), ConfigReply).config
-            check_equal(shown, board.config, f"GET_CONFIG behind {zeros} zeros")
+            check_equal(board.read_config(), board.config, f"GET_CONFIG behind {zeros} zeros")
             latch_now(board)
+
+
+_ALL: Final = range(0x100)
+_TARGET: Final = 9
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _ValueByte:
+    """A byte of a payload that may have some values only."""
+
+    name: str
+    offset: int
+    allowed: Collection[int]
+
+    def wrong_values(self, *, thorough: bool) -> list[int]:
+        """Return the values that are not allowed: all, or those a bit away from an allowed one."""
+        near = {value ^ 1 << bit for value in self.allowed for bit in range(8)} | {0xFF}
+        return sorted((set(_ALL) if thorough else near) - set(self.allowed))
+
+    def put(self, payload: bytes, value: int) -> bytes:
+        """Return *payload* with *value* in this byte."""
+        return payload[: self.offset] + bytes([value]) + payload[self.offset + 1 :]
+
+
+def _value_bytes(kind: type[Record], at: int = 0) -> Iterator[_ValueByte]:
+    """Yield the bytes of a record that may have some values only, those of its records too."""
+    for name, form in kind.WIRE.items():
+        offset = at + form.offset
+        if form.record is not None:
+            yield from _value_bytes(form.record, offset)
+        elif form.enumeration is not None:
+            yield _ValueByte(name, offset, [int(value) for value in form.enumeration])
+
+
+def _requests_with_values(board: BoardClient) -> Iterator[Message]:
+    """Yield a request that the board takes of every type, and kind, with such a byte."""
+    yield from (ReadDrive(kind, 0, 1) for kind in drive_kinds(board))
+    if board.has(Feature.CONFIG):
+        yield SetConfig(board.config)
+    yield from _uploads_with_values(board)
+
+
+def _uploads_with_values(board: BoardClient) -> Iterator[UploadBegin]:
+    count = board.identity.transducers
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield UploadBegin(UploadKind.PHASES, 0, _TARGET, count, 0)
+    if board.has(Feature.SEQUENCE_POINTS):
+        yield UploadBegin(UploadKind.POINTS, 1, _TARGET, FocalPoint.LAYOUT.size, 0)
+    if board.has(Feature.CORRECTION):
+        yield UploadBegin(UploadKind.CORRECTION, 0, 0, count, 0)
+
+
+@case("HG-3.2/5-bytes", evidence=SELF_REPORTED)
+def every_value_of_no_table_is_refused(board: BoardClient) -> None:
+    """each value that the table of a request's byte does not name: BAD_VALUE, and the byte's
+    offset
+    """
+    for message in _requests_with_values(board):
+        for byte in _value_bytes(type(message)):
+            values = byte.wrong_values(thorough=board.thorough)
+            with board.counting(requests=len(values)):
+                for value in values:
+                    payload = byte.put(message.serialize(), value)
+                    board.link.refused_raw(message.TYPE, payload, ErrorCode.BAD_VALUE, byte.offset)
+
+
+@case("HG-3.2/5-points")
+def every_number_of_points_of_no_table_is_refused(board: BoardClient) -> None:
+    """points_per_frame other than 0 without points, 0 with them, above max_points: BAD_VALUE"""
+    begins = list(_uploads_with_values(board))
+    if not begins:
+        unimplemented("the board takes no uploads")
+    offset, unit = UploadBegin.WIRE["points_per_frame"].offset, FocalPoint.LAYOUT.size
+    for begin in begins:
+        has_points = begin.kind is UploadKind.POINTS
+        allowed = range(1, board.identity.max_points + 1) if has_points else (0,)
+        byte = _ValueByte("points_per_frame", offset, allowed)
+        for number in byte.wrong_values(thorough=board.thorough):
+            size = max(1, number) * unit if has_points else begin.size  # whole frames
+            if size <= board.identity.max_upload_bytes:
+                wrong = dataclasses.replace(begin, points_per_frame=number, size=size)
+                board.link.refused(wrong, ErrorCode.BAD_VALUE, offset)

@@ -1,4 +1,4 @@
-"""HG-3.6: sequence numbers and times that wrap."""
+"""HG-3.6: sequence numbers and times that wrap, and unwrapped numbers across each power of two."""
 
 from __future__ import annotations
 
@@ -8,17 +8,25 @@ from typing import Final
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
+    DriveKind,
+    DriveReply,
     Feature,
+    Phases,
     Ping,
     Pong,
+    ReadDrive,
     TraceMode,
     TracePlayback,
 )
 
-from ...case import Depth, case
+from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
-from ...client.latching import latch_now
+from ...client.latching import (
+    ask_for_board_latches_if_supported,
+    latch_now,
+    latches_received_from_board,
+)
 from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
 from ...client.wire import ReceivedByClient
 from ...judge.events import judge_event_numbers
@@ -34,20 +42,18 @@ _WRAP_US: Final = 2**32
 _JUMPS: Final = (2, 255, 256, 300, 20_000, 30_000, 32_000, 0x8000, 65_504)
 
 
-@case(
-    "HG-3.6/1",
-    "40 stream frames across 0xFFFF are latched: no gap, no duplicate",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.6/1", evidence=SELF_REPORTED)
 def stream_sequence_numbers_wrap(board: BoardClient) -> None:
+    """40 stream frames across 0xFFFF are latched: no gap, no duplicate"""
     board.arm()
     with board.counting(latched=_ACROSS):
         for _ in range(_ACROSS):
-            latch_now(board, board.flat_phases())
+            latch_now(board)
 
 
-@case("HG-3.6/1", "requests across 0xFFFF are answered; old ones are refused", variant="requests")
+@case("HG-3.6/1-requests")
 def request_sequence_numbers_wrap(board: BoardClient) -> None:
+    """requests across 0xFFFF are answered; old ones are refused"""
     board.link.seq = 0xFFFC
     board.hello()
     for _ in range(8):
@@ -55,15 +61,14 @@ def request_sequence_numbers_wrap(board: BoardClient) -> None:
 
 
 @case(
-    "HG-3.6/1",
-    "frames for times on both sides of 2^32 µs are latched, each at its time",
-    variant="time",
+    "HG-3.6/1-time",
     needs_reset=True,
-    before_wrap_us=1_000_000,
+    before_wrap_us=1000000,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def header_times_wrap(board: BoardClient) -> None:
+    """frames for times on both sides of 2^32 µs are latched, each at its time"""
     board.prepare()
     board.configure(hold_ms=10_000)
     lead_us = board.wire.limits.lead_us
@@ -84,25 +89,27 @@ def header_times_wrap(board: BoardClient) -> None:
     )
 
 
-@case("HG-3.6/2", "events count up by 1; requests in between make no gap in the stream")
+@case("HG-3.6/2")
 def numbers_three_header_sequences(board: BoardClient) -> None:
+    """events count up by 1; requests in between make no gap in the stream"""
     judge_event_numbers(board, full_client_dialogue(board))
     board.hello()
     with board.counting(dropped_state=8):
         for number in range(8):
-            board.link.send(board.link.stream_wire(board.flat_phases()))
+            board.link.stream(board.flat_phases())
             board.link.call(Ping(number), Pong)
 
 
 @case(
-    "HG-3.6/2",
-    "66 000 events of a session: their numbers, and the loops that they tell, go on across 65 535",
-    variant="wrap",
+    "HG-3.6/2-wrap",
     needs=Feature.TRACE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
 def event_sequence_numbers_wrap(board: BoardClient) -> None:
+    """66 000 events of a session: their numbers, and the loops that they tell, go on across 65
+    535
+    """
     traced_us = board.wire.period_us(2 * _TRACE_BYTES)
     period_us = board.clock.on_carrier(shortest_period_to_play_us(board, traced_us))
     is_long = board.wire.is_virtual and period_us < traced_us + board.clock.carrier_us
@@ -131,21 +138,19 @@ def event_sequence_numbers_wrap(board: BoardClient) -> None:
         board.wire.forget_received()
 
 
-@case(
-    "HG-3.6/3",
-    "a first stream frame 0xFFF0 is no gap, 0xFFF3 is a gap of 3",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.6/3", evidence=SELF_REPORTED)
 def first_sequence_number_of_stream(board: BoardClient) -> None:
+    """a first stream frame 0xFFF0 is no gap, 0xFFF3 is a gap of 3"""
     with board.counting(dropped_state=1):
-        board.link.send(board.link.stream_wire(board.flat_phases()))
+        board.link.stream(board.flat_phases())
     board.hello()
     with board.counting(dropped_state=1, gap=3):
-        board.link.send(board.link.stream_wire(board.flat_phases(), seq=FIRST_STREAM_SEQ + 3))
+        board.link.stream(board.flat_phases(), seq=FIRST_STREAM_SEQ + 3)
 
 
-@case("HG-3.6/4", "the first event of each of 3 sessions has the number 0", needs=Feature.CONFIG)
+@case("HG-3.6/4", needs=Feature.CONFIG)
 def first_sequence_number_of_events(board: BoardClient) -> None:
+    """the first event of each of 3 sessions has the number 0"""
     period_ms = board.quick_status_ms
     board.configure(status_period_ms=period_ms)
     for _ in range(3):
@@ -163,20 +168,89 @@ def _is_event_of_session(board: BoardClient, piece: ReceivedByClient) -> bool:
     return piece.is_event and header is not None and header.session == board.link.session
 
 
-@case(
-    "HG-3.6/5",
-    "after gaps of up to 65 503 and several wraps STATUS reports the unwrapped number",
-    evidence=SELF_REPORTED,
-)
+@case("HG-3.6/5", evidence=SELF_REPORTED)
 def sequence_numbers_are_unwrapped(board: BoardClient) -> None:
+    """after gaps of up to 65 503 and several wraps STATUS reports the unwrapped number"""
     board.arm()
     check_equal(board.status().last_seq, 0, "last_seq is not 0 before the first latch")
-    index = latch_now(board, board.flat_phases())
+    index = latch_now(board)
     for jump in _JUMPS:
         got = board.status().last_seq
         check_equal(got, index, f"unwrapped number {index}: last_seq is {got}")
         board.link.stream_next += jump - 1
         with board.counting(gap=jump - 1, latched=1):
-            index = latch_now(board, board.flat_phases())
+            index = latch_now(board)
     got = board.status().last_seq
     check_equal(got, index, f"unwrapped number {index}: last_seq is {got}")
+
+
+_JUMP: Final = 0x7FFF  # the farthest that a number is ahead (HG-5.5/2)
+_BATCH: Final = 400  # frames between two readings
+_WRAP: Final = 1 << 32
+
+
+def _go_up_to_unwrapped_number(board: BoardClient, number: int) -> None:
+    """Use up numbers, by frames without codes that are a jump apart, until *number* is the next."""
+    link = board.link
+    while link.stream_next < number:
+        wires: list[bytes] = []
+        while link.stream_next < number and len(wires) < _BATCH:
+            link.stream_next = min(link.stream_next + _JUMP, number - 1)
+            wires.append(link.stream_raw(Phases.TYPE, b""))
+        link.send(*wires)
+
+
+def _numbers_told_of_a_latch(
+    board: BoardClient, since: int, mode: TraceMode, index: int
+) -> dict[str, int]:
+    """Return the number of the last latch by every report of it."""
+    told = {"last_seq": board.status().last_seq}
+    if board.has(Feature.READ_LATCHED):
+        shown = board.link.call(ReadDrive(DriveKind.LATCHED, 0, 1), DriveReply)
+        told["DRIVE_REPLY"] = shown.key.index
+    if mode is not TraceMode.OFF:
+        latches = latches_received_from_board(board, since, mode)
+        told[f"trace {mode.name}"] = latches[-1].index if latches else -1
+    return {name: number for name, number in told.items() if number != index % _WRAP}
+
+
+def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -> None:
+    """FAILED unless numbers on both sides of each power of two are told whole."""
+    mode = ask_for_board_latches_if_supported(board)
+    board.arm()
+    latch_now(board)
+    first, before, sent = board.link.stream_next, board.status().counters, 0
+    for bits in range(least_bits, most_bits + 1):
+        _go_up_to_unwrapped_number(board, (1 << bits) - 1)
+        board.arm_anew()  # or a hold that nothing extends may end before the next latch
+        for index in range((1 << bits) - 1, (1 << bits) + 2):
+            since = board.link.mark()
+            latch_now(board)
+            wrong = _numbers_told_of_a_latch(board, since, mode, index)
+            check(not wrong, f"the unwrapped number is {index % _WRAP}, told is {wrong}")
+        board.wire.forget_received()
+        sent += 3
+    counted = board.counted_since(before)
+    used = counted["bad_length"] + sent
+    due = (board.link.stream_next - first - used) % _WRAP
+    check(counted["gap"] == due, f"gap grew by {counted['gap']}, due is {due}")
+
+
+def _numbers_case(variant: str, least_bits: int, most_bits: int, depth: Depth) -> Case:
+    def every_number(board: BoardClient) -> None:
+        _judge_numbers_across(board, least_bits, most_bits)
+
+    return Case(
+        "HG-3.6/5",
+        f"numbers around 2^{least_bits} to 2^{most_bits}, behind jumps of {_JUMP}: told whole",
+        every_number,
+        variant,
+        evidence=SELF_REPORTED,
+        depth=depth,
+    )
+
+
+PRODUCT: Final = (
+    _numbers_case("widths", 16, 24, Depth.QUICK),
+    _numbers_case("wrap", 25, 32, Depth.FULL),
+)

@@ -26,8 +26,9 @@ from haptogram_protocol.rules import UPLOADS
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.capabilities import requests_that_board_takes
+from ...client.request_client import flags_at_once
 from ...client.wire import ReceivedByClient
-from ...judge.repetition import flags_of_repetition, judge_repeated_reply, requests_to_repeat
+from ...judge.repetition import judge_repeated_reply, judge_same_answer, requests_to_repeat
 from ...outcome import check
 
 _NUMBERS: Final = (0, 1, 0xFF, 0x100, 0x7FFF, 0x8000, 0xFFFE, 0xFFFF)
@@ -66,15 +67,12 @@ def every_request_number_is_remembered(board: BoardClient) -> None:
     """requests numbered 0, 255, 0x7FFF, 0x8000, 0xFFFF and beside them get the same bytes again"""
     for number in _NUMBERS:
         board.hello(seq=number - 1 & 0xFFFF)
-        wire, seq = board.link.request_wire(Ping(number), seq=number)
-        since = board.link.mark()
-        board.link.send(wire)
-        first = board.link.answer_to(Ping.TYPE, seq, since)
-        board.link.reply_in(first, Pong, Ping.TYPE)
-        judge_repeated_reply(board, wire, seq, first, f"PING of number {number:#06x}")
-        board.link.refused(Ping(~number & 0xFFFF), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
-        board.link.call(Ping(1), Pong, seq=number + 1)
-        board.link.seq = number + 1
+        board.link.seq = number - 1
+        first = board.link.ask(Ping(number))
+        board.link.reply_in(first, Pong)
+        judge_repeated_reply(board, Ping(number), first, f"PING of number {number:#06x}")
+        board.link.refused(Ping(~number & 0xFFFF), ErrorCode.SEQUENCE_REUSED, number, seq=number)
+        board.link.call(Ping(1), Pong)
 
 
 @case("HG-4.9/4-values")
@@ -154,29 +152,19 @@ def every_changed_byte_is_no_repetition(board: BoardClient) -> None:
     """
     for message in requests_to_repeat(board):
         board.arm()
-        seq = board.link.next_seq()
-        body = board.link.body(
-            message.TYPE,
-            message.serialize(),
-            seq=seq,
-            flags=flags_of_repetition(message),
-            time_us=0x01020304,
-        )
-        since = board.link.mark()
-        board.link.send(encode_frame(body))
-        first = board.link.answer_to(message.TYPE, seq, since)
-        for name, changed in _requests_with_other_bytes(board, body):
-            since = board.link.mark()
-            board.link.send(encode_frame(changed))
-            answer = board.link.answer_to(changed[0], seq, since)
+        seq, name = board.link.next_seq(), message.TYPE.name
+        header = {"seq": seq, "flags": flags_at_once(message), "time_us": 0x01020304}
+        body = board.link.body(message.TYPE, message.serialize(), **header)
+        (first,) = board.link.exchange(encode_frame(body))
+        for other, changed in _requests_with_other_bytes(board, body):
+            (answer,) = board.link.exchange(encode_frame(changed))
             check(
-                _is_repetition_refused(answer, seq, may_be_value="payload" in name),
-                f"{message.TYPE.name}, then its number with another {name}: should be "
+                _is_repetition_refused(answer, seq, may_be_value="payload" in other),
+                f"{name}, then its number with another {other}: should be "
                 f"SEQUENCE_REUSED, got {board.link.answer_text(answer)}",
             )
-        judge_repeated_reply(
-            board, encode_frame(body), seq, first, f"{message.TYPE.name} and others like it"
-        )
+        (again,) = board.link.exchange(encode_frame(body))
+        judge_same_answer(again, first, f"after {name} and others like it")
 
 
 def _is_repetition_refused(answer: ReceivedByClient, seq: int, *, may_be_value: bool) -> bool:

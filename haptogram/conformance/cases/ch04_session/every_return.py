@@ -22,7 +22,7 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back
 from ...client.uploads import begin_upload
-from ...judge.repetition import every_request_to_repeat, flags_of_repetition
+from ...judge.repetition import every_request_to_repeat
 from ...outcome import SELF_REPORTED, check, check_equal
 
 _UPLOADED: Final = 5
@@ -55,19 +55,17 @@ def remembered_replies_do_not_outlive_a_session(board: BoardClient) -> None:
         for message in every_request_to_repeat(board):
             board.arm()
             before = board.status().counters
-            flags = flags_of_repetition(message)
-            first = board.link.ask(message, flags=flags)
+            first = board.link.ask_at_once(message)
             seq = board.link.seq
             _open_sessions_in_turn(board, path, seq - 1)
             board.wire.idle(_APART_US)
-            again = board.link.ask(message, flags=flags)  # the same bytes, if the session is A
+            again = board.link.ask_at_once(message)  # the same bytes, if the session is A
             counted = board.counted_since(before)
             found, due = (counted["requests"], counted["repeated"]), (len(path) + 2, 0)
             text = f"{message.TYPE.name}, and again in {name}"
             check(found == due, f"{text}: requests, repeated count {found}, due is {due}")
-            assert first.header is not None  # ask
-            assert again.header is not None
-            check(again.header.time_us != first.header.time_us, f"{text}: the time is the first's")
+            is_new = again.frame_header.time_us != first.frame_header.time_us
+            check(is_new, f"{text}: the time is the first's")
 
 
 # --- Everything else that a session owns -------------------------------------------------------

@@ -9,9 +9,7 @@ from typing import Final
 
 from haptogram_protocol.messages import (
     Config,
-    ConfigReply,
     Feature,
-    GetConfig,
     Hello,
     Mute,
     Ping,
@@ -33,9 +31,9 @@ from ...client.playback import (
     play_out,
     send_phases_to_store,
 )
-from ...client.uploads import begin_upload, upload_to_board
-from ...judge.repetition import judge_same_answer
-from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal
+from ...client.uploads import begin_upload, upload_correction
+from ...judge.repetition import judge_repeated_reply
+from ...outcome import SELF_REPORTED, check, check_equal, named
 
 _SEQUENCE: Final = 5
 _FRAMES: Final = 4
@@ -58,19 +56,10 @@ def _session_with_everything_set(board: BoardClient) -> Config:
     )
 
 
-def _idle_session(_: BoardClient) -> None:
-    """Leave the board DISARMED."""
-
-
-def _muted_session(board: BoardClient) -> None:
-    board.link.ask(Mute())
-
-
 def _streaming_session(board: BoardClient) -> None:
     board.arm()
     latch_now(board, board.flat_phases(7))
-    t_us = board.clock.soon_us(bytes(2000), ahead_us=2_000_000)
-    board.link.send(board.link.stream_wire(board.flat_phases(), t_us))
+    board.link.stream(board.flat_phases(), board.clock.ahead_us(2_000_000))
 
 
 def _playing_session(board: BoardClient) -> None:
@@ -84,27 +73,20 @@ def _uploading_session(board: BoardClient) -> None:
     board.link.ask(UploadChunk(0, data[:1]))
 
 
-_MOMENTS: Final[dict[str, Callable[[BoardClient], None]]] = {
-    "while DISARMED": _idle_session,
-    "while MUTED": _muted_session,
+_MOMENTS: Final[dict[str, Callable[[BoardClient], object]]] = {
+    "while DISARMED": BoardClient.disarm,
+    "while MUTED": lambda board: board.link.ask(Mute()),
     "with frames queued": _streaming_session,
     "during a playback": _playing_session,
     "during an upload": _uploading_session,
 }
 
 
-@case(
-    "HG-4.6/5",
-    "a new session, idle, muted, streaming, playing, uploading, leaves every setting as it is",
-    variant="moments",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-)
+@case("HG-4.6/5-moments", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
 def settings_outlive_every_session(board: BoardClient) -> None:
+    """a new session, idle, muted, streaming, playing, uploading, leaves every setting as it is"""
     if board.has(Feature.CORRECTION):
-        upload_to_board(
-            board, UploadKind.CORRECTION, 0, board.random.randbytes(board.identity.transducers)
-        )
+        upload_correction(board)
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     config = _session_with_everything_set(board)
     crc = board.status().config_crc
@@ -113,47 +95,31 @@ def settings_outlive_every_session(board: BoardClient) -> None:
         before = board.status().counters
         reply = board.hello()
         check(reply.config_crc == crc, f"{name}: config_crc is {reply.config_crc:#x}, was {crc:#x}")
-        found = board.link.call(GetConfig(), ConfigReply).config
-        check_equal(found, config, f"{name}: the configuration has changed")
-        counted = board.counted_since(before)
-        gone = {key: value for key, value in counted.items() if value > 1 << 31}
-        check(not gone, f"{name}: counters went back by {gone}")
+        check_equal(board.read_config(), config, f"{name}: the configuration has changed")
+        board.check_counters_kept(before, name)
         check_equal(board.status().queued, 0, f"{name}: frames are still queued")
-        if board.identity.state is OutputState.ARMED:
-            check(False, f"{name}: the board is ARMED in a new session")
-        _session_plays_still(board, name)
-
-
-def _session_plays_still(board: BoardClient, name: str) -> None:
-    """FAILED unless the stored sequence is played as before."""
-    board.arm()
-    try:
-        with board.counting(latched=_FRAMES):
+        is_armed = reply.state is OutputState.ARMED
+        check(not is_armed, f"{name}: the board is ARMED in a new session")
+        board.arm()
+        text = f"{name}: the stored sequence in a new session"
+        with named(text), board.counting(latched=_FRAMES):
             play_out(board, _SEQUENCE, _FRAMES)
-    except CaseEndedError as error:
-        text = f"{name}: the stored sequence in a new session: {error}"
-        raise CaseEndedError(error.behaviour, text) from None
-    board.disarm()
+        board.disarm()
 
 
 # --- A repeated HELLO --------------------------------------------------------------------------
 
 
-@case(
-    "HG-4.6/2",
-    "nonces one bit from the open one, and the least and greatest, each open a session, DISARMED",
-    variant="nonces",
-)
+@case("HG-4.6/2-nonces")
 def every_bit_of_a_nonce_opens_a_session(board: BoardClient) -> None:
+    """nonces one bit from the open one, and the least and greatest, each open a session,
+    DISARMED
+    """
     for step in (*range(16), *_EDGES):
         board.arm()
         nonce = step if step in _EDGES else board.link.session ^ 1 << step
         if nonce and nonce != board.link.session:
-            reply = board.hello(nonce)
-            check_equal(reply.nonce, nonce, f"HELLO with {nonce:#06x} opens {reply.nonce:#06x}")
-            check_equal(
-                reply.state, OutputState.DISARMED, f"{nonce:#06x} is taken for the open nonce"
-            )
+            _check_hello_opens(board, nonce)
     nonces = [board.new_nonce()]
     for number in range(12):  # each of the two to four sessions before comes again
         if number < 4:
@@ -163,34 +129,29 @@ def every_bit_of_a_nonce_opens_a_session(board: BoardClient) -> None:
         if old == board.link.session:
             continue
         board.arm()
-        reply = board.hello(old)
+        _check_hello_opens(board, old)
         nonces.append(old)
-        found = (reply.nonce, reply.state)
-        check_equal(
-            found, (old, OutputState.DISARMED), f"the nonce of a session before opens {found}"
-        )
         board.link.call(Ping(number), Pong)
 
 
-@case(
-    "HG-4.6/1",
-    "a HELLO of the open nonce of any number leaves numbers, remembered reply, playback, upload",
-    variant="effects",
-)
+def _check_hello_opens(board: BoardClient, nonce: int) -> None:
+    """FAILED unless HELLO with a nonce that is not open opens a session, DISARMED."""
+    reply = board.hello(nonce)
+    found, due = (reply.nonce, reply.state), (nonce, OutputState.DISARMED)
+    check_equal(found, due, f"HELLO with {nonce:#06x} opens {reply.nonce:#06x}")
+
+
+@case("HG-4.6/1-effects")
 def a_repeated_hello_does_nothing(board: BoardClient) -> None:
+    """a HELLO of the open nonce of any number leaves numbers, remembered reply, playback, upload"""
     board.hello()
     board.arm()
     hello = board.hello_message(board.link.session)
     for ahead in (0, 1, 9, 20_000, 40_000, -1):
-        wire, seq = board.link.request_wire(Ping(ahead & 0xFF))
-        since = board.link.mark()
-        board.link.send(wire)
-        first = board.link.answer_to(Ping.TYPE, seq, since)
-        board.link.ask(hello, session=0, seq=seq + ahead)
-        since = board.link.mark()
-        board.link.send(wire)
-        again = board.link.answer_to(Ping.TYPE, seq, since)
-        judge_same_answer(again, first, f"after HELLO of the open nonce {ahead} numbers on")
+        ping = Ping(ahead & 0xFF)
+        first = board.link.ask(ping)
+        board.link.ask(hello, session=0, seq=board.link.seq + ahead)
+        judge_repeated_reply(board, ping, first, f"HELLO of the open nonce {ahead} numbers on")
         board.link.call(Ping(1), Pong)  # the next number, which is not used up
     if board.has(Feature.SEQUENCE_PHASES):
         _check_repeated_hello_left_playback(board, hello)
@@ -205,8 +166,7 @@ def _check_repeated_hello_left_playback(board: BoardClient, hello: Hello) -> Non
     half = min(len(data) // 2, board.identity.max_chunk)
     board.link.ask(UploadChunk(0, data[:half]))
     board.link.ask(hello, session=0)
-    state = board.status().state
-    check_equal(state, OutputState.ARMED, f"HELLO of the open nonce has led to {state.name}")
+    board.check_state(OutputState.ARMED, "HELLO of the open nonce has led to")
     ended = board.link.events(PlaybackEnded, since)
     check(not ended, "HELLO of the open nonce has ended the playback")
     for start in range(half, len(data), max(1, half)):
@@ -215,25 +175,21 @@ def _check_repeated_hello_left_playback(board: BoardClient, hello: Hello) -> Non
     check_equal(taken, len(frames), f"an upload around HELLO of the open nonce: {taken} frames")
 
 
-@case(
-    "HG-4.6/1",
-    "a repeated HELLO gets the first reply, with the state and settings of then, after any change",
-    variant="reply",
-    needs=Feature.CONFIG,
-)
+@case("HG-4.6/1-reply", needs=Feature.CONFIG)
 def the_first_hello_reply_stays(board: BoardClient) -> None:
-    upload = partial(upload_to_board, board, UploadKind.CORRECTION, 0)
-    count = board.identity.transducers
+    """a repeated HELLO gets the first reply, with the state and settings of then, after any
+    change
+    """
     happenings: dict[str, Callable[[], object]] = {
         "ARM": board.arm,
         "SET_CONFIG": lambda: _session_with_everything_set(board),
         "a latch": lambda: latch_now(board, board.flat_phases(3)),
-        "MUTE": lambda: _muted_session(board),
+        "MUTE": lambda: board.link.ask(Mute()),
     }
     if board.has(Feature.SEQUENCE_PHASES):
-        happenings["an upload that begins"] = lambda: _uploading_session(board)
+        happenings["an upload that begins"] = partial(_uploading_session, board)
     if board.has(Feature.CORRECTION):
-        happenings["a new correction"] = lambda: upload(board.random.randbytes(count))
+        happenings["a new correction"] = partial(upload_correction, board)
     board.configure(sound_speed_mm_s=331_300)
     first = board.hello()
     for name, happen in happenings.items():
@@ -248,4 +204,4 @@ def the_first_hello_reply_stays(board: BoardClient) -> None:
     same = [dataclasses.replace(reply, **changed) for reply in (first, last)]  # type: ignore[arg-type]
     check_equal(same[1], same[0], "the identity has changed with settings")
     if board.has(Feature.CORRECTION):
-        upload(bytes(count))
+        upload_correction(board, bytes(board.identity.transducers))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -9,27 +10,44 @@ from haptogram_protocol.messages import (
     Disarm,
     ErrorCode,
     Feature,
+    GetGeometry,
     GetStatus,
     Message,
     Mute,
     MuteReply,
     Ping,
     Pong,
+    ReadDrive,
+    ReadTrace,
+    Stop,
+    TraceMode,
     UploadChunk,
     UploadChunkReply,
-    UploadKind,
 )
+from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import OutputState
 
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
-from ...client.uploads import begin_upload
-from ...client.wire import ReceivedByClient
-from ...judge.repetition import judge_repeated_reply
-from ...outcome import check, check_equal
-
-_UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.CORRECTION
-
+from ...client.capabilities import drive_kinds
+from ...client.playback import (
+    PERIOD_US,
+    play_now,
+    send_phases_that_fit,
+    shortest_period_to_play_us,
+)
+from ...client.request_client import flags_at_once
+from ...client.stream_kinds import refused_requests_to_send
+from ...client.uploads import begin_any_upload
+from ...judge.repetition import (
+    CHUNKS_BETWEEN,
+    MUTES_BETWEEN,
+    REFUSALS_BETWEEN,
+    Between,
+    every_request_to_repeat,
+    judge_repeated_reply,
+)
+from ...outcome import check_equal
 
 host_waits = case_about_host("HG-4.8/1")
 
@@ -46,173 +64,194 @@ host_starts_at_0 = case_about_host("HG-4.8/4")
 host_gives_up = case_about_host("HG-4.8/5")
 
 
-def _send_request(
-    board: BoardClient, wire: bytes, kind: type[Message], seq: int
-) -> ReceivedByClient:
-    """Send the bytes of a request and return the answer."""
-    since = board.link.mark()
-    board.link.send(wire)
-    return board.link.answer_to(kind.TYPE, seq, since)
-
-
-@case(
-    "HG-4.9/1",
-    "ARM again after a MUTE without a session: same reply to the byte, still MUTED; repeated + 1",
-)
+@case("HG-4.9/1")
 def repeats_the_reply_to_a_request(board: BoardClient) -> None:
-    wire, seq = board.link.request_wire(Arm())
-    _send_request(board, wire, Arm, seq)
-    board.link.ask(Mute(), session=0, seq=seq + 1000)
+    """ARM again after a MUTE without a session: same reply to the byte, still MUTED; repeated +
+    1
+    """
+    board.link.ask(Arm())
+    board.link.ask(Mute(), session=0, seq=board.link.seq + 1000)
     with board.counting(repeated=2):
         # GET_STATUS would be the last request: the repetitions come first.
-        board.link.seq = seq + 1
-        state = board.status().state
-        check_equal(state, OutputState.MUTED, f"after MUTE without a session: {state.name}")
-        wire, seq = board.link.request_wire(Ping(7))
-        first = _send_request(board, wire, Ping, seq)
+        board.check_state(OutputState.MUTED, "after MUTE without a session:")
+        first = board.link.ask(Ping(7))
         board.wire.idle(5000)
         for _ in range(2):
-            judge_repeated_reply(board, wire, seq, first, "PING")
-    _repeated_arm_is_not_done_twice(board)
+            judge_repeated_reply(board, Ping(7), first, "PING")
+    first = board.link.ask(Arm())
+    board.link.ask(Mute(), session=0, seq=board.link.seq + 1000)
+    judge_repeated_reply(board, Arm(), first, "ARM and a MUTE without a session")
+    board.check_state(OutputState.MUTED, "ARM sent again was carried out again:")
 
 
-def _repeated_arm_is_not_done_twice(board: BoardClient) -> None:
-    wire, seq = board.link.request_wire(Arm())
-    first = _send_request(board, wire, Arm, seq)
-    board.link.ask(Mute(), session=0, seq=seq + 1000)
-    judge_repeated_reply(board, wire, seq, first, "ARM and a MUTE without a session")
-    board.link.seq = seq
-    state = board.status().state
-    check(state is OutputState.MUTED, f"ARM sent again was carried out again: {state.name}")
-
-
-@case(
-    "HG-4.9/2",
-    "the last request's number with other bytes is refused: SEQUENCE_REUSED, detail: the number",
-)
+@case("HG-4.9/2")
 def refuses_a_reused_request_number(board: BoardClient) -> None:
+    """the last request's number with other bytes is refused: SEQUENCE_REUSED, detail: the number"""
     board.arm()
-    seq = board.link.seq & 0xFFFF
-    board.link.refused(Disarm(), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
-    board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
-    state = board.status().state
-    check_equal(state, OutputState.ARMED, f"a refused DISARM has led to {state.name}")
+    _check_number_is_used(board, Disarm(), Ping(1))
+    board.check_state(OutputState.ARMED, "a refused DISARM has led to")
 
 
-@case("HG-4.9/3", "a delayed copy of ARM does not undo a later DISARM: SEQUENCE_REUSED")
+def _check_number_is_used(board: BoardClient, *messages: Message, back: int = 0) -> None:
+    """FAILED unless *messages* are refused whose number is so far behind that of the last one."""
+    seq = board.link.seq - back & 0xFFFF
+    for message in messages:
+        board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+
+
+@case("HG-4.9/3")
 def refuses_a_delayed_copy_of_a_request(board: BoardClient) -> None:
-    wire, seq = board.link.request_wire(Arm())
-    _send_request(board, wire, Arm, seq)
+    """a delayed copy of ARM does not undo a later DISARM: SEQUENCE_REUSED"""
+    board.link.ask(Arm())
     board.disarm()
-    since = board.link.mark()
-    board.link.send(wire)
-    answer = board.link.answer_to(Arm.TYPE, seq, since)
-    board.link.error_in(answer, Arm.TYPE, ErrorCode.SEQUENCE_REUSED, seq)
+    _check_number_is_used(board, Arm(), back=1)
     for back in (2, 100, 30_000):
-        old = (board.link.seq - back) & 0xFFFF
-        board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, old, seq=old)
-    state = board.status().state
-    check_equal(state, OutputState.DISARMED, f"a delayed ARM has led to {state.name}")
+        _check_number_is_used(board, Ping(1), back=back)
+    board.check_state(OutputState.DISARMED, "a delayed ARM has led to")
 
 
-@case("HG-4.9/4", "after refusals for flags, length and type the same number is still free")
+@case("HG-4.9/4")
 def refused_requests_use_no_number(board: BoardClient) -> None:
-    wire, seq = board.link.request_wire(Arm())
-    reply = _send_request(board, wire, Arm, seq)
-    free = (seq + 1) & 0xFFFF
+    """after refusals for flags, length and type the same number is still free"""
+    reply = board.link.ask(Arm())
+    free = board.link.seq + 1 & 0xFFFF
     board.link.refused(Ping(1), ErrorCode.UNSUPPORTED, 0x20, seq=free, flags=0x20)
     board.link.refused_raw(Ping.TYPE, bytes(3), ErrorCode.BAD_LENGTH, 8, seq=free)
     board.link.refused_raw(0x7C, b"", ErrorCode.UNSUPPORTED, 0x7C, seq=free)
-    board.link.refused(
-        Ping(1), ErrorCode.STALE_SESSION, seq=free, session=board.link.session ^ 0x0F0F
-    )
-    judge_repeated_reply(board, wire, seq, reply, "refused requests")
-    board.link.call(Ping(2), Pong, seq=free)
-    board.link.seq = free
-
-
-@case(
-    "HG-4.9/5",
-    "behind a MUTE a copy of a request: same reply if it was done, SEQUENCE_REUSED if it was lost",
-)
-def mute_passes_a_pending_request(board: BoardClient) -> None:
-    ping, seq = board.link.request_wire(Ping(9))
-    first = _send_request(board, ping, Ping, seq)
-    board.link.call(Mute(), MuteReply)
-    judge_repeated_reply(board, ping, seq, first, "PING and MUTE")
-    for message in (Arm(), Ping(1)):
-        lost, seq = board.link.request_wire(message)
-        board.link.call(Mute(), MuteReply)
-        since = board.link.mark()
-        board.link.send(lost)
-        answer = board.link.answer_to(message.TYPE, seq, since)
-        board.link.error_in(answer, message.TYPE, ErrorCode.SEQUENCE_REUSED, seq)
-    state = board.status().state
-    check(state is OutputState.MUTED, f"an ARM that was lost before MUTE has led to {state.name}")
+    stale = board.link.session ^ 0x0F0F
+    board.link.refused(Ping(1), ErrorCode.STALE_SESSION, seq=free, session=stale)
+    judge_repeated_reply(board, Arm(), reply, "refused requests")
     board.link.call(Ping(2), Pong)
 
 
-@case("HG-4.10/1", "MUTE is carried out each time; its number in the session counts as used")
+@case("HG-4.9/5")
+def mute_passes_a_pending_request(board: BoardClient) -> None:
+    """behind a MUTE a copy of a request: same reply if it was done, SEQUENCE_REUSED if it was
+    lost
+    """
+    first = board.link.ask(Ping(9))
+    board.link.call(Mute(), MuteReply)
+    judge_repeated_reply(board, Ping(9), first, "PING and MUTE")
+    for lost in (Arm(), Ping(1)):
+        board.link.next_seq()
+        board.link.call(Mute(), MuteReply)
+        _check_number_is_used(board, lost, back=1)
+    board.check_state(OutputState.MUTED, "an ARM that was lost before MUTE has led to")
+    board.link.call(Ping(2), Pong)
+
+
+@case("HG-4.10/1")
 def repeated_mute_is_done_again(board: BoardClient) -> None:
+    """MUTE is carried out each time; its number in the session counts as used"""
     board.arm()
-    wire, seq = board.link.request_wire(Mute())
-    _send_request(board, wire, Mute, seq)
-    board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+    board.link.ask(Mute())
+    seq = board.link.seq
+    _check_number_is_used(board, Ping(1))
     board.arm()
-    _send_request(board, wire, Mute, seq)
-    state = board.status().state
-    check_equal(state, OutputState.MUTED, f"the same MUTE again has led to {state.name}")
+    board.link.ask(Mute(), seq=seq)
+    board.check_state(OutputState.MUTED, "the same MUTE again has led to")
     board.link.call(Mute(), MuteReply, session=0, seq=board.link.seq + 500)
     board.link.call(Ping(1), Pong)  # the number of a MUTE of no session is not used up
 
 
-@case(
-    "HG-4.10/1",
-    "PING and MUTE at once: PING is answered, although the number of MUTE is newer",
-    variant="behind",
-)
+@case("HG-4.10/1-behind")
 def mute_uses_no_earlier_request_number(board: BoardClient) -> None:
+    """PING and MUTE at once: PING is answered, although the number of MUTE is newer"""
     for number in range(8):
-        ping, first = board.link.request_wire(Ping(number))
-        mute, second = board.link.request_wire(Mute())
-        since = board.link.mark()
-        board.link.send(ping, mute)
-        answer = board.link.answer_to(Ping.TYPE, first, since)
-        board.link.reply_in(answer, Pong, Ping.TYPE)
-        board.link.answer_to(Mute.TYPE, second, since)
+        wires = [board.link.request_wire(message)[0] for message in (Ping(number), Mute())]
+        board.link.reply_in(board.link.exchange(*wires)[0], Pong)
 
 
-@case("HG-4.10/1", "UPLOAD_CHUNK is carried out each time", variant="chunk")
+@case("HG-4.10/1-chunk")
 def repeated_chunks_are_done_again(board: BoardClient) -> None:
-    board.need_any(_UPLOADS)
-    kind = UploadKind.PHASES if board.has(Feature.SEQUENCE_PHASES) else UploadKind.CORRECTION
-    target = 1 if kind is UploadKind.PHASES else 0
-    data = bytes(board.identity.transducers)
-    begin_upload(board, kind, target, data)
-    wire, seq = board.link.request_wire(UploadChunk(0, data[:1]))
-    first = _send_request(board, wire, UploadChunk, seq)
-    begin_upload(board, kind, target, data)
-    since = board.link.mark()
-    board.link.send(wire)
-    again = board.link.reply_in(
-        board.link.answer_to(UploadChunk.TYPE, seq, since), UploadChunkReply, UploadChunk.TYPE
-    )
-    check_equal(again.received, 1, f"a chunk of 1 byte again: {again.received} received, {first!r}")
+    """UPLOAD_CHUNK is carried out each time"""
+    begin_any_upload(board, 1)
+    chunk = UploadChunk(0, bytes(1))
+    first = board.link.call(chunk, UploadChunkReply)
+    seq = board.link.seq
+    begin_any_upload(board, 1)
+    received = board.link.call(chunk, UploadChunkReply, seq=seq).received
+    check_equal(received, 1, f"a chunk of 1 byte again: {received} received, {first} before")
 
 
-@case(
-    "HG-4.12/1", "DISARM, PING, GET_STATUS of another session: STALE_SESSION, session 0; not done"
-)
+@case("HG-4.12/1")
 def refuses_requests_of_another_session(board: BoardClient) -> None:
+    """DISARM, PING, GET_STATUS of another session: STALE_SESSION, session 0; not done"""
     board.arm()
     requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())
     with board.counting(requests=2 * len(requests)):
         for message in requests:
             for session in (0, board.link.session ^ 0x8001):
                 answer = board.link.ask(message, session=session)
-                board.link.error_in(
-                    answer, message.TYPE, ErrorCode.STALE_SESSION, board.link.session
-                )
-                assert answer.header is not None  # ask
-                check_equal(answer.header.session, 0, "ERROR(STALE_SESSION) is not of session 0")
-    check(board.status().state is OutputState.ARMED, "a DISARM of another session was done")
+                code, told = ErrorCode.STALE_SESSION, answer.frame_header.session
+                board.link.error_in(answer, message.TYPE, code, board.link.session)
+                check_equal(told, 0, f"{code.name} of session {told:#06x}")
+    board.check_state(OutputState.ARMED, "a DISARM of another session has led to")
+
+
+_SEQUENCE: Final = 4
+_FILLED_US: Final = 1_000_000
+
+
+def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:
+    """Yield the requests whose replies are as long as the board makes them."""
+    yield GetGeometry(0, 0xFFFF)
+    yield from (ReadDrive(kind, 0, 0xFFFF) for kind in drive_kinds(board))
+    if board.has(Feature.TRACE_RING):
+        yield ReadTrace(0, 0xFFFF)
+
+
+def _fill_ring_for_remembered_reply(board: BoardClient) -> None:
+    """Latch so often in a second at most that the ring fills a frame, if the board can."""
+    if not board.has(Feature.TRACE_RING | Feature.CONFIG | Feature.SEQUENCE_PHASES):
+        return
+    board.configure(trace_mode=TraceMode.RING)
+    board.arm()
+    period_us = shortest_period_to_play_us(board, PERIOD_US // 4)
+    play_now(board, _SEQUENCE, loops=100, period_us=period_us)
+    board.wire.idle(min(250 * period_us, _FILLED_US))
+    board.link.ask(Stop())
+
+
+def _judge_remembered_reply(board: BoardClient, betweens: dict[str, Between]) -> None:
+    """FAILED unless every request gets its reply again behind each of *betweens*."""
+    for message in every_request_to_repeat(board):
+        board.arm()
+        first = board.link.ask_at_once(message)
+        for name, send in betweens.items():
+            send(board)
+            judge_repeated_reply(board, message, first, f"{message.TYPE.name} and {name}")
+
+
+@case("HG-4.10/1-kept")
+def every_mute_between(board: BoardClient) -> None:
+    """a reply of every type, refusals too, is still remembered after MUTE and UPLOAD_CHUNK"""
+    betweens = dict(MUTES_BETWEEN)
+    if board.identity.features & UPLOADS:
+        betweens |= CHUNKS_BETWEEN
+    _judge_remembered_reply(board, betweens)
+
+
+@case("HG-4.9/4-types")
+def every_refusal_between(board: BoardClient) -> None:
+    """a reply of every type, refusals too, is still remembered after each refusal of steps 5 to
+    11
+    """
+    _judge_remembered_reply(board, REFUSALS_BETWEEN)
+
+
+@case("HG-4.9/1-replies")
+def every_reply_is_remembered(board: BoardClient) -> None:
+    """refused requests, and those with the longest replies, get the same bytes again"""
+    if board.has(Feature.SEQUENCE_PHASES):
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
+        _fill_ring_for_remembered_reply(board)
+    board.arm()
+    for message in [*refused_requests_to_send(board), *_largest_remembered_request(board)]:
+        with board.counting(repeated=2, requests=1, frames=3):
+            first = board.link.ask_at_once(message)
+            seq = first.frame_header.seq
+            for _ in range(2):
+                judge_repeated_reply(board, message, first, message.TYPE.name)
+        flags = flags_at_once(message)
+        board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq, flags=flags)

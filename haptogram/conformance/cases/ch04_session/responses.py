@@ -1,4 +1,4 @@
-"""HG-4.11: number, time and order of responses."""
+"""HG-4.11, HG-4.12: number, time, order and session of responses; frames while none is open."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from typing import Final
 from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
+    REQUEST_RANGE,
+    STREAM_RANGE,
+    VERSION_MAJOR,
     Arm,
     Disarm,
     DisarmReply,
+    ErrorCode,
     Feature,
     GetConfig,
     GetGeometry,
     GetStatus,
+    Hello,
     HelloReply,
     Message,
     Mute,
@@ -27,11 +32,15 @@ from haptogram_protocol.messages import (
     StopReply,
     signed_difference,
 )
+from haptogram_protocol.rules import unsupported_types
+from haptogram_protocol.state import OutputState
 
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.playback import play_now, send_phases_that_fit
-from ...outcome import check, check_equal
+from ...client.stream_kinds import request_types_of_host
+from ...client.wire import ReceivedByClient
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _PROMPT_US: Final = 10_000
 _TRIES: Final = 8
@@ -48,38 +57,30 @@ def responses_belong_to_their_requests(board: BoardClient) -> None:
     requests: tuple[Message, ...] = (Ping(1), GetStatus(), GetConfig(), Arm(), Disarm())
     for message in requests:
         board.link.seq += 77
-        answer = board.link.ask(message)  # waits for its number
-        header = answer.header
-        assert header is not None  # ask
-        check_equal(
-            header.session,
-            board.link.session,
-            f"{annotated_type_name(header.type)} has session {header.session:#06x}, "
-            f"open is {board.link.session:#06x}",
-        )
-    answer = board.link.ask(Ping(1), session=board.link.session ^ 0x0F0F)
-    session = answer.header.session if answer.header else -1
-    check(session == 0, f"ERROR(STALE_SESSION) has session {session:#06x}, must be 0")
+        check_answer_session(board.link.ask(message), board.link.session)
+    check_answer_session(board.link.ask(Ping(1), session=board.link.session ^ 0x0F0F), 0)
+
+
+def check_answer_session(answer: ReceivedByClient, due: int, name: str = "") -> None:
+    """FAILED unless an answer, to the request *name*, has the session that is open."""
+    header = answer.frame_header
+    text = f"{annotated_type_name(header.type)}{name and ' to '}{name}"
+    check_equal(header.session, due, f"{text} has session {header.session:#06x}")
 
 
 @case("HG-4.11/2")
 def responses_tell_the_time(board: BoardClient) -> None:
     """the header time is that of the first byte: t_tx of a PONG; it rises from reply to reply"""
     for _ in range(_TRIES):
-        first = board.link.ask(Ping(1))
-        middle = board.link.ask(GetStatus())
-        last = board.link.ask(Ping(2))
-        headers = [piece.header for piece in (first, middle, last)]
-        times = [header.time_us for header in headers if header is not None]
-        for time_us, piece in ((times[0], first), (times[2], last)):
-            pong = board.link.reply_in(piece, Pong, Ping.TYPE)
-            apart_us = abs(signed_difference(time_us, pong.t_tx_us, 32))
+        answers = [board.link.ask(message) for message in (Ping(1), GetStatus(), Ping(2))]
+        times = [answer.frame_header.time_us for answer in answers]
+        for answer in answers[::2]:
+            t_tx_us = board.link.reply_in(answer, Pong).t_tx_us
+            apart_us = abs(signed_difference(answer.frame_header.time_us, t_tx_us, 32))
             check(apart_us <= _CLOCK_US, f"header time and t_tx differ by {apart_us} µs")
         steps = [signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
-        check(
-            all(0 <= step < 5_000_000 for step in steps),
-            f"times of three responses in a row: {times}",
-        )
+        in_order = all(0 <= step < 5_000_000 for step in steps)
+        check(in_order, f"times of three responses in a row: {times}")
 
 
 @case("HG-4.11/2-exact")
@@ -90,35 +91,28 @@ def refusing_responses_tell_the_time(board: BoardClient) -> None:
     greeting = board.hello_message(board.link.session)
     for message, header in ((Ping(1), {"flags": 0x40}), (greeting, {"session": 0})):
         long, _ = board.link.request_wire(GetGeometry(0, 0xFFFF))
-        short, seq = board.link.request_wire(message, **header)
-        since = board.link.mark()
-        board.link.send(long, short)
-        answer = board.link.answer_to(message.TYPE, seq, since)
-        assert answer.header is not None  # answer_to
+        short, _ = board.link.request_wire(message, **header)
+        _, answer = board.link.exchange(long, short)
         due_us = offset_us + board.wire.begun_us(answer)
-        off_us = signed_difference(answer.header.time_us, due_us & 0xFFFFFFFF, 32)
-        name = annotated_type_name(answer.header.type)
+        off_us = signed_difference(answer.frame_header.time_us, due_us & 0xFFFFFFFF, 32)
+        name = annotated_type_name(answer.frame_header.type)
         check(abs(off_us) <= _CLOCK_US, f"the time of {name} is off by {off_us:+d} µs")
 
 
 def _device_offset_of_responses_us(board: BoardClient) -> int:
     """Return the device clock less that of the transport, by a PONG that waited for nothing."""
     answer = board.link.ask(Ping(0))
-    pong = board.link.reply_in(answer, Pong, Ping.TYPE)
+    pong = board.link.reply_in(answer, Pong)
     return pong.t_tx_us - board.wire.begun_us(answer)
 
 
 @case("HG-4.11/6")
 def repeated_responses_keep_their_time(board: BoardClient) -> None:
     """a PING again, 20 ms later: the time in the header is that of the first PONG"""
-    wire, seq = board.link.request_wire(Ping(5))
-    times = []
+    seq, times = board.link.next_seq(), []
     for _ in range(3):
-        since = board.link.mark()
-        board.link.send(wire)
-        answer = board.link.answer_to(Ping.TYPE, seq, since)
-        assert answer.header is not None  # answer_to
-        times.append((answer.header.time_us, board.link.reply_in(answer, Pong, Ping.TYPE).t_tx_us))
+        answer = board.link.ask(Ping(5), seq=seq)
+        times.append((answer.frame_header.time_us, board.link.reply_in(answer, Pong).t_tx_us))
         board.wire.idle(20_000)
     check_equal(len(set(times)), 1, f"header time and t_tx of a PONG and its repetitions: {times}")
 
@@ -127,11 +121,8 @@ def repeated_responses_keep_their_time(board: BoardClient) -> None:
 def responses_come_promptly(board: BoardClient) -> None:
     """of 8 PINGs one is answered within 10 ms"""
     took_us = min(_response_round_trip_us(board, number) for number in range(_TRIES))
-    size = 2 * len(encode_frame(bytes(26)))
-    check(
-        took_us <= board.wire.period_us(size) + _PROMPT_US,
-        f"the fastest of {_TRIES} answers took {took_us} µs",
-    )
+    due_us = board.wire.period_us(2 * len(encode_frame(bytes(26)))) + _PROMPT_US
+    check(took_us <= due_us, f"the fastest of {_TRIES} answers took {took_us} µs")
 
 
 def _response_round_trip_us(board: BoardClient, number: int) -> int:
@@ -178,3 +169,62 @@ def _responses_in_order(
         came == sorted(came, key=due.index),
         f"{message.TYPE.name} was followed by {', '.join(kind.__name__ for kind in came)}",
     )
+
+
+_UNKNOWN_REQUEST: Final = 0x7B
+#: Counters of what a board does with frames of an open session.
+_OF_A_SESSION: Final = ("accepted", "latched", "dropped_state", "duplicate", "gap", "bad_length")
+
+
+@case("HG-4.12/1-closed", needs_reset=True, evidence=SELF_REPORTED)
+def every_frame_when_closed(board: BoardClient) -> None:
+    """before the first HELLO frames of every type and session, 0 too, are stale: nothing is done"""
+    streamed: list[int] = []
+    answers = []
+    for session in (0, 1, 0x8000, 0xFFFF, board.new_nonce()):
+        for kind in request_types_of_host():
+            name = f"{kind.TYPE.name} of session {session:#06x}"
+            payload = bytes(kind.LAYOUT.size)
+            if kind.TYPE in STREAM_RANGE:
+                board.link.send(board.link.stream_raw(kind.TYPE, payload, session=session))
+                streamed.append(kind.TYPE)
+            elif kind.TYPE in REQUEST_RANGE and kind not in (Hello, Mute):
+                answer = board.link.ask_raw(kind.TYPE, payload, session=session)
+                answers.append((name, kind.TYPE, answer))
+    identity = board.hello()
+    lacking = unsupported_types(Feature(identity.features))  # these are refused in step 5
+    for name, kind_of, answer in answers:
+        unknown = kind_of in lacking
+        code = ErrorCode.UNSUPPORTED if unknown else ErrorCode.STALE_SESSION
+        board.link.error_in(answer, kind_of, code, kind_of if unknown else 0)
+        check_answer_session(answer, 0, f"{name}, while none is open,")
+    state = identity.state
+    text = f"frames before the first HELLO have led to {state.name}"
+    check_equal(state, OutputState.DISARMED, text)
+    counters = board.status().counters
+    moved = {name: number for name in _OF_A_SESSION if (number := getattr(counters, name))}
+    check(not moved, f"frames before the first HELLO are counted in {moved}")
+    stale, requests = counters.stale_session, counters.requests
+    due = sum(kind not in lacking for kind in streamed)
+    check_equal(stale, due, f"{due} frames before HELLO; stale_session is {stale}")
+    asked = len(answers) + 2  # HELLO and GET_STATUS
+    heard = board.link.knocks  # repetitions of the first one, to a board that boots
+    text = f"{asked} requests from the reset on; requests is {requests}"
+    check(asked <= requests <= asked + heard, text)
+
+
+@case("HG-4.11/1-closed", needs_reset=True)
+def every_answer_when_closed(board: BoardClient) -> None:
+    """before the first HELLO every answer has session 0"""
+    board.link.session = 0
+    answers = {
+        "MUTE": board.link.ask(Mute()),
+        "MUTE of a session": board.link.ask(Mute(), session=0x1234),
+        "PING": board.link.ask(Ping(1)),
+        "PING of a session": board.link.ask(Ping(1), session=0x1234),
+        "an unknown request": board.link.ask_raw(_UNKNOWN_REQUEST),
+        "HELLO of another version": board.link.ask(Hello(VERSION_MAJOR + 1, 0, 1, 0)),
+        "HELLO of nonce 0": board.link.ask(Hello(VERSION_MAJOR, 0, 0, 0)),
+    }
+    for name, answer in answers.items():
+        check_answer_session(answer, 0, f"{name}, while none is open,")

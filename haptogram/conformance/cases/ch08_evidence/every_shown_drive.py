@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Final
 
 from haptogram_protocol.messages import (
     DriveKind,
-    DriveReply,
     Feature,
-    ReadDrive,
     TraceDrive,
     TraceMode,
-    UploadKind,
 )
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import TRACE_MODES
+from ...client.capabilities import drive_kinds, trace_modes
 from ...client.drive_paths import drive_paths, registers_asked_for
 from ...client.latching import (
     ClientDrive,
-    full_client_drive,
+    begin_traces,
+    drive_crc,
     latch_now,
+    latch_random,
     latches_received_from_board,
     read_back,
+    read_drive,
 )
 from ...client.playback import (
     play_out,
@@ -34,7 +33,7 @@ from ...client.playback import (
     send_phases_to_store_if_supported,
 )
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import upload_to_board
+from ...client.uploads import upload_correction
 from ...outcome import SELF_REPORTED, check, check_equal
 
 _MS: Final = 1000
@@ -60,16 +59,14 @@ _STEPS_WITH_LIKE_KEYS: Final = (
 @contextmanager
 def _shown_under_ceiling(board: BoardClient, **changes: Any) -> Iterator[None]:
     """Let the radiated drive differ from the latched one in every phase and loud amplitude."""
-    count = board.identity.transducers
     if board.has(Feature.AMPLITUDE):
         changes = {"amplitude_ceiling": _CEILING} | changes
     if board.has(Feature.CORRECTION):
-        correction = bytes(1 + code % 255 for code in board.random.randbytes(count))
-        upload_to_board(board, UploadKind.CORRECTION, 0, correction)
+        upload_correction(board)
     board.configure(**changes)
     yield
     if board.has(Feature.CORRECTION):
-        upload_to_board(board, UploadKind.CORRECTION, 0, bytes(count))
+        upload_correction(board, bytes(board.identity.transducers))
 
 
 @case(
@@ -82,9 +79,7 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
     """drives of every format and path, under ceiling and correction: every trace shows the
     latched
     """
-    for feature, mode in TRACE_MODES:
-        if not board.has(feature):
-            continue
+    for mode in trace_modes(board):
         with _shown_under_ceiling(board, trace_mode=mode):
             board.arm()
             for path in drive_paths(board):
@@ -103,35 +98,30 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
 @case("HG-8.6/1-shaded", needs=Feature.CONFIG | Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def every_span_of_a_read_back_under_a_ceiling(board: BoardClient) -> None:
     """READ_DRIVE of every span, of drives of every format under ceiling, correction and a ramp"""
-    count = board.identity.transducers
-    kinds = [DriveKind.LATCHED]
-    kinds += [DriveKind.RADIATED] if board.has(Feature.READ_RADIATED) else []
     with _shown_under_ceiling(board):
         board.arm()
         for stream in stream_kinds(board):
             message = stream.make()
             latch_now(board, message)
             due = registers_asked_for(board, message)
-            for kind in kinds:
+            for kind in drive_kinds(board):
                 whole = read_back(board, kind)
                 name = f"{stream.name}, {kind.name}"
                 if due is not None and kind is DriveKind.LATCHED:
-                    check_equal(
-                        (whole.phases, whole.amplitudes), due, f"{name}: not the drive sent"
-                    )
-                for first in sorted({1, count // 3, count // 2, count - 1} & set(range(count))):
-                    _check_span_of_read_back(board, name, whole, kind, first)
+                    got = whole.phases, whole.amplitudes
+                    check_equal(got, due, f"{name}: not the drive sent")
+                _check_spans_of_read_back(board, name, whole, kind)
 
 
-def _check_span_of_read_back(
-    board: BoardClient, name: str, whole: ClientDrive, kind: DriveKind, first: int
+def _check_spans_of_read_back(
+    board: BoardClient, name: str, whole: ClientDrive, kind: DriveKind
 ) -> None:
-    for number in (1, 3, 0xFFFF):
-        reply = board.link.call(ReadDrive(kind, first, number), DriveReply)
-        due = whole.phases[first : first + number] + whole.amplitudes[first : first + number]
-        check_equal(
-            reply.data, due, f"{name}: {number} from {first} are other codes than the whole's"
-        )
+    count = board.identity.transducers
+    for first in sorted({1, count // 3, count // 2, count - 1} & set(range(count))):
+        for number in (1, 3, 0xFFFF):
+            got, span = read_drive(board, kind, first, number).data, slice(first, first + number)
+            due = whole.phases[span] + whole.amplitudes[span]
+            check_equal(got, due, f"{name}: {number} from {first} are other codes than the whole's")
 
 
 @case(
@@ -143,38 +133,23 @@ def _check_span_of_read_back(
 def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
     """latches in a ramp, and while the ceiling is 0 and changes, are traced as they are latched"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=4)
-    for feature, mode in TRACE_MODES:
-        if not board.has(feature):
-            continue
+    for mode in trace_modes(board):
         for ceiling in (0, _CEILING):
             # The host is silent, so that the lease's ramp goes on while queued frames are latched.
             board.hello()
-            board.configure(
-                trace_mode=mode, amplitude_ceiling=ceiling, host_timeout_ms=30, ramp_ms=400
-            )
-            board.arm()
-            since, first = board.link.mark(), board.link.stream_next
+            changes = {"amplitude_ceiling": ceiling, "host_timeout_ms": 30, "ramp_ms": 400}
+            since, first = begin_traces(board, mode, **changes), board.link.stream_next
             registers = [board.random_registers() for _ in range(3)]
             last_us = board.clock.soon_us(bytes(4 * board.identity.transducers), ahead_us=120 * _MS)
             times = [last_us - 20 * _MS * place for place in (2, 1, 0)]
-            board.link.send(
-                *(
-                    board.link.stream_wire(board.phases(codes), t_us)
-                    for codes, t_us in zip(registers, times, strict=True)
-                )
-            )
+            frames = zip(map(board.phases, registers), times, strict=True)
+            board.link.send(*(board.link.stream_wire(frame, t_us) for frame, t_us in frames))
             board.clock.end_exchange()
             board.wire.idle(max(0, times[-1] + 5 * _MS - board.clock.device_estimate_us()))
-            seen = [
-                latch
-                for latch in latches_received_from_board(board, since, mode)
-                if latch.index >= first
-            ]
-            due = [zlib.crc32(full_client_drive(codes)) for codes in registers]
-            got = [latch.crc for latch in seen]
-            check_equal(
-                got, due, f"trace {mode.name}, ceiling {ceiling}, during a ramp: other drives"
-            )
+            seen = latches_received_from_board(board, since, mode)
+            got = [latch.crc for latch in seen if latch.index >= first]
+            text = f"trace {mode.name}, ceiling {ceiling}, during a ramp: other drives"
+            check_equal(got, list(map(drive_crc, registers)), text)
 
 
 @case(
@@ -187,32 +162,27 @@ def traces_of_frames_with_like_keys(board: BoardClient) -> None:
     """sequences of one frame, played in turn, stored anew, stream frames between: each has its
     CRC
     """
-    for feature, mode in TRACE_MODES:
-        if not board.has(feature):
-            continue
+    for mode in trace_modes(board):
         board.hello()
-        board.configure(trace_mode=mode)
-        board.arm()
+        since, due = begin_traces(board, mode), []
         stored = {number: send_phases_to_store(board, number, frames=1) for number in _ALIKE}
-        since, due = board.link.mark(), []
         for step in _STEPS_WITH_LIKE_KEYS:
             if step is None:
-                latch_now(board, board.phases(board.random_registers()))
+                latch_random(board, 1)
                 continue
             number, is_new = step
             if is_new:
                 stored[number] = send_phases_to_store(board, number, frames=1)
             play_out(board, number, 1)
-            due.append(zlib.crc32(full_client_drive(stored[number][0])))
+            due.append(drive_crc(stored[number][0]))
             if board.has(Feature.READ_LATCHED):
                 shown = read_back(board)
                 text = f"trace {mode.name}: sequence {number} is read back as another drive"
                 check(shown.crc == due[-1], text)
         seen = latches_received_from_board(board, since, mode)
         got = [latch.crc for latch in seen if latch.sequence]
-        wrong = [
-            place for place, pair in enumerate(zip(got, due, strict=False)) if len({*pair}) > 1
-        ]
+        pairs = enumerate(zip(got, due, strict=False))
+        wrong = [place for place, (told, sent) in pairs if told != sent]
         text = f"trace {mode.name}: of {len(due)} playbacks of one frame {len(got)} are told"
         check(len(got) == len(due) and not wrong, f"{text}, those at {wrong} as other drives")
 
@@ -229,10 +199,8 @@ def trace_divisions_start_anew(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=2)
     for before in range(4):
         for name in ("SET_CONFIG", "HELLO"):
-            board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
-            board.arm()
-            for _ in range(before):
-                latch_now(board)
+            begin_traces(board, TraceMode.DRIVE, trace_divider=3)
+            latch_random(board, before)
             if name == "HELLO":
                 board.hello()
             else:

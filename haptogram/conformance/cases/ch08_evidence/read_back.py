@@ -1,13 +1,16 @@
-"""HG-8.6: the read-back of a drive."""
+"""HG-8.6: the read-back of a drive, and before the first latch of a session."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from typing import Final
+
 from haptogram_protocol.messages import (
     DriveKind,
-    DriveReply,
     ErrorCode,
     Feature,
     LatchKey,
+    Mute,
     ReadDrive,
     TraceMode,
 )
@@ -15,95 +18,146 @@ from haptogram_protocol.rules import READ_BACKS
 
 from ...case import case
 from ...client.board_client import BoardClient
+from ...client.capabilities import drive_kinds
 from ...client.latching import (
     ask_for_board_latches_if_supported,
     client_drive_of_reply,
-    latch_now,
+    latch_random,
     latches_received_from_board,
     read_back,
+    read_drive,
 )
+from ...client.playback import play_later, play_now, send_phases_to_store_if_supported
+from ...client.uploads import upload_correction
 from ...judge.witness import expect_witnessed_drive
 from ...outcome import SELF_REPORTED, check, check_equal
 
+_SEQUENCE: Final = 3
+_CEILING: Final = 77
+_AHEAD_US: Final = 2_000_000
 
-@case(
-    "HG-8.6/1",
-    "READ_DRIVE of one, some and too many transducers shows those from first on",
-    evidence=SELF_REPORTED,
-)
+_Bring = Callable[[BoardClient], object]
+
+
+@case("HG-8.6/1", evidence=SELF_REPORTED)
 def reads_back_a_span(board: BoardClient) -> None:
+    """READ_DRIVE of one, some and too many transducers shows those from first on"""
     board.need_any(READ_BACKS)
-    kind = DriveKind.LATCHED if board.has(Feature.READ_LATCHED) else DriveKind.RADIATED
-    count = board.identity.transducers
-    registers = board.random_registers()
+    kind, count = drive_kinds(board)[0], board.identity.transducers
     board.arm()
-    latch_now(board, board.phases(registers))
+    (registers,) = latch_random(board, 1)
     for first in {0, 1, count // 2, count - 1} & set(range(count)):
         for asked in (0xFFFF, 7, 1, 0):
-            reply = board.link.call(ReadDrive(kind, first, asked), DriveReply)
-            shown = client_drive_of_reply(reply)
-            due = registers[first : first + asked]
+            reply = read_drive(board, kind, first, asked)
+            shown, due = client_drive_of_reply(reply), registers[first : first + asked]
+            name = f"READ_DRIVE of {asked} transducers from {first}"
             check_equal(reply.first, first, f"asked from {first}, shown from {reply.first}")
-            check_equal(
-                shown.phases,
-                due,
-                f"READ_DRIVE of {asked} transducers from {first}: other codes than were sent",
-            )
-            check_equal(
-                shown.amplitudes,
-                b"\xff" * len(due),
-                f"READ_DRIVE of {asked} transducers from {first}: amplitudes are not full",
-            )
+            check_equal(shown.phases, due, f"{name}: other codes than were sent")
+            check_equal(shown.amplitudes, b"\xff" * len(due), f"{name}: amplitudes are not full")
 
 
-@case("HG-8.6/2", "READ_DRIVE from N on is refused with NOT_FOUND, detail N")
+@case("HG-8.6/2")
 def reads_back_no_more_transducers(board: BoardClient) -> None:
+    """READ_DRIVE from N on is refused with NOT_FOUND, detail N"""
     board.need_any(READ_BACKS)
     count = board.identity.transducers
-    for kind, feature in (
-        (DriveKind.LATCHED, Feature.READ_LATCHED),
-        (DriveKind.RADIATED, Feature.READ_RADIATED),
-    ):
-        if board.has(feature):
-            for first in (count, 0xFFFF):
-                board.link.refused(ReadDrive(kind, first, 1), ErrorCode.NOT_FOUND, count)
+    for kind in drive_kinds(board):
+        for first in (count, 0xFFFF):
+            board.link.refused(ReadDrive(kind, first, 1), ErrorCode.NOT_FOUND, count)
 
 
-@case(
-    "HG-8.6/3",
-    "codes, key and time of a read-back belong to one latch, as in trace and STATUS",
-    needs=Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.6/3", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def reads_back_one_latch(board: BoardClient) -> None:
+    """codes, key and time of a read-back belong to one latch, as in trace and STATUS"""
     mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
     board.arm()
     for _ in range(8):
-        registers, index = board.random_registers(), board.link.stream_next
-        since = board.link.mark()
-        latch_now(board, board.phases(registers))
+        index, since = board.link.stream_next, board.link.mark()
+        (registers,) = latch_random(board, 1)
         shown = read_back(board)
         expect_witnessed_drive(board, shown, registers, b"\xff" * len(registers))
         check(shown.reply.key == LatchKey(0, 0, index), f"key {shown.reply.key}, due is {index}")
-        status = board.status()
-        got, due = shown.reply.t_latch_us, status.last_latch_us
+        got, due = shown.reply.t_latch_us, board.status().last_latch_us
         check(got == due, f"the read-back was latched at {got} µs, says STATUS {due} µs")
         if mode is not TraceMode.OFF:
             seen = latches_received_from_board(board, since, mode)
             check(bool(seen) and seen[-1].crc == shown.crc, "trace and read-back disagree")
 
 
-@case(
-    "HG-8.6/4",
-    "before the first latch of a session codes, key and time are 0",
-    needs=Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-)
+# --- Before the first latch --------------------------------------------------------------------
+
+
+@case("HG-8.6/4", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def reads_back_nothing_at_first(board: BoardClient) -> None:
+    """before the first latch of a session codes, key and time are 0"""
     board.arm()
-    latch_now(board, board.phases(board.random_registers()))
+    latch_random(board, 1)
     board.hello()
-    shown = read_back(board)
-    check(not any(shown.reply.data), "codes of the session before are shown")
-    key, t_us = shown.reply.key, shown.reply.t_latch_us
-    check_equal((key, t_us), (LatchKey(0, 0, 0), 0), f"key {key}, time {t_us}")
+    check_nothing_is_read_back(board, DriveKind.LATCHED, "behind the session before")
+
+
+def _wait_with_a_frame(board: BoardClient) -> None:
+    board.arm()
+    board.link.stream(board.phases(board.random_registers()), board.clock.ahead_us(_AHEAD_US))
+
+
+def _wait_with_a_playback(board: BoardClient) -> None:
+    board.arm()
+    play_later(board, _SEQUENCE, _AHEAD_US, loops=1, unattended_ms=2000)
+
+
+def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
+    """Yield what a board may be in before its first latch, one behind the other."""
+    yield "as the session begins", BoardClient.status
+    yield "a frame dropped while DISARMED", lambda board: board.link.stream(board.flat_phases(9))
+    yield "ARMED", BoardClient.arm
+    yield "with a frame that waits", _wait_with_a_frame
+    yield "MUTED", lambda board: board.link.ask(Mute())
+    if board.has(Feature.CORRECTION):
+        yield "with another correction", upload_correction
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield "with a playback that waits", _wait_with_a_playback
+    yield "DISARMED", BoardClient.disarm
+
+
+def _states_of_the_session_before(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
+    """Yield what the session before ends in."""
+    yield "a drive", lambda board: latch_random(board, 1)
+    if board.has(Feature.SEQUENCE_PHASES):
+        yield "a playback", lambda board: play_now(board, _SEQUENCE, loops=0)
+    yield "MUTE", lambda board: board.link.ask(Mute())
+    yield "nothing", BoardClient.status
+
+
+@case("HG-8.6/4-kinds", evidence=SELF_REPORTED)
+def every_empty_read_back(board: BoardClient) -> None:
+    """before a session's first latch both kinds show 0, armed, muted, waiting, under a
+    correction
+    """
+    board.need_any(READ_BACKS)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    if board.has(Feature.CONFIG | Feature.AMPLITUDE):
+        board.configure(amplitude_ceiling=_CEILING)
+    if board.has(Feature.CORRECTION):
+        upload_correction(board)
+    for before, leave in _states_of_the_session_before(board):
+        board.arm()
+        leave(board)
+        board.hello()
+        for name, bring in _states_without_a_latch(board):
+            bring(board)
+            for kind in drive_kinds(board):
+                check_nothing_is_read_back(board, kind, f"behind {before}, {name}")
+    if board.has(Feature.CORRECTION):
+        upload_correction(board, bytes(board.identity.transducers))
+
+
+def check_nothing_is_read_back(board: BoardClient, kind: DriveKind, text: str) -> None:
+    """FAILED unless codes, key and time of the whole and of its last transducer are 0."""
+    for first in (0, board.identity.transducers - 1):
+        reply = read_drive(board, kind, first)
+        name = f"{text}: READ_DRIVE({kind.name}) from {first}"
+        codes = sum(code != 0 for code in reply.data)
+        check_equal(codes, 0, f"{name} shows {codes} codes of {len(reply.data)} that are not 0")
+        found = reply.key, reply.t_latch_us
+        check_equal(found, (LatchKey(0, 0, 0), 0), f"{name} shows key and time {found}")

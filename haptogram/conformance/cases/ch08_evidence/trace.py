@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import zlib
 from typing import Final
 
 from haptogram_protocol.messages import (
+    DriveKind,
+    DriveReply,
     Feature,
+    Ping,
+    Pong,
+    ReadDrive,
     Trace,
     TraceDrive,
     TraceMode,
@@ -15,20 +19,35 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import trace_modes
 from ...client.latching import (
     ask_for_board_latches,
+    begin_traces,
+    drive_crc,
     full_client_drive,
+    latch_in_time,
     latch_now,
+    latch_random,
     latches_received_from_board,
+    read_back,
+    read_ring,
 )
-from ...client.playback import (
-    flood_with_traces,
-    play_out,
-    send_phases_to_store,
-)
+from ...client.playback import flood_with_traces, play_out, send_phases_to_store
 from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _KINDS: Final = (Trace, TracePlayback, TraceDrive)
+_EVENTS_OF_6_LATCHES: Final = {
+    TraceMode.OFF: 0,
+    TraceMode.CRC: 6,
+    TraceMode.DRIVE: 6,
+    TraceMode.RING: 0,
+}
+_SEQUENCE: Final = 7
+_FRAMES: Final = 3
+_OFFSETS_US: Final = (0, 3, 24)
+_MOMENTS_US: Final = (-40, 0, 10, 30, 60, 100, 150, 250, 400)  # around the latch that is due
+_TRACED: Final = Feature.TRACE | Feature.CONFIG
+_FLOODED: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
 
 
 def _trace_events(board: BoardClient, since: int) -> int:
@@ -39,22 +58,33 @@ def _trace_events(board: BoardClient, since: int) -> int:
 @case("HG-8.1/1", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def traces_by_its_mode(board: BoardClient) -> None:
     """of 6 latches the trace modes OFF and RING report none, CRC and DRIVE report 6"""
-    modes = {
-        TraceMode.OFF: (Feature(0), 0),
-        TraceMode.CRC: (Feature.TRACE, 6),
-        TraceMode.DRIVE: (Feature.TRACE_DRIVE, 6),
-        TraceMode.RING: (Feature.TRACE_RING, 0),
-    }
-    for mode, (feature, due) in modes.items():
-        if not board.has(feature):
-            continue
-        board.configure(trace_mode=mode)
-        board.arm()
-        since = board.link.mark()
-        for _ in range(6):
-            latch_now(board)
-        got = _trace_events(board, since)
+    for mode in trace_modes(board, *TraceMode):
+        since = begin_traces(board, mode)
+        latch_random(board, 6)
+        got, due = _trace_events(board, since), _EVENTS_OF_6_LATCHES[mode]
         check(got == due, f"trace_mode {mode.name}: {got} events of 6 latches, due are {due}")
+
+
+@case(
+    "HG-8.1/1-divider",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_trace_undivided(board: BoardClient) -> None:
+    """in modes CRC and RING every latch of stream and playback is told, whatever trace_divider
+    is
+    """
+    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+    for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
+        board.hello()
+        since = begin_traces(board, mode, trace_divider=3)
+        due = [(0, latch_now(board)) for _ in range(4)]
+        play_out(board, _SEQUENCE, _FRAMES)
+        due += [(_SEQUENCE, number) for number in range(_FRAMES)]
+        seen = latches_received_from_board(board, since, mode)
+        got = [(latch.sequence, latch.index) for latch in seen]
+        check(got == due, f"mode {mode.name}, trace_divider 3: told are {got}, due {due}")
 
 
 @case("HG-8.2/1", needs=Feature.CONFIG, evidence=SELF_REPORTED)
@@ -63,8 +93,7 @@ def trace_keys_are_unique(board: BoardClient) -> None:
     mode = ask_for_board_latches(board)
     board.arm()
     since, first = board.link.mark(), board.link.stream_next
-    for _ in range(40):
-        latch_now(board)
+    latch_random(board, 40)
     due = [(0, 0, first + number) for number in range(40)]
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_to_store(board, 4, frames=3)
@@ -72,50 +101,124 @@ def trace_keys_are_unique(board: BoardClient) -> None:
         due += [(4, loop, index) for loop in range(2) for index in range(3)]
     if mode is TraceMode.RING:
         due = due[-board.identity.trace_ring :]
-    got = [
-        (latch.sequence, latch.loop, latch.index)
-        for latch in latches_received_from_board(board, since, mode)
-    ]
+    seen = latches_received_from_board(board, since, mode)
+    got = [(latch.sequence, latch.loop, latch.index) for latch in seen]
     check_equal(len(set(got)), len(got), f"{len(got)} latches have {len(set(got))} keys")
     wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
     check(got == due, f"keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}")
 
 
-@case("HG-8.3/1", needs=Feature.TRACE | Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+# --- Times -------------------------------------------------------------------------------------
+
+
+@case("HG-8.3/1", needs=_TRACED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def traces_tell_the_time(board: BoardClient) -> None:
     """the time in a trace is the carrier period at or after t_apply, as in STATUS"""
-    board.configure(trace_mode=TraceMode.CRC)
-    board.arm()
+    begin_traces(board, TraceMode.CRC)
     for offset_us in (0, 3, 990):
         since = board.link.mark()
-        t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
-        board.link.stream(board.flat_phases(), t_us)
-        board.clock.wait_until(board.clock.on_carrier(t_us) + 100)
+        due_us = board.clock.on_carrier(latch_in_time(board, board.flat_phases(), offset_us))
         seen = latches_received_from_board(board, since, TraceMode.CRC)
         check_equal(len(seen), 1, f"one latch gives {len(seen)} TRACE")
-        latch = seen[0]
-        due_us = board.clock.on_carrier(t_us)
-        check(latch.t_us == due_us, f"traced at {latch.t_us} µs, due is {due_us} µs")
+        told_us = seen[0].t_us
+        check(told_us == due_us, f"traced at {told_us} µs, due is {due_us} µs")
         status_us = board.clock.unwrap(board.status().last_latch_us)
-        check_equal(latch.t_us, status_us, f"TRACE says {latch.t_us} µs, STATUS {status_us} µs")
+        check_equal(told_us, status_us, f"TRACE says {told_us} µs, STATUS {status_us} µs")
 
 
-@case("HG-8.3/2", needs=Feature.TRACE | Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-8.3/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+def evidence_names_one_latch_time(board: BoardClient) -> None:
+    """the time of a latch in TRACE or the ring, in a read-back and in STATUS is the same"""
+    for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
+        for offset_us in _OFFSETS_US:
+            board.hello()
+            since, index = begin_traces(board, mode), board.link.stream_next
+            latch_in_time(board, board.flat_phases(), offset_us)
+            times = {"STATUS": board.clock.unwrap(board.status().last_latch_us)}
+            if board.has(Feature.READ_LATCHED):
+                shown = read_back(board).reply
+                check(shown.key.index == index, f"read back is {shown.key.index}, not {index}")
+                times["DRIVE_REPLY"] = board.clock.unwrap(shown.t_latch_us)
+            (latch,) = latches_received_from_board(board, since, mode)
+            times[mode.name] = latch.t_us
+            check_equal(len(set(times.values())), 1, f"one latch at different times: {times}")
+
+
+@case("HG-8.3/3-before", needs=Feature.CONFIG | Feature.TRACE_RING, evidence=SELF_REPORTED)
+def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
+    """while a frame waits for its time, neither STATUS nor trace nor read-back knows of its
+    latch
+    """
+    begin_traces(board, TraceMode.RING)
+    latch_now(board)
+    before = board.status()
+    t_us = board.clock.soon_us(bytes(2000), ahead_us=50_000)
+    board.link.stream(board.flat_phases(), t_us)
+    waiting, ring = board.status(), read_ring(board)
+    board.clock.end_exchange()
+    for name in ("last_seq", "last_latch_us"):
+        got, due = getattr(waiting, name), getattr(before, name)
+        check(got == due, f"{name} is {got} before the latch, was {due}")
+    got, due = waiting.counters.latched, before.counters.latched
+    check_equal(got, due, "latched counts a frame that waits")
+    check_equal(ring.next, 1, f"the ring says that latch {ring.next} is next, before latch 1")
+    if board.has(Feature.READ_LATCHED):
+        index = read_back(board).reply.key.index
+        check_equal(index, before.last_seq, "a read-back shows the drive of a frame that waits")
+    board.clock.wait_until(t_us + 200)
+
+
+@case(
+    "HG-8.3/1-measured",
+    needs=_TRACED | Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def drives_are_there_at_their_latch_time(board: BoardClient) -> None:
+    """read-backs right behind the time that the trace tells of a latch show its drive"""
+    begin_traces(board, TraceMode.CRC)
+    latch_now(board)
+    size = len(board.link.request_wire(Ping(0))[0])
+    for moment_us in _MOMENTS_US:
+        index, since = board.link.stream_next, board.link.mark()
+        t_us = board.clock.soon_us(bytes(1000), ahead_us=2000)
+        board.link.stream(board.flat_phases(), t_us)
+        board.clock.end_exchange()
+        ping, _ = board.link.request_wire(Ping(moment_us & 0xFFFF))
+        read, _ = board.link.request_wire(
+            ReadDrive(DriveKind.LATCHED, 0, board.identity.transducers)
+        )
+        sent_us = board.clock.device_estimate_us() + board.wire.period_us(2 * size)
+        board.wire.idle(max(0, t_us + moment_us - sent_us))
+        answers = board.link.exchange(ping, read)
+        pong = board.link.reply_in(answers[0], Pong)
+        told = board.link.reply_in(answers[1], DriveReply).key.index
+        board.clock.wait_until(t_us + 500)
+        latches = latches_received_from_board(board, since, TraceMode.CRC)
+        (latch,) = (latch for latch in latches if latch.index == index)
+        behind_us = board.clock.unwrap(pong.t_rx_us) - latch.t_us
+        check(
+            behind_us < 0 or told == index,
+            f"frame {index} was latched at {latch.t_us} µs, says the trace; a read-back asked for "
+            f"{behind_us} µs later shows frame {told}",
+        )
+
+
+# --- Drives ------------------------------------------------------------------------------------
+
+
+@case("HG-8.3/2", needs=_TRACED, evidence=SELF_REPORTED)
 def traces_hash_the_drive(board: BoardClient) -> None:
     """the CRC in TRACE is that of N phases and N amplitudes 255, of 8 random drives and a
     sequence
     """
-    board.configure(trace_mode=TraceMode.CRC, amplitude_ceiling=99)
-    board.arm()
-    since = board.link.mark()
-    drives = [board.random_registers() for _ in range(8)]
-    for registers in drives:
-        latch_now(board, board.phases(registers))
+    since = begin_traces(board, TraceMode.CRC, amplitude_ceiling=99)
+    drives = latch_random(board, 8)
     if board.has(Feature.SEQUENCE_PHASES):
         drives += send_phases_to_store(board, 3, frames=3)
         play_out(board, 3, 3)
     got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
-    due = [zlib.crc32(full_client_drive(registers)) for registers in drives]
+    due = [drive_crc(registers) for registers in drives]
     wrong = sum(a != b for a, b in zip(got, due, strict=False))
     check(len(got) == len(due), f"{len(got)} of {len(due)} latches are traced")
     check(wrong == 0, f"{wrong} of {len(due)} traced CRCs are not those of the drives sent")
@@ -130,26 +233,19 @@ def traces_every_third(board: BoardClient) -> None:
             board.hello()
         board.arm()
         since, first = board.link.mark(), board.link.stream_next
-        drives = [board.random_registers() for _ in range(10)]
-        for registers in drives:
-            latch_now(board, board.phases(registers))
+        drives = latch_random(board, 10)
         board.link.barrier()
         found = board.link.events(TraceDrive, since)
         got = [event.key.index - first for _, event in found]
         check_equal(got, [0, 3, 6, 9], f"of latches 0 to 9 these are traced: {got}")
-        check_equal(
-            _trace_events(board, since), 4, "a trace of another kind reports latches as well"
-        )
+        events = _trace_events(board, since)
+        check_equal(events, 4, "a trace of another kind reports latches as well")
         for number, (_, event) in zip(got, found, strict=True):
             same = event.data == full_client_drive(drives[number])
             check(same, f"TRACE_DRIVE of latch {number} shows another drive than was sent")
 
 
-@case(
-    "HG-8.7/1",
-    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.7/1", needs=_FLOODED, evidence=SELF_REPORTED)
 def traces_delay_nothing(board: BoardClient) -> None:
     """while traces fill the line all of 400 frames are latched at the highest rate, in time"""
     before = board.status().counters
@@ -162,19 +258,12 @@ def traces_delay_nothing(board: BoardClient) -> None:
     check(not off, "a trace that waits for the line tells another time than that of its latch")
 
 
-@case(
-    "HG-8.7/2",
-    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.7/2", needs=_FLOODED, evidence=SELF_REPORTED)
 def traces_give_way(board: BoardClient) -> None:
     """traces that find no room are counted in trace_dropped; PONG and PLAYBACK_ENDED get through"""
     before = board.status().counters
     seen, frames = flood_with_traces(board)
     dropped = board.counted_since(before)["trace_dropped"]
-    check_equal(
-        seen + dropped,
-        frames,
-        f"{frames} latches: {seen} TRACE_DRIVE came, {dropped} are counted as dropped",
-    )
+    text = f"{frames} latches: {seen} TRACE_DRIVE came, {dropped} are counted as dropped"
+    check_equal(seen + dropped, frames, text)
     require(bool(dropped), "this line is fast enough for every trace: none had to give way")

@@ -8,27 +8,21 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
-    Counters,
     Feature,
-    Flag,
     Message,
     Mute,
     Phases,
-    Ping,
     Play,
-    ReadTrace,
     StateChanged,
     Trace,
     TraceMode,
-    TraceReply,
 )
 
 from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now
+from ...client.latching import begin_traces, latch_now, latch_random, read_ring
 from ...client.playback import flood_with_traces, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...judge.events import judge_event_numbers
@@ -45,25 +39,22 @@ _FLOODS: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
 
 
 @case(
-    "HG-3.6/2",
-    "behind every request, refusal and repeated HELLO events and stream frames go on by 1",
-    variant="requests",
+    "HG-3.6/2-requests",
     needs=Feature.TRACE | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def requests_leave_the_event_counters(board: BoardClient) -> None:
+    """behind every request, refusal and repeated HELLO events and stream frames go on by 1"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    board.configure(trace_mode=TraceMode.CRC)
-    board.arm()
-    names = ["ARM"]
-    since, before = board.link.mark(), board.status().counters
-    latch_now(board, board.flat_phases())
-    for name, send in _requests_at_counters(board):
+    since, names = begin_traces(board, TraceMode.CRC), ["ARM"]
+    before = board.status().counters
+    latch_now(board)
+    for name, send in _requests_at_events(board):
         send()
         names.append(name)
         board.arm()
-        latch_now(board, board.flat_phases())
+        latch_now(board)
     counted = board.counted_since(before)
     latches = [trace.index for _, trace in board.link.events(Trace, since)]
     for place, (one, two) in enumerate(itertools.pairwise(latches)):
@@ -74,7 +65,7 @@ def requests_leave_the_event_counters(board: BoardClient) -> None:
     check(not moved, f"stream frames without a gap are counted in {moved}")
 
 
-def _requests_at_counters(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
+def _requests_at_events(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
     """Yield what sends each request that is carried out or refused, and HELLO again, by name."""
     messages: list[Message] = [*valid_requests_to_send(board, _SEQUENCE), Mute()]
     for message in messages:
@@ -87,74 +78,52 @@ def _requests_at_counters(board: BoardClient) -> Iterator[tuple[str, Callable[[]
 
 
 @case(
-    "HG-8.5/1",
-    "the ring keeps its latches over every request, MUTE, timer and HELLO again of the session",
-    variant="kept",
+    "HG-8.5/1-kept",
     needs=Feature.TRACE_RING | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
-def the_ring_outlives_requests_as_counters_do(board: BoardClient) -> None:
+def trace_ring_survives_requests(board: BoardClient) -> None:
+    """the ring keeps its latches over every request, MUTE, timer and HELLO again of the session"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    board.configure(trace_mode=TraceMode.RING)
-    board.arm()
-    for _ in range(3):
-        latch_now(board, board.flat_phases())
-    before = board.link.call(ReadTrace(0, 3), TraceReply).records
+    begin_traces(board, TraceMode.RING)
+    latch_random(board, 3)
+    before = read_ring(board, 0, 3).records
     check_equal(len(before), 3, f"the ring holds {len(before)} of 3 latches")
-    for name, happen in _happenings_at_counters(board):
+    for name, happen in _counter_preserving_events(board):
         if not name.startswith("a new session"):
             happen()
             board.configure(trace_mode=TraceMode.RING)
-            after = board.link.call(ReadTrace(0, 3), TraceReply).records
+            after = read_ring(board, 0, 3).records
             check_equal(after, before, f"after {name} the ring holds {after}, before {before}")
 
 
 # --- Counters ----------------------------------------------------------------------------------
 
 
-@case(
-    "HG-9.2/1",
-    "every counter that can be moved outlives every request, session, playback and timer",
-    variant="all",
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-9.2/1-all", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def nothing_clears_any_counter(board: BoardClient) -> None:
+    """every counter that can be moved outlives every request, session, playback and timer"""
     _move_all_counters(board)
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     before = board.status().counters
-    for name, happen in itertools.chain(
-        _happenings_at_counters(board), _happenings_at_counters(board)
-    ):
+    for name, happen in 2 * list(_counter_preserving_events(board)):
         happen()  # the second time behind a timer's mute
-        after = board.status().counters
-        _check_no_counter_fell(before, after, name)
-        before = after
+        before = board.check_counters_kept(before, name)
 
 
-def _check_no_counter_fell(before: Counters, after: Counters, name: str) -> None:
-    less = {
-        counter: (getattr(before, counter), getattr(after, counter))
-        for counter in Counters.WIRE
-        if (getattr(after, counter) - getattr(before, counter)) & 0xFFFFFFFF > 1 << 31
-    }
-    check(not less, f"{name}: counters went back: {less}")
-
-
-def _happenings_at_counters(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
+def _counter_preserving_events(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
     yield "a new session", board.hello
     yield "HELLO again", lambda: board.hello(board.link.session)
     yield "ARM", board.arm
     for message in valid_requests_to_send(board, _SEQUENCE):
-        flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
-        yield message.TYPE.name, partial(board.link.ask, message, flags=flags)
+        yield message.TYPE.name, partial(board.link.ask_at_once, message)
     yield "MUTE", partial(board.link.ask, Mute())
     yield "MUTE without a session", partial(board.link.ask, Mute(), session=0)
     yield "a new session while MUTED", board.hello
     yield "ARM while MUTED", board.arm
     if board.has(Feature.CONFIG):
-        yield "the lease", partial(_run_out_timers_at_counters, board)
+        yield "the lease", partial(_run_out_lease, board)
     yield "a new session behind a timer", board.hello
 
 
@@ -167,32 +136,22 @@ def _move_all_counters(board: BoardClient) -> None:
             board.link.send(*frames_to_drop(board, drop, kind)[1])
             board.link.barrier()
         board.link.ask(Mute())  # flushes what is queued
-        after = board.status().counters
-        _check_no_counter_fell(before, after, f"a new session and frames {drop.summary}")
-        before = after
-    body = board.link.body(Ping.TYPE, bytes(8), seq=0)
-    board.link.send(
-        malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body)),
-        malformed_frames.malformed_frame(b"\x40\x01\x02"),
-        b"\x00\xff\x01\x02\x00",
-        b"\x00" + malformed_frames.malformed_noise(board.random, 4200) + b"\x00",
-        encode_frame(board.link.body(0xEE, seq=0)),
-    )
+        before = board.check_counters_kept(before, f"a new session and frames {drop.summary}")
+    board.link.send(*malformed_frames.malformed_by_counter(board.link).values())
     board.link.stream_next += _GAP
     board.link.send(board.link.stream_raw(Phases.TYPE, b""))
     board.hello(board.link.session)
     if board.has(Feature.CONFIG):
         board.configure(late_window_us=_WINDOW_US)
         board.arm()
-        late_us = board.late_time_us(_WINDOW_US // 2)
-        board.link.send(board.link.stream_wire(board.flat_phases(), late_us))
+        board.link.stream(board.flat_phases(), board.late_time_us(_WINDOW_US // 2))
         board.clock.wait_latched()
-        _run_out_timers_at_counters(board)
+        _run_out_lease(board)
     if board.has(_FLOODS):
         flood_with_traces(board)
 
 
-def _run_out_timers_at_counters(board: BoardClient) -> None:
+def _run_out_lease(board: BoardClient) -> None:
     board.configure(host_timeout_ms=_LEASE_MS)
     board.arm()
     timeout_us = (_LEASE_MS + 200) * _MS

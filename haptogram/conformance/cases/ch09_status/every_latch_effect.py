@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
-from haptogram_protocol.messages import (
-    DriveKind,
-    Feature,
-    LatchKey,
-    Message,
-    StatusReply,
-    TraceMode,
-)
+from haptogram_protocol.messages import Feature, LatchKey, Message, StatusReply, TraceMode
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import ALL_MODES
+from ...client.capabilities import drive_kinds, trace_modes
 from ...client.latching import (
     ClientLatch,
     full_client_drive,
+    latch_in_time,
     latch_now,
     latches_received_from_board,
     read_back,
@@ -49,132 +43,100 @@ _COUNTED: Final = ("accepted", "latched", "late", "flushed")
 
 
 @dataclass(frozen=True, slots=True)
-class _LatchEffectInStatus:
-    """What the latches of one path have to leave behind.
+class _Path:
+    """A path that leads to latches.
 
     Attributes
     ----------
-    key : LatchKey
-        Of the last latch.
-    registers : bytes
-        Phase codes of the last latch; its amplitudes are 255.
+    name : str
+        For reports.
+    latch : callable
+        Takes client and a stream frame; latches that frame, or plays the stored sequence.  The
+        board is ARMED.
     counted : tuple of int
         Growth of the counters named in ``_COUNTED``.
+    plays : bool
+        Whether the sequence is played.
     """
+
+    name: str
+    latch: Callable[[BoardClient, Message], object]
+    counted: tuple[int, int, int, int] = (1, 1, 0, 0)
+    plays: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _LastLatch:
+    """Key and phase codes of the last latch of a path; its amplitudes are 255."""
 
     key: LatchKey
     registers: bytes
-    counted: tuple[int, int, int, int]
-
-    @property
-    def of_stream(self) -> bool:
-        """True if a stream frame was latched, not a frame of a sequence."""
-        return self.key.sequence == 0
 
 
-#: Latches something; the board is ARMED and the sequence stored, its last frame given.
-_Path: TypeAlias = Callable[[BoardClient, bytes], _LatchEffectInStatus]
-
-
-def _stream_key_in_status(board: BoardClient) -> LatchKey:
-    return LatchKey(0, 0, board.link.stream_next)
-
-
-def _new_frame_for_status(board: BoardClient) -> tuple[bytes, Message]:
+def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch:
+    """Latch on a path; *stored* is the last frame of the sequence."""
     registers = board.random_registers()
-    return registers, board.phases(registers)
+    path.latch(board, board.phases(registers))
+    if path.plays:
+        return _LastLatch(LatchKey(_SEQUENCE, _LOOPS - 1, _FRAMES - 1), stored)
+    return _LastLatch(LatchKey(0, 0, board.link.stream_next - 1), registers)
 
 
-def _latch_at_once_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
-    key, (registers, frame) = _stream_key_in_status(board), _new_frame_for_status(board)
-    latch_now(board, frame)
-    return _LatchEffectInStatus(key, registers, (1, 1, 0, 0))
-
-
-def _latch_in_time_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
-    key, (registers, frame) = _stream_key_in_status(board), _new_frame_for_status(board)
-    _send_latch_for_status(
-        board, frame, board.clock.soon_us(bytes(_HEADERS_BYTES + len(frame.serialize())))
-    )
-    return _LatchEffectInStatus(key, registers, (1, 1, 0, 0))
-
-
-def _late_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
-    key, (registers, frame) = _stream_key_in_status(board), _new_frame_for_status(board)
-    t_us = board.late_time_us(_LATE_US)
-    wire = board.link.stream_wire(frame, t_us)
-    board.link.send(wire)
+def _latch_late(board: BoardClient, frame: Message) -> None:
+    board.link.stream(frame, board.late_time_us(_LATE_US))
     board.clock.wait_latched()
-    return _LatchEffectInStatus(key, registers, (1, 1, 1, 0))
 
 
-def _replacing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
+def _latch_and_replace(board: BoardClient, frame: Message) -> None:
     """Latch the later of two frames that fall on one carrier period."""
-    (_, first), (registers, second) = _new_frame_for_status(board), _new_frame_for_status(board)
     period_us = board.clock.carrier_us
-    t_us = board.clock.soon_us(bytes(_HEADERS_BYTES + 2 * len(first.serialize())))
-    board.link.stream(first, t_us - period_us + 1)
-    key = _stream_key_in_status(board)
-    _send_latch_for_status(board, second, t_us)
-    return _LatchEffectInStatus(key, registers, (2, 1, 0, 1))
-
-
-def _flushing_latch_for_status(board: BoardClient, _: bytes) -> _LatchEffectInStatus:
-    """Latch at once a frame that flushes one for later."""
-    (_, first), (registers, second) = _new_frame_for_status(board), _new_frame_for_status(board)
-    board.link.stream(first, board.clock.ahead_us(2_000_000))
-    key = _stream_key_in_status(board)
-    latch_now(board, second)
-    return _LatchEffectInStatus(key, registers, (2, 1, 0, 1))
-
-
-def _send_latch_for_status(board: BoardClient, frame: Message, t_us: int) -> None:
-    """Send a frame for *t_us* and wait for its latch; INCONCLUSIVE if it is sent too late."""
+    t_us = board.clock.soon_us(bytes(_HEADERS_BYTES + 2 * len(frame.serialize())))
+    board.link.stream(board.flat_phases(), t_us - period_us + 1)
     board.link.stream(frame, t_us)
-    board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
+    board.clock.wait_until(t_us + 2 * period_us)
 
 
-def _played_latch_for_status(board: BoardClient, last: bytes) -> _LatchEffectInStatus:
+def _latch_and_flush(board: BoardClient, frame: Message) -> None:
+    """Latch at once a frame that flushes one for later."""
+    board.link.stream(board.flat_phases(), board.clock.ahead_us(2_000_000))
+    latch_now(board, frame)
+
+
+def _play_at_once(board: BoardClient, _: Message) -> None:
     since = board.link.mark()
     play_now(board, _SEQUENCE, loops=_LOOPS)
-    return _playback_end_for_status(board, since, last)
+    _await_end(board, since)
 
 
-def _played_in_time_for_status(board: BoardClient, last: bytes) -> _LatchEffectInStatus:
+def _play_in_time(board: BoardClient, _: Message) -> None:
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(500), ahead_us=5 * _MS)
     play_at(board, _SEQUENCE, start_us, loops=_LOOPS)
-    return _playback_end_for_status(board, since, last)
+    _await_end(board, since)
 
 
-def _playback_end_for_status(board: BoardClient, since: int, last: bytes) -> _LatchEffectInStatus:
+def _await_end(board: BoardClient, since: int) -> None:
     latches = _LOOPS * _FRAMES
     traces_us = board.wire.period_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
     await_playback_end(board, since, latches * period_to_play(board) + traces_us)
-    return _LatchEffectInStatus(
-        LatchKey(_SEQUENCE, _LOOPS - 1, _FRAMES - 1), last, (0, latches, 0, 0)
-    )
 
 
-def _latch_paths_for_status(board: BoardClient) -> Iterator[tuple[str, _Path]]:
-    """Yield every path to a latch that the board has, by its name."""
-    yield "a frame latched at once", _latch_at_once_for_status
-    yield "a frame latched in time", _latch_in_time_for_status
+def _paths_of_latches(board: BoardClient) -> Iterator[_Path]:
+    """Yield every path to a latch that the board has."""
+    yield _Path("a frame latched at once", latch_now)
+    yield _Path("a frame latched in time", latch_in_time)
     if board.has(Feature.CONFIG):
-        yield "a late frame", _late_latch_for_status
+        yield _Path("a late frame", _latch_late, (1, 1, 1, 0))
     if board.clock.carrier_us > 1:
-        yield "a frame that replaces another", _replacing_latch_for_status
-    yield "a frame that flushes another", _flushing_latch_for_status
-    frames = _LOOPS * _FRAMES
-    if (
-        board.has(Feature.SEQUENCE_PHASES)
-        and most_periods_to_play(board, period_to_play(board)) > frames
-    ):
-        yield "a sequence played at once", _played_latch_for_status
-        yield "a sequence played in time", _played_in_time_for_status
+        yield _Path("a frame that replaces another", _latch_and_replace, (2, 1, 0, 1))
+    yield _Path("a frame that flushes another", _latch_and_flush, (2, 1, 0, 1))
+    frames, most = _LOOPS * _FRAMES, most_periods_to_play(board, period_to_play(board))
+    if board.has(Feature.SEQUENCE_PHASES) and most > frames:
+        for name, play in (("at once", _play_at_once), ("in time", _play_in_time)):
+            yield _Path(f"a sequence played {name}", play, (0, frames, 0, 0), plays=True)
 
 
-def _stored_for_status(board: BoardClient) -> bytes:
+def _last_stored_frame(board: BoardClient) -> bytes:
     """Store a sequence where the board takes any; return its last frame."""
     if not board.has(Feature.SEQUENCE_PHASES):
         return b""
@@ -187,72 +149,58 @@ def _stored_for_status(board: BoardClient) -> bytes:
 @case("HG-9.1/3-latches", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def a_latch_changes_all_of_the_status(board: BoardClient) -> None:
     """a latch of every path, the first and later: counters, last_seq, time, key, codes, LATE"""
-    last = _stored_for_status(board)
-    modes = [mode for feature, mode in ALL_MODES if board.has(feature)]
-    for mode in modes if board.has(Feature.CONFIG) else [TraceMode.OFF]:
-        if board.has(Feature.CONFIG):
+    stored = _last_stored_frame(board)
+    can_configure = board.has(Feature.CONFIG)
+    for mode in trace_modes(board, *TraceMode) if can_configure else [TraceMode.OFF]:
+        if can_configure:
             board.configure(trace_mode=mode, late_window_us=_WINDOW_US)
-        for first in (True, False):
-            for name, path in _latch_paths_for_status(board):
-                if first:
+        for order in ("the first of a session", "behind another latch"):
+            for path in _paths_of_latches(board):
+                if order == "the first of a session":
                     board.hello()
                 board.arm()
                 before, since = board.status(), board.link.mark()
-                effect = path(board, last)
-                order = "the first of a session" if first else "behind another latch"
-                text = f"{name}, {order}, trace {mode.name}"
+                last = _latch_on_path(board, path, stored)
+                text = f"{path.name}, {order}, trace {mode.name}"
                 after = board.status()
-                _check_latch_in_status(before, after, effect, text)
-                _check_status_against_drives(board, after, effect, text)
+                _check_status(before, after, path, last, text)
+                _check_drives(board, after, last, text)
                 if mode is not TraceMode.OFF:
                     latches = latches_received_from_board(board, since, mode)
-                    _check_status_against_traces(board, latches, after, effect, text)
+                    last_us = board.clock.unwrap(after.last_latch_us)
+                    _check_traces(latches, path, last, last_us, text)
 
 
-def _check_latch_in_status(
-    before: StatusReply, after: StatusReply, effect: _LatchEffectInStatus, text: str
+def _check_status(
+    before: StatusReply, after: StatusReply, path: _Path, last: _LastLatch, text: str
 ) -> None:
-    index = effect.key.index if effect.of_stream else before.last_seq
+    index = before.last_seq if path.plays else last.key.index
     check(after.last_seq == index, f"{text}: last_seq is {after.last_seq}, due is {index}")
     moved = after.last_latch_us != before.last_latch_us
     check(moved, f"{text}: last_latch_us stays {after.last_latch_us}")
-    for name, due in zip(_COUNTED, effect.counted, strict=True):
+    for name, due in zip(_COUNTED, path.counted, strict=True):
         got = (getattr(after.counters, name) - getattr(before.counters, name)) & 0xFFFFFFFF
         check(got == due, f"{text}: {name} counts {got}, due is {due}")
 
 
-def _check_status_against_drives(
-    board: BoardClient, after: StatusReply, effect: _LatchEffectInStatus, text: str
-) -> None:
-    for feature, kind in (
-        (Feature.READ_LATCHED, DriveKind.LATCHED),
-        (Feature.READ_RADIATED, DriveKind.RADIATED),
-    ):
-        if not board.has(feature):
-            continue
-        shown = read_back(board, kind)
-        told, due = (shown.reply.key, shown.reply.t_latch_us), (effect.key, after.last_latch_us)
-        check(told == due, f"{text}: READ_DRIVE({kind.name}) names {told}, due is {due}")
-        same = shown.phases + shown.amplitudes == full_client_drive(effect.registers)
-        check(same, f"{text}: READ_DRIVE({kind.name}) shows other codes than were latched")
+def _check_drives(board: BoardClient, after: StatusReply, last: _LastLatch, text: str) -> None:
+    for kind in drive_kinds(board):
+        shown, name = read_back(board, kind), f"{text}: READ_DRIVE({kind.name})"
+        told, due = (shown.reply.key, shown.reply.t_latch_us), (last.key, after.last_latch_us)
+        check(told == due, f"{name} names {told}, due is {due}")
+        same = shown.phases + shown.amplitudes == full_client_drive(last.registers)
+        check(same, f"{name} shows other codes than were latched")
 
 
-def _check_status_against_traces(
-    board: BoardClient,
-    latches: list[ClientLatch],
-    after: StatusReply,
-    effect: _LatchEffectInStatus,
-    text: str,
+def _check_traces(
+    latches: list[ClientLatch], path: _Path, last: _LastLatch, last_us: int, text: str
 ) -> None:
-    _, latched, late, _ = effect.counted
+    _, latched, late, _ = path.counted
     new = latches[-latched:]
     check(len(new) == latched, f"{text}: {len(new)} latches are traced, due are {latched}")
-    key = LatchKey(new[-1].sequence, new[-1].loop, new[-1].index)
-    check(key == effect.key, f"{text}: the trace names {key}, due is {effect.key}")
-    due_us = board.clock.unwrap(after.last_latch_us)
-    check_equal(
-        new[-1].t_us, due_us, f"{text}: traced at {new[-1].t_us} µs, latched at {due_us} µs"
-    )
+    key, told_us = new[-1].key, new[-1].t_us
+    check(key == last.key, f"{text}: the trace names {key}, due is {last.key}")
+    check_equal(told_us, last_us, f"{text}: traced at {told_us} µs, latched at {last_us} µs")
     flags = [latch.late for latch in new]
     check_equal(flags, [bool(late)] * latched, f"{text}: the traces have LATE {flags}")
 
@@ -260,22 +208,23 @@ def _check_status_against_traces(
 @case("HG-12.3/1-latches", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
     """a latch of every path begins the hold anew: it ends hold_ms behind the last latch"""
-    last = _stored_for_status(board)
+    stored = _last_stored_frame(board)
     # A path waits for two frames, twice as long as the line needs, behind a third of the hold.
     wait_us = 2 * period_to_play(board) + 4 * board.clock.lead_us  # two latches of a playback
     size = 8 * len(board.flat_phases().serialize())
     hold_ms = min(10_000, board.clock.timer_ms(_HOLD_MS + wait_us // _MS, size))
     board.configure(hold_ms=hold_ms, late_window_us=_WINDOW_US)
-    for name, path in _latch_paths_for_status(board):
+    for path in _paths_of_latches(board):
         board.arm()
         since = board.link.mark()
         latch_now(board)
         begun_us = board.clock.unwrap(board.status().last_latch_us)
         board.wire.idle(hold_ms * _MS // 3)
-        _, latches, _, _ = path(board, last).counted
+        _latch_on_path(board, path, stored)
         start_us = board.clock.unwrap(board.status().last_latch_us)
-        first_us = start_us - (latches - 1) * period_to_play(board)
+        first_us = start_us - (path.counted[1] - 1) * period_to_play(board)
         last_us = begun_us + (hold_ms - 50) * _MS
         board.clock.require_before(last_us, "a latch within the hold", first_us)
         header, _ = judged_mute_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
-        judge_mute_time(board, start_us, header, hold_ms, f"hold_ms = {hold_ms}, behind {name}")
+        text = f"hold_ms = {hold_ms}, behind {path.name}"
+        judge_mute_time(board, start_us, header, hold_ms, text)

@@ -20,6 +20,7 @@ from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import trace_modes
 from ...client.playback import (
     flood_with_traces,
     play_now,
@@ -28,52 +29,48 @@ from ...client.playback import (
 )
 from ...client.request_client import LONGEST_BURST_BYTES
 from ...judge.events import judge_event_numbers
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...outcome import SELF_REPORTED, check
 
 _ASKED: Final = 40
 _MS: Final = 1000
 _SEQUENCE: Final = 2
 _SILENT_MS: Final = 8000  # STATUS of 50 ms are more than a board has room for
 _TRACED_US: Final = 10_000
-_TRACES: Final = ((Feature.TRACE, TraceMode.CRC), (Feature.TRACE_DRIVE, TraceMode.DRIVE))
+_TRACES: Final = (TraceMode.CRC, TraceMode.DRIVE)
 _STATUS_TOLD: Final = 4  # STATUS while the uplink is full
 
 
-@case(
-    "HG-9.4/1",
-    "stream frames of free_bytes bytes, sent without a pause, are all counted",
-    evidence=SELF_REPORTED,
-)
+@case("HG-9.4/1", evidence=SELF_REPORTED)
 def free_bytes_in_status_are_free(board: BoardClient) -> None:
-    frames = board.link.stream_wire(board.flat_phases())
-    count = max(1, min(board.status().free_bytes, LONGEST_BURST_BYTES) // len(frames))
+    """stream frames of free_bytes bytes, sent without a pause, are all counted"""
+    good = board.flat_phases()
+    size = len(board.link.stream_wire(good, seq=0))
+    count = max(1, min(board.status().free_bytes, LONGEST_BURST_BYTES) // size)
     with board.counting(dropped_state=count):
-        board.link.send(
-            frames, *(board.link.stream_wire(board.flat_phases()) for _ in range(count - 1))
-        )
+        board.link.send(*(board.link.stream_wire(good) for _ in range(count)))
         board.wire.idle_while_sending()
 
 
-@case("HG-9.5/1", "events count up without a gap, even where traces were dropped at the board")
+@case("HG-9.5/1", needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG)
 def uplink_drops_no_event_numbers(board: BoardClient) -> None:
-    board.need(Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG)
+    """events count up without a gap, even where traces were dropped at the board"""
     since = board.link.mark()
     flood_with_traces(board)
     judge_event_numbers(board, board.wire.received[since:])
 
 
 @case(
-    "HG-9.6/1",
-    "while traces of every mode fill the uplink no STATUS and no other event gives way before them",
-    variant="traces",
+    "HG-9.6/1-traces",
     needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
 def only_traces_give_way_on_the_uplink(board: BoardClient) -> None:
-    for feature, mode in _TRACES:
-        if board.has(feature):
-            _flood_uplink(board, mode)
+    """while traces of every mode fill the uplink no STATUS and no other event gives way before
+    them
+    """
+    for mode in trace_modes(board, *_TRACES):
+        _flood_uplink(board, mode)
 
 
 def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
@@ -106,23 +103,22 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     judge_event_numbers(board, board.wire.received[since:], name)
 
 
+# the buffers of an operating system take seconds to fill
 @case(
-    "HG-9.5/1",
-    "a host reads nothing until no event finds room: numbers of every kind go on without a gap",
-    variant="full",
+    "HG-9.5/1-full",
     needs=Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,  # the buffers of an operating system take seconds to fill
+    wall_depth=Depth.FULL,
 )
 def no_event_uses_a_number_while_the_uplink_is_full(board: BoardClient) -> None:
+    """a host reads nothing until no event finds room: numbers of every kind go on without a gap"""
     plays = board.has(Feature.SEQUENCE_PHASES)
     if plays:
         send_phases_that_fit(board, _SEQUENCE, frames=2)
-    modes = [mode for feature, mode in _TRACES if plays and board.has(feature)]
     for state in (OutputState.DISARMED, OutputState.ARMED):
         _fill_uplink(board, state, TraceMode.OFF)
-    for mode in modes:
+    for mode in trace_modes(board, *_TRACES) if plays else ():
         _fill_uplink(board, OutputState.ARMED, mode)
 
 
@@ -143,28 +139,20 @@ def _fill_uplink(board: BoardClient, state: OutputState, mode: TraceMode) -> Non
     board.wire.look_away((_SILENT_MS + 5 * period_ms) * _MS)
     board.link.barrier()
     board.wire.idle(3 * period_ms * _MS)
-    counted = board.counted_since(before)
-    events = [p for p in board.wire.received[since:] if p.is_event and p.header]
+    counted, pieces = board.counted_since(before), board.wire.received[since:]
     name = f"{state.name}, trace {mode.name}, the host reads again"
-    judge_event_numbers(board, board.wire.received[since:], name)
-    traces = sum(isinstance(p.message, TracePlayback | TraceDrive) for p in events)
-    due = counted["latched"] - counted["trace_dropped"]
-    check(
-        mode is TraceMode.OFF or traces == due,
-        f"{name}: {counted['latched']} latches, {counted['trace_dropped']} traces dropped; "
-        f"{traces} traces came",
-    )
+    judge_event_numbers(board, pieces, name)
+    traces = sum(isinstance(piece.message, TracePlayback | TraceDrive) for piece in pieces)
+    latched, dropped = counted["latched"], counted["trace_dropped"]
+    text = f"{name}: {latched} latches, {dropped} traces dropped; {traces} traces came"
+    check(mode is TraceMode.OFF or traces == latched - dropped, text)
     expected = OutputState.MUTED if state is OutputState.ARMED else state
-    found = board.status().state
-    check_equal(found, expected, f"{name}: {found.name} behind a silence of {_SILENT_MS} ms")
+    board.check_state(expected, f"{name}: behind a silence of {_SILENT_MS} ms")
 
 
-@case(
-    "HG-9.6/1",
-    "40 GET_GEOMETRY without a pause: whole frames come, then the board answers as before",
-    depth=Depth.DEFAULT,
-)
+@case("HG-9.6/1", depth=Depth.DEFAULT)
 def bounds_its_uplink(board: BoardClient) -> None:
+    """40 GET_GEOMETRY without a pause: whole frames come, then the board answers as before"""
     wires = [board.link.request_wire(GetGeometry(0, 0xFFFF))[0] for _ in range(_ASKED)]
     since = board.link.mark()
     board.link.send(*wires)

@@ -1,0 +1,216 @@
+"""HG-3.1, HG-3.3, HG-3.4, HG-3.5, HG-3.7: the header of ten bytes: types, flags, session."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from haptogram_protocol.annotation.frames import annotated_frame_text
+from haptogram_protocol.annotation.words import annotated_type_name
+from haptogram_protocol.framing import HEADER_BYTES, encode_frame
+from haptogram_protocol.messages import (
+    MESSAGES,
+    MUST_UNDERSTAND,
+    RESPONSE_OFFSET,
+    STREAM_RANGE,
+    ErrorCode,
+    Feature,
+    Flag,
+    Hello,
+    HelloReply,
+    Message,
+    MessageType,
+    Mute,
+    Ping,
+    Play,
+    Pong,
+    TraceMode,
+)
+
+from ...case import case, case_about_host
+from ...client.board_client import BoardClient
+from ...client.capabilities import requests_that_board_takes
+from ...client.dialogue import (
+    crc_of_received_piece,
+    full_client_dialogue,
+    undamaged_received_pieces,
+)
+from ...client.latching import begin_traces, latch_now
+from ...client.playback import send_phases_to_store_if_supported
+from ...client.stream_kinds import valid_requests_to_send
+from ...client.wire import ReceivedByClient
+from ...outcome import SELF_REPORTED, check
+
+_UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
+_TRACES: Final = (MessageType.TRACE, MessageType.TRACE_PLAYBACK, MessageType.TRACE_DRIVE)
+_SEQUENCE: Final = 5
+
+
+@case("HG-3.1/1")
+def frames_begin_with_a_header(board: BoardClient) -> None:
+    """every frame of a full dialogue begins with a header of ten bytes"""
+    for piece in full_client_dialogue(board):
+        _, body = crc_of_received_piece(piece)
+        text = annotated_frame_text(piece.piece)
+        check(len(body) >= HEADER_BYTES, f"a frame without a header: {text}")
+        check(body[0] >= 0x80, f"the board sends a frame of the host: {text}")
+
+
+# --- Types -------------------------------------------------------------------------------------
+
+
+@case("HG-3.3/1")
+def header_has_the_right_reply_type(board: BoardClient) -> None:
+    """each request is answered by its type + 0x40, or by ERROR"""
+    kinds: list[type[Message]] = [*requests_that_board_takes(board), Mute]
+    for kind in kinds:
+        payload = bytes(kind.LAYOUT.size)
+        if kind is Hello:
+            payload = board.hello_message(board.link.session).serialize()
+        got = board.link.ask_raw(kind.TYPE, payload).frame_header.type
+        is_right = got in (kind.TYPE + RESPONSE_OFFSET, MessageType.ERROR)
+        check(is_right, f"{kind.TYPE.name} is answered by {annotated_type_name(got)}")
+
+
+@case("HG-3.3/2", evidence=SELF_REPORTED)
+def drops_unknown_header_types(board: BoardClient) -> None:
+    """stream, response and event frames of unknown types are counted in unknown_type, unanswered"""
+    kinds = (0x00, 0x04, 0x3F, 0x80, 0xBE, 0xBF, 0xC0, 0xFF)
+    frames = [
+        board.link.stream_raw(kind, bytes(5))
+        if kind in STREAM_RANGE
+        else encode_frame(board.link.body(kind, bytes(5), seq=kind))
+        for kind in kinds
+    ]
+    with board.counting(unknown_type=len(kinds)):
+        board.link.unanswered("a frame of an unknown type", *frames)
+
+
+@case("HG-3.3/3")
+def refuses_unknown_header_types(board: BoardClient) -> None:
+    """unknown requests are refused with UNSUPPORTED and their type, and counted"""
+    unknown = [kind for kind in _UNKNOWN_REQUESTS if kind not in MESSAGES]
+    with board.counting(requests=len(unknown)):
+        for kind in unknown:
+            board.link.refused_raw(kind, bytes(3), ErrorCode.UNSUPPORTED, kind)
+
+
+not_host_response = case_about_host("HG-3.3/4")
+
+
+# --- Flags -------------------------------------------------------------------------------------
+
+
+@case("HG-3.4/1")
+def refuses_unknown_header_flags(board: BoardClient) -> None:
+    """each must-understand flag that is unknown refuses a request, by its bit"""
+    flags = (0x20, 0x40, 0x80, 0xE0, 0x21)
+    with board.counting(requests=len(flags)):
+        for flag in flags:
+            board.link.refused(Ping(0), ErrorCode.UNSUPPORTED, flag & MUST_UNDERSTAND, flags=flag)
+
+
+@case("HG-3.4/1-stream", evidence=SELF_REPORTED)
+def drops_unknown_header_flags(board: BoardClient) -> None:
+    """each must-understand flag that is unknown drops a stream frame"""
+    board.arm()
+    with board.counting(unsupported=3, latched=0):
+        for flag in (0x20, 0x40, 0x80):
+            board.link.stream(board.flat_phases(), flags=flag | Flag.IMMEDIATE)
+        board.clock.wait_latched()
+
+
+@case("HG-3.4/2")
+def ignores_the_low_nibble_of_flags(board: BoardClient) -> None:
+    """PING with each bit of the low nibble is answered; a stream frame is latched"""
+    for flag in (1, 2, 4, 8, 15):
+        board.link.call(Ping(flag), Pong, flags=flag)
+    board.arm()
+    with board.counting(latched=1):
+        board.link.stream(board.flat_phases(), flags=Flag.IMMEDIATE | 0x0F)
+        board.clock.wait_latched()
+
+
+@case("HG-3.4/3")
+def sends_no_header_flags(board: BoardClient) -> None:
+    """no frame of a full dialogue has a flag but LATE, and only traces have LATE"""
+    _check_flags(undamaged_received_pieces(full_client_dialogue(board)))
+
+
+@case("HG-3.4/3-late", needs=Feature.CONFIG)
+def every_late_flag(board: BoardClient) -> None:
+    """behind a late latch no frame but its trace has LATE: no reply, no refusal, no STATUS"""
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    trace = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
+    period_ms = board.quick_status_ms
+    since = begin_traces(board, trace, late_window_us=100_000, status_period_ms=period_ms)
+    board.link.stream(board.flat_phases(), board.late_time_us(5000))
+    board.clock.wait_latched()
+    board.wire.idle_beyond(1200 * period_ms)
+    for message in [*valid_requests_to_send(board, _SEQUENCE), Mute()]:
+        board.link.ask_at_once(message)
+    _check_flags(undamaged_received_pieces(board.wire.received[since:]))
+
+
+def _check_flags(pieces: Iterable[ReceivedByClient]) -> None:
+    """FAILED unless frames of the board have no flag but LATE, and only traces have LATE."""
+    for piece in pieces:
+        header = piece.frame_header
+        allowed = Flag.LATE if header.type in _TRACES else 0
+        check(not header.flags & ~allowed, f"flags: {annotated_frame_text(piece.piece)}")
+
+
+@case("HG-3.5/1")
+def takes_the_immediate_flag_where_it_belongs(board: BoardClient) -> None:
+    """IMMEDIATE on any request but PLAY is refused with UNSUPPORTED, detail 0x10"""
+    flag = Flag.IMMEDIATE
+    for kind in requests_that_board_takes(board):
+        if kind is not Play:
+            payload = bytes(kind.LAYOUT.size)
+            board.link.refused_raw(kind.TYPE, payload, ErrorCode.UNSUPPORTED, flag, flags=flag)
+    board.arm()
+    with board.counting(latched=1):
+        latch_now(board)
+
+
+@case("HG-3.5/2", evidence=SELF_REPORTED)
+def immediate_flag_ignores_the_time(board: BoardClient) -> None:
+    """with IMMEDIATE a frame is latched at once, whatever time it carries"""
+    board.arm()
+    now_us = board.clock.device_us()
+    for time_us in (0, 1, now_us - 1_000_000, now_us + 5_000_000, now_us + 2**31, 0xFFFFFFFF):
+        with board.counting(latched=1):
+            board.link.stream(board.flat_phases(), time_us & 0xFFFFFFFF, flags=Flag.IMMEDIATE)
+            board.clock.wait_latched()
+
+
+# --- Session -----------------------------------------------------------------------------------
+
+
+@case("HG-3.7/1")
+def header_carries_the_session(board: BoardClient) -> None:
+    """every frame of a full dialogue carries its session; ERROR may carry 0"""
+    pieces = undamaged_received_pieces(full_client_dialogue(board))
+    greetings = (piece.message for piece in pieces if isinstance(piece.message, HelloReply))
+    due = next((greeting.nonce for greeting in greetings), board.link.session)
+    for piece in pieces:
+        header = piece.frame_header
+        stale = header.type == MessageType.ERROR and header.session == 0
+        text = f"another session than {due:#06x}: {annotated_frame_text(piece.piece)}"
+        check(header.session == due or stale, text)
+
+
+@case("HG-3.7/2", evidence=SELF_REPORTED)
+def drops_headers_of_another_session(board: BoardClient) -> None:
+    """a stream frame of another session is counted in stale_session and uses up no number"""
+    old = board.link.session
+    board.hello()
+    board.arm()
+    sessions = (old, board.link.session ^ 0x0100, board.link.session ^ 0x0001, 0)
+    with board.counting(stale_session=len(sessions), latched=1):
+        for session in sessions:
+            board.link.stream(board.flat_phases(), seq=board.link.stream_next, session=session)
+        latch_now(board)
+
+
+not_host_session = case_about_host("HG-3.7/3")
