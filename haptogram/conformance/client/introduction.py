@@ -33,7 +33,7 @@ def introduce_to_board(board: BoardClient) -> HelloReply | Error | None:
     since = link.mark()
     link.send(wire)
     link.knock(wire, seq, since)
-    answer = link.try_answer(seq, since)
+    answer = link.await_answer(seq, since)
     if answer is None or not isinstance(answer.message, HelloReply | Error):
         return None
     if isinstance(answer.message, HelloReply):

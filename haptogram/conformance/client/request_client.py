@@ -297,13 +297,21 @@ class RequestClient:
     def answer_to(self, kind: int, seq: int, since: int) -> ReceivedByClient:
         """Return the answer to the request *seq* from piece *since* on; FAILED if none comes."""
         counted = self.wire.counters
-        found = self.try_answer(seq, since)
+        found = self.await_answer(seq, since)
         if found is None:
             patience_s = (self.wire.limits.answer_us + self.wire.sent_for_us) / 1e6
             fail(
                 f"no answer to {annotated_type_name(kind)} (seq {seq}) within {patience_s:.4g} s; "
                 f"{self.wire.recording.before(seq)}; {self.text_since(since, counted)}"
             )
+        return found
+
+    def await_answer(self, seq: int, since: int) -> ReceivedByClient | None:
+        """Return the answer to the request *seq*; if it comes late, something was held up."""
+        found = self.try_answer(seq, since)
+        if found is None and not self.wire.is_virtual:
+            found = self.try_answer(seq, since)
+            self.wire.note_held_up(self.wire.limits.answer_us if found else 0)
         return found
 
     def try_answer(self, seq: int, since: int) -> ReceivedByClient | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -61,7 +60,7 @@ def _answers_after_recovery(board: BoardClient) -> bool:
     wire, _ = board.link.request_wire(Ping(board.random.getrandbits(64)), seq=seq)
     since = board.link.mark()
     board.link.send(wire)
-    answer = board.link.try_answer(seq, since)
+    answer = board.link.await_answer(seq, since)
     if answer is not None and isinstance(answer.message, Pong):
         return True
     # A board refuses a PING without a session or of an old one: HELLO decides.
@@ -73,7 +72,7 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
     reply = introduce_to_board(board)
     if not isinstance(reply, HelloReply):
         return "HELLO is not answered"
-    with contextlib.suppress(CaseEndedError):
+    try:
         if reply.state is OutputState.FAULT:  # the case ended in it
             board.leaves_fault()
         if board.has(Feature.CONFIG) and hasattr(board, "config"):
@@ -101,7 +100,9 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
                 "HELLO, SET_CONFIG, ARM and a stream frame are to latch it; "
                 f"{after.state.name}, {after.reason.name}, queued {after.queued}, counted {moved}"
             )
-    return "a request in a new session is not answered"
+    except CaseEndedError as error:
+        return f"in a new session: {error}"
+    return "GET_STATUS in a new session is not answered by STATUS_REPLY"
 
 
 def _ask_for_room(board: BoardClient) -> None:

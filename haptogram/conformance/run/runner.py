@@ -335,6 +335,8 @@ class SuiteRunner:
             return outcome
         try:
             recovery = recover_board(board)
+            if not recovery.clean and board.wire.held_up_us > HELD_UP_US:
+                recovery = recover_board(board)
         except LinkLostError as error:
             detail = outcome.detail or str(error)
             return self._lost(dataclasses.replace(outcome, detail=detail), board)

@@ -215,6 +215,40 @@ def test_a_timer_starts_when_a_request_comes_however_long_its_answer_takes(case)
     assert (result.behaviour, result.detail) == (Behaviour.OK, "")
 
 
+class Stalled(Wrapped):
+    """A board whose machine has no time for it for 1.5 s, from its frame number *first* on."""
+
+    def __init__(self, inner, first):
+        super().__init__(inner)
+        self.left, self.until_ns, self.kept = first, 0, b""
+
+    def write_some(self, data):
+        self.left -= 1
+        if self.left == 0:
+            self.until_ns = self.now_ns() + 1_500_000_000
+        if self.now_ns() >= self.until_ns:
+            return super().write_some(data)
+        self.kept += data
+        return len(data)
+
+    def read_available(self, deadline_ns):
+        if not self.kept:
+            return super().read_available(deadline_ns)
+        data = super().read_available(min(deadline_ns, self.until_ns))
+        if self.now_ns() >= self.until_ns:
+            super().write_some(self.kept)
+            self.kept = b""
+        return data
+
+
+@pytest.mark.parametrize("first", range(20, 44, 4))
+def test_a_board_that_is_held_up_for_longer_than_an_answer_may_take_recovers(first):
+    access = virtual(array="3x2", wrap=lambda inner: Stalled(inner, first))
+    access.virtual = False
+    [result] = run(access, "HG-4.3/6").results
+    assert (result.behaviour, str(result.recovery)) == (Behaviour.OK, "clean after 1 frame")
+
+
 class Away(Wrapped):
     """Reads nothing for 250 ms behind each ARM, and then all that has come."""
 
