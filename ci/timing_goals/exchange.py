@@ -249,7 +249,7 @@ def exchanger(url: str) -> Iterator[Exchanger]:
         nonce=secrets.randbelow(0xFFFF) + 1,
         cobs=fastest_cobs(),
     )
-    link = Link(open_transport(url), connection, baudrate=_UNPACED, timeout_s=2.0, keep=1)
+    link = Link(open_transport(url), connection, baudrate=_UNPACED, timeout_s=2.0)
     try:
         yield Exchanger(link)
         link.mute(MuteReply, _WAIT_NS)

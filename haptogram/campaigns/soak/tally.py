@@ -150,7 +150,7 @@ class SoakTally:
         return self.course.setdefault(int(self.interval), dict.fromkeys(_COUNTED, 0))
 
     def found(self) -> dict[str, dict[str, int]]:
-        """Return what was found of the faults, by kind."""
+        """Return the faults that were found, by kind."""
         return {
             kind: {name: n for name, n in sorted(counts.items()) if name not in STATES}
             for kind, counts in sorted(self.faults.items())

@@ -13,6 +13,7 @@ from typing import Final, TypeAlias, TypeVar
 from haptogram.driver.line.budget import LineBudget, line_transmission_ns
 from haptogram.driver.line.port import ClosedTransport, Transport
 from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
+from haptogram.records.kept import MOST_KEPT
 from haptogram_protocol import NEED_DATA, HostConnection
 from haptogram_protocol.connection import (
     EventReceived,
@@ -71,7 +72,7 @@ class Link:
         *,
         baudrate: int,
         timeout_s: float,
-        keep: int | None,
+        keep: int | None = MOST_KEPT,
     ) -> None:
         self.connection = connection
         self.line = LineBudget(baudrate)
