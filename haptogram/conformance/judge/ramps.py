@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -15,6 +16,7 @@ from .timers import judge_in_time
 _MS: Final = 1000
 _TIMER_MS: Final = 1  # HG-12.1/1
 _STEP_MS: Final = 1  # HG-6.11/2
+_TOLD: Final = 10  # codes of a ramp
 _READINGS: Final = 40  # at most, in one ramp
 
 
@@ -80,15 +82,23 @@ def judge_straight_ramp(
         low = _judged_ramp_left(reading.to_ms + _TIMER_MS, ramp_ms)
         high = _judged_ramp_left(reading.from_ms - _TIMER_MS - _STEP_MS, ramp_ms)
         for begin, got in zip(begins, reading.amplitudes, strict=True):
-            as_ms = (1 - got / max(begin, 1)) * ramp_ms
             least, most = min(begin * low - 1, cut), min(begin * high + 1, cut)
-            judge_in_time(
-                board,
-                least <= got <= most,
-                f"{name}{reading.from_ms:.1f} ms after the hold ended, in a ramp of {ramp_ms} ms "
-                f"from amplitude {begin}, the amplitude is {got}, due at {as_ms:.1f} ms; "
-                f"the straight line allows {least:.1f} to {most:.1f}",
-            )
+            if not least <= got <= most:
+                as_ms = (1 - got / max(begin, 1)) * ramp_ms
+                judge_in_time(
+                    board,
+                    False,
+                    f"{name}{reading.from_ms:.1f} ms after the hold ended, in a ramp of {ramp_ms} "
+                    f"ms from amplitude {begin}, the amplitude is {got}, due at {as_ms:.1f} ms; "
+                    f"the straight line allows {least:.1f} to {most:.1f}; {_ramp_text(ramp)}",
+                )
+
+
+def _ramp_text(ramp: Sequence[RampReading]) -> str:
+    """Return in words how the amplitude of the first transducer went on: each code once."""
+    runs = itertools.groupby(ramp, lambda reading: reading.amplitudes[0])
+    told = [f"{code} from {next(run).from_ms:.0f} ms" for code, run in runs]
+    return f"read were {', '.join(told[:_TOLD])}{', ...' * (len(told) > _TOLD)}"
 
 
 def _judged_ramp_left(t_ms: float, ramp_ms: int) -> float:
