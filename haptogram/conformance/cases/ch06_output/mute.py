@@ -92,8 +92,7 @@ def _check_mute_ends_playback(board: BoardClient, message: Message) -> None:
     play_now(board, 2, loops=0)
     let_play(board, 5)
     board.link.ask(message)
-    event = board.link.await_event(PlaybackEnded, since, 20_000)
-    check(event is not None, f"{message.TYPE.name} did not end the playback")
+    board.due_event(PlaybackEnded, since, 20_000, f"{message.TYPE.name} in a playback")
     board.arm()
     with board.counting(latched=0):
         wait_for_no_latch(board, 10_000)

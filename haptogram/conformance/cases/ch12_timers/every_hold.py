@@ -133,9 +133,8 @@ def playback_restarts_the_hold(board: BoardClient) -> None:
     send_phases_that_fit(board, STORED, frames=2)
     since = board.arm()
     play_now(board, STORED, loops=50, period_us=4 * _MS)
-    timeout_us = 600 * _MS
-    ended = board.link.await_event(PlaybackEnded, since, timeout_us)
-    check(ended is not None, "a playback of 400 ms with a hold of 100 ms did not end")
+    name = "a playback of 400 ms with a hold of 100 ms"
+    board.due_event(PlaybackEnded, since, 600 * _MS, name)
     start_us = board.last_latch_us()
     header, _ = judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
     judge_mute_time(board, start_us, header, 100, "after the last frame of a playback")
