@@ -150,6 +150,10 @@ class ClockClient:
         left_us = t_device_us - self.device_estimate_us()
         self._wire.idle(max(0, left_us) + self._wire.limits.slack_us + _SPARE_US)
 
+    def idle_until(self, t_device_us: int) -> None:
+        """Wait until a device time, by the host's estimate; go on if it has passed."""
+        self._wire.idle(max(0, t_device_us - self.device_estimate_us()))
+
     def wait_before(self, t_device_us: int) -> None:
         """Wait until shortly before the device clock shows *t_device_us*, however late we wake."""
         left_us = t_device_us - self.device_estimate_us() - self._wire.limits.slack_us

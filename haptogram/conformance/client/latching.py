@@ -109,6 +109,12 @@ def latch_now(board: BoardClient, message: Message | None = None) -> int:
     return index
 
 
+def latch_timed(board: BoardClient, message: Message | None = None) -> int:
+    """Latch a frame as soon as complete, see :func:`latch_now`; return the time of the latch."""
+    latch_now(board, message)
+    return board.last_latch_us()
+
+
 def latch_random(board: BoardClient, number: int) -> list[bytes]:
     """Latch so many random drives, each as soon as complete, and return their registers."""
     drives = [board.random_registers() for _ in range(number)]

@@ -3,24 +3,115 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Final
 
 from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.messages import (
     ArmReply,
+    Feature,
     Header,
     StateChanged,
     Status,
     signed_difference,
 )
+from haptogram_protocol.rules import CONFIG_BOUNDS
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ..client.board_client import BoardClient
+from ..client.latching import latch_now
+from ..client.playback import play_now, send_phases_that_fit
 from ..outcome import HeldUpError, check, fail
 
 EXACT_US: Final = 1000  # HG-12.1: timers are within 1 ms
 _MS: Final = 1000
 _AT_ONCE_US: Final = 50
+_PATIENCE_MS: Final = 1000
+_PERIOD_US: Final = 4_000_000  # of a playback that is left alone
+_LONGEST_MS: Final = 1 << 21  # of a timer that is awaited, and at a wall clock
+_LONGEST_WALL_MS: Final = 70_000
+#: Sequence that is stored, for a playback that is left alone.
+TIMED: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class TimerKind:
+    """A timer that mutes.
+
+    Attributes
+    ----------
+    name : str
+        Name of its length.
+    reason : MuteReason
+        Reason of the mute at its end.
+    needs : Feature
+        Capabilities that it needs.
+    beside : dict
+        Lengths of other timers, which end before or after it.
+    """
+
+    name: str
+    reason: MuteReason
+    needs: Feature = Feature.CONFIG
+    beside: Mapping[str, int] = field(default_factory=dict)
+
+    def start(self, board: BoardClient, length_ms: int, **changes: int) -> int:
+        """Configure and start it on a board that is ARMED for it; return the device time of that.
+
+        A lease begins without a latch, so that no hold runs, unless a ramp follows.
+        """
+        plays = self.reason is MuteReason.UNATTENDED
+        if plays:
+            send_phases_that_fit(board, TIMED, frames=2)
+        board.arm(**{**self.beside, **({} if plays else {self.name: length_ms}), **changes})
+        if plays:
+            play_now(board, TIMED, loops=0, period_us=_PERIOD_US, unattended_ms=length_ms)
+        elif self.reason is MuteReason.HOLD_EXPIRED or board.config.ramp_ms:
+            latch_now(board)
+        if self.reason is not MuteReason.HOLD_EXPIRED:
+            return board.clock.device_us()
+        return board.last_latch_us() + (self is RAMP) * board.config.hold_ms * _MS
+
+    def judge(
+        self,
+        board: BoardClient,
+        since: int,
+        start_us: int,
+        due_ms: int,
+        name: str = "",
+        *,
+        asked_us: int | None = None,
+    ) -> None:
+        """FAILED unless it mutes *due_ms* after *start_us*; see :func:`judge_mute_time`."""
+        name = name or f"{self.name} = {due_ms}"
+        timeout_us = (due_ms + _PATIENCE_MS) * _MS
+        header, _ = judged_mute_by_timer(board, since, timeout_us, self.reason)
+        judge_mute_time(board, start_us, header, due_ms, name, asked_us=asked_us)
+
+    def most_ms(self, board: BoardClient) -> int:
+        """Return its greatest length on a board."""
+        limit_ms = _LONGEST_MS if board.wire.is_virtual else _LONGEST_WALL_MS
+        longest_ms = min(board.identity.max_unattended_ms, limit_ms)
+        return CONFIG_BOUNDS.get(self.name, (1, longest_ms))[1]
+
+
+LEASE: Final = TimerKind("host_timeout_ms", MuteReason.HOST_SILENT)
+HOLD: Final = TimerKind("hold_ms", MuteReason.HOLD_EXPIRED)
+RAMP: Final = TimerKind(
+    "ramp_ms", MuteReason.HOLD_EXPIRED, Feature.CONFIG | Feature.AMPLITUDE, {"hold_ms": 5}
+)
+UNATTENDED: Final = TimerKind(
+    "unattended_ms",
+    MuteReason.UNATTENDED,
+    Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    {"host_timeout_ms": 50, "hold_ms": 10_000},
+)
+
+
+def timer_kinds(board: BoardClient) -> list[TimerKind]:
+    """Return every timer that the board has."""
+    return [timer for timer in (LEASE, HOLD, RAMP, UNATTENDED) if board.has(timer.needs)]
 
 
 def judged_mute_by_timer(

@@ -15,7 +15,7 @@ from ...client.latching import is_board_silent, latch_now
 from ...client.playback import play_now, send_phases_to_store_if_supported
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, CaseEndedError, check
-from ..ch12_timers.every_restart import SLOW_US, wait_for_timer
+from ..ch12_timers.every_restart import SLOW_US
 
 _MS: Final = 1000
 _SEQUENCE: Final = 6
@@ -90,7 +90,7 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
     with board.counting(timeouts=1):
         begins_us, both_us = _begin_ramp_of_pair(board, pair)
         if pair.renewed_by == _FRAME:
-            wait_for_timer(board, both_us)
+            board.clock.idle_until(both_us)
             frame_us = board.clock.device_us()
             board.clock.require_before(
                 begins_us + pair.ramp_ms * _MS, "a frame in a ramp", frame_us

@@ -25,14 +25,13 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 from haptogram_protocol.rules import TRACE_CAPABILITIES
-from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now, read_back
+from ...client.latching import latch_now, latch_timed, read_back
 from ...client.uploads import upload_to_board
 from ...judge.refused_requests import OUT_OF_BOUNDS, other_config_than_judged
-from ...judge.timers import judge_mute_time, judge_status_period, judged_mute_by_timer
+from ...judge.timers import HOLD, LEASE, judge_status_period
 from ...outcome import SELF_REPORTED, check, check_equal, informational, require
 
 _MS: Final = 1000
@@ -112,8 +111,7 @@ def configuration_is_in_force_at_once(board: BoardClient) -> None:
 def configuration_lets_a_ramp_go_on(board: BoardClient) -> None:
     """a ramp that has begun goes on as it began"""
     since = board.arm(hold_ms=50, ramp_ms=400)
-    latch_now(board)
-    start_us = board.last_latch_us()
+    start_us = latch_timed(board)
     board.wire.idle(150 * _MS)
     board.configure(hold_ms=5000, ramp_ms=0)
     found = board.link.await_event(StateChanged, since, 600 * _MS)
@@ -156,16 +154,11 @@ def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
     require(longest_ms <= _DEFAULT_MS, text)
     since = board.link.mark()
     board.arm()
-    latch_now(board)
-    start_us = board.last_latch_us()
-    for reason, length_ms in (
-        (MuteReason.HOLD_EXPIRED, config.hold_ms),
-        (MuteReason.HOST_SILENT, config.host_timeout_ms),
-    ):
-        if reason is MuteReason.HOST_SILENT or config.hold_ms < config.host_timeout_ms:
+    start_us = latch_timed(board)
+    for timer, length_ms in ((HOLD, config.hold_ms), (LEASE, config.host_timeout_ms)):
+        if timer is LEASE or config.hold_ms < config.host_timeout_ms:
             due_ms = length_ms + ramp_ms
-            header, _ = judged_mute_by_timer(board, since, 2 * due_ms * _MS, reason)
-            judge_mute_time(board, start_us, header, due_ms, f"{reason.name} after a reset")
+            timer.judge(board, since, start_us, due_ms, f"{timer.name} after a reset")
         since = board.arm()
         start_us = board.clock.device_us()
     if config.status_period_ms and config.status_period_ms < longest_ms // 3:

@@ -92,7 +92,7 @@ def _hold_with_configuration(
     after = before | dict(changes)
     since = board.arm(**before)
     start_us = start(board)
-    board.wire.idle(max(0, start_us + _BEFORE_MS * _MS - board.clock.device_estimate_us()))
+    board.clock.idle_until(start_us + _BEFORE_MS * _MS)
     early_us = board.clock.device_us()
     late_us = _set_configuration_alone(board, **after)
     board.clock.require_before(start_us + length_ms * _MS, "SET_CONFIG in a hold", late_us)
@@ -193,7 +193,7 @@ def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
         since = board.arm(hold_ms=hold_ms, ramp_ms=ramp_ms)
         start_us = _start_hold_to_configure(board)
         middle_us = start_us + (hold_ms + ramp_ms // 3) * _MS
-        board.wire.idle(max(0, middle_us - board.clock.device_estimate_us()))
+        board.clock.idle_until(middle_us)
         board.clock.require_before(start_us + (hold_ms + ramp_ms) * _MS, "the middle of a ramp")
         board.configure(**{"hold_ms": hold_ms, "ramp_ms": ramp_ms} | changes)
         header, _ = judged_mute_by_timer(board, since, 2500 * _MS, MuteReason.HOLD_EXPIRED)

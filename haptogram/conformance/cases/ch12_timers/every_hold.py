@@ -22,15 +22,15 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import FULL, latch_now, read_back_radiated
+from ...client.latching import FULL, latch_now, latch_timed, read_back_radiated
 from ...client.playback import play_now, play_request, send_phases_that_fit
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...judge.ramps import judge_straight_ramp, judged_ramp_reading
 from ...judge.refused_requests import judged_refusal, requests_refused_while_armed
-from ...judge.timers import judge_mute_time, judged_mute_by_timer
+from ...judge.timers import HOLD, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, check_equal, fail
 from ..ch05_stream.every_drop import DROPS, Drop, fill_queue
-from .every_restart import SLOW_US, STORED, TIMER_MS, play_later_than_timer, wait_for_timer
+from .every_restart import SLOW_US, STORED, TIMER_MS, play_later_than_timer
 
 _MS: Final = 1000
 _SILENT_MS: Final = 70
@@ -81,8 +81,7 @@ def _hold_after(board: BoardClient, groups: list[Drop | None], hold_ms: int) -> 
     """Return the time from a latch to the mute by the hold, with *groups* sent in between."""
     board.hello()
     since = board.arm(hold_ms=hold_ms)
-    latch_now(board)
-    start_us = board.last_latch_us()
+    start_us = latch_timed(board)
     board.wire.idle(30 * _MS)
     for group in groups:
         if group is None:
@@ -115,15 +114,13 @@ def nothing_else_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     """during a ramp of the hold no request, ARM and SET_CONFIG among them, ends or moves it"""
     hold_ms, ramp_ms = 60, min(2000, _length_of_hold_ms(board))
     since = board.arm(hold_ms=hold_ms, ramp_ms=ramp_ms)
-    latch_now(board)
-    start_us = board.last_latch_us()
-    wait_for_timer(board, start_us + (hold_ms + 20) * _MS)
+    start_us = latch_timed(board)
+    board.clock.idle_until(start_us + (hold_ms + 20) * _MS)
     _ask_all_during_hold(board)
     board.configure(hold_ms=10_000, ramp_ms=1)
     last_us = start_us + (hold_ms + ramp_ms - 20) * _MS
     board.clock.require_before(last_us, "everything within the ramp")
-    header, _ = judged_mute_by_timer(board, since, 3 * ramp_ms * _MS, MuteReason.HOLD_EXPIRED)
-    judge_mute_time(board, start_us, header, hold_ms + ramp_ms, "hold and ramp")
+    HOLD.judge(board, since, start_us, hold_ms + ramp_ms, "hold and ramp")
 
 
 @case("HG-12.3/1-playback", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
@@ -136,8 +133,7 @@ def playback_restarts_the_hold(board: BoardClient) -> None:
     name = "a playback of 400 ms with a hold of 100 ms"
     board.due_event(PlaybackEnded, since, 600 * _MS, name)
     start_us = board.last_latch_us()
-    header, _ = judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
-    judge_mute_time(board, start_us, header, 100, "after the last frame of a playback")
+    HOLD.judge(board, since, start_us, 100, "after the last frame of a playback")
 
 
 @case("HG-12.3/1-stop", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
@@ -151,17 +147,15 @@ def stop_leaves_the_hold(board: BoardClient) -> None:
             play_now(board, STORED, loops=0, period_us=SLOW_US)
             board.clock.wait_latched()
         else:
-            latch_now(board)
-        start_us = board.last_latch_us()
-        wait_for_timer(board, start_us + 40 * _MS)
+            start_us = latch_timed(board)
+        board.clock.idle_until(start_us + 40 * _MS)
         if name != "a slow playback":
             play_later_than_timer(board, 2 * TIMER_MS, 2 * TIMER_MS)
-        wait_for_timer(board, start_us + 80 * _MS)
+        board.clock.idle_until(start_us + 80 * _MS)
         if not name.endswith("muted"):
             board.link.call(Stop(), StopReply)
         board.link.ask(Arm())
-        header, _ = judged_mute_by_timer(board, since, 3 * TIMER_MS * _MS, MuteReason.HOLD_EXPIRED)
-        judge_mute_time(board, start_us, header, TIMER_MS, f"hold_ms behind {name}")
+        HOLD.judge(board, since, start_us, TIMER_MS, f"hold_ms behind {name}")
 
 
 @case("HG-6.10/1-silent", needs=Feature.CONFIG, depth=Depth.DEFAULT)
@@ -182,11 +176,8 @@ def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
     for name, (message, ceiling) in silent.items():
         since = board.arm(hold_ms=_SILENT_MS, amplitude_ceiling=ceiling, trace_mode=mode)
         with board.counting(latched=1, accepted=1, timeouts=1):
-            latch_now(board, message)
-            start_us = board.last_latch_us()
-            timeout_us = (_SILENT_MS + 300) * _MS
-            header, _ = judged_mute_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
-        judge_mute_time(board, start_us, header, _SILENT_MS, name)
+            start_us = latch_timed(board, message)
+            HOLD.judge(board, since, start_us, _SILENT_MS, name)
         traced = len(board.link.events(Trace, since))
         check_equal(traced, mode is TraceMode.CRC, f"{name}: {traced} traces of one latch")
 
@@ -211,8 +202,7 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
         board.hello()
         board.arm(hold_ms=_HELD_MS, ramp_ms=_FADING_MS, late_window_us=100_000)
         board.clock.require_horizon((_HELD_MS + 200 + 8000 * way.endswith("it")) * _MS)
-        latch_now(board)
-        start_us = board.last_latch_us()
+        start_us = latch_timed(board)
         at_us = board.clock.on_carrier(start_us + (_HELD_MS + 200) * _MS)  # a tenth of the ramp
         if way.startswith("queued"):
             number = 3 if "others" in way else 1
@@ -222,7 +212,7 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
         if way == "played later":
             play = play_request(board, STORED, loops=0, period_us=9_000_000, unattended_ms=9000)
             board.link.call(play, PlayReply, time_us=at_us)
-        wait_for_timer(board, at_us - 60 * _MS)
+        board.clock.idle_until(at_us - 60 * _MS)
         faded = read_back_radiated(board).loudest
         if board.clock.device_us() < at_us:
             check(faded < FULL, f"{way}: no ramp of the hold begins")

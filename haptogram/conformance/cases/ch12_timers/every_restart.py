@@ -48,8 +48,9 @@ from ...judge.refused_requests import (
     requests_refused_while_armed,
 )
 from ...judge.timers import (
+    LEASE,
+    UNATTENDED,
     judge_in_time,
-    judge_mute_time,
     judge_status_period,
     judged_mute_by_timer,
 )
@@ -92,7 +93,7 @@ def latches_renew_no_lease(board: BoardClient) -> None:
     ramp_ms = TIMER_MS if board.has(Feature.AMPLITUDE) else 0
     send_phases_to_store_if_supported(board, STORED, frames=2)
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
-        reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
+        timer = UNATTENDED if plays else LEASE
         board.hello()
         since = board.arm(host_timeout_ms=50 if plays else TIMER_MS, ramp_ms=ramp_ms)
         if plays:
@@ -101,10 +102,9 @@ def latches_renew_no_lease(board: BoardClient) -> None:
             _queue_over_lease(board, TIMER_MS + ramp_ms)
         start_us = board.clock.device_us()
         for part in (1, 2, 3, 4, 5):  # the later ones during the ramp
-            wait_for_timer(board, start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
+            board.clock.idle_until(start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
             board.link.send(hello_again_during_timers(board))
-        header, _ = judged_mute_by_timer(board, since, 3 * (TIMER_MS + ramp_ms) * _MS, reason)
-        judge_mute_time(board, start_us, header, TIMER_MS + ramp_ms, f"{reason.name}, latches")
+        timer.judge(board, since, start_us, TIMER_MS + ramp_ms, f"{timer.name}, latches")
 
 
 def _queue_over_lease(board: BoardClient, length_ms: int) -> None:
@@ -114,11 +114,6 @@ def _queue_over_lease(board: BoardClient, length_ms: int) -> None:
     good, number = board.shortest_stream(), min(board.identity.queue_depth, length_ms // 50)
     times = [first_us + 50 * _MS * place for place in range(number)]
     board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
-
-
-def wait_for_timer(board: BoardClient, t_us: int) -> None:
-    """Wait until a device time, by the host's estimate, or go on if it has passed."""
-    board.wire.idle(max(0, t_us - board.clock.device_estimate_us()))
 
 
 # --- The lease, and the unattended time in its place -------------------------------------------
@@ -144,8 +139,7 @@ def waits_unattended(board: BoardClient) -> None:
         since = board.arm()
         play_later_than_timer(board, ahead_ms, alone_ms)
         start_us = board.clock.device_us()
-        header, _ = judged_mute_by_timer(board, since, 3 * alone_ms * _MS, MuteReason.UNATTENDED)
-        judge_mute_time(board, start_us, header, alone_ms, f"unattended_ms, {name}")
+        UNATTENDED.judge(board, since, start_us, alone_ms, f"unattended_ms, {name}")
     for ahead_ms in (0, 5000):
         since = board.arm()
         play_later_than_timer(board, ahead_ms + 60, 9000)
@@ -155,9 +149,8 @@ def waits_unattended(board: BoardClient) -> None:
         board.link.reply_in(answer, StopReply, Stop.TYPE)
         assert answer.header is not None  # reply_in
         start_us = board.clock.unwrap(answer.header.time_us)
-        header, _ = judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOST_SILENT)
         name = "host_timeout_ms behind STOP"
-        judge_mute_time(board, start_us, header, 80, name, asked_us=asked_us)
+        LEASE.judge(board, since, start_us, 80, name, asked_us=asked_us)
 
 
 @case("HG-6.7/1-types", needs=Feature.CONFIG, depth=Depth.DEFAULT)

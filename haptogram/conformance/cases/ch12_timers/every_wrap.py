@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from haptogram_protocol.messages import (
-    DriveKind,
     Feature,
     PlaybackEnded,
     PlayReply,
     TraceMode,
 )
-from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now, latches_received_from_board, read_back
-from ...client.playback import play_now, play_request, send_phases_that_fit, send_phases_to_store
+from ...client.latching import latches_received_from_board, read_back
+from ...client.playback import play_request, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
-from ...judge.timers import judge_mute_time, judge_status_period, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal
+from ...judge.timers import HOLD, judge_status_period, timer_kinds
+from ...outcome import SELF_REPORTED, check, check_equal, named
 from ..ch05_stream.every_drop import DROPS, judge_drop
 
 _MS: Final = 1000
@@ -56,11 +53,8 @@ def frames_on_both_sides_of_the_timer_wrap(board: BoardClient) -> None:
     kind = stream_kinds(board)[0]
     for side in ("before", "after"):
         for drop in DROPS:
-            try:
+            with named(f"{side} 2^32 µs, frames {drop.summary}"):
                 judge_drop(board, drop, kind)
-            except CaseEndedError as error:
-                text = f"{side} 2^32 µs, frames {drop.summary}: {error}"
-                raise CaseEndedError(error.behaviour, text) from None
         if side == "before" and board.has(_PLAYS):
             _play_across_timer_wrap(board)
         board.clock.wait_until(_WRAP_US + 100 * _MS)
@@ -87,48 +81,6 @@ def _play_across_timer_wrap(board: BoardClient) -> None:
         board.disarm()
 
 
-# --- Timers ------------------------------------------------------------------------------------
-
-
-def _lease_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
-    board.arm(host_timeout_ms=200)
-    return MuteReason.HOST_SILENT, board.clock.device_us()
-
-
-def _hold_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
-    board.arm(hold_ms=200)
-    latch_now(board)
-    status = board.status()
-    start_us = board.clock.unwrap(status.last_latch_us)
-    if board.has(Feature.READ_LATCHED):
-        shown = read_back(board, DriveKind.LATCHED).reply.t_latch_us
-        check_equal(
-            shown, status.last_latch_us, f"READ_DRIVE: latched at {shown}, STATUS disagrees"
-        )
-    return MuteReason.HOLD_EXPIRED, start_us
-
-
-def _ramp_of_timer_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
-    board.arm(hold_ms=20, ramp_ms=180)
-    latch_now(board)
-    return MuteReason.HOLD_EXPIRED, board.last_latch_us()
-
-
-def _unattended_across_wrap(board: BoardClient) -> tuple[MuteReason, int]:
-    send_phases_that_fit(board, _SEQUENCE, frames=2)
-    board.arm(host_timeout_ms=20)
-    play_now(board, _SEQUENCE, loops=0, unattended_ms=200)
-    return MuteReason.UNATTENDED, board.clock.device_us()
-
-
-_TIMERS: Final[tuple[tuple[Callable[[BoardClient], tuple[MuteReason, int]], Feature], ...]] = (
-    (_lease_across_wrap, Feature(0)),
-    (_hold_across_wrap, Feature(0)),
-    (_ramp_of_timer_across_wrap, Feature.AMPLITUDE),
-    (_unattended_across_wrap, Feature.SEQUENCE_PHASES),
-)
-
-
 @case(
     "HG-12.1/1-wrap",
     needs=Feature.CONFIG,
@@ -140,15 +92,15 @@ def timers_cross_the_wrap(board: BoardClient) -> None:
     """STATUS, lease, hold, ramp and unattended time that run across 2^32 µs end at their times"""
     board.prepare()
     board.need(Feature.CONFIG)
-    for start, needs in _TIMERS:
-        if not board.has(needs):
-            continue
+    for timer in timer_kinds(board):
         board.configure(host_timeout_ms=10_000)
         wrap_us = _wait_before_timer_wrap(board, 100 * _MS)
         since = board.link.mark()
-        reason, start_us = start(board)
-        header, _ = judged_mute_by_timer(board, since, 500 * _MS, reason)
-        judge_mute_time(board, start_us, header, 200, f"{reason.name} across {wrap_us} µs")
+        start_us = timer.start(board, 200)
+        if timer is HOLD and board.has(Feature.READ_LATCHED):
+            told_us, shown_us = board.status().last_latch_us, read_back(board).reply.t_latch_us
+            check_equal(shown_us, told_us, f"READ_DRIVE: latched at {shown_us}, STATUS disagrees")
+        timer.judge(board, since, start_us, 200, f"{timer.name} across {wrap_us} µs")
         if not board.wire.is_virtual:
             return
     period_ms = board.quick_status_ms

@@ -11,19 +11,19 @@ from haptogram_protocol.messages import (
     PlaybackEnded,
     StateChanged,
 )
-from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case, case_about_host
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now
+from ...client.latching import latch_now, latch_timed
 from ...client.playback import play_now, send_phases_that_fit
 from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import SEQUENCES
-from ...judge.timers import judge_mute_time, judge_status_period, judged_mute_by_timer
+from ...judge.timers import HOLD, LEASE, judge_status_period, judged_mute_by_timer
 from ...outcome import check
 
 _MS: Final = 1000
 _STALE_MS: Final = 150
+_RAMP_MS: Final = 100
 
 
 host_times = case_about_host("HG-12.6/1")
@@ -37,10 +37,8 @@ def timers_are_exact(board: BoardClient) -> None:
     """hold and STATUS come within 1 ms of their time"""
     for hold_ms in (50, 137):
         since = board.arm(hold_ms=hold_ms)
-        latch_now(board)
-        start_us = board.last_latch_us()
-        header, _ = judged_mute_by_timer(board, since, hold_ms * 2 * _MS, MuteReason.HOLD_EXPIRED)
-        judge_mute_time(board, start_us, header, hold_ms, f"hold_ms = {hold_ms}")
+        start_us = latch_timed(board)
+        HOLD.judge(board, since, start_us, hold_ms)
     period_ms = board.quick_status_ms + 10
     board.configure(status_period_ms=period_ms)
     since = board.link.mark()
@@ -55,8 +53,7 @@ def lease_runs_out(board: BoardClient) -> None:
         board.arm(host_timeout_ms=timeout_ms)
         latch_now(board)
         start_us, since = board.clock.device_us(), board.link.mark()
-        header, _ = judged_mute_by_timer(board, since, 3 * timeout_ms * _MS, MuteReason.HOST_SILENT)
-        judge_mute_time(board, start_us, header, timeout_ms, f"host_timeout_ms = {timeout_ms}")
+        LEASE.judge(board, since, start_us, timeout_ms)
 
 
 @case("HG-12.2/2", needs=Feature.CONFIG)
@@ -64,8 +61,7 @@ def hold_timer_waits_for_a_latch(board: BoardClient) -> None:
     """between ARM and the first latch the hold does not run, the lease does"""
     board.arm(hold_ms=30, host_timeout_ms=250)
     start_us, since = board.clock.device_us(), board.link.mark()
-    header, _ = judged_mute_by_timer(board, since, 600 * _MS, MuteReason.HOST_SILENT)
-    judge_mute_time(board, start_us, header, 250, "host_timeout_ms = 250")
+    LEASE.judge(board, since, start_us, 250)
 
 
 @case("HG-12.2/2-ended", needs=Feature.CONFIG, depth=Depth.DEFAULT)
@@ -74,12 +70,8 @@ def hold_timer_is_not_taken_up_again(board: BoardClient) -> None:
     for end in (Mute(), Disarm(), None):
         board.arm(hold_ms=_STALE_MS)
         latch_now(board)
-        if end is None:
-            board.hello()
-        else:
-            board.link.ask(end)
-        board.arm()
-        since, name = board.link.mark(), "HELLO" if end is None else end.TYPE.name
+        board.link.ask(end) if end else board.hello()
+        since, name = board.arm(), end.TYPE.name if end else "HELLO"
         for message in valid_requests_to_send(board, SEQUENCES[0]):
             if message.TYPE.name not in ("DISARM", "PLAY"):
                 board.link.ask(message)
@@ -97,8 +89,7 @@ def hold_timer_runs_from_the_last_latch(board: BoardClient) -> None:
         latch_now(board)
         board.wire.idle(60 * _MS)
     start_us = board.last_latch_us()
-    header, _ = judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
-    judge_mute_time(board, start_us, header, 150, "hold_ms = 150 after the last latch")
+    HOLD.judge(board, since, start_us, 150, "hold_ms = 150 after the last latch")
 
 
 @case("HG-12.4/1", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
@@ -109,25 +100,20 @@ def lease_is_back_after_playback(board: BoardClient) -> None:
     since = board.arm()
     play_now(board, 1, loops=150, period_us=1000, unattended_ms=5000)
     name = "a playback of 300 ms, longer than host_timeout_ms"
-    ended = board.due_event(PlaybackEnded, since, 600 * _MS, name)
-    header, _ = judged_mute_by_timer(board, since, 500 * _MS, MuteReason.HOST_SILENT)
-    judge_mute_time(board, board.clock.unwrap(ended[0].time_us), header, 150, "after the playback")
+    ended, _ = board.due_event(PlaybackEnded, since, 600 * _MS, name)
+    LEASE.judge(board, since, board.clock.unwrap(ended.time_us), 150, "after the playback")
 
 
 @case("HG-12.5/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def the_first_timer_wins(board: BoardClient) -> None:
     """the timer that runs out first mutes, in both orders"""
-    for reason, hold_ms, lease_ms, ramp_ms in (
-        (MuteReason.HOLD_EXPIRED, 60, 120, 100),
-        (MuteReason.HOST_SILENT, 160, 80, 100),
-    ):
+    for timer, hold_ms, lease_ms in ((HOLD, 60, 120), (LEASE, 160, 80)):
         hold_ms, lease_ms = map(board.clock.timer_ms, (hold_ms, lease_ms))
-        since = board.arm(hold_ms=hold_ms, host_timeout_ms=lease_ms, ramp_ms=ramp_ms)
+        since = board.arm(hold_ms=hold_ms, host_timeout_ms=lease_ms, ramp_ms=_RAMP_MS)
         with board.counting(timeouts=1):
             latch_now(board)
             start_us = board.clock.device_us()
-            header, _ = judged_mute_by_timer(board, since, 600 * _MS, reason)
+            header, _ = judged_mute_by_timer(board, since, 600 * _MS, timer.reason)
         took_ms = (board.clock.unwrap(header.time_us) - start_us) / _MS
-        ramp = ramp_ms if board.has(Feature.AMPLITUDE) else 0
-        most = min(hold_ms, lease_ms) + ramp + 1
+        most = min(hold_ms, lease_ms) + _RAMP_MS * board.has(Feature.AMPLITUDE) + 1
         check(took_ms <= most, f"muted after {took_ms:.1f} ms, {most} ms is the most")
