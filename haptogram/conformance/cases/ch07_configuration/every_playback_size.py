@@ -247,7 +247,8 @@ def many_playback_frames_are_counted(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=1)
     rings = board.has(Feature.TRACE_RING | Feature.CONFIG)
     if rings:
-        board.arm(trace_mode=TraceMode.RING, late_window_us=_WINDOW_US)
+        board.configure(trace_mode=TraceMode.RING, late_window_us=_WINDOW_US)
+    board.arm()
     with board.counting(latched=_MANY):
         event = play_out(
             board, _SEQUENCE, 1, loops=_MANY, period_us=shortest_period_to_play_us(board)

@@ -147,7 +147,8 @@ def stop_leaves_the_hold(board: BoardClient) -> None:
             play_now(board, STORED, loops=0, period_us=SLOW_US)
             board.clock.wait_latched()
         else:
-            start_us = latch_timed(board)
+            latch_now(board)
+        start_us = board.last_latch_us()
         board.clock.idle_until(start_us + 40 * _MS)
         if name != "a slow playback":
             play_later_than_timer(board, 2 * TIMER_MS, 2 * TIMER_MS)
