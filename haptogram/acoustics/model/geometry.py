@@ -64,10 +64,11 @@ class TransducerArray:
     axes : (3, 3) numpy.ndarray
         The array's own x, y and z, a right-handed frame of unit vectors in the world; read-only.
         z is the normal of the plane or line that the elements lie in, on the side they look to;
-        where they lie in none, or look along it, the mean of the normals. x runs along the rows, by
-        the numbers of a grid's elements; without rows, x and y are those of the world, turned by
-        the least angle that brings the world's z to this one. So an array that faces +z with its
-        rows along the world's axes has exactly those.
+        where they lie in none, or look along it, the mean of the normals; where these nearly cancel
+        out, the line along which they look at each other, or the one that they look at from all
+        around, upwards. x runs along the rows, by the numbers of a grid's elements; without rows, x
+        and y are those of the world, turned by the least angle that brings the world's z to this
+        one. So an array that faces +z with its rows along the world's axes has exactly those.
 
     Raises
     ------

@@ -14,14 +14,16 @@ _ROUNDED_M: Final = 5e-6  # lines and planes of an array that was rounded to who
 _MAX_EMPTY: Final = 0.3  # of the nodes; beyond it the empty ones cost more than a lattice saves
 _STEEP: Final = 0.5  # cosine: elements that look along the plane they lie in have another face
 _UPRIGHT: Final = 1e-12
+_CANCELLED: Final = 0.2  # mean of unit normals that look at each other, or around, on the whole
+_ONE_LINE: Final = 1.5  # so much more they look along one line than along any across it
 _UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
 
 
 def mean_array_normal(normals: FloatArray) -> FloatArray | None:
-    """Return the unit vector along the mean of the normals, None if they cancel out."""
+    """Return the unit vector along the mean of the normals, None if they nearly cancel out."""
     mean: FloatArray = normals.mean(axis=0)
     length = float(np.linalg.norm(mean))
-    return mean / length if length > 1e-6 else None
+    return mean / length if length > _CANCELLED else None
 
 
 def array_axes(
@@ -95,7 +97,7 @@ def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the normal of the plane or line that the elements lie in; else where they look."""
     facing = mean_array_normal(normals)
     if facing is None:
-        facing = _UP
+        facing = _axis_of_cancelled_normals(normals)
     squares, directions = np.linalg.eigh(offsets.T @ offsets)
     across = directions[:, squares < len(offsets) * _ROUNDED_M**2]
     if np.abs(offsets @ facing).max() < _ROUNDED_M:
@@ -103,6 +105,21 @@ def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     normal: FloatArray = across @ (across.T @ facing)
     length = float(np.linalg.norm(normal))
     return normal / length if length > _STEEP else facing
+
+
+def _axis_of_cancelled_normals(normals: FloatArray) -> FloatArray:
+    """Return the line that they look along both ways, else the one they look around; upwards."""
+    squares, directions = np.linalg.eigh(normals.T @ normals)
+    if squares[2] > _ONE_LINE * squares[1]:
+        axis = directions[:, 2]
+    elif squares[1] > _ONE_LINE * squares[0]:
+        axis = directions[:, 0]
+    else:
+        return _UP
+    axis = np.where(np.abs(axis) < _UPRIGHT, 0.0, axis)
+    upwards = next(part for part in axis[::-1] if part)
+    signed: FloatArray = axis * np.sign(upwards)
+    return signed
 
 
 def _axes_along_rows(

@@ -23,6 +23,7 @@ from haptogram.acoustics.arrays import (
 from haptogram.acoustics.field.reference import check_field_points
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.model.own_axes import mean_array_normal
 from haptogram.errors import ConfigurationError
 
 MIN_TARGET_DISTANCE_M: Final = 0.020
@@ -80,7 +81,8 @@ def focus_target_heights_m(array: TransducerArray) -> tuple[float, float]:
 
     It is 20 mm to 1 m. Where elements look down on others that look up (boards face to face, the
     bowls of TinyLev), a target lies anywhere between the lowest element and the highest one: each
-    board has it in front of itself.
+    board has it in front of itself. Where they look at an axis from all around it (a ring), it may
+    be 150 mm beyond them.
 
     Examples
     --------
@@ -90,11 +92,16 @@ def focus_target_heights_m(array: TransducerArray) -> tuple[float, float]:
     >>> [round(1e3 * z, 1) for z in focus_target_heights_m(LAYOUTS["sonicsurface-stack"].array())]
     [-121.5, 121.5]
     """
-    heights = array.local_m(array.positions_m)[:, 2]
-    against = array.normals @ array.axes[2] < _AGAINST
-    if not against.any() or heights[against].mean() < heights[~against].mean():
+    ahead = array.normals @ array.axes[2]
+    looks_back = ahead.min() < _AGAINST
+    offsets = array.positions_m - array.centre_m
+    looks_inwards = np.einsum("ni,ni->", array.normals, offsets) < -_ROUNDING_M
+    looks_around = mean_array_normal(array.normals) is None
+    if not looks_inwards or not (looks_back or looks_around):
         return MIN_TARGET_DISTANCE_M, MAX_TARGET_DISTANCE_M
-    return float(heights.min()), float(heights.max())
+    heights = offsets @ array.axes[2]
+    beyond = 0.0 if looks_back else _TARGET_MARGIN_M
+    return float(heights.min()) - beyond, float(heights.max()) + beyond
 
 
 def focus_steering_reach_m(model: AcousticModel) -> tuple[float, float]:

@@ -203,6 +203,44 @@ def test_a_target_is_in_reach_or_not_wherever_the_array_is(name, pose, seed):
         assert refusal(there, pose.points(target)) == refusal(here, target)
 
 
+def two_boards(tilt_rad, apart_m, counts=(5, 5)):
+    """Two boards that look at the origin, each by *tilt_rad* off the way of the other one's."""
+    places, normals = [], []
+    for sign, count in zip((1, -1), counts, strict=True):
+        pose = Pose.about(0, sign * (math.pi / 2 - tilt_rad))
+        board = TransducerArray.grid(count, 5, pitch_m=0.006)
+        places.append(pose.points(board.positions_m - [0.0, 0.0, apart_m / 2]))
+        normals.append(board.normals @ pose.turn.T)
+    return TransducerArray.from_positions(np.vstack(places), np.vstack(normals))
+
+
+def ring_that_looks_inwards(count, radius_m):
+    turns = 2 * math.pi * np.arange(count) / count
+    outwards = np.column_stack([np.cos(turns), np.sin(turns), 0 * turns])
+    return TransducerArray.from_positions(radius_m * outwards, -outwards)
+
+
+@settings(max_examples=40)
+@given(
+    st.one_of(
+        st.builds(
+            two_boards,
+            st.floats(-0.1, 0.1),
+            st.floats(0.07, 0.2),
+            st.tuples(st.integers(3, 6), st.integers(3, 6)),
+        ),
+        st.builds(ring_that_looks_inwards, st.integers(12, 60), st.floats(0.04, 0.1)),
+    ),
+    poses(),
+    seeds,
+)
+def test_what_elements_look_at_from_all_sides_is_in_reach(array, pose, seed):
+    """Between boards that are nearly face to face, inside a ring: wherever it is, up or aside."""
+    there = model_of(pose.array(array))
+    for target in np.random.default_rng(seed).uniform(-0.008, 0.008, (5, 3)):
+        assert refusal(there, pose.points(target)) is None
+
+
 def test_a_refusal_names_the_axes_of_a_turned_array():
     array = GRID.array.moved(TURNS["sideways"].turn)
     message = r"^target: height z along the array's \(1, 0, 0\) is 10 mm, must be at least 20 mm$"
