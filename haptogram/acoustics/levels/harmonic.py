@@ -56,7 +56,7 @@ def shock_lengths(engine: FieldEngine, weights: ArrayLike, focus_m: ArrayLike) -
     """
     model = engine.model
     drive, focus = as_drive(weights, model.array.count), as_coordinates("focus_m", focus_m)
-    shares = np.abs(drive)
+    shares = np.abs(model.radiated(drive))
     if not shares.any():
         return 0.0
     normals = model.array.normals[shares > 0.0]

@@ -50,6 +50,7 @@ from haptogram.acoustics import (
     propagators,
     quantise_phase,
     radiated_power_w,
+    shock_lengths,
     solve_foci,
     solver_quality,
     superpose_foci,
@@ -182,6 +183,7 @@ OF_A_DRIVE = {
         lambda m, w, _: demodulated_level_db_a(NumpyEngine(m), w, 1.0, FRAME_S, LAG),
         1e-9,
     ),
+    "shock_lengths": (lambda m, w, c: shock_lengths(NumpyEngine(m), w[0], c.target), 1e-9),
     "find_pressure_peak": (
         lambda m, w, c: find_pressure_peak(NumpyEngine(m), w[0], c.target),
         1e-6,
@@ -422,7 +424,7 @@ GEOMETRY_ALONE = {
 }
 OTHERWISE_ABOVE = {
     "FocusCodes", "FocusTracker", "NumbaEngine", "Numpy32Engine", "PlaneField", "Reconstructor",
-    "fit_focus", "focus_phases", "predict_spot_width_m", "pressure_after_hop", "shock_lengths",
+    "fit_focus", "focus_phases", "predict_spot_width_m", "pressure_after_hop",
     "solve_foci", "solver_quality", "superpose_foci", "weights_for_foci",
 }  # fmt: skip
 
