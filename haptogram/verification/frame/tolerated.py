@@ -259,7 +259,8 @@ class ToleratedHost:
     def fault(self, model: AcousticModel, *, proven: bool = False) -> str | None:
         """Name the elements that no place and no air within the tolerance explains.
 
-        *proven*: only where a host within the tolerance explains all the others.
+        *proven*: only where a host within the tolerance explains all the others, and none that does
+        explains one of these.
         """
         host = self.fitted()
         errors = host.errors_about(self.active)
@@ -270,9 +271,21 @@ class ToleratedHost:
         few = 0 < off.sum() <= _FEW * self.active.sum()
         if not (within and few and bool((host.levels[off] > _LOUD).all())):
             return None
-        if not proven or self.nearest(self.hosts, self.phases_rad, self.active & ~off).explains:
-            return self._elements_text(model, errors, np.flatnonzero(off))
-        return None
+        if proven and not self._is_proven(off):
+            return None
+        return self._elements_text(model, errors, np.flatnonzero(off))
+
+    def _is_proven(self, off: Bools) -> bool:
+        """Return True if hosts explain the elements but these: they ask for other phases of these.
+
+        A solver may turn an element by much where the air changes by next to nothing.
+        """
+        rest = self.active & ~off
+        host = self.nearest(self.hosts, self.phases_rad, rest)
+        slopes, errors_rad = host.slopes_about(rest), wrapped_phases(host.errors_about(rest)[off])
+        leverage = np.abs(slopes[off] @ np.linalg.pinv(slopes[rest])).sum(axis=1)
+        explained_rad = self._off_rad + _SECOND_ORDER * leverage * self.limit_rad
+        return host.explains and bool((np.abs(errors_rad) > explained_rad).all())
 
     def scatter_text(self, model: AcousticModel) -> str | None:
         """Return that the phases are those of no focus, within any tolerance that can be stated."""
