@@ -308,7 +308,7 @@ def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArra
     limits = []
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
         limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)
-        if not _frame_foci_length(limits[-1]) < LOST * target.distance_m:
+        if not np.linalg.norm(limits[-1]) < LOST * target.distance_m:
             return None
     return limits
 
@@ -320,7 +320,7 @@ def _frame_peaks_follow(
     offsets_m = ideal.offsets_m(latched.weights())
     return all(
         offset_m is not None
-        and _frame_foci_length(offset_m) <= _frame_foci_length(limit_m) + tolerance.miss_mm / _MM
+        and np.linalg.norm(offset_m) <= np.linalg.norm(limit_m) + tolerance.miss_mm / _MM
         for offset_m, limit_m in zip(offsets_m, limits_m, strict=True)
     )
 
@@ -348,7 +348,7 @@ def _farthest_from_frame_target_mm(
     if len(offsets) < len(targets) or not targets or found.limits_m is None:
         return {}
     target, offset_m = max(
-        zip(targets, offsets, strict=True), key=lambda pair: _frame_foci_length(pair[1])
+        zip(targets, offsets, strict=True), key=lambda pair: np.linalg.norm(pair[1])
     )
     across_m, along_m = target.split(offset_m)
     return {
@@ -375,10 +375,6 @@ def _frame_foci_levels_not_made(levels: IdealFociLevels, intended: Intended) -> 
             f"{levels.efficiency:.2f} (at least {LEAST_EFFICIENCY:g}), the weakest has "
             f"{levels.balance:.2f} of their mean (at least {LEAST_BALANCE:g})"
         )
-
-
-def _frame_foci_length(vector: FloatArray) -> float:
-    return float(np.linalg.norm(vector))
 
 
 def _frame_foci_mm(values: FloatArray) -> Vector:
