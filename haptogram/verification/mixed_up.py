@@ -69,8 +69,14 @@ def mixed_up_drives(
     yield "opposite sign of all phases", -wanted
     yield from _drive_fault_orders(model, wanted)
     yield from _drive_fault_copies(wanted)
-    for lost in range(1, intended.phase_bits):
-        unit = 1 << (MAX_PHASE_BITS - intended.phase_bits + lost)
+    bits = intended.phase_bits
+    turned = [wanted >> (MAX_PHASE_BITS - bits + bit) & 1 for bit in range(bits)]
+    yield (
+        "bits of every phase in reverse order",
+        sum(on << (MAX_PHASE_BITS - 1 - bit) for bit, on in enumerate(turned)) + 0 * wanted,
+    )
+    for lost in range(1, bits):
+        unit = 1 << (MAX_PHASE_BITS - bits + lost)
         yield (
             f"lowest {'bit' if lost == 1 else f'{lost} bits'} of every phase lost",
             wanted // unit * unit,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import NoneType
@@ -36,6 +37,7 @@ from .consequences.held import (
     due_frames_of_consequences,
     focus_still_held,
 )
+from .faults import UNNAMED
 from .frame.judge import FrameJudge, lost_frame_verdict
 from .frame.verdict import JUDGED, MISSED, Cut, FrameStatus, FrameVerdict, Verdict
 from .losses import LossJudge, lost_frames_reason, unnamed_losses_reason
@@ -133,13 +135,19 @@ def verify_run(
     )
     frames: list[FrameVerdict] = []
     held: HeldFocus | None = None
+    drives = functools.cache(functools.partial(_frames_by_drive, intended))
     missed = _MissedFrames(intended, seen, losses, unseen, cut)
     quiet_us = sorted(check_whole("silences", t, -(2**63), 2**63, "µs") for t in silences)
     for number, (wanted, due) in enumerate(
         zip(intended, due_frames_of_consequences(intended, seen), strict=True)
     ):
         latches = seen.pop(wanted.key, [])
-        verdict = judge.judge(wanted, latches[0]) if latches else missed.judge(wanted, due)
+        if latches:
+            verdict = judge.judge(wanted, latches[0])
+            if _is_run_frame_unnamed(verdict, latches[0]):
+                verdict = _named_by_other_frame(verdict, latches[0], drives())
+        else:
+            verdict = missed.judge(wanted, due)
         if verdict.late or verdict.status in MISSED:
             effect = consequence_of_held_focus(model, wanted, focus_still_held(held, due, quiet_us))
             verdict = dataclasses.replace(verdict, consequence=effect)
@@ -238,6 +246,32 @@ class _MissedFrames:
         if why is None or verdict.status is not FrameStatus.LOST:
             return verdict
         return dataclasses.replace(verdict, status=FrameStatus.NOT_VERIFIED, faults=(), note=why)
+
+
+def _is_run_frame_unnamed(verdict: FrameVerdict, latch: Observation) -> bool:
+    """Return True if a drive is wrong, or its CRC is, in no way that has a name."""
+    is_of_crc = latch.drive is None and verdict.status is FrameStatus.CORRUPT
+    return is_of_crc or verdict.faults == (UNNAMED,)
+
+
+def _frames_by_drive(intended: Sequence[Intended]) -> dict[int, list[int]]:
+    """Return the numbers of the frames by the CRC of their drive."""
+    found: dict[int, list[int]] = defaultdict(list)
+    for frame in intended:
+        found[frame.drive.digest()].append(frame.number)
+    return found
+
+
+def _named_by_other_frame(
+    verdict: FrameVerdict, latch: Observation, drives: Mapping[int, Sequence[int]]
+) -> FrameVerdict:
+    """Return *verdict*, with the next frame whose drive was latched instead, if there is one."""
+    crc = latch.drive_crc if latch.drive is None else latch.drive.digest()
+    numbers = () if crc is None else drives.get(crc, ())
+    if not numbers:
+        return verdict
+    number = min(numbers, key=lambda other: abs(other - verdict.number))
+    return dataclasses.replace(verdict, faults=(f"the drive of frame {number}",))
 
 
 def _check_keys_of_intended_run(intended: Sequence[Intended]) -> None:

@@ -317,6 +317,10 @@ def off_by_a_twin(found, places):
     found[places[:, 0] * 0.8 + places[:, 1] * 0.6 > 0.0] += 128
 
 
+def off_in_bit_order(found, _):
+    found[:] = [int(f"{code:08b}"[::-1], 2) for code in found]
+
+
 def off_by_a_vortex(found, places):
     found += np.rint(-256 * np.arctan2(places[:, 1], places[:, 0]) / math.tau).astype(int)
 
@@ -331,6 +335,7 @@ def off_by_a_vortex(found, places):
             "order of the elements reversed",
         ),
         (off_in_low_bits, None, "lowest 5 bits of every phase lost"),
+        (off_in_bit_order, None, "bits of every phase in reverse order"),
         (off_by_copies, None, "every second element has the phase of the one before it"),
         (off_by_units, "elements 128 to 255 off by +50 LSB", "elements 60 to 119 off by +50 LSB"),
         (off_by_chips, "column 1 off by +30 LSB", "elements 64 to 79 off by +9 LSB"),

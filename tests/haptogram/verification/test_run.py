@@ -200,6 +200,22 @@ def test_a_drive_under_another_key_is_not_taken_for_the_next_frame():
     assert run.verdict is Verdict.FAIL
 
 
+@pytest.mark.parametrize("is_crc", [False, True])
+def test_the_drive_of_another_frame_is_named_by_its_frame(is_crc):
+    """Of a board that swaps its two buffers too early, each frame shows the drive before it."""
+    intended = intended_frames(4)
+    latched = [intended[0], *intended[:-1]]
+    run = verify(
+        intended,
+        [
+            by_crc(frame, shown.drive.digest()) if is_crc else seen(frame, shown.drive)
+            for frame, shown in zip(intended, latched, strict=True)
+        ],
+    )
+    names = [(), *[(f"the drive of frame {n}",) for n in range(3)]]
+    assert [frame.faults for frame in run.frames] == names
+
+
 @pytest.mark.parametrize("other", [FrameKey(SESSION + 1, 0, 0, 65_520), FrameKey(SESSION, 1, 0, 0)])
 def test_another_session_or_sequence_is_another_frame(other):
     (frame,) = intended_frames(1)
