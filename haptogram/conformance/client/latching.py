@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -28,6 +29,7 @@ from haptogram_protocol.messages import (
 from ..outcome import check_equal, unimplemented
 from .board_client import BoardClient
 from .capabilities import TRACES
+from .playback import play_out
 from .stream_kinds import points_of_stream_kind
 
 FULL: Final = 255
@@ -156,6 +158,27 @@ def send_to_arrive_at(board: BoardClient, t_us: int, wires: bytes) -> None:
 def drive_crc(registers: bytes) -> int:
     """Return the CRC-32 of a drive at full amplitude, as a trace tells it."""
     return zlib.crc32(full_client_drive(registers))
+
+
+def streamed_crcs(board: BoardClient, frames: Iterable[Message]) -> list[int]:
+    """Latch frames of the stream, each as soon as complete; return the CRC-32 that TRACE tells."""
+    since = board.link.mark()
+    for frame in frames:
+        latch_now(board, frame)
+    return [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
+
+
+def played_crcs(
+    board: BoardClient,
+    sequence: int,
+    frames: int,
+    mode: TraceMode = TraceMode.CRC,
+    period_us: int | None = None,
+) -> list[int]:
+    """Play a stored sequence to its end; return the CRC-32 of each latch that is traced."""
+    since = board.arm()
+    play_out(board, sequence, frames, period_us=period_us)
+    return [latch.crc for latch in latches_received_from_board(board, since, mode)]
 
 
 def full_client_drive(registers: bytes) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import (
@@ -78,10 +79,12 @@ def _stream_kind_of_drives(board: BoardClient) -> Message:
 
 
 def _stream_kind_of_points(board: BoardClient, number: int) -> StreamKind:
-    def make() -> Message:
-        return Points(tuple(random_point_to_send(board, number) for _ in range(number)))
+    return StreamKind(f"POINTS ({number})", partial(random_points_to_send, board, number))
 
-    return StreamKind(f"POINTS ({number})", make)
+
+def random_points_to_send(board: BoardClient, number: int = 1) -> Points:
+    """Return a frame of so many random focal points."""
+    return Points(tuple(random_point_to_send(board, number) for _ in range(number)))
 
 
 def random_point_to_send(board: BoardClient, number: int = 1) -> FocalPoint:

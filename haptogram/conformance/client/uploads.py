@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -18,6 +20,7 @@ from haptogram_protocol.messages import (
     UploadCommitReply,
     UploadKind,
 )
+from haptogram_protocol.rules import UPLOADS
 
 from ..outcome import check, not_observed
 from .board_client import BoardClient
@@ -27,6 +30,61 @@ from .wire import ReceivedByClient
 #: for few, and none can be deleted.
 SEQUENCES: Final = (1, 2, 3, 4, 5, 6, 7, 0x0101, 0x0201, 0x8001)
 _LARGEST_CHUNK: Final = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class UploadForm:
+    """Form of an upload.
+
+    Attributes
+    ----------
+    kind : UploadKind
+        What it holds.
+    points : int
+        Focal points in a frame; 0: none.
+    target : int
+        Sequence; 0: the correction.
+    frame_bytes : int
+        Bytes of a frame.
+    """
+
+    kind: UploadKind
+    points: int
+    target: int
+    frame_bytes: int
+
+    def most_frames(self, board: BoardClient) -> int:
+        """Return the number of frames that one upload takes at most."""
+        most = board.identity.max_upload_bytes // self.frame_bytes
+        return min(most, board.identity.max_sequence_frames) if self.target else 1
+
+    def request(self, size: int, crc: int = 0) -> UploadBegin:
+        """Return an UPLOAD_BEGIN of *size* bytes."""
+        return UploadBegin(self.kind, self.points, self.target, size, crc)
+
+    def begin(self, board: BoardClient, data: bytes) -> UploadBeginReply:
+        """Announce an upload; see :func:`begin_upload`."""
+        return begin_upload(board, self.kind, self.target, data, self.points)
+
+    def upload(self, board: BoardClient, data: bytes) -> None:
+        """Upload *data*; see :func:`upload_to_board`."""
+        upload_to_board(board, self.kind, self.target, data, self.points)
+
+
+def upload_forms(
+    board: BoardClient, target: int = 1, points: Iterable[int] = (1,)
+) -> list[UploadForm]:
+    """Return every form of upload that the board takes; UNIMPLEMENTED if it takes none."""
+    board.need_any(UPLOADS)
+    count, point_bytes = board.identity.transducers, FocalPoint.LAYOUT.size
+    forms = {
+        Feature.SEQUENCE_PHASES: [UploadForm(UploadKind.PHASES, 0, target, count)],
+        Feature.CORRECTION: [UploadForm(UploadKind.CORRECTION, 0, 0, count)],
+        Feature.SEQUENCE_POINTS: [
+            UploadForm(UploadKind.POINTS, number, target, number * point_bytes) for number in points
+        ],
+    }
+    return [form for feature, some in forms.items() if board.has(feature) for form in some]
 
 
 def upload_to_board(

@@ -82,14 +82,14 @@ def every_playback_end_is_told(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     for (moment, (bring, least)), (name, end) in itertools.product(_MOMENTS.items(), _ENDS.items()):
         board.arm()
-        since, before = board.link.mark(), board.status().counters.latched
+        since, before = board.link.mark(), board.status().counters
         bring(board)
         end(board)
         board.link.barrier()
         text = f"a playback {moment}, ended by {name}"
         events = [event for _, event in board.link.events(PlaybackEnded, since)]
         check(len(events) == 1, f"{text}: {len(events)} PLAYBACK_ENDED, due is 1")
-        latched = (board.status().counters.latched - before) & 0xFFFFFFFF
+        latched = board.counted_since(before)["latched"]
         told = (events[0].sequence, events[0].frames, events[0].loops)
         due = (_SEQUENCE, latched, latched // _FRAMES)
         check(told == due, f"{text}: sequence, frames and loops {told}, due are {due}")

@@ -60,7 +60,7 @@ def many_playback_loops_go_on(board: BoardClient) -> None:
         send_phases_to_store(board, _SEQUENCE, frames=frames)
         for loops in _playback_loop_numbers(frames):
             board.arm()
-            since, before = board.link.mark(), board.status().counters.latched
+            since, before = board.link.mark(), board.status().counters
             play_now(board, _SEQUENCE, loops=loops, period_us=period_us)
             board.wire.idle(_SEEN * period_us)
             name = f"{loops} loops of {frames} frames"
@@ -68,7 +68,7 @@ def many_playback_loops_go_on(board: BoardClient) -> None:
                 event = board.link.events(PlaybackEnded, since)[0][1]
                 fail(f"{name} end after {event.frames} frames")
             board.link.call(Stop(), StopReply)
-            latched = (board.status().counters.latched - before) & 0xFFFFFFFF
+            latched = board.counted_since(before)["latched"]
             check(latched >= _SEEN - 1, f"{name}: {latched} latches in {_SEEN} periods")
 
 
@@ -153,13 +153,13 @@ def every_playback_start_is_kept(board: BoardClient) -> None:
         board.disarm()  # no hold runs
         board.arm()
         start_us = board.clock.on_carrier(board.clock.device_us() + ahead_us)
-        before = board.status().counters.latched
+        before = board.status().counters
         play = play_request(
             board, _SEQUENCE, loops=1, period_us=_playback_period_us(board), unattended_ms=alone_ms
         )
         board.link.call(play, PlayReply, time_us=start_us)
         board.clock.wait_before(start_us - 30 * _MS)
-        early = (board.status().counters.latched - before) & 0xFFFFFFFF
+        early = board.counted_since(before)["latched"]
         in_time = board.clock.device_us() < start_us
         board.clock.wait_until(start_us + _MS)
         got_us = board.last_latch_us()

@@ -8,31 +8,28 @@ from typing import Final
 from haptogram_protocol.messages import (
     Feature,
     Flag,
-    FocalPoint,
     ReadTrace,
     Stop,
     StopReply,
     TraceDrive,
     TraceMode,
     TraceReply,
-    UploadKind,
 )
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, latches_received_from_board
 from ...client.playback import (
-    UNATTENDED_MS,
     await_playback_end,
-    play_at,
     play_now,
     play_out,
     send_phases_to_store,
     shortest_period_to_play_us,
 )
-from ...client.stream_kinds import random_point_to_send
-from ...client.uploads import frames_with_room, upload_to_board
-from ...outcome import SELF_REPORTED, check, check_equal, require
+from ...client.stream_kinds import random_points_to_send
+from ...client.uploads import UploadForm, frames_with_room, upload_forms
+from ...outcome import SELF_REPORTED, check, check_equal, named, require
+from .playback import judge_playback
 
 _SEQUENCE: Final = 0x0201
 #: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.
@@ -56,20 +53,16 @@ _MANY_DIVIDER: Final = 40_000  # no divisor of 2^16, and of 16 bits itself
 _WINDOW_US: Final = 100_000
 
 
-def _store_playback(board: BoardClient, kind: UploadKind, frames: int) -> None:
-    if kind is UploadKind.PHASES:
-        send_phases_to_store(board, _SEQUENCE, frames=frames)
-        return
-    data = b"".join(random_point_to_send(board).pack() for _ in range(frames))
-    upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, 1)
+def _played_forms(board: BoardClient, sequence: int = _SEQUENCE) -> list[UploadForm]:
+    """Return the forms of sequences that the board plays."""
+    board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
+    return [form for form in upload_forms(board, sequence) if form.target]
 
 
-def _kinds_of_playback(board: BoardClient) -> list[UploadKind]:
-    features = (
-        (Feature.SEQUENCE_PHASES, UploadKind.PHASES),
-        (Feature.SEQUENCE_POINTS, UploadKind.POINTS),
-    )
-    return [kind for feature, kind in features if board.has(feature)]
+def _random_frame(board: BoardClient, form: UploadForm) -> bytes:
+    if form.points:
+        return random_points_to_send(board).serialize()
+    return board.random.randbytes(form.frame_bytes)
 
 
 def _shortest_playback_us(board: BoardClient) -> int:
@@ -87,38 +80,16 @@ def every_playback_size_is_played(board: BoardClient) -> None:
     once
     """
     ring = board.identity.trace_ring
-    for kind in _kinds_of_playback(board):
-        for frames, loops, period_us in _SHAPES:
-            if frames * loops > ring or frames > board.identity.max_sequence_frames:
-                continue
-            board.hello()
-            board.configure(trace_mode=TraceMode.RING)
-            _store_playback(board, kind, frames)
-            since = board.arm()
-            start_us = board.clock.soon_us(bytes(100), ahead_us=1003)
-            period = max(period_us or _shortest_playback_us(board), board.identity.point_time_us)
-            alone_ms = max(UNATTENDED_MS, 2 * frames * loops * period // 1000)
-            play_at(
-                board,
-                _SEQUENCE,
-                start_us,
-                loops=loops,
-                period_us=period,
-                unattended_ms=alone_ms,
-            )
-            event = await_playback_end(board, since, frames * loops * period)
-            due = [
-                (_SEQUENCE, n // frames, n % frames, board.clock.on_carrier(start_us + n * period))
-                for n in range(frames * loops)
-            ]
-            seen = latches_received_from_board(board, since, TraceMode.RING)
-            got = [(latch.sequence, latch.loop, latch.index, latch.t_us) for latch in seen]
-            name = f"{kind.name}, {frames} frames, {loops} loops, {period} µs"
-            wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
-            check(not wrong, f"{name}: (sequence, loop, index, time) seen and due: {wrong[:1]}")
-            check(len(got) == len(due), f"{name}: {len(got)} latches, {len(due)} were due")
-            told = (event.sequence, event.loops, event.frames)
-            check_equal(told, (_SEQUENCE, loops, frames * loops), f"{name}: PLAYBACK_ENDED {told}")
+    for form, (frames, loops, period_us) in itertools.product(_played_forms(board), _SHAPES):
+        if frames * loops > ring or frames > board.identity.max_sequence_frames:
+            continue
+        board.hello()
+        board.configure(trace_mode=TraceMode.RING)
+        form.upload(board, b"".join(_random_frame(board, form) for _ in range(frames)))
+        period = max(period_us or _shortest_playback_us(board), board.identity.point_time_us)
+        name = f"{form.kind.name}, {frames} frames, {loops} loops, {period} µs"
+        with named(name):
+            judge_playback(board, TraceMode.RING, _SEQUENCE, frames, loops, period)
 
 
 @case(
@@ -131,11 +102,10 @@ def frames_of_long_playback_are_those_stored(board: BoardClient) -> None:
     """two sequences of more than 64 KiB, of phases and points: each frame latched is the one
     stored
     """
-    for kind in _kinds_of_playback(board):
-        for sequence in (_SEQUENCE, _BEHIND):
-            wanted = _OVER_16_BITS // _frame_bytes_of_playback(board, kind) + 2
-            stored = _store_mixed_frames(board, kind, sequence, wanted)
-            name = f"{kind.name}, {len(stored)} frames of {len(stored[0])} bytes"
+    for sequence in (_SEQUENCE, _BEHIND):
+        for form in _played_forms(board, sequence):
+            stored = _store_mixed_frames(board, form, _OVER_16_BITS // form.frame_bytes + 2)
+            name = f"{form.kind.name}, {len(stored)} frames of {len(stored[0])} bytes"
             _judge_frames_of_long_playback(board, sequence, stored, name)
 
 
@@ -150,7 +120,7 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
     """a sequence of as many frames as the board takes, 65537 at most, is stored, and its first
     play
     """
-    kind, stored = _store_most_frames(board)
+    form, stored = _store_most_frames(board)
     _begin_traced_playback(board)
     since = board.link.mark()
     period_us, seen_us = _shortest_playback_us(board), 20_000
@@ -160,13 +130,13 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
     board.wire.idle(seen_us)
     board.link.call(Stop(), StopReply)
     ended = await_playback_end(board, since, 0)
-    name = f"{kind.name}, {len(stored)} frames"
+    name = f"{form.kind.name}, {len(stored)} frames"
     check_equal(ended.loops, 0, f"{name}: PLAYBACK_ENDED says {ended.loops} loops within 20 ms")
     seen = latches_received_from_board(board, since, TraceMode.RING)
     got = [(latch.loop, latch.index) for latch in seen]
     due = [(0, index) for index in range(ended.frames)]
     check_equal(got, due[-board.identity.trace_ring :], f"{name}: (loop, index) are {got[:3]}...")
-    upload_to_board(board, kind, _SEQUENCE, stored[0], int(kind is UploadKind.POINTS))  # makes room
+    form.upload(board, stored[0])  # makes room
 
 
 @case(
@@ -179,17 +149,17 @@ def playback_of_most_frames_is_what_was_stored(board: BoardClient) -> None:
     """a sequence of as many frames as the board takes, 65537 at most, is played to its last
     frame
     """
-    kind, stored = _store_most_frames(board)
-    _judge_frames_of_long_playback(board, _SEQUENCE, stored, f"{kind.name}, {len(stored)} frames")
-    upload_to_board(board, kind, _SEQUENCE, stored[0], int(kind is UploadKind.POINTS))  # makes room
+    form, stored = _store_most_frames(board)
+    _judge_frames_of_long_playback(
+        board, _SEQUENCE, stored, f"{form.kind.name}, {len(stored)} frames"
+    )
+    form.upload(board, stored[0])  # makes room
 
 
-def _store_most_frames(board: BoardClient) -> tuple[UploadKind, list[bytes]]:
-    """Store a sequence of the kind whose frames are the shortest; return both."""
-    board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
-    kinds = _kinds_of_playback(board)
-    kind = min(kinds, key=lambda kind: _frame_bytes_of_playback(board, kind))
-    return kind, _store_mixed_frames(board, kind, _SEQUENCE, _MOST)
+def _store_most_frames(board: BoardClient) -> tuple[UploadForm, list[bytes]]:
+    """Store a sequence of the form whose frames are the shortest; return both."""
+    form = min(_played_forms(board), key=lambda form: form.frame_bytes)
+    return form, _store_mixed_frames(board, form, _MOST)
 
 
 def _begin_traced_playback(board: BoardClient) -> None:
@@ -197,24 +167,13 @@ def _begin_traced_playback(board: BoardClient) -> None:
     board.arm(trace_mode=TraceMode.RING)
 
 
-def _frame_bytes_of_playback(board: BoardClient, kind: UploadKind) -> int:
-    phases = kind is UploadKind.PHASES
-    return board.identity.transducers if phases else FocalPoint.LAYOUT.size
-
-
-def _store_mixed_frames(
-    board: BoardClient, kind: UploadKind, sequence: int, wanted: int
-) -> list[bytes]:
+def _store_mixed_frames(board: BoardClient, form: UploadForm, wanted: int) -> list[bytes]:
     """Store a sequence of *wanted* frames, or as many as find room, of a few shapes; return it."""
-    size, points = _frame_bytes_of_playback(board, kind), int(kind is UploadKind.POINTS)
-    room = min(board.identity.max_sequence_frames, board.identity.max_upload_bytes // size)
-    frames = frames_with_room(board, kind, sequence, min(wanted, room), size)
-    if points:
-        shapes = [random_point_to_send(board).pack() for _ in range(_SHAPES_MIXED)]
-    else:
-        shapes = [board.random.randbytes(size) for _ in range(_SHAPES_MIXED)]
+    wanted = min(wanted, form.most_frames(board))
+    frames = frames_with_room(board, form.kind, form.target, wanted, form.frame_bytes)
+    shapes = [_random_frame(board, form) for _ in range(_SHAPES_MIXED)]
     stored = [board.random.choice(shapes) for _ in range(frames)]
-    upload_to_board(board, kind, sequence, b"".join(stored), points)
+    form.upload(board, b"".join(stored))
     return stored
 
 
@@ -322,7 +281,7 @@ def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
     board.clock.require_horizon(board.clock.ready_us(_WINDOW_US // 2))
     for divider in (2, 3, 4):
         board.arm(trace_mode=TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US)
-        since, latched = board.link.mark(), board.status().counters.latched
+        since, before = board.link.mark(), board.status().counters
         keys = []
         for _ in range(3):
             for lateness_us in (None, _WINDOW_US // 20, -_WINDOW_US // 2):
@@ -333,7 +292,7 @@ def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
                 board.clock.wait_latched()
             keys.append((_SEQUENCE, 0))
             play_out(board, _SEQUENCE, 1)
-        counted = (board.status().counters.latched - latched) & 0xFFFFFFFF
+        counted = board.counted_since(before)["latched"]
         check_equal(counted, len(keys), f"of {len(keys)} frames {counted} are latched")
         got = [(e.key.sequence, e.key.index) for _, e in board.link.events(TraceDrive, since)]
         due = keys[::divider]

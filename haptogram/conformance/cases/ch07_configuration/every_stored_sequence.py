@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import zlib
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -30,28 +28,28 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import full_client_drive, latches_received_from_board
+from ...client.latching import drive_crc, latches_received_from_board, played_crcs
 from ...client.playback import (
-    UNATTENDED_MS,
     period_to_play,
     play_later,
     play_now,
-    play_out,
     play_request,
+    send_phases_to_store,
 )
 from ...client.uploads import (
     SEQUENCES,
     announce_upload,
     begin_upload,
     send_upload_chunks,
-    upload_to_board,
+    upload_correction,
+    upload_forms,
 )
 from ...outcome import SELF_REPORTED, check, check_equal
 
 _IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
 _ABSENT: Final = 0x6000  # of no sequence; those behind it are stored
 _MANY: Final = 70
-_FOCUS: Final = FocalPoint(0, 0, 100_000, 0xFFFF, 0)
+_FOCUS: Final = FocalPoint(0, 0, 100_000, 0xFFFF, 0).pack()
 _AHEAD_US: Final = 5_000_000
 _WAITS_US: Final = 300_000
 _TRACED_BYTES: Final = 150  # of a trace, and as much of replies
@@ -75,33 +73,14 @@ class SequenceStore:
 
     def put(self, sequence: int, frames: int) -> None:
         """Upload a sequence of random phases in place of the one with this id."""
-        count = self.board.identity.transducers
-        drives = [self.board.random.randbytes(count) for _ in range(frames)]
-        upload_to_board(self.board, UploadKind.PHASES, sequence, b"".join(drives))
-        self.crcs[sequence] = [zlib.crc32(full_client_drive(drive)) for drive in drives]
-
-    def abandon(self, sequence: int, frames: int) -> None:
-        """Begin an upload of a sequence, and do not go on."""
-        size = frames * self.board.identity.transducers
-        begin = UploadBegin(UploadKind.PHASES, 0, sequence, size, 0)
-        announce_upload(self.board, begin)
+        drives = send_phases_to_store(self.board, sequence, frames=frames)
+        self.crcs[sequence] = list(map(drive_crc, drives))
 
     def check_all(self, name: str) -> None:
         """FAILED unless every sequence is played as it was uploaded."""
         for sequence, due in self.crcs.items():
-            self.board.arm()
-            since = self.board.link.mark()
-            play_out(self.board, sequence, len(due))
-            got = [
-                latch.crc for latch in latches_received_from_board(self.board, since, TraceMode.CRC)
-            ]
+            got = played_crcs(self.board, sequence, len(due))
             check(got == due, f"{name}: sequence {sequence:#06x} is not played as it was uploaded")
-
-
-def _orders_of_stored_sequences() -> Iterator[tuple[int, ...]]:
-    """Yield orders in which the sequences are replaced, one of them twice."""
-    for order in itertools.permutations(range(len(_IDS))):
-        yield (*order, order[0])
 
 
 @case(
@@ -111,7 +90,8 @@ def _orders_of_stored_sequences() -> Iterator[tuple[int, ...]]:
 )
 def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
     """3 sequences, each replaced in every order by a longer or shorter one: all are played whole"""
-    orders = list(_orders_of_stored_sequences())
+    # in every order, one of them twice
+    orders = [(*order, order[0]) for order in itertools.permutations(range(len(_IDS)))]
     for order in orders if board.thorough else orders[3:4]:
         board.configure(trace_mode=TraceMode.CRC)
         store = SequenceStore(board)
@@ -121,9 +101,10 @@ def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
         for turn, place in enumerate(order):
             store.put(_IDS[place], _SIZES[1 + turn % 2][place] + turn % 3)
             if board.has(Feature.CORRECTION) and turn == 1:
-                upload_to_board(board, UploadKind.CORRECTION, 0, bytes(board.identity.transducers))
-            if turn == 2:
-                store.abandon(_IDS[order[0]], 4)
+                upload_correction(board, bytes(board.identity.transducers))
+            if turn == 2:  # begun, and not gone on with
+                form = upload_forms(board, _IDS[order[0]])[0]
+                announce_upload(board, form.request(4 * form.frame_bytes))
             store.check_all(f"replaced in the order {order[: turn + 1]}")
         board.hello()
         store.check_all(f"replaced in the order {order}, in a new session")
@@ -147,7 +128,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     store.put(third, 1)
     store.put(first, 1)
     if board.has(Feature.CORRECTION):
-        upload_to_board(board, UploadKind.CORRECTION, 0, bytes(board.identity.transducers))
+        upload_correction(board, bytes(board.identity.transducers))
     board.wire.idle(10_000)
     board.link.ask(Mute())
     got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
@@ -200,7 +181,7 @@ def _judge_commit_of_playing_sequence(store: SequenceStore, end: Message, *, wai
     same = got == store.crcs[sequence] * len(got)
     check(same, f"{name}: an upload whose commit is refused is played")
     board.link.call(UploadCommit(sequence), UploadCommitReply)
-    store.crcs[sequence] = [zlib.crc32(full_client_drive(drive))]
+    store.crcs[sequence] = [drive_crc(drive)]
     store.check_all(f"committed behind {name}")
 
 
@@ -209,29 +190,19 @@ def no_sequence_outlives_a_reset(board: BoardClient) -> None:
     """after a reset no sequence of either kind is stored, and no upload is under way"""
     board.hello()
     board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
-    frames = {
-        UploadKind.PHASES: (Feature.SEQUENCE_PHASES, bytes(board.identity.transducers)),
-        UploadKind.POINTS: (Feature.SEQUENCE_POINTS, _FOCUS.pack()),
-    }
-    stored = [kind for kind, (feature, _) in frames.items() if board.has(feature)]
-    for kind in stored:
-        points = int(kind is UploadKind.POINTS)
-        upload_to_board(board, kind, SEQUENCES[kind], frames[kind][1], points)
-        begin_upload(board, kind, SEQUENCES[0], frames[kind][1], points)
+    stored = [form for form in upload_forms(board) if form.target]
+    frames = {UploadKind.PHASES: bytes(board.identity.transducers), UploadKind.POINTS: _FOCUS}
+    for form in stored:
+        replace(form, target=SEQUENCES[form.kind]).upload(board, frames[form.kind])
+        replace(form, target=SEQUENCES[0]).begin(board, frames[form.kind])
     assert board.restart is not None  # the case needs a reset
     board = board.restart()
     board.hello()
     board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
-    unattended_ms = min(UNATTENDED_MS, board.identity.max_unattended_ms)
     board.arm()
-    for kind in stored:
-        play = play_request(
-            board,
-            SEQUENCES[kind],
-            loops=1,
-            period_us=period_to_play(board, 1),
-            unattended_ms=unattended_ms,
-        )
+    for form in stored:
+        period_us = period_to_play(board, 1)
+        play = play_request(board, SEQUENCES[form.kind], loops=1, period_us=period_us)
         board.link.refused(play, ErrorCode.NOT_FOUND, 0, flags=Flag.IMMEDIATE)
 
 
@@ -246,15 +217,14 @@ def many_sequences_are_stored(board: BoardClient) -> None:
     number
     """
     board.configure(trace_mode=TraceMode.CRC)
-    store, count = SequenceStore(board), board.identity.transducers
+    store, frame = SequenceStore(board), board.identity.transducers
     for sequence in SEQUENCES:  # later cases find room for theirs
         store.put(sequence, 1)
     board.arm()
     held = _refused_play_of_sequence(board, _ABSENT)
     for sequence in range(_ABSENT + 1, _ABSENT + 1 + _MANY):
         is_new = _refused_play_of_sequence(board, sequence) is not None
-        begin = UploadBegin(UploadKind.PHASES, 0, sequence, count, 0)
-        answer = board.link.ask(begin)
+        answer = board.link.ask(UploadBegin(UploadKind.PHASES, 0, sequence, frame, 0))
         if isinstance(answer.message, Error):  # no room for one more
             board.link.error_in(answer, UploadBegin.TYPE, ErrorCode.TOO_LARGE)
             break
