@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from haptogram_protocol.messages import (
     DriveKind,
@@ -206,13 +206,6 @@ class ClientLatch:
     def key(self) -> LatchKey:
         """The key of the latch, as a read-back or the ring shows it."""
         return LatchKey(self.sequence, self.loop, self.index)
-
-
-def begin_traces(board: BoardClient, mode: TraceMode, **changes: Any) -> int:
-    """Configure a trace mode, arm, and return the mark of the first event."""
-    board.configure(trace_mode=mode, **changes)
-    board.arm()
-    return board.link.mark()
 
 
 def ask_for_board_latches(board: BoardClient, traces: Feature = TRACES) -> TraceMode:

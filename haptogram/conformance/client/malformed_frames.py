@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import random
 import zlib
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from typing import Final
 
 from haptogram_protocol.framing import cobs_encode, encode_frame
 from haptogram_protocol.messages import Mute, Ping
+from haptogram_protocol.record import Record
 
 from .request_client import RequestClient
 
@@ -86,6 +89,37 @@ def malformed_mute_of_size(link: RequestClient, size: int) -> tuple[bytes, int]:
             if len(encoded) == size:
                 return encoded, seq
     raise AssertionError(f"no frame of {size} bytes was found")
+
+
+# --- values of no table ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class ValueByte:
+    """A byte of a payload that may have some values only."""
+
+    name: str
+    offset: int
+    allowed: Collection[int]
+
+    def wrong_values(self, *, thorough: bool) -> list[int]:
+        """Return the values that are not allowed: all, or those a bit away from an allowed one."""
+        near = {value ^ 1 << bit for value in self.allowed for bit in range(8)} | {0xFF}
+        return sorted((set(range(0x100)) if thorough else near) - set(self.allowed))
+
+    def put(self, payload: bytes, value: int) -> bytes:
+        """Return *payload* with *value* in this byte."""
+        return payload[: self.offset] + bytes([value]) + payload[self.offset + 1 :]
+
+
+def value_bytes(kind: type[Record], at: int = 0) -> Iterator[ValueByte]:
+    """Yield the bytes of a record that may have some values only, those of its records too."""
+    for name, form in kind.WIRE.items():
+        offset = at + form.offset
+        if form.record is not None:
+            yield from value_bytes(form.record, offset)
+        elif form.enumeration is not None:
+            yield ValueByte(name, offset, [int(value) for value in form.enumeration])
 
 
 # --- other checksums, to name the one that a board uses ----------------------------------------

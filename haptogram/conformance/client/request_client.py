@@ -372,6 +372,11 @@ class RequestClient:
         """Send any request and return the ERROR; FAILED unless it has this code and detail."""
         return self.error_in(self.ask_raw(kind, payload, **header), kind, code, detail)
 
+    def refused_as_used(self, message: Message, seq: int | None = None) -> None:
+        """FAILED unless a request with a used number, or the last one, gets SEQUENCE_REUSED."""
+        used, flags = (self.seq if seq is None else seq) & 0xFFFF, flags_at_once(message)
+        self.refused(message, ErrorCode.SEQUENCE_REUSED, used, seq=used, flags=flags)
+
     def error_in(
         self, answer: ReceivedByClient, kind: int, code: ErrorCode, detail: int | None = None
     ) -> Error:

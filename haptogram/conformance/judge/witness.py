@@ -6,7 +6,7 @@ import zlib
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.messages import Feature, TraceMode
+from haptogram_protocol.messages import DriveKind, Feature, LatchKey, TraceMode
 
 from ..client.board_client import BoardClient
 from ..client.latching import (
@@ -15,8 +15,9 @@ from ..client.latching import (
     ask_for_board_latches,
     latches_received_from_board,
     read_back,
+    read_drive,
 )
-from ..outcome import check, fail, unimplemented
+from ..outcome import check, check_equal, fail, unimplemented
 
 _SHOWN: Final = 4  # transducers named in a message
 
@@ -82,6 +83,17 @@ def expect_witnessed_drive(
         f"{named or 'another drive'}: {len(wrong)} transducers differ "
         f"((phase, amplitude) of {'; '.join(wrong[:_SHOWN])})"
     )
+
+
+def judge_nothing_read_back(board: BoardClient, kind: DriveKind, text: str) -> None:
+    """FAILED unless codes, key and time of the whole and of its last transducer are 0."""
+    for first in (0, board.identity.transducers - 1):
+        reply = read_drive(board, kind, first)
+        name = f"{text}: READ_DRIVE({kind.name}) from {first}"
+        codes = sum(code != 0 for code in reply.data)
+        check_equal(codes, 0, f"{name} shows {codes} codes of {len(reply.data)} that are not 0")
+        found = reply.key, reply.t_latch_us
+        check_equal(found, (LatchKey(0, 0, 0), 0), f"{name} shows key and time {found}")
 
 
 def _drive_faults_of_witness(

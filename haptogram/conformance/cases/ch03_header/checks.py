@@ -64,10 +64,9 @@ def checks_requests_in_order(board: BoardClient) -> None:
     used = board.link.seq
     refused = board.link.refused_raw
     refused(_UNKNOWN_REQUEST, b"", ErrorCode.UNSUPPORTED, _UNKNOWN_REQUEST, session=stale)
-    refused(
-        Ping.TYPE, bytes(8), ErrorCode.STALE_SESSION, board.link.session, session=stale, flags=0x40
-    )
-    refused(Ping.TYPE, bytes(3), ErrorCode.STALE_SESSION, board.link.session, session=stale)
+    for payload, flags in ((bytes(8), 0x40), (bytes(3), 0)):
+        header, is_open = {"session": stale, "flags": flags}, board.link.session
+        refused(Ping.TYPE, payload, ErrorCode.STALE_SESSION, is_open, **header)
     refused(Ping.TYPE, bytes(3), ErrorCode.UNSUPPORTED, 0x40, flags=0x40)
     refused(Ping.TYPE, bytes(3), ErrorCode.BAD_LENGTH, 8, seq=used)
     refused(Ping.TYPE, bytes(8), ErrorCode.UNSUPPORTED, 0x80, seq=used, flags=0x80)
@@ -147,12 +146,11 @@ def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
             if not sounds:
                 board.disarm()
             before = board.status().counters
-            arm, frame = (
-                _request_in_burst(board, Arm()),
+            arm, *others = (_request_in_burst(board, message) for message in (Arm(), *ahead))
+            frame, mute = (
                 board.link.stream_wire(board.flat_phases()),
+                _mute_in_burst(board, session),
             )
-            others = [_request_in_burst(board, message) for message in ahead]
-            mute = _request_in_burst(board, Mute(), session=session)
             _judge_answers_in_burst(board, "MUTE behind others", arm, frame, *others, mute)
             board.clock.wait_latched()
             _judge_silence_behind_mute(board)
@@ -218,8 +216,12 @@ def mute_passes_all_header_checks(board: BoardClient) -> None:
 # --- MUTE in a burst ---------------------------------------------------------------------------
 
 
-def _request_in_burst(board: BoardClient, message: Message, **header: int) -> bytes:
-    return board.link.request_wire(message, flags=flags_at_once(message), **header)[0]
+def _request_in_burst(board: BoardClient, message: Message) -> bytes:
+    return board.link.request_wire(message, flags=flags_at_once(message))[0]
+
+
+def _mute_in_burst(board: BoardClient, session: int | None) -> bytes:
+    return board.link.request_wire(Mute(), session=session)[0]
 
 
 def _hello_in_burst(board: BoardClient) -> bytes:
@@ -303,7 +305,3 @@ def _is_burst_at_one_moment(board: BoardClient) -> bool:
     carrier_us = board.clock.carrier_us
     board.wire.idle((carrier_us // 2 - board.clock.device_us()) % carrier_us)
     return True
-
-
-def _mute_in_burst(board: BoardClient, session: int | None) -> bytes:
-    return board.link.request_wire(Mute(), session=session)[0]

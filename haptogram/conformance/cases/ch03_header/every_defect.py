@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
@@ -16,7 +16,6 @@ from haptogram_protocol.messages import (
     Flag,
     Message,
     Ping,
-    Play,
     Pong,
     UploadChunk,
 )
@@ -25,9 +24,25 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import refused_requests_to_send, stream_kinds, valid_requests_to_send
-from ...outcome import SELF_REPORTED, check_equal, named
+from ...outcome import SELF_REPORTED, named
 
 _SEQUENCE: Final = 2
+#: Defects of requests in the order of HG-3.8, with the codes of their refusals.
+_OF_REQUESTS: Final = {
+    "type": ErrorCode.UNSUPPORTED,
+    "session": ErrorCode.STALE_SESSION,
+    "flags": ErrorCode.UNSUPPORTED,
+    "length": ErrorCode.BAD_LENGTH,
+    "number": ErrorCode.SEQUENCE_REUSED,
+}
+#: Defects of stream frames in this order, with their counters.
+_OF_STREAM: Final = {
+    "type": "unknown_type",
+    "session": "stale_session",
+    "number": "duplicate",
+    "flags": "unsupported",
+    "length": "bad_length",
+}
 
 
 # --- Types -------------------------------------------------------------------------------------
@@ -67,13 +82,8 @@ def every_unknown_header_type_is_refused(board: BoardClient) -> None:
     with board.counting(requests=2 * len(kinds)):
         for kind in kinds:
             for session in (board.link.session, board.link.session ^ 0x0010):
-                board.link.refused_raw(
-                    kind,
-                    board.random.randbytes(kind % 20),
-                    ErrorCode.UNSUPPORTED,
-                    kind,
-                    session=session,
-                )
+                payload = board.random.randbytes(kind % 20)
+                board.link.refused_raw(kind, payload, ErrorCode.UNSUPPORTED, kind, session=session)
 
 
 # --- Two defects -------------------------------------------------------------------------------
@@ -89,82 +99,44 @@ class _Frame:
     session: int
     flags: int = 0
 
-
-@dataclass(frozen=True, slots=True)
-class _Defect:
-    """A defect of a frame, and how a board tells it.
-
-    Attributes
-    ----------
-    name, counter : str
-        For reports; what counts the frame.
-    spoil : callable
-        Takes client and frame, returns the frame with the defect.
-    code : ErrorCode or None
-        Of the refusal of a request; None: of stream frames only.
-    """
-
-    name: str
-    counter: str
-    spoil: Callable[[BoardClient, _Frame], _Frame]
-    code: ErrorCode | None = None
+    @property
+    def header(self) -> dict[str, int]:
+        """The fields of the header beside type and time."""
+        return {"seq": self.seq, "session": self.session, "flags": self.flags}
 
 
-def _detail_of_defect(board: BoardClient, frame: _Frame, defect: _Defect, right: _Frame) -> int:
+def _spoil(board: BoardClient, frame: _Frame, defects: Iterable[str]) -> _Frame:
+    """Return a frame with these defects."""
+    draw, stream = board.random, frame.kind in STREAM_RANGE
+    used = board.link.stream_next - 1 if stream else board.link.seq
+    varies = frame.kind == UploadChunk.TYPE
+    changes: dict[str, dict[str, Any]] = {
+        "type": {
+            "kind": draw.choice(_unknown_frame_types(STREAM_RANGE if stream else REQUEST_RANGE))
+        },
+        "session": {"session": board.link.session ^ 1 << draw.randrange(16)},
+        "flags": {"flags": frame.flags | draw.choice((0x20, 0x40, 0x80, 0xE0))},
+        "length": {"payload": frame.payload[:3] if varies else frame.payload + b"\x00"},
+        "number": {"seq": used & 0xFFFF},
+    }
+    for defect in defects:
+        frame = replace(frame, **changes[defect])
+    return frame
+
+
+def _detail_of_defect(board: BoardClient, frame: _Frame, defect: str, right: _Frame) -> int:
     """Return the detail of the ERROR for a defect; *right* is the frame without one."""
     kind = MESSAGES[right.kind]
-    length = 0 if kind.TAIL else kind.LAYOUT.size
     return {
         "type": frame.kind,
         "session": board.link.session,
         "flags": frame.flags & 0xE0,
-        "length": length,
+        "length": 0 if kind.TAIL else kind.LAYOUT.size,
         "number": frame.seq,
-    }[defect.name]
+    }[defect]
 
 
-def _header_type_defect(board: BoardClient, frame: _Frame) -> _Frame:
-    of = STREAM_RANGE if frame.kind in STREAM_RANGE else REQUEST_RANGE
-    return replace(frame, kind=board.random.choice(_unknown_frame_types(of)))
-
-
-def _header_session_defect(board: BoardClient, frame: _Frame) -> _Frame:
-    return replace(frame, session=board.link.session ^ 1 << board.random.randrange(16))
-
-
-def _header_flags_defect(board: BoardClient, frame: _Frame) -> _Frame:
-    return replace(frame, flags=frame.flags | board.random.choice((0x20, 0x40, 0x80, 0xE0)))
-
-
-def _length_defect(_: BoardClient, frame: _Frame) -> _Frame:
-    varies = frame.kind == UploadChunk.TYPE
-    return replace(frame, payload=frame.payload[:3] if varies else frame.payload + b"\x00")
-
-
-def _header_number_defect(board: BoardClient, frame: _Frame) -> _Frame:
-    stream = frame.kind in STREAM_RANGE
-    used = board.link.stream_next - 1 if stream else board.link.seq
-    return replace(frame, seq=used & 0xFFFF)
-
-
-#: In the order of HG-3.8.
-_OF_REQUESTS: Final = (
-    _Defect("type", "requests", _header_type_defect, ErrorCode.UNSUPPORTED),
-    _Defect("session", "requests", _header_session_defect, ErrorCode.STALE_SESSION),
-    _Defect("flags", "requests", _header_flags_defect, ErrorCode.UNSUPPORTED),
-    _Defect("length", "requests", _length_defect, ErrorCode.BAD_LENGTH),
-    _Defect("number", "requests", _header_number_defect, ErrorCode.SEQUENCE_REUSED),
-)
-_OF_STREAM: Final = (
-    _Defect("type", "unknown_type", _header_type_defect),
-    _Defect("session", "stale_session", _header_session_defect),
-    _Defect("number", "duplicate", _header_number_defect),
-    _Defect("flags", "unsupported", _header_flags_defect),
-    _Defect("length", "bad_length", _length_defect),
-)
-
-
-def _pairs_of_defects(board: BoardClient, defects: Iterable[_Defect]) -> list[tuple[_Defect, ...]]:
+def _pairs_of_defects(board: BoardClient, defects: Iterable[str]) -> list[tuple[str, ...]]:
     """Return every two defects in order, each alone and all together; if quick, neighbours only."""
     every = tuple(defects)
     if not board.thorough:
@@ -172,77 +144,59 @@ def _pairs_of_defects(board: BoardClient, defects: Iterable[_Defect]) -> list[tu
     return [*((one,) for one in every), *itertools.combinations(every, 2), every]
 
 
+def _name_with_defects(name: str, defects: Iterable[str]) -> str:
+    return f"{name} with {', '.join(f'a wrong {defect}' for defect in defects)}"
+
+
+def _right_request(board: BoardClient, message: Message) -> _Frame:
+    seq = board.link.seq + 1 & 0xFFFF
+    return _Frame(message.TYPE, message.serialize(), seq, board.link.session)
+
+
 @case("HG-3.8/1-requests", evidence=SELF_REPORTED)
-def requests_with_every_two_defects_are_checked_in_order(board: BoardClient) -> None:
+def every_two_defects_of_requests(board: BoardClient) -> None:
     """requests of every type with every two defects are refused and counted for the first of
     them
     """
     for message in valid_requests_to_send(board, _SEQUENCE):
-        seq = board.link.seq + 1 & 0xFFFF
-        right = _Frame(message.TYPE, message.serialize(), seq, board.link.session)
+        right = _right_request(board, message)
         for defects in _pairs_of_defects(board, _OF_REQUESTS):
-            if isinstance(message, UploadChunk) and defects[0].name == "number":
-                continue  # HG-4.10: carried out every time
-            frame = right
-            for defect in defects:
-                frame = defect.spoil(board, frame)
             first = defects[0]
-            assert first.code is not None  # of a request
-            with named(f"{message.TYPE.name} with {_names_of_defects(defects)}"):
-                board.link.refused_raw(
-                    frame.kind,
-                    frame.payload,
-                    first.code,
-                    _detail_of_defect(board, frame, first, right),
-                    seq=frame.seq,
-                    session=frame.session,
-                    flags=frame.flags,
-                )
+            if isinstance(message, UploadChunk) and first == "number":
+                continue  # HG-4.10: carried out every time
+            frame = _spoil(board, right, defects)
+            code, detail = _OF_REQUESTS[first], _detail_of_defect(board, frame, first, right)
+            with named(_name_with_defects(message.TYPE.name, defects)):
+                board.link.refused_raw(frame.kind, frame.payload, code, detail, **frame.header)
 
 
 @case("HG-4.9/4-numbers")
 def every_defect_leaves_the_request_number(board: BoardClient) -> None:
     """a request of every type that is refused for one defect leaves its number free for the next"""
     for message in valid_requests_to_send(board, _SEQUENCE):
-        for defect in _OF_REQUESTS[:-1]:
-            seq = board.link.seq + 1 & 0xFFFF
-            right = _Frame(message.TYPE, message.serialize(), seq, board.link.session)
-            frame = defect.spoil(board, right)
-            with named(f"{message.TYPE.name} with a wrong {defect.name}, then its number"):
-                board.link.ask_raw(
-                    frame.kind, frame.payload, seq=seq, session=frame.session, flags=frame.flags
-                )
-                board.link.call(Ping(seq), Pong)
+        for defect in list(_OF_REQUESTS)[:-1]:
+            frame = _spoil(board, _right_request(board, message), [defect])
+            with named(f"{_name_with_defects(message.TYPE.name, [defect])}, then its number"):
+                board.link.ask_raw(frame.kind, frame.payload, **frame.header)
+                board.link.call(Ping(frame.seq), Pong)
 
 
 @case("HG-3.8/1-formats", evidence=SELF_REPORTED)
-def stream_frames_with_every_two_defects_are_checked_in_order(board: BoardClient) -> None:
+def every_two_defects_of_stream_frames(board: BoardClient) -> None:
     """stream frames of every format with every two defects count once, for the first of them"""
-    board.link.stream(board.flat_phases())  # the first number is used
+    link = board.link
+    link.stream(board.flat_phases())  # the first number is used
     for kind in stream_kinds(board):
         message = kind.make()
-        for some in _pairs_of_defects(board, _OF_STREAM):
-            frame = _Frame(
-                message.TYPE,
-                message.serialize(),
-                board.link.stream_next & 0xFFFF,
-                board.link.session,
-                Flag.IMMEDIATE,
-            )
-            for defect in some:
-                frame = defect.spoil(board, frame)
-            names = {defect.name for defect in some}
-            board.link.stream_next += not names & {"session", "number"}
-            body = board.link.body(
-                frame.kind, frame.payload, seq=frame.seq, flags=frame.flags, session=frame.session
-            )
-            name = f"{kind.name} with {_names_of_defects(some)}"
-            with named(name), board.counting(**{some[0].counter: 1}):
-                board.link.unanswered(name, encode_frame(body))
-
-
-def _names_of_defects(defects: Iterable[_Defect]) -> str:
-    return ", ".join(f"a wrong {defect.name}" for defect in defects)
+        for defects in _pairs_of_defects(board, _OF_STREAM):
+            payload, seq = message.serialize(), link.stream_next & 0xFFFF
+            right = _Frame(message.TYPE, payload, seq, link.session, Flag.IMMEDIATE)
+            frame = _spoil(board, right, defects)
+            link.stream_next += not {*defects} & {"session", "number"}
+            name = _name_with_defects(kind.name, defects)
+            with named(name), board.counting(**{_OF_STREAM[defects[0]]: 1}):
+                body = link.body(frame.kind, frame.payload, **frame.header)
+                link.unanswered(name, encode_frame(body))
 
 
 # --- Counts ------------------------------------------------------------------------------------
@@ -261,10 +215,5 @@ def every_header_type_counts_once(board: BoardClient) -> None:
         if not armed:
             board.disarm()
         for message in messages:
-            flags = Flag.IMMEDIATE if isinstance(message, Play) else 0
-            before = board.status().counters
-            board.link.ask(message, flags=flags)
-            counted = board.counted_since(before)
-            found = {name: counted[name] for name in ("frames", "requests", "repeated")}
-            due = {"frames": 1, "requests": 1, "repeated": 0}
-            check_equal(found, due, f"one {message.TYPE.name} counts {found}")
+            with named(f"one {message.TYPE.name}"), board.counting(frames=1, requests=1):
+                board.link.ask_at_once(message)

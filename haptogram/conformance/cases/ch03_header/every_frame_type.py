@@ -24,7 +24,7 @@ from haptogram_protocol.messages import (
 from ...case import case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.playback import send_phases_that_fit
+from ...client.playback import send_phases_to_store_if_supported
 from ...client.request_client import flags_at_once
 from ...client.stream_kinds import (
     refused_requests_to_send,
@@ -36,6 +36,7 @@ from ...client.uploads import require_room_for_upload
 from ...client.wire import ReceivedByClient
 from ...judge.repetition import judge_repeated_reply
 from ...outcome import SELF_REPORTED, check, check_equal, named
+from ..ch04_session.responses import check_answer_session
 
 _SEQUENCE: Final = 3
 _LONG: Final = 3000
@@ -57,9 +58,8 @@ def crc_is_checked_at_every_header_type(board: BoardClient) -> None:
         frames.append(_damaged_of_every_type(body))
         wires = board.within_timers(map(malformed_frames.malformed_frame, frames))
         with board.counting(crc=len(wires), frames=1, requests=1):  # the barrier's
-            board.link.unanswered(
-                f"type {kind:#04x} with {len(payload)} bytes and a wrong CRC", *wires
-            )
+            text = f"type {kind:#04x} with {len(payload)} bytes and a wrong CRC"
+            board.link.unanswered(text, *wires)
 
 
 def _payloads_of_every_type(board: BoardClient) -> list[tuple[int, bytes]]:
@@ -84,8 +84,7 @@ def _damaged_of_every_type(body: bytes) -> bytes:
 
 def _requests_of_every_type(board: BoardClient) -> list[Message]:
     """Return a valid request of every type; the sequence that they play is stored."""
-    if any(isinstance(message, Play) for message in valid_requests_to_send(board, _SEQUENCE)):
-        send_phases_that_fit(board, _SEQUENCE, frames=2)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     board.arm()
     return list(valid_requests_to_send(board, _SEQUENCE))
 
@@ -142,11 +141,10 @@ def every_header_type_is_remembered(board: BoardClient) -> None:
             first = board.link.ask_at_once(message)
             seq = first.frame_header.seq
             judge_repeated_reply(board, message, first, name)
-            board.link.refused(Ping(seq), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+            board.link.refused_as_used(Ping(seq), seq)
         with named(f"an old {name}"), board.counting(requests=1, repeated=0):
             # GET_STATUS is the newest request now: what came before it is old.
-            flags = flags_at_once(message)
-            board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq, flags=flags)
+            board.link.refused_as_used(message, seq)
 
 
 @case("HG-6.4/1-sizes")
@@ -196,8 +194,7 @@ def every_reply_has_the_header_of_its_request(board: BoardClient) -> None:
 def _check_header(board: BoardClient, answer: ReceivedByClient, message: Message | None) -> None:
     """FAILED unless an answer is of the open session, and of the type of its request or ERROR."""
     name = message.TYPE.name if message is not None else "an unknown request"
-    kind, session = answer.frame_header.type, answer.frame_header.session
-    text = f"the answer to {name} has session {session:#06x}"
-    check_equal(session, board.link.session, text)
+    check_answer_session(answer, board.link.session, name)
+    kind = answer.frame_header.type
     types = {int(Error.TYPE)} | ({message.TYPE + RESPONSE_OFFSET} if message is not None else set())
     check(kind in types, f"{name} is answered by a frame of type {kind:#04x}")

@@ -1,4 +1,4 @@
-"""HG-3.1, HG-3.3, HG-3.4, HG-3.5, HG-3.7: the header of ten bytes: types, flags, session."""
+"""HG-3.1, HG-3.3, HG-3.4, HG-3.5, HG-3.7, HG-3.9: the header: types, flags, session; counts."""
 
 from __future__ import annotations
 
@@ -21,29 +21,36 @@ from haptogram_protocol.messages import (
     Message,
     MessageType,
     Mute,
+    Phases,
     Ping,
     Play,
     Pong,
     TraceMode,
 )
 
-from ...case import case, case_about_host
-from ...client.board_client import BoardClient
+from ...case import Depth, case, case_about_host
+from ...client.board_client import PARTS_OF_FRAMES, BoardClient
 from ...client.capabilities import requests_that_board_takes
 from ...client.dialogue import (
     crc_of_received_piece,
     full_client_dialogue,
     undamaged_received_pieces,
 )
-from ...client.latching import begin_traces, latch_now
+from ...client.latching import latch_now
+from ...client.malformed_frames import malformed_by_counter, malformed_noise
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import valid_requests_to_send
 from ...client.wire import ReceivedByClient
-from ...outcome import SELF_REPORTED, check
+from ...outcome import SELF_REPORTED, check, check_equal
 
 _UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
 _TRACES: Final = (MessageType.TRACE, MessageType.TRACE_PLAYBACK, MessageType.TRACE_DRIVE)
 _SEQUENCE: Final = 5
+_JUNK_BYTES: Final = 1 << 20
+_JUNK_S: Final = 20
+_JUNK_PIECES: Final = 50  # between two PINGs
+_NOISE: Final = 500
+_STALE: Final = 0x0F0F
 
 
 @case("HG-3.1/1")
@@ -98,9 +105,6 @@ def refuses_unknown_header_types(board: BoardClient) -> None:
 not_host_response = case_about_host("HG-3.3/4")
 
 
-# --- Flags -------------------------------------------------------------------------------------
-
-
 @case("HG-3.4/1")
 def refuses_unknown_header_flags(board: BoardClient) -> None:
     """each must-understand flag that is unknown refuses a request, by its bit"""
@@ -143,7 +147,7 @@ def every_late_flag(board: BoardClient) -> None:
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     trace = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
     period_ms = board.quick_status_ms
-    since = begin_traces(board, trace, late_window_us=100_000, status_period_ms=period_ms)
+    since = board.arm(trace_mode=trace, late_window_us=100_000, status_period_ms=period_ms)
     board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()
     board.wire.idle_beyond(1200 * period_ms)
@@ -184,9 +188,6 @@ def immediate_flag_ignores_the_time(board: BoardClient) -> None:
             board.clock.wait_latched()
 
 
-# --- Session -----------------------------------------------------------------------------------
-
-
 @case("HG-3.7/1")
 def header_carries_the_session(board: BoardClient) -> None:
     """every frame of a full dialogue carries its session; ERROR may carry 0"""
@@ -214,3 +215,83 @@ def drops_headers_of_another_session(board: BoardClient) -> None:
 
 
 not_host_session = case_about_host("HG-3.7/3")
+
+
+@case("HG-3.9/3", evidence=SELF_REPORTED)
+def junk_headers_are_survived(board: BoardClient) -> None:
+    """junk of every kind neither restarts the board nor moves a counter back nor disarms it"""
+    boot_id, before = board.identity.boot_id, board.status()
+    board.arm()
+    asked_us = board.wire.now_us()
+    for _ in range(40):
+        size = board.random.randrange(1, 600)
+        board.link.send(b"\x00", board.random.randbytes(size), b"\x00")
+        board.wire.idle_while_sending()
+        if board.wire.now_us() - asked_us > 250 * board.config.host_timeout_ms:
+            asked_us = board.wire.now_us()
+            board.link.call(Ping(size), Pong)  # junk restarts no lease
+    after = board.status()
+    check_equal(after.state.name, "ARMED", f"junk has moved the board to {after.state.name}")
+    check(after.counters.frames > before.counters.frames, "the counters began anew: a restart")
+    check_equal(board.hello().boot_id, boot_id, "boot_id is another one: junk restarts the board")
+
+
+@case("HG-3.9/4", depth=Depth.DEFAULT)
+def junk_headers_leak_no_memory(board: BoardClient) -> None:
+    """1 MiB of junk, or 20 s of it: PINGs are answered, and free_bytes is as before"""
+    before = board.status()
+    left = min(_JUNK_BYTES, board.wire.baudrate // 10 * _JUNK_S)
+    while left > 0:
+        junk = [_counted_junk_headers(board) for _ in range(_JUNK_PIECES)]
+        board.link.send(*junk)
+        board.link.call(Ping(left), Pong)
+        left -= sum(map(len, junk))
+    after = board.status()
+    got, due = after.free_bytes, before.free_bytes
+    check(got == due, f"free_bytes was {due}, after junk {got}: it leaks")
+
+
+def _counted_junk_headers(board: BoardClient) -> bytes:
+    """Return junk of every kind: a short frame, no COBS, a wrong CRC, a run without an end."""
+    damaged, noise = malformed_by_counter(board.link), malformed_noise(board.random, _NOISE)
+    return b"".join((damaged["short"], damaged["cobs"], damaged["crc"], noise, b"\x00"))
+
+
+@case("HG-3.9/1", evidence=SELF_REPORTED)
+def header_defects_count_once(board: BoardClient) -> None:
+    """of one frame with each defect every counter grows by 1, and frames by their number"""
+    link, good, used = board.link, board.flat_phases(), board.link.stream_next
+    wires = {
+        "dropped_state": link.stream_wire(good),
+        "duplicate": link.stream_wire(good, seq=used),
+        "stale_session": link.stream_wire(good, seq=used, session=link.session ^ _STALE),
+        "unsupported": link.stream_wire(good, flags=0x40),
+        "bad_length": link.stream_raw(Phases.TYPE, good.serialize() + b"\x00"),
+        **malformed_by_counter(link),
+    }
+    with board.counting(frames=6, requests=0, **dict.fromkeys(wires, 1)):
+        link.send(*wires.values())
+        board.wire.idle_while_sending()
+
+
+@case("HG-3.9/2", evidence=SELF_REPORTED)
+def header_counts_add_up(board: BoardClient) -> None:
+    """frames = accepted + requests + repeated + every drop, over 60 frames of all sorts"""
+    board.arm()
+    before = board.status().counters
+    good, queued, sent = board.flat_phases(), 0, 0
+    for number in range(15):
+        board.link.stream(good)
+        queued += 1
+        board.link.stream(good, seq=board.link.stream_next - 1)
+        board.link.call(Ping(number), Pong)
+        board.link.stream(good, flags=Flag.IMMEDIATE | 0x40)
+        sent += 4
+    counted = board.counted_since(before)
+    frames = counted["frames"]
+    check_equal(frames, sent, f"{sent} frames were sent, frames counts {frames}")
+    parts = {name: counted[name] for name in PARTS_OF_FRAMES if counted[name]}
+    total = sum(parts.values())
+    check_equal(total, sent, f"{sent} frames were sent, the parts of the sum are {total}: {parts}")
+    accepted = counted["accepted"]
+    check_equal(accepted, queued, f"{queued} frames were queued, accepted counts {accepted}")

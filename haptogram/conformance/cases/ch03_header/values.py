@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import (
     VERSION_MAJOR,
-    Drives,
     ErrorCode,
     Feature,
     FocalPoint,
@@ -18,9 +17,7 @@ from haptogram_protocol.messages import (
     GetGeometry,
     Hello,
     Message,
-    Phases,
     Ping,
-    Points,
     Pong,
     ReadDrive,
     SetConfig,
@@ -29,7 +26,6 @@ from haptogram_protocol.messages import (
     UploadKind,
     signed_difference,
 )
-from haptogram_protocol.record import Record
 from haptogram_protocol.rules import UPLOADS
 
 from ...case import Depth, case
@@ -37,8 +33,11 @@ from ...client.board_client import BoardClient
 from ...client.capabilities import drive_kinds, requests_that_board_takes
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
+from ...client.malformed_frames import ValueByte, value_bytes
+from ...client.stream_kinds import stream_kinds
 from ...outcome import SELF_REPORTED, check, check_equal, require, unimplemented
 
+_TARGET: Final = 9
 _ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
 
 
@@ -68,10 +67,7 @@ def _check_geometry_values(board: BoardClient) -> None:
     reply = board.link.call(GetGeometry(0, 0xFFFF), GeometryReply)
     far = [e for e in reply.elements if max(abs(e.x_um), abs(e.y_um), abs(e.z_um)) > 5_000_000]
     check(not far, f"a transducer 5 m away: {far[:1]}")
-    lengths = [math.hypot(e.nx, e.ny, e.nz) / 32767 for e in reply.elements]
-    bent = [
-        e for e, length in zip(reply.elements, lengths, strict=True) if not 0.98 < length < 1.02
-    ]
+    bent = [e for e in reply.elements if abs(math.hypot(e.nx, e.ny, e.nz) / 32767 - 1) >= 0.02]
     check(not bent, f"a normal that is not of length 1 (32767): {bent[:1]}")
     if board.identity.transducers > 2:
         some = board.link.call(GetGeometry(1, 2), GeometryReply)
@@ -87,10 +83,8 @@ def pitch_value_is_little_endian(board: BoardClient) -> None:
     first, second = board.read_geometry()[:2]
     apart_um = round(math.hypot(second.x_um - first.x_um, second.y_um - first.y_um))
     turned_um = int.from_bytes(identity.pitch_um.to_bytes(4, "little"), "big")
-    check(
-        identity.pitch_um == apart_um or abs(turned_um - apart_um) > 1,
-        f"pitch_um is {identity.pitch_um:#010x}, the geometry's is {apart_um:#010x}: big-endian",
-    )
+    text = f"pitch_um is {identity.pitch_um:#010x}, the geometry's is {apart_um:#010x}: big-endian"
+    check(identity.pitch_um == apart_um or abs(turned_um - apart_um) > 1, text)
 
 
 @case("HG-3.2/1-config", needs=Feature.CONFIG)
@@ -99,15 +93,13 @@ def takes_little_endian_values(board: BoardClient) -> None:
     sent = board.configure(
         hold_ms=0x0102, ramp_ms=0x0304, host_timeout_ms=0x0506, status_period_ms=0x0708
     )
-    check_equal(
-        board.read_config(), sent, "the configuration in force is not the one that was sent"
-    )
+    check_equal(board.read_config(), sent, "the configuration in force is not the one sent")
 
 
 @case("HG-3.2/2")
 def text_value_is_filled(board: BoardClient) -> None:
     """the firmware's name is UTF-8 and filled with zeros to 16 bytes"""
-    answer = board.link.ask(board.hello_message(board.link.session), session=0)
+    answer = board.link.ask(board.hello_message(board.link.session))
     raw = answer.body[-16:]
     name = raw.rstrip(b"\x00")
     check(b"\x00" not in name, f"{raw!r} has something behind its first zero")
@@ -161,32 +153,23 @@ def _check_wrong_lengths(board: BoardClient, wrong: Sequence[tuple[type[Message]
 @case("HG-3.2/4-stream", evidence=SELF_REPORTED)
 def drops_a_wrong_length_of_type(board: BoardClient) -> None:
     """stream frames a byte too long or too short are counted in bad_length and not answered"""
-    right = board.flat_phases()
-    payloads = [right.serialize() + b"\x00", right.serialize()[:-1], b""]
-    bodies = [(Phases.TYPE, payload) for payload in payloads]
-    if board.has(Feature.AMPLITUDE):
-        bodies += [(Drives.TYPE, bytes(2 * board.identity.transducers - 2))]
-    if board.has(Feature.POINTS):
-        bodies += [(Points.TYPE, b""), (Points.TYPE, bytes(15)), (Points.TYPE, bytes(17))]
-    with board.counting(bad_length=len(bodies)):
-        board.link.unanswered(
-            "a stream frame of a wrong length",
-            *(board.link.stream_raw(kind, payload) for kind, payload in bodies),
-        )
+    wrong: list[tuple[int, bytes]] = []
+    for message in (kind.make() for kind in stream_kinds(board)):
+        right = message.serialize()
+        wrong += [(message.TYPE, payload) for payload in (right + b"\x00", right[:-1], b"")]
+    with board.counting(bad_length=len(wrong)):
+        wires = (board.link.stream_raw(kind, payload) for kind, payload in wrong)
+        board.link.unanswered("a stream frame of a wrong length", *wires)
 
 
 @case("HG-3.2/5")
 def refuses_values_of_no_table(board: BoardClient) -> None:
     """values that no table has are refused with BAD_VALUE and the field's offset"""
-    wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, bytes([VERSION_MAJOR, *bytes(7)]), 2)]
-    if board.has(Feature.READ_LATCHED):
-        wrong.append((ReadDrive.TYPE, b"\x07\x00\x00\x01\x00", 0))
-    if board.identity.features & UPLOADS:
-        wrong.append((UploadBegin.TYPE, b"\x09" + bytes(11), 0))
-    if board.has(Feature.CONFIG):
-        payload = bytearray(board.config.pack())
-        payload[16] = 0x77
-        wrong.append((SetConfig.TYPE, bytes(payload), 16))
+    hello = bytes([VERSION_MAJOR, *bytes(7)])
+    wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, hello, 2)]
+    for message in _requests_with_values(board):
+        of, right = int(message.TYPE), message.serialize()
+        wrong += [(of, byte.put(right, 0x77), byte.offset) for byte in value_bytes(type(message))]
     with board.counting(requests=len(wrong)):
         for kind, value, offset in wrong:
             board.link.refused_raw(kind, value, ErrorCode.BAD_VALUE, offset)
@@ -205,36 +188,7 @@ def reads_values_at_any_address(board: BoardClient) -> None:
             latch_now(board)
 
 
-_ALL: Final = range(0x100)
-_TARGET: Final = 9
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class _ValueByte:
-    """A byte of a payload that may have some values only."""
-
-    name: str
-    offset: int
-    allowed: Collection[int]
-
-    def wrong_values(self, *, thorough: bool) -> list[int]:
-        """Return the values that are not allowed: all, or those a bit away from an allowed one."""
-        near = {value ^ 1 << bit for value in self.allowed for bit in range(8)} | {0xFF}
-        return sorted((set(_ALL) if thorough else near) - set(self.allowed))
-
-    def put(self, payload: bytes, value: int) -> bytes:
-        """Return *payload* with *value* in this byte."""
-        return payload[: self.offset] + bytes([value]) + payload[self.offset + 1 :]
-
-
-def _value_bytes(kind: type[Record], at: int = 0) -> Iterator[_ValueByte]:
-    """Yield the bytes of a record that may have some values only, those of its records too."""
-    for name, form in kind.WIRE.items():
-        offset = at + form.offset
-        if form.record is not None:
-            yield from _value_bytes(form.record, offset)
-        elif form.enumeration is not None:
-            yield _ValueByte(name, offset, [int(value) for value in form.enumeration])
+# --- Values of no table ------------------------------------------------------------------------
 
 
 def _requests_with_values(board: BoardClient) -> Iterator[Message]:
@@ -261,7 +215,7 @@ def every_value_of_no_table_is_refused(board: BoardClient) -> None:
     offset
     """
     for message in _requests_with_values(board):
-        for byte in _value_bytes(type(message)):
+        for byte in value_bytes(type(message)):
             values = byte.wrong_values(thorough=board.thorough)
             with board.counting(requests=len(values)):
                 for value in values:
@@ -279,7 +233,7 @@ def every_number_of_points_of_no_table_is_refused(board: BoardClient) -> None:
     for begin in begins:
         has_points = begin.kind is UploadKind.POINTS
         allowed = range(1, board.identity.max_points + 1) if has_points else (0,)
-        byte = _ValueByte("points_per_frame", offset, allowed)
+        byte = ValueByte("points_per_frame", offset, allowed)
         for number in byte.wrong_values(thorough=board.thorough):
             size = max(1, number) * unit if has_points else begin.size  # whole frames
             if size <= board.identity.max_upload_bytes:

@@ -2,43 +2,45 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
     DriveKind,
-    DriveReply,
     Feature,
     Phases,
     Ping,
     Pong,
-    ReadDrive,
+    Status,
     TraceMode,
     TracePlayback,
 )
 
-from ...case import Case, Depth, case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import (
     ask_for_board_latches_if_supported,
     latch_now,
+    latch_random,
     latches_received_from_board,
+    read_drive,
 )
 from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
-from ...client.wire import ReceivedByClient
 from ...judge.events import judge_event_numbers
-from ...outcome import SELF_REPORTED, check, check_equal, fail, require
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
+_PLAYED_TRACE: Final = Feature.TRACE | Feature.SEQUENCE_PHASES | Feature.CONFIG
 _EVENTS: Final = 66_000
 _LONGEST_US: Final = 3_600_000_000  # of a playback that tells so many
 _PART: Final = 8_000  # events between two readings
 _TRACE_BYTES: Final = 34  # of TRACE_PLAYBACK on the line
 _SEQUENCE: Final = 2
-_WRAP_US: Final = 2**32
+_JUMP: Final = 0x7FFF  # the farthest that a number is ahead (HG-5.5/2)
+_BATCH: Final = 400  # frames between two readings
+_WRAP: Final = 1 << 32
 _JUMPS: Final = (2, 255, 256, 300, 20_000, 30_000, 32_000, 0x8000, 65_504)
 
 
@@ -47,8 +49,7 @@ def stream_sequence_numbers_wrap(board: BoardClient) -> None:
     """40 stream frames across 0xFFFF are latched: no gap, no duplicate"""
     board.arm()
     with board.counting(latched=_ACROSS):
-        for _ in range(_ACROSS):
-            latch_now(board)
+        latch_random(board, _ACROSS)
 
 
 @case("HG-3.6/1-requests")
@@ -63,7 +64,7 @@ def request_sequence_numbers_wrap(board: BoardClient) -> None:
 @case(
     "HG-3.6/1-time",
     needs_reset=True,
-    before_wrap_us=1000000,
+    before_wrap_us=1_000_000,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )
@@ -72,9 +73,9 @@ def header_times_wrap(board: BoardClient) -> None:
     board.prepare()
     board.configure(hold_ms=10_000)
     lead_us = board.wire.limits.lead_us
-    board.clock.wait_until(_WRAP_US - 4 * lead_us - 200_000)
+    board.clock.wait_until(_WRAP - 4 * lead_us - 200_000)
     board.arm()
-    start_us = board.clock.on_carrier(_WRAP_US - 20_000)
+    start_us = board.clock.on_carrier(_WRAP - 20_000)
     number = min(6, board.identity.queue_depth)  # 4 at least, on both sides of the wrap
     times = [start_us + 10_000 * place for place in range(number)]
     board.clock.require_horizon(times[-1] - board.clock.device_estimate_us())
@@ -82,11 +83,8 @@ def header_times_wrap(board: BoardClient) -> None:
         board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
         board.clock.wait_until(times[-1] + 1000)
         last_us = board.status().last_latch_us
-    check(
-        last_us == times[-1] & 0xFFFFFFFF,
-        f"the last frame was for {times[-1]} µs (mod 2^32: {times[-1] & 0xFFFFFFFF}); "
-        f"last_latch_us is {last_us}",
-    )
+    due_us = times[-1] & 0xFFFFFFFF
+    check(last_us == due_us, f"last_latch_us is {last_us}, {times[-1]} modulo 2^32 is {due_us}")
 
 
 @case("HG-3.6/2")
@@ -100,12 +98,7 @@ def numbers_three_header_sequences(board: BoardClient) -> None:
             board.link.call(Ping(number), Pong)
 
 
-@case(
-    "HG-3.6/2-wrap",
-    needs=Feature.TRACE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@case("HG-3.6/2-wrap", needs=_PLAYED_TRACE, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
 def event_sequence_numbers_wrap(board: BoardClient) -> None:
     """66 000 events of a session: their numbers, and the loops that they tell, go on across 65
     535
@@ -118,8 +111,7 @@ def event_sequence_numbers_wrap(board: BoardClient) -> None:
     require(_EVENTS * period_us <= _LONGEST_US, text)
     send_phases_to_store(board, _SEQUENCE, frames=1)
     board.hello()
-    board.configure(trace_mode=TraceMode.CRC)
-    board.arm()
+    board.arm(trace_mode=TraceMode.CRC)
     alone_ms = min(10_000, board.identity.max_unattended_ms)
     part_us = min(_PART * period_us, alone_ms * 500)
     last, count = -1, 0
@@ -156,16 +148,11 @@ def first_sequence_number_of_events(board: BoardClient) -> None:
     for _ in range(3):
         since = board.link.mark()
         board.hello()
-        event = board.wire.wait_for(partial(_is_event_of_session, board), since, 3000 * period_ms)
-        if event is None or event.header is None:
-            fail("no STATUS came within three periods of a session")
-        text = f"first event of the session: {annotated_frame_text(event.piece)}"
-        check_equal(event.header.seq, 0, text)
-
-
-def _is_event_of_session(board: BoardClient, piece: ReceivedByClient) -> bool:
-    header = piece.header
-    return piece.is_event and header is not None and header.session == board.link.session
+        board.due_event(Status, since, 3000 * period_ms)
+        events = (piece for piece in board.wire.received[since:] if piece.is_event)
+        first = next(e for e in events if e.frame_header.session == board.link.session)
+        text = f"first event of the session: {annotated_frame_text(first.piece)}"
+        check_equal(first.frame_header.seq, 0, text)
 
 
 @case("HG-3.6/5", evidence=SELF_REPORTED)
@@ -182,11 +169,6 @@ def sequence_numbers_are_unwrapped(board: BoardClient) -> None:
             index = latch_now(board)
     got = board.status().last_seq
     check_equal(got, index, f"unwrapped number {index}: last_seq is {got}")
-
-
-_JUMP: Final = 0x7FFF  # the farthest that a number is ahead (HG-5.5/2)
-_BATCH: Final = 400  # frames between two readings
-_WRAP: Final = 1 << 32
 
 
 def _go_up_to_unwrapped_number(board: BoardClient, number: int) -> None:
@@ -206,8 +188,7 @@ def _numbers_told_of_a_latch(
     """Return the number of the last latch by every report of it."""
     told = {"last_seq": board.status().last_seq}
     if board.has(Feature.READ_LATCHED):
-        shown = board.link.call(ReadDrive(DriveKind.LATCHED, 0, 1), DriveReply)
-        told["DRIVE_REPLY"] = shown.key.index
+        told["DRIVE_REPLY"] = read_drive(board, DriveKind.LATCHED, 0, 1).key.index
     if mode is not TraceMode.OFF:
         latches = latches_received_from_board(board, since, mode)
         told[f"trace {mode.name}"] = latches[-1].index if latches else -1
@@ -236,21 +217,13 @@ def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -
     check(counted["gap"] == due, f"gap grew by {counted['gap']}, due is {due}")
 
 
-def _numbers_case(variant: str, least_bits: int, most_bits: int, depth: Depth) -> Case:
-    def every_number(board: BoardClient) -> None:
-        _judge_numbers_across(board, least_bits, most_bits)
-
-    return Case(
-        "HG-3.6/5",
-        f"numbers around 2^{least_bits} to 2^{most_bits}, behind jumps of {_JUMP}: told whole",
-        every_number,
-        variant,
-        evidence=SELF_REPORTED,
-        depth=depth,
-    )
+@case("HG-3.6/5-widths", evidence=SELF_REPORTED)
+def every_number_above_16_bits(board: BoardClient) -> None:
+    """numbers around 2^16 to 2^24, behind jumps of 32767: told whole"""
+    _judge_numbers_across(board, 16, 24)
 
 
-PRODUCT: Final = (
-    _numbers_case("widths", 16, 24, Depth.QUICK),
-    _numbers_case("wrap", 25, 32, Depth.FULL),
-)
+@case("HG-3.6/5-wrap", evidence=SELF_REPORTED, depth=Depth.FULL)
+def every_number_up_to_32_bits(board: BoardClient) -> None:
+    """numbers around 2^25 to 2^32, behind jumps of 32767: told whole"""
+    _judge_numbers_across(board, 25, 32)

@@ -1,18 +1,25 @@
-"""HG-4.9, HG-4.10: numbers of requests: which are taken, which are used up, which are refused."""
+"""HG-4.9, HG-4.10: numbers of requests: which are taken, which are used up, which are refused.
+
+A request of the session uses its number if it is carried out, or refused by the board itself, and
+if that number is ahead of the newest one.  Nothing sets the newest number back.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
-    Config,
+    VERSION_MAJOR,
+    Arm,
     Error,
     ErrorCode,
+    Feature,
     Hello,
     Message,
     Mute,
@@ -22,19 +29,33 @@ from haptogram_protocol.messages import (
     UploadChunk,
 )
 from haptogram_protocol.rules import UPLOADS
+from haptogram_protocol.state import OutputState
 
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.capabilities import requests_that_board_takes
+from ...client.malformed_frames import value_bytes
+from ...client.playback import send_phases_to_store_if_supported
 from ...client.request_client import flags_at_once
+from ...client.stream_kinds import refused_requests_to_send, valid_requests_to_send
+from ...client.uploads import begin_any_upload
 from ...client.wire import ReceivedByClient
 from ...judge.repetition import judge_repeated_reply, judge_same_answer, requests_to_repeat
-from ...outcome import check
+from ...outcome import SELF_REPORTED, check, named
 
 _NUMBERS: Final = (0, 1, 0xFF, 0x100, 0x7FFF, 0x8000, 0xFFFE, 0xFFFF)
+_OF_VALUES: Final = (ErrorCode.BAD_VALUE, ErrorCode.UNSUPPORTED)
 _LOW_FLAGS: Final = (1, 2, 4, 8)
 #: Bits of the echo of a PING that, inverted, leave the low, and the high, half of its CRC-32.
 _SAME_HALF_OF_CRC: Final = {"low": 0x15E3E, "high": 0x8567}
+_SEQUENCE: Final = 4
+_STALE: Final = 0x0F0F
+_UNKNOWN_FLAG: Final = 0x40
+_UNKNOWN_REQUEST: Final = 0x7B
+_FARTHEST: Final = 32_767
+#: How far a number is ahead of the newest one; negative: behind it.
+_STEPS: Final = (1, 2, 300, _FARTHEST, 0, -1, -2, -300, -_FARTHEST)
+_QUICK_STEPS: Final = (2, 0, -1, -300)
 
 
 @case("HG-4.10/1-used")
@@ -47,8 +68,7 @@ def idempotent_requests_use_request_numbers(board: BoardClient) -> None:
         messages += [UploadChunk(0, b""), UploadChunk(0, b"\x01"), UploadChunk(0x7FFFFFFF, b"\x01")]
     for message in messages:
         board.link.ask(message)
-        seq = board.link.seq & 0xFFFF
-        board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+        board.link.refused_as_used(Ping(1))
 
 
 @case("HG-4.9/3-jumps")
@@ -58,8 +78,7 @@ def every_jump_of_request_numbers_is_judged(board: BoardClient) -> None:
         for jump in {1 << bits, (1 << bits) - 1} - {0, 1 << 15}:
             board.link.seq += jump - 1
             board.link.call(Ping(jump), Pong)
-            old = board.link.seq - (1 << bits) & 0xFFFF
-            board.link.refused(Ping(jump), ErrorCode.SEQUENCE_REUSED, old, seq=old)
+            board.link.refused_as_used(Ping(jump), board.link.seq - (1 << bits))
 
 
 @case("HG-4.9/1-numbers")
@@ -71,7 +90,7 @@ def every_request_number_is_remembered(board: BoardClient) -> None:
         first = board.link.ask(Ping(number))
         board.link.reply_in(first, Pong)
         judge_repeated_reply(board, Ping(number), first, f"PING of number {number:#06x}")
-        board.link.refused(Ping(~number & 0xFFFF), ErrorCode.SEQUENCE_REUSED, number, seq=number)
+        board.link.refused_as_used(Ping(~number & 0xFFFF))
         board.link.call(Ping(1), Pong)
 
 
@@ -87,9 +106,8 @@ def refused_requests_leave_the_request_number(board: BoardClient) -> None:
             "an unknown flag": (payload, 0x40, ErrorCode.UNSUPPORTED),
             "a wrong length": (payload + b"\x00", 0, ErrorCode.BAD_LENGTH),
         }
-        for name, at in _enumeration_bytes_of_request(kind):
-            wrong = payload[:at] + b"\xee" + payload[at + 1 :]
-            refusals[f"{name} = 0xee"] = wrong, 0, ErrorCode.BAD_VALUE
+        for byte in value_bytes(kind):
+            refusals[f"{byte.name} = 0xee"] = byte.put(payload, 0xEE), 0, ErrorCode.BAD_VALUE
         for name, (wrong, flags, code) in refusals.items():
             seq = board.link.next_seq()
             board.link.refused_raw(kind.TYPE, wrong, code, seq=seq, flags=flags)
@@ -97,15 +115,6 @@ def refused_requests_leave_the_request_number(board: BoardClient) -> None:
             text = f"{kind.TYPE.name} with {name}, then PING of its number"
             due = Error if code is ErrorCode.BAD_VALUE else Pong
             check(isinstance(answer.message, due), f"{text}: got {board.link.answer_text(answer)}")
-
-
-def _enumeration_bytes_of_request(kind: type[Message]) -> Iterator[tuple[str, int]]:
-    """Yield the fields of a request that are enumerations, with their offsets."""
-    if kind is SetConfig:
-        yield "trace_mode", Config.WIRE["trace_mode"].offset
-    for name, field in kind.WIRE.items():
-        if field.enumeration is not None:
-            yield name, field.offset
 
 
 # --- What is another request -------------------------------------------------------------------
@@ -158,23 +167,13 @@ def every_changed_byte_is_no_repetition(board: BoardClient) -> None:
         (first,) = board.link.exchange(encode_frame(body))
         for other, changed in _requests_with_other_bytes(board, body):
             (answer,) = board.link.exchange(encode_frame(changed))
-            check(
-                _is_repetition_refused(answer, seq, may_be_value="payload" in other),
-                f"{name}, then its number with another {other}: should be "
-                f"SEQUENCE_REUSED, got {board.link.answer_text(answer)}",
-            )
+            error, text = answer.message, f"{name}, then its number with another {other}"
+            is_value = "payload" in other and isinstance(error, Error) and error.code in _OF_VALUES
+            if not is_value:  # which is checked first
+                with named(text):
+                    board.link.error_in(answer, changed[0], ErrorCode.SEQUENCE_REUSED, seq)
         (again,) = board.link.exchange(encode_frame(body))
         judge_same_answer(again, first, f"after {name} and others like it")
-
-
-def _is_repetition_refused(answer: ReceivedByClient, seq: int, *, may_be_value: bool) -> bool:
-    """Return whether a request was refused for its number, or for a value, which comes first."""
-    error = answer.message
-    if not isinstance(error, Error):
-        return False
-    if may_be_value and error.code in (ErrorCode.BAD_VALUE, ErrorCode.UNSUPPORTED):
-        return True
-    return (error.code, error.detail) == (ErrorCode.SEQUENCE_REUSED, seq)
 
 
 @case("HG-4.9/2-halves")
@@ -183,7 +182,123 @@ def half_a_crc_makes_no_repetition(board: BoardClient) -> None:
     for half, bits in _SAME_HALF_OF_CRC.items():
         echo = board.random.getrandbits(64)
         board.link.call(Ping(echo), Pong)
-        answer = board.link.ask(Ping(echo ^ bits), seq=board.link.seq)
-        due = _is_repetition_refused(answer, board.link.seq & 0xFFFF, may_be_value=False)
-        got = board.link.answer_text(answer)
-        check(due, f"a PING with the {half} half of the last one's CRC: got {got}")
+        with named(f"a PING with the {half} half of the last one's CRC"):
+            board.link.refused_as_used(Ping(echo ^ bits))
+
+
+# --- What a request does to the numbers: a table ----------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class NumberUse:
+    """A request, and what it does to the numbers of a session.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    kind, payload, header
+        Its type, its payload, fields of its header.
+    is_used : bool
+        Whether a number that is ahead of the newest one is the newest one behind it.
+    is_remembered : bool
+        Whether its reply is the remembered one behind it; it is refused unless it is ahead.
+    """
+
+    name: str
+    kind: int
+    payload: bytes = b""
+    header: Mapping[str, int] = field(default_factory=dict)
+    is_used: bool = False
+    is_remembered: bool = False
+
+    def ask(self, board: BoardClient, seq: int) -> ReceivedByClient:
+        """Send the request with a number and return its answer."""
+        return board.link.ask_raw(self.kind, self.payload, seq=seq, **self.header)
+
+
+def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
+    """Yield requests that are judged alike whatever their number is."""
+    mute, ping, chunk = int(Mute.TYPE), int(Ping.TYPE), int(UploadChunk.TYPE)
+    stale: dict[str, Any] = {"session": board.link.session ^ _STALE}
+    closed, flagged = {"session": 0}, {"flags": _UNKNOWN_FLAG}
+    yield NumberUse("MUTE", mute, is_used=True)
+    yield NumberUse("MUTE with flags and payload", mute, b"more", flagged, is_used=True)
+    yield NumberUse("MUTE without a session", mute, b"", closed)
+    yield NumberUse("MUTE of another session", mute, b"", stale)
+    if board.identity.features & UPLOADS:
+        first = UploadChunk(0, b"\x01").serialize()
+        far = UploadChunk(0x7FFFFFFF, b"far behind").serialize()
+        yield NumberUse("UPLOAD_CHUNK", chunk, first, is_used=True)
+        yield NumberUse("UPLOAD_CHUNK past the end", chunk, far, is_used=True)
+        yield NumberUse("UPLOAD_CHUNK, flagged", chunk, first, flagged)
+        yield NumberUse("UPLOAD_CHUNK too short", chunk, b"\x00")
+        yield NumberUse("UPLOAD_CHUNK of another session", chunk, first, stale)
+    for name, hello in (
+        ("HELLO again", board.hello_message(board.link.session)),
+        ("HELLO of another version", Hello(VERSION_MAJOR + 1, 0, 1, 0)),
+        ("HELLO with the nonce 0", Hello(VERSION_MAJOR, 0, 0, 0)),
+    ):
+        yield NumberUse(name, Hello.TYPE, hello.serialize(), closed)
+    yield NumberUse("an unknown request", _UNKNOWN_REQUEST)
+    yield NumberUse("PING, flagged", ping, bytes(8), flagged)
+    yield NumberUse("PING too short", ping, bytes(7))
+    yield NumberUse("PING of another session", ping, bytes(8), stale)
+
+
+def _uses_of_later_numbers(board: BoardClient) -> Iterator[NumberUse]:
+    """Yield every request that is remembered, carried out and refused."""
+    for message in (*valid_requests_to_send(board, _SEQUENCE), *refused_requests_to_send(board)):
+        if not isinstance(message, UploadChunk):
+            yield _remembered_use(message)
+
+
+def _remembered_use(message: Message) -> NumberUse:
+    header = {"flags": flags_at_once(message)}
+    name = message.TYPE.name
+    return NumberUse(name, message.TYPE, message.serialize(), header, True, True)
+
+
+@case("HG-4.9/3-steps", evidence=SELF_REPORTED)
+def no_request_sets_the_newest_number_back(board: BoardClient) -> None:
+    """requests of every type, ahead of the newest number and behind it: nothing sets it back"""
+    steps = _STEPS if board.thorough else _QUICK_STEPS
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    if board.identity.features & (Feature.SEQUENCE_PHASES | Feature.CORRECTION):
+        begin_any_upload(board, _SEQUENCE)  # whose chunks are taken then
+    for use in _uses_of_any_number(board):
+        for step in steps:
+            _judge_step(board, use, step)
+    for use in _uses_of_later_numbers(board) if board.thorough else ():
+        for step in steps:
+            if step > 0:
+                _judge_step(board, use, step)
+
+
+def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
+    """FAILED unless behind a request the numbers up to the newest are used, and the next is not."""
+    board.link.ask(Arm())
+    delayed = board.link.seq
+    if not use.is_remembered:
+        board.disarm()
+    ping = Ping(step & 0xFFFF)
+    first, before = board.link.ask(ping), board.link.seq
+    number = before + step
+    answer = use.ask(board, number)
+    newest = number if use.is_used and step > 0 else before
+    text = f"behind {use.name} of a number {step:+d} from the newest one"
+    if use.is_remembered:
+        judge_same_answer(use.ask(board, number), answer, text)
+    else:
+        judge_same_answer(board.link.ask(ping, seq=before), first, text)
+    for old in sorted({newest, newest - 1, before, number, number + 1}):
+        if newest - _FARTHEST <= old <= newest:
+            with named(f"{text}, {old & 0xFFFF}"):
+                board.link.refused_as_used(Ping(board.random.getrandbits(64)), old)
+    if newest - before < _FARTHEST - 3 and not use.is_remembered:
+        board.link.refused_as_used(Arm(), delayed)
+        board.link.seq = newest
+        state = board.status().state
+        check(state is not OutputState.ARMED, f"{text} a delayed copy of ARM was carried out")
+    board.link.seq = max(newest, board.link.seq)
+    board.link.call(Ping(1), Pong)  # the next number is not used

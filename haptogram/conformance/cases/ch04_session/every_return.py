@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from haptogram_protocol.messages import (
+    DriveKind,
     ErrorCode,
     Feature,
-    ReadTrace,
     Trace,
     TraceDrive,
     TraceMode,
-    TraceReply,
     UploadChunk,
     UploadCommit,
     UploadKind,
@@ -20,10 +18,12 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now, read_back
+from ...client.capabilities import trace_modes
+from ...client.latching import latch_now, latch_random, read_ring
 from ...client.uploads import begin_upload
 from ...judge.repetition import every_request_to_repeat
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...judge.witness import judge_nothing_read_back
+from ...outcome import SELF_REPORTED, check, check_equal, named
 
 _UPLOADED: Final = 5
 _LATCHES: Final = 3
@@ -54,16 +54,12 @@ def remembered_replies_do_not_outlive_a_session(board: BoardClient) -> None:
     for path, name in _paths_of_sessions(board).items():
         for message in every_request_to_repeat(board):
             board.arm()
-            before = board.status().counters
-            first = board.link.ask_at_once(message)
-            seq = board.link.seq
-            _open_sessions_in_turn(board, path, seq - 1)
-            board.wire.idle(_APART_US)
-            again = board.link.ask_at_once(message)  # the same bytes, if the session is A
-            counted = board.counted_since(before)
-            found, due = (counted["requests"], counted["repeated"]), (len(path) + 2, 0)
             text = f"{message.TYPE.name}, and again in {name}"
-            check(found == due, f"{text}: requests, repeated count {found}, due is {due}")
+            with named(text), board.counting(requests=len(path) + 2, repeated=0):
+                first = board.link.ask_at_once(message)
+                _open_sessions_in_turn(board, path, board.link.seq - 1)
+                board.wire.idle(_APART_US)
+                again = board.link.ask_at_once(message)  # the same bytes, if the session is A
             is_new = again.frame_header.time_us != first.frame_header.time_us
             check(is_new, f"{text}: the time is the first's")
 
@@ -72,13 +68,8 @@ def remembered_replies_do_not_outlive_a_session(board: BoardClient) -> None:
 
 
 def _no_drive_in_session(board: BoardClient) -> None:
-    if not board.has(Feature.READ_LATCHED):
-        return
-    shown = read_back(board)
-    key = shown.reply.key
-    codes = any(shown.phases + shown.amplitudes)
-    found = (codes, key.sequence, key.loop, key.index)
-    check_equal(found, (False, 0, 0, 0), f"a drive is latched, of frame {key}")
+    if board.has(Feature.READ_LATCHED):
+        judge_nothing_read_back(board, DriveKind.LATCHED, "behind another session")
 
 
 def _no_latch_in_session(board: BoardClient) -> None:
@@ -89,7 +80,7 @@ def _no_latch_in_session(board: BoardClient) -> None:
 
 def _no_ring_in_session(board: BoardClient) -> None:
     if board.has(Feature.TRACE_RING):
-        reply = board.link.call(ReadTrace(0, 100), TraceReply)
+        reply = read_ring(board)
         found = reply.oldest, reply.next, len(reply.records)
         check_equal(found, (0, 0, 0), f"oldest, next and records of the ring are {found}")
 
@@ -102,34 +93,25 @@ def _no_upload_in_session(board: BoardClient) -> None:
 
 def _numbers_of_session_anew(board: BoardClient) -> None:
     """FAILED unless frames count from 0xFFF0, events from 0, and the division begins anew."""
-    mode, kind = next(
-        (
-            (mode, kind)
-            for feature, mode, kind in (
-                (Feature.TRACE_DRIVE, TraceMode.DRIVE, TraceDrive),
-                (Feature.TRACE, TraceMode.CRC, Trace),
-            )
-            if board.has(feature | Feature.CONFIG)
-        ),
-        (TraceMode.OFF, None),
-    )
-    if kind is not None:
-        board.configure(trace_mode=mode)
-    board.arm()
-    since = board.link.mark()
+    can_trace = board.has(Feature.CONFIG)
+    modes = trace_modes(board, TraceMode.DRIVE, TraceMode.CRC)[:1] if can_trace else []
+    since = board.arm(trace_mode=modes[0]) if modes else board.arm()
     with board.counting(latched=1):
         latch_now(board)
-    numbers = [header.seq for header, _ in board.link.events(kind, since)] if kind else [0]
-    check_equal(numbers, [0], f"the first events of the session have the numbers {numbers}")
+    traces = [p for p in board.wire.received[since:] if isinstance(p.message, Trace | TraceDrive)]
+    numbers = [piece.frame_header.seq for piece in traces]
+    text = f"the first events of the session have the numbers {numbers}"
+    check_equal(numbers, [0] * len(modes), text)
 
 
-_OWNED: Final[dict[str, Callable[[BoardClient], None]]] = {
-    "the latched drive": _no_drive_in_session,
-    "latch and queue of the status": _no_latch_in_session,
-    "the trace ring": _no_ring_in_session,
-    "the upload": _no_upload_in_session,
-    "the numbers": _numbers_of_session_anew,
-}
+#: What belongs to a session: each judges that it is gone.
+_OWNED: Final = (
+    _no_drive_in_session,
+    _no_latch_in_session,
+    _no_ring_in_session,
+    _no_upload_in_session,
+    _numbers_of_session_anew,
+)
 
 
 @case("HG-4.6/4-owned", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -138,14 +120,13 @@ def nothing_owned_outlives_a_session(board: BoardClient) -> None:
     behind B
     """
     for path in _paths_of_sessions(board):
-        for judge in _OWNED.values():
+        for judge in _OWNED:
             if board.has(Feature.TRACE_RING | Feature.CONFIG):
                 board.configure(trace_mode=TraceMode.RING)
             if board.has(Feature.SEQUENCE_PHASES):
                 begin_upload(board, UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
             board.arm()
-            for number in range(_LATCHES):
-                latch_now(board, board.flat_phases(0x20 + number))
+            latch_random(board, _LATCHES)
             waiting_us = board.clock.soon_us(bytes(2000), ahead_us=5_000_000)
             board.link.stream(board.flat_phases(), waiting_us)
             _open_sessions_in_turn(board, path, board.link.seq - 20)

@@ -150,7 +150,7 @@ def a_repeated_hello_does_nothing(board: BoardClient) -> None:
     for ahead in (0, 1, 9, 20_000, 40_000, -1):
         ping = Ping(ahead & 0xFF)
         first = board.link.ask(ping)
-        board.link.ask(hello, session=0, seq=board.link.seq + ahead)
+        board.link.ask(hello, seq=board.link.seq + ahead)
         judge_repeated_reply(board, ping, first, f"HELLO of the open nonce {ahead} numbers on")
         board.link.call(Ping(1), Pong)  # the next number, which is not used up
     if board.has(Feature.SEQUENCE_PHASES):
@@ -165,7 +165,7 @@ def _check_repeated_hello_left_playback(board: BoardClient, hello: Hello) -> Non
     begin_upload(board, UploadKind.PHASES, _PLAYED + 1, data)
     half = min(len(data) // 2, board.identity.max_chunk)
     board.link.ask(UploadChunk(0, data[:half]))
-    board.link.ask(hello, session=0)
+    board.link.ask(hello)
     board.check_state(OutputState.ARMED, "HELLO of the open nonce has led to")
     ended = board.link.events(PlaybackEnded, since)
     check(not ended, "HELLO of the open nonce has ended the playback")

@@ -9,7 +9,6 @@ from haptogram_protocol.messages import (
     Arm,
     ErrorCode,
     Feature,
-    Hello,
     HelloReply,
     Mute,
     Ping,
@@ -26,8 +25,8 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, latch_random, read_ring
 from ...client.playback import (
-    let_play,
     play_now,
+    play_out,
     send_phases_that_fit,
     send_phases_to_store,
     wait_for_no_latch,
@@ -54,15 +53,12 @@ def the_same_nonce(board: BoardClient) -> None:
 @case("HG-4.6/1-time")
 def the_same_nonce_at_another_time(board: BoardClient) -> None:
     """HELLO with the open nonce: its own number, and a time between those of two PONGs around it"""
-    first = board.link.ask(board.hello_message(board.link.session), session=0)
+    greeting = board.hello_message(board.link.session)
+    first = board.link.ask(greeting)
     board.wire.idle(20_000)
-    times = []
-    for message in (Ping(1), board.hello_message(board.link.session), Ping(2)):
-        session = 0 if isinstance(message, Hello) else board.link.session
-        answer = board.link.ask(message, session=session)  # waits for its number
-        times.append(answer.frame_header.time_us)
-        if isinstance(message, Hello):
-            check_equal(answer.message, first.message, "a repeated HELLO has another reply")
+    answers = [board.link.ask(message) for message in (Ping(1), greeting, Ping(2))]
+    check_equal(answers[1].message, first.message, "a repeated HELLO has another reply")
+    times = [answer.frame_header.time_us for answer in answers]
     steps = [signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
     check(min(steps) >= 0, f"times of PONG, HELLO_REPLY and PONG in a row: {times}")
 
@@ -77,7 +73,7 @@ def the_same_nonce_with_other_fields(board: BoardClient) -> None:
     others = ({"minor": same.minor + 1}, {"minor": 255}, {"reserved": 0xFFFFFFFF}, {"reserved": 1})
     with board.counting(repeated=len(others)):
         for fields in others:
-            again = board.link.call(dataclasses.replace(same, **fields), HelloReply, session=0)
+            again = board.link.call(dataclasses.replace(same, **fields), HelloReply)
             check_equal(again, first, f"HELLO with {fields}: another reply than the first")
     status = board.status()
     found = (status.state, status.last_seq)
@@ -149,8 +145,7 @@ def a_new_nonce_starts_anew(board: BoardClient) -> None:
 @case("HG-4.6/4-ring", needs=Feature.TRACE_RING | Feature.CONFIG, evidence=SELF_REPORTED)
 def a_new_nonce_empties_the_ring(board: BoardClient) -> None:
     """a new nonce empties the trace ring"""
-    board.configure(trace_mode=TraceMode.RING)
-    board.arm()
+    board.arm(trace_mode=TraceMode.RING)
     latch_random(board, 3)
     board.hello()
     reply = read_ring(board)
@@ -178,8 +173,7 @@ def a_new_nonce_keeps_sequences(board: BoardClient) -> None:
     board.hello()
     board.arm()
     with board.counting(latched=2):
-        play_now(board, 3, loops=1)
-        let_play(board, 4)
+        play_out(board, 3, 2)
 
 
 @case("HG-4.6/6")
@@ -187,6 +181,6 @@ def a_hello_of_any_number(board: BoardClient) -> None:
     """HELLO is accepted with number 0, 0x8000, 0xFFFF, ...; the next request counts from there"""
     for seq in (0, 0x8000, 0xFFFF, 0x7FFF, 1):
         board.hello(seq=seq)
-        board.link.refused(Ping(1), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
-        board.link.call(Ping(2), Pong, seq=seq + 1)
-        board.link.seq = seq + 1
+        board.link.seq = seq
+        board.link.refused_as_used(Ping(1))
+        board.link.call(Ping(2), Pong)

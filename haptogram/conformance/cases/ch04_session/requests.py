@@ -36,7 +36,6 @@ from ...client.playback import (
     send_phases_that_fit,
     shortest_period_to_play_us,
 )
-from ...client.request_client import flags_at_once
 from ...client.stream_kinds import refused_requests_to_send
 from ...client.uploads import begin_any_upload
 from ...judge.repetition import (
@@ -49,19 +48,9 @@ from ...judge.repetition import (
 )
 from ...outcome import check_equal
 
-host_waits = case_about_host("HG-4.8/1")
-
-
-host_repeats = case_about_host("HG-4.8/2")
-
-
-host_counts = case_about_host("HG-4.8/3")
-
-
-host_starts_at_0 = case_about_host("HG-4.8/4")
-
-
-host_gives_up = case_about_host("HG-4.8/5")
+OF_HOST: Final = tuple(case_about_host(f"HG-4.8/{number}") for number in range(1, 6))
+_SEQUENCE: Final = 4
+_FILLED_US: Final = 1_000_000
 
 
 @case("HG-4.9/1")
@@ -88,15 +77,9 @@ def repeats_the_reply_to_a_request(board: BoardClient) -> None:
 def refuses_a_reused_request_number(board: BoardClient) -> None:
     """the last request's number with other bytes is refused: SEQUENCE_REUSED, detail: the number"""
     board.arm()
-    _check_number_is_used(board, Disarm(), Ping(1))
+    for message in (Disarm(), Ping(1)):
+        board.link.refused_as_used(message)
     board.check_state(OutputState.ARMED, "a refused DISARM has led to")
-
-
-def _check_number_is_used(board: BoardClient, *messages: Message, back: int = 0) -> None:
-    """FAILED unless *messages* are refused whose number is so far behind that of the last one."""
-    seq = board.link.seq - back & 0xFFFF
-    for message in messages:
-        board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
 
 
 @case("HG-4.9/3")
@@ -104,9 +87,9 @@ def refuses_a_delayed_copy_of_a_request(board: BoardClient) -> None:
     """a delayed copy of ARM does not undo a later DISARM: SEQUENCE_REUSED"""
     board.link.ask(Arm())
     board.disarm()
-    _check_number_is_used(board, Arm(), back=1)
+    board.link.refused_as_used(Arm(), board.link.seq - 1)
     for back in (2, 100, 30_000):
-        _check_number_is_used(board, Ping(1), back=back)
+        board.link.refused_as_used(Ping(1), board.link.seq - back)
     board.check_state(OutputState.DISARMED, "a delayed ARM has led to")
 
 
@@ -135,7 +118,7 @@ def mute_passes_a_pending_request(board: BoardClient) -> None:
     for lost in (Arm(), Ping(1)):
         board.link.next_seq()
         board.link.call(Mute(), MuteReply)
-        _check_number_is_used(board, lost, back=1)
+        board.link.refused_as_used(lost, board.link.seq - 1)
     board.check_state(OutputState.MUTED, "an ARM that was lost before MUTE has led to")
     board.link.call(Ping(2), Pong)
 
@@ -146,7 +129,7 @@ def repeated_mute_is_done_again(board: BoardClient) -> None:
     board.arm()
     board.link.ask(Mute())
     seq = board.link.seq
-    _check_number_is_used(board, Ping(1))
+    board.link.refused_as_used(Ping(1))
     board.arm()
     board.link.ask(Mute(), seq=seq)
     board.check_state(OutputState.MUTED, "the same MUTE again has led to")
@@ -189,10 +172,6 @@ def refuses_requests_of_another_session(board: BoardClient) -> None:
     board.check_state(OutputState.ARMED, "a DISARM of another session has led to")
 
 
-_SEQUENCE: Final = 4
-_FILLED_US: Final = 1_000_000
-
-
 def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:
     """Yield the requests whose replies are as long as the board makes them."""
     yield GetGeometry(0, 0xFFFF)
@@ -205,8 +184,7 @@ def _fill_ring_for_remembered_reply(board: BoardClient) -> None:
     """Latch so often in a second at most that the ring fills a frame, if the board can."""
     if not board.has(Feature.TRACE_RING | Feature.CONFIG | Feature.SEQUENCE_PHASES):
         return
-    board.configure(trace_mode=TraceMode.RING)
-    board.arm()
+    board.arm(trace_mode=TraceMode.RING)
     period_us = shortest_period_to_play_us(board, PERIOD_US // 4)
     play_now(board, _SEQUENCE, loops=100, period_us=period_us)
     board.wire.idle(min(250 * period_us, _FILLED_US))
@@ -226,10 +204,8 @@ def _judge_remembered_reply(board: BoardClient, betweens: dict[str, Between]) ->
 @case("HG-4.10/1-kept")
 def every_mute_between(board: BoardClient) -> None:
     """a reply of every type, refusals too, is still remembered after MUTE and UPLOAD_CHUNK"""
-    betweens = dict(MUTES_BETWEEN)
-    if board.identity.features & UPLOADS:
-        betweens |= CHUNKS_BETWEEN
-    _judge_remembered_reply(board, betweens)
+    chunks = CHUNKS_BETWEEN if board.identity.features & UPLOADS else {}
+    _judge_remembered_reply(board, MUTES_BETWEEN | chunks)
 
 
 @case("HG-4.9/4-types")
@@ -250,8 +226,6 @@ def every_reply_is_remembered(board: BoardClient) -> None:
     for message in [*refused_requests_to_send(board), *_largest_remembered_request(board)]:
         with board.counting(repeated=2, requests=1, frames=3):
             first = board.link.ask_at_once(message)
-            seq = first.frame_header.seq
             for _ in range(2):
                 judge_repeated_reply(board, message, first, message.TYPE.name)
-        flags = flags_at_once(message)
-        board.link.refused(message, ErrorCode.SEQUENCE_REUSED, seq, seq=seq, flags=flags)
+        board.link.refused_as_used(message, first.frame_header.seq)

@@ -19,7 +19,6 @@ from ...client.capabilities import drive_kinds, trace_modes
 from ...client.drive_paths import drive_paths, registers_asked_for
 from ...client.latching import (
     ClientDrive,
-    begin_traces,
     drive_crc,
     latch_now,
     latch_random,
@@ -39,20 +38,15 @@ from ...outcome import SELF_REPORTED, check, check_equal
 _MS: Final = 1000
 _SEQUENCE: Final = 2
 _CEILING: Final = 100
-
-
+_READ: Final = Feature.CONFIG | Feature.READ_LATCHED
+_DIMMED: Final = _READ | Feature.AMPLITUDE
+_PLAYED: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 #: Sequences of one frame each, whose keys differ in nothing else.
 _ALIKE: Final = (2, 3, 0x0101)
 #: Which of them is played, and whether it is stored anew before; None: a frame of the stream.
 _STEPS_WITH_LIKE_KEYS: Final = (
     *((number, False) for number in (2, 3, 0x0101, 2, 2)),
-    (2, True),
-    (3, True),
-    (3, True),
-    None,
-    (3, False),
-    None,
-    (2, True),
+    *((2, True), (3, True), (3, True), None, (3, False), None, (2, True)),
 )
 
 
@@ -69,12 +63,7 @@ def _shown_under_ceiling(board: BoardClient, **changes: Any) -> Iterator[None]:
         upload_correction(board, bytes(board.identity.transducers))
 
 
-@case(
-    "HG-8.3/2-paths",
-    needs=Feature.CONFIG | Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-8.3/2-paths", needs=_READ, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
     """drives of every format and path, under ceiling and correction: every trace shows the
     latched
@@ -95,7 +84,7 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
                 check_equal(seen[-1].crc, shown.crc, f"{name}: traced is not the latched drive")
 
 
-@case("HG-8.6/1-shaded", needs=Feature.CONFIG | Feature.READ_LATCHED, evidence=SELF_REPORTED)
+@case("HG-8.6/1-shaded", needs=_READ, evidence=SELF_REPORTED)
 def every_span_of_a_read_back_under_a_ceiling(board: BoardClient) -> None:
     """READ_DRIVE of every span, of drives of every format under ceiling, correction and a ramp"""
     with _shown_under_ceiling(board):
@@ -124,12 +113,7 @@ def _check_spans_of_read_back(
             check_equal(got, due, f"{name}: {number} from {first} are other codes than the whole's")
 
 
-@case(
-    "HG-8.3/2-ramp",
-    needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-8.3/2-ramp", needs=_DIMMED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
     """latches in a ramp, and while the ceiling is 0 and changes, are traced as they are latched"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=4)
@@ -138,7 +122,7 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
             # The host is silent, so that the lease's ramp goes on while queued frames are latched.
             board.hello()
             changes = {"amplitude_ceiling": ceiling, "host_timeout_ms": 30, "ramp_ms": 400}
-            since, first = begin_traces(board, mode, **changes), board.link.stream_next
+            since, first = board.arm(trace_mode=mode, **changes), board.link.stream_next
             registers = [board.random_registers() for _ in range(3)]
             last_us = board.clock.soon_us(bytes(4 * board.identity.transducers), ahead_us=120 * _MS)
             times = [last_us - 20 * _MS * place for place in (2, 1, 0)]
@@ -152,19 +136,14 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
             check_equal(got, list(map(drive_crc, registers)), text)
 
 
-@case(
-    "HG-8.3/2-keys",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-8.3/2-keys", needs=_PLAYED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def traces_of_frames_with_like_keys(board: BoardClient) -> None:
     """sequences of one frame, played in turn, stored anew, stream frames between: each has its
     CRC
     """
     for mode in trace_modes(board):
         board.hello()
-        since, due = begin_traces(board, mode), []
+        since, due = board.arm(trace_mode=mode), []
         stored = {number: send_phases_to_store(board, number, frames=1) for number in _ALIKE}
         for step in _STEPS_WITH_LIKE_KEYS:
             if step is None:
@@ -187,11 +166,7 @@ def traces_of_frames_with_like_keys(board: BoardClient) -> None:
         check(len(got) == len(due) and not wrong, f"{text}, those at {wrong} as other drives")
 
 
-@case(
-    "HG-8.4/1-restarts",
-    needs=Feature.CONFIG | Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.4/1-restarts", needs=_PLAYED | Feature.TRACE_DRIVE, evidence=SELF_REPORTED)
 def trace_divisions_start_anew(board: BoardClient) -> None:
     """a divider counts the latches of stream and playback from SET_CONFIG and from HELLO on,
     each
@@ -199,14 +174,13 @@ def trace_divisions_start_anew(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=2)
     for before in range(4):
         for name in ("SET_CONFIG", "HELLO"):
-            begin_traces(board, TraceMode.DRIVE, trace_divider=3)
+            board.arm(trace_mode=TraceMode.DRIVE, trace_divider=3)
             latch_random(board, before)
             if name == "HELLO":
                 board.hello()
             else:
                 board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
-            board.arm()
-            since = board.link.mark()
+            since = board.arm()
             latch_now(board)
             play_out(board, _SEQUENCE, 2, loops=3)  # 7 latches: 0, 3 and 6 of them are traced
             board.link.barrier()

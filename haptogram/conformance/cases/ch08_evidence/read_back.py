@@ -29,7 +29,7 @@ from ...client.latching import (
 )
 from ...client.playback import play_later, play_now, send_phases_to_store_if_supported
 from ...client.uploads import upload_correction
-from ...judge.witness import expect_witnessed_drive
+from ...judge.witness import expect_witnessed_drive, judge_nothing_read_back
 from ...outcome import SELF_REPORTED, check, check_equal
 
 _SEQUENCE: Final = 3
@@ -93,7 +93,7 @@ def reads_back_nothing_at_first(board: BoardClient) -> None:
     board.arm()
     latch_random(board, 1)
     board.hello()
-    check_nothing_is_read_back(board, DriveKind.LATCHED, "behind the session before")
+    judge_nothing_read_back(board, DriveKind.LATCHED, "behind the session before")
 
 
 def _wait_with_a_frame(board: BoardClient) -> None:
@@ -147,17 +147,6 @@ def every_empty_read_back(board: BoardClient) -> None:
         for name, bring in _states_without_a_latch(board):
             bring(board)
             for kind in drive_kinds(board):
-                check_nothing_is_read_back(board, kind, f"behind {before}, {name}")
+                judge_nothing_read_back(board, kind, f"behind {before}, {name}")
     if board.has(Feature.CORRECTION):
         upload_correction(board, bytes(board.identity.transducers))
-
-
-def check_nothing_is_read_back(board: BoardClient, kind: DriveKind, text: str) -> None:
-    """FAILED unless codes, key and time of the whole and of its last transducer are 0."""
-    for first in (0, board.identity.transducers - 1):
-        reply = read_drive(board, kind, first)
-        name = f"{text}: READ_DRIVE({kind.name}) from {first}"
-        codes = sum(code != 0 for code in reply.data)
-        check_equal(codes, 0, f"{name} shows {codes} codes of {len(reply.data)} that are not 0")
-        found = reply.key, reply.t_latch_us
-        check_equal(found, (LatchKey(0, 0, 0), 0), f"{name} shows key and time {found}")

@@ -20,7 +20,7 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.capabilities import trace_modes
-from ...client.latching import begin_traces, drive_crc, latch_now, latch_random, read_ring
+from ...client.latching import drive_crc, latch_now, latch_random, read_ring
 from ...client.playback import play_out, send_phases_to_store, shortest_period_to_play_us
 from ...outcome import SELF_REPORTED, check, check_equal
 
@@ -42,7 +42,7 @@ def trace_ring_keeps_the_last(board: BoardClient) -> None:
     """the ring keeps the last trace_ring latches, numbered from 0, and forgets the oldest"""
     size = board.identity.trace_ring
     check(size > 0, "TRACE_RING is advertised, trace_ring is 0")
-    begin_traces(board, TraceMode.RING)
+    board.arm(trace_mode=TraceMode.RING)
     total = _fill_trace_ring(board, size)
     reply, due = read_ring(board), (max(0, total - size), total)
     got = (reply.oldest, reply.next)
@@ -67,7 +67,7 @@ def trace_ring_counts_latches_of_every_mode(board: BoardClient) -> None:
     board.hello()
     total = 0
     for mode in [*modes, *reversed(modes)]:
-        begin_traces(board, mode)
+        board.arm(trace_mode=mode)
         latch_now(board, board.flat_phases(total))
         index = latch_now(board, board.flat_phases(total + 1))
         total += 2
@@ -85,7 +85,7 @@ def trace_ring_counts_latches_of_every_mode(board: BoardClient) -> None:
 @case("HG-8.5/2", needs=_RING, evidence=SELF_REPORTED)
 def trace_ring_is_read(board: BoardClient) -> None:
     """READ_TRACE of some, none and all records shows numbers, keys and CRCs, oldest first"""
-    begin_traces(board, TraceMode.RING)
+    board.arm(trace_mode=TraceMode.RING)
     first = board.link.stream_next
     drives = latch_random(board, 9)
     for start, count in ((0, 9), (2, 3), (8, 100), (9, 5), (0, 0), (4, 1)):
@@ -116,7 +116,7 @@ def every_span_of_the_ring(board: BoardClient) -> None:
     """READ_TRACE of spans at every edge of a ring that has turned over: those, as many as fit"""
     ring = board.identity.trace_ring
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
-    begin_traces(board, TraceMode.RING)
+    board.arm(trace_mode=TraceMode.RING)
     index = latch_now(board)
     turns_over = board.thorough and ring < _RING_TRIED
     loops = -(-(max(_LATCHES, ring + 7) if turns_over else _LATCHES) // _FRAMES)
@@ -183,10 +183,9 @@ class _RingWithHoles:
         total = len(self.due)
         whole = self._read(name, 0, 0xFFFF)
         held = [record.number for record in whole.records]
-        check(
-            held == sorted(set(held)) and held[-(total - least) :] == list(range(least, total)),
-            f"{name}: the ring holds the latches {held}, due are {least} to {total - 1}, each once",
-        )
+        is_due = held == sorted(set(held)) and held[least - total :] == list(range(least, total))
+        text = f"{name}: the ring holds the latches {held}"
+        check(is_due, f"{text}, due are {least} to {total - 1}, each once")
         check_equal(whole.oldest, held[0], f"{name}: oldest is {whole.oldest}, held are {held}")
         for record in whole.records:
             got, due = (record.key, record.crc), self.due[record.number]
@@ -214,7 +213,7 @@ def every_span_of_a_ring_with_holes(board: BoardClient) -> None:
     for turn in range(len(_BETWEEN) if board.thorough else 1):
         board.hello()
         ring, name = _RingWithHoles(board), "RING"
-        begin_traces(board, TraceMode.RING)
+        board.arm(trace_mode=TraceMode.RING)
         ring.latch()
         ring.latch()
         for number, mode in enumerate(others):

@@ -22,7 +22,6 @@ from ...client.board_client import BoardClient
 from ...client.capabilities import trace_modes
 from ...client.latching import (
     ask_for_board_latches,
-    begin_traces,
     drive_crc,
     full_client_drive,
     latch_in_time,
@@ -36,18 +35,14 @@ from ...client.playback import flood_with_traces, play_out, send_phases_to_store
 from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _KINDS: Final = (Trace, TracePlayback, TraceDrive)
-_EVENTS_OF_6_LATCHES: Final = {
-    TraceMode.OFF: 0,
-    TraceMode.CRC: 6,
-    TraceMode.DRIVE: 6,
-    TraceMode.RING: 0,
-}
 _SEQUENCE: Final = 7
 _FRAMES: Final = 3
 _OFFSETS_US: Final = (0, 3, 24)
 _MOMENTS_US: Final = (-40, 0, 10, 30, 60, 100, 150, 250, 400)  # around the latch that is due
 _TRACED: Final = Feature.TRACE | Feature.CONFIG
-_FLOODED: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
+_READ: Final = _TRACED | Feature.READ_LATCHED
+_PLAYED: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
+_FLOODED: Final = _PLAYED | Feature.TRACE_DRIVE
 
 
 def _trace_events(board: BoardClient, since: int) -> int:
@@ -59,18 +54,13 @@ def _trace_events(board: BoardClient, since: int) -> int:
 def traces_by_its_mode(board: BoardClient) -> None:
     """of 6 latches the trace modes OFF and RING report none, CRC and DRIVE report 6"""
     for mode in trace_modes(board, *TraceMode):
-        since = begin_traces(board, mode)
+        since = board.arm(trace_mode=mode)
         latch_random(board, 6)
-        got, due = _trace_events(board, since), _EVENTS_OF_6_LATCHES[mode]
+        got, due = _trace_events(board, since), 6 * (mode in (TraceMode.CRC, TraceMode.DRIVE))
         check(got == due, f"trace_mode {mode.name}: {got} events of 6 latches, due are {due}")
 
 
-@case(
-    "HG-8.1/1-divider",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-8.1/1-divider", needs=_PLAYED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_trace_undivided(board: BoardClient) -> None:
     """in modes CRC and RING every latch of stream and playback is told, whatever trace_divider
     is
@@ -78,7 +68,7 @@ def every_trace_undivided(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
         board.hello()
-        since = begin_traces(board, mode, trace_divider=3)
+        since = board.arm(trace_mode=mode, trace_divider=3)
         due = [(0, latch_now(board)) for _ in range(4)]
         play_out(board, _SEQUENCE, _FRAMES)
         due += [(_SEQUENCE, number) for number in range(_FRAMES)]
@@ -114,7 +104,7 @@ def trace_keys_are_unique(board: BoardClient) -> None:
 @case("HG-8.3/1", needs=_TRACED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def traces_tell_the_time(board: BoardClient) -> None:
     """the time in a trace is the carrier period at or after t_apply, as in STATUS"""
-    begin_traces(board, TraceMode.CRC)
+    board.arm(trace_mode=TraceMode.CRC)
     for offset_us in (0, 3, 990):
         since = board.link.mark()
         due_us = board.clock.on_carrier(latch_in_time(board, board.flat_phases(), offset_us))
@@ -122,7 +112,7 @@ def traces_tell_the_time(board: BoardClient) -> None:
         check_equal(len(seen), 1, f"one latch gives {len(seen)} TRACE")
         told_us = seen[0].t_us
         check(told_us == due_us, f"traced at {told_us} µs, due is {due_us} µs")
-        status_us = board.clock.unwrap(board.status().last_latch_us)
+        status_us = board.last_latch_us()
         check_equal(told_us, status_us, f"TRACE says {told_us} µs, STATUS {status_us} µs")
 
 
@@ -132,9 +122,9 @@ def evidence_names_one_latch_time(board: BoardClient) -> None:
     for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
         for offset_us in _OFFSETS_US:
             board.hello()
-            since, index = begin_traces(board, mode), board.link.stream_next
+            since, index = board.arm(trace_mode=mode), board.link.stream_next
             latch_in_time(board, board.flat_phases(), offset_us)
-            times = {"STATUS": board.clock.unwrap(board.status().last_latch_us)}
+            times = {"STATUS": board.last_latch_us()}
             if board.has(Feature.READ_LATCHED):
                 shown = read_back(board).reply
                 check(shown.key.index == index, f"read back is {shown.key.index}, not {index}")
@@ -149,7 +139,7 @@ def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
     """while a frame waits for its time, neither STATUS nor trace nor read-back knows of its
     latch
     """
-    begin_traces(board, TraceMode.RING)
+    board.arm(trace_mode=TraceMode.RING)
     latch_now(board)
     before = board.status()
     t_us = board.clock.soon_us(bytes(2000), ahead_us=50_000)
@@ -168,15 +158,10 @@ def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
     board.clock.wait_until(t_us + 200)
 
 
-@case(
-    "HG-8.3/1-measured",
-    needs=_TRACED | Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-8.3/1-measured", needs=_READ, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def drives_are_there_at_their_latch_time(board: BoardClient) -> None:
     """read-backs right behind the time that the trace tells of a latch show its drive"""
-    begin_traces(board, TraceMode.CRC)
+    board.arm(trace_mode=TraceMode.CRC)
     latch_now(board)
     size = len(board.link.request_wire(Ping(0))[0])
     for moment_us in _MOMENTS_US:
@@ -185,9 +170,7 @@ def drives_are_there_at_their_latch_time(board: BoardClient) -> None:
         board.link.stream(board.flat_phases(), t_us)
         board.clock.end_exchange()
         ping, _ = board.link.request_wire(Ping(moment_us & 0xFFFF))
-        read, _ = board.link.request_wire(
-            ReadDrive(DriveKind.LATCHED, 0, board.identity.transducers)
-        )
+        read, _ = board.link.request_wire(ReadDrive(DriveKind.LATCHED, 0, 0xFFFF))
         sent_us = board.clock.device_estimate_us() + board.wire.period_us(2 * size)
         board.wire.idle(max(0, t_us + moment_us - sent_us))
         answers = board.link.exchange(ping, read)
@@ -212,7 +195,7 @@ def traces_hash_the_drive(board: BoardClient) -> None:
     """the CRC in TRACE is that of N phases and N amplitudes 255, of 8 random drives and a
     sequence
     """
-    since = begin_traces(board, TraceMode.CRC, amplitude_ceiling=99)
+    since = board.arm(trace_mode=TraceMode.CRC, amplitude_ceiling=99)
     drives = latch_random(board, 8)
     if board.has(Feature.SEQUENCE_PHASES):
         drives += send_phases_to_store(board, 3, frames=3)

@@ -14,8 +14,6 @@ from ...client.latching import latch_now
 from ...client.malformed_frames import malformed_by_counter
 from ...outcome import SELF_REPORTED, check
 
-_OVER_8_BITS: Final = 300
-_OVER_16_BITS: Final = 66_000
 _BLOCK: Final = 256
 _LONGEST: Final = 40  # bytes of such a frame on the line
 
@@ -83,10 +81,10 @@ def _count_much_junk(board: BoardClient, number: int) -> None:
 @case("HG-9.2/1-hundreds", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_counter_past_8_bits(board: BoardClient) -> None:
     """300 frames of each defect that has no answer: each counter grows by 300, beyond 8 bits"""
-    _count_much_junk(board, _OVER_8_BITS)
+    _count_much_junk(board, 300)
 
 
 @case("HG-9.2/1-thousands", evidence=SELF_REPORTED, depth=Depth.FULL)
 def every_counter_past_16_bits(board: BoardClient) -> None:
     """66 000 frames of each defect that has no answer: each counter grows by 66 000"""
-    _count_much_junk(board, _OVER_16_BITS)
+    _count_much_junk(board, 66_000)

@@ -22,7 +22,7 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case
 from ...client import malformed_frames
 from ...client.board_client import BoardClient
-from ...client.latching import begin_traces, latch_now, latch_random, read_ring
+from ...client.latching import latch_now, latch_random, read_ring
 from ...client.playback import flood_with_traces, send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...judge.events import judge_event_numbers
@@ -35,19 +35,16 @@ _SEQUENCE: Final = 4
 _LEASE_MS: Final = 20
 _GAP: Final = 7
 _WINDOW_US: Final = 100_000
+_TRACES: Final = Feature.TRACE | Feature.CONFIG
+_RING: Final = Feature.TRACE_RING | Feature.CONFIG
 _FLOODS: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
 
 
-@case(
-    "HG-3.6/2-requests",
-    needs=Feature.TRACE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-3.6/2-requests", needs=_TRACES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def requests_leave_the_event_counters(board: BoardClient) -> None:
     """behind every request, refusal and repeated HELLO events and stream frames go on by 1"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    since, names = begin_traces(board, TraceMode.CRC), ["ARM"]
+    since, names = board.arm(trace_mode=TraceMode.CRC), ["ARM"]
     before = board.status().counters
     latch_now(board)
     for name, send in _requests_at_events(board):
@@ -77,16 +74,11 @@ def _requests_at_events(board: BoardClient) -> Iterator[tuple[str, Callable[[], 
         yield refusal.name, partial(judged_refusal, board, refusal)
 
 
-@case(
-    "HG-8.5/1-kept",
-    needs=Feature.TRACE_RING | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-8.5/1-kept", needs=_RING, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def trace_ring_survives_requests(board: BoardClient) -> None:
     """the ring keeps its latches over every request, MUTE, timer and HELLO again of the session"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    begin_traces(board, TraceMode.RING)
+    board.arm(trace_mode=TraceMode.RING)
     latch_random(board, 3)
     before = read_ring(board, 0, 3).records
     check_equal(len(before), 3, f"the ring holds {len(before)} of 3 latches")
@@ -142,8 +134,7 @@ def _move_all_counters(board: BoardClient) -> None:
     board.link.send(board.link.stream_raw(Phases.TYPE, b""))
     board.hello(board.link.session)
     if board.has(Feature.CONFIG):
-        board.configure(late_window_us=_WINDOW_US)
-        board.arm()
+        board.arm(late_window_us=_WINDOW_US)
         board.link.stream(board.flat_phases(), board.late_time_us(_WINDOW_US // 2))
         board.clock.wait_latched()
         _run_out_lease(board)
@@ -152,8 +143,7 @@ def _move_all_counters(board: BoardClient) -> None:
 
 
 def _run_out_lease(board: BoardClient) -> None:
-    board.configure(host_timeout_ms=_LEASE_MS)
-    board.arm()
+    board.arm(host_timeout_ms=_LEASE_MS)
     timeout_us = (_LEASE_MS + 200) * _MS
     board.link.await_event(StateChanged, board.link.mark(), timeout_us)
     board.configure()

@@ -215,13 +215,12 @@ def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
     hold_ms = min(10_000, board.clock.timer_ms(_HOLD_MS + wait_us // _MS, size))
     board.configure(hold_ms=hold_ms, late_window_us=_WINDOW_US)
     for path in _paths_of_latches(board):
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         latch_now(board)
-        begun_us = board.clock.unwrap(board.status().last_latch_us)
+        begun_us = board.last_latch_us()
         board.wire.idle(hold_ms * _MS // 3)
         _latch_on_path(board, path, stored)
-        start_us = board.clock.unwrap(board.status().last_latch_us)
+        start_us = board.last_latch_us()
         first_us = start_us - (path.counted[1] - 1) * period_to_play(board)
         last_us = begun_us + (hold_ms - 50) * _MS
         board.clock.require_before(last_us, "a latch within the hold", first_us)

@@ -8,12 +8,10 @@ from typing import Final
 from haptogram_protocol.messages import (
     Arm,
     Feature,
-    FocalPoint,
     GetStatus,
     Hello,
     Message,
     Mute,
-    Points,
     Status,
     StatusReply,
 )
@@ -22,7 +20,7 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import send_between_pings
 from ...client.playback import send_phases_to_store_if_supported
-from ...client.stream_kinds import stream_kinds, valid_requests_to_send
+from ...client.stream_kinds import points_of_stream_kind, stream_kinds, valid_requests_to_send
 from ...outcome import SELF_REPORTED, CaseEndedError, check, named
 from ..ch05_stream.every_drop import DROPS, frames_to_drop
 
@@ -105,16 +103,12 @@ def status_margins_count_from_ready(board: BoardClient) -> None:
     """the margin of frames of each kind is t_apply less the time at which they are ready"""
     board.require_no_status()
     board.arm()
-    kinds: list[tuple[Message, int]] = [(board.flat_phases(), 0)]
-    if board.has(Feature.POINTS):
-        most = board.most_points
-        kinds.append((Points((FocalPoint(10_000, 5_000, 150_000, 8_000, 0),) * most), most))
-    for message, points in kinds:
+    for message in (kind.make() for kind in stream_kinds(board)):
         board.clock.wait_latched()
         t_us = board.clock.soon_us(bytes(2000), ahead_us=500 * _MS)
         board.status()
         from_us, to_us = send_between_pings(board, message, t_us)
-        due_us = t_us - from_us - board.clock.ready_us(0, points)
+        due_us = t_us - from_us - board.clock.ready_us(0, points_of_stream_kind(message))
         _check_margins(board.status(), 1, due_us, due_us, to_us - from_us)
         board.link.ask(Mute())  # or the next frame would not be in order
         board.arm()
@@ -175,8 +169,7 @@ def every_status_restarts_margins(board: BoardClient) -> None:
     """the margins begin anew with STATUS as with STATUS_REPLY: of frames before it nothing is
     left
     """
-    board.configure(status_period_ms=board.quick_status_ms)
-    board.arm()
+    board.arm(status_period_ms=board.quick_status_ms)
     board.status()
     since = board.link.mark()
     board.link.stream(board.flat_phases(), board.clock.ahead_us(_AHEAD_US))

@@ -64,8 +64,7 @@ def sends_status(board: BoardClient) -> None:
 @case("HG-9.1/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def status_tells_of_one_moment(board: BoardClient) -> None:
     """in STATUS and STATUS_REPLY amid a stream both sums hold: of frames, and of accepted"""
-    board.configure(status_period_ms=board.quick_status_ms)
-    board.arm()
+    board.arm(status_period_ms=board.quick_status_ms)
     good = board.shortest_stream()
     since = board.link.mark()
     found: list[StatusReply | Status] = [board.status()]

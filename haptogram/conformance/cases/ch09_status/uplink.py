@@ -31,6 +31,7 @@ from ...client.request_client import LONGEST_BURST_BYTES
 from ...judge.events import judge_event_numbers
 from ...outcome import SELF_REPORTED, check
 
+_PLAYED: Final = Feature.SEQUENCE_PHASES | Feature.CONFIG
 _ASKED: Final = 40
 _MS: Final = 1000
 _SEQUENCE: Final = 2
@@ -51,7 +52,7 @@ def free_bytes_in_status_are_free(board: BoardClient) -> None:
         board.wire.idle_while_sending()
 
 
-@case("HG-9.5/1", needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG)
+@case("HG-9.5/1", needs=_PLAYED | Feature.TRACE_DRIVE)
 def uplink_drops_no_event_numbers(board: BoardClient) -> None:
     """events count up without a gap, even where traces were dropped at the board"""
     since = board.link.mark()
@@ -59,12 +60,7 @@ def uplink_drops_no_event_numbers(board: BoardClient) -> None:
     judge_event_numbers(board, board.wire.received[since:])
 
 
-@case(
-    "HG-9.6/1-traces",
-    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-9.6/1-traces", needs=_PLAYED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def only_traces_give_way_on_the_uplink(board: BoardClient) -> None:
     """while traces of every mode fill the uplink no STATUS and no other event gives way before
     them
@@ -88,13 +84,11 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
     board.wire.look_away((alone_ms + 5) * _MS)
     timeout_us = 20 * alone_ms * _MS
-    changed = board.link.await_event(StateChanged, since, timeout_us)
-    ended = board.link.await_event(PlaybackEnded, since, timeout_us)
+    for event in (StateChanged, PlaybackEnded):
+        board.due_event(event, since, timeout_us, f"trace {mode.name}, a full uplink")
     board.link.barrier()
     dropped = board.counted_since(before)["trace_dropped"]
     name = f"trace {mode.name}, {dropped} traces dropped"
-    check(changed is not None, f"{name}: STATE_CHANGED is lost among the traces")
-    check(ended is not None, f"{name}: PLAYBACK_ENDED is lost among the traces")
     found = board.link.events(Status, since)
     end_us = start_us + alone_ms * _MS
     told = [t for header, _ in found if (t := board.clock.unwrap(header.time_us)) <= end_us]
