@@ -439,7 +439,8 @@ def _note(trial: Trial, verdict: FrameVerdict, effect: Effect, lie: Lie) -> None
         "scattered": effect.scattered,
         "flat": int(lie.flat.sum()),
         "note": verdict.note,
-        "named": any(fault != UNNAMED for fault in verdict.faults),
+        "named": any(fault != UNNAMED for fault in verdict.faults)
+        or (verdict.status is FrameStatus.OFF_TARGET and verdict.error_mm is not None),
     }
 
 

@@ -72,15 +72,15 @@ def summary(group: Group, trials: list[Line]) -> list[str]:
 
 
 def _unnamed(trials: list[Line]) -> list[str]:
-    """What the codes of a board prove to be wrong, and the verdict has no name for."""
+    """What the codes of a board prove to be wrong, and the verdict tells by no name or place."""
     shown = [t for t in trials if t["outcome"] == "caught" and t["kind"].endswith("(line)")]
     shown = [t for t in shown if "named" in t["numbers"]]
     bare = Counter(t["kind"] for t in shown if not t["numbers"]["named"])
     if not shown:
         return []
     kinds = ", ".join(f"{many} x {kind[:-7]}" for kind, many in bare.most_common())
-    return [f"drives that are not those sent: {len(shown)} caught, {bare.total()} without a name"
-            + (f" ({kinds})" if kinds else "")]  # fmt: skip
+    return [f"drives that are not those sent: {len(shown)} caught, {bare.total()} without a name "
+            "or a place" + (f" ({kinds})" if kinds else "")]  # fmt: skip
 
 
 def silent(trials: list[Line]) -> list[Line]:

@@ -140,8 +140,8 @@ def run_limits_sentences(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"What would have come later: the run was {result['cut_short']}."
     if result["smallest_miss_mm"] is not None:
         yield (
-            f"A miss of less than {result['smallest_miss_mm']:.2f} mm cannot be told from what "
-            "rounding of the phases makes."
+            f"By its place alone, a miss below {result['smallest_miss_mm']:.2f} mm cannot be "
+            "told from what rounding of the phases makes; phases that are off by more fail."
         )
     if result["axial_error_mm"]["max"] is None and result["lateral_error_mm"]["max"] is not None:
         yield "The error along the beam: this array cannot observe it."

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, Drive, NotSingle, SingleFocus, phase_step_rad
+from haptogram.acoustics import AcousticModel, Drive, phase_step_rad
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, REGISTER_BITS
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
@@ -88,11 +88,6 @@ def common_frame_error_rad(error: FloatArray) -> float:
     """Return half the range of phase errors, the phase that all share taken out."""
     common = np.angle(np.exp(1j * error).sum())
     return float(np.ptp(wrapped_phases(error - common))) / 2.0
-
-
-def focus_offset_from_target_m(target: FrameTarget, focus: SingleFocus | NotSingle) -> FloatArray:
-    """S2: return where the reconstructed focus is, seen from the target, (3,) in metres."""
-    return np.array(focus.position_m) - target.position_m
 
 
 def is_frame_on_target(target: FrameTarget, offset_m: FloatArray) -> bool:
@@ -178,6 +173,7 @@ def judge_frame_drive(
         >= least_frame_coherence(asked, allowed_codes),
     }
     measures: dict[str, Any] = {
+        "intended_pressure_rms_pa": target.intended_pressure_rms_pa,
         "phase_error_rad": host.error_rad,
         "coherence": frame_coherence_at_target(target, latched),
     }

@@ -19,7 +19,6 @@ from haptogram.acoustics import (
     focus_phases,
     phase_step_rad,
 )
-from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
@@ -126,7 +125,7 @@ class SingleFocusFrame:
         elif self._is_ambiguous(verdicts, found):
             notes.append(_ambiguous_frame_focus(target, found))
             offset_m = target.nearest_focus_m(np.angle(self.latched.weights()), self._active)
-            measures |= _place_against_frame_target(target, offset_m)
+            measures |= target.miss(offset_m)
             if criteria.is_frame_on_target(target, offset_m):
                 verdicts["S2"] = True
             else:
@@ -152,17 +151,13 @@ class SingleFocusFrame:
         status = frame_status_of(verdicts, faults, focused=isinstance(found, SingleFocus))
         if status is FrameStatus.ON_TARGET and unseen:
             status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
-        smallest_m = target.smallest_miss_m
         return dataclasses.replace(
             seen,
             status=status,
             criteria=dict(sorted(verdicts.items())),
             faults=faults,
-            bound_mm=_finite_frame_target_mm(target.bound_m),
-            smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
-            uncertainty_mm=target.place_uncertainty(self.known),
             note="; ".join(notes),
-            **measures,
+            **target.shown_miss(self.known) | measures,
         )
 
     @property
@@ -188,22 +183,21 @@ class SingleFocusFrame:
         """Return measures and verdicts that need the drive alone: S1, S3, S4 and S5."""
         intended, latched, target, active = self.intended, self.latched, self.target, self._active
         s5 = criteria.frame_amplitudes_ok(intended, latched)
-        intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
-        measures: dict[str, Any] = {"coherence": 0.0, "intended_pressure_rms_pa": intended_pa}
         if not active.any():
+            intended_pa = target.intended_pressure_rms_pa
+            measures = {"coherence": 0.0, "intended_pressure_rms_pa": intended_pa}
             return measures, {"S1": False, "S3": False, "S5": s5}
-        verdicts, by_drive = criteria.judge_frame_drive(
+        verdicts, measures = criteria.judge_frame_drive(
             target, self._host, latched.weights(), criteria.allowed_frame_codes(intended)
         )
-        return measures | by_drive, verdicts | {"S5": s5}
+        return measures, verdicts | {"S5": s5}
 
     def _is_in_place(self, found: Reconstruction) -> bool:
         """S2."""
         if not isinstance(found, SingleFocus):
             return False
-        return criteria.is_frame_on_target(
-            self.target, criteria.focus_offset_from_target_m(self.target, found)
-        )
+        offset_m = np.array(found.position_m) - self.target.position_m
+        return criteria.is_frame_on_target(self.target, offset_m)
 
     def _is_ambiguous(self, verdicts: dict[str, bool], found: Reconstruction) -> bool:
         """Return True if phases that suit the target were found to suit another point or none.
@@ -294,24 +288,9 @@ def _where_against_frame_target(
     force_n = found.force_n if isinstance(found, SingleFocus) else None
     if force_n is not None and not math.isfinite(force_n):
         force_n = None
-    return _place_against_frame_target(
-        target, criteria.focus_offset_from_target_m(target, found)
-    ) | {
+    return target.miss(np.array(found.position_m) - target.position_m) | {
         "pressure_rms_pa": found.pressure_rms_pa,
         "force_n": force_n,
-    }
-
-
-def _place_against_frame_target(target: FrameTarget, offset_m: FloatArray) -> dict[str, Any]:
-    """Return place and error of a focus; None for a part that cannot be observed."""
-    across_m, along_m = target.split(offset_m)
-    place_m = (target.position_m + offset_m).tolist()
-    return {
-        "measured_m": tuple(
-            value if seen else None for value, seen in zip(place_m, target.observable, strict=True)
-        ),
-        "lateral_error_mm": None if across_m is None else _MM * across_m,
-        "axial_error_mm": None if along_m is None else _MM * along_m,
     }
 
 
@@ -327,8 +306,3 @@ def _where_the_frame_peak_is(
         "lateral_error_mm": _MM * float(np.linalg.norm(across_m)),
         "axial_error_mm": _MM * float(along_m @ target.axis),
     }
-
-
-def _finite_frame_target_mm(bound_m: FloatArray) -> tuple[float | None, float | None, float | None]:
-    x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
-    return x, y, z

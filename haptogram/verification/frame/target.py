@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,6 +99,11 @@ class FrameTarget:
         """(N,) peak pressure at the target, of each element at unit weight."""
         arrivals: ComplexArray = propagators(self.model, self.position_m[None, :])[0]
         return arrivals
+
+    @property
+    def intended_pressure_rms_pa(self) -> float:
+        """Pressure at the target, of the intended amplitudes with ideal phases."""
+        return float(np.abs(self.arrivals) @ self.amplitudes) / math.sqrt(2.0)
 
     @cached_property
     def axis(self) -> FloatArray:
@@ -283,19 +288,32 @@ class FrameTarget:
         slack = self._steepness_rad_m * self.tolerance.miss_mm / _MM
         return float(slack + np.sqrt(np.mean(self.air_phases_rad[self.active] ** 2)))
 
-    @property
-    def smallest_miss_m(self) -> float | None:
-        """The smallest miss that shows; None where one in some direction would never show."""
+    def shown_miss(self, known: Uncertainty) -> dict[str, Any]:
+        """Return in mm which miss shows, and how well the place is known; None: one never does."""
+        x, y, z = (_MM * float(b) if math.isfinite(b) else None for b in self.bound_m)
         if not self.observable.all():
-            return None
-        longest = float(np.linalg.norm(self.bound_m + self.tolerated_m))
-        return longest + self.tolerance.miss_mm / _MM
+            return {"bound_mm": (x, y, z), "smallest_miss_mm": None, "uncertainty_mm": None}
+        longest_mm = _MM * float(np.linalg.norm(self.bound_m + self.tolerated_m))
+        return {
+            "bound_mm": (x, y, z),
+            "smallest_miss_mm": longest_mm + self.tolerance.miss_mm,
+            "uncertainty_mm": frame_target_uncertainty(
+                self.model, self.position_m, self.response, known
+            ),
+        }
 
-    def place_uncertainty(self, known: Uncertainty) -> VerdictUncertainty | None:
-        """Return the uncertainty of the place of the focus; None where it cannot be observed."""
-        if not self.observable.all():
-            return None
-        return frame_target_uncertainty(self.model, self.position_m, self.response, known)
+    def miss(self, offset_m: FloatArray) -> dict[str, Any]:
+        """Return place and error of a focus; None for a part that cannot be observed."""
+        across_m, along_m = self.split(offset_m)
+        place_m = (self.position_m + offset_m).tolist()
+        return {
+            "measured_m": tuple(
+                value if seen else None
+                for value, seen in zip(place_m, self.observable, strict=True)
+            ),
+            "lateral_error_mm": None if across_m is None else _MM * across_m,
+            "axial_error_mm": None if along_m is None else _MM * along_m,
+        }
 
 
 def check_frame_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: Tolerance) -> None:

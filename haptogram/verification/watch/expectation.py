@@ -10,12 +10,12 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_point_array
+from haptogram.acoustics.arrays import FloatArray, as_point_array
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern, SeveralFoci
@@ -108,24 +108,24 @@ class Expectation:
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         amplitudes = np.abs(weights)
         if amplitudes.max(initial=0.0) < _SOUNDING:
-            return _as_expected_focus(
-                seen, FrameStatus.WRONG_DRIVE, faults=("nothing was radiated",)
+            return dataclasses.replace(
+                seen, status=FrameStatus.WRONG_DRIVE, faults=("nothing was radiated",)
             )
         target = self._target(seen.target_m, amplitudes.tobytes(), latch.steps)
-        measures, verdicts = self._measured(target, weights)
+        hosts = ToleratedHosts.of(target, Uncertainty(), target.drive_of_host)
+        host = ToleratedHost.nearest(hosts, np.angle(weights), target.active)
+        verdicts, measures = criteria.judge_frame_drive(target, host, weights)
         faults: tuple[str, ...] = ()
         if isinstance(pattern, OneFocus):
             offset_m = np.array(pattern.position_m) - target.position_m
             verdicts["S2"] = criteria.is_frame_on_target(target, offset_m)
-            measures |= _placed_expected_focus(target, pattern, offset_m)
+            measures |= target.miss(offset_m) | {"pressure_rms_pa": pattern.pressure_rms_pa}
         elif all(verdicts.values()) and not self._shows_focus(target, latch.steps):
             count = int(target.active.sum())
             note = (
                 f"{count} elements with {latch.steps} steps do not prove a focus: S2 is not judged"
             )
-            return _as_expected_focus(
-                seen, FrameStatus.NOT_VERIFIED, criteria=verdicts, note=note, **measures
-            )
+            return dataclasses.replace(seen, criteria=verdicts, note=note, **measures)
         else:
             verdicts["S2"] = False
             faults = (f"{pattern.kind} where one focus was expected",)
@@ -133,17 +133,13 @@ class Expectation:
         if status is FrameStatus.ON_TARGET and not target.observable.all():
             status = FrameStatus.NOT_VERIFIED
             notes = ["the elements that sound cannot tell where the focus is"]
-        smallest_m = target.smallest_miss_m
-        return _as_expected_focus(
+        return dataclasses.replace(
             seen,
-            status,
+            status=status,
             criteria=dict(sorted(verdicts.items())),
             faults=faults,
-            bound_mm=_finite_expected_mm(target.bound_m),
-            smallest_miss_mm=None if smallest_m is None else _MM * smallest_m,
-            uncertainty_mm=target.place_uncertainty(self._uncertainty),
-            note="; ".join(notes) if status is not FrameStatus.OFF_TARGET else "",
-            **measures,
+            note="; ".join(notes),
+            **target.shown_miss(self._uncertainty) | measures,
         )
 
     def _shows_focus(self, target: FrameTarget, steps: int) -> bool:
@@ -163,63 +159,32 @@ class Expectation:
             target.check_tolerance()
         return target
 
-    def _measured(
-        self, target: FrameTarget, weights: ComplexArray
-    ) -> tuple[dict[str, Any], dict[str, bool]]:
-        """Return what the drive alone shows, and S1, S3 and S4."""
-        hosts = ToleratedHosts.of(target, Uncertainty(), target.drive_of_host)
-        host = ToleratedHost.nearest(hosts, np.angle(weights), target.active)
-        intended_pa = float(np.abs(target.arrivals) @ target.amplitudes) / math.sqrt(2.0)
-        verdicts, measures = criteria.judge_frame_drive(target, host, weights)
-        return measures | {"intended_pressure_rms_pa": intended_pa}, verdicts
-
     def _judge_several(
         self, seen: FrameVerdict, foci: FloatArray, pattern: Pattern
     ) -> FrameVerdict:
         """Judge several foci by their places: S2 of each."""
         if not isinstance(pattern, SeveralFoci) or len(pattern.positions_m) != len(foci):
             fault = f"{pattern.kind} where {len(foci)} foci were expected"
-            return _as_expected_focus(
-                seen, FrameStatus.WRONG_DRIVE, criteria={"S2": False}, faults=(fault,)
+            return dataclasses.replace(
+                seen, status=FrameStatus.WRONG_DRIVE, criteria={"S2": False}, faults=(fault,)
             )
         places, bounds = np.array(pattern.positions_m), np.array(pattern.bounds_m)
         nearest = np.linalg.norm(places[:, None] - foci, axis=2).argmin(axis=1)
         if len(set(nearest.tolist())) != len(foci):
-            return _as_expected_focus(seen, FrameStatus.OFF_TARGET, criteria={"S2": False})
+            return dataclasses.replace(seen, status=FrameStatus.OFF_TARGET, criteria={"S2": False})
         off_m = places - foci[nearest]
         ok = all(
             criteria.within_frame_limit(off, bound, self.tolerance.miss_mm)
             for off, bound in zip(off_m, bounds, strict=True)
         )
         worst = int(np.linalg.norm(off_m, axis=1).argmax())
-        return _as_expected_focus(
+        return dataclasses.replace(
             seen,
-            FrameStatus.ON_TARGET if ok else FrameStatus.OFF_TARGET,
+            status=FrameStatus.ON_TARGET if ok else FrameStatus.OFF_TARGET,
             criteria={"S2": ok},
             measured_m=_expected_vector(places[worst]),
             lateral_error_mm=_MM * float(np.linalg.norm(off_m[worst])),
         )
-
-
-def _placed_expected_focus(
-    target: FrameTarget, pattern: OneFocus, offset_m: FloatArray
-) -> dict[str, Any]:
-    across_m, along_m = target.split(offset_m)
-    return {
-        "measured_m": pattern.position_m,
-        "lateral_error_mm": None if across_m is None else _MM * across_m,
-        "axial_error_mm": None if along_m is None else _MM * along_m,
-        "pressure_rms_pa": pattern.pressure_rms_pa,
-    }
-
-
-def _as_expected_focus(seen: FrameVerdict, status: FrameStatus, **values: Any) -> FrameVerdict:
-    return dataclasses.replace(seen, status=status, **values)
-
-
-def _finite_expected_mm(bound_m: FloatArray) -> tuple[float | None, float | None, float | None]:
-    x, y, z = (float(_MM * value) if math.isfinite(value) else None for value in bound_m)
-    return x, y, z
 
 
 def _expected_vector(values: FloatArray) -> Vector:

@@ -311,7 +311,8 @@ def test_the_width_of_the_focus_is_that_of_the_field():
 
 @pytest.mark.parametrize(("height_m", "moved_mm"), [(0.1, 0.255), (0.2, 0.405), (0.4, 0.75)])
 def test_a_degree_moves_a_focus_by_what_the_result_says(height_m, moved_mm):
-    known = field_of(MODEL, (0.0, 0.0, height_m)).place_uncertainty(Uncertainty(temperature_c=1.0))
+    target = field_of(MODEL, (0.0, 0.0, height_m))
+    known = target.shown_miss(Uncertainty(temperature_c=1.0))["uncertainty_mm"]
     assert known.air == pytest.approx(moved_mm, rel=0.03)
     assert (known.positions, known.phases) == (0.0, 0.0)
 
@@ -321,7 +322,7 @@ def test_a_degree_moves_a_focus_by_what_the_result_says(height_m, moved_mm):
 @given(working_volume(), st.integers(0, 2**32 - 1))
 def test_scattered_positions_and_phases_move_the_focus_as_the_result_says(target, seed):
     field = field_of(MODEL, target)
-    known = field.place_uncertainty(Uncertainty(position_mm=0.1, phase_rad=0.2))
+    known = field.shown_miss(Uncertainty(position_mm=0.1, phase_rad=0.2))["uncertainty_mm"]
     rng = np.random.default_rng(seed)
     moved = {"positions": [], "phases": []}
     for _ in range(60):
