@@ -122,7 +122,7 @@ def test_a_soak_keeps_the_seconds_around_a_violation(jobs, tmp_path, capsys):
     examples = json.loads(account.read_text())["tally"]["examples"]
     assert examples
     assert {link["event"] for link in links} == {"excerpt"}
-    assert links[0]["text"] in examples[0]
+    assert any(links[0]["text"] in example for example in examples)  # whichever segment ended first
     assert min(counts[TO_BOARD], counts[TO_HOST], counts[LATCH]) > 0
 
 
