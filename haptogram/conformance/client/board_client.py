@@ -377,6 +377,13 @@ class BoardClient:
             self.wire.idle(_FAULT_US // 50)
         return self.status().state is not OutputState.FAULT
 
+    def restarted(self) -> BoardClient:
+        """Switch the board off and on; return the client of its new session."""
+        assert self.restart is not None  # the case needs a reset
+        board = self.restart()
+        board.hello()
+        return board
+
     def read_geometry(self) -> list[Element]:
         """Return position and normal of every transducer; FAILED if a reply shows none."""
         elements: list[Element] = []

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from haptogram_protocol.messages import (
-    DriveKind,
-    Feature,
-    UploadKind,
-)
+from haptogram_protocol.messages import Feature
 
 from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, read_back, read_back_radiated
-from ...client.uploads import upload_to_board
+from ...client.uploads import upload_correction
 from ...judge.witness import expect_witnessed_drive
 from ...outcome import SELF_REPORTED, check, check_equal
 
@@ -24,8 +20,8 @@ from ...outcome import SELF_REPORTED, check, check_equal
 def adds_the_phase_correction(board: BoardClient) -> None:
     """the correction is added to the radiated phases, modulo 256; the latched drive stays"""
     count = board.identity.transducers
-    correction = board.random.randbytes(count)
-    upload_to_board(board, UploadKind.CORRECTION, 0, correction)
+    correction = board.random_registers()
+    upload_correction(board, correction)
     registers = board.random_registers()
     board.arm()
     latch_now(board, board.phases(registers))
@@ -35,7 +31,7 @@ def adds_the_phase_correction(board: BoardClient) -> None:
     due = bytes((a + b) % 256 for a, b in zip(registers, correction, strict=True))
     wrong = sum(a != b for a, b in zip(shown.phases, due, strict=True))
     check_equal(wrong, 0, f"{wrong} of {count} radiated phases are not latched + correction")
-    upload_to_board(board, UploadKind.CORRECTION, 0, bytes(count))
+    upload_correction(board, bytes(count))
     shown = read_back_radiated(board)
     check_equal(shown.phases, registers, "a correction of 0 is not in force after its commit")
 
@@ -51,7 +47,7 @@ def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
     for ceiling in (100, 1, 255):
         board.configure(amplitude_ceiling=ceiling)
         latch_now(board)
-        loudest = read_back(board, DriveKind.RADIATED).loudest
+        loudest = read_back_radiated(board).loudest
         check(loudest <= ceiling, f"ceiling {ceiling}: amplitude {loudest} is radiated")
         check(loudest > 0, f"ceiling {ceiling}: nothing is radiated")
         check_equal(read_back(board).loudest, 255, f"ceiling {ceiling} changes the latched drive")

@@ -11,7 +11,6 @@ from haptogram_protocol.messages import (
     Feature,
     GetStatus,
     Mute,
-    PlaybackEnded,
     Status,
     Stop,
 )
@@ -29,6 +28,7 @@ from ...client.playback import (
 )
 from ...judge.timers import judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, check_equal
+from .playback import judge_end_told
 
 _MS: Final = 1000
 _SEQUENCE: Final = 5
@@ -85,14 +85,9 @@ def every_playback_end_is_told(board: BoardClient) -> None:
         since, before = board.link.mark(), board.status().counters
         bring(board)
         end(board)
-        board.link.barrier()
-        text = f"a playback {moment}, ended by {name}"
-        events = [event for _, event in board.link.events(PlaybackEnded, since)]
-        check(len(events) == 1, f"{text}: {len(events)} PLAYBACK_ENDED, due is 1")
         latched = board.counted_since(before)["latched"]
-        told = (events[0].sequence, events[0].frames, events[0].loops)
-        due = (_SEQUENCE, latched, latched // _FRAMES)
-        check(told == due, f"{text}: sequence, frames and loops {told}, due are {due}")
+        text = f"a playback {moment}, ended by {name}"
+        judge_end_told(board, since, _SEQUENCE, _FRAMES, latched, text)
         check(latched >= least, f"{text}: {latched} latches")
 
 

@@ -6,19 +6,27 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from haptogram_protocol.messages import Feature, SetConfig, SetConfigReply, Status, TraceMode
+from haptogram_protocol.messages import Feature, SetConfig, SetConfigReply, Status
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now
+from ...client.capabilities import trace_modes
+from ...client.latching import latch_now, latch_timed
 from ...client.playback import (
     PERIOD_US,
     play_now,
     send_phases_that_fit,
     send_phases_to_store_if_supported,
 )
-from ...judge.timers import EXACT_US, judge_mute_time, judge_status_period, judged_mute_by_timer
+from ...judge.timers import (
+    EXACT_US,
+    HOLD,
+    LEASE,
+    UNATTENDED,
+    judge_status_period,
+    judged_mute_by_timer,
+)
 from ...outcome import check, require
 
 _MS: Final = 1000
@@ -31,17 +39,12 @@ _RAMP_MS: Final = 30
 
 def every_other_setting(board: BoardClient) -> list[dict[str, Any]]:
     """Return changes of one field each, to both ends, but for ceiling and lengths of timers."""
-    modes = (
-        (TraceMode.CRC, Feature.TRACE),
-        (TraceMode.DRIVE, Feature.TRACE_DRIVE),
-        (TraceMode.RING, Feature.TRACE_RING),
-    )
     values: dict[str, tuple[int, ...]] = {
         "status_period_ms": (board.quick_status_ms + 100, 65_535),
         "late_window_us": (50_000, 0, 100_000),
         "sound_speed_mm_s": (300_000, 380_000),
         "trace_divider": (7, 65_535),
-        "trace_mode": tuple(mode for mode, feature in modes if board.has(feature)),
+        "trace_mode": tuple(trace_modes(board)),
     }
     return [{name: value} for name, some in values.items() for value in some]
 
@@ -65,18 +68,9 @@ def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
     return board.clock.unwrap(answer.header.time_us)
 
 
-def _start_hold_to_configure(board: BoardClient) -> int:
-    latch_now(board)
-    return board.last_latch_us()
-
-
-def _start_played_hold_to_configure(board: BoardClient) -> int:
+def _start_played_hold(board: BoardClient) -> int:
     play_now(board, _SEQUENCE, loops=1, period_us=PERIOD_US)
     board.wire.idle(5 * PERIOD_US)
-    return _last_latch_before_configuration(board)
-
-
-def _last_latch_before_configuration(board: BoardClient) -> int:
     return board.last_latch_us()
 
 
@@ -119,10 +113,10 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
     ramps: list[dict[str, Any]] = [{"ramp_ms": 0}]
     if board.has(Feature.AMPLITUDE):
         ramps += [{"ramp_ms": 90}, {"ramp_ms": 90, "hold_ms": _LENGTH_MS - 50}]
-    starts = [_start_hold_to_configure]
+    starts: list[Callable[[BoardClient], int]] = [latch_timed]
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, _SEQUENCE, frames=2)
-        starts.append(_start_played_hold_to_configure)
+        starts.append(_start_played_hold)
     lengths: list[tuple[int, dict[str, Any]]] = [
         (_LENGTH_MS, {"hold_ms": _LENGTH_MS - 50}),
         (_LENGTH_MS, {"hold_ms": 1}),
@@ -132,7 +126,7 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
         *((_LENGTH_MS, changes) for changes in [*ramps, *_other_settings(board)]),
     ]
     for start in starts:
-        most = 2 if start is _start_played_hold_to_configure else len(lengths)
+        most = 2 if start is _start_played_hold else len(lengths)
         for length_ms, changes in board.sample(lengths, most):
             _hold_with_configuration(board, start, length_ms, changes)
 
@@ -170,10 +164,9 @@ def _lease_with_configuration(
     start_us = _set_configuration_alone(board, **after)
     board.clock.require_before(begun_us + _LENGTH_MS * _MS, "SET_CONFIG in a lease", start_us)
     due_ms = (_LENGTH_MS if plays else after["host_timeout_ms"]) + after["ramp_ms"]
-    reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
-    header, _ = judged_mute_by_timer(board, since, 3 * due_ms * _MS, reason)
-    name = f"{reason.name}, {dict(changes)} meanwhile"
-    judge_mute_time(board, start_us, header, due_ms, name, asked_us=asked_us)
+    timer = UNATTENDED if plays else LEASE
+    name = f"{timer.name}, {dict(changes)} meanwhile"
+    timer.judge(board, since, start_us, due_ms, name, asked_us=asked_us)
 
 
 @case("HG-7.1/3-fields", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
@@ -191,14 +184,12 @@ def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
         lengths = [{"hold_ms": _NEVER_MS, "ramp_ms": 2000}, {"hold_ms": 1, "ramp_ms": 0}]
     for changes in [*lengths, *_other_settings(board)]:
         since = board.arm(hold_ms=hold_ms, ramp_ms=ramp_ms)
-        start_us = _start_hold_to_configure(board)
-        middle_us = start_us + (hold_ms + ramp_ms // 3) * _MS
-        board.clock.idle_until(middle_us)
+        start_us = latch_timed(board)
+        board.clock.idle_until(start_us + (hold_ms + ramp_ms // 3) * _MS)
         board.clock.require_before(start_us + (hold_ms + ramp_ms) * _MS, "the middle of a ramp")
         board.configure(**{"hold_ms": hold_ms, "ramp_ms": ramp_ms} | changes)
-        header, _ = judged_mute_by_timer(board, since, 2500 * _MS, MuteReason.HOLD_EXPIRED)
         name = f"a ramp of {hold_ms} + {ramp_ms} ms, {changes} meanwhile"
-        judge_mute_time(board, start_us, header, hold_ms + ramp_ms, name)
+        HOLD.judge(board, since, start_us, hold_ms + ramp_ms, name)
 
 
 @case("HG-7.1/3-status", needs=Feature.CONFIG, depth=Depth.DEFAULT)

@@ -8,7 +8,6 @@ from haptogram_protocol.messages import (
     Arm,
     Disarm,
     Feature,
-    FocalPoint,
     Message,
     Mute,
     Play,
@@ -30,6 +29,7 @@ from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import trace_modes
 from ...client.latching import ClientDrive, latch_now, read_back, read_back_radiated
 from ...client.playback import (
     await_playback_end,
@@ -41,7 +41,8 @@ from ...client.playback import (
     send_phases_to_store,
     send_phases_to_store_if_supported,
 )
-from ...client.stream_kinds import random_point_to_send, valid_requests_to_send
+from ...client.recording import counter_steps
+from ...client.stream_kinds import random_points_to_send, valid_requests_to_send
 from ...client.uploads import begin_upload, send_upload_chunks, upload_to_board
 from ...judge.refused_requests import requests_refused_by_link
 from ...judge.timers import judge_in_time
@@ -69,8 +70,7 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
     """a ceiling set while a drive sounds, of stream and playback, is in force without a new
     latch
     """
-    plays = [False, True] if board.has(Feature.SEQUENCE_PHASES) else [False]
-    for played in plays:
+    for played in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
         board.configure()
         board.arm()
         if played:
@@ -83,9 +83,8 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
         for ceiling in _CEILINGS:
             board.configure(amplitude_ceiling=ceiling)
             loudest = read_back_radiated(board).loudest
-            check_equal(
-                loudest, ceiling, f"ceiling {ceiling}, set meanwhile: {loudest} is radiated"
-            )
+            text = f"ceiling {ceiling}, set meanwhile: {loudest} is radiated"
+            check_equal(loudest, ceiling, text)
 
 
 @case(
@@ -96,18 +95,14 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
 def stored_points_take_the_configured_speed(board: BoardClient) -> None:
     """points stored before a new speed of sound are played with the new one"""
     from ...judge.array_model import judged_model_of_board
-    from ...judge.focusing import judged_phase_errors
 
-    frame = Points(tuple(random_point_to_send(board, 1) for _ in range(1)))
+    frame = random_points_to_send(board)
     upload_to_board(board, UploadKind.POINTS, _SEQUENCE, frame.serialize(), 1)
     for speed in _SPEEDS_MM_S:
         board.arm(sound_speed_mm_s=speed)
         play_out(board, _SEQUENCE, 1, period_us=period_to_play(board, 1))
-        errors = judged_phase_errors(
-            judged_model_of_board(board), [(tuple(frame.points), read_back(board))]
-        )
-        worst = float(abs(errors).max(initial=0.0))
-        check(worst <= _WORST_STEPS, f"{speed / 1000:g} m/s: a phase is off by {worst:.1f} steps")
+        name = f"{speed / 1000:g} m/s"
+        _judge_focus(judged_model_of_board(board), frame, read_back(board), name)
 
 
 @case(
@@ -118,13 +113,8 @@ def stored_points_take_the_configured_speed(board: BoardClient) -> None:
 )
 def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
     """trace modes set one after the other while a sequence plays are each in force at once"""
-    events = {
-        TraceMode.OFF: (Feature(0), None),
-        TraceMode.CRC: (Feature.TRACE, TracePlayback),
-        TraceMode.DRIVE: (Feature.TRACE_DRIVE, TraceDrive),
-        TraceMode.RING: (Feature.TRACE_RING, None),
-    }
-    modes = [mode for mode, (feature, _) in events.items() if board.has(feature)]
+    events = {TraceMode.CRC: TracePlayback, TraceMode.DRIVE: TraceDrive}
+    modes = [TraceMode.OFF, *trace_modes(board)]
     send_phases_that_fit(board, _SEQUENCE, frames=2)
     board.arm()
     play_now(board, _SEQUENCE, loops=0, period_us=10 * _MS)
@@ -135,7 +125,7 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
         board.link.barrier()
         for kind in (Trace, TracePlayback, TraceDrive):
             got = len(board.link.events(kind, since))
-            due = kind is events[mode][1]
+            due = kind is events.get(mode)
             name = f"{kind.__name__} in mode {mode.name}, set while a sequence plays"
             check_equal(bool(got), due, f"{got} {name}")
 
@@ -172,9 +162,9 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
     model = judged_model_of_board(board)
     for changes in settings:
         board.arm()
-        codes, points = board.random_registers(), (random_point_to_send(board, 1),)
+        codes = board.random_registers()
         frames: list[Message] = [board.phases(codes)]
-        frames += [Points(points)] if board.has(Feature.POINTS) else []
+        frames += [random_points_to_send(board)] if board.has(Feature.POINTS) else []
         for frame in frames:
             name = f"{frame.TYPE.name} in the queue, {changes} meanwhile"
             wire_bytes = bytes(2 * len(frame.serialize()) + 400)
@@ -188,18 +178,16 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
             in_time = 0 <= late_us <= board.clock.carrier_us
             judge_in_time(board, in_time, f"{name}: latched {late_us} µs behind its time")
             if isinstance(frame, Points):
-                _judge_queued_points(model, points, shown, name)
+                _judge_focus(model, frame, shown, name)
             else:
                 check_equal(shown.phases, codes, f"{name}: other phases are latched")
             board.configure(**before)
 
 
-def _judge_queued_points(
-    model: AcousticModel, points: tuple[FocalPoint, ...], shown: ClientDrive, name: str
-) -> None:
+def _judge_focus(model: AcousticModel, frame: Points, shown: ClientDrive, name: str) -> None:
     from ...judge.focusing import judged_phase_errors
 
-    worst = float(abs(judged_phase_errors(model, [(points, shown)])).max(initial=0.0))
+    worst = float(abs(judged_phase_errors(model, [(tuple(frame.points), shown)])).max(initial=0.0))
     check(worst <= _WORST_STEPS, f"{name}: a phase is off by {worst:.1f} steps")
 
 
@@ -217,11 +205,11 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
     begin_upload(board, UploadKind.PHASES, _SEQUENCE + 1, other)
     period_us = board.clock.on_carrier(board.wire.period_us(4 * (2 * count + 200), 20 * _MS))
     board.arm()
-    since, before = board.link.mark(), board.status().counters.latched
+    since, before = board.link.mark(), board.status().counters
     play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=10_000)
     board.clock.wait_latched(0)
     begun = board.status()  # of the second frame or a later one, if the host was held up
-    latched = (begun.counters.latched - before) & 0xFFFFFFFF
+    latched = counter_steps(before, begun.counters)["latched"]
     first_us = board.clock.unwrap(begun.last_latch_us) - (latched - 1) * period_us
     # The last one would mute: but unattended_ms stands for it (HG-7.6/5).
     for changes in [*_settings_beside_timers(board), {"host_timeout_ms": 20}]:
@@ -258,8 +246,7 @@ def requests_leave_the_configured_division(board: BoardClient) -> None:
     board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
     since, first = board.link.mark(), board.link.stream_next
     count = 0
-    messages: list[Message] = [*valid_requests_to_send(board, _SEQUENCE), Mute(), Arm()]
-    for message in messages:
+    for message in (*valid_requests_to_send(board, _SEQUENCE), Mute(), Arm()):
         if isinstance(message, SetConfig | Play | UploadBegin):
             continue
         latch_now(board)
@@ -278,6 +265,5 @@ def requests_leave_the_configured_division(board: BoardClient) -> None:
     got = [event.key.index - first for _, event in board.link.events(TraceDrive, since)]
     due = list(range(0, count + _DIVIDER, _DIVIDER))
     wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
-    check(
-        got == due, f"of {count + _DIVIDER} latches {len(got)} are traced, seen and due {wrong[:1]}"
-    )
+    text = f"of {count + _DIVIDER} latches {len(got)} are traced, seen and due {wrong[:1]}"
+    check(got == due, text)

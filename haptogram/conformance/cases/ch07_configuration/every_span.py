@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol.messages import (
-    DriveKind,
     DriveReply,
     ErrorCode,
     Feature,
@@ -16,6 +15,7 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
+from ...client.capabilities import drive_kinds
 from ...client.latching import latch_now, read_back
 from ...client.stream_kinds import stream_kinds
 from ...outcome import SELF_REPORTED, check, check_equal
@@ -49,10 +49,7 @@ def every_span_of_the_geometry(board: BoardClient) -> None:
 def every_span_of_drive_and_geometry(board: BoardClient) -> None:
     """READ_DRIVE of spans at and around every edge shows the codes that the whole shows"""
     frame = stream_kinds(board)[-1].make()  # with amplitudes that differ, where it can
-    kinds = [DriveKind.LATCHED]
-    if board.has(Feature.READ_RADIATED):
-        kinds.append(DriveKind.RADIATED)
-    for kind in kinds:
+    for kind in drive_kinds(board):
         latched_us, total = -_HOUR_US, board.identity.transducers
         for first, count in _spans_of_geometry(total):
             if board.wire.now_us() - latched_us > 250 * board.config.hold_ms:
@@ -63,9 +60,6 @@ def every_span_of_drive_and_geometry(board: BoardClient) -> None:
             reply = board.link.call(ReadDrive(kind, first, count), DriveReply)
             end = min(first + count, total)
             due = whole.phases[first:end] + whole.amplitudes[first:end]
-            check_equal(
-                (reply.first, reply.data),
-                (first, due),
-                f"READ_DRIVE({kind.name}) of {count} from {first} shows other codes",
-            )
+            text = f"READ_DRIVE({kind.name}) of {count} from {first} shows other codes"
+            check_equal((reply.first, reply.data), (first, due), text)
             check_equal(reply.key, whole.reply.key, f"READ_DRIVE from {first} names another latch")

@@ -195,9 +195,7 @@ def no_sequence_outlives_a_reset(board: BoardClient) -> None:
     for form in stored:
         replace(form, target=SEQUENCES[form.kind]).upload(board, frames[form.kind])
         replace(form, target=SEQUENCES[0]).begin(board, frames[form.kind])
-    assert board.restart is not None  # the case needs a reset
-    board = board.restart()
-    board.hello()
+    board = board.restarted()
     board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
     board.arm()
     for form in stored:

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import (
-    ErrorCode,
-    GeometryReply,
-    GetGeometry,
-)
+from haptogram_protocol.messages import ErrorCode, GeometryReply, GetGeometry
 
 from ...case import case
 from ...client.board_client import BoardClient
@@ -30,11 +26,8 @@ def shows_its_geometry(board: BoardClient) -> None:
             due = (count, first, min(asked, count - first, room))
             check(got == due, f"{asked} from {first}: (total, first, count) is {got}, due {due}")
             known = whole.elements[first : first + asked]
-            check_equal(
-                reply.elements[: len(known)],
-                known,
-                f"transducer {first} and on are others than in a reply from 0 on",
-            )
+            text = f"transducer {first} and on are others than in a reply from 0 on"
+            check_equal(reply.elements[: len(known)], known, text)
 
 
 @case("HG-7.5/2")
@@ -54,10 +47,8 @@ def geometry_is_the_grid(board: BoardClient) -> None:
         ix, iy = divmod(n, ny)
         due_um = ((ix - (nx - 1) / 2) * pitch_um, (iy - (ny - 1) / 2) * pitch_um, 0)
         got_um = (element.x_um, element.y_um, element.z_um)
-        check(
-            all(abs(got - due) < 1 for got, due in zip(got_um, due_um, strict=True)),
-            f"transducer {n} is at {got_um} µm, due by a grid of {nx} x {ny} and {pitch_um} µm "
-            f"is {due_um}",
-        )
+        near = all(abs(got - due) < 1 for got, due in zip(got_um, due_um, strict=True))
+        grid = f"a grid of {nx} x {ny} and {pitch_um} µm"
+        check(near, f"transducer {n} is at {got_um} µm, due by {grid} is {due_um}")
         normal = (element.nx, element.ny, element.nz)
         check_equal(normal, (0, 0, 32_767), f"the normal of transducer {n} is {normal}")

@@ -37,7 +37,7 @@ from ...client.playback import (
     shortest_period_to_play_us,
     wait_for_no_latch,
 )
-from ...client.stream_kinds import random_point_to_send
+from ...client.stream_kinds import random_points_to_send
 from ...client.uploads import upload_to_board
 from ...judge.timers import UNATTENDED
 from ...outcome import SELF_REPORTED, check, check_equal, require
@@ -92,7 +92,7 @@ def playback_leaves_time_to_compute(board: BoardClient) -> None:
     refused
     """
     points = board.most_points
-    frame = b"".join(random_point_to_send(board, points).pack() for _ in range(points))
+    frame = random_points_to_send(board, points).serialize()
     upload_to_board(board, UploadKind.POINTS, 1, 2 * frame, points)
     board.arm()
     bad, period = ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset
@@ -117,10 +117,7 @@ def playback_flushes_the_queue(board: BoardClient) -> None:
         with board.counting(flushed=3, latched=2):
             for number in range(3):
                 board.link.stream(board.flat_phases(), t_us + 1000 * number)
-            if plays_later:
-                play_at(board, 1, t_us + 4000, loops=1)
-            else:
-                play_now(board, 1, loops=1)
+            play_at(board, 1, t_us + 4000, loops=1) if plays_later else play_now(board, 1, loops=1)
             board.clock.wait_until(t_us + 4000)
             let_play(board, 5)
 
@@ -204,7 +201,7 @@ def stop_ends_the_playback(board: BoardClient) -> None:
     board.due_event(PlaybackEnded, since, 20 * _MS)
     with board.counting(latched=0):
         wait_for_no_latch(board, 10 * _MS)
-        check_equal(board.status().state, OutputState.ARMED, "STOP does not leave the board ARMED")
+        board.check_state(OutputState.ARMED, "STOP leaves the board")
 
 
 @case("HG-7.7/2")
@@ -228,14 +225,18 @@ def tells_the_end_of_playback(board: BoardClient) -> None:
         if message is not None:
             board.link.ask(message)
         _, event = board.due_event(PlaybackEnded, since, 20 * _MS)
-        board.link.barrier()
-        number = len(board.link.events(PlaybackEnded, since))
-        check_equal(number, 1, f"{number} PLAYBACK_ENDED for one playback")
-        check_equal(event.sequence, 4, f"PLAYBACK_ENDED of sequence {event.sequence}")
-        check(
-            event.loops == event.frames // 3,
-            f"{event.frames} frames of 3 are {event.frames // 3} passes, not {event.loops}",
-        )
+        judge_end_told(board, since, 4, 3, event.frames)
+
+
+def judge_end_told(
+    board: BoardClient, since: int, sequence: int, frames: int, latched: int, name: str = ""
+) -> None:
+    """FAILED unless one PLAYBACK_ENDED tells of so many latches of a sequence of *frames*."""
+    board.link.barrier()
+    events = [event for _, event in board.link.events(PlaybackEnded, since)]
+    told = [(event.sequence, event.frames, event.loops) for event in events]
+    text = f"{name and name + ': '}PLAYBACK_ENDED tells of (sequence, frames, loops) {told}"
+    check_equal(told, [(sequence, latched, latched // frames)], text)
 
 
 @case("HG-7.8/2", needs=_NEEDS)
@@ -246,4 +247,4 @@ def streams_after_playback(board: BoardClient) -> None:
     play_out(board, 1, 2)
     with board.counting(latched=1):
         latch_now(board)
-    check_equal(board.status().state, OutputState.ARMED, "not ARMED after a playback")
+    board.check_state(OutputState.ARMED, "after a playback the board is")

@@ -5,11 +5,9 @@ from __future__ import annotations
 from haptogram_protocol.messages import (
     VERSION_MAJOR,
     Config,
-    ConfigReply,
     Error,
     ErrorCode,
     Feature,
-    GetConfig,
     GetGeometry,
     Hello,
     Ping,
@@ -30,7 +28,7 @@ unknown_codes = case_about_host("HG-10.1/3")
 def error_refusals_change_nothing(board: BoardClient) -> None:
     """refused requests leave state, configuration, queue and stream numbers alone"""
     board.arm()
-    before, config = board.status(), board.link.call(GetConfig(), ConfigReply)
+    before, config = board.status(), board.read_config()
     t_us = board.clock.soon_us(bytes(2000), ahead_us=40_000)
     with board.counting(latched=2):
         board.link.stream(board.flat_phases(), t_us)
@@ -42,9 +40,7 @@ def error_refusals_change_nothing(board: BoardClient) -> None:
         latch_now(board)
     after = board.status()
     check_equal(after.state, before.state, f"a refusal has led to {after.state.name}")
-    check_equal(
-        board.link.call(GetConfig(), ConfigReply), config, "a refusal has changed the configuration"
-    )
+    check_equal(board.read_config(), config, "a refusal has changed the configuration")
 
 
 @case("HG-10.1/2")

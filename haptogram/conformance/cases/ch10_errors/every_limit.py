@@ -8,13 +8,11 @@ from typing import Any, Final, TypeAlias
 
 from haptogram_protocol.messages import (
     Config,
-    ConfigReply,
     DriveKind,
     ErrorCode,
     Feature,
     Flag,
     FocalPoint,
-    GetConfig,
     GetGeometry,
     Message,
     Play,
@@ -200,14 +198,14 @@ def _case_of_limits(
     clause: str, needs: Feature, names: str, beyond: Callable[[BoardClient], Iterator[_Beyond]]
 ) -> Case:
     def body(board: BoardClient) -> None:
-        before = board.link.call(GetConfig(), ConfigReply)
+        before = board.read_config()
         for name, message, code, detail, header in beyond(board):
             answer = board.link.ask(message, **header)
             wanted = f"{name} should be refused with {code.name}"
             error = getattr(answer.message, "code", None), getattr(answer.message, "detail", None)
             if error[0] != code or detail not in (None, error[1]):
                 fail(f"{wanted}, detail {detail}; got {board.link.answer_text(answer)}")
-        after = board.link.call(GetConfig(), ConfigReply)
+        after = board.read_config()
         check_equal(after, before, "refused requests changed the configuration")
 
     summary = f"{names} beyond a limit by each bit of their field, and the sign, are refused"
