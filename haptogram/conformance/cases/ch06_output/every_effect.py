@@ -67,9 +67,9 @@ from ...outcome import SELF_REPORTED, CaseEndedError
 from ..ch05_stream.every_drop import DROPS
 from ..ch05_stream.every_state import BEFORE_STATE
 from ..ch10_errors.every_refusal import (
-    OFF,
     PLAYING,
     QUEUED,
+    SILENT,
     WAITING,
     Situation,
     brought_to_refusal,
@@ -247,19 +247,6 @@ _ARM: Final = next(event for event in _EVENTS if event.name == "ARM")
 # --- Cases -------------------------------------------------------------------------------------
 
 
-def _silent_output_before_effect(board: BoardClient) -> int:
-    for situation in refusal_situations(board):
-        if situation.name == OFF:
-            situation.bring(board)
-    board.arm()
-    return 0
-
-
-def _situations_before_effect(board: BoardClient) -> Iterator[Situation]:
-    yield from refusal_situations(board)
-    yield Situation("while ARMED and silent", _silent_output_before_effect, lambda _: iter(()))
-
-
 def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held:
     """Return what a board holds after an event; FAILED if an old number is taken again."""
     since = board.link.mark()
@@ -326,7 +313,7 @@ def _effect_case(clause: str, variant: str, effects: tuple[Effect, ...]) -> Case
         if not some:
             board.need(effects[0].needs)
         send_phases_to_store_if_supported(board, STORED, frames=1)
-        for situation in _situations_before_effect(board):
+        for situation in (*refusal_situations(board), Situation(SILENT)):
             try:
                 _judge_effects(board, some, situation)
             except CaseEndedError as error:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from haptogram_protocol.messages import (
     VERSION_MAJOR,
     Config,
+    ConfigReply,
     Error,
     ErrorCode,
     Feature,
+    GetConfig,
     GetGeometry,
     Hello,
     Ping,
@@ -28,7 +30,7 @@ unknown_codes = case_about_host("HG-10.1/3")
 def error_refusals_change_nothing(board: BoardClient) -> None:
     """refused requests leave state, configuration, queue and stream numbers alone"""
     board.arm()
-    before, config = board.status(), board.read_config()
+    before, config = board.status(), board.link.call(GetConfig(), ConfigReply)
     t_us = board.clock.soon_us(bytes(2000), ahead_us=40_000)
     with board.counting(latched=2):
         board.link.stream(board.flat_phases(), t_us)
@@ -40,7 +42,8 @@ def error_refusals_change_nothing(board: BoardClient) -> None:
         latch_now(board)
     after = board.status()
     check_equal(after.state, before.state, f"a refusal has led to {after.state.name}")
-    check_equal(board.read_config(), config, "a refusal has changed the configuration")
+    found = board.link.call(GetConfig(), ConfigReply)
+    check_equal(found, config, "a refusal has changed the configuration")
 
 
 @case("HG-10.1/2")

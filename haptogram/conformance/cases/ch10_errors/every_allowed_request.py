@@ -7,9 +7,7 @@ from typing import Any, Final
 
 from haptogram_protocol.messages import (
     Arm,
-    ArmReply,
     Disarm,
-    DisarmReply,
     Error,
     Feature,
     Message,
@@ -114,8 +112,7 @@ def events_of_many_allowed_requests_are_numbered(board: BoardClient) -> None:
     send_phases_that_fit(board, STORED, frames=2)
     board.configure(trace_mode=TraceMode.CRC)
     board.hello()
-    board.link.call(Arm(), ArmReply)
-    since, period_us = board.link.mark(), shortest_period_to_play_us(board, 500)
+    since, period_us = board.arm(), shortest_period_to_play_us(board, 500)
     play_out(board, STORED, 2, loops=_EVENTS // 2, period_us=period_us)
     judge_event_numbers(board, board.wire.received[since:])
-    board.link.call(Disarm(), DisarmReply)
+    board.disarm()

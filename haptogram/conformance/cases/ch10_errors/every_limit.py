@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Final, TypeAlias
 
 from haptogram_protocol.messages import (
     Config,
+    ConfigReply,
     DriveKind,
     ErrorCode,
     Feature,
     Flag,
-    FocalPoint,
+    GetConfig,
     GetGeometry,
     Message,
     Play,
@@ -32,8 +34,8 @@ from ...client.playback import (
     play_request,
     send_phases_to_store,
 )
-from ...client.uploads import SEQUENCES, announce_upload
-from ...outcome import SELF_REPORTED, check_equal, fail
+from ...client.uploads import SEQUENCES, announce_upload, upload_forms
+from ...outcome import SELF_REPORTED, check_equal, named
 
 _SEQUENCE: Final = 5
 _SIZE_FRAMES: Final = 3
@@ -76,19 +78,14 @@ def _settings_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _sizes_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    identity = board.identity
-    for feature, kind, points, unit in (
-        (Feature.SEQUENCE_PHASES, UploadKind.PHASES, 0, identity.transducers),
-        (Feature.SEQUENCE_POINTS, UploadKind.POINTS, 1, FocalPoint.LAYOUT.size),
-    ):
-        if not board.has(feature):
+    for form in upload_forms(board, _SEQUENCE):
+        if not form.target:
             continue
-        most = min(identity.max_upload_bytes // unit, identity.max_sequence_frames)
-        for frames in _values_beyond(1, most, _WIDTHS["size"]):
+        unit = form.frame_bytes
+        for frames in _values_beyond(1, form.most_frames(board), _WIDTHS["size"]):
             if 0 < frames * unit < 1 << _WIDTHS["size"]:
-                begin = UploadBegin(kind, points, _SEQUENCE, frames * unit, 0)
-                name = f"{frames} frames of {kind.name}, {unit} bytes each"
-                yield name, begin, ErrorCode.TOO_LARGE, None, {}
+                name = f"{frames} frames of {form.kind.name}, {unit} bytes each"
+                yield name, form.request(frames * unit), ErrorCode.TOO_LARGE, None, {}
 
 
 def _targets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
@@ -115,27 +112,20 @@ def _commits_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 def _begin_upload_with_limits(board: BoardClient) -> int:
     """Begin an upload of a sequence, and return its bytes."""
-    most = board.identity.max_upload_bytes // board.identity.transducers
-    size = min(_SIZE_FRAMES, most) * board.identity.transducers
-    begin = UploadBegin(UploadKind.PHASES, 0, _SEQUENCE, size, 0)
-    announce_upload(board, begin)
+    form = upload_forms(board, _SEQUENCE)[0]
+    size = min(_SIZE_FRAMES, form.most_frames(board)) * form.frame_bytes
+    announce_upload(board, form.request(size))
     return size
 
 
-def _elements_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+def _elements_beyond_limits(
+    make: Callable[[int, int], Message], board: BoardClient
+) -> Iterator[_Beyond]:
     count = board.identity.transducers
     for first in _values_beyond(0, count - 1, _WIDTHS["first"]):
         for number in (1, 0xFFFF):
-            wrong = GetGeometry(first, number)
-            yield f"{number} from {first} of {count}", wrong, ErrorCode.NOT_FOUND, count, {}
-
-
-def _drives_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    count = board.identity.transducers
-    for first in _values_beyond(0, count - 1, _WIDTHS["first"]):
-        for number in (1, 0xFFFF):
-            wrong = ReadDrive(DriveKind.LATCHED, first, number)
-            yield f"{number} from {first} of {count}", wrong, ErrorCode.NOT_FOUND, count, {}
+            name = f"{number} from {first} of {count}"
+            yield name, make(first, number), ErrorCode.NOT_FOUND, count, {}
 
 
 def _play_within_limits(board: BoardClient) -> Play:
@@ -179,6 +169,7 @@ def _times_beyond_limits(board: BoardClient) -> list[int]:
     return [*passed, *ahead, *({horizon_us, _HALF - _SPARE_US} if ahead else set())]
 
 
+_READ_LATCHED: Final = partial(ReadDrive, DriveKind.LATCHED)
 _REQUESTS: Final[
     tuple[tuple[str, Feature, str, Callable[[BoardClient], Iterator[_Beyond]]], ...]
 ] = (
@@ -187,10 +178,15 @@ _REQUESTS: Final[
     ("HG-7.2/3", Feature.CORRECTION, "targets of a correction", _targets_beyond_limits),
     ("HG-7.3/4", Feature.SEQUENCE_PHASES, "offsets of a chunk", _offsets_beyond_limits),
     ("HG-7.4/4", Feature.SEQUENCE_PHASES, "targets of a commit", _commits_beyond_limits),
-    ("HG-7.5/2", Feature(0), "first transducers", _elements_beyond_limits),
+    ("HG-7.5/2", Feature(0), "first transducers", partial(_elements_beyond_limits, GetGeometry)),
     ("HG-7.6/1", Feature.SEQUENCE_PHASES, "sequences of PLAY", _sequences_beyond_limits),
     ("HG-7.6/2", Feature.SEQUENCE_PHASES, "periods, times, starts", _playbacks_beyond_limits),
-    ("HG-8.6/2", Feature.READ_LATCHED, "first transducers", _drives_beyond_limits),
+    (
+        "HG-8.6/2",
+        Feature.READ_LATCHED,
+        "first transducers",
+        partial(_elements_beyond_limits, _READ_LATCHED),
+    ),
 )
 
 
@@ -198,14 +194,11 @@ def _case_of_limits(
     clause: str, needs: Feature, names: str, beyond: Callable[[BoardClient], Iterator[_Beyond]]
 ) -> Case:
     def body(board: BoardClient) -> None:
-        before = board.read_config()
+        before = board.link.call(GetConfig(), ConfigReply)
         for name, message, code, detail, header in beyond(board):
-            answer = board.link.ask(message, **header)
-            wanted = f"{name} should be refused with {code.name}"
-            error = getattr(answer.message, "code", None), getattr(answer.message, "detail", None)
-            if error[0] != code or detail not in (None, error[1]):
-                fail(f"{wanted}, detail {detail}; got {board.link.answer_text(answer)}")
-        after = board.read_config()
+            with named(name):
+                board.link.refused(message, code, detail, **header)
+        after = board.link.call(GetConfig(), ConfigReply)
         check_equal(after, before, "refused requests changed the configuration")
 
     summary = f"{names} beyond a limit by each bit of their field, and the sign, are refused"

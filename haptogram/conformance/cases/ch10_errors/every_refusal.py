@@ -19,7 +19,6 @@ from haptogram_protocol.messages import (
     UploadCommitReply,
     UploadKind,
 )
-from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -32,7 +31,7 @@ from ...client.playback import (
     send_phases_to_store_if_supported,
 )
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import announce_upload, send_upload_chunks, upload_request, upload_to_board
+from ...client.uploads import begin_upload, send_upload_chunks, upload_correction
 from ...judge.held_state import Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import (
     PENDING,
@@ -46,7 +45,7 @@ from ...judge.refused_requests import (
     requests_refused_while_armed,
     uploads_refused_for_playing,
 )
-from ...judge.timers import judge_mute_time, judge_within_hold, judged_mute_by_timer
+from ...judge.timers import LEASE, UNATTENDED, judge_within_hold
 from ...outcome import SELF_REPORTED, check, check_equal
 from ..ch05_stream.every_drop import fill_queue
 
@@ -60,34 +59,62 @@ _GAP: Final = 40
 _UNKNOWN_FLAG: Final = 0x40
 _MS: Final = 1000
 _LEASE_MS: Final = 90
+#: A configuration away from the default.
+_AWAY: Final = {
+    "hold_ms": 10_000,
+    "host_timeout_ms": 9876,
+    "late_window_us": 100_000,
+    "sound_speed_mm_s": 355_555,
+    "trace_divider": 5,
+}
 #: Names of the situations.
 QUEUED: Final = "with frames queued"
 PLAYING: Final = "while a sequence plays"
 WAITING: Final = "while a playback waits for its start"
 OFF: Final = "while DISARMED"
 MUTED: Final = "while MUTED"
+SILENT: Final = "while ARMED and silent"
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """A state of a board in which requests are refused.
-
-    Attributes
-    ----------
-    name : str
-        For reports.
-    bring : callable
-        Brings it about in a new session; returns the t_apply of the last queued frame, 0: none.
-    refusals : callable
-        Yields the requests that are refused in it.
-    """
+    """A state of a board in which requests are refused."""
 
     name: str
-    bring: Callable[[BoardClient], int]
-    refusals: Callable[[BoardClient], Iterator[Refusal]]
 
+    def bring(self, board: BoardClient) -> int:
+        """Bring it about in a new session; return the t_apply of the last queued frame, 0: none."""
+        _set_before_refusal(board)
+        board.arm()
+        if self.name == PLAYING:
+            play_now(board, STORED, loops=0, period_us=_PERIOD_US, unattended_ms=9_999)
+            board.clock.wait_latched()
+            return 0
+        latch_now(board, stream_kinds(board)[-1].make())
+        if self.name == QUEUED:
+            return fill_queue(board, _QUEUED, _AHEAD_US)
+        if self.name == WAITING:
+            play_later(board, STORED, _AHEAD_US, unattended_ms=9_999)
+            return 0
+        board.disarm()
+        if self.name == MUTED:
+            board.link.ask(Mute())
+        elif self.name == SILENT:
+            board.arm()
+        return 0
 
-# --- Situations --------------------------------------------------------------------------------
+    def refusals(self, board: BoardClient) -> Iterator[Refusal]:
+        """Yield the requests that are refused in it."""
+        stores = board.has(Feature.SEQUENCE_PHASES)
+        if self.name == QUEUED:
+            yield from requests_refused_while_armed(board)
+        else:
+            yield from requests_refused_now(board) if stores else ()
+            yield from uploads_refused_for_playing(board) if self.name in (PLAYING, WAITING) else ()
+            yield from requests_refused_by_link(board)
+            yield from requests_refused_by_value(board)
+        if stores:
+            yield from chunks_to_be_refused(board, len(pending_before_refusal(board)))
 
 
 def _set_before_refusal(board: BoardClient) -> None:
@@ -96,24 +123,13 @@ def _set_before_refusal(board: BoardClient) -> None:
     board.link.stream_next += _GAP  # numbers of more than 16 bits
     board.link.stream(board.shortest_stream(), flags=_UNKNOWN_FLAG)
     if board.has(Feature.CORRECTION) and not any(board.correction or b""):
-        codes = board.random.randbytes(board.identity.transducers)
-        upload_to_board(board, UploadKind.CORRECTION, 0, codes)
+        upload_correction(board)
     if board.has(Feature.CONFIG):
-        ring = board.has(Feature.TRACE_RING)
-        board.configure(
-            hold_ms=10_000,
-            ramp_ms=33 if board.has(Feature.AMPLITUDE) else 0,
-            host_timeout_ms=9876,
-            late_window_us=100_000,
-            sound_speed_mm_s=355_555,
-            trace_mode=TraceMode.RING if ring else TraceMode.OFF,
-            amplitude_ceiling=77 if board.has(Feature.AMPLITUDE) else 255,
-            trace_divider=5,
-        )
+        louder = {"ramp_ms": 33, "amplitude_ceiling": 77} if board.has(Feature.AMPLITUDE) else {}
+        ring = {"trace_mode": TraceMode.RING} if board.has(Feature.TRACE_RING) else {}
+        board.configure(**_AWAY, **louder, **ring)
     if board.has(Feature.SEQUENCE_PHASES):
-        _begin_upload_before_refusal(
-            board, pending_before_refusal(board), zlib.crc32(pending_before_refusal(board))
-        )
+        _begin_upload_before_refusal(board)
 
 
 def pending_before_refusal(board: BoardClient) -> bytes:
@@ -123,85 +139,19 @@ def pending_before_refusal(board: BoardClient) -> bytes:
     return bytes(number % 251 for number in range(frames * count))
 
 
-def _begin_upload_before_refusal(board: BoardClient, data: bytes, crc: int) -> None:
-    """Begin an upload, and send its first byte."""
-    begin = upload_request(board, UploadKind.PHASES, PENDING, len(data), crc=crc)
-    announce_upload(board, begin)
+def _begin_upload_before_refusal(board: BoardClient) -> bytes:
+    """Begin the upload, send its first byte, and return all of its bytes."""
+    data = pending_before_refusal(board)
+    begin_upload(board, UploadKind.PHASES, PENDING, data)
     board.link.call(UploadChunk(0, data[:1]), UploadChunkReply)
-
-
-def _streaming_before_refusal(board: BoardClient) -> int:
-    _set_before_refusal(board)
-    board.arm()
-    latch_now(board, stream_kinds(board)[-1].make())
-    return fill_queue(board, _QUEUED, _AHEAD_US)
-
-
-def _playing_before_refusal(board: BoardClient) -> int:
-    _set_before_refusal(board)
-    board.arm()
-    play_now(board, STORED, loops=0, period_us=_PERIOD_US, unattended_ms=9_999)
-    board.clock.wait_latched()
-    return 0
-
-
-def _waiting_before_refusal(board: BoardClient) -> int:
-    _set_before_refusal(board)
-    board.arm()
-    latch_now(board, stream_kinds(board)[-1].make())
-    play_later(board, STORED, _AHEAD_US, unattended_ms=9_999)
-    return 0
-
-
-def _disarmed_before_refusal(board: BoardClient) -> int:
-    _set_before_refusal(board)
-    board.arm()
-    latch_now(board, stream_kinds(board)[-1].make())
-    board.disarm()
-    return 0
-
-
-def _muted_before_refusal(board: BoardClient) -> int:
-    _disarmed_before_refusal(board)
-    board.link.ask(Mute())
-    return 0
-
-
-def _refusals_always(board: BoardClient) -> Iterator[Refusal]:
-    yield from requests_refused_by_link(board)
-    yield from requests_refused_by_value(board)
-    if board.has(Feature.SEQUENCE_PHASES):
-        yield from chunks_to_be_refused(board, len(pending_before_refusal(board)))
-
-
-def _refusals_while_streaming(board: BoardClient) -> Iterator[Refusal]:
-    yield from requests_refused_while_armed(board)
-    if board.has(Feature.SEQUENCE_PHASES):
-        yield from chunks_to_be_refused(board, len(pending_before_refusal(board)))
-
-
-def _refusals_while_playing(board: BoardClient) -> Iterator[Refusal]:
-    yield from requests_refused_now(board)
-    yield from uploads_refused_for_playing(board)
-    yield from _refusals_always(board)
-
-
-def _refusals_while_off(board: BoardClient) -> Iterator[Refusal]:
-    if board.has(Feature.SEQUENCE_PHASES):
-        yield from requests_refused_now(board)
-    yield from _refusals_always(board)
+    return data
 
 
 def refusal_situations(board: BoardClient) -> Iterator[Situation]:
     """Yield the situations that a board can be brought into; in a quick run one."""
-    yield Situation(QUEUED, _streaming_before_refusal, _refusals_while_streaming)
-    if not board.thorough:
-        return
-    if board.has(Feature.SEQUENCE_PHASES):
-        yield Situation(PLAYING, _playing_before_refusal, _refusals_while_playing)
-        yield Situation(WAITING, _waiting_before_refusal, _refusals_while_playing)
-    yield Situation(OFF, _disarmed_before_refusal, _refusals_while_off)
-    yield Situation(MUTED, _muted_before_refusal, _refusals_while_off)
+    plays = (PLAYING, WAITING) if board.has(Feature.SEQUENCE_PHASES) else ()
+    for name in (QUEUED, *plays, OFF, MUTED) if board.thorough else (QUEUED,):
+        yield Situation(name)
 
 
 # --- Cases -------------------------------------------------------------------------------------
@@ -225,9 +175,8 @@ def _judge_refusals_in_situation(board: BoardClient, situation: Situation) -> No
         if is_situation_old(board, brought_us):
             brought_us = board.wire.now_us()
             last_us, before = brought_to_refusal(board, situation)
-        text = held_state_changes(
-            before, held_after_refusals(board, last_us, partial(judged_refusal, board, refusal))
-        )
+        after = held_after_refusals(board, last_us, partial(judged_refusal, board, refusal))
+        text = held_state_changes(before, after)
         text = text and f"{situation.name}, refused {refusal.name}: {text}"
         judge_within_hold(board, brought_us, not text, text)
 
@@ -273,8 +222,7 @@ def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
 @case("HG-10.1/1-mismatch", needs=Feature.SEQUENCE_PHASES)
 def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
     """an upload outlives a commit that is refused with CRC_MISMATCH: the right bytes complete it"""
-    data = pending_before_refusal(board)
-    _begin_upload_before_refusal(board, data, zlib.crc32(data))
+    data = _begin_upload_before_refusal(board)
     damaged = bytes([data[0] ^ 0x40]) + data[1:]
     send_upload_chunks(board, damaged)
     since = board.link.mark()
@@ -295,8 +243,8 @@ def a_refusal_leaves_every_timer(board: BoardClient) -> None:
     """
     send_phases_to_store_if_supported(board, STORED, frames=1)
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
-        source = _refusals_while_playing if plays else requests_refused_while_armed
-        refusals = list(source(board))
+        playing = Situation(PLAYING).refusals
+        refusals = list(playing(board) if plays else requests_refused_while_armed(board))
         for group in [[r] for r in refusals] if board.wire.is_virtual else [refusals]:
             _judge_timer_behind_refusals(board, group, plays=plays)
 
@@ -315,18 +263,18 @@ def _judge_timer_behind_refusals(
     for refusal in refusals:
         judged_refusal(board, refusal)
     start_us = board.clock.device_us()
-    reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
-    header, _ = judged_mute_by_timer(board, since, 4 * lease_ms * _MS, reason)
-    name = f"{reason.name}, behind {refusals[0].name if len(refusals) == 1 else 'refusals'}"
-    judge_mute_time(board, start_us, header, lease_ms, name)
+    timer = UNATTENDED if plays else LEASE
+    name = f"{timer.name}, behind {refusals[0].name if len(refusals) == 1 else 'refusals'}"
+    timer.judge(board, since, start_us, lease_ms, name)
 
 
 @case("HG-10.2/1-types")
 def every_refusal_has_its_error_code(board: BoardClient) -> None:
     """a request of every type, refused for every reason, gets the code of that reason"""
     send_phases_to_store_if_supported(board, STORED, frames=1)
-    _streaming_before_refusal(board)
-    for refusal in list(_refusals_while_streaming(board)):
+    queued = Situation(QUEUED)
+    queued.bring(board)
+    for refusal in list(queued.refusals(board)):
         code = judged_refusal(board, refusal).code
         names = ErrorCode._value2member_map_
         check_equal(code, refusal.code, f"{refusal.name}: {names.get(code, code)!r} instead")
