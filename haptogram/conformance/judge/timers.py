@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -173,6 +173,21 @@ def _begin_text(board: BoardClient, muted: Header, due_ms: int) -> str:
         if abs(signed_difference(header.time_us, begun_us, 32)) <= _AT_ONCE_US
     }
     return f"; it is {due_ms} ms behind {' and '.join(sorted(names))}" if names else ""
+
+
+def judge_unmoved(name: str, late_us: Callable[[Sequence[str]], int], sent: Sequence[str]) -> None:
+    """FAILED with the name of those *sent* meanwhile that move the end of a timer.
+
+    It ends *late_us* with those named sent.
+    """
+    if abs(late_us(sent)) <= EXACT_US:
+        return
+    for one in sent:
+        late = late_us([one])
+        check(abs(late) <= EXACT_US, f"{one}: the mute, {name}, is late by {late / _MS:+.1f} ms")
+    late = late_us(())
+    how = "without any frame too" if abs(late) > EXACT_US else "by several together"
+    fail(f"the mute, {name}, is moved by {late / _MS:+.1f} ms {how}; due is 0")
 
 
 def judge_status_period(

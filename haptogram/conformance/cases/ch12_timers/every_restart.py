@@ -5,16 +5,16 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     STREAM_RANGE,
     Arm,
     ArmReply,
+    Disarm,
     ErrorCode,
     Feature,
-    Flag,
     Hello,
     Message,
     Ping,
@@ -43,7 +43,6 @@ from ...client.stream_kinds import (
     valid_requests_to_send,
 )
 from ...judge.refused_requests import (
-    Refusal,
     judged_refusal,
     requests_refused_while_armed,
 )
@@ -80,13 +79,6 @@ SLOW_US: Final = 9_000_000  # period of a playback of which one frame is seen
 # --- What renews nothing -----------------------------------------------------------------------
 
 
-def hello_again_during_timers(board: BoardClient) -> bytes:
-    """Return the HELLO of the open session once more, which has no effect but its reply."""
-    again = board.hello_message(board.link.session).serialize()
-    body = board.link.body(Hello.TYPE, again, seq=board.link.next_seq(), session=0)
-    return encode_frame(body)
-
-
 @case("HG-12.2/1-latches", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def latches_renew_no_lease(board: BoardClient) -> None:
     """no latch, of queue or playback, and no HELLO again renews lease or unattended time"""
@@ -101,9 +93,10 @@ def latches_renew_no_lease(board: BoardClient) -> None:
         else:
             _queue_over_lease(board, TIMER_MS + ramp_ms)
         start_us = board.clock.device_us()
+        again = board.hello_message(board.link.session)  # which has no effect but its reply
         for part in (1, 2, 3, 4, 5):  # the later ones during the ramp
             board.clock.idle_until(start_us + part * (TIMER_MS + ramp_ms) * _MS // 6)
-            board.link.send(hello_again_during_timers(board))
+            board.link.send(board.link.request_wire(again, session=0)[0])
         timer.judge(board, since, start_us, TIMER_MS + ramp_ms, f"{timer.name}, latches")
 
 
@@ -147,8 +140,7 @@ def waits_unattended(board: BoardClient) -> None:
         asked_us = board.clock.device_estimate_us()
         answer = board.link.ask(Stop())  # nothing behind it: that would renew the lease
         board.link.reply_in(answer, StopReply, Stop.TYPE)
-        assert answer.header is not None  # reply_in
-        start_us = board.clock.unwrap(answer.header.time_us)
+        start_us = board.clock.unwrap(answer.frame_header.time_us)
         name = "host_timeout_ms behind STOP"
         LEASE.judge(board, since, start_us, 80, name, asked_us=asked_us)
 
@@ -198,11 +190,9 @@ def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = Fal
             if wait_ms / 2 < off_ms < wait_ms + _OTHER_MS / 2:
                 break
         else:
-            text = (
-                f"{timer} of {lasts_ms} ms, {name} after {wait_ms} ms: muted {took_ms:.1f} ms after"
-            )
-            text += f" its start, due is {lasts_ms + wait_ms} ms: this frame begins it anew"
-            judge_in_time(board, False, text)
+            text = f"{timer} of {lasts_ms} ms, {name} after {wait_ms} ms: muted {took_ms:.1f} ms"
+            due = f"due is {lasts_ms + wait_ms} ms: this frame begins it anew"
+            judge_in_time(board, False, f"{text} after its start, {due}")
 
 
 def _muted_by_lease_after_ms(
@@ -222,14 +212,11 @@ def _muted_by_lease_after_ms(
     answer = board.link.ask(Arm())
     if plays:
         alone_ms = min(lasts_ms, board.identity.max_unattended_ms)
-        answer = board.link.ask(
-            play_request(board, STORED, loops=0, period_us=SLOW_US, unattended_ms=alone_ms),
-            flags=Flag.IMMEDIATE,
-        )
+        play = play_request(board, STORED, loops=0, period_us=SLOW_US, unattended_ms=alone_ms)
+        answer = board.link.ask_at_once(play)
     board.link.reply_in(answer, *((PlayReply, Play.TYPE) if plays else (ArmReply, Arm.TYPE)))
     answer = board.link.ask(first) if first else answer
-    assert answer.header is not None  # reply_in, ask
-    start_us = board.clock.unwrap(answer.header.time_us)
+    start_us = board.clock.unwrap(answer.frame_header.time_us)
     board.wire.idle(wait_ms * _MS)
     board.link.send(make())
     reason = MuteReason.UNATTENDED if plays else MuteReason.HOST_SILENT
@@ -239,28 +226,32 @@ def _muted_by_lease_after_ms(
 
 def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callable[[], bytes]]]:
     """Yield frames of the session that renew the lease: their names, and what makes them."""
-    kinds = stream_kinds(board)
+    kinds, make = stream_kinds(board), partial(_frame_that_renews, board)
     for stream_kind in kinds:
-        yield stream_kind.name, partial(_stream_frame_that_renews, board, stream_kind)
+        frame = stream_kind.make()
+        yield stream_kind.name, partial(make, frame.TYPE, frame.serialize())
     for drop in DROPS:
-        if not any(drop.frames(board, kinds[0], 0)):
-            continue
-        if drop.armed and not drop.queued and drop.counter != "stale_session":
-            yield (
-                f"a frame {drop.summary}",
-                partial(_dropped_frame_that_renews, board, drop, kinds[0]),
-            )
+        is_sent = drop.armed and not drop.queued and drop.counter != "stale_session"
+        if is_sent and any(drop.frames(board, kinds[0], 0)):
+            dropped = partial(_dropped_frame_that_renews, board, drop, kinds[0])
+            yield f"a frame {drop.summary}", dropped
     for name, kind in _STRANGE_TYPES.items():
-        yield name, partial(_strange_frame_that_renews, board, kind)
-    for message in valid_requests_to_send(board, STORED + plays):
-        if message.TYPE.name not in ("DISARM", "PLAY", *(["STOP"] if plays else [])):
-            yield message.TYPE.name, partial(_request_that_renews, board, message)
-            name = f"{message.TYPE.name} with an unknown flag"
-            yield name, partial(_request_that_renews, board, message, flags=_UNKNOWN_FLAG)
+        yield name, partial(make, kind, bytes(2))
+    for message in _requests_that_renew(board, plays=plays):
+        request = partial(make, message.TYPE, message.serialize())
+        yield message.TYPE.name, request
+        yield f"{message.TYPE.name} with an unknown flag", partial(request, flags=_UNKNOWN_FLAG)
     for refusal in board.sample(requests_refused_while_armed(board), 0):
         other = (ErrorCode.STALE_SESSION, ErrorCode.SEQUENCE_REUSED)
         if refusal.kind != Hello.TYPE and refusal.code not in other:  # HELLO is of no session
-            yield refusal.name, partial(_refused_request_that_renews, board, refusal)
+            yield refusal.name, partial(make, refusal.kind, refusal.payload, **refusal.header)
+
+
+def _requests_that_renew(board: BoardClient, *, plays: bool) -> list[Message]:
+    """Return the requests that neither end nor start a playback, as far as one plays."""
+    ends = (Disarm, Play, Stop) if plays else (Disarm, Play)
+    valid = valid_requests_to_send(board, STORED + plays)
+    return [message for message in valid if not isinstance(message, ends)]
 
 
 def _repeated_renewals(
@@ -270,42 +261,27 @@ def _repeated_renewals(
 
     The same bytes are answered from memory, others are refused.
     """
-    valid = valid_requests_to_send(board, STORED + plays)
-    for message in (*valid, *refused_requests_to_send(board)):
-        if message.TYPE.name in ("DISARM", "PLAY", *(["STOP"] if plays else [])):
-            continue
-        wire = partial(_request_that_renews_again, board, message)
+    refused = [m for m in refused_requests_to_send(board) if not isinstance(m, Play)]
+    for message in (*_requests_that_renew(board, plays=plays), *refused):
+        wire = partial(_frame_that_renews, board, message.TYPE, message.serialize(), back=0)
         yield f"{message.TYPE.name}, and the same again", wire, message
     for name, back in (("its number in another PING", 0), ("an old number", 1)):
-        other = partial(_request_that_renews_again, board, Ping(1), back)
+        other = partial(_frame_that_renews, board, Ping.TYPE, Ping(1).serialize(), back=back)
         yield f"PING, and {name}", other, Ping(0)
 
 
-def _request_that_renews_again(board: BoardClient, message: Message, back: int = 0) -> bytes:
-    return board.link.request_wire(message, seq=board.link.seq - back)[0]
-
-
-def _stream_frame_that_renews(board: BoardClient, kind: StreamKind) -> bytes:
-    return board.link.stream_wire(kind.make())
+def _frame_that_renews(
+    board: BoardClient, kind: int, payload: bytes, back: int | None = None, **header: Any
+) -> bytes:
+    """Return a frame of the session with the next number of its kind, or one so far back."""
+    if kind in STREAM_RANGE:
+        return board.link.stream_raw(kind, payload, **header)
+    seq = board.link.next_seq() if back is None else board.link.seq - back
+    return encode_frame(board.link.body(kind, payload, seq=seq, **header))
 
 
 def _dropped_frame_that_renews(board: BoardClient, drop: Drop, kind: StreamKind) -> bytes:
     return next(iter(drop.frames(board, kind, 0)))
-
-
-def _refused_request_that_renews(board: BoardClient, refusal: Refusal) -> bytes:
-    seq = board.link.next_seq()
-    body = board.link.body(refusal.kind, refusal.payload, seq=seq, **refusal.header)
-    return encode_frame(body)
-
-
-def _strange_frame_that_renews(board: BoardClient, kind: int) -> bytes:
-    seq = board.link.stream_next if kind in STREAM_RANGE else board.link.next_seq()
-    return encode_frame(board.link.body(kind, bytes(2), seq=seq))
-
-
-def _request_that_renews(board: BoardClient, message: Message, flags: int = 0) -> bytes:
-    return board.link.request_wire(message, flags=flags)[0]
 
 
 # --- STATUS ------------------------------------------------------------------------------------
