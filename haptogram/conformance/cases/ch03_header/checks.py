@@ -76,7 +76,7 @@ def checks_requests_in_order(board: BoardClient) -> None:
 
 
 @case("HG-3.8/1-stream", evidence=SELF_REPORTED)
-def checks_stream_frames_in_order(board: BoardClient) -> None:
+def checks_stream_in_order(board: BoardClient) -> None:
     """stream frames with two defects are counted for the one that is checked first"""
     stale, good = board.link.session ^ _STALE, board.flat_phases()
     payload = good.serialize()
@@ -102,7 +102,7 @@ def checks_stream_frames_in_order(board: BoardClient) -> None:
 
 
 @case("HG-3.8/1-queue", evidence=SELF_REPORTED)
-def checks_for_the_queue_in_order(board: BoardClient) -> None:
+def checks_queue_in_order(board: BoardClient) -> None:
     """a full queue: order is checked before room, room before horizon, order before lateness"""
     depth = board.depth_to_fill()
     good = board.shortest_stream()
@@ -120,7 +120,7 @@ def checks_for_the_queue_in_order(board: BoardClient) -> None:
 
 
 @case("HG-3.8/2")
-def checks_frames_in_the_order_they_come(board: BoardClient) -> None:
+def answers_in_arrival_order(board: BoardClient) -> None:
     """a PING of the new session right behind its HELLO is answered, after it"""
     nonce = board.new_nonce()
     hello, first = board.link.request_wire(board.hello_message(nonce))
@@ -134,7 +134,7 @@ def checks_frames_in_the_order_they_come(board: BoardClient) -> None:
 
 
 @case("HG-3.8/4", evidence=SELF_REPORTED)
-def frames_before_mute_are_checked_before_it(board: BoardClient) -> None:
+def frames_before_mute(board: BoardClient) -> None:
     """ARM, a stream frame, PLAY, ARM and MUTE at once: off behind it, each frame done or refused"""
     ahead: list[Message] = [Ping(7), Arm()]
     if board.has(Feature.SEQUENCE_PHASES):
@@ -198,7 +198,7 @@ def _judge_silence_behind_mute(board: BoardClient) -> None:
 
 
 @case("HG-3.8/3")
-def mute_passes_all_header_checks(board: BoardClient) -> None:
+def mute_passes_all_checks(board: BoardClient) -> None:
     """MUTE with any session, flags, payload and number is carried out"""
     for header in (
         {"session": 0},
@@ -282,7 +282,7 @@ def _judge_burst_of_mutes(
     latch_now(board)
     sessions = itertools.cycle((0, board.link.session ^ _STALE) if others else (None,))
     before = board.status().counters
-    at_one_moment = _is_burst_at_one_moment(board)
+    at_one_moment = _is_one_moment(board)
     burst = [_mute_in_burst(board, next(sessions))]
     for _ in range(stages):
         burst += [*make(), _mute_in_burst(board, next(sessions))]
@@ -298,7 +298,7 @@ def _judge_burst_of_mutes(
         latch_now(board)
 
 
-def _is_burst_at_one_moment(board: BoardClient) -> bool:
+def _is_one_moment(board: BoardClient) -> bool:
     """Return whether bytes take no time; wait then for a moment at which nothing is latched."""
     if not board.clock.is_one_moment(_LONGEST):
         return False

@@ -53,7 +53,7 @@ def _unknown_frame_types(types: Iterable[int]) -> list[int]:
 
 
 @case("HG-3.3/2-types", evidence=SELF_REPORTED)
-def every_foreign_header_type_is_dropped(board: BoardClient) -> None:
+def foreign_types_are_dropped(board: BoardClient) -> None:
     """each of the 189 types that no host may send, of any session: dropped and counted, no
     answer
     """
@@ -74,7 +74,7 @@ def every_foreign_header_type_is_dropped(board: BoardClient) -> None:
 
 
 @case("HG-3.3/3-types")
-def every_unknown_header_type_is_refused(board: BoardClient) -> None:
+def unknown_types_are_refused(board: BoardClient) -> None:
     """each of the 48 unknown types of requests, of any session, is refused by its type:
     UNSUPPORTED
     """
@@ -154,7 +154,7 @@ def _right_request(board: BoardClient, message: Message) -> _Frame:
 
 
 @case("HG-3.8/1-requests", evidence=SELF_REPORTED)
-def every_two_defects_of_requests(board: BoardClient) -> None:
+def two_defects_of_requests(board: BoardClient) -> None:
     """requests of every type with every two defects are refused and counted for the first of
     them
     """
@@ -171,7 +171,7 @@ def every_two_defects_of_requests(board: BoardClient) -> None:
 
 
 @case("HG-4.9/4-numbers")
-def every_defect_leaves_the_request_number(board: BoardClient) -> None:
+def defects_leave_the_number(board: BoardClient) -> None:
     """a request of every type that is refused for one defect leaves its number free for the next"""
     for message in valid_requests_to_send(board, _SEQUENCE):
         for defect in list(_OF_REQUESTS)[:-1]:
@@ -182,7 +182,7 @@ def every_defect_leaves_the_request_number(board: BoardClient) -> None:
 
 
 @case("HG-3.8/1-formats", evidence=SELF_REPORTED)
-def every_two_defects_of_stream_frames(board: BoardClient) -> None:
+def two_defects_of_stream(board: BoardClient) -> None:
     """stream frames of every format with every two defects count once, for the first of them"""
     link = board.link
     link.stream(board.flat_phases())  # the first number is used
@@ -203,7 +203,7 @@ def every_two_defects_of_stream_frames(board: BoardClient) -> None:
 
 
 @case("HG-3.9/2-types", evidence=SELF_REPORTED)
-def every_header_type_counts_once(board: BoardClient) -> None:
+def each_type_counts_once(board: BoardClient) -> None:
     """each request of every type, carried out or refused by the board, ARMED or not, counts once"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for armed in (True, False) if board.thorough else (True,):

@@ -47,7 +47,7 @@ _LOW_FLAGS: Final = (1, 2, 4, 8, 15)
 
 
 @case("HG-2.4/2-types", evidence=SELF_REPORTED)
-def crc_is_checked_at_every_header_type(board: BoardClient) -> None:
+def crc_of_every_type(board: BoardClient) -> None:
     """frames of every type, short and long, with a bit of CRC or payload inverted, count in crc"""
     board.arm()
     for kind, payload in _payloads_of_every_type(board):
@@ -90,7 +90,7 @@ def _requests_of_every_type(board: BoardClient) -> list[Message]:
 
 
 @case("HG-4.12/1-types")
-def every_header_type_has_its_session(board: BoardClient) -> None:
+def session_of_every_type(board: BoardClient) -> None:
     """a request of every type of another session, or of none, is refused: STALE_SESSION"""
     requests, session = _requests_of_every_type(board), board.link.session
     others = [0, *(session ^ 1 << bit for bit in range(16))]
@@ -101,7 +101,7 @@ def every_header_type_has_its_session(board: BoardClient) -> None:
 
 
 @case("HG-3.4/1-requests")
-def every_header_type_has_its_flags(board: BoardClient) -> None:
+def flags_of_every_type(board: BoardClient) -> None:
     """each unknown flag in a request of every type is refused: UNSUPPORTED, detail: the flag"""
     for message in _requests_of_every_type(board):
         unknown = [0x20, 0x40, 0x80, 0xE0, 0x10, 0x30, 0xF0]
@@ -114,7 +114,7 @@ def every_header_type_has_its_flags(board: BoardClient) -> None:
 
 
 @case("HG-3.4/2-requests")
-def every_header_type_ignores_low_flags(board: BoardClient) -> None:
+def low_flags_are_ignored(board: BoardClient) -> None:
     """requests of every type with each bit of the low nibble are carried out, PLAY at once"""
     for low in _LOW_FLAGS:
         for message in _requests_of_every_type(board):
@@ -130,7 +130,7 @@ def every_header_type_ignores_low_flags(board: BoardClient) -> None:
 
 
 @case("HG-4.9/1-types", evidence=SELF_REPORTED)
-def every_header_type_is_remembered(board: BoardClient) -> None:
+def replies_are_remembered(board: BoardClient) -> None:
     """a request of every type sent again gets the same bytes, and is not carried out again"""
     for message in _requests_of_every_type(board):
         if isinstance(message, _IDEMPOTENT):
@@ -148,7 +148,7 @@ def every_header_type_is_remembered(board: BoardClient) -> None:
 
 
 @case("HG-6.4/1-sizes")
-def mute_passes_with_every_header(board: BoardClient) -> None:
+def mute_of_every_size(board: BoardClient) -> None:
     """MUTE with payloads of 0 to 3000 bytes, every flag and any session mutes an ARMED board"""
     every_flag = itertools.cycle([0, *(1 << bit for bit in range(8)), 0xF0, 0xFF])
     sizes = (0, 1, 2, 30, 100, 255, 256, 1000, _LONG)
@@ -168,7 +168,7 @@ def mute_passes_with_every_header(board: BoardClient) -> None:
 
 
 @case("HG-4.11/1-types")
-def every_reply_has_the_header_of_its_request(board: BoardClient) -> None:
+def header_of_every_reply(board: BoardClient) -> None:
     """replies and refusals of every type have type, number and open session, whatever MUTE
     carries
     """

@@ -54,7 +54,7 @@ _STALE: Final = 0x0F0F
 
 
 @case("HG-3.1/1")
-def frames_begin_with_a_header(board: BoardClient) -> None:
+def frames_begin_with_header(board: BoardClient) -> None:
     """every frame of a full dialogue begins with a header of ten bytes"""
     for piece in full_client_dialogue(board):
         _, body = crc_of_received_piece(piece)
@@ -67,7 +67,7 @@ def frames_begin_with_a_header(board: BoardClient) -> None:
 
 
 @case("HG-3.3/1")
-def header_has_the_right_reply_type(board: BoardClient) -> None:
+def replies_have_their_type(board: BoardClient) -> None:
     """each request is answered by its type + 0x40, or by ERROR"""
     kinds: list[type[Message]] = [*requests_that_board_takes(board), Mute]
     for kind in kinds:
@@ -125,7 +125,7 @@ def drops_unknown_header_flags(board: BoardClient) -> None:
 
 
 @case("HG-3.4/2")
-def ignores_the_low_nibble_of_flags(board: BoardClient) -> None:
+def ignores_low_flags(board: BoardClient) -> None:
     """PING with each bit of the low nibble is answered; a stream frame is latched"""
     for flag in (1, 2, 4, 8, 15):
         board.link.call(Ping(flag), Pong, flags=flag)
@@ -165,7 +165,7 @@ def _check_flags(pieces: Iterable[ReceivedByClient]) -> None:
 
 
 @case("HG-3.5/1")
-def takes_the_immediate_flag_where_it_belongs(board: BoardClient) -> None:
+def immediate_is_of_play(board: BoardClient) -> None:
     """IMMEDIATE on any request but PLAY is refused with UNSUPPORTED, detail 0x10"""
     flag = Flag.IMMEDIATE
     for kind in requests_that_board_takes(board):
@@ -178,7 +178,7 @@ def takes_the_immediate_flag_where_it_belongs(board: BoardClient) -> None:
 
 
 @case("HG-3.5/2", evidence=SELF_REPORTED)
-def immediate_flag_ignores_the_time(board: BoardClient) -> None:
+def immediate_ignores_time(board: BoardClient) -> None:
     """with IMMEDIATE a frame is latched at once, whatever time it carries"""
     board.arm()
     now_us = board.clock.device_us()
@@ -202,7 +202,7 @@ def header_carries_the_session(board: BoardClient) -> None:
 
 
 @case("HG-3.7/2", evidence=SELF_REPORTED)
-def drops_headers_of_another_session(board: BoardClient) -> None:
+def drops_stale_headers(board: BoardClient) -> None:
     """a stream frame of another session is counted in stale_session and uses up no number"""
     old = board.link.session
     board.hello()
@@ -237,7 +237,7 @@ def junk_headers_are_survived(board: BoardClient) -> None:
 
 
 @case("HG-3.9/4", depth=Depth.DEFAULT)
-def junk_headers_leak_no_memory(board: BoardClient) -> None:
+def junk_leaks_no_memory(board: BoardClient) -> None:
     """1 MiB of junk, or 20 s of it: PINGs are answered, and free_bytes is as before"""
     before = board.status()
     left = min(_JUNK_BYTES, board.wire.baudrate // 10 * _JUNK_S)

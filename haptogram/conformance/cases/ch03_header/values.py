@@ -76,7 +76,7 @@ def _check_geometry_values(board: BoardClient) -> None:
 
 
 @case("HG-3.2/1-pitch")
-def pitch_value_is_little_endian(board: BoardClient) -> None:
+def pitch_is_little_endian(board: BoardClient) -> None:
     """pitch_um in HELLO_REPLY is not the pitch of the geometry with its bytes reversed"""
     identity = board.identity
     require(identity.grid_nx * identity.grid_ny >= 2, "the array is no grid, or of one transducer")
@@ -110,14 +110,14 @@ def text_value_is_filled(board: BoardClient) -> None:
 
 
 @case("HG-3.2/3")
-def payload_types_have_their_length(board: BoardClient) -> None:
+def payloads_have_their_length(board: BoardClient) -> None:
     """every payload of a full dialogue has the length of its type"""
     wrong = [piece for piece in full_client_dialogue(board) if piece.reason == "bad_length"]
     check(not wrong, f"{annotated_frame_text(wrong[0].piece) if wrong else ''}")
 
 
 @case("HG-3.2/4")
-def refuses_a_wrong_length_of_type(board: BoardClient) -> None:
+def refuses_wrong_lengths(board: BoardClient) -> None:
     """requests a byte too long or too short are refused; the detail is the right length"""
     kinds = requests_that_board_takes(board)
     _check_wrong_lengths(board, [(kind, right) for kind in kinds for right in _near_lengths(kind)])
@@ -128,7 +128,7 @@ def _near_lengths(kind: type[Message]) -> set[int]:
 
 
 @case("HG-3.2/4-requests", depth=Depth.DEFAULT)
-def every_wrong_length_is_refused(board: BoardClient) -> None:
+def every_wrong_length(board: BoardClient) -> None:
     """requests of every type and 11 wrong lengths: the detail is the right one, 0 where it
     varies
     """
@@ -151,7 +151,7 @@ def _check_wrong_lengths(board: BoardClient, wrong: Sequence[tuple[type[Message]
 
 
 @case("HG-3.2/4-stream", evidence=SELF_REPORTED)
-def drops_a_wrong_length_of_type(board: BoardClient) -> None:
+def drops_wrong_lengths(board: BoardClient) -> None:
     """stream frames a byte too long or too short are counted in bad_length and not answered"""
     wrong: list[tuple[int, bytes]] = []
     for message in (kind.make() for kind in stream_kinds(board)):
@@ -163,7 +163,7 @@ def drops_a_wrong_length_of_type(board: BoardClient) -> None:
 
 
 @case("HG-3.2/5")
-def refuses_values_of_no_table(board: BoardClient) -> None:
+def refuses_unlisted_values(board: BoardClient) -> None:
     """values that no table has are refused with BAD_VALUE and the field's offset"""
     hello = bytes([VERSION_MAJOR, *bytes(7)])
     wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, hello, 2)]
@@ -176,7 +176,7 @@ def refuses_values_of_no_table(board: BoardClient) -> None:
 
 
 @case("HG-3.2/6")
-def reads_values_at_any_address(board: BoardClient) -> None:
+def reads_unaligned_values(board: BoardClient) -> None:
     """requests, chunks and stream frames that begin at each of 8 addresses are taken"""
     board.arm()
     with board.counting(latched=_ADDRESSES):
@@ -210,7 +210,7 @@ def _uploads_with_values(board: BoardClient) -> Iterator[UploadBegin]:
 
 
 @case("HG-3.2/5-bytes", evidence=SELF_REPORTED)
-def every_value_of_no_table_is_refused(board: BoardClient) -> None:
+def every_unlisted_value(board: BoardClient) -> None:
     """each value that the table of a request's byte does not name: BAD_VALUE, and the byte's
     offset
     """
@@ -224,7 +224,7 @@ def every_value_of_no_table_is_refused(board: BoardClient) -> None:
 
 
 @case("HG-3.2/5-points")
-def every_number_of_points_of_no_table_is_refused(board: BoardClient) -> None:
+def every_points_per_frame(board: BoardClient) -> None:
     """points_per_frame other than 0 without points, 0 with them, above max_points: BAD_VALUE"""
     begins = list(_uploads_with_values(board))
     if not begins:

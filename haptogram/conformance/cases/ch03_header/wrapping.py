@@ -131,7 +131,7 @@ def event_sequence_numbers_wrap(board: BoardClient) -> None:
 
 
 @case("HG-3.6/3", evidence=SELF_REPORTED)
-def first_sequence_number_of_stream(board: BoardClient) -> None:
+def first_number_of_stream(board: BoardClient) -> None:
     """a first stream frame 0xFFF0 is no gap, 0xFFF3 is a gap of 3"""
     with board.counting(dropped_state=1):
         board.link.stream(board.flat_phases())
@@ -141,7 +141,7 @@ def first_sequence_number_of_stream(board: BoardClient) -> None:
 
 
 @case("HG-3.6/4", needs=Feature.CONFIG)
-def first_sequence_number_of_events(board: BoardClient) -> None:
+def first_number_of_events(board: BoardClient) -> None:
     """the first event of each of 3 sessions has the number 0"""
     period_ms = board.quick_status_ms
     board.configure(status_period_ms=period_ms)
@@ -171,7 +171,7 @@ def sequence_numbers_are_unwrapped(board: BoardClient) -> None:
     check_equal(got, index, f"unwrapped number {index}: last_seq is {got}")
 
 
-def _go_up_to_unwrapped_number(board: BoardClient, number: int) -> None:
+def _advance_to_number(board: BoardClient, number: int) -> None:
     """Use up numbers, by frames without codes that are a jump apart, until *number* is the next."""
     link = board.link
     while link.stream_next < number:
@@ -182,7 +182,7 @@ def _go_up_to_unwrapped_number(board: BoardClient, number: int) -> None:
         link.send(*wires)
 
 
-def _numbers_told_of_a_latch(
+def _wrong_latch_numbers(
     board: BoardClient, since: int, mode: TraceMode, index: int
 ) -> dict[str, int]:
     """Return the number of the last latch by every report of it."""
@@ -202,12 +202,12 @@ def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -
     latch_now(board)
     first, before, sent = board.link.stream_next, board.status().counters, 0
     for bits in range(least_bits, most_bits + 1):
-        _go_up_to_unwrapped_number(board, (1 << bits) - 1)
+        _advance_to_number(board, (1 << bits) - 1)
         board.arm_anew()  # or a hold that nothing extends may end before the next latch
         for index in range((1 << bits) - 1, (1 << bits) + 2):
             since = board.link.mark()
             latch_now(board)
-            wrong = _numbers_told_of_a_latch(board, since, mode, index)
+            wrong = _wrong_latch_numbers(board, since, mode, index)
             check(not wrong, f"the unwrapped number is {index % _WRAP}, told is {wrong}")
         board.wire.forget_received()
         sent += 3
@@ -218,12 +218,12 @@ def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -
 
 
 @case("HG-3.6/5-widths", evidence=SELF_REPORTED)
-def every_number_above_16_bits(board: BoardClient) -> None:
+def every_24_bit_number(board: BoardClient) -> None:
     """numbers around 2^16 to 2^24, behind jumps of 32767: told whole"""
     _judge_numbers_across(board, 16, 24)
 
 
 @case("HG-3.6/5-wrap", evidence=SELF_REPORTED, depth=Depth.FULL)
-def every_number_up_to_32_bits(board: BoardClient) -> None:
+def every_32_bit_number(board: BoardClient) -> None:
     """numbers around 2^25 to 2^32, behind jumps of 32767: told whole"""
     _judge_numbers_across(board, 25, 32)

@@ -59,7 +59,7 @@ _QUICK_STEPS: Final = (2, 0, -1, -300)
 
 
 @case("HG-4.10/1-used")
-def idempotent_requests_use_request_numbers(board: BoardClient) -> None:
+def idempotent_requests_use_numbers(board: BoardClient) -> None:
     """the number of a MUTE or UPLOAD_CHUNK of the session, refused or not, is used:
     SEQUENCE_REUSED
     """
@@ -72,7 +72,7 @@ def idempotent_requests_use_request_numbers(board: BoardClient) -> None:
 
 
 @case("HG-4.9/3-jumps")
-def every_jump_of_request_numbers_is_judged(board: BoardClient) -> None:
+def jumps_of_numbers(board: BoardClient) -> None:
     """requests 1 to 32767 numbers ahead are carried out, those 1 to 32768 behind are refused"""
     for bits in range(16):
         for jump in {1 << bits, (1 << bits) - 1} - {0, 1 << 15}:
@@ -82,7 +82,7 @@ def every_jump_of_request_numbers_is_judged(board: BoardClient) -> None:
 
 
 @case("HG-4.9/1-numbers")
-def every_request_number_is_remembered(board: BoardClient) -> None:
+def numbers_are_remembered(board: BoardClient) -> None:
     """requests numbered 0, 255, 0x7FFF, 0x8000, 0xFFFF and beside them get the same bytes again"""
     for number in _NUMBERS:
         board.hello(seq=number - 1 & 0xFFFF)
@@ -95,7 +95,7 @@ def every_request_number_is_remembered(board: BoardClient) -> None:
 
 
 @case("HG-4.9/4-values")
-def refused_requests_leave_the_request_number(board: BoardClient) -> None:
+def refusals_leave_the_number(board: BoardClient) -> None:
     """a request of every type, refused for flags or length, uses no number; for a value it does"""
     board.arm()
     for kind in requests_that_board_takes(board):
@@ -155,7 +155,7 @@ def _is_legal_request(board: BoardClient, body: bytes) -> bool:
 
 
 @case("HG-4.9/2-bytes")
-def every_changed_byte_is_no_repetition(board: BoardClient) -> None:
+def changed_bytes_are_refused(board: BoardClient) -> None:
     """the number of a request of every type with one byte changed, in header or payload, is
     refused
     """
@@ -177,7 +177,7 @@ def every_changed_byte_is_no_repetition(board: BoardClient) -> None:
 
 
 @case("HG-4.9/2-halves")
-def half_a_crc_makes_no_repetition(board: BoardClient) -> None:
+def half_crc_is_refused(board: BoardClient) -> None:
     """a PING with the number of the last one, and half of its CRC-32, is refused"""
     for half, bits in _SAME_HALF_OF_CRC.items():
         echo = board.random.getrandbits(64)
@@ -260,7 +260,7 @@ def _remembered_use(message: Message) -> NumberUse:
 
 
 @case("HG-4.9/3-steps", evidence=SELF_REPORTED)
-def no_request_sets_the_newest_number_back(board: BoardClient) -> None:
+def newest_number_stays(board: BoardClient) -> None:
     """requests of every type, ahead of the newest number and behind it: nothing sets it back"""
     steps = _STEPS if board.thorough else _QUICK_STEPS
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)

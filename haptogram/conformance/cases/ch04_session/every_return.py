@@ -49,7 +49,7 @@ def _open_sessions_in_turn(board: BoardClient, path: str, number: int) -> None:
 
 
 @case("HG-4.6/4-replies", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def remembered_replies_do_not_outlive_a_session(board: BoardClient) -> None:
+def replies_end_with_session(board: BoardClient) -> None:
     """a reply of every type, refusals too, is forgotten in the next session, and in A behind B"""
     for path, name in _paths_of_sessions(board).items():
         for message in every_request_to_repeat(board):
@@ -115,7 +115,7 @@ _OWNED: Final = (
 
 
 @case("HG-4.6/4-owned", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def nothing_owned_outlives_a_session(board: BoardClient) -> None:
+def possessions_end_with_session(board: BoardClient) -> None:
     """drive, latches, ring, upload and numbers of a session are gone in the next, and in A
     behind B
     """

@@ -111,7 +111,7 @@ def settings_outlive_every_session(board: BoardClient) -> None:
 
 
 @case("HG-4.6/2-nonces")
-def every_bit_of_a_nonce_opens_a_session(board: BoardClient) -> None:
+def each_nonce_opens_session(board: BoardClient) -> None:
     """nonces one bit from the open one, and the least and greatest, each open a session,
     DISARMED
     """
@@ -142,7 +142,7 @@ def _check_hello_opens(board: BoardClient, nonce: int) -> None:
 
 
 @case("HG-4.6/1-effects")
-def a_repeated_hello_does_nothing(board: BoardClient) -> None:
+def repeated_hello_does_nothing(board: BoardClient) -> None:
     """a HELLO of the open nonce of any number leaves numbers, remembered reply, playback, upload"""
     board.hello()
     board.arm()
@@ -154,10 +154,10 @@ def a_repeated_hello_does_nothing(board: BoardClient) -> None:
         judge_repeated_reply(board, ping, first, f"HELLO of the open nonce {ahead} numbers on")
         board.link.call(Ping(1), Pong)  # the next number, which is not used up
     if board.has(Feature.SEQUENCE_PHASES):
-        _check_repeated_hello_left_playback(board, hello)
+        _check_playback_goes_on(board, hello)
 
 
-def _check_repeated_hello_left_playback(board: BoardClient, hello: Hello) -> None:
+def _check_playback_goes_on(board: BoardClient, hello: Hello) -> None:
     frames = send_phases_to_store(board, _PLAYED, frames=2)
     since = board.link.mark()
     play_now(board, _PLAYED, loops=0)
@@ -176,7 +176,7 @@ def _check_repeated_hello_left_playback(board: BoardClient, hello: Hello) -> Non
 
 
 @case("HG-4.6/1-reply", needs=Feature.CONFIG)
-def the_first_hello_reply_stays(board: BoardClient) -> None:
+def first_hello_reply_stays(board: BoardClient) -> None:
     """a repeated HELLO gets the first reply, with the state and settings of then, after any
     change
     """

@@ -54,7 +54,7 @@ OF_HOST: Final = tuple(
 
 
 @case("HG-4.3/1")
-def greets_hello_in_every_state(board: BoardClient) -> None:
+def greets_in_every_state(board: BoardClient) -> None:
     """HELLO is answered while DISARMED, ARMED and MUTED"""
     board.hello()
     board.arm()
@@ -65,20 +65,20 @@ def greets_hello_in_every_state(board: BoardClient) -> None:
 
 
 @case("HG-4.3/2")
-def identity_has_a_whole_carrier(board: BoardClient) -> None:
+def carrier_divides_the_second(board: BoardClient) -> None:
     """carrier_hz divides 1000000"""
     carrier = board.identity.carrier_hz
     check(0 < carrier <= 1_000_000 and 1_000_000 % carrier == 0, f"carrier_hz is {carrier}")
 
 
 @case("HG-4.3/3")
-def identity_has_a_clock_of_a_megahertz(board: BoardClient) -> None:
+def clock_is_one_megahertz(board: BoardClient) -> None:
     """clock_hz is 1000000"""
     check_equal(board.identity.clock_hz, 1_000_000, f"clock_hz is {board.identity.clock_hz}")
 
 
 @case("HG-4.3/4")
-def identity_has_a_whole_grid(board: BoardClient) -> None:
+def grid_holds_all_transducers(board: BoardClient) -> None:
     """grid_nx grid_ny is N, or both are 0"""
     nx, ny = board.identity.grid_nx, board.identity.grid_ny
     count = board.identity.transducers
@@ -94,7 +94,7 @@ def boot_identity_differs(board: BoardClient) -> None:
 
 
 @case("HG-4.3/6")
-def identity_has_the_geometry_hash(board: BoardClient) -> None:
+def hash_is_of_geometry(board: BoardClient) -> None:
     """geometry_hash is the CRC-32 of the geometry records of all transducers"""
     records = b"".join(element.pack() for element in board.read_geometry())
     got, due = board.identity.geometry_hash, zlib.crc32(records)
@@ -102,7 +102,7 @@ def identity_has_the_geometry_hash(board: BoardClient) -> None:
 
 
 @case("HG-4.3/8")
-def identity_has_large_enough_limits(board: BoardClient) -> None:
+def limits_are_large_enough(board: BoardClient) -> None:
     """every limit of what is advertised has the least value that a host may rely on"""
     identity = board.identity
     for name, least, features in LEAST_LIMITS:
@@ -118,7 +118,7 @@ def identity_has_large_enough_limits(board: BoardClient) -> None:
 
 
 @case("HG-4.3/9")
-def identity_has_room_for_a_window(board: BoardClient) -> None:
+def window_fits_rx_window(board: BoardClient) -> None:
     """rx_window has room for upload_window of the longest chunks"""
     identity = board.identity
     board.need_any(_UPLOADS)
@@ -147,7 +147,7 @@ def opens_one_session(board: BoardClient) -> None:
 
 
 @case("HG-4.1/4-reset", needs_reset=True)
-def opens_no_session_at_reset(board: BoardClient) -> None:
+def no_session_at_reset(board: BoardClient) -> None:
     """after a reset no session is open"""
     board.link.refused(Ping(0), ErrorCode.STALE_SESSION, 0, session=board.new_nonce())
 
@@ -168,7 +168,7 @@ def hello_states_the_version(board: BoardClient) -> None:
 
 
 @case("HG-4.4/1-majors")
-def every_other_major_version_is_refused(board: BoardClient) -> None:
+def every_other_major(board: BoardClient) -> None:
     """HELLO of each other major version: ERROR(VERSION), and the session goes on"""
     right = board.hello_message(board.new_nonce())
     byte = ValueByte("major", right.WIRE["major"].offset, (VERSION_MAJOR,))
@@ -179,7 +179,7 @@ def every_other_major_version_is_refused(board: BoardClient) -> None:
 
 
 @case("HG-4.4/1")
-def hello_of_other_versions_is_refused(board: BoardClient) -> None:
+def refuses_other_majors(board: BoardClient) -> None:
     """HELLO of other major versions is refused with VERSION; the session goes on"""
     board.arm()
     with board.counting(requests=3):
@@ -190,7 +190,7 @@ def hello_of_other_versions_is_refused(board: BoardClient) -> None:
 
 
 @case("HG-4.7/1", needs_reset=True)
-def no_event_without_a_session(board: BoardClient) -> None:
+def no_event_without_session(board: BoardClient) -> None:
     """for 0.3 s after a reset and a PING without a session no event comes"""
     board.link.refused(Ping(0), ErrorCode.STALE_SESSION, 0, session=77)
     board.link.ask(Mute())

@@ -36,7 +36,7 @@ from ...outcome import SELF_REPORTED, check, check_equal
 
 
 @case("HG-4.6/1")
-def the_same_nonce(board: BoardClient) -> None:
+def same_nonce(board: BoardClient) -> None:
     """HELLO with the open nonce: same reply; ARMED, queue and numbers stay; repeated + 1"""
     first = board.hello()
     board.arm()
@@ -51,7 +51,7 @@ def the_same_nonce(board: BoardClient) -> None:
 
 
 @case("HG-4.6/1-time")
-def the_same_nonce_at_another_time(board: BoardClient) -> None:
+def same_nonce_keeps_time(board: BoardClient) -> None:
     """HELLO with the open nonce: its own number, and a time between those of two PONGs around it"""
     greeting = board.hello_message(board.link.session)
     first = board.link.ask(greeting)
@@ -64,7 +64,7 @@ def the_same_nonce_at_another_time(board: BoardClient) -> None:
 
 
 @case("HG-4.6/1-fields")
-def the_same_nonce_with_other_fields(board: BoardClient) -> None:
+def same_nonce_other_fields(board: BoardClient) -> None:
     """HELLO with the open nonce, another minor version, description or number: the same greeting"""
     first = board.hello()
     board.arm()
@@ -81,7 +81,7 @@ def the_same_nonce_with_other_fields(board: BoardClient) -> None:
 
 
 @case("HG-4.6/2")
-def a_new_nonce_and_the_state(board: BoardClient) -> None:
+def new_nonce_and_state(board: BoardClient) -> None:
     """a new nonce: ARMED becomes DISARMED (NEW_SESSION), MUTED stays MUTED"""
     board.arm()
     latch_now(board)
@@ -97,7 +97,7 @@ def a_new_nonce_and_the_state(board: BoardClient) -> None:
 
 
 @case("HG-4.6/3", evidence=SELF_REPORTED)
-def a_new_nonce_flushes(board: BoardClient) -> None:
+def new_nonce_flushes(board: BoardClient) -> None:
     """a new nonce flushes the queue; no queued frame is latched"""
     board.arm()
     start_us = board.clock.soon_us(board.bytes_of_frames(3))
@@ -110,7 +110,7 @@ def a_new_nonce_flushes(board: BoardClient) -> None:
 
 
 @case("HG-4.6/3-playback", needs=Feature.SEQUENCE_PHASES)
-def a_new_nonce_ends_playback(board: BoardClient) -> None:
+def new_nonce_ends_playback(board: BoardClient) -> None:
     """a new nonce ends playback and abandons an upload"""
     send_phases_that_fit(board, 3, frames=4)
     board.arm()
@@ -127,7 +127,7 @@ def a_new_nonce_ends_playback(board: BoardClient) -> None:
 
 
 @case("HG-4.6/4")
-def a_new_nonce_starts_anew(board: BoardClient) -> None:
+def new_nonce_starts_anew(board: BoardClient) -> None:
     """a new nonce: requests and stream count anew, an old reply is forgotten"""
     board.arm()
     latch_random(board, 20)
@@ -143,7 +143,7 @@ def a_new_nonce_starts_anew(board: BoardClient) -> None:
 
 
 @case("HG-4.6/4-ring", needs=Feature.TRACE_RING | Feature.CONFIG, evidence=SELF_REPORTED)
-def a_new_nonce_empties_the_ring(board: BoardClient) -> None:
+def new_nonce_empties_ring(board: BoardClient) -> None:
     """a new nonce empties the trace ring"""
     board.arm(trace_mode=TraceMode.RING)
     latch_random(board, 3)
@@ -153,7 +153,7 @@ def a_new_nonce_empties_the_ring(board: BoardClient) -> None:
 
 
 @case("HG-4.6/5", needs=Feature.CONFIG)
-def a_new_nonce_keeps(board: BoardClient) -> None:
+def new_nonce_keeps_settings(board: BoardClient) -> None:
     """a new nonce keeps configuration and counters"""
     sent = board.configure(hold_ms=4321, ramp_ms=77)
     before = board.status()
@@ -167,7 +167,7 @@ def a_new_nonce_keeps(board: BoardClient) -> None:
 
 
 @case("HG-4.6/5-sequences", needs=Feature.SEQUENCE_PHASES)
-def a_new_nonce_keeps_sequences(board: BoardClient) -> None:
+def new_nonce_keeps_sequences(board: BoardClient) -> None:
     """a new nonce keeps stored sequences"""
     send_phases_to_store(board, 3, frames=2)
     board.hello()
@@ -177,7 +177,7 @@ def a_new_nonce_keeps_sequences(board: BoardClient) -> None:
 
 
 @case("HG-4.6/6")
-def a_hello_of_any_number(board: BoardClient) -> None:
+def hello_of_any_number(board: BoardClient) -> None:
     """HELLO is accepted with number 0, 0x8000, 0xFFFF, ...; the next request counts from there"""
     for seq in (0, 0x8000, 0xFFFF, 0x7FFF, 1):
         board.hello(seq=seq)

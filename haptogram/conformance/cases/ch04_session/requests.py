@@ -54,7 +54,7 @@ _FILLED_US: Final = 1_000_000
 
 
 @case("HG-4.9/1")
-def repeats_the_reply_to_a_request(board: BoardClient) -> None:
+def repeats_the_reply(board: BoardClient) -> None:
     """ARM again after a MUTE without a session: same reply to the byte, still MUTED; repeated +
     1
     """
@@ -74,7 +74,7 @@ def repeats_the_reply_to_a_request(board: BoardClient) -> None:
 
 
 @case("HG-4.9/2")
-def refuses_a_reused_request_number(board: BoardClient) -> None:
+def refuses_reused_number(board: BoardClient) -> None:
     """the last request's number with other bytes is refused: SEQUENCE_REUSED, detail: the number"""
     board.arm()
     for message in (Disarm(), Ping(1)):
@@ -83,7 +83,7 @@ def refuses_a_reused_request_number(board: BoardClient) -> None:
 
 
 @case("HG-4.9/3")
-def refuses_a_delayed_copy_of_a_request(board: BoardClient) -> None:
+def refuses_delayed_copy(board: BoardClient) -> None:
     """a delayed copy of ARM does not undo a later DISARM: SEQUENCE_REUSED"""
     board.link.ask(Arm())
     board.disarm()
@@ -94,7 +94,7 @@ def refuses_a_delayed_copy_of_a_request(board: BoardClient) -> None:
 
 
 @case("HG-4.9/4")
-def refused_requests_use_no_number(board: BoardClient) -> None:
+def refusals_use_no_number(board: BoardClient) -> None:
     """after refusals for flags, length and type the same number is still free"""
     reply = board.link.ask(Arm())
     free = board.link.seq + 1 & 0xFFFF
@@ -108,7 +108,7 @@ def refused_requests_use_no_number(board: BoardClient) -> None:
 
 
 @case("HG-4.9/5")
-def mute_passes_a_pending_request(board: BoardClient) -> None:
+def mute_passes_pending_request(board: BoardClient) -> None:
     """behind a MUTE a copy of a request: same reply if it was done, SEQUENCE_REUSED if it was
     lost
     """
@@ -124,7 +124,7 @@ def mute_passes_a_pending_request(board: BoardClient) -> None:
 
 
 @case("HG-4.10/1")
-def repeated_mute_is_done_again(board: BoardClient) -> None:
+def repeated_mute_is_done(board: BoardClient) -> None:
     """MUTE is carried out each time; its number in the session counts as used"""
     board.arm()
     board.link.ask(Mute())
@@ -138,7 +138,7 @@ def repeated_mute_is_done_again(board: BoardClient) -> None:
 
 
 @case("HG-4.10/1-behind")
-def mute_uses_no_earlier_request_number(board: BoardClient) -> None:
+def mute_uses_later_number(board: BoardClient) -> None:
     """PING and MUTE at once: PING is answered, although the number of MUTE is newer"""
     for number in range(8):
         wires = [board.link.request_wire(message)[0] for message in (Ping(number), Mute())]
@@ -146,7 +146,7 @@ def mute_uses_no_earlier_request_number(board: BoardClient) -> None:
 
 
 @case("HG-4.10/1-chunk")
-def repeated_chunks_are_done_again(board: BoardClient) -> None:
+def repeated_chunks_are_done(board: BoardClient) -> None:
     """UPLOAD_CHUNK is carried out each time"""
     begin_any_upload(board, 1)
     chunk = UploadChunk(0, bytes(1))
@@ -158,7 +158,7 @@ def repeated_chunks_are_done_again(board: BoardClient) -> None:
 
 
 @case("HG-4.12/1")
-def refuses_requests_of_another_session(board: BoardClient) -> None:
+def refuses_stale_requests(board: BoardClient) -> None:
     """DISARM, PING, GET_STATUS of another session: STALE_SESSION, session 0; not done"""
     board.arm()
     requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())
@@ -180,7 +180,7 @@ def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:
         yield ReadTrace(0, 0xFFFF)
 
 
-def _fill_ring_for_remembered_reply(board: BoardClient) -> None:
+def _fill_ring(board: BoardClient) -> None:
     """Latch so often in a second at most that the ring fills a frame, if the board can."""
     if not board.has(Feature.TRACE_RING | Feature.CONFIG | Feature.SEQUENCE_PHASES):
         return
@@ -221,7 +221,7 @@ def every_reply_is_remembered(board: BoardClient) -> None:
     """refused requests, and those with the longest replies, get the same bytes again"""
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, _SEQUENCE, frames=2)
-        _fill_ring_for_remembered_reply(board)
+        _fill_ring(board)
     board.arm()
     for message in [*refused_requests_to_send(board), *_largest_remembered_request(board)]:
         with board.counting(repeated=2, requests=1, frames=3):

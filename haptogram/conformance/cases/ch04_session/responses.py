@@ -55,7 +55,7 @@ host_ignores = case_about_host("HG-4.11/4")
 
 
 @case("HG-4.11/1")
-def responses_belong_to_their_requests(board: BoardClient) -> None:
+def responses_have_their_session(board: BoardClient) -> None:
     """responses have the number of their request and the open session"""
     requests: tuple[Message, ...] = (Ping(1), GetStatus(), GetConfig(), Arm(), Disarm())
     for message in requests:
@@ -86,10 +86,10 @@ def responses_tell_the_time(board: BoardClient) -> None:
 
 
 @case("HG-4.11/2-exact")
-def refusing_responses_tell_the_time(board: BoardClient) -> None:
+def refusals_tell_the_time(board: BoardClient) -> None:
     """ERROR to unknown flags and a repeated HELLO_REPLY, behind a long reply: when they leave"""
     board.wire.require_exact_times()
-    offset_us = _device_offset_of_responses_us(board)
+    offset_us = _device_offset_us(board)
     greeting = board.hello_message(board.link.session)
     for message, flags in ((Ping(1), 0x40), (greeting, 0)):
         long, _ = board.link.request_wire(GetGeometry(0, 0xFFFF))
@@ -101,7 +101,7 @@ def refusing_responses_tell_the_time(board: BoardClient) -> None:
         check(abs(off_us) <= _CLOCK_US, f"the time of {name} is off by {off_us:+d} µs")
 
 
-def _device_offset_of_responses_us(board: BoardClient) -> int:
+def _device_offset_us(board: BoardClient) -> int:
     """Return the device clock less that of the transport, by a PONG that waited for nothing."""
     answer = board.link.ask(Ping(0))
     pong = board.link.reply_in(answer, Pong)
@@ -109,7 +109,7 @@ def _device_offset_of_responses_us(board: BoardClient) -> int:
 
 
 @case("HG-4.11/6")
-def repeated_responses_keep_their_time(board: BoardClient) -> None:
+def repetitions_keep_their_time(board: BoardClient) -> None:
     """a PING again, 20 ms later: the time in the header is that of the first PONG"""
     seq, times = board.link.next_seq(), []
     for _ in range(3):
@@ -132,14 +132,14 @@ def responses_come_promptly(board: BoardClient) -> None:
 
 
 @case("HG-4.11/5")
-def responses_come_before_reports(board: BoardClient) -> None:
+def responses_precede_events(board: BoardClient) -> None:
     """MUTE without a session: MUTE_REPLY comes before STATE_CHANGED"""
     board.arm()
     _responses_in_order(board, Mute(), (MuteReply, StateChanged), session=0)
 
 
 @case("HG-4.11/5-play", needs=Feature.SEQUENCE_PHASES)
-def responses_come_before_the_playback_ends(board: BoardClient) -> None:
+def responses_precede_playback_ended(board: BoardClient) -> None:
     """STOP, MUTE, DISARM, HELLO during playback: reply, STATE_CHANGED, then PLAYBACK_ENDED"""
     send_phases_that_fit(board, 1, frames=2)
     hello = board.hello_message(board.new_nonce())

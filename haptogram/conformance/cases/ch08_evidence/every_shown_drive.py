@@ -64,7 +64,7 @@ def _shown_under_ceiling(board: BoardClient, **changes: Any) -> Iterator[None]:
 
 
 @case("HG-8.3/2-paths", needs=_READ, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
+def traces_show_latched_drive(board: BoardClient) -> None:
     """drives of every format and path, under ceiling and correction: every trace shows the
     latched
     """
@@ -85,7 +85,7 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
 
 
 @case("HG-8.6/1-shaded", needs=_READ, evidence=SELF_REPORTED)
-def every_span_of_a_read_back_under_a_ceiling(board: BoardClient) -> None:
+def spans_under_a_ceiling(board: BoardClient) -> None:
     """READ_DRIVE of every span, of drives of every format under ceiling, correction and a ramp"""
     with _shown_under_ceiling(board):
         board.arm()
@@ -99,12 +99,10 @@ def every_span_of_a_read_back_under_a_ceiling(board: BoardClient) -> None:
                 if due is not None and kind is DriveKind.LATCHED:
                     got = whole.phases, whole.amplitudes
                     check_equal(got, due, f"{name}: not the drive sent")
-                _check_spans_of_read_back(board, name, whole, kind)
+                _check_spans(board, name, whole, kind)
 
 
-def _check_spans_of_read_back(
-    board: BoardClient, name: str, whole: ClientDrive, kind: DriveKind
-) -> None:
+def _check_spans(board: BoardClient, name: str, whole: ClientDrive, kind: DriveKind) -> None:
     count = board.identity.transducers
     for first in sorted({1, count // 3, count // 2, count - 1} & set(range(count))):
         for number in (1, 3, 0xFFFF):
@@ -114,7 +112,7 @@ def _check_spans_of_read_back(
 
 
 @case("HG-8.3/2-ramp", needs=_DIMMED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
+def traces_show_no_ramp(board: BoardClient) -> None:
     """latches in a ramp, and while the ceiling is 0 and changes, are traced as they are latched"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=4)
     for mode in trace_modes(board):
@@ -137,7 +135,7 @@ def ramps_are_not_shown_in_traces(board: BoardClient) -> None:
 
 
 @case("HG-8.3/2-keys", needs=_PLAYED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def traces_of_frames_with_like_keys(board: BoardClient) -> None:
+def traces_of_like_keys(board: BoardClient) -> None:
     """sequences of one frame, played in turn, stored anew, stream frames between: each has its
     CRC
     """

@@ -57,7 +57,7 @@ def reads_back_a_span(board: BoardClient) -> None:
 
 
 @case("HG-8.6/2")
-def reads_back_no_more_transducers(board: BoardClient) -> None:
+def reads_back_no_more(board: BoardClient) -> None:
     """READ_DRIVE from N on is refused with NOT_FOUND, detail N"""
     board.need_any(READ_BACKS)
     count = board.identity.transducers
@@ -88,7 +88,7 @@ def reads_back_one_latch(board: BoardClient) -> None:
 
 
 @case("HG-8.6/4", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
-def reads_back_nothing_at_first(board: BoardClient) -> None:
+def reads_back_nothing_first(board: BoardClient) -> None:
     """before the first latch of a session codes, key and time are 0"""
     board.arm()
     latch_random(board, 1)
@@ -120,7 +120,7 @@ def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
     yield "DISARMED", BoardClient.disarm
 
 
-def _states_of_the_session_before(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
+def _ends_of_session_before(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
     """Yield what the session before ends in."""
     yield "a drive", lambda board: latch_random(board, 1)
     if board.has(Feature.SEQUENCE_PHASES):
@@ -140,7 +140,7 @@ def every_empty_read_back(board: BoardClient) -> None:
         board.configure(amplitude_ceiling=_CEILING)
     if board.has(Feature.CORRECTION):
         upload_correction(board)
-    for before, leave in _states_of_the_session_before(board):
+    for before, leave in _ends_of_session_before(board):
         board.arm()
         leave(board)
         board.hello()

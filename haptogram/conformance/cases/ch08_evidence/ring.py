@@ -38,7 +38,7 @@ _PLAYED_RING: Final = _RING | Feature.SEQUENCE_PHASES
 
 
 @case("HG-8.5/1", needs=_RING, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def trace_ring_keeps_the_last(board: BoardClient) -> None:
+def ring_keeps_the_last(board: BoardClient) -> None:
     """the ring keeps the last trace_ring latches, numbered from 0, and forgets the oldest"""
     size = board.identity.trace_ring
     check(size > 0, "TRACE_RING is advertised, trace_ring is 0")
@@ -61,7 +61,7 @@ def _fill_trace_ring(board: BoardClient, size: int) -> int:
 
 
 @case("HG-8.5/1-modes", needs=_RING, evidence=SELF_REPORTED)
-def trace_ring_counts_latches_of_every_mode(board: BoardClient) -> None:
+def ring_counts_every_mode(board: BoardClient) -> None:
     """latches while trace_mode is another one have their numbers: the ring goes on behind them"""
     modes = trace_modes(board, *TraceMode)
     board.hello()
@@ -112,7 +112,7 @@ def _spans_of_ring(oldest: int, following: int) -> Iterator[tuple[int, int]]:
 
 
 @case("HG-8.5/2-spans", needs=_PLAYED_RING, evidence=SELF_REPORTED)
-def every_span_of_the_ring(board: BoardClient) -> None:
+def every_ring_span(board: BoardClient) -> None:
     """READ_TRACE of spans at every edge of a ring that has turned over: those, as many as fit"""
     ring = board.identity.trace_ring
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
@@ -205,7 +205,7 @@ class _RingWithHoles:
 
 
 @case("HG-8.5/2-holes", needs=_PLAYED_RING, evidence=SELF_REPORTED)
-def every_span_of_a_ring_with_holes(board: BoardClient) -> None:
+def every_span_with_holes(board: BoardClient) -> None:
     """READ_TRACE before, in, over and behind latches of other modes, MUTE, DISARM, playback,
     upload
     """

@@ -117,7 +117,7 @@ def traces_tell_the_time(board: BoardClient) -> None:
 
 
 @case("HG-8.3/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
-def evidence_names_one_latch_time(board: BoardClient) -> None:
+def evidence_names_one_time(board: BoardClient) -> None:
     """the time of a latch in TRACE or the ring, in a read-back and in STATUS is the same"""
     for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
         for offset_us in _OFFSETS_US:
@@ -135,7 +135,7 @@ def evidence_names_one_latch_time(board: BoardClient) -> None:
 
 
 @case("HG-8.3/3-before", needs=Feature.CONFIG | Feature.TRACE_RING, evidence=SELF_REPORTED)
-def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
+def no_latch_before_time(board: BoardClient) -> None:
     """while a frame waits for its time, neither STATUS nor trace nor read-back knows of its
     latch
     """
@@ -159,7 +159,7 @@ def evidence_shows_no_latch_before_its_time(board: BoardClient) -> None:
 
 
 @case("HG-8.3/1-measured", needs=_READ, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def drives_are_there_at_their_latch_time(board: BoardClient) -> None:
+def drives_there_in_time(board: BoardClient) -> None:
     """read-backs right behind the time that the trace tells of a latch show its drive"""
     board.arm(trace_mode=TraceMode.CRC)
     latch_now(board)

@@ -79,12 +79,12 @@ def _count_much_junk(board: BoardClient, number: int) -> None:
 
 
 @case("HG-9.2/1-hundreds", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def every_counter_past_8_bits(board: BoardClient) -> None:
+def every_counter_of_300(board: BoardClient) -> None:
     """300 frames of each defect that has no answer: each counter grows by 300, beyond 8 bits"""
     _count_much_junk(board, 300)
 
 
 @case("HG-9.2/1-thousands", evidence=SELF_REPORTED, depth=Depth.FULL)
-def every_counter_past_16_bits(board: BoardClient) -> None:
+def every_counter_of_66000(board: BoardClient) -> None:
     """66 000 frames of each defect that has no answer: each counter grows by 66 000"""
     _count_much_junk(board, 66_000)

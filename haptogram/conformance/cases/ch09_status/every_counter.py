@@ -41,7 +41,7 @@ _FLOODS: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
 
 
 @case("HG-3.6/2-requests", needs=_TRACES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def requests_leave_the_event_counters(board: BoardClient) -> None:
+def requests_leave_event_numbers(board: BoardClient) -> None:
     """behind every request, refusal and repeated HELLO events and stream frames go on by 1"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     since, names = board.arm(trace_mode=TraceMode.CRC), ["ARM"]

@@ -147,7 +147,7 @@ def _last_stored_frame(board: BoardClient) -> bytes:
 
 
 @case("HG-9.1/3-latches", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def a_latch_changes_all_of_the_status(board: BoardClient) -> None:
+def latch_changes_the_status(board: BoardClient) -> None:
     """a latch of every path, the first and later: counters, last_seq, time, key, codes, LATE"""
     stored = _last_stored_frame(board)
     can_configure = board.has(Feature.CONFIG)
@@ -206,7 +206,7 @@ def _check_traces(
 
 
 @case("HG-12.3/1-latches", needs=Feature.CONFIG, depth=Depth.DEFAULT)
-def a_latch_in_status_begins_the_hold_anew(board: BoardClient) -> None:
+def latch_restarts_the_hold(board: BoardClient) -> None:
     """a latch of every path begins the hold anew: it ends hold_ms behind the last latch"""
     stored = _last_stored_frame(board)
     # A path waits for two frames, twice as long as the line needs, behind a third of the hold.

@@ -99,7 +99,7 @@ def status_tells_wide_margins(board: BoardClient) -> None:
 
 
 @case("HG-9.3/1-ready", evidence=SELF_REPORTED)
-def status_margins_count_from_ready(board: BoardClient) -> None:
+def margins_count_from_ready(board: BoardClient) -> None:
     """the margin of frames of each kind is t_apply less the time at which they are ready"""
     board.require_no_status()
     board.arm()
@@ -149,7 +149,7 @@ def _check_margins_behind(board: BoardClient, messages: list[Message]) -> None:
 
 
 @case("HG-9.3/1-drops", evidence=SELF_REPORTED)
-def every_drop_has_its_margin_in_status(board: BoardClient) -> None:
+def every_dropped_margin(board: BoardClient) -> None:
     """frames dropped for order, room, horizon or lateness have a margin, those before step 13
     none
     """

@@ -62,7 +62,7 @@ def sends_status(board: BoardClient) -> None:
 
 
 @case("HG-9.1/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
-def status_tells_of_one_moment(board: BoardClient) -> None:
+def status_of_one_moment(board: BoardClient) -> None:
     """in STATUS and STATUS_REPLY amid a stream both sums hold: of frames, and of accepted"""
     board.arm(status_period_ms=board.quick_status_ms)
     good = board.shortest_stream()
@@ -108,7 +108,7 @@ def status_begins_with_nothing(board: BoardClient) -> None:
 
 
 @case("HG-9.1/2-playback", needs=Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
-def every_playback_keeps_last_seq(board: BoardClient) -> None:
+def every_playback_last_seq(board: BoardClient) -> None:
     """a playback moves last_latch_us and not last_seq, which is of the last stream frame"""
     send_phases_that_fit(board, _SEQUENCE, frames=3)
     board.arm()
@@ -171,7 +171,7 @@ def _check_last_latch_stays(board: BoardClient, name: str) -> None:
 
 
 @case("HG-9.1/2-stays", evidence=SELF_REPORTED)
-def every_event_keeps_last_latch(board: BoardClient) -> None:
+def every_latchless_event(board: BoardClient) -> None:
     """last_seq, last_latch_us, key and codes of the last latch stay until the next latch"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.arm()

@@ -42,7 +42,7 @@ _STATUS_TOLD: Final = 4  # STATUS while the uplink is full
 
 
 @case("HG-9.4/1", evidence=SELF_REPORTED)
-def free_bytes_in_status_are_free(board: BoardClient) -> None:
+def free_bytes_are_free(board: BoardClient) -> None:
     """stream frames of free_bytes bytes, sent without a pause, are all counted"""
     good = board.flat_phases()
     size = len(board.link.stream_wire(good, seq=0))
@@ -53,7 +53,7 @@ def free_bytes_in_status_are_free(board: BoardClient) -> None:
 
 
 @case("HG-9.5/1", needs=_PLAYED | Feature.TRACE_DRIVE)
-def uplink_drops_no_event_numbers(board: BoardClient) -> None:
+def uplink_keeps_event_numbers(board: BoardClient) -> None:
     """events count up without a gap, even where traces were dropped at the board"""
     since = board.link.mark()
     flood_with_traces(board)
@@ -61,7 +61,7 @@ def uplink_drops_no_event_numbers(board: BoardClient) -> None:
 
 
 @case("HG-9.6/1-traces", needs=_PLAYED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def only_traces_give_way_on_the_uplink(board: BoardClient) -> None:
+def only_traces_give_way(board: BoardClient) -> None:
     """while traces of every mode fill the uplink no STATUS and no other event gives way before
     them
     """
@@ -105,7 +105,7 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
 )
-def no_event_uses_a_number_while_the_uplink_is_full(board: BoardClient) -> None:
+def full_uplink_keeps_numbers(board: BoardClient) -> None:
     """a host reads nothing until no event finds room: numbers of every kind go on without a gap"""
     plays = board.has(Feature.SEQUENCE_PHASES)
     if plays:
