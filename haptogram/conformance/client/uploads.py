@@ -143,11 +143,8 @@ def begin_any_upload(board: BoardClient, sequence: int) -> None:
     UNIMPLEMENTED if the board takes neither.
     """
     board.need_any(Feature.SEQUENCE_PHASES | Feature.CORRECTION)
-    data = bytes(board.identity.transducers)
-    if board.has(Feature.SEQUENCE_PHASES):
-        begin_upload(board, UploadKind.PHASES, sequence, data)
-    else:
-        begin_upload(board, UploadKind.CORRECTION, 0, data)
+    form = upload_forms(board, sequence)[0]
+    form.begin(board, bytes(form.frame_bytes))
 
 
 def announce_upload(board: BoardClient, begin: UploadBegin) -> UploadBeginReply:

@@ -35,7 +35,8 @@ from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...client.malformed_frames import ValueByte, value_bytes
 from ...client.stream_kinds import stream_kinds
-from ...outcome import SELF_REPORTED, check, check_equal, require, unimplemented
+from ...client.uploads import upload_forms
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _TARGET: Final = 9
 _ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
@@ -196,17 +197,12 @@ def _requests_with_values(board: BoardClient) -> Iterator[Message]:
     yield from (ReadDrive(kind, 0, 1) for kind in drive_kinds(board))
     if board.has(Feature.CONFIG):
         yield SetConfig(board.config)
-    yield from _uploads_with_values(board)
+    if board.identity.features & UPLOADS:
+        yield from _uploads_with_values(board)
 
 
-def _uploads_with_values(board: BoardClient) -> Iterator[UploadBegin]:
-    count = board.identity.transducers
-    if board.has(Feature.SEQUENCE_PHASES):
-        yield UploadBegin(UploadKind.PHASES, 0, _TARGET, count, 0)
-    if board.has(Feature.SEQUENCE_POINTS):
-        yield UploadBegin(UploadKind.POINTS, 1, _TARGET, FocalPoint.LAYOUT.size, 0)
-    if board.has(Feature.CORRECTION):
-        yield UploadBegin(UploadKind.CORRECTION, 0, 0, count, 0)
+def _uploads_with_values(board: BoardClient) -> list[UploadBegin]:
+    return [form.request(form.frame_bytes) for form in upload_forms(board, _TARGET)]
 
 
 @case("HG-3.2/5-bytes", evidence=SELF_REPORTED)
@@ -226,11 +222,8 @@ def every_unlisted_value(board: BoardClient) -> None:
 @case("HG-3.2/5-points")
 def every_points_per_frame(board: BoardClient) -> None:
     """points_per_frame other than 0 without points, 0 with them, above max_points: BAD_VALUE"""
-    begins = list(_uploads_with_values(board))
-    if not begins:
-        unimplemented("the board takes no uploads")
     offset, unit = UploadBegin.WIRE["points_per_frame"].offset, FocalPoint.LAYOUT.size
-    for begin in begins:
+    for begin in _uploads_with_values(board):
         has_points = begin.kind is UploadKind.POINTS
         allowed = range(1, board.identity.max_points + 1) if has_points else (0,)
         byte = ValueByte("points_per_frame", offset, allowed)
