@@ -18,6 +18,11 @@ from haptogram_protocol.rules import TRACE_CAPABILITIES, unsupported_types
 from .board_client import BoardClient
 
 TRACES: Final = Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING
+#: A sequence is played under a configuration that the case sets; its latches are traced.
+PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
+TRACED_PLAYS: Final = PLAYS | Feature.TRACE
+#: A ramp, and the amplitudes that are radiated in it.
+SHOWN_RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
 #: Trace modes with the capability of each: with OFF, which needs none, and without.
 ALL_MODES: Final = tuple((feature, mode) for mode, feature in TRACE_CAPABILITIES.items())
 TRACE_MODES: Final = tuple(pair for pair in ALL_MODES if pair[1] is not TraceMode.OFF)

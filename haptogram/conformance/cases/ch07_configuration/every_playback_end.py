@@ -8,7 +8,6 @@ from typing import Final
 
 from haptogram_protocol.messages import (
     Disarm,
-    Feature,
     GetStatus,
     Mute,
     Status,
@@ -18,6 +17,7 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import PLAYS
 from ...client.latching import ask_for_board_latches, latches_received_from_board
 from ...client.playback import (
     await_playback_end,
@@ -36,7 +36,6 @@ _FRAMES: Final = 3
 _AHEAD_US: Final = 3_000_000
 _ALONE_MS: Final = 200
 _SHORT_LEASE_MS: Final = 60
-_NEEDS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 
 _Act = Callable[[BoardClient], object]
 
@@ -74,7 +73,7 @@ _ENDS: Final[dict[str, _Act]] = {
 }
 
 
-@case("HG-7.8/1-ends", needs=_NEEDS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-7.8/1-ends", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_playback_end_is_told(board: BoardClient) -> None:
     """one PLAYBACK_ENDED tells of a playback that waits, in its first frame and later, by every
     end
@@ -91,7 +90,7 @@ def every_playback_end_is_told(board: BoardClient) -> None:
         check(latched >= least, f"{text}: {latched} latches")
 
 
-@case("HG-7.6/4-again", needs=_NEEDS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-7.6/4-again", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
     """behind a playback that was ended at any moment, by every end, the next begins with frame 0"""
     mode = ask_for_board_latches(board)
@@ -116,7 +115,7 @@ def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
         check(in_time, f"{text}: its first frame is latched {seen[0].t_us - asked_us} µs later")
 
 
-@case("HG-3.6/4-playback", needs=_NEEDS, depth=Depth.DEFAULT)
+@case("HG-3.6/4-playback", needs=PLAYS, depth=Depth.DEFAULT)
 def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
     """the event that a new session causes by ending a playback has the number 0, the next one 1"""
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
@@ -139,7 +138,7 @@ def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
         check_equal(seen[:2], due, f"a new session and a playback {moment}: events {seen[:2]}")
 
 
-@case("HG-7.6/5-config", needs=_NEEDS)
+@case("HG-7.6/5-config", needs=PLAYS)
 def a_configured_lease_leaves_the_playback_its_time(board: BoardClient) -> None:
     """SET_CONFIG while a sequence plays or waits: unattended_ms still stands for host_timeout_ms"""
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)

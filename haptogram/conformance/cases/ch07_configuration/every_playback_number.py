@@ -15,6 +15,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import PLAYS
 from ...client.playback import (
     PERIOD_US,
     play_now,
@@ -78,7 +79,7 @@ def _playback_periods_us() -> list[int]:
     return sorted(edge + 10 * _MS for edge in edges if 200 * _MS <= edge < (1 << 32) - 10 * _MS)
 
 
-@case("HG-7.6/4-periods", needs=Feature.SEQUENCE_PHASES | Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-7.6/4-periods", needs=PLAYS, evidence=SELF_REPORTED)
 def long_playback_periods_are_long(board: BoardClient) -> None:
     """periods of every width up to 2^32 µs: no second frame comes soon after the first"""
     send_phases_to_store(board, _SEQUENCE, frames=3)
@@ -97,11 +98,7 @@ def long_playback_periods_are_long(board: BoardClient) -> None:
 
 
 @case(
-    "HG-7.6/4-long",
-    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
+    "HG-7.6/4-long", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT, wall_depth=Depth.FULL
 )
 def long_playbacks_stay_in_time(board: BoardClient) -> None:
     """one playback of more than 2^32 µs: each frame at its time, past 2^31 and 2^32 µs too"""
@@ -135,7 +132,7 @@ def long_playbacks_stay_in_time(board: BoardClient) -> None:
 
 @case(
     "HG-7.6/2-starts",
-    needs=Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    needs=PLAYS,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
@@ -169,7 +166,7 @@ def every_playback_start_is_kept(board: BoardClient) -> None:
         )
 
 
-@case("HG-7.6/2-late", needs=Feature.SEQUENCE_PHASES | Feature.CONFIG)
+@case("HG-7.6/2-late", needs=PLAYS)
 def passed_playback_starts_are_refused(board: BoardClient) -> None:
     """starts that have passed are refused with detail 0, whatever late_window_us is"""
     send_phases_to_store(board, _SEQUENCE, frames=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -31,6 +32,8 @@ from ...client.uploads import UploadForm, frames_with_room, upload_forms
 from ...outcome import SELF_REPORTED, check, check_equal, named, require
 from .playback import judge_playback
 
+_TRACED_DRIVES: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
+_RINGS: Final = Feature.TRACE_RING | Feature.CONFIG
 _SEQUENCE: Final = 0x0201
 #: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.
 _SHAPES: Final = (
@@ -53,10 +56,10 @@ _MANY_DIVIDER: Final = 40_000  # no divisor of 2^16, and of 16 bits itself
 _WINDOW_US: Final = 100_000
 
 
-def _played_forms(board: BoardClient, sequence: int = _SEQUENCE) -> list[UploadForm]:
+def _played_forms(board: BoardClient) -> list[UploadForm]:
     """Return the forms of sequences that the board plays."""
     board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
-    return [form for form in upload_forms(board, sequence) if form.target]
+    return [form for form in upload_forms(board, _SEQUENCE) if form.target]
 
 
 def _random_frame(board: BoardClient, form: UploadForm) -> bytes:
@@ -69,12 +72,7 @@ def _shortest_playback_us(board: BoardClient) -> int:
     return shortest_period_to_play_us(board, max(200, board.identity.point_time_us))
 
 
-@case(
-    "HG-7.6/4-sizes",
-    needs=Feature.TRACE_RING | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.6/4-sizes", needs=_RINGS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_playback_size_is_played(board: BoardClient) -> None:
     """258 loops, 300 frames, a period of 70 ms, of phases and points: each frame at its time,
     once
@@ -92,26 +90,22 @@ def every_playback_size_is_played(board: BoardClient) -> None:
             judge_playback(board, TraceMode.RING, _SEQUENCE, frames, loops, period)
 
 
-@case(
-    "HG-7.6/4-offsets",
-    needs=Feature.TRACE_RING | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.6/4-offsets", needs=_RINGS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def frames_of_long_playback_are_those_stored(board: BoardClient) -> None:
     """two sequences of more than 64 KiB, of phases and points: each frame latched is the one
     stored
     """
-    for sequence in (_SEQUENCE, _BEHIND):
-        for form in _played_forms(board, sequence):
-            stored = _store_mixed_frames(board, form, _OVER_16_BITS // form.frame_bytes + 2)
+    for form in _played_forms(board):
+        wanted = _OVER_16_BITS // form.frame_bytes + 2
+        for sequence in (_SEQUENCE, _BEHIND):
+            stored = _store_mixed_frames(board, replace(form, target=sequence), wanted)
             name = f"{form.kind.name}, {len(stored)} frames of {len(stored[0])} bytes"
             _judge_frames_of_long_playback(board, sequence, stored, name)
 
 
 @case(
     "HG-7.6/4-most",
-    needs=Feature.TRACE_RING | Feature.CONFIG,
+    needs=_RINGS,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
@@ -139,12 +133,7 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
     form.upload(board, stored[0])  # makes room
 
 
-@case(
-    "HG-7.6/4-longest",
-    needs=Feature.TRACE_RING | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.FULL,
-)
+@case("HG-7.6/4-longest", needs=_RINGS, evidence=SELF_REPORTED, depth=Depth.FULL)
 def playback_of_most_frames_is_what_was_stored(board: BoardClient) -> None:
     """a sequence of as many frames as the board takes, 65537 at most, is played to its last
     frame
@@ -232,11 +221,7 @@ def _check_playback_in_the_ring(board: BoardClient) -> None:
     check_equal(reply.next, _MANY + 1, f"TRACE_REPLY: next is {reply.next} behind {_MANY} latches")
 
 
-@case(
-    "HG-8.4/1-divider",
-    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-8.4/1-divider", needs=_TRACED_DRIVES, evidence=SELF_REPORTED)
 def wide_dividers_divide_playback(board: BoardClient) -> None:
     """of 600 latches a divider of 260 traces those of 0, 260 and 520, of stream and playback"""
     send_phases_to_store(board, _SEQUENCE, frames=3)
@@ -253,7 +238,7 @@ def wide_dividers_divide_playback(board: BoardClient) -> None:
 
 @case(
     "HG-8.4/1-many",
-    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
+    needs=_TRACED_DRIVES,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
@@ -269,12 +254,7 @@ def a_divider_divides_many_playback_latches(board: BoardClient) -> None:
     check(not wrong, f"of {_MANY} latches {len(got)} are traced; seen and due {wrong[:1]}")
 
 
-@case(
-    "HG-8.4/1-kinds",
-    needs=Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-8.4/1-kinds", needs=_TRACED_DRIVES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
     """latches at once, in time, late and played count alike in a division by 2, 3 and 4"""
     send_phases_to_store(board, _SEQUENCE, frames=1)

@@ -29,7 +29,7 @@ from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import trace_modes
+from ...client.capabilities import PLAYS, SHOWN_RAMPS, trace_modes
 from ...client.latching import ClientDrive, latch_now, read_back, read_back_radiated
 from ...client.playback import (
     await_playback_end,
@@ -61,11 +61,7 @@ _DIVIDER: Final = 3
 _QUEUED_US: Final = 40_000
 
 
-@case(
-    "HG-7.1/3-ceiling",
-    needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.1/3-ceiling", needs=SHOWN_RAMPS, evidence=SELF_REPORTED)
 def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
     """a ceiling set while a drive sounds, of stream and playback, is in force without a new
     latch
@@ -105,12 +101,7 @@ def stored_points_take_the_configured_speed(board: BoardClient) -> None:
         _judge_focus(judged_model_of_board(board), frame, read_back(board), name)
 
 
-@case(
-    "HG-7.1/3-traces",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/3-traces", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
     """trace modes set one after the other while a sequence plays are each in force at once"""
     events = {TraceMode.CRC: TracePlayback, TraceMode.DRIVE: TraceDrive}
@@ -191,12 +182,7 @@ def _judge_focus(model: AcousticModel, frame: Points, shown: ClientDrive, name: 
     check(worst <= _WORST_STEPS, f"{name}: a phase is off by {worst:.1f} steps")
 
 
-@case(
-    "HG-7.1/3-playback",
-    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/3-playback", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def configuration_leaves_a_playback(board: BoardClient) -> None:
     """a playback keeps its period, and an upload its bytes, whatever is set meanwhile"""
     count = board.identity.transducers

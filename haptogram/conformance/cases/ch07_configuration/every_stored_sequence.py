@@ -28,6 +28,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import TRACED_PLAYS
 from ...client.latching import drive_crc, latches_received_from_board, played_crcs
 from ...client.playback import (
     period_to_play,
@@ -83,11 +84,7 @@ class SequenceStore:
             check(got == due, f"{name}: sequence {sequence:#06x} is not played as it was uploaded")
 
 
-@case(
-    "HG-7.4/1-store",
-    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.4/1-store", needs=TRACED_PLAYS, evidence=SELF_REPORTED)
 def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
     """3 sequences, each replaced in every order by a longer or shorter one: all are played whole"""
     # in every order, one of them twice
@@ -110,11 +107,7 @@ def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
         store.check_all(f"replaced in the order {order}, in a new session")
 
 
-@case(
-    "HG-7.2/5-others",
-    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.2/5-others", needs=TRACED_PLAYS, evidence=SELF_REPORTED)
 def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     """while a sequence plays, waits, or has ended others and the correction are uploaded"""
     first, second, third = _IDS
@@ -143,11 +136,7 @@ def _period_to_trace(board: BoardClient) -> int:
     return board.wire.period_us(_TRACED_BYTES, 2000)
 
 
-@case(
-    "HG-7.2/5-commit",
-    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.2/5-commit", needs=TRACED_PLAYS, evidence=SELF_REPORTED)
 def no_upload_replaces_the_sequence_that_plays(board: BoardClient) -> None:
     """an upload begun before PLAY is refused while its sequence waits or plays, and taken after
     it
@@ -204,12 +193,7 @@ def no_sequence_outlives_a_reset(board: BoardClient) -> None:
         board.link.refused(play, ErrorCode.NOT_FOUND, 0, flags=Flag.IMMEDIATE)
 
 
-@case(
-    "HG-7.6/1-many",
-    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.6/1-many", needs=TRACED_PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def many_sequences_are_stored(board: BoardClient) -> None:
     """one sequence more at a time, to TOO_LARGE or 70: each is played, NOT_FOUND tells their
     number

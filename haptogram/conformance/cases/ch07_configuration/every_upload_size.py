@@ -17,12 +17,14 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import TRACED_PLAYS
 from ...client.latching import drive_crc, played_crcs, streamed_crcs
 from ...client.playback import period_to_play
 from ...client.stream_kinds import random_points_to_send
 from ...client.uploads import announce_upload, begin_upload, upload_forms, upload_to_board
 from ...outcome import SELF_REPORTED, check, check_equal, require
 
+_TRACED_POINTS: Final = Feature.POINTS | Feature.SEQUENCE_POINTS | Feature.TRACE | Feature.CONFIG
 _SEQUENCE: Final = 4
 _FRAMES: Final = 3
 _PLAYED: Final = 400  # frames at most
@@ -45,12 +47,7 @@ def every_upload_is_of_whole_frames(board: BoardClient) -> None:
             board.link.refused(form.request(size), ErrorCode.BAD_LENGTH, unit)
 
 
-@case(
-    "HG-5.4/1-played",
-    needs=Feature.POINTS | Feature.SEQUENCE_POINTS | Feature.TRACE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.4/1-played", needs=_TRACED_POINTS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_number_of_points_is_played(board: BoardClient) -> None:
     """3 frames of every number of points are played as they are latched from the stream"""
     board.arm(trace_mode=TraceMode.CRC)
@@ -67,12 +64,7 @@ def every_number_of_points_is_played(board: BoardClient) -> None:
         check(played == streamed, text)
 
 
-@case(
-    "HG-7.3/1-sizes",
-    needs=Feature.SEQUENCE_PHASES | Feature.TRACE | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.3/1-sizes", needs=TRACED_PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_size_of_chunks_is_taken(board: BoardClient) -> None:
     """chunks of 1 byte to max_chunk, even and odd, one behind the other: what is played is whole"""
     most, count = board.identity.max_chunk, board.identity.transducers

@@ -20,6 +20,7 @@ from haptogram_protocol.messages import (
 
 from ...case import case
 from ...client.board_client import BoardClient
+from ...client.capabilities import PLAYS
 from ...client.latching import ask_for_board_latches, drive_crc, played_crcs
 from ...client.playback import play_now, send_phases_that_fit, send_phases_to_store
 from ...client.uploads import (
@@ -195,7 +196,7 @@ def takes_chunks_that_fit(board: BoardClient) -> None:
                 board.link.refused(chunk, code, 0)
 
 
-@case("HG-7.4/1", needs=Feature.SEQUENCE_PHASES | Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-7.4/1", needs=PLAYS, evidence=SELF_REPORTED)
 def upload_keeps_the_old_sequence(board: BoardClient) -> None:
     """until the commit the old sequence plays, then the new one, whole"""
     mode = ask_for_board_latches(board)

@@ -23,6 +23,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import TRACED_PLAYS
 from ...client.playback import (
     play_out,
     send_phases_that_fit,
@@ -101,12 +102,7 @@ def an_allowed_speed_is_told_by_hello(board: BoardClient) -> None:
         check_equal(told, speed, f"sound_speed_mm_s {speed} is set, HELLO_REPLY says {told}")
 
 
-@case(
-    "HG-3.6/2-events",
-    needs=Feature.TRACE | Feature.CONFIG | Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-3.6/2-events", needs=TRACED_PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def events_of_many_allowed_requests_are_numbered(board: BoardClient) -> None:
     """2200 events of one session count up by 1: more than 11 bits of their numbers are kept"""
     send_phases_that_fit(board, STORED, frames=2)

@@ -24,6 +24,7 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import PLAYS, SHOWN_RAMPS
 from ...client.latching import FULL, latch_now, latch_timed, read_back_radiated
 from ...client.playback import play_now, play_request, send_phases_that_fit
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
@@ -113,7 +114,7 @@ def nothing_else_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     HOLD.judge(board, since, start_us, hold_ms + ramp_ms, "hold and ramp")
 
 
-@case("HG-12.3/1-playback", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
+@case("HG-12.3/1-playback", needs=PLAYS, depth=Depth.DEFAULT)
 def playback_restarts_the_hold(board: BoardClient) -> None:
     """during a playback longer than the hold each latch restarts it; after it the hold runs out"""
     board.configure(hold_ms=100)
@@ -126,7 +127,7 @@ def playback_restarts_the_hold(board: BoardClient) -> None:
     HOLD.judge(board, since, start_us, 100, "after the last frame of a playback")
 
 
-@case("HG-12.3/1-stop", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
+@case("HG-12.3/1-stop", needs=PLAYS, depth=Depth.DEFAULT)
 def stop_leaves_the_hold(board: BoardClient) -> None:
     """PLAY, a playback that waits, STOP and ARM leave the hold of the last latch as it runs"""
     send_phases_that_fit(board, STORED, frames=2)
@@ -175,12 +176,7 @@ def silent_drives_are_held_by_the_hold(board: BoardClient) -> None:
 # --- Latches that end its ramp -----------------------------------------------------------------
 
 
-@case(
-    "HG-6.11/4-latches",
-    needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-6.11/4-latches", needs=SHOWN_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     """in a ramp of the hold every latch restores the output: at once, queued, late, played"""
     full = bytes([FULL]) * board.identity.transducers

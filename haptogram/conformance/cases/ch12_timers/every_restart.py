@@ -28,6 +28,7 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import PLAYS
 from ...client.latching import latch_now
 from ...client.playback import (
     play_later,
@@ -118,7 +119,7 @@ def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> N
     play_later(board, STORED, ahead_us, period_us=SLOW_US, unattended_ms=alone_ms)
 
 
-@case("HG-7.6/5-waiting", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
+@case("HG-7.6/5-waiting", needs=PLAYS, depth=Depth.DEFAULT)
 def waits_unattended(board: BoardClient) -> None:
     """from PLAY on, also before its start, unattended_ms stands for host_timeout_ms; STOP ends
     that
@@ -153,7 +154,7 @@ def every_type_renews_the_lease(board: BoardClient) -> None:
     _timer_renewed_by_each(board, plays=False)
 
 
-@case("HG-6.7/1-playing", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
+@case("HG-6.7/1-playing", needs=PLAYS, depth=Depth.DEFAULT)
 def every_type_renews_the_unattended_time(board: BoardClient) -> None:
     """in a playback frames of every type, good, bad and repeated, each renew the unattended time"""
     _timer_renewed_by_each(board, plays=True)

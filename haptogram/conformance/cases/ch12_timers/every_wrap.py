@@ -13,6 +13,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import TRACED_PLAYS
 from ...client.latching import latches_received_from_board, read_back
 from ...client.playback import play_request, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
@@ -24,7 +25,6 @@ _MS: Final = 1000
 _WRAP_US: Final = 2**32
 _SEQUENCE: Final = 4
 _FRAMES: Final = 6
-_PLAYS: Final = Feature.CONFIG | Feature.TRACE | Feature.SEQUENCE_PHASES
 
 
 def _wait_before_timer_wrap(board: BoardClient, before_us: int) -> int:
@@ -55,7 +55,7 @@ def frames_on_both_sides_of_the_timer_wrap(board: BoardClient) -> None:
         for drop in DROPS:
             with named(f"{side} 2^32 µs, frames {drop.summary}"):
                 judge_drop(board, drop, kind)
-        if side == "before" and board.has(_PLAYS):
+        if side == "before" and board.has(TRACED_PLAYS):
             _play_across_timer_wrap(board)
         board.clock.wait_until(_WRAP_US + 100 * _MS)
 

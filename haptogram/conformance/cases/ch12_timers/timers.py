@@ -14,6 +14,7 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case, case_about_host
 from ...client.board_client import BoardClient
+from ...client.capabilities import PLAYS
 from ...client.latching import latch_now, latch_timed
 from ...client.playback import play_now, send_phases_that_fit
 from ...client.stream_kinds import valid_requests_to_send
@@ -92,7 +93,7 @@ def hold_timer_runs_from_the_last_latch(board: BoardClient) -> None:
     HOLD.judge(board, since, start_us, 150, "hold_ms = 150 after the last latch")
 
 
-@case("HG-12.4/1", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, depth=Depth.DEFAULT)
+@case("HG-12.4/1", needs=PLAYS, depth=Depth.DEFAULT)
 def lease_is_back_after_playback(board: BoardClient) -> None:
     """from the end of a playback on the lease is host_timeout_ms again"""
     board.configure(host_timeout_ms=150, hold_ms=5000)
