@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import random
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final, NoReturn, TypeVar
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
@@ -451,6 +451,10 @@ class BoardClient:
         }
         return dataclasses.replace(status, counters=dataclasses.replace(status.counters, **counted))
 
+    def last_latch_us(self) -> int:
+        """Return the device time of the last latch, unwrapped."""
+        return self.clock.unwrap(self.status().last_latch_us)
+
     def sample(self, items: Iterable[_T], at_wall: int = 1) -> list[_T]:
         """Return all of *items*, at a wall clock, where each takes its time, the first of them."""
         return list(items) if self.wire.is_virtual else list(items)[:at_wall]
@@ -523,3 +527,14 @@ class BoardClient:
         counted["frames"] -= 1
         counted["requests"] -= 1
         return counted
+
+    def check_counted(self, before: Counters, text: str, *due: Mapping[str, int]) -> None:
+        """FAILED, with *text*, unless the counters have grown as in one of *due* since *before*."""
+        counted = self.counted_since(before)
+        got = {name: counted[name] for name in due[0]}
+        allowed = " or ".join(_counts_text(one) for one in due)
+        check(got in due, f"{text}: counted {_counts_text(got)}; due is {allowed}")
+
+
+def _counts_text(counted: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} {number}" for name, number in counted.items())

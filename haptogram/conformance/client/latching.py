@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -34,6 +34,7 @@ from .stream_kinds import points_of_stream_kind
 
 FULL: Final = 255
 _PING_BYTES: Final = 60  # of a PING and its answer on the line
+_FRAME_BYTES: Final = 20  # of a frame on the line, beside its payload
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +133,22 @@ def latch_in_time(board: BoardClient, message: Message, ahead_us: int = 0) -> in
     board.link.stream(message, t_us)
     board.clock.wait_until(t_us + 2 * board.clock.carrier_us)
     return t_us
+
+
+def time_for_frames(board: BoardClient, messages: Sequence[Message], ahead_us: int = 0) -> int:
+    """Return *ahead_us* behind a carrier boundary by which all *messages* are certain to be ready.
+
+    NOT-OBSERVED if that time is beyond the horizon.
+    """
+    size = sum(len(message.serialize()) + _FRAME_BYTES for message in messages)
+    points = sum(map(points_of_stream_kind, messages))
+    return board.clock.soon_us(bytes(size), points=points, ahead_us=ahead_us)
+
+
+def queue_frames(board: BoardClient, t_us: int, number: int) -> None:
+    """Send so many frames of equal phases for *t_us* and every millisecond behind it."""
+    for place in range(number):
+        board.link.stream(board.flat_phases(), t_us + 1000 * place)
 
 
 def send_between_pings(board: BoardClient, message: Message, at_us: int | None = None) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -29,6 +29,7 @@ from ...client.latching import (
     latch_now,
     latches_received_from_board,
     send_to_arrive_at,
+    time_for_frames,
 )
 from ...client.playback import (
     play_at,
@@ -46,7 +47,7 @@ _WINDOW_US: Final = 100_000
 _AHEAD_US: Final = 400_000
 _TRIES: Final = 3
 _LONGEST: Final = 4096
-_HELLO: Final = "HELLO"
+_HELLO: Final = "HELLO of a new session"
 #: Requests that switch the output off, beside HELLO of a new session.
 _OFFS_OF_BURST: Final[dict[str, Message]] = {
     "MUTE": Mute(),
@@ -57,17 +58,25 @@ _OFFS_OF_BURST: Final[dict[str, Message]] = {
 _ROUNDED_US: Final = range(4)
 
 
-def _enders_of_burst(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
-    """Yield what flushes the queue: name, and how to make its bytes."""
-    yield "IMMEDIATE", lambda: board.link.stream_wire(board.flat_phases())
-    yield "MUTE", lambda: board.link.request_wire(Mute())[0]
-    yield "MUTE without a session", lambda: board.link.request_wire(Mute(), session=0)[0]
-    yield "DISARM", lambda: board.link.request_wire(Disarm())[0]
-    if board.has(Feature.SEQUENCE_PHASES):
+def _off_in_a_burst(board: BoardClient, name: str) -> bytes:
+    """Return the request *name*, which switches the output off; HELLO opens its session."""
+    if name == _HELLO:
+        nonce = board.new_nonce()
+        request, _ = board.link.request_wire(board.hello_message(nonce), session=0)
+        board.link.session, board.link.stream_next = nonce, FIRST_STREAM_SEQ
+        return request
+    session = 0 if name == "MUTE without a session" else board.link.session
+    return board.link.request_wire(_OFFS_OF_BURST[name], session=session)[0]
+
+
+def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
+    """Return the frame *name*, which flushes the queue."""
+    if name == "IMMEDIATE":
+        return board.link.stream_wire(board.flat_phases())
+    if name == "PLAY":
         play = play_request(board, _SEQUENCE, loops=1, unattended_ms=500)
-        yield "PLAY", lambda: board.link.request_wire(play, time_us=_time_behind_burst_us(board))[0]
-    hello = board.hello_message(board.link.session ^ 1 or 2)
-    yield "HELLO of a new session", lambda: board.link.request_wire(hello, session=0)[0]
+        return board.link.request_wire(play, time_us=_time_behind_burst_us(board))[0]
+    return _off_in_a_burst(board, name)
 
 
 def _time_behind_burst_us(board: BoardClient) -> int:
@@ -79,33 +88,24 @@ def flushed_stream_frames_are_not_late(board: BoardClient) -> None:
     """a late frame that is flushed before its latch counts in flushed alone, whatever flushes it"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.configure(late_window_us=_WINDOW_US)
-    for name, make in _enders_of_burst(board):
-        for _ in range(_TRIES):
-            board.arm()
-            board.wire.idle(board.clock.carrier_us + 7)  # another moment of the carrier period
-            before = board.status().counters
-            late_us = board.late_time_us(1000)
-            board.link.send(board.link.stream_wire(board.flat_phases(), late_us) + make())
-            if name.startswith("HELLO"):
-                board.hello()  # behind that HELLO, whose session is not ours
-            else:
-                board.clock.wait_latched(0)
-            board.clock.end_exchange()
-            counted = board.counted_since(before)
-            if name.startswith("MUTE") and counted["dropped_state"] == 1:
-                continue  # MUTE has overtaken the frame: HG-3.8/4
-            names = ("late", "flushed", "dropped_state", "latched", "dropped_late")
-            found = tuple(counted[counter] for counter in names)
-            others = 1 if name == "IMMEDIATE" else 0
-            due = [(1, 0, 0, 1 + others, 0), (0, 1, 0, others, 0)]
-            if "MUTE" in name:  # which may have overtaken the frame
-                due.append((0, 0, 1, others, 0))
-            check(
-                found in due,
-                f"a late frame and {name} at once: {', '.join(names)} count {found}, due is "
-                f"{' or '.join(map(str, due))}",
-            )
-            board.link.ask(Stop())
+    plays = ["PLAY"] if board.has(Feature.SEQUENCE_PHASES) else []
+    names = ["IMMEDIATE", *_OFFS_OF_BURST, *plays, _HELLO]
+    for name, _ in itertools.product(names, range(_TRIES)):
+        board.arm()
+        board.wire.idle(board.clock.carrier_us + 7)  # another moment of the carrier period
+        before = board.status().counters
+        late = board.link.stream_wire(board.flat_phases(), board.late_time_us(1000))
+        board.link.send(late + _flush_in_a_burst(board, name))
+        board.clock.wait_latched(0)
+        board.clock.end_exchange()
+        others = int(name == "IMMEDIATE")
+        none = dict.fromkeys(("late", "flushed", "dropped_state", "dropped_late"), 0)
+        none["latched"] = others
+        due = [none | {"late": 1, "latched": 1 + others}, none | {"flushed": 1}]
+        if "MUTE" in name:  # which may have overtaken the frame: HG-3.8/4
+            due.append(none | {"dropped_state": 1})
+        board.check_counted(before, f"a late frame and {name} at once", *due)
+        board.link.ask(Stop())
 
 
 @case("HG-5.7/6-first", needs=Feature.CONFIG, evidence=SELF_REPORTED)
@@ -120,17 +120,15 @@ def lateness_is_of_one_stream_frame(board: BoardClient) -> None:
     for kind in kinds if board.thorough else kinds[:1]:
         since, first = board.link.mark(), board.link.stream_next
         with board.counting(late=1, latched=3):
-            frame = kind.make()
-            late_us = board.late_time_us(1000, points_of_stream_kind(frame))
-            size = 3 * len(frame.serialize()) + 60
-            soon_us = board.clock.soon_us(bytes(size), points=3 * points_of_stream_kind(frame))
+            frames = [kind.make() for _ in range(3)]
+            late_us = board.late_time_us(1000, points_of_stream_kind(frames[0]))
+            soon_us = time_for_frames(board, frames)
             times = (late_us, soon_us, soon_us + 1000)
-            board.link.send(*(board.link.stream_wire(kind.make(), t_us) for t_us in times))
+            board.link.send(*map(board.link.stream_wire, frames, times))
             board.clock.wait_until(soon_us + 2000)
         late = [x.late for x in latches_received_from_board(board, since, mode) if x.index >= first]
-        check_equal(
-            late, [True, False, False], f"{kind.name}, late, and two for later: LATE {late}"
-        )
+        text = f"{kind.name}, late, and two for later: LATE {late}"
+        check_equal(late, [True, False, False], text)
 
 
 @case("HG-5.8/3-replaced", evidence=SELF_REPORTED)
@@ -171,24 +169,21 @@ def _replace_in_burst(
     since, number = board.link.mark(), board.link.stream_next
     frames = [(first.make(), second.make()) for first, second in pairs]
     messages = [one for pair in frames for one in pair]
-    size = sum(len(one.serialize()) + 20 for one in messages)
-    points = sum(map(points_of_stream_kind, messages))
     board.arm_anew()
     with board.counting(latched=len(frames), flushed=len(frames), late=0):
-        start_us = board.clock.soon_us(bytes(size), points=points)
-        for place, pair in enumerate(frames):
-            for early_us, message in zip((2, 1), pair, strict=True):
-                t_us = start_us + 1000 * place - early_us
-                board.link.stream(message, t_us)
+        start_us = time_for_frames(board, messages)
+        for place, message in enumerate(messages):
+            board.link.stream(message, start_us + 1000 * (place // 2) - (2, 1)[place % 2])
         board.clock.wait_until(start_us + 1000 * len(frames))
     last, due = board.status().last_seq, board.link.stream_next - 1
     check(last == due, f"{pairs[-1][1].name}, in one period: latched was {last}, not {due}")
     if mode is TraceMode.OFF:
         return
-    alone = {}
-    for place, (_, message) in enumerate(frames):
-        if points_of_stream_kind(message):  # whose drive is that of the same points alone
-            alone[place] = latch_now(board, message)
+    alone = {  # points, whose drive is that of the same points alone
+        place: latch_now(board, message)
+        for place, (_, message) in enumerate(frames)
+        if points_of_stream_kind(message)
+    }
     seen = {x.index: x.crc for x in latches_received_from_board(board, since, mode)}
     for place, (_, message) in enumerate(frames):
         got = seen.get(number + 2 * place + 1)
@@ -220,9 +215,15 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
             board.clock.wait_latched()
     if board.has(Feature.SEQUENCE_PHASES):
         _play_and_stop_in_a_burst(board)
+    _check_one_latch_a_period(board, since, mode, "pairs of frames on latches")
+
+
+def _check_one_latch_a_period(board: BoardClient, since: int, mode: TraceMode, text: str) -> None:
+    """FAILED if two latches from piece *since* on are in one carrier period."""
     times = sorted(latch.t_us for latch in latches_received_from_board(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
-    check(not near, f"of {len(times)} latches {len(near)} are in the carrier period of another")
+    told = f"of {len(times)} latches {len(near)} are in the carrier period of another"
+    check(not near, f"{text}: {told}, at {near[:1]} µs")
 
 
 @case("HG-5.7/2-immediate", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -249,14 +250,12 @@ def frames_behind_immediate_ones_of_a_burst(board: BoardClient) -> None:
             before = board.status().counters
             board.link.send(wires)
             board.clock.wait_latched(both)
-            counted = board.counted_since(before)
-            names = ("latched", "dropped_order", "flushed")
-            got = tuple(counted[name] for name in names)
-            due = (1, 1, 0)
+            due = {"latched": 1, "dropped_order": 1, "flushed": 0}
             if later_us > 0:  # the later one replaces the other, unless it has to be computed first
-                due = (2, 0, 0) if computed_us else (1, 0, 1)
-            text = f"{first.name}, IMMEDIATE, and {second.name} for {later_us} µs later: "
-            check(got == due, text + f"{', '.join(names)} count {got}, due is {due}")
+                latched = 2 if computed_us else 1
+                due = {"latched": latched, "dropped_order": 0, "flushed": 2 - latched}
+            text = f"{first.name}, IMMEDIATE, and {second.name} for {later_us} µs later"
+            board.check_counted(before, text, due)
 
 
 # At a wall clock no frame arrives to the microsecond.
@@ -311,9 +310,7 @@ def _judge_latches_around_off(
         board.clock.require_frames_in_carrier(len(rest), 2)
     send_to_arrive_at(board, boundary_us + off_us, first + rest)
     board.clock.wait_latched()
-    times = [latch.t_us for latch in latches_received_from_board(board, since, mode)]
-    near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
-    check(not near, f"latch, {name}, ARM, latch at once: latches at {times[:2]} µs")
+    _check_one_latch_a_period(board, since, mode, f"latch, {name}, ARM, latch at once")
     board.link.ask(Stop())
 
 
@@ -321,16 +318,9 @@ def _latch_again_in_a_burst(
     board: BoardClient, name: str, plays: Sequence[bool]
 ) -> tuple[bytes, bytes]:
     """Return a latch, then the request *name*, ARM and a latch; each of the stream or played."""
-    first = _latch_in_a_burst(board, is_played=plays[0])
-    if name == _HELLO:
-        nonce = board.new_nonce()
-        request, _ = board.link.request_wire(board.hello_message(nonce), session=0)
-        board.link.session, board.link.stream_next = nonce, FIRST_STREAM_SEQ
-    else:
-        session = 0 if name == "MUTE without a session" else board.link.session
-        request, _ = board.link.request_wire(_OFFS_OF_BURST[name], session=session)
+    first, off = _latch_in_a_burst(board, is_played=plays[0]), _off_in_a_burst(board, name)
     arm, _ = board.link.request_wire(Arm())
-    return first, request + arm + _latch_in_a_burst(board, is_played=plays[1])
+    return first, off + arm + _latch_in_a_burst(board, is_played=plays[1])
 
 
 def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
