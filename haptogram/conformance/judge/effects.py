@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import ErrorCode, TraceReply, UploadChunkReply
+from haptogram_protocol.messages import (
+    Arm,
+    Disarm,
+    ErrorCode,
+    Message,
+    Mute,
+    Stop,
+    TraceReply,
+    UploadChunkReply,
+)
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
 from ..client.board_client import BoardClient
@@ -14,6 +23,13 @@ from .held_state import ANYTHING, Held
 #: What is due after an event, where it is not what was there before.
 Due: TypeAlias = Callable[[BoardClient, Held], dict[str, object]]
 StateAndReason: TypeAlias = tuple[OutputState, MuteReason]
+#: Requests that are inputs of the table of HG-6.2.
+OUTPUT_REQUESTS: Final[Mapping[OutputInput, Message]] = {
+    OutputInput.ARM: Arm(),
+    OutputInput.MUTE: Mute(),
+    OutputInput.DISARM: Disarm(),
+    OutputInput.STOP: Stop(),
+}
 #: Reasons that inputs give to the state that they lead to.
 _REASONS: Final = {
     OutputInput.NEW_SESSION: MuteReason.NEW_SESSION,

@@ -9,13 +9,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import (
-    Feature,
-    Ping,
-    Pong,
-    UploadChunk,
-    UploadKind,
-)
+from haptogram_protocol.messages import Feature, Ping, Pong, UploadChunk, UploadKind
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import itertools
 
-from haptogram_protocol.messages import (
-    MAX_TRANSDUCERS,
-    Drives,
-    Feature,
-    Phases,
-)
+from haptogram_protocol.messages import MAX_TRANSDUCERS, Drives, Feature, Phases
 
 from ...case import case, unobservable_case
 from ...client.board_client import BoardClient

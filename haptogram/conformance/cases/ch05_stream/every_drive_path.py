@@ -7,14 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
-from haptogram_protocol.messages import (
-    DriveKind,
-    Feature,
-    FocalPoint,
-    Message,
-    Points,
-    UploadKind,
-)
+from haptogram_protocol.messages import DriveKind, Feature, FocalPoint, Message, Points, UploadKind
 from haptogram_protocol.rules import READ_BACKS
 
 from ...case import Depth, case

@@ -5,13 +5,7 @@ from __future__ import annotations
 import zlib
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Feature,
-    Flag,
-    Message,
-    Mute,
-    TraceMode,
-)
+from haptogram_protocol.messages import Feature, Flag, Message, Mute, TraceMode
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient

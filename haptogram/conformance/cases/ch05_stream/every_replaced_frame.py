@@ -7,14 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Feature,
-    Message,
-    Mute,
-    Points,
-    Stop,
-    TraceMode,
-)
+from haptogram_protocol.messages import Feature, Message, Mute, Points, Stop, TraceMode
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from haptogram_protocol.messages import (
-    Phases,
-)
+from haptogram_protocol.messages import Phases
 
 from ...case import case
 from ...client.board_client import BoardClient

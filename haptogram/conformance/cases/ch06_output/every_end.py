@@ -7,14 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from haptogram_protocol.messages import (
-    Disarm,
-    Feature,
-    Mute,
-    PlaybackEnded,
-    StateChanged,
-    Stop,
-)
+from haptogram_protocol.messages import Disarm, Feature, Mute, PlaybackEnded, StateChanged, Stop
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, OutputInput, OutputState
 
 from ...case import Case, Depth
@@ -277,13 +270,7 @@ def _case_of_output_end(end: End) -> Case:
     summary = f"{end.name} while sounding, queued, fading, waiting and playing ends what it has to"
     needs = _PLAYS if end.event is OutputInput.STOP else Feature.CONFIG
     return Case(
-        end.clause,
-        summary,
-        body,
-        end.variant,
-        needs,
-        evidence=SELF_REPORTED,
-        depth=Depth.DEFAULT,
+        end.clause, summary, body, end.variant, needs, evidence=SELF_REPORTED, depth=Depth.DEFAULT
     )
 
 

@@ -124,7 +124,7 @@ def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
         board.clock.wait_latched(0)
     else:
         latch_now(board)
-    latch_us = board.clock.unwrap(board.status().last_latch_us)
+    latch_us = board.last_latch_us()
     if pair.renewed_by == _LATCH and pair.other is MuteReason.HOST_SILENT:
         board.link.stream(board.flat_phases(), latch_us + ahead_us)
     asked_us = board.clock.device_us()

@@ -139,7 +139,7 @@ def _judge_ramp_with_settings(
     board.arm()
     since = board.link.mark()
     begins = _below_ceiling(_latch_before_ramp(board, plays=plays), ceiling)
-    latch_us = board.clock.unwrap(board.status().last_latch_us)
+    latch_us = board.last_latch_us()
     start_us = latch_us + _HOLD_MS * _MS
     for place, changes in enumerate(steps, 1):
         at_us = start_us + ramp_ms * _MS * place // (len(steps) + 1)
@@ -193,7 +193,7 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
         latched = bytes([FULL]) * board.identity.transducers
     else:
         latched = _latch_before_ramp(board, plays=False)
-    latch_us = board.clock.unwrap(board.status().last_latch_us)
+    latch_us = board.last_latch_us()
     frame_us = board.clock.device_us()
     board.wire.idle(5 * _HOLD_MS * _MS)
     board.configure(**long | {"amplitude_ceiling": then})

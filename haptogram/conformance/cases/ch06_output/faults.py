@@ -11,22 +11,21 @@ from haptogram_protocol.messages import (
     Error,
     ErrorCode,
     Feature,
-    Flag,
-    Message,
     Mute,
     Play,
     PlaybackEnded,
     SetConfig,
     StateChanged,
     Status,
-    Stop,
+    StatusReply,
     UploadBegin,
 )
+from haptogram_protocol.rules import PLAYBACK
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import is_board_silent, latch_now
+from ...client.latching import is_board_silent, latch_now, queue_frames
 from ...client.playback import (
     let_play,
     play_now,
@@ -35,35 +34,21 @@ from ...client.playback import (
     send_phases_that_fit,
     send_phases_to_store,
 )
+from ...client.request_client import flags_at_once
 from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import require_room_for_upload
+from ...judge.effects import OUTPUT_REQUESTS
 from ...outcome import SELF_REPORTED, check, check_equal, not_observed
 
 _SEQUENCE: Final = 4
 _QUEUED: Final = 2
 _SHORT_MS: Final = 30  # of timers that would run out
-_PLAYBACK: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 _FAULT: Final = (OutputState.FAULT, MuteReason.FAULT)
 
 
-def _output_off_before_fault(board: BoardClient) -> None:
-    board.disarm()
-
-
-def _mute_before_fault(board: BoardClient) -> None:
-    board.link.ask(Mute())
-
-
-def _output_on_before_fault(board: BoardClient) -> None:
-    latch_now(board)
-
-
 def _queue_output_before_fault(board: BoardClient) -> None:
-    _output_on_before_fault(board)
-    t_us = board.clock.soon_us(bytes(4000), ahead_us=3_000_000)
-    for place in range(_QUEUED):
-        wire = board.link.stream_wire(board.flat_phases(), t_us + 1000 * place)
-        board.link.send(wire)
+    latch_now(board)
+    queue_frames(board, board.clock.soon_us(bytes(4000), ahead_us=3_000_000), _QUEUED)
 
 
 def _play_output_before_fault(board: BoardClient) -> None:
@@ -72,18 +57,18 @@ def _play_output_before_fault(board: BoardClient) -> None:
     let_play(board, 5)
 
 
-def _moments_of_hardware_fault(board: BoardClient) -> dict[str, Callable[[BoardClient], None]]:
+def _moments_of_hardware_fault(board: BoardClient) -> dict[str, Callable[[BoardClient], object]]:
     """Return states of a board by their names; each starts with an ARMED board."""
-    found: dict[str, Callable[[BoardClient], None]]
-    found = {
-        "DISARMED": _output_off_before_fault,
-        "MUTED": _mute_before_fault,
-        "sounding": _output_on_before_fault,
+    found: dict[str, Callable[[BoardClient], object]] = {
+        "DISARMED": BoardClient.disarm,
+        "MUTED": lambda board: board.link.ask(Mute()),
+        "sounding": latch_now,
         "with frames queued": _queue_output_before_fault,
+        "playing": _play_output_before_fault,
     }
-    return found | (
-        {"playing": _play_output_before_fault} if board.has(Feature.SEQUENCE_PHASES) else {}
-    )
+    if not board.has(Feature.SEQUENCE_PHASES):
+        del found["playing"]
+    return found
 
 
 def fail_hardware(board: BoardClient) -> None:
@@ -103,6 +88,14 @@ def recover_from_hardware_fault(board: BoardClient) -> None:
     if board.restart is not None:
         board.restart()
     not_observed("the fault lasts: the command that brings it about (--fault-cmd) has to end it")
+
+
+def _check_in_fault(board: BoardClient, text: str) -> StatusReply:
+    """Return the status; FAILED unless it says FAULT, with the reason FAULT."""
+    found = board.status()
+    told = found.state, found.reason
+    check_equal(told, _FAULT, f"{text}: {told[0].name}, {told[1].name}")
+    return found
 
 
 @case("HG-6.8/1-fault")
@@ -128,19 +121,12 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
         with board.counting(flushed=_QUEUED if bring is _queue_output_before_fault else 0):
             bring(board)
             fail_hardware(board)
-        found = board.status()
-        check_equal(
-            (found.state, found.reason), _FAULT, f"a fault while {name}: {found.state.name}"
-        )
+        found = _check_in_fault(board, f"a fault while {name}")
         check_equal(found.queued, 0, f"a fault while {name}: {found.queued} frames are queued")
         if board.has(Feature.READ_RADIATED):
             check(is_board_silent(board), f"a fault while {name}: transducers are driven")
-        ended = len(board.link.events(PlaybackEnded, since))
-        check_equal(
-            ended,
-            bring is _play_output_before_fault,
-            f"a fault while {name}: {ended} PLAYBACK_ENDED",
-        )
+        ended, due = len(board.link.events(PlaybackEnded, since)), name == "playing"
+        check_equal(ended, due, f"a fault while {name}: {ended} PLAYBACK_ENDED")
         recover_from_hardware_fault(board)
 
 
@@ -160,16 +146,12 @@ def a_lasting_hardware_fault_refuses_disarm(board: BoardClient) -> None:
 @case("HG-6.2/1-fault")
 def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
     """in FAULT every input leads to the state in the table"""
-    inputs: dict[OutputInput, Message] = {
-        OutputInput.ARM: Arm(),
-        OutputInput.MUTE: Mute(),
-        OutputInput.DISARM: Disarm(),
-    }
+    inputs = dict(OUTPUT_REQUESTS)
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, _SEQUENCE, frames=2)
         inputs |= {OutputInput.PLAY: play_request(board, _SEQUENCE, loops=1, unattended_ms=100)}
-    if board.identity.features & _PLAYBACK:
-        inputs |= {OutputInput.STOP: Stop()}
+    if not board.identity.features & PLAYBACK:
+        del inputs[OutputInput.STOP]
     for event in (*inputs, OutputInput.LATCH, OutputInput.NEW_SESSION):
         fail_hardware(board)
         due = OUTPUT_TRANSITIONS.get((OutputState.FAULT, event))
@@ -181,14 +163,11 @@ def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
             with board.counting(dropped_state=None, latched=0):
                 board.link.stream(board.flat_phases())
         elif due is None:
-            flags = 0x10 if event is OutputInput.PLAY else 0
-            state = int(OutputState.FAULT)
+            flags, state = flags_at_once(inputs[event]), int(OutputState.FAULT)
             board.link.refused(inputs[event], ErrorCode.BAD_STATE, state, flags=flags)
         else:
             board.link.ask(inputs[event])
-        found = board.status().state
-        due = OutputState.FAULT if due is None else due
-        check(found is due, f"{event.name} in FAULT: {found.name}, due is {due.name}")
+        board.check_state(OutputState.FAULT if due is None else due, f"{event.name} in FAULT:")
         recover_from_hardware_fault(board)
 
 
@@ -207,8 +186,7 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
     fail_hardware(board)
     for name, happen in others.items():
         happen()
-        found = board.status()
-        check_equal((found.state, found.reason), _FAULT, f"{name} in FAULT: {found.reason.name}")
+        _check_in_fault(board, f"{name} in FAULT")
     recover_from_hardware_fault(board)
 
 
@@ -231,7 +209,7 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
     for message in valid_requests_to_send(board, _SEQUENCE):
         if isinstance(message, Disarm):
             continue
-        answer = board.link.ask(message, flags=Flag.IMMEDIATE if isinstance(message, Play) else 0)
+        answer = board.link.ask_at_once(message)
         if isinstance(message, UploadBegin):
             require_room_for_upload(message, answer)
         is_refused = isinstance(answer.message, Error)
@@ -241,8 +219,7 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
     board.configure(status_period_ms=period_ms, late_window_us=777)
     since = board.link.mark()
     board.wire.idle(3 * period_ms * 1000 + 2 * _SHORT_MS * 1000)
-    found = board.status()
-    check_equal((found.state, found.reason), _FAULT, f"timers in FAULT: {found.state.name}")
+    _check_in_fault(board, "timers in FAULT")
     told = len(board.link.events(Status, since))
     check(told >= 2, f"{told} STATUS in FAULT in more than 3 periods")
     board.link.ask(SetConfig(config))

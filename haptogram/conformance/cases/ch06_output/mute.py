@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -20,13 +21,16 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import case, case_about_host, unobservable_case
 from ...client.board_client import BoardClient
-from ...client.latching import client_drive_of_reply, is_board_silent, latch_now, read_back_radiated
-from ...client.playback import (
-    let_play,
-    play_now,
-    send_phases_that_fit,
-    wait_for_no_latch,
+from ...client.capabilities import session_for_request
+from ...client.latching import (
+    client_drive_of_reply,
+    is_board_silent,
+    latch_now,
+    queue_frames,
+    read_back_radiated,
+    sound_with,
 )
+from ...client.playback import let_play, play_now, send_phases_that_fit, wait_for_no_latch
 from ...outcome import EXTERNAL, SELF_REPORTED, check, check_equal
 
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
@@ -48,42 +52,50 @@ resets_silently = unobservable_case(
 @case("HG-6.4/1")
 def mutes_in_every_output_state(board: BoardClient) -> None:
     """MUTE mutes in every state, without a session and with a payload; frames are dropped"""
-    for state in _STATES:
-        for header in (
-            {},
-            {"session": 0},
-            {"session": board.link.session ^ 0x1111},
-            {"flags": 0xF0},
-        ):
-            board.bring_to(state)
-            if state is OutputState.ARMED:
-                latch_now(board)
-            answer = board.link.ask_raw(Mute.TYPE, b"\x01\x02\x03", **header)
-            replied = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
-            found = board.status()
-            check(
-                replied is found.state is OutputState.MUTED,
-                f"MUTE with {header} while {state.name}: {replied.name}, then {found.state.name}",
-            )
-            with board.counting(dropped_state=None, latched=0):
-                latch_now(board)
-            if board.has(Feature.READ_RADIATED):
-                check(is_board_silent(board), "MUTE is acknowledged, but the board still radiates")
+    foreign = board.link.session ^ 0x1111
+    headers: tuple[dict[str, int], ...] = (
+        {},
+        {"session": 0},
+        {"session": foreign},
+        {"flags": 0xF0},
+    )
+    for state, header in itertools.product(_STATES, headers):
+        board.bring_to(state)
+        if state is OutputState.ARMED:
+            latch_now(board)
+        answer = board.link.ask_raw(Mute.TYPE, b"\x01\x02\x03", **header)
+        replied = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
+        found = board.status().state
+        text = f"MUTE with {header} while {state.name}: {replied.name}, then {found.name}"
+        check(replied is found is OutputState.MUTED, text)
+        with board.counting(dropped_state=None, latched=0):
+            latch_now(board)
+        if board.has(Feature.READ_RADIATED):
+            check(is_board_silent(board), "MUTE is acknowledged, but the board still radiates")
 
 
-def _check_mute_flushes(board: BoardClient, message: Message) -> None:
+@case("HG-6.4/2", evidence=SELF_REPORTED)
+def mute_flushes(board: BoardClient) -> None:
+    """MUTE flushes 3 queued frames and ends a playback"""
+    _check_flushes_and_ends(board, Mute())
+
+
+@case("HG-6.5/1", evidence=SELF_REPORTED)
+def disarm_flushes_the_output(board: BoardClient) -> None:
+    """DISARM flushes 3 queued frames and ends a playback"""
+    _check_flushes_and_ends(board, Disarm())
+
+
+def _check_flushes_and_ends(board: BoardClient, message: Message) -> None:
+    """FAILED unless a request flushes queued frames, and ends a playback that the board takes."""
     board.arm()
     t_us = board.clock.soon_us(bytes(2000), ahead_us=20_000)
     with board.counting(flushed=3, latched=0):
-        for number in range(3):
-            board.link.stream(board.flat_phases(), t_us + number * 1000)
+        queue_frames(board, t_us, 3)
         board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
         board.link.ask(message)
         board.arm()
         board.clock.wait_until(t_us + 4000)
-
-
-def _check_mute_ends_playback(board: BoardClient, message: Message) -> None:
     if not board.has(Feature.SEQUENCE_PHASES):
         return
     send_phases_that_fit(board, 2, frames=3)
@@ -98,35 +110,18 @@ def _check_mute_ends_playback(board: BoardClient, message: Message) -> None:
         wait_for_no_latch(board, 10_000)
 
 
-@case("HG-6.4/2", evidence=SELF_REPORTED)
-def mute_flushes(board: BoardClient) -> None:
-    """MUTE flushes 3 queued frames and ends a playback"""
-    _check_mute_flushes(board, Mute())
-    _check_mute_ends_playback(board, Mute())
-
-
 @case("HG-6.4/4", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def mute_takes_the_reason(board: BoardClient) -> None:
     """MUTE, with and without a session, after a timer has muted: the reason becomes MUTE"""
     for session in (board.link.session, 0):
-        board.configure(hold_ms=20, ramp_ms=0)
-        board.arm()
-        latch_now(board)
+        sound_with(board, hold_ms=20)
         board.wire.idle_beyond(40_000)
         before = board.status().reason
-        check_equal(
-            before, MuteReason.HOLD_EXPIRED, f"the hold ran out, the reason is {before.name}"
-        )
+        text = f"the hold ran out, the reason is {before.name}"
+        check_equal(before, MuteReason.HOLD_EXPIRED, text)
         board.link.call(Mute(), MuteReply, session=session)
         after = board.status().reason
         check_equal(after, MuteReason.MUTE, f"MUTE while MUTED: the reason is {after.name}")
-
-
-@case("HG-6.5/1", evidence=SELF_REPORTED)
-def disarm_flushes_the_output(board: BoardClient) -> None:
-    """DISARM flushes 3 queued frames and ends a playback"""
-    _check_mute_flushes(board, Disarm())
-    _check_mute_ends_playback(board, Disarm())
 
 
 @case("HG-6.5/2")
@@ -134,10 +129,8 @@ def disarm_leaves_muted_state(board: BoardClient) -> None:
     """DISARM while MUTED: DISARM_REPLY and STATUS say MUTED"""
     board.link.ask(Mute())
     replied, found = board.link.call(Disarm(), DisarmReply).state, board.status().state
-    check(
-        replied is found is OutputState.MUTED,
-        f"DISARM_REPLY says {replied.name}, STATUS {found.name}",
-    )
+    text = f"DISARM_REPLY says {replied.name}, STATUS {found.name}"
+    check(replied is found is OutputState.MUTED, text)
 
 
 @case("HG-6.6/1", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)
@@ -148,19 +141,15 @@ def output_is_off_at_once(board: BoardClient) -> None:
         board.arm()
         latch_now(board)
         check(read_back_radiated(board).loudest > 0, "a latch is not radiated")
-        greets = message.TYPE == board.hello_message(1).TYPE
-        session = getattr(message, "nonce", board.link.session)
-        order, _ = board.link.request_wire(message, session=0 if greets else board.link.session)
-        read = ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
-        look, seq = board.link.request_wire(read, session=session)
-        since = board.link.mark()
-        board.link.send(order, look)
-        answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
-        board.link.session = session
-        shown = client_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
-        check_equal(
-            shown.loudest, 0, f"right behind {message.TYPE.name}: amplitude {shown.loudest}"
+        order, _ = board.link.request_wire(
+            message, session=session_for_request(board, type(message))
         )
+        board.link.session = getattr(message, "nonce", board.link.session)
+        read = ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
+        *_, answer = board.link.exchange(order, board.link.request_wire(read)[0])
+        shown = client_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
+        text = f"right behind {message.TYPE.name}: amplitude {shown.loudest}"
+        check_equal(shown.loudest, 0, text)
 
 
 @case("HG-6.6/2", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)

@@ -7,23 +7,19 @@ from collections.abc import Callable
 from typing import Final
 
 from haptogram_protocol.framing import encode_frame
-from haptogram_protocol.messages import (
-    Feature,
-    Ping,
-    PlaybackEnded,
-    StateChanged,
-)
+from haptogram_protocol.messages import Feature, Ping, PlaybackEnded, StateChanged
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import FULL, latch_now, read_back_radiated
+from ...client.latching import FULL, latch_now, read_back_radiated, sound_with
 from ...client.playback import play_now, send_phases_that_fit
 from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import judge_lease_ends, judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, check_equal
 
 _MS: Final = 1000
+_HOLD_MS: Final = 100
 _RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
 
 
@@ -61,50 +57,40 @@ def any_frame_renews_the_output_lease(board: BoardClient) -> None:
 @case("HG-6.10/1", needs=Feature.CONFIG)
 def mutes_the_output_after_hold(board: BoardClient) -> None:
     """a sounding board whose stream stops is muted by the hold"""
-    board.configure(hold_ms=60)
-    board.arm()
-    since = board.link.mark()
-    latch_now(board)
+    since = sound_with(board, hold_ms=60)
     judged_mute_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
     check_equal(board.status().reason, MuteReason.HOLD_EXPIRED, "STATUS does not say HOLD_EXPIRED")
 
 
-def _ramp_of_output(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampReading]:
+def _ramp_of_output(board: BoardClient, *, ramp_ms: int) -> list[RampReading]:
     """Return what is radiated from before a ramp of the hold to behind its end."""
-    board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms)
-    board.arm()
-    latch_now(board)
-    return judged_ramp(board, hold_ms=hold_ms, ramp_ms=ramp_ms)
+    sound_with(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
+    return judged_ramp(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
 
 
 @case("HG-6.11/1", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_do_not_rise(board: BoardClient) -> None:
     """during a ramp the amplitude in read-backs never rises"""
-    ramp = _ramp_of_output(board, hold_ms=100, ramp_ms=300)
+    ramp = _ramp_of_output(board, ramp_ms=300)
     for before, after in itertools.pairwise(ramp):
         rises = [b for a, b in zip(before.amplitudes, after.amplitudes, strict=True) if b > a]
-        check(
-            not rises,
-            f"{after.from_ms:.1f} ms into the ramp the amplitude rises to {max(rises, default=0)}",
-        )
+        text = f"{after.from_ms:.1f} ms into the ramp the amplitude rises to "
+        check(not rises, f"{text}{max(rises, default=0)}")
 
 
 @case("HG-6.11/2", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_reach_silence(board: BoardClient) -> None:
     """the amplitude is full before a ramp, is that of a straight line within it, and then 0"""
     ramp_ms = 400
-    ramp = _ramp_of_output(board, hold_ms=100, ramp_ms=ramp_ms)
+    ramp = _ramp_of_output(board, ramp_ms=ramp_ms)
     judge_straight_ramp(board, ramp, ramp_ms, bytes([FULL]) * board.identity.transducers)
 
 
 @case("HG-6.11/3")
 def hard_mute_has_no_ramp(board: BoardClient) -> None:
     """with ramp_ms = 0 the board is muted right at the end of the hold"""
-    board.configure(hold_ms=80, ramp_ms=0)
-    board.arm()
-    since = board.link.mark()
-    latch_now(board)
-    start_us = board.clock.unwrap(board.status().last_latch_us)
+    since = sound_with(board, hold_ms=80, ramp_ms=0)
+    start_us = board.last_latch_us()
     header, _ = judged_mute_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
     judge_mute_time(board, start_us, header, 80, "hold_ms = 80, ramp_ms = 0")
 
@@ -112,26 +98,19 @@ def hard_mute_has_no_ramp(board: BoardClient) -> None:
 @case("HG-6.11/4", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_are_renewed(board: BoardClient) -> None:
     """a latch ends the ramp of the hold, a request does not; any frame ends the lease's ramp"""
-    board.configure(hold_ms=100, ramp_ms=600)
-    board.arm()
-    latch_now(board)
+    sound_with(board, hold_ms=_HOLD_MS, ramp_ms=600)
     board.wire.idle(300 * _MS)
     board.link.barrier()
-    check(read_back_radiated(board).loudest < 255, "a request ends the ramp of the hold")
+    check(read_back_radiated(board).loudest < FULL, "a request ends the ramp of the hold")
     latch_now(board)
-    check_equal(read_back_radiated(board).loudest, 255, "a latch does not end the ramp of the hold")
-    board.configure(host_timeout_ms=100, ramp_ms=600)
-    board.arm()
-    latch_now(board)
-    since = board.link.mark()
+    loudest = read_back_radiated(board).loudest
+    check_equal(loudest, FULL, "a latch does not end the ramp of the hold")
+    since = sound_with(board, host_timeout_ms=100, ramp_ms=600)
     board.wire.idle(400 * _MS)
-    check_equal(
-        read_back_radiated(board).loudest, 255, "a frame does not end the ramp of the lease"
-    )
-    check(
-        not board.link.events(StateChanged, since),
-        "the lease muted the board before its ramp ended",
-    )
+    loudest = read_back_radiated(board).loudest
+    check_equal(loudest, FULL, "a frame does not end the ramp of the lease")
+    muted = board.link.events(StateChanged, since)
+    check(not muted, "the lease muted the board before its ramp ended")
 
 
 @case("HG-6.11/5", needs=Feature.CONFIG, evidence=SELF_REPORTED)
@@ -144,7 +123,7 @@ def output_ramps_end_muted(board: BoardClient) -> None:
     with board.counting(timeouts=1, flushed=1, latched=1):
         since = board.link.mark()
         latch_now(board)
-        start_us = board.clock.unwrap(board.status().last_latch_us)
+        start_us = board.last_latch_us()
         board.clock.require_horizon(2_000_000)
         board.link.stream(board.flat_phases(), start_us + 2_000_000)
         timeout_us = (400 + hold_ms) * _MS
@@ -158,11 +137,8 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
     it
     """
     hold_ms, ramp_ms, ceiling = 60, 240, 100
-    board.configure(hold_ms=hold_ms, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
-    board.arm()
-    since = board.link.mark()
-    latch_now(board)
-    latch_us = board.clock.unwrap(board.status().last_latch_us)
+    since = sound_with(board, hold_ms=hold_ms, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
+    latch_us = board.last_latch_us()
     begins = bytes([ceiling]) * board.identity.transducers
     for wait_ms, then in ((hold_ms + ramp_ms // 4, FULL), (ramp_ms // 4, 20)):
         board.wire.idle(wait_ms * _MS)

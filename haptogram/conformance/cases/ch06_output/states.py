@@ -1,44 +1,72 @@
-"""HG-6.1, HG-6.2, HG-6.3, HG-6.8: output states, their transitions, and the notice of a change."""
+"""HG-6.1, HG-6.2, HG-6.3, HG-6.4, HG-6.8: output states, their reasons, and notices of a change."""
 
 from __future__ import annotations
 
-from typing import Final
+import itertools
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import (
-    Arm,
-    Disarm,
+    Counters,
     ErrorCode,
     Feature,
-    Message,
     Mute,
     Play,
+    PlaybackEnded,
     StateChanged,
-    Stop,
     UploadChunk,
     UploadCommit,
 )
+from haptogram_protocol.rules import PLAYBACK
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import is_board_silent, latch_now
-from ...client.playback import send_phases_that_fit
+from ...client.latching import is_board_silent, latch_now, queue_frames
+from ...client.playback import (
+    play_now,
+    play_request,
+    send_phases_that_fit,
+    send_phases_to_store_if_supported,
+)
+from ...judge.effects import OUTPUT_REQUESTS, StateAndReason, state_and_reason_after
+from ...judge.timers import judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, check_equal, fail
 
-_SEQUENCES: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
+_MS: Final = 1000
+_SEQUENCE: Final = 5
+_SHORT_MS: Final = 20
+_FOREIGN: Final = 0x0440
+_NO_SESSION: Final = -1
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
-_INPUTS: Final[dict[OutputInput, Message]] = {
-    OutputInput.ARM: Arm(),
-    OutputInput.MUTE: Mute(),
-    OutputInput.DISARM: Disarm(),
-    OutputInput.STOP: Stop(),
-}
-_REASONS: Final = {
-    OutputInput.ARM: MuteReason.NONE,
-    OutputInput.MUTE: MuteReason.MUTE,
-    OutputInput.DISARM: MuteReason.DISARM,
-    OutputInput.NEW_SESSION: MuteReason.NEW_SESSION,
-}
+_MUTED: Final = (OutputState.MUTED, MuteReason.MUTE)
+_KEEPING: Final = (OutputInput.ARM, OutputInput.DISARM, OutputInput.NEW_SESSION)
+#: An input with its name; None: one that changes neither state nor reason.
+_Input: TypeAlias = tuple[str, OutputInput | None, Callable[[], object]]
+
+
+def _found_state(board: BoardClient) -> StateAndReason:
+    status = board.status()
+    return status.state, status.reason
+
+
+def _state_text(found: StateAndReason) -> str:
+    return f"{found[0].name} ({found[1].name})"
+
+
+def _do_output_event(board: BoardClient, event: OutputInput) -> StateAndReason:
+    """Bring about an input; FAILED unless its reply tells the state that STATUS tells."""
+    if event is OutputInput.NEW_SESSION:
+        board.hello()
+        return _found_state(board)
+    reply = board.link.ask(OUTPUT_REQUESTS[event]).message
+    state, found = getattr(reply, "state", None), _found_state(board)
+    if state is None:
+        fail(f"{event.name} is not answered by its reply")
+    text = f"the reply to {event.name} says {state.name}, STATUS {found[0].name}"
+    check_equal(state, found[0], text)
+    return found
 
 
 @case("HG-6.1/1", needs_reset=True)
@@ -46,8 +74,7 @@ def output_starts_disarmed(board: BoardClient) -> None:
     """after a reset: DISARMED, NEVER_ARMED, nothing radiated; frames are dropped"""
     state = board.hello().state
     check_equal(state, OutputState.DISARMED, f"after a reset HELLO_REPLY says {state.name}")
-    found = board.status()
-    check_equal(found.state, OutputState.DISARMED, f"after a reset the state is {found.state.name}")
+    board.check_state(OutputState.DISARMED, "after a reset the state is")
     with board.counting(dropped_state=None, latched=0):
         latch_now(board)
     if board.has(Feature.READ_RADIATED):
@@ -57,37 +84,15 @@ def output_starts_disarmed(board: BoardClient) -> None:
 @case("HG-6.2/1")
 def follows_the_table_of_output_states(board: BoardClient) -> None:
     """ARM, MUTE, DISARM, STOP and HELLO lead from every state to the state in the table"""
-    for state in _STATES:
-        for event in (*_INPUTS, OutputInput.NEW_SESSION):
-            if event is OutputInput.STOP and not board.identity.features & _SEQUENCES:
-                continue
-            board.bring_to(state)
-            _do_output_event(board, event)
-            due = OUTPUT_TRANSITIONS[state, event]
-            found = board.status()
-            check(
-                found.state is due,
-                f"{event.name} while {state.name}: {found.state.name}, due is {due.name}",
-            )
-            if due is not state and event in _REASONS:
-                check_equal(
-                    found.reason,
-                    _REASONS[event],
-                    f"{event.name} while {state.name}: reason {found.reason.name}",
-                )
-
-
-def _do_output_event(board: BoardClient, event: OutputInput) -> None:
-    if event is OutputInput.NEW_SESSION:
-        board.hello()
-        return
-    message = _INPUTS[event]
-    reply = board.link.ask(message).message
-    state = getattr(reply, "state", None)
-    if state is None:
-        fail(f"{event.name} is not answered by its reply")
-    found = board.status().state
-    check_equal(state, found, f"the reply to {event.name} says {state.name}, STATUS {found.name}")
+    plays = bool(board.identity.features & PLAYBACK)
+    for state, event in itertools.product(_STATES, (*OUTPUT_REQUESTS, OutputInput.NEW_SESSION)):
+        if event is OutputInput.STOP and not plays:
+            continue
+        board.bring_to(state)
+        due = state_and_reason_after((state, MuteReason.NONE), event)
+        found = _do_output_event(board, event)
+        text = f"{event.name} while {state.name}: {_state_text(found)}, due {_state_text(due)}"
+        check(found[0] is due[0] and (due[0] is state or found == due), text)
 
 
 @case("HG-6.2/1-play")
@@ -103,42 +108,33 @@ def plays_only_in_armed_state(board: BoardClient) -> None:
 @case("HG-6.2/2")
 def tells_the_output_state(board: BoardClient) -> None:
     """ERROR(BAD_STATE) has the output state as its detail, in each state"""
-    board.need_any(_SEQUENCES | Feature.CORRECTION)
+    board.need_any(PLAYBACK | Feature.CORRECTION)
     for state in _STATES:
         board.bring_to(state)
-        board.link.refused(UploadCommit(1), ErrorCode.BAD_STATE, int(state))
-        board.link.refused(UploadChunk(0, b"\x01"), ErrorCode.BAD_STATE, int(state))
+        for message in (UploadCommit(1), UploadChunk(0, b"\x01")):
+            board.link.refused(message, ErrorCode.BAD_STATE, int(state))
 
 
 @case("HG-6.2/3", evidence=SELF_REPORTED)
 def keeps_the_reason_of_the_state(board: BoardClient) -> None:
     """an input that keeps the state keeps the reason too, except MUTE"""
-    for state in _STATES:
-        for event in (OutputInput.ARM, OutputInput.DISARM, OutputInput.NEW_SESSION):
-            if OUTPUT_TRANSITIONS[state, event] is not state:
-                continue
+    for state, event in itertools.product(_STATES, _KEEPING):
+        if OUTPUT_TRANSITIONS.get((state, event)) is state:
             board.bring_to(state)
-            before = board.status().reason
-            _do_output_event(board, event)
-            after = board.status().reason
-            check(
-                after is before,
-                f"{event.name} while {state.name}: the reason was {before.name}, is {after.name}",
-            )
+            due, found = board.status().reason, _do_output_event(board, event)[1]
+            text = f"{event.name} while {state.name}: the reason was {due.name}, is {found.name}"
+            check(found is due, text)
 
 
 @case("HG-6.3/1", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)
 def armed_output_is_silent_until_a_latch(board: BoardClient) -> None:
     """after a latch, DISARM and ARM nothing is radiated until the next latch"""
-    board.arm()
-    check(is_board_silent(board), "ARM makes a sound")
-    latch_now(board)
-    check(not is_board_silent(board), "a latch is not radiated")
-    board.disarm()
-    board.arm()
-    check(is_board_silent(board), "ARM sounds the drive that was latched before")
-    latch_now(board)
-    check(not is_board_silent(board), "a latch is not radiated")
+    for text in ("ARM makes a sound", "ARM sounds the drive that was latched before"):
+        board.arm()
+        check(is_board_silent(board), text)
+        latch_now(board)
+        check(not is_board_silent(board), "a latch is not radiated")
+        board.disarm()
 
 
 @case("HG-6.3/2", evidence=SELF_REPORTED)
@@ -149,13 +145,24 @@ def arms_again_in_armed_state(board: BoardClient) -> None:
     t_us = board.clock.soon_us(board.bytes_of_frames(2))
     board.require_hold(t_us - board.clock.device_us(), "a slow line")
     with board.counting(latched=2, flushed=0):
-        for number in range(2):
-            board.link.stream(board.flat_phases(), t_us + number * 1000)
+        queue_frames(board, t_us, 2)
         board.arm()
         board.clock.end_exchange()
         if board.has(Feature.READ_RADIATED):
             check(not is_board_silent(board), "ARM while ARMED silences the board")
         board.clock.wait_until(t_us + 2000)
+
+
+# --- Notices of a change -----------------------------------------------------------------------
+
+
+def _check_told(
+    board: BoardClient, since: int, due: StateAndReason, text: str, within_ms: int
+) -> None:
+    """FAILED unless STATE_CHANGED tells of the state that is due, in time."""
+    _, event = board.due_event(StateChanged, since, within_ms * _MS, text)
+    told = event.state, event.reason
+    check_equal(told, due, f"{text}: STATE_CHANGED says {_state_text(told)}")
 
 
 @case("HG-6.8/2")
@@ -165,13 +172,7 @@ def tells_the_state_after_a_foreign_mute(board: BoardClient) -> None:
         board.arm()
         since = board.link.mark()
         board.link.ask(Mute(), session=session)
-        name = f"MUTE of session {session:#06x}"
-        _, event = board.due_event(StateChanged, since, 20_000, name)
-        check_equal(
-            (event.state, event.reason),
-            (OutputState.MUTED, MuteReason.MUTE),
-            f"STATE_CHANGED says {event.state.name}, {event.reason.name}",
-        )
+        _check_told(board, since, _MUTED, f"MUTE of session {session:#06x}", 20)
 
 
 @case("HG-6.8/1", needs=Feature.CONFIG)
@@ -185,8 +186,131 @@ def tells_the_state_after_a_timer(board: BoardClient) -> None:
         board.arm()
         since = board.link.mark()
         latch_now(board)
-        _, event = board.due_event(StateChanged, since, 200_000, reason.name)
-        got = (event.state, event.reason)
-        check_equal(
-            got, (OutputState.MUTED, reason), f"{reason.name}: {got[0].name}, {got[1].name}"
-        )
+        _check_told(board, since, (OutputState.MUTED, reason), reason.name, 200)
+
+
+# --- Every reason ------------------------------------------------------------------------------
+
+
+@case("HG-6.2/3-origins", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_input_in_every_output_state(board: BoardClient) -> None:
+    """behind each reason of each state every input leads to the state and the reason that are
+    due
+    """
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    for bring, due in _origins_of_output_states(board):
+        for event in _inputs_to_output_states(board):
+            bring()
+            _judge_input_to_output_state(board, due, event)
+
+
+@case("HG-6.4/4-origins", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_mute_in_every_output_state(board: BoardClient) -> None:
+    """MUTE of every session or none, once and twice, behind each reason: state, events, counters"""
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    for bring, due in _origins_of_output_states(board):
+        for way in board.wire.ways_of_mute():
+            for name, sessions in _sessions_of_mutes():
+                bring()
+                mute_all = partial(_mute_of_sessions, board, sessions)
+                text = f"{name} {way}".strip()
+                since, before = board.link.mark(), board.status().counters
+                _judge_input_to_output_state(board, due, (text, OutputInput.MUTE, mute_all))
+                _judge_rest_behind_mutes(board, since, before, f"{text} in {_state_text(due)}")
+
+
+def _judge_input_to_output_state(board: BoardClient, due: StateAndReason, one: _Input) -> None:
+    """FAILED unless the board is in the state *due*, and an input leads where it has to."""
+    name, event, happen = one
+    before = _found_state(board)
+    check(before == due, f"{_state_text(before)} where {_state_text(due)} is due")
+    happen()
+    after = _found_state(board)
+    wanted = before if event is None else state_and_reason_after(before, event)
+    text = f"{name} in {_state_text(before)}: {_state_text(after)}, due {_state_text(wanted)}"
+    check(after == wanted, text)
+
+
+def _sessions_of_mutes() -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield names of MUTE, or of two of them in a row, and how the session of each differs."""
+    for name, foreign in (
+        ("MUTE", 0),
+        ("MUTE of another session", _FOREIGN),
+        ("MUTE without a session", _NO_SESSION),
+    ):
+        yield name, (foreign,)
+        yield f"{name}, then of the session", (foreign, 0)
+
+
+def _mute_of_sessions(board: BoardClient, sessions: tuple[int, ...]) -> None:
+    for foreign in sessions:
+        session = 0 if foreign == _NO_SESSION else board.link.session ^ foreign
+        board.link.ask(Mute(), session=session)
+
+
+def _judge_rest_behind_mutes(board: BoardClient, since: int, before: Counters, name: str) -> None:
+    """FAILED if MUTE, with nothing queued, counts or reports what did not happen."""
+    grown = board.counted_since(before)
+    wrong = {key: n for key, n in grown.items() if n and key not in ("frames", "requests")}
+    check(not wrong, f"{name} counts {wrong}")
+    ended = board.link.events(PlaybackEnded, since)
+    check(not ended, f"{name}: PLAYBACK_ENDED, and nothing has played")
+    told = [(event.state, event.reason) for _, event in board.link.events(StateChanged, since)]
+    texts = ", ".join(map(_state_text, told))
+    check(told in ([], [_MUTED]), f"{name}: STATE_CHANGED tells {texts}; due is MUTED (MUTE), once")
+
+
+def _origins_of_output_states(
+    board: BoardClient,
+) -> Iterator[tuple[Callable[[], object], StateAndReason]]:
+    """Yield what leads to a state, with the state and the reason that it has then."""
+    disarmed, muted = OutputState.DISARMED, OutputState.MUTED
+    yield partial(board.bring_to, disarmed), (disarmed, MuteReason.DISARM)
+    yield partial(_new_session_for_output_state, board), (disarmed, MuteReason.NEW_SESSION)
+    yield partial(_sound_for_output_state, board), (OutputState.ARMED, MuteReason.NONE)
+    yield partial(board.bring_to, muted), _MUTED
+    timers = [MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT]
+    timers += [MuteReason.UNATTENDED] if board.has(Feature.SEQUENCE_PHASES) else []
+    for reason in timers if board.has(Feature.CONFIG) else []:
+        yield partial(_mute_by_timer_for_state, board, reason), (muted, reason)
+
+
+def _new_session_for_output_state(board: BoardClient) -> None:
+    board.arm()
+    board.hello()
+
+
+def _sound_for_output_state(board: BoardClient) -> None:
+    board.bring_to(OutputState.DISARMED)
+    board.arm()
+    latch_now(board)
+
+
+def _mute_by_timer_for_state(board: BoardClient, reason: MuteReason) -> None:
+    """Let one timer run out."""
+    lease = reason is MuteReason.HOST_SILENT
+    hold = reason is MuteReason.HOLD_EXPIRED
+    board.configure(
+        host_timeout_ms=_SHORT_MS if lease else 10_000, hold_ms=_SHORT_MS if hold else 10_000
+    )
+    board.arm()
+    since = board.link.mark()
+    if reason is MuteReason.UNATTENDED:
+        play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_SHORT_MS)
+    elif hold:
+        latch_now(board)
+    judged_mute_by_timer(board, since, 1000 * _MS, reason)
+    board.configure()
+
+
+def _inputs_to_output_states(board: BoardClient) -> Iterator[_Input]:
+    plays = bool(board.identity.features & PLAYBACK)
+    for event, message in OUTPUT_REQUESTS.items():
+        if event is not OutputInput.STOP or plays:
+            yield event.name, event, partial(board.link.ask, message)
+    yield "a new session", OutputInput.NEW_SESSION, board.hello
+    yield "HELLO again", None, lambda: board.hello(board.link.session)
+    yield "a stream frame", None, lambda: latch_now(board)
+    if board.has(Feature.SEQUENCE_PHASES):
+        play = play_request(board, _SEQUENCE, loops=1, unattended_ms=100)
+        yield "PLAY", None, partial(board.link.ask_at_once, play)
