@@ -16,7 +16,6 @@ from ...client.playback import play_later, play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...judge.timers import judge_status_period
 from ...outcome import SELF_REPORTED, CaseEndedError, check_equal
-from ..ch06_output.faults import fail_hardware, recover_from_hardware_fault
 from .every_drop import DROPS
 
 _MS: Final = 1000
@@ -88,17 +87,6 @@ def no_other_state_takes_stream_frames(board: BoardClient) -> None:
         except CaseEndedError as error:
             raise CaseEndedError(error.behaviour, f"{name}: {error}") from None
         board.link.ask(Mute())
-
-
-@case("HG-5.7/1-fault", evidence=SELF_REPORTED)
-def a_hardware_fault_drops_stream_frames(board: BoardClient) -> None:
-    """in FAULT frames of every message and format are counted in dropped_state, none is latched"""
-    fail_hardware(board)
-    kinds = stream_kinds(board)
-    with board.counting(dropped_state=len(kinds), latched=0):
-        for kind in kinds:
-            board.link.stream(kind.make())
-    recover_from_hardware_fault(board)
 
 
 @case("HG-3.8/1-states", evidence=SELF_REPORTED, depth=Depth.DEFAULT)

@@ -1,4 +1,5 @@
-"""HG-3.9, HG-4.6, HG-6.3, HG-6.4, HG-6.5, HG-6.6, HG-6.11, HG-7.1, HG-7.4, HG-7.6, HG-7.7: events.
+"""HG-3.9, HG-4.6, HG-5.7, HG-6.3, HG-6.4, HG-6.5, HG-6.6, HG-6.11, HG-7.1, HG-7.4, HG-7.6,
+HG-7.7: events.
 
 Each event changes what SPEC.md says of it, and leaves all else that a host can read.  A table of
 events, and for each of them the values that are due; whatever a board holds beside these has to be
@@ -30,7 +31,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.state import MuteReason, OutputInput, OutputState
 
-from ...case import NOTHING, Case, Depth
+from ...case import NOTHING, Case, Depth, case
 from ...client.board_client import BoardClient
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
@@ -331,3 +332,14 @@ def _effect_cases() -> Iterator[Case]:
 
 
 PRODUCT: Final = tuple(_effect_cases())
+
+
+@case("HG-5.7/1-fault", evidence=SELF_REPORTED)
+def a_hardware_fault_drops_stream_frames(board: BoardClient) -> None:
+    """in FAULT frames of every message and format are counted in dropped_state, none is latched"""
+    fail_hardware(board)
+    kinds = stream_kinds(board)
+    with board.counting(dropped_state=len(kinds), latched=0):
+        for kind in kinds:
+            board.link.stream(kind.make())
+    recover_from_hardware_fault(board)
