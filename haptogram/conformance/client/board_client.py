@@ -451,10 +451,6 @@ class BoardClient:
         }
         return dataclasses.replace(status, counters=dataclasses.replace(status.counters, **counted))
 
-    def last_latch_us(self) -> int:
-        """Return the device time of the last latch, unwrapped."""
-        return self.clock.unwrap(self.status().last_latch_us)
-
     def sample(self, items: Iterable[_T], at_wall: int = 1) -> list[_T]:
         """Return all of *items*, at a wall clock, where each takes its time, the first of them."""
         return list(items) if self.wire.is_virtual else list(items)[:at_wall]

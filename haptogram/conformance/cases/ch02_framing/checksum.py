@@ -108,8 +108,7 @@ def wrong_checksums_renew_no_lease(board: BoardClient) -> None:
     """frames with a wrong CRC do not keep an ARMED board alive"""
     board.configure(host_timeout_ms=_LEASE_MS)
     body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     for _ in range(2 * _LEASE_MS // 40):
         board.link.send(malformed_frame(malformed_with_wrong_crc(body)))
         board.wire.idle(40_000)

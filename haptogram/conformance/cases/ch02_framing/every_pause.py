@@ -117,8 +117,7 @@ def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) 
 def everything_goes_on_in_a_pause(board: BoardClient) -> None:
     """in a pause of 1.5 s within a PING frames are latched, STATUS comes, the hold ends, in time"""
     status_ms = max(_STATUS_MS, board.quick_status_ms)
-    board.configure(hold_ms=_HOLD_MS, status_period_ms=status_ms)
-    board.arm()
+    board.arm(hold_ms=_HOLD_MS, status_period_ms=status_ms)
     payloads = 2 * (board.flat_phases().serialize(),)
     last_us = board.clock.soon_us(*payloads, ahead_us=300 * _MS)
     times = (last_us - 200 * _MS, last_us)

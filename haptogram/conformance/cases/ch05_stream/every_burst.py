@@ -114,8 +114,7 @@ def lateness_is_of_one_stream_frame(board: BoardClient) -> None:
     late
     """
     mode = ask_for_board_latches(board)
-    board.configure(late_window_us=_WINDOW_US, trace_mode=mode)
-    board.arm()
+    board.arm(late_window_us=_WINDOW_US, trace_mode=mode)
     kinds = stream_kinds(board)
     for kind in kinds if board.thorough else kinds[:1]:
         since, first = board.link.mark(), board.link.stream_next
@@ -200,8 +199,7 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     """
     mode = ask_for_board_latches(board)
     kinds = stream_kinds(board)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     for first, second in itertools.product(kinds, repeat=2):
         for off_us in _ROUNDED_US:
             wires = board.link.stream_wire(first.make()) + board.link.stream_wire(second.make())
@@ -233,8 +231,7 @@ def frames_behind_immediate_ones_of_a_burst(board: BoardClient) -> None:
     """
     carrier_us = board.clock.carrier_us
     board.clock.require_frames_in_carrier(_LONGEST, 4)
-    board.configure(late_window_us=_WINDOW_US)
-    board.arm()
+    board.arm(late_window_us=_WINDOW_US)
     for first, second in itertools.product(stream_kinds(board), repeat=2):
         for later_us in (-1000, -1, 0, 1):
             message, behind = first.make(), second.make()

@@ -45,8 +45,7 @@ def every_path_of_streamed_codes(board: BoardClient) -> None:
 def every_path_of_streamed_points(board: BoardClient) -> None:
     """focal points on every path at three speeds of sound, the same ones too: phases, amplitudes"""
     for speed in _SPEEDS_MM_S if board.thorough else _SPEEDS_MM_S[:1]:
-        board.configure(sound_speed_mm_s=speed)
-        board.arm()
+        board.arm(sound_speed_mm_s=speed)
         for path in drive_paths(board):
             message = path.latch()
             if isinstance(message, Points):
@@ -59,8 +58,7 @@ def _judge_same_points_streamed_again(board: BoardClient) -> None:
     """FAILED unless the same points give another drive where something else changes it."""
     for number in sorted({1, board.most_points}):
         message = Points(tuple(random_point_to_send(board, number) for _ in range(number)))
-        board.configure(sound_speed_mm_s=_SPEEDS_MM_S[0])
-        board.arm()
+        board.arm(sound_speed_mm_s=_SPEEDS_MM_S[0])
         for speed, between in itertools.product(_SPEEDS_MM_S, (False, True)):
             if between:  # the drive that is latched is another one
                 latch_now(board)
@@ -147,8 +145,7 @@ def every_drive_path_is_limited(board: BoardClient) -> None:
     less
     """
     for ceiling in _CEILINGS if board.thorough else _CEILINGS[1:2]:
-        board.configure(amplitude_ceiling=ceiling)
-        board.arm()
+        board.arm(amplitude_ceiling=ceiling)
         for path in drive_paths(board):
             latched, radiated = _latch_streamed_drive(board, path.latch())
             loudest = max(radiated.amplitudes)

@@ -50,8 +50,7 @@ def lateness_has_its_borders(board: BoardClient) -> None:
     late = 0
     for window_us, mode in _settings_of_late_window(board):
         board.hello()
-        board.configure(late_window_us=window_us, trace_mode=mode)
-        board.arm()
+        board.arm(late_window_us=window_us, trace_mode=mode)
         for kind in stream_kinds(board):
             message = kind.make()  # one for all: another may be longer on the line
             points = points_of_stream_kind(message)

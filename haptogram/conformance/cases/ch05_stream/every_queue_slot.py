@@ -113,8 +113,7 @@ def _arrival_of_frame_us(board: BoardClient) -> int:
 def every_late_window_of_the_queue(board: BoardClient) -> None:
     """windows of 20, 66, 100 ms: frames 0.4 times so late, at the very border, 1.5 times so late"""
     for window_us in (20_000, 66_000, _WINDOW_US):
-        board.configure(late_window_us=window_us)
-        board.arm()
+        board.arm(late_window_us=window_us)
         around_us = [window_us + off_us for off_us in range(-3, 4)]
         for late_us in (round(0.4 * window_us), *around_us, round(1.5 * window_us)):
             before = board.status().counters

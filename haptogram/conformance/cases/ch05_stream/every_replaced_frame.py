@@ -260,8 +260,7 @@ def late_frames_are_replaced_with_their_mark(board: BoardClient) -> None:
     """late frames of every kind, replaced by one in time or late: marked is what is latched"""
     board.clock.require_frames_in_carrier(_LONGEST, 4)
     mode = ask_for_board_latches(board)
-    board.configure(trace_mode=mode, late_window_us=_WINDOW_US)
-    board.arm()
+    board.arm(trace_mode=mode, late_window_us=_WINDOW_US)
     for first, second in itertools.product(stream_kinds(board), repeat=2):
         for is_late in (False, True):
             _judge_late_pair(board, (first, second), mode, is_late=is_late)

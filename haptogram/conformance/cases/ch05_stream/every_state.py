@@ -137,8 +137,7 @@ def every_state_of_the_stream_sends_status(board: BoardClient) -> None:
     """STATUS comes at its time off, on, playing and waiting"""
     period_ms = board.quick_status_ms
     for name, bring in _states_at_stream_frame(board).items():
-        board.configure(status_period_ms=period_ms)
-        board.arm()
+        board.arm(status_period_ms=period_ms)
         bring()
         since = board.link.mark()
         board.wire.idle_beyond(7 * period_ms * _MS // 2)

@@ -40,7 +40,7 @@ def latches_on_carrier_boundaries(board: BoardClient) -> None:
             check_equal(early.counters.latched, before, "a frame is latched before its t_apply")
         due_us = board.clock.on_carrier(t_us)
         board.clock.wait_until(due_us + 100)
-        got_us = board.clock.unwrap(board.status().last_latch_us)
+        got_us = board.last_latch_us()
         check(
             got_us == due_us,
             f"t_apply {t_us} µs: latched at {got_us} µs, due is {due_us} µs "
@@ -54,7 +54,7 @@ def latches_immediate_frames_on_the_carrier(board: BoardClient) -> None:
     board.arm()
     for _ in range(12):
         latch_now(board)
-        t_us = board.clock.unwrap(board.status().last_latch_us)
+        t_us = board.last_latch_us()
         off_us = t_us % board.clock.carrier_us
         check_equal(off_us, 0, f"latched at {t_us} µs, {off_us} µs past a carrier period")
 

@@ -149,8 +149,7 @@ def drops_late_stream_frames(board: BoardClient) -> None:
 @case("HG-5.7/5-window", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
     """with a window of 100 ms a frame 0.5 s late is dropped_late"""
-    board.configure(late_window_us=_MAX_LATE_US)
-    board.arm()
+    board.arm(late_window_us=_MAX_LATE_US)
     with board.counting(dropped_late=1, latched=0):
         board.link.stream(board.flat_phases(), board.clock.device_us() - 500_000)
         board.clock.wait_latched()
@@ -160,9 +159,7 @@ def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
 def latches_frames_within_the_late_window(board: BoardClient) -> None:
     """with a window of 100 ms a frame 5 ms late is latched, counted in late, LATE in its trace"""
     mode = ask_for_board_latches_if_supported(board)
-    board.configure(late_window_us=_MAX_LATE_US, trace_mode=mode)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm(late_window_us=_MAX_LATE_US, trace_mode=mode)
     with board.counting(late=1, latched=2):
         board.link.stream(board.flat_phases(), board.late_time_us(5000))
         board.clock.wait_latched()

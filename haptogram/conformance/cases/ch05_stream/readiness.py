@@ -49,7 +49,7 @@ def latches_frames_when_ready(board: BoardClient) -> None:
         for _ in range(_TRIES):
             around_us = send_between_pings(board, message)
             board.clock.wait_latched()
-            got_us = board.clock.unwrap(board.status().last_latch_us)
+            got_us = board.last_latch_us()
             ready_us = board.clock.ready_us(0, points)
             least_us, most_us = (
                 board.clock.on_carrier(board.clock.ready_us(t_us, points)) for t_us in around_us
@@ -78,7 +78,7 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
         from_us = board.clock.unwrap(board.link.reply_in(answer, Pong, Ping.TYPE).t_rx_us)
         board.clock.wait_latched()
         board.clock.wait_latched()
-        got_us = board.clock.unwrap(board.status().last_latch_us)
+        got_us = board.last_latch_us()
         least_us = board.clock.on_carrier(board.clock.ready_us(from_us, 2 * most))
         check(
             got_us >= least_us,

@@ -115,8 +115,7 @@ def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
     settings: dict[str, Any] = {"hold_ms": hold_ms, "ramp_ms": pair.ramp_ms}
     if pair.other is MuteReason.HOST_SILENT:
         settings["host_timeout_ms"] = other_ms
-    board.configure(**settings)
-    board.arm()
+    board.arm(**settings)
     ahead_us = board.clock.on_carrier(_ramp_time_ms(board, _RENEWED_MS) * _MS)
     if pair.other is MuteReason.UNATTENDED:
         period_us = ahead_us if pair.renewed_by == _LATCH else SLOW_US

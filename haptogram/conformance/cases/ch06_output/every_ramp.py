@@ -60,8 +60,7 @@ def output_ramps_begin_below_the_ceiling(board: BoardClient) -> None:
 
 def _judge_output_ramp(board: BoardClient, ceiling: int, ramp_ms: int, *, plays: bool) -> None:
     """Read a ramp of the hold from its begin to its end, every 40th of it."""
-    board.configure(hold_ms=_HOLD_MS, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
-    board.arm()
+    board.arm(hold_ms=_HOLD_MS, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
     begins = _below_ceiling(_latch_before_ramp(board, plays=plays), ceiling)
     ramp = judged_ramp(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
     name = f"ceiling {ceiling}, of a {'played' if plays else 'stream'} frame: "
@@ -135,9 +134,7 @@ def _judge_ramp_with_settings(
     """Set the configuration again and again during a ramp of the hold, and judge what is left."""
     ramp_ms = _length_of_long_ramp_ms(board)
     before = {"hold_ms": _HOLD_MS, "ramp_ms": ramp_ms, "amplitude_ceiling": ceiling}
-    board.configure(**before)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm(**before)
     begins = _below_ceiling(_latch_before_ramp(board, plays=plays), ceiling)
     latch_us = board.last_latch_us()
     start_us = latch_us + _HOLD_MS * _MS
@@ -185,8 +182,7 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
         "unattended": {},
     }[timer]
     board.hello()  # ends a playback
-    board.configure(**long | short | {"amplitude_ceiling": first})
-    board.arm()
+    board.arm(**long | short | {"amplitude_ceiling": first})
     if timer == "unattended":
         play_now(board, _SEQUENCE, loops=0, period_us=9_000_000, unattended_ms=2 * _HOLD_MS)
         board.clock.wait_latched()

@@ -116,8 +116,7 @@ def tells_of_a_hardware_fault(board: BoardClient) -> None:
 def a_hardware_fault_silences(board: BoardClient) -> None:
     """a fault silences the output, flushes the queue and ends a playback, in each state"""
     for name, bring in _moments_of_hardware_fault(board).items():
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         with board.counting(flushed=_QUEUED if bring is _queue_output_before_fault else 0):
             bring(board)
             fail_hardware(board)

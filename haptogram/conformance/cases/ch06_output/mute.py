@@ -11,6 +11,7 @@ from haptogram_protocol.messages import (
     DriveKind,
     DriveReply,
     Feature,
+    Hello,
     Message,
     Mute,
     MuteReply,
@@ -21,14 +22,12 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import case, case_about_host, unobservable_case
 from ...client.board_client import BoardClient
-from ...client.capabilities import session_for_request
 from ...client.latching import (
     client_drive_of_reply,
     is_board_silent,
     latch_now,
     queue_frames,
     read_back_radiated,
-    sound_with,
 )
 from ...client.playback import let_play, play_now, send_phases_that_fit, wait_for_no_latch
 from ...outcome import EXTERNAL, SELF_REPORTED, check, check_equal
@@ -99,8 +98,7 @@ def _check_flushes_and_ends(board: BoardClient, message: Message) -> None:
     if not board.has(Feature.SEQUENCE_PHASES):
         return
     send_phases_that_fit(board, 2, frames=3)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     play_now(board, 2, loops=0)
     let_play(board, 5)
     board.link.ask(message)
@@ -114,7 +112,8 @@ def _check_flushes_and_ends(board: BoardClient, message: Message) -> None:
 def mute_takes_the_reason(board: BoardClient) -> None:
     """MUTE, with and without a session, after a timer has muted: the reason becomes MUTE"""
     for session in (board.link.session, 0):
-        sound_with(board, hold_ms=20)
+        board.arm(hold_ms=20)
+        latch_now(board)
         board.wire.idle_beyond(40_000)
         before = board.status().reason
         text = f"the hold ran out, the reason is {before.name}"

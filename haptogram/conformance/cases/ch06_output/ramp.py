@@ -12,7 +12,7 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import FULL, latch_now, read_back_radiated, sound_with
+from ...client.latching import FULL, latch_now, read_back_radiated
 from ...client.playback import play_now, send_phases_that_fit
 from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import judge_lease_ends, judge_mute_time, judged_mute_by_timer
@@ -40,8 +40,7 @@ def any_frame_renews_the_output_lease(board: BoardClient) -> None:
         ),
     }
     for name, make in kinds.items():
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         for _ in range(7):
             board.link.send(make())
             board.wire.idle(100 * _MS)
@@ -57,14 +56,16 @@ def any_frame_renews_the_output_lease(board: BoardClient) -> None:
 @case("HG-6.10/1", needs=Feature.CONFIG)
 def mutes_the_output_after_hold(board: BoardClient) -> None:
     """a sounding board whose stream stops is muted by the hold"""
-    since = sound_with(board, hold_ms=60)
+    since = board.arm(hold_ms=60)
+    latch_now(board)
     judged_mute_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
     check_equal(board.status().reason, MuteReason.HOLD_EXPIRED, "STATUS does not say HOLD_EXPIRED")
 
 
 def _ramp_of_output(board: BoardClient, *, ramp_ms: int) -> list[RampReading]:
     """Return what is radiated from before a ramp of the hold to behind its end."""
-    sound_with(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
+    board.arm(hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
+    latch_now(board)
     return judged_ramp(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
 
 
@@ -89,7 +90,8 @@ def output_ramps_reach_silence(board: BoardClient) -> None:
 @case("HG-6.11/3")
 def hard_mute_has_no_ramp(board: BoardClient) -> None:
     """with ramp_ms = 0 the board is muted right at the end of the hold"""
-    since = sound_with(board, hold_ms=80, ramp_ms=0)
+    since = board.arm(hold_ms=80, ramp_ms=0)
+    latch_now(board)
     start_us = board.last_latch_us()
     header, _ = judged_mute_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
     judge_mute_time(board, start_us, header, 80, "hold_ms = 80, ramp_ms = 0")
@@ -98,14 +100,16 @@ def hard_mute_has_no_ramp(board: BoardClient) -> None:
 @case("HG-6.11/4", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_are_renewed(board: BoardClient) -> None:
     """a latch ends the ramp of the hold, a request does not; any frame ends the lease's ramp"""
-    sound_with(board, hold_ms=_HOLD_MS, ramp_ms=600)
+    board.arm(hold_ms=_HOLD_MS, ramp_ms=600)
+    latch_now(board)
     board.wire.idle(300 * _MS)
     board.link.barrier()
     check(read_back_radiated(board).loudest < FULL, "a request ends the ramp of the hold")
     latch_now(board)
     loudest = read_back_radiated(board).loudest
     check_equal(loudest, FULL, "a latch does not end the ramp of the hold")
-    since = sound_with(board, host_timeout_ms=100, ramp_ms=600)
+    since = board.arm(host_timeout_ms=100, ramp_ms=600)
+    latch_now(board)
     board.wire.idle(400 * _MS)
     loudest = read_back_radiated(board).loudest
     check_equal(loudest, FULL, "a frame does not end the ramp of the lease")
@@ -118,8 +122,7 @@ def output_ramps_end_muted(board: BoardClient) -> None:
     """a ramp ends in MUTED with its reason; the queue is flushed, timeouts + 1"""
     hold_ms = board.clock.timer_ms(60, 2 * board.identity.transducers + 200)
     ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0
-    board.configure(hold_ms=hold_ms, ramp_ms=60)
-    board.arm()
+    board.arm(hold_ms=hold_ms, ramp_ms=60)
     with board.counting(timeouts=1, flushed=1, latched=1):
         since = board.link.mark()
         latch_now(board)
@@ -137,7 +140,8 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
     it
     """
     hold_ms, ramp_ms, ceiling = 60, 240, 100
-    since = sound_with(board, hold_ms=hold_ms, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
+    since = board.arm(hold_ms=hold_ms, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
+    latch_now(board)
     latch_us = board.last_latch_us()
     begins = bytes([ceiling]) * board.identity.transducers
     for wait_ms, then in ((hold_ms + ramp_ms // 4, FULL), (ramp_ms // 4, 20)):
@@ -155,8 +159,7 @@ def output_ramps_end_playback(board: BoardClient) -> None:
     """at the end of a ramp a playback ends"""
     board.configure(hold_ms=50)
     send_phases_that_fit(board, 1, frames=2)
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     play_now(board, 1, loops=0, period_us=500_000)
     judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
     board.due_event(PlaybackEnded, since, 50 * _MS, "a timer has muted the board")

@@ -169,8 +169,7 @@ def _check_told(
 def tells_the_state_after_a_foreign_mute(board: BoardClient) -> None:
     """MUTE without a session and of another one: STATE_CHANGED(MUTED, MUTE)"""
     for session in (0, board.link.session ^ 0x0AA0):
-        board.arm()
-        since = board.link.mark()
+        since = board.arm()
         board.link.ask(Mute(), session=session)
         _check_told(board, since, _MUTED, f"MUTE of session {session:#06x}", 20)
 
@@ -182,9 +181,7 @@ def tells_the_state_after_a_timer(board: BoardClient) -> None:
         (MuteReason.HOST_SILENT, {"host_timeout_ms": 100}),
         (MuteReason.HOLD_EXPIRED, {"hold_ms": 50}),
     ):
-        board.configure(**changes)
-        board.arm()
-        since = board.link.mark()
+        since = board.arm(**changes)
         latch_now(board)
         _check_told(board, since, (OutputState.MUTED, reason), reason.name, 200)
 
@@ -293,8 +290,7 @@ def _mute_by_timer_for_state(board: BoardClient, reason: MuteReason) -> None:
     board.configure(
         host_timeout_ms=_SHORT_MS if lease else 10_000, hold_ms=_SHORT_MS if hold else 10_000
     )
-    board.arm()
-    since = board.link.mark()
+    since = board.arm()
     if reason is MuteReason.UNATTENDED:
         play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_SHORT_MS)
     elif hold:
