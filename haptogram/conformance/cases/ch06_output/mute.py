@@ -140,9 +140,8 @@ def output_is_off_at_once(board: BoardClient) -> None:
         board.arm()
         latch_now(board)
         check(read_back_radiated(board).loudest > 0, "a latch is not radiated")
-        order, _ = board.link.request_wire(
-            message, session=session_for_request(board, type(message))
-        )
+        session = 0 if isinstance(message, Hello) else board.link.session
+        order, _ = board.link.request_wire(message, session=session)
         board.link.session = getattr(message, "nonce", board.link.session)
         read = ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
         *_, answer = board.link.exchange(order, board.link.request_wire(read)[0])
