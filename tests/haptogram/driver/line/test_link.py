@@ -25,7 +25,7 @@ from virtual_ports import BoardPort, ScriptedPort
 
 def link_to(port, timeout_s=1.0, nonce=9):
     connection = HostConnection(nonce=nonce)
-    return Link(port, connection, baudrate=3_000_000, timeout_s=timeout_s)
+    return Link(port, connection, baudrate=3_000_000, timeout_s=timeout_s, keep=None)
 
 
 @pytest.fixture
