@@ -323,5 +323,5 @@ class AnyLine(RuleBasedStateMachine):
         assert due_us is None or due_us <= self.now_us + MAX_RTO_US
 
 
-AnyLine.TestCase.settings = settings(max_examples=80, stateful_step_count=30)
+AnyLine.TestCase.settings = settings(stateful_step_count=30)
 test_any_line = AnyLine.TestCase

@@ -290,7 +290,7 @@ def test_a_chunk_behind_a_gap_is_refused_and_changes_nothing(host):
 uploads = st.lists(st.tuples(st.integers(1, 4), st.integers(1, 12)), min_size=1, max_size=12)
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(deadline=None, suppress_health_check=list(HealthCheck))
 @given(uploads=uploads, store_bytes=st.integers(40, 200))
 def test_sequences_stay_whole_while_others_come_and_go(programs, uploads, store_bytes):
     """A store takes what its size allows, and no more; every sequence plays as it came."""

@@ -98,7 +98,7 @@ def points_board(request, programs):
     board.board.close()
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(deadline=None, suppress_health_check=list(HealthCheck))
 @given(points=st.lists(focal_points, min_size=1, max_size=8), speed=st.integers(300_000, 380_000))
 def test_no_code_is_off_by_more_than_rounding_and_a_tenth_of_a_step(points_board, points, speed):
     board = points_board

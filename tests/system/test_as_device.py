@@ -57,6 +57,7 @@ def board(*words, **environment):
     )
 
 
+@pytest.mark.nightly
 def test_watch_follows_a_program_that_lists_ports(device):
     frame = DATA / "sonicsurface" / "focus_0_120_0.bin"
     program = ["--", sys.executable, "-c", CLIENT, device, str(frame), "0"]
@@ -73,6 +74,7 @@ def test_watch_follows_a_program_that_lists_ports(device):
     assert "PASS: 1 latch of the client" in found.stdout
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("status", [0, 3])
 def test_a_program_finds_the_board_and_all_that_it_sent_counts(device, tmp_path, status):
     records = tmp_path / "records.jsonl"
@@ -116,6 +118,7 @@ def test_where_the_system_does_not_permit_it_one_line_says_so(tmp_path):
     assert "--link PATH" in done.stderr
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("words", "says"),
     [

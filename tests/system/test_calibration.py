@@ -66,6 +66,7 @@ def verify(folder: Path, *words: str) -> tuple[int, dict[str, Any]]:
     return status, json.loads(path.read_text(encoding="utf-8"))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "words",
     [
@@ -124,6 +125,7 @@ def test_a_host_that_compensates_is_on_target_and_one_that_does_not_is_told(
     assert warning.endswith("the host does not compensate for that")
 
 
+@pytest.mark.nightly
 def test_the_board_computes_drives_without_knowing_its_elements(tmp_path: Path) -> None:
     path = str(file_of(tmp_path, unequal(ARRAYS["16x16"])))
     status, result = verify(tmp_path, "--virtual-time", "--mode", "points", "--calibration", path)
@@ -161,6 +163,7 @@ def test_the_file_may_be_named_in_the_settings(tmp_path: Path) -> None:
 # --- a board at a port: the judge alone knows the elements -------------------------------------
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("compensate", [False, True])
 def test_a_board_at_a_port_is_judged_by_the_calibration(tmp_path: Path, compensate: bool) -> None:
     path = file_of(tmp_path, unequal(ARRAYS["16x16"]))

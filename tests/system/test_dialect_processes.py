@@ -51,6 +51,7 @@ def test_a_client_on_a_pty_is_understood_at_every_rate_and_at_full_speed():
     assert (times >= 11_197).all()  # 258 bytes at 230 400 baud, however fast they came
 
 
+@pytest.mark.nightly
 def test_the_field_is_rebuilt_in_the_model_of_the_board():
     with VirtualBoard(dialect="sonicsurface") as board, serial.Serial(board.url) as port:
         port.write(capture(FOCUS))
@@ -67,6 +68,7 @@ def test_what_is_no_dialect_is_one_line():
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux tells the rate")
 def test_a_client_with_a_rate_that_no_board_has_is_told_once_for_each():
     with VirtualBoard(dialect="sonicsurface", reconstruct=False) as board:
@@ -81,6 +83,7 @@ def test_a_client_with_a_rate_that_no_board_has_is_told_once_for_each():
     assert len(told) == 2
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("fault", "status"), [((), 0), (("device.dead transducer=17",), 1)])
 def test_verify_judges_an_emulated_board_at_a_port_by_its_back_door(fault, status, capsys):
     with VirtualBoard(dialect="sonicsurface", faults=fault, reconstruct=False) as board:

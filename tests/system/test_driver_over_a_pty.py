@@ -55,6 +55,7 @@ def assert_nothing_wrong_was_latched(pairs):
             assert 0 <= (observation.t_latch_us - intended.t_apply_us) % 2**32 < 25
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("mode", ["phases", "points"])
 def test_a_stream_latches_what_was_intended_and_names_the_rest(board, mode):
     with Driver(board.url, trace=TraceMode.CRC) as driver:
@@ -144,6 +145,7 @@ def test_a_port_held_by_another_program_is_busy_and_its_stream_undisturbed(board
     process.communicate()
 
 
+@pytest.mark.nightly
 def test_garbage_before_and_between_frames_costs_no_frame_but_those_it_hits(board):
     with serial.Serial(board.url, exclusive=True) as port:
         port.write(np.random.default_rng(1).bytes(5000))

@@ -41,6 +41,7 @@ def test_every_fault_is_in_the_table() -> None:
     assert list(_published()) == named
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["line.drop", "device.stuck"])
 def test_a_row_made_anew_is_the_published_one(name: str) -> None:
     (fault,) = (plan for plan in TABLE.plans() if plan.startswith(f"{name} "))

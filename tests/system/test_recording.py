@@ -213,6 +213,7 @@ def limit_files():
     resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "words",
     [(*STILL, "--repeat", "200"), ("conform", "--quiet", "--clause", "HG-4.1", "--repeat", "30")],

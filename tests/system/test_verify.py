@@ -62,7 +62,7 @@ def test_in_virtual_time_every_frame_is_on_target(tmp_path: Path, words: list[st
     assert result["troubles"] == {}
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("foci", "words"), [(4, ["--solver", "wgs"]), (2, ["--mode", "points"])], ids=["host", "board"]
 )

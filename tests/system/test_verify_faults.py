@@ -86,6 +86,7 @@ def test_the_report_shows_the_plan_and_how_often_it_fired(tmp_path: Path) -> Non
     assert faults[1] in junit.read_text(encoding="utf-8")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -265,7 +266,7 @@ def test_a_hard_fault_from_power_up_on_is_inconclusive_or_loses_frames(
         assert result["faults"]["fired"][name] > 0
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", _TO_THE_LINE)
 def test_a_hard_fault_in_mid_run_leaves_what_was_measured(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -282,7 +283,7 @@ def test_a_hard_fault_in_mid_run_leaves_what_was_measured(
     assert result["frames"]["verified"] > 10
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.nightly
 @pytest.mark.pty
 @pytest.mark.parametrize("fault", ["line.drop p=0.3", "line.half_open", "line.disconnect ms=60000"])
 def test_over_a_pty_the_plan_is_blamed_too(
@@ -322,7 +323,7 @@ def test_a_plan_that_did_nothing_is_not_blamed(
     )
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("fault", "count"),
     [

@@ -80,6 +80,7 @@ def frame(name="sonicsurface/focus_0_120_0"):
     return (DATA / f"{name}.bin").read_bytes()
 
 
+@pytest.mark.nightly
 def test_a_client_that_never_commits_reads_so_while_it_runs(watched):
     board = watched()
     with board.port() as port:
@@ -91,6 +92,7 @@ def test_a_client_that_never_commits_reads_so_while_it_runs(watched):
     assert "FAIL: 0 latches of the client; frame without its commit" in board.told
 
 
+@pytest.mark.nightly
 def test_a_client_that_starts_when_the_link_appears_loses_nothing(watched):
     """The link is there before the board takes bytes; what comes first waits in the terminal."""
     board = watched("--latches", "30")

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import (
@@ -54,7 +54,6 @@ def bowl(angle_deg=60.0):
 
 @pytest.mark.parametrize("kind", ENGINES)
 @given(seed=seeds, depth_m=st.floats(1e-6, 10.0))
-@settings(max_examples=15)
 def test_what_is_behind_is_refused_wherever_the_array_lies(kind, seed, depth_m):
     pose = Pose.any(np.random.default_rng(seed), reach_m=3.0)
     points = np.array([[0.03, 0.02, 0.1], [0.1, -0.2, 0.05], [0.02, 0.01, -depth_m]])
@@ -71,7 +70,6 @@ def test_what_is_behind_is_refused_wherever_the_array_lies(kind, seed, depth_m):
 
 @pytest.mark.parametrize("kind", ENGINES)
 @given(seed=seeds)
-@settings(max_examples=15)
 def test_the_plane_of_a_turned_array_is_in_front_of_it(kind, seed):
     """Rounding puts half of its points on the far side, by less than a nanometre."""
     rng = np.random.default_rng(seed)
@@ -99,7 +97,6 @@ def test_a_point_behind_some_elements_hears_the_others(kind):
 
 
 @given(seed=seeds, count=st.integers(1, 12))
-@settings(max_examples=30)
 def test_in_front_is_in_front_of_any_element(seed, count):
     rng = np.random.default_rng(seed)
     few = rng.normal(size=(rng.integers(1, count + 1), 3))  # several face the same way

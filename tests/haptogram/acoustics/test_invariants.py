@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import (
@@ -26,8 +26,6 @@ from haptogram.acoustics import (
 )
 from strategies_acoustics import finite_angles, grids, models, phase_bits, seeds, targets
 
-FEW = settings(max_examples=25)
-
 
 def random_weights(model, seed):
     rng = np.random.default_rng(seed)
@@ -43,7 +41,6 @@ def omni_model(array, absorption=0.0):
     return AcousticModel(array, Medium(343.2, 1.204, absorption), Transducer(PointSource()))
 
 
-@FEW
 @given(models(), targets(), seeds)
 def test_conjugate_phases_add_up_all_magnitudes_and_no_others_do(model, target, seed):
     gains = propagators(model, [target])[0]
@@ -58,7 +55,6 @@ def test_conjugate_phases_add_up_all_magnitudes_and_no_others_do(model, target, 
     assert abs(pressure(model, focused * np.exp(1j * jitter), [target])[0]) < largest
 
 
-@FEW
 @given(models(), targets())
 def test_focus_phases_are_the_conjugate_of_the_propagators(model, target):
     """Where every directivity is positive, which holds up to its first zero (k a = 3.83)."""
@@ -67,7 +63,6 @@ def test_focus_phases_are_the_conjugate_of_the_propagators(model, target):
     assert np.abs(np.angle(arrival)).max() <= 1e-12
 
 
-@FEW
 @given(models(), targets(), seeds, finite_angles)
 def test_a_common_phase_turns_the_field_and_changes_no_level(model, point, seed, angle):
     weights = random_weights(model, seed)
@@ -91,7 +86,6 @@ SQUARE_SYMMETRIES = [
 ]
 
 
-@FEW
 @given(st.integers(2, 10), targets(), targets(), st.sampled_from(SQUARE_SYMMETRIES))
 def test_a_square_array_has_the_symmetries_of_the_square(side, target, point, symmetry):
     model = AcousticModel.default(side, side)
@@ -106,7 +100,6 @@ def test_a_square_array_has_the_symmetries_of_the_square(side, target, point, sy
     assert abs(difference) <= 1e-12 * scale
 
 
-@FEW
 @given(models(), targets(), seeds, st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
 def test_the_field_is_linear(model, point, seed, first, second):
     a, b = random_weights(model, seed), random_weights(model, seed + 1)
@@ -116,7 +109,6 @@ def test_the_field_is_linear(model, point, seed, first, second):
     assert abs(together - apart) <= 1e-12 * scale
 
 
-@FEW
 @given(targets(), targets(low=0.3, high=0.6))
 def test_a_point_source_and_a_point_receiver_may_change_places(here, there):
     forward = propagators(omni_model(TransducerArray.from_positions([here]), 0.15), [there])
@@ -124,7 +116,6 @@ def test_a_point_source_and_a_point_receiver_may_change_places(here, there):
     assert forward[0, 0] == pytest.approx(backward[0, 0], rel=1e-14)
 
 
-@FEW
 @given(models(), targets(), seeds, st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))
 def test_moving_array_and_point_together_changes_nothing(model, point, seed, shift):
     weights = random_weights(model, seed)
@@ -138,7 +129,6 @@ def test_moving_array_and_point_together_changes_nothing(model, point, seed, shi
     assert abs(difference) <= 1e-11 * scale
 
 
-@FEW
 @given(st.integers(2, 60), st.floats(0.02, 0.1), st.floats(0.05, 0.25))
 def test_equal_distances_add_up_in_phase(count, radius, height):
     angles = 2.0 * np.pi * np.arange(count) / count
@@ -149,7 +139,6 @@ def test_equal_distances_add_up_in_phase(count, radius, height):
     assert total == pytest.approx(count * abs(gains[0]), rel=1e-12)
 
 
-@FEW
 @given(models(), targets(), seeds, st.floats(0.01, 1.0))
 def test_pressure_is_proportional_to_the_drive_and_force_to_its_square(model, point, seed, gain):
     weights = random_weights(model, seed)
@@ -182,7 +171,6 @@ def test_phase_steps_cost_what_they_must(bits, largest_deviation):
     assert np.mean(efficiencies) == pytest.approx(expected, abs=largest_deviation / 5)
 
 
-@FEW
 @given(models(), targets(), phase_bits, seeds)
 def test_no_model_loses_more_to_phase_steps(model, target, bits, seed):
     """|p| >= cos(pi / 2^b) S, whatever the amplitudes, if the phases were those of a focus."""
@@ -192,7 +180,6 @@ def test_no_model_loses_more_to_phase_steps(model, target, bits, seed):
     assert abs(arrivals.sum()) >= (math.cos(math.pi / 2**bits) - 1e-12) * np.abs(arrivals).sum()
 
 
-@FEW
 @given(phase_bits, seeds)
 def test_rounding_errors_of_random_phases_are_uniform(bits, seed):
     """Mean 0 and variance step^2 / 12, as `std_m` of a fit takes them; 5 sigma of 20 000."""
@@ -230,7 +217,6 @@ def helmholtz_error(model, weights, point, wavenumber, steps=20):
     return abs(laplace + wavenumber**2 * plain) / scale
 
 
-@FEW
 @given(grids(2, 8), targets(), seeds, st.sampled_from([0.0, 0.15, 2.0]))
 def test_point_sources_solve_the_helmholtz_equation(array, point, seed, absorption):
     """With the complex wavenumber k + j alpha, to the error of the differences: (k h)^4 / 90."""
@@ -241,7 +227,6 @@ def test_point_sources_solve_the_helmholtz_equation(array, point, seed, absorpti
         assert helmholtz_error(model, weights, point, complex_k, steps) <= error
 
 
-@FEW
 @given(grids(2, 8), targets(), st.floats(0.1, 2.0))
 def test_a_real_wavenumber_leaves_twice_the_absorption(array, target, absorption):
     """|(k + j alpha)^2 - k^2| / k^2, at a focus, where all elements are in phase."""
@@ -251,7 +236,6 @@ def test_a_real_wavenumber_leaves_twice_the_absorption(array, target, absorption
     assert left == pytest.approx(2.0 * absorption / model.wavenumber, rel=0.03, abs=7e-6)
 
 
-@FEW
 @given(grids(2, 8), targets(), seeds)
 def test_pistons_nearly_solve_the_helmholtz_equation(array, point, seed):
     """D / r is the far field of a piston and no exact solution: 3e-3 is what it leaves."""

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import (
@@ -28,7 +28,6 @@ from haptogram.acoustics.levels.shift import focal_shift_covariance
 from strategies_acoustics import hemisphere_targets, seeds, targets
 
 MODEL = AcousticModel.default()
-FEW = settings(max_examples=20)
 volume = targets(low=0.05, high=0.2)
 
 
@@ -58,7 +57,6 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 @given(target=hemisphere_targets())
-@settings(max_examples=30)
 def test_a_wrong_order_or_sign_leaves_no_coherence(mistake, target):
     wrong, distance, limit = MISTAKES[mistake]
     assume(distance(target) >= 5e-3)
@@ -66,7 +64,6 @@ def test_a_wrong_order_or_sign_leaves_no_coherence(mistake, target):
     assert coherence(weights_of(codes(target)), target) >= math.cos(math.pi / 256)
 
 
-@FEW
 @given(volume, st.floats(0.0, 2.0 * math.pi), st.integers(0, 255))
 def test_coherence_alone_would_pass_what_the_phases_show(target, angle, element):
     """1 mm aside, other air, one inverted element: 0.94 to 0.999, and S1 or S2 sees each."""
@@ -90,7 +87,6 @@ def noisy(target, seed):
     return (1.0 + 0.1 * rng.normal(size=256)) * np.exp(1j * phases)
 
 
-@FEW
 @given(volume, seeds)
 def test_the_peak_is_the_shifted_focus(target, seed):
     """S4: in the metric k sqrt(e C e), 0.03 to 0.07 rad from the prediction; at most 2.5 % louder.

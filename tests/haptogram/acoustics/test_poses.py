@@ -116,7 +116,6 @@ def test_the_known_systems_have_the_axes_of_the_world(preset):
     assert np.array_equal(array.half_extent_m, np.ptp(array.bounds_m, axis=0) / 2)
 
 
-@settings(max_examples=30)
 @given(NAMES, poses())
 def test_the_axes_turn_with_the_array(name, pose):
     array = ARRAYS[name]
@@ -132,7 +131,6 @@ def test_the_axes_turn_with_the_array(name, pose):
 
 
 @given(st.sampled_from(["grid", "5x5", "line", "holes"]), poses())
-@settings(max_examples=20)
 def test_rows_are_found_without_numbers_up_to_quarter_turns(name, pose):
     array = ARRAYS[name]
     bare = TransducerArray.from_positions(
@@ -194,7 +192,6 @@ def refusal(model, target):
     return None
 
 
-@settings(max_examples=20)
 @given(NAMES, poses(), seeds)
 def test_a_target_is_in_reach_or_not_wherever_the_array_is(name, pose, seed):
     array = ARRAYS[name]
@@ -284,7 +281,6 @@ def test_a_search_volume_that_was_kept_is_that_of_this_model():
             assert search_volume(model, positions) is volume
 
 
-@settings(max_examples=12)
 @given(st.sampled_from(ROOMY), poses(), near, st.sampled_from([None, 0.4]))
 def test_what_is_reconstructed_moves_with_the_array(name, pose, target, silent):
     """By the compiled search, by that of the reference, and as it comes from a bare file."""
@@ -440,7 +436,6 @@ def test_the_shift_of_a_small_array_far_away_is_not_predicted():
     assert not predict_focal_shift(AcousticModel.default(1, 1), (0.0, 0.0, 0.1)).valid
 
 
-@settings(max_examples=60)
 @given(st.integers(8, 20), st.integers(8, 20), st.floats(0.03, 0.5), seeds, poses())
 def test_a_shift_that_is_predicted_is_found(nx, ny, z_m, seed, pose):
     """To a third of its size, in the metric in which the limit is stated."""

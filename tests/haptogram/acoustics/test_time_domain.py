@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
@@ -36,7 +36,6 @@ def peak(point, codes):
 
 
 @given(hemisphere_targets())
-@settings(max_examples=15)
 def test_the_delays_of_a_focus_meet_at_the_target(target):
     codes = quantise_phase(focus_phases(MODEL, target), 8)
     largest = sum(1.0 / math.dist(target, position) for position in MODEL.array.positions_m)
@@ -54,7 +53,6 @@ def test_the_opposite_sign_does_not_meet_there():
 
 
 @given(seeds, hemisphere_targets(), st.integers(3, 12))
-@settings(max_examples=15)
 def test_the_phasor_describes_the_sound_of_the_delays(seed, point, samples):
     """p(t) = Re(p e^{-jwt}) at every instant, and its mean square is |p|^2 / 2.
 

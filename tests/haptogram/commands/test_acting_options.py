@@ -157,6 +157,7 @@ def test_every_option_that_does_not_always_act_is_tried_in_both_kinds_of_modes()
     assert {(command, name) for command, name, *_ in ROWS} == sometimes
 
 
+@pytest.mark.sampled(30)
 @pytest.mark.parametrize(("command", "name", "acts", "idle"), ROWS)
 def test_an_idle_option_is_one_line_and_status_2_before_any_work(
     command: str,

@@ -38,6 +38,7 @@ def written(folder: Path, words: list[str], status: int = 0) -> dict[str, bytes]
     return {form: path.read_bytes() for form, path in files.items()}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("words", [VERIFY, CONFORM], ids=lambda words: words[0])
 def test_in_virtual_time_every_file_repeats_byte_for_byte(tmp_path: Path, words: list[str]) -> None:
     first, second = (written(tmp_path / name, words) for name in ("first", "second"))

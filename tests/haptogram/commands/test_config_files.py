@@ -32,6 +32,7 @@ def wrong_value(option: Option) -> str:
     return f"[{', '.join([one] * (option.count or 1))}]"
 
 
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize(
     "option",
     [o for o in options_of(VerifyConfig).values() if o.name != "capture"],

@@ -113,6 +113,7 @@ BAD = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("words", BAD)
 def test_bad_input_is_one_line(words, capsys):
     lines = (line for line in MAP.splitlines() if not line.startswith("to_"))

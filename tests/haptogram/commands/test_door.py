@@ -106,6 +106,7 @@ def test_every_setting_of_a_run_is_in_one_group_of_the_help() -> None:
     assert sorted(names) == sorted(options_of(VerifyConfig))
 
 
+@pytest.mark.sampled(20)
 @pytest.mark.parametrize(("command", "word"), NUMERIC)
 def test_a_number_beyond_its_limits_or_none_is_refused_with_the_limits(
     command: str,
@@ -134,6 +135,7 @@ def test_a_number_beyond_its_limits_or_none_is_refused_with_the_limits(
         assert f"{limits[2]} to {limits[3]}" in line
 
 
+@pytest.mark.sampled(20)
 @pytest.mark.parametrize(("command", "word"), POSITIONS)
 @pytest.mark.parametrize("value", ["", "1", "1,2", "1,2,3,4", "a,b,c", "nan,0,0", "0,0,1e9", "1;2"])
 def test_a_position_that_is_none_is_refused_with_its_form_and_limits(
@@ -198,6 +200,7 @@ OTHERS = [
 ]
 
 
+@pytest.mark.sampled(11)
 @pytest.mark.parametrize(("command", "line", "told"), OTHERS)
 def test_other_values_that_cannot_be_used_are_refused_as_plainly(
     command: str,

@@ -87,7 +87,7 @@ def view_words(view):
     return ("--view", view, "--picture", "a.png", *coarse)
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize("where", MOVED)
 @pytest.mark.parametrize("view", ["plane", "cuts", "isosurface"])
 def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(
@@ -160,6 +160,7 @@ def test_every_view_is_written_as_a_picture_with_axes_in_mm(run, tmp_path, words
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.nightly
 def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path, capsys):
     drive = Drive.from_weights(
         np.exp(1j * focus_phases(AcousticModel.default(), (0.02, 0.0, 0.12)))

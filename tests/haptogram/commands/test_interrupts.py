@@ -95,6 +95,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.usefixtures("heeded")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_an_interrupt_at_any_moment_is_one_line_and_status_130(command, tmp_path):

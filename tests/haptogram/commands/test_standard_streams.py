@@ -89,6 +89,7 @@ def test_a_shell_may_close_standard_output() -> None:
     assert "--json -: standard output is closed" in ended.stderr
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("encoding", "sign"), [("utf-8", "µs"), ("ascii", "us"), ("cp437", "µs")])
 def test_a_terminal_without_a_sign_shows_a_plain_one(encoding: str, sign: str) -> None:
     command = "from haptogram.cli import main; raise SystemExit(main(['budget']))"

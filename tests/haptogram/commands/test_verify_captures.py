@@ -49,6 +49,7 @@ def test_a_recording_gives_back_the_frames_and_the_array():
     assert recorded.model.wavenumber == AcousticModel.default(4, 4).wavenumber
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("fault", "status"), [(None, 0), ("device.delayed transducer=9", 1)])
 def test_a_part_of_the_pins_is_judged_and_the_rest_is_counted(fault, status, capsys):
     captured(faults=[fault] if fault else [])
@@ -75,6 +76,7 @@ def test_a_part_of_the_pins_is_judged_and_the_rest_is_counted(fault, status, cap
     assert all("3 of 16 elements were captured, and " in line for line in lines)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("fault", "status"), [(None, 0), ("device.delayed transducer=9", 1)])
 def test_all_pins_give_the_whole_verdict(fault, status, capsys):
     captured(faults=[fault] if fault else [])
@@ -129,6 +131,7 @@ BAD = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("words", "told", "status"), [(w, *rest) for w, rest in BAD.items()])
 def test_bad_input_is_one_line(words, told, status, capsys):
     captured(frames=3, capture_rate_hz=0.5e6)

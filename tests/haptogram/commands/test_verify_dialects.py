@@ -46,6 +46,7 @@ def verify(capsys, *words):
     return status, said.out, said.err
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("words", "center_mm"),
     [
@@ -85,6 +86,7 @@ def test_a_short_object_is_verified_on_every_board(name, capsys, tmp_path):
     assert found["board"]["phase_steps"] == DIALECTS[name].display(1).steps
 
 
+@pytest.mark.sampled(1)
 @every_dialect
 def test_a_silent_element_fails(name, capsys):
     fault = ("--fault", "device.off transducer=2")
@@ -145,6 +147,7 @@ def test_a_port_that_says_nothing_is_inconclusive_in_plain_words(capsys, tmp_pat
     assert "wire evidence" in files["frames"].read_text()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", SERIAL)
 def test_the_rate_is_that_of_the_budget(name, capsys, tmp_path):
     result = tmp_path / "result.json"

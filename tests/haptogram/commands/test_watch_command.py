@@ -71,6 +71,7 @@ def test_a_capture_is_told_in_the_client_s_axes(name, dialect, said, coherence, 
     assert status == (3 if said == "none of these" else 0)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("beside", [(), ("focus_0_120_0",)], ids=["alone", "beside a focus"])
 def test_a_latch_without_a_pattern_fails_if_it_shall(beside, tmp_path, capsys):
     """Without the option, a run in which some latch has a pattern passes."""

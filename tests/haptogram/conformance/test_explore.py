@@ -154,6 +154,7 @@ def dialogues(monkeypatch, baud, slots):
     return result
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("behind", [[], [latched_as_it_comes] * 2, [latched_as_it_comes, disarm]])
 def test_the_time_of_a_latch_is_free_where_it_depends_on_the_line(behind, monkeypatch):
     """A frame takes 75 us at 3 Mbaud: two carrier periods and more, which the model has not."""
@@ -269,6 +270,7 @@ def test_each_sequence_that_a_dialogue_may_leave_is_stored_before_the_next(left_
     assert sorted(message.target for message in begun) == [0, *UPLOADED]
 
 
+@pytest.mark.nightly
 def test_a_wrong_board_is_found_by_short_dialogues_printed_as_bytes_one_a_clause():
     (result,) = run(
         virtual(array="3x2", mutant="mutants.latching:OrderIgnored"), CASE, seed=1
@@ -297,6 +299,7 @@ class WrongOnce(Wrapped):
         return data
 
 
+@pytest.mark.nightly
 def test_a_difference_that_does_not_come_again_fails_in_virtual_time():
     (result,) = run(virtual(array="3x2", wrap=WrongOnce), CASE, seed=3).results
     assert result.behaviour is Behaviour.FAILED
@@ -391,6 +394,7 @@ def test_each_state_meets_each_group_of_inputs_before_any_does_again(timed):
     assert sum(map(len, inputs.groups.values())) == len(inputs.names) > 60
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("exact", [True, False])
 def test_what_happens_within_microseconds_is_met_where_bytes_take_no_time(exact):
     changes = {"features": 2047, "queue_depth": 16, "firmware": "x"}

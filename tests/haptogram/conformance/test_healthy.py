@@ -189,6 +189,7 @@ def test_a_board_that_keeps_a_sequence_until_it_is_replaced_may_be_full():
     assert {r.case: r.detail for r in results if r.behaviour in wrong} == {}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("lasts_us", [300_000, 1 << 40])
 def test_a_fault_that_lasts_refuses_disarm_and_is_no_reason_to_give_up(lasts_us):
     class LastingFault(BoardOutput):
@@ -237,7 +238,7 @@ TAKES_ITS_TIME = {
 }
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.nightly
 @pytest.mark.parametrize("times_us", TAKES_ITS_TIME)
 def test_a_board_that_takes_its_time_passes_what_reckons_with_it(times_us):
     lead_us, point_us = times_us
@@ -397,7 +398,7 @@ def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
     assert result.behaviour is Behaviour.OK, result.detail
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("limits", "cases"),
     [

@@ -42,6 +42,7 @@ def resets_for(wrap_case, others):
     return len(starts) - 1
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("case", WAITING, ids=lambda case: case.id)
 def test_a_case_about_the_wrap_runs_while_the_clock_of_another_reset_passes_it(case):
     assert resets_for(case, others=18) == 0

@@ -208,6 +208,7 @@ def with_three_pings(record):
     return dataclasses.replace(record, to_board=dataclasses.replace(line, values=values))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("by", [-3.0, 3.0])
 def test_crystals_that_drift_apart_are_no_defect_of_the_board(by, healthy):
     """The clock of the pins is bent by 75 us against the device clock."""
@@ -222,6 +223,7 @@ def test_crystals_that_drift_apart_are_no_defect_of_the_board(by, healthy):
         assert 0 < seen(results[clause]) < 0.6 * seen(every[clause])
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("faults", "analyser"),
     [
@@ -282,12 +284,14 @@ def of_own_reference(healthy):
     )
 
 
+@pytest.mark.nightly
 def test_an_element_that_is_the_reference_may_be_silent(healthy):
     results = judge_clauses_by_pins([of_own_reference(healthy)])
     assert {r.clause: r.detail for r in results if r.behaviour is Behaviour.FAILED} == {}
     assert {r.clause for r in results if r.behaviour is Behaviour.OK} == SEEN
 
 
+@pytest.mark.nightly
 def test_a_phase_that_nothing_is_compared_with_proves_nothing(healthy):
     own = of_own_reference(healthy)
     alone = dataclasses.replace(own, pins={0: own.pins[0]})
@@ -474,6 +478,7 @@ def test_pins_that_go_on_are_found_by_either_line_alone(tmp_path):
     assert {r.clause for r in results if r.behaviour is Behaviour.FAILED} == {"HG-8.3/1"}
 
 
+@pytest.mark.nightly
 def test_samples_that_are_missing_beside_an_element_as_reference_fail_no_board(healthy):
     record = of_own_reference(healthy)
     missing = record.end / 2.0, record.end / 2.0 + 4000.0  # 100 ms

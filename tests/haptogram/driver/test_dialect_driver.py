@@ -59,6 +59,7 @@ def judged(driver, records):
     return verify_run(driver.intended, seen, model=board_model_of_evidence(records[0]))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.pty
 @every_dialect
 def test_an_object_is_verified_on_a_board_at_a_real_port(name):
@@ -130,6 +131,7 @@ def test_a_step_more_on_one_channel_shows(name):
             assert fault.replace("(0, 1) ", "") == "element 1 off by +1 LSB"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.pty
 @pytest.mark.parametrize("name", SERIAL)
 def test_a_port_that_says_nothing_gives_evidence_of_the_wire(name):

@@ -2,7 +2,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, TransducerArray
@@ -503,7 +503,6 @@ def test_a_driver_that_does_not_come_up_mutes_the_board_and_closes_the_port(port
 
 @pytest.mark.parametrize("output", OUTPUTS)
 @given(pause_ms=st.integers(0, 300))
-@settings(max_examples=12)
 def test_no_pause_lets_the_hold_run_out_under_the_first_frames(output, pause_ms):
     port = small_board()
     with Driver(port, seed=1) as driver:

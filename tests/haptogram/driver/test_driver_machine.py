@@ -146,5 +146,5 @@ class AnyOrder(RuleBasedStateMachine):
         assert not self.armed or board.state is OutputState.ARMED or board.reason in TIMERS
 
 
-AnyOrder.TestCase.settings = settings(max_examples=40, stateful_step_count=12)
+AnyOrder.TestCase.settings = settings(stateful_step_count=12)
 test_any_order = AnyOrder.TestCase

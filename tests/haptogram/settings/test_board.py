@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics.arrays import MAX_TRANSDUCERS
@@ -100,13 +100,11 @@ def read_words(words):
     return BoardConfig.of(**given_words(parser.parse_args(words), BOARD_OPTIONS))
 
 
-@settings(max_examples=200)
 @given(boards())
 def test_a_command_line_that_was_written_reads_as_the_same_board(board):
     assert read_words(written_options(board.non_default(), BOARD_OPTIONS)) == board
 
 
-@settings(max_examples=200)
 @given(boards(), st.data())
 def test_a_url_that_was_written_reads_as_the_same_port(board, data):
     rows = options_of(PortConfig)
@@ -117,7 +115,6 @@ def test_a_url_that_was_written_reads_as_the_same_port(board, data):
 
 @pytest.mark.parametrize("name", sorted(FAULT_KINDS))
 def test_every_kind_of_fault_survives_url_and_command_line(name):
-    @settings(max_examples=10)
     @given(faults(name))
     def survives(fault):
         board = BoardConfig(faults=(fault,))
@@ -132,7 +129,6 @@ def test_every_option_survives_url_and_command_line(name):
     row = BOARD_OPTIONS[name]
     others = {"baud": 9600, "rx_fifo": 9} if name in LINE else {}
 
-    @settings(max_examples=10)
     @given(values_of(row))
     def survives(value):
         board = BoardConfig.of(**(others | {name: value}))

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray, focus_phases
@@ -22,7 +22,6 @@ ELEMENTS = st.integers(0, 255)
 NAMED_BY_CRC = re.compile(
     r"opposite sign|x and y|. mirrored|elements rolled|elements .* swapped|element \d|packed|bits"
 )
-few = settings(max_examples=15)
 
 
 def verdict(intended, drive):
@@ -44,21 +43,18 @@ def assert_right(intended, drive):
     assert (found.status, found.faults) == (FrameStatus.ON_TARGET, ())
 
 
-@few
 @given(working_volume())
 def test_wrong_sign(target):
     intended = intend(MODEL, target)
     assert_wrong(intended, drive_of(-codes(intended)), "opposite sign of all phases")
 
 
-@few
 @given(working_volume(off_diagonal=0.002))
 def test_transposed(target):
     intended = intend(MODEL, target)
     assert_wrong(intended, drive_of(codes(intended).T), "x and y exchanged (transposed)")
 
 
-@few
 @given(working_volume(off_x=0.002))
 def test_mirrored_x(target):
     # At y = -x (or y = x) the transposed drive is another; nothing simpler equals a mirrored one.
@@ -66,14 +62,12 @@ def test_mirrored_x(target):
     assert_wrong(intended, drive_of(codes(intended)[::-1]), "x mirrored")
 
 
-@few
 @given(working_volume(off_x=0.002, off_y=0.002))
 def test_mirrored_y(target):
     intended = intend(MODEL, target)
     assert_wrong(intended, drive_of(codes(intended)[:, ::-1]), "y mirrored")
 
 
-@few
 @given(working_volume(), st.integers(-127, 128).filter(bool))
 def test_rolled(target, shift):
     intended = intend(MODEL, target)
@@ -81,7 +75,6 @@ def test_rolled(target, shift):
     assert_wrong(intended, drive_of(rolled), f"elements rolled by {shift:+d}")
 
 
-@few
 @given(working_volume(), ELEMENTS, ELEMENTS)
 def test_a_swapped_pair(target, first, second):
     intended = intend(MODEL, target)
@@ -95,7 +88,6 @@ def test_a_swapped_pair(target, first, second):
     assert_wrong(intended, drive_of(found), name)
 
 
-@few
 @given(working_volume(), ELEMENTS)
 def test_one_dead(target, element):
     intended = intend(MODEL, target)
@@ -105,7 +97,6 @@ def test_one_dead(target, element):
     assert_wrong(intended, drive, f"element {element} ({element // 16}, {element % 16}) dead")
 
 
-@few
 @given(working_volume(), ELEMENTS)
 def test_one_inverted(target, element):
     intended = intend(MODEL, target)
@@ -115,7 +106,6 @@ def test_one_inverted(target, element):
     assert_wrong(intended, drive_of(found), name)
 
 
-@few
 @given(working_volume(), ELEMENTS, st.sampled_from([-2, 2]), st.sampled_from([8, 6, 5]))
 def test_one_off_by_2_lsb(target, element, steps, bits):
     intended = intend(MODEL, target, bits)
@@ -125,7 +115,6 @@ def test_one_off_by_2_lsb(target, element, steps, bits):
     assert_wrong(intended, drive_of(found), name)
 
 
-@few
 @given(working_volume(), ELEMENTS)
 def test_one_off_by_1_lsb_is_never_passed(target, element):
     # The field may not show it, but it is not what was sent.
@@ -137,7 +126,6 @@ def test_one_off_by_1_lsb_is_never_passed(target, element):
     assert found_verdict.faults[0].endswith("off by +1 LSB")
 
 
-@few
 @given(working_volume(), st.sampled_from([8, 6, 5]))
 def test_a_right_drive_is_on_target(target, bits):
     intended = intend(MODEL, target, bits)
@@ -146,7 +134,6 @@ def test_a_right_drive_is_on_target(target, bits):
     assert found.criteria == dict.fromkeys(("S1", "S2", "S3", "S4", "S5"), True)
 
 
-@few
 @given(working_volume(), st.sampled_from([8, 6, 5]))
 def test_mistakes_are_invisible_on_their_planes_of_symmetry(target, bits):
     x, y, z = target
@@ -161,7 +148,6 @@ def test_mistakes_are_invisible_on_their_planes_of_symmetry(target, bits):
     assert_right(on_x, drive_of(grid))
 
 
-@few
 @given(working_volume(), st.integers(1, 255))
 def test_a_phase_that_all_share_is_named_but_moves_nothing(target, steps):
     intended = intend(MODEL, target)

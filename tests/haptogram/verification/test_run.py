@@ -7,7 +7,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
@@ -133,7 +133,6 @@ def expected_verdict(fates, unexpected, min_verified):
     return Verdict.PASS
 
 
-@settings(max_examples=40)
 @given(
     st.lists(st.sampled_from(sorted(FATES)), max_size=8),
     st.integers(0, 2),

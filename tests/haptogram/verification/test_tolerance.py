@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Medium, TransducerArray, focus_phases
@@ -33,7 +33,6 @@ pytestmark = pytest.mark.sampled(3)
 
 MODEL = AcousticModel.default()
 TARGET = (0.013, -0.021, 0.11)
-few = settings(max_examples=20)
 
 
 def judged(intended, drive=None, model=MODEL, **tolerance):
@@ -41,7 +40,6 @@ def judged(intended, drive=None, model=MODEL, **tolerance):
     return judge.judge(intended, seen(intended, drive))
 
 
-@few
 @given(working_volume(), st.floats(-1.0, 1.0), st.floats(0.05, 3.0), st.sampled_from([8, 6, 5]))
 def test_air_within_the_tolerance_passes(target, share, degrees, bits):
     host = AcousticModel.default(temperature_c=20.0 + share * degrees)
@@ -49,7 +47,6 @@ def test_air_within_the_tolerance_passes(target, share, degrees, bits):
     assert found.status is FrameStatus.ON_TARGET, found
 
 
-@few
 @given(working_volume(), st.floats(0.2, 3.0), st.sampled_from([-1.0, 1.0]))
 def test_air_beyond_the_tolerance_that_moves_the_focus_further_than_shows_fails(
     target, degrees, sign
@@ -60,7 +57,6 @@ def test_air_beyond_the_tolerance_that_moves_the_focus_further_than_shows_fails(
     assert found.status in (FrameStatus.OFF_TARGET, FrameStatus.WRONG_DRIVE)
 
 
-@few
 @given(
     working_volume(),
     st.floats(0.0, 1.0),
@@ -80,7 +76,6 @@ def test_a_miss_within_the_tolerance_passes(target, share, miss_mm, way):
     assert judged(as_sent, missed, miss_mm=miss_mm).status is FrameStatus.ON_TARGET
 
 
-@few
 @given(working_volume(), st.floats(0.1, 1.0), st.floats(0.0, 2.0 * math.pi))
 def test_a_miss_beyond_tolerance_and_rounding_fails(target, miss_mm, angle):
     intended = intend(MODEL, target)
@@ -92,6 +87,7 @@ def test_a_miss_beyond_tolerance_and_rounding_fails(target, miss_mm, angle):
     assert found.status is FrameStatus.OFF_TARGET
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("solver", ["naive", "gs", "wgs", "gspat"])
 @pytest.mark.parametrize("bits", [8, 5])
 def test_several_foci_in_air_within_the_tolerance_pass_and_beyond_it_fail(solver, bits):
@@ -274,6 +270,7 @@ def test_what_is_no_focus_fails_at_the_largest_tolerance_that_is_accepted(name, 
     assert found.status in (FrameStatus.OFF_TARGET, FrameStatus.WRONG_DRIVE), found
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("solver", ["naive", "gs", "wgs", "gspat", "ibp"])
 def test_a_tolerated_miss_of_several_foci_stays_as_small_as_it_was_stated(solver):
     points = np.array([TARGET, (-0.03, 0.015, 0.1), (0.0, 0.03, 0.12)])
@@ -318,7 +315,6 @@ def test_a_degree_moves_a_focus_by_what_the_result_says(height_m, moved_mm):
 
 
 @pytest.mark.nightly
-@few
 @given(working_volume(), st.integers(0, 2**32 - 1))
 def test_scattered_positions_and_phases_move_the_focus_as_the_result_says(target, seed):
     field = field_of(MODEL, target)

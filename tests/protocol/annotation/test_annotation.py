@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram_protocol.annotation.frames import Annotated, Annotator, FrameAnnotator
@@ -84,8 +84,8 @@ def test_a_payload_that_cannot_be_read_keeps_its_header(kind: type[Message]) -> 
 # --- The wires of other boards -------------------------------------------------------------------
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("wire", WIRES, ids=str)
-@settings(max_examples=15)
 @given(data=st.data())
 def test_operations_cover_the_line(wire: Wire, data: st.DataObject) -> None:
     host = wire.host()
@@ -105,7 +105,6 @@ def test_operations_cover_the_line(wire: Wire, data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("name", DIALECTS)
-@settings(max_examples=15)
 @given(line=st.binary(max_size=600))
 def test_noise_on_any_wire_is_told_and_never_an_error(name: str, line: bytes) -> None:
     for from_board in (False, True):

@@ -56,6 +56,7 @@ def test_operations_come_back_from_their_bytes(wire: Wire, data: st.DataObject) 
     assert not board.pending
 
 
+@pytest.mark.sampled(7)
 @every_wire
 @given(data=st.data())
 def test_damage_gives_the_same_in_any_chunks_and_never_an_error(
@@ -73,6 +74,7 @@ def test_damage_gives_the_same_in_any_chunks_and_never_an_error(
     assert repr(fed(wire.board(), data.draw(chunkings(line)))) == whole
 
 
+@pytest.mark.sampled(7)
 @every_wire
 @given(data=st.data())
 def test_pieces_between_ends_hold_no_end_of_a_message(wire: Wire, data: st.DataObject) -> None:
@@ -101,6 +103,7 @@ def test_any_bytes_are_operations_or_counted(wire: Wire, chunks: list[bytes]) ->
     assert all(count > 0 for count in board.counters.values())
 
 
+@pytest.mark.sampled(7)
 @every_wire
 def test_noise_is_bounded_however_much_comes(wire: Wire) -> None:
     board, source = wire.board(), random.Random(5)
@@ -134,6 +137,7 @@ def captures() -> dict[str, bytes]:
     return {name: (DATA / f"{name}.bin").read_bytes() for name in names}
 
 
+@pytest.mark.sampled(60)
 @pytest.mark.parametrize("name", captures())
 @every_wire
 def test_foreign_wires_never_disturb(wire: Wire, name: str) -> None:

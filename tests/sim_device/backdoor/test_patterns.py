@@ -28,6 +28,7 @@ def latches_of(name, *, reconstruct):
     return records
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "kind"),
     [("focus_20_150_m15", "one focus"), ("twin_0_150_0_rot45", "twin trap"), ("off", "off")],

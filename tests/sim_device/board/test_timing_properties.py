@@ -8,7 +8,7 @@ import random
 from dataclasses import dataclass
 from itertools import pairwise
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.settings.faults.plan import FaultPlan
@@ -136,7 +136,6 @@ def scenarios(**fixed):
     return st.fixed_dictionaries(values | fixed)
 
 
-@settings(max_examples=25)
 @given(scenarios())
 def test_latches_are_in_order_on_ticks_of_their_own_and_within_the_tolerance(scenario):
     run = streamed(scenario)
@@ -155,7 +154,6 @@ def test_latches_are_in_order_on_ticks_of_their_own_and_within_the_tolerance(sce
         assert due_us <= latch.t_latch_us <= due_us + CARRIER_US + stepped_us
 
 
-@settings(max_examples=25)
 @given(scenarios(), st.sampled_from([None, "frame.crc p=0.2", "frame.session p=0.2"]))
 def test_every_frame_is_accounted_for_exactly_once(scenario, fault):
     faults = [*scenario["faults"], *([] if fault is None else [f"{fault} from=60ms"])]
@@ -172,7 +170,6 @@ def test_every_frame_is_accounted_for_exactly_once(scenario, fault):
         assert counted["gap"] == max(run.sent) + 1 - run.first - came
 
 
-@settings(max_examples=20)
 @given(scenarios())
 def test_the_output_is_silent_within_hold_and_ramp_after_the_last_frame(scenario):
     run = streamed(scenario)
@@ -199,7 +196,6 @@ def test_a_board_that_was_idle_is_powered_down_at_the_time_it_is_and_not_at_its_
 CROWDED = {"rx_fifo": 64, "rx_poll_us": 1000}
 
 
-@settings(max_examples=20)
 @given(
     scenarios(
         baud=st.sampled_from([1_000_000, 3_000_000]),

@@ -73,6 +73,7 @@ def test_a_folder_and_a_place_below_a_file_are_refused(option, tmp_path, capsys)
         assert f"{option} '{tmp_path / place}' cannot be written: {why}" in said[0]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("option", [*OUTPUTS, "unix"])
 def test_a_new_folder_is_made_and_told_before_the_board_starts(option, tmp_path, caplog):
     caplog.set_level("INFO")

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dialect_boards import DialectBoard
@@ -51,7 +51,6 @@ acts = st.lists(
 )  # periods to wait; None: a swap
 
 
-@settings(max_examples=200)
 @given(acts)
 def test_the_playlist_is_the_firmware_s_loop(acts):
     firmware, playlist, shown, changes = Firmware(), ArduinoPlaylist(PATTERNS), [], {0: 0}

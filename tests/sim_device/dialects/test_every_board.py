@@ -7,7 +7,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dialect_boards import DialectBoard, blueprint_of_options
@@ -82,8 +82,8 @@ def test_a_board_radiates_from_power_up_what_its_registers_hold(name):
     assert board.settings.line.baud == (DIALECTS[name].bauds or (None,))[0]
 
 
+@pytest.mark.sampled(4)
 @every_wire
-@settings(max_examples=30)
 @given(data=st.data())
 def test_any_steps_of_time_give_the_same(wire, data):
     line = data.draw(lines(wire))
@@ -98,8 +98,8 @@ def test_any_steps_of_time_give_the_same(wire, data):
     assert seen(boards[0]) == seen(boards[1])
 
 
+@pytest.mark.sampled(4)
 @every_wire
-@settings(max_examples=30)
 @given(data=st.data())
 def test_any_pieces_on_a_line_without_time_give_the_same(wire, data):
     line = data.draw(lines(wire))
@@ -124,8 +124,8 @@ def test_any_pieces_on_a_line_without_time_give_the_same(wire, data):
     assert results[0] == results[1]
 
 
+@pytest.mark.sampled(4)
 @every_wire
-@settings(max_examples=30)
 @given(chunks=st.lists(st.binary(max_size=600), max_size=6))
 def test_any_bytes_are_latches_or_counted(wire, chunks):
     board = power_up(wire)

@@ -100,6 +100,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", BROKEN)
 def test_one_that_fails_to_load_is_named_and_stops_nothing(tmp_path, name):
     code, says = BROKEN[name]

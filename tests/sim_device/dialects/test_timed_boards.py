@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram_protocol.dialects.codec import Operation
@@ -56,8 +56,8 @@ def with_times(draw, operations):
     return timed
 
 
+@pytest.mark.sampled(1)
 @every_unit
-@settings(max_examples=25)
 @given(data=st.data())
 def test_any_partition_of_time_gives_the_same_latches(wire: Wire, data: st.DataObject) -> None:
     operations = [
@@ -73,7 +73,6 @@ def test_any_partition_of_time_gives_the_same_latches(wire: Wire, data: st.DataO
 
 
 @every_unit
-@settings(max_examples=20)
 @given(data=st.data())
 def test_latches_are_whole_and_in_order(wire: Wire, data: st.DataObject) -> None:
     timed = with_times(data.draw, data.draw(wire.operations))

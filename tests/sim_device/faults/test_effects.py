@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 import serial
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.cli import main as verify
@@ -93,7 +93,6 @@ def test_a_wrong_frame_is_found_by_the_board_under_its_name(open_host, fault, co
     assert host.port.simulation.fault_counts == {fault.split()[0]: 3}
 
 
-@settings(max_examples=30)
 @given(st.binary(min_size=1, max_size=200), st.sampled_from(sorted(COUNTED_AS)))
 def test_what_is_no_frame_is_left_alone(noise, fault):
     plan = FaultPlan.parse([fault])

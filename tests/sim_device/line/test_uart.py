@@ -1,7 +1,7 @@
 """A line that is more than a wire: mismatched rates, FIFOs that overrun, a USB adapter."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError
@@ -116,7 +116,6 @@ def test_what_is_sent_behind_misread_characters_comes_behind_them():
 # --- the FIFO of the board ---------------------------------------------------------------------
 
 
-@settings(max_examples=40)
 @given(BURSTS, st.integers(1, 40), st.integers(1, 500))
 def test_a_fifo_loses_what_finds_it_full_counts_it_and_nothing_else(bursts, fifo, poll_us):
     poll_ns = poll_us * 1000
@@ -155,7 +154,6 @@ def test_a_packet_goes_when_it_is_full_and_the_rest_when_the_timer_runs_out():
     ]
 
 
-@settings(max_examples=40)
 @given(BURSTS, st.sampled_from([MS, 16 * MS]))
 def test_an_adapter_loses_nothing_and_holds_nothing_longer_than_its_timer(bursts, latency_ns):
     usb, wire, t_ns = UsbUart(1_000_000, latency_ns), Uart(1_000_000), 0
@@ -174,7 +172,6 @@ def test_an_adapter_loses_nothing_and_holds_nothing_longer_than_its_timer(bursts
     assert usb.in_transit == 0
 
 
-@settings(max_examples=40)
 @given(BURSTS, st.lists(st.integers(0, 60 * MS), max_size=8).map(sorted))
 def test_when_one_looks_does_not_matter(bursts, looks):
     lines = [UsbUart(1_000_000, MS), UsbUart(1_000_000, MS)]

@@ -117,6 +117,7 @@ def oracle(model, points, weights, gain):
     return np.array(found).T[0], np.array(found).T[1].real
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("away_m", [None, 0.0, 3e-4], ids=["equal", "lagging", "beside"])
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("pattern", PATTERNS)
@@ -162,6 +163,7 @@ def test_a_plane_by_convolution_is_the_triple_loop_in_any_pose(pattern, equal, s
     assert np.abs(field[chosen] - expected).max() <= 2e-6 * scales.max()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", [Numpy32Engine, NumbaEngine])
 @pytest.mark.parametrize("active", [1, 80])
 @pytest.mark.parametrize("loss", [0.0, 0.99])

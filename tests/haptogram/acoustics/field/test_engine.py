@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import (
@@ -53,7 +53,6 @@ def some_points(rng, model, count=40):
 
 @pytest.mark.parametrize("kind", ENGINES)
 @given(model=models(grids(1, 12)), seed=seeds, drives=st.integers(1, 3))
-@settings(max_examples=40)
 def test_grids_anywhere_agree_with_the_reference(kind, model, seed, drives):
     rng = np.random.default_rng(seed)
     pose = Pose.any(rng, reach_m=3.0)
@@ -64,7 +63,6 @@ def test_grids_anywhere_agree_with_the_reference(kind, model, seed, drives):
 
 @pytest.mark.parametrize("kind", ENGINES)
 @given(seed=seeds, count=st.integers(1, 40), omni=st.booleans(), loss=st.sampled_from([0.0, 0.15]))
-@settings(max_examples=30)
 def test_elements_with_any_normals_agree_with_the_reference(kind, seed, count, omni, loss):
     rng = np.random.default_rng(seed)
     array = TransducerArray.from_positions(
@@ -81,7 +79,6 @@ def test_elements_with_any_normals_agree_with_the_reference(kind, seed, count, o
 
 @pytest.mark.parametrize("kind", ENGINES)
 @given(seed=seeds, count=st.integers(64, 200), loss=st.sampled_from([0.0, 0.15]))
-@settings(max_examples=20)
 def test_many_elements_of_a_small_bowl_agree_with_the_reference(kind, seed, count, loss):
     """Near by and many: the loop that does without double precision for each pair."""
     rng = np.random.default_rng(seed)
@@ -101,7 +98,6 @@ def test_many_elements_of_a_small_bowl_agree_with_the_reference(kind, seed, coun
     bent=st.booleans(),
     omni=st.booleans(),
 )
-@settings(max_examples=30)
 def test_compiled_loops_serve_wide_arrays_and_far_points(seed, side, width, bent, omni):
     """Few elements, so that nothing averages out; and the reference is not asked."""
     rng = np.random.default_rng(seed)
@@ -137,7 +133,6 @@ def test_elements_at_one_distance_have_one_rounding_error_that_does_not_average_
 
 
 @given(seed=seeds)
-@settings(max_examples=10)
 def test_a_point_in_the_plane_of_a_wide_turned_array_hears_all_of_it(seed):
     rng = np.random.default_rng(seed)
     places = np.column_stack([rng.uniform(-0.6, 0.6, (30, 2)), np.zeros(30)])

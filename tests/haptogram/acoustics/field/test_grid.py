@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import (
@@ -20,7 +20,6 @@ from strategies_acoustics import grids, models, seeds
 
 
 @given(models(grids(1, 8)), seeds, st.integers(0, 20))
-@settings(max_examples=25)
 def test_a_batch_agrees_with_the_reference(model, seed, frames):
     rng = np.random.default_rng(seed)
     points = np.column_stack([rng.uniform(-0.1, 0.1, (50, 2)), rng.uniform(0.02, 0.4, 50)])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray, propagators
@@ -24,7 +24,6 @@ def assert_agrees(plane, model, weights):
 
 
 @given(models(grids(1, 7)), st.integers(1, 5), st.floats(0.02, 0.06), st.floats(0.02, 0.25), seeds)
-@settings(max_examples=30)
 def test_a_plane_agrees_with_the_reference(model, oversampling, half_width, height, seed):
     rng = np.random.default_rng(seed)
     plane = PlaneField(model, height, half_width_m=half_width, oversampling=oversampling)

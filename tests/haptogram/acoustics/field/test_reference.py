@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
@@ -46,14 +46,12 @@ def assert_agrees(model, points, weights):
 
 
 @given(models(grids(1, 5)), targets(lateral=0.2, low=0.005), seeds)
-@settings(max_examples=25)
 def test_the_field_agrees_with_a_triple_loop(model, point, seed):
     weights = np.random.default_rng(seed).normal(size=(model.array.count, 2)) @ [1, 1j]
     assert_agrees(model, [point], weights)
 
 
 @given(seeds)
-@settings(max_examples=15)
 def test_elements_radiate_around_their_own_normals(seed):
     rng = np.random.default_rng(seed)
     array = TransducerArray.from_positions(rng.uniform(-0.1, 0.1, (9, 3)), rng.normal(size=(9, 3)))

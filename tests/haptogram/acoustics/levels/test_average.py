@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, NumpyEngine, choose_engine, focus_phases, pressure
@@ -41,7 +41,6 @@ def test_settled_frames_add_as_mean_squares(seed, frames):
     assert mean_square_pressure(ENGINE, drives, POINTS, 1e-3) == pytest.approx(expected, rel=1e-12)
 
 
-@settings(max_examples=25)
 @given(st.integers(0, 99), st.integers(1, 6), st.floats(5e-5, 3e-3))
 def test_the_closed_form_agrees_with_envelopes_sampled_in_time(seed, frames, tau):
     drives, resonator = random_drives(seed, frames), Resonator(tau)
@@ -141,7 +140,6 @@ def test_audible_switching_agrees_with_a_transform_of_the_waveform(drives, carri
 
 
 @given(seeds, st.integers(100, 3000))
-@settings(max_examples=10)
 def test_the_directions_of_a_half_sphere_are_even(seed, count):
     """Their first two moments are those of the half sphere: a half of its axis, a third of I."""
     axis = np.random.default_rng(seed).normal(size=3)

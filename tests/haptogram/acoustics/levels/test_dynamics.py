@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, focus_phases, pressure
@@ -125,7 +125,6 @@ def test_one_millisecond_after_a_hop_delivers_a_third_to_a_half_of_the_force():
 
 
 @given(targets(), targets(), st.sampled_from([0.0, 2.8e-4]), seeds)
-@settings(max_examples=25)
 def test_nothing_is_heard_before_the_first_sound_arrives(old, new, tau, seed):
     """Causality: until the nearest element is heard nothing changes, not by a bit."""
     model = AcousticModel.default(6, 5)

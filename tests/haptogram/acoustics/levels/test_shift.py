@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import (
@@ -76,7 +76,6 @@ def test_a_wider_array_is_pulled_in_less(z, shift):
     assert found * 1e3 == pytest.approx(shift, abs=0.012)
 
 
-@settings(max_examples=40)
 @given(st.one_of(hemisphere_targets(), targets(low=0.100, high=0.200)))
 def test_the_prediction_bounds_the_shift(target):
     """Never below the shift, at most 6, 9 and 17 % above; and the gain is never above its own."""
@@ -92,7 +91,6 @@ def test_the_prediction_bounds_the_shift(target):
     assert predicted.gain - level[1] / level[0] <= 0.1 * (predicted.gain - 1.0) + 1e-6
 
 
-@settings(max_examples=10)
 @given(targets(lateral=0.03, low=0.06, high=0.12), st.floats(0.1, 0.5))
 def test_the_louder_half_of_an_array_pulls_the_maximum_its_way(target, share):
     amplitudes = np.where(MODEL.array.positions_m[:, 0] < 0.0, 1.0, share)
@@ -103,7 +101,6 @@ def test_the_louder_half_of_an_array_pulls_the_maximum_its_way(target, share):
     assert found[0] < even[0] - 0.03e-3
 
 
-@settings(max_examples=30)
 @given(targets(low=0.08, high=0.2), st.floats(-3e-3, 3e-3), st.floats(-3e-3, 3e-3))
 def test_the_peak_is_a_maximum_found_from_anywhere_in_the_lobe(target, dx, dz):
     weights = focus(MODEL, target)

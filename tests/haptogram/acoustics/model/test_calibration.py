@@ -328,6 +328,7 @@ def test_a_hop_builds_up_from_what_each_element_makes(case):
 # --- from drives to the focus ------------------------------------------------------------------
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("dead", [(), (0, 3, 17)], ids=["all", "some dead"])
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("name", MODELS)
@@ -352,6 +353,7 @@ def test_a_focus_is_found_from_the_phases_that_are_radiated(name, pose, dead):
     assert found.position_m == pytest.approx(fit.position_m, abs=1e-6)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("silent", [(), (2,)], ids=["compiled search", "step by step"])
 @pytest.mark.parametrize("dead", [(), (5,)], ids=["all", "one dead"])
 def test_what_is_reconstructed_is_what_the_placed_elements_would_make(case, silent, dead):

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import (
@@ -65,7 +65,6 @@ def test_a_changed_amplitude_is_another_drive(drive, element, change):
 
 
 @given(drives(count=5), phase_bits)
-@settings(max_examples=20)
 def test_the_same_codes_of_another_resolution_are_another_drive(drive, bits):
     codes = drive.phase_codes & (1 << min(bits, drive.phase_bits)) - 1
     one, other = (Drive(codes, drive.amplitude_codes, size) for size in (bits, drive.phase_bits))
@@ -97,7 +96,6 @@ def test_quantising_what_was_quantised_changes_nothing(bits):
 
 
 @given(st.integers(1, 40).flatmap(weights_of), phase_bits)
-@settings(max_examples=50)
 def test_a_weight_is_rounded_by_half_a_step_of_phase_and_amplitude(weights, bits):
     rounded = Drive.from_weights(weights, bits).weights()
     assert np.abs(np.abs(rounded) - np.abs(weights)).max() <= 0.5 / 255 + 1e-12

@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import TransducerArray
@@ -23,7 +23,6 @@ def test_element_number_counts_along_y_first():
 
 
 @given(grids())
-@settings(max_examples=30)
 def test_a_grid_is_centred_faces_up_and_is_symmetric(array):
     assert array.centre_m == pytest.approx([0, 0, 0], abs=1e-12)
     assert (array.normals == [0, 0, 1]).all()

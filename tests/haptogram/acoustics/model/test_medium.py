@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import oracles
@@ -85,7 +85,6 @@ def test_dry_air_of_0_degrees_has_cramers_own_speed_of_sound():
 
 
 @given(st.floats(-20.0, 50.0), st.floats(10.0, 100.0), st.floats(50e3, 200e3))
-@settings(max_examples=100)
 def test_the_speed_of_sound_is_that_of_the_real_gas(celsius, humidity, pressure_pa):
     """Heat capacities of the molecules and second virial coefficients, nothing fitted."""
     assume(_air_water_share(celsius, humidity, pressure_pa) <= 0.08)

@@ -67,6 +67,7 @@ def residual_rms(model, drive, place):
 TINYLEV = dataclasses.replace(MODEL, array=LAYOUTS["tinylev"].array())
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("model", [AcousticModel.default(8, 8), TINYLEV], ids=["8x8", "tinylev"])
 @given(bits=st.integers(1, 3), seed=seeds)
 @settings(max_examples=6)
@@ -107,9 +108,9 @@ def assert_on_target(result, target):
 # --- acquisition
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("bits", [3, 5, 8])
 @given(target=hemisphere_targets())
-@settings(max_examples=60)
 def test_any_point_of_the_papers_hemisphere_is_found_without_a_hint(shared, bits, target):
     shared.reset()
     result = shared.reconstruct(drive_for(MODEL, target, bits))
@@ -198,7 +199,6 @@ def test_small_steps_are_followed_and_jumps_are_searched(cold):
 
 
 @given(hemisphere_targets(), hemisphere_targets())
-@settings(max_examples=25)
 def test_history_does_not_change_the_answer(shared, first, second):
     shared.reset()
     alone = shared.reconstruct(drive_for(MODEL, second))
@@ -439,7 +439,6 @@ def test_a_coarse_drive_counts_by_its_own_resolution(cold):
 
 
 @given(st.sampled_from([2, 4, 6]), hemisphere_targets(), st.booleans())
-@settings(max_examples=25)
 def test_a_correct_drive_is_never_refused_on_symmetry_planes(shared, bits, target, diagonal):
     """There few residuals are independent, so their RMS may come near half a step."""
     target[1] = target[0] if diagonal else 0.0

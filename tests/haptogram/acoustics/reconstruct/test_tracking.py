@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import (
@@ -32,7 +32,6 @@ def codes_of(model, target, bits=8):
 
 
 @given(target=targets(), seed=seeds)
-@settings(max_examples=50)
 def test_a_warm_fit_is_the_fit_of_the_reference(tracker, target, seed):
     offset = np.random.default_rng(seed).normal(size=3)
     start = target + 0.004 * offset / np.linalg.norm(offset)
@@ -49,7 +48,6 @@ def test_a_warm_fit_is_the_fit_of_the_reference(tracker, target, seed):
 
 
 @given(target=targets(lateral=0.15, low=0.03, high=0.6))
-@settings(max_examples=80)
 def test_without_a_hint_the_focus_is_found(tracker, target):
     codes = codes_of(BOARD, target)
     fix = tracker.acquire(codes)
@@ -89,7 +87,6 @@ def test_a_line_keeps_the_coordinate_that_it_cannot_see():
 
 
 @given(seeds, st.integers(0, 255))
-@settings(max_examples=15)
 def test_phases_that_no_point_explains_say_so(tracker, seed, element):
     rng = np.random.default_rng(seed)
     noise = tracker.acquire(rng.integers(0, 256, 256).astype(np.uint8))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, TransducerArray, focus_phases, quantise_phase
@@ -21,7 +21,6 @@ def assert_follows_the_law(model, bits, targets, codes):
 
 
 @given(models(grids(1, 10)), st.integers(1, 8), seeds, st.integers(1, 30))
-@settings(max_examples=40)
 def test_codes_follow_the_law(model, bits, seed, count):
     rng = np.random.default_rng(seed)
     shift = rng.uniform(-2, 2, 3)

@@ -43,7 +43,6 @@ def nearby(seed, distance=0.004):
 
 
 @given(models(), targets())
-@settings(max_examples=25)
 def test_focus_phases_are_minus_k_r(model, target):
     expected = [-model.wavenumber * math.dist(target, p) for p in model.array.positions_m]
     assert focus_phases(model, target) == pytest.approx(expected, rel=1e-14)
@@ -51,7 +50,6 @@ def test_focus_phases_are_minus_k_r(model, target):
 
 
 @given(targets(), targets(), finite_angles)
-@settings(max_examples=25)
 def test_superposition_is_the_sum_of_the_single_foci(first, second, lag):
     single = np.exp(1j * focus_phases(MODEL, [first, second]))
     weights = superpose_foci(MODEL, [first, second], [0.5, 0.25], [lag, 0.0])
@@ -141,7 +139,6 @@ def test_wrapping_keeps_the_angle_and_stays_within_half_a_turn(angles):
 
 
 @given(targets(), seeds, finite_angles)
-@settings(max_examples=40)
 def test_exact_phases_give_the_target_back(target, seed, common):
     """Any common phase; the focal shift of |p| plays no part."""
     phases = focus_phases(MODEL, target) + common
@@ -154,7 +151,6 @@ def test_exact_phases_give_the_target_back(target, seed, common):
 
 @pytest.mark.parametrize("bits", [4, 5, 8])
 @given(targets(), seeds)
-@settings(max_examples=40)
 def test_rounded_phases_stay_within_the_bound(bits, target, seed):
     """In the symmetry planes too, where the errors are correlated and 4 sigma does not hold."""
     fit = fit_focus(MODEL, quantised(MODEL, target, bits), target + nearby(seed), phase_bits=bits)
@@ -191,7 +187,6 @@ def test_spread_and_bound_follow_from_how_the_fit_answers_each_element(array, ta
 
 
 @given(targets(), seeds)
-@settings(max_examples=15)
 def test_the_common_phase_leaves_residuals_of_mean_zero(target, seed):
     """The least-squares mean, not that of the phasors: with lopsided errors they differ."""
     rng = np.random.default_rng(seed)
@@ -211,7 +206,6 @@ def test_scatter_of_random_targets_is_that_of_the_cramer_rao_bound():
 
 
 @given(targets(), seeds)
-@settings(max_examples=25)
 def test_residuals_of_rounded_phases_span_at_most_one_step(target, seed):
     """S1: around the target, the half-range of the residual is at most pi / 2^b."""
     residual = wrapped_phases(quantised(MODEL, target, 8) + MODEL.wavenumber * distances(target))
@@ -227,7 +221,6 @@ def distances(target):
 
 
 @given(targets(), seeds)
-@settings(max_examples=25)
 def test_silent_elements_are_left_out(target, seed):
     rng = np.random.default_rng(seed)
     active = rng.uniform(size=256) < 0.5
@@ -239,7 +232,6 @@ def test_silent_elements_are_left_out(target, seed):
 
 
 @given(targets(), seeds)
-@settings(max_examples=25)
 def test_an_inverted_element_shows_and_moves_the_fit_little(target, seed):
     phases = focus_phases(MODEL, target)
     phases[seed % 256] += math.pi
@@ -254,7 +246,6 @@ def test_an_inverted_element_shows_and_moves_the_fit_little(target, seed):
 
 
 @given(targets(), seeds)
-@settings(max_examples=25)
 def test_an_offset_of_1_mm_is_measured(target, seed):
     rng = np.random.default_rng(seed)
     offset = rng.normal(size=3)
@@ -266,7 +257,6 @@ def test_an_offset_of_1_mm_is_measured(target, seed):
 
 @pytest.mark.parametrize(("faster", "low_mm", "high_mm"), [(-3.2, -2.45, -1.0), (0.8, 0.25, 0.65)])
 @given(targets(lateral=0.04, low=0.06, high=0.14))
-@settings(max_examples=20)
 def test_a_wrong_sound_speed_shows_as_a_wrong_depth(faster, low_mm, high_mm, target):
     """The fit sees drives made for another speed, in m/s, off along the ray."""
     other = MODEL.with_sound_speed(MODEL.medium.sound_speed_m_s + faster)
@@ -287,7 +277,6 @@ def test_a_wrong_pitch_shows_as_a_wrong_depth():
 
 
 @given(targets(low=0.06), seeds)
-@settings(max_examples=25)
 def test_a_line_of_elements_cannot_tell_y_from_z(target, seed):
     line = AcousticModel.default(128, 1)
     target = target + np.array([0.0, 0.002, 0.0]) * (target[1] == 0.0)
@@ -319,7 +308,6 @@ def test_observability_on_the_axis(nx, ny, observable):
 
 
 @given(grids(3, 8), targets(low=0.05, high=0.15))
-@settings(max_examples=25)
 def test_small_planar_arrays_observe_everything(array, target):
     model = AcousticModel(array, Medium.air(), MODEL.transducer)
     fit = fit_focus(model, focus_phases(model, target), target, phase_bits=8)

@@ -42,7 +42,6 @@ FREE = AcousticModel(
     GRID.transducer,
 )
 MODELS = st.sampled_from(["grid", "free"]).map({"grid": GRID, "free": FREE}.get)
-FEW = settings(max_examples=10)
 near = targets(lateral=0.04, low=0.05, high=0.15)
 
 
@@ -50,7 +49,6 @@ def codes_of(model, target):
     return quantise_phase(focus_phases(model, target), 8)
 
 
-@FEW
 @given(MODELS, poses(), near, near, st.floats(-3.0, 3.0))
 def test_phases_and_weights_stay(model, pose, target, other, lag):
     moved, places = pose.model(model), pose.points([target, other])
@@ -67,7 +65,6 @@ def test_phases_and_weights_stay(model, pose, target, other, lag):
     assert np.abs(miss).max() <= 0.51
 
 
-@FEW
 @given(MODELS, poses(), near, seeds)
 def test_fits_turn_with_the_array(model, pose, target, seed):
     """The reference to a nanometre; the compiled one, in single precision, to two micrometres."""
@@ -86,7 +83,6 @@ def test_fits_turn_with_the_array(model, pose, target, seed):
     )
 
 
-@FEW
 @given(MODELS, poses(), near)
 def test_peaks_turn_with_the_array(model, pose, target):
     moved, place = pose.model(model), pose.points(target)

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.solver_comparison import compare_solvers
@@ -51,7 +51,6 @@ def test_one_focus_gets_the_conjugate_phases(method):
 
 @pytest.mark.parametrize("method", METHODS)
 @given(seed=seeds, count=st.integers(2, 8))
-@settings(max_examples=10)
 def test_magnitudes_never_exceed_one(method, seed, count):
     weights = solve_foci(BOARD, spread_foci(seed, count), method=method, rounds=10)
     assert weights.shape == (256,)
@@ -61,7 +60,6 @@ def test_magnitudes_never_exceed_one(method, seed, count):
 
 
 @given(seeds, st.integers(2, 12))
-@settings(max_examples=15)
 def test_the_weighted_solver_evens_out_what_the_plain_one_leaves(seed, count):
     foci, ones = spread_foci(seed, count), np.ones(count)
     plain = solver_quality(BOARD, solve_foci(BOARD, foci, method="gs", rounds=60), foci, ones)
@@ -120,7 +118,6 @@ def test_the_gradient_is_the_derivative_of_the_misfit(monkeypatch):
 
 
 @given(seeds, st.integers(1, 32), st.integers(1, 60))
-@settings(max_examples=20)
 def test_the_compiled_solver_follows_the_reference(seed, count, rounds):
     foci = spread_foci(seed, count)
     matrix, ones = propagators(BOARD, foci), np.ones(count)

@@ -37,7 +37,6 @@ def some_foci(seed):
 
 @pytest.mark.parametrize("method", ORACLES)
 @given(seed=seeds, rounds=st.integers(1, 6))
-@settings(max_examples=12)
 def test_a_solver_does_what_its_paper_says(method, seed, rounds):
     foci, wanted = some_foci(seed)
     start = superpose_foci(MODEL, foci, wanted, np.zeros(len(foci)))
@@ -52,7 +51,6 @@ def test_a_solver_does_what_its_paper_says(method, seed, rounds):
 
 
 @given(seeds)
-@settings(max_examples=20)
 def test_the_measures_are_those_of_the_paper(seed):
     foci, wanted = some_foci(seed)
     rng = np.random.default_rng(seed)

@@ -1,6 +1,6 @@
 """The clock over ports that keep to their baud rate, and over those that do not."""
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel
@@ -28,7 +28,6 @@ def error_us(port, driver):
     return abs(driver.clock.to_device_us(port.now_ns()) - truth_us)
 
 
-@settings(max_examples=12)
 @given(st.lists(st.integers(0, 4_000), max_size=300), st.sampled_from([None, 3_000_000, 500_000]))
 def test_a_line_without_a_pace_never_breaks_the_stated_error(stalls_us, line_baud):
     """The host reckons with 500 kbaud; the line may be faster, as a pseudo-terminal is."""

@@ -4,7 +4,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError
@@ -150,7 +150,6 @@ def dumps(draw):
     return "\n".join(lines) + "\n", {f"D{n}": (False, at[n][1:]) for n in range(count)}
 
 
-@settings(max_examples=40)
 @given(dumps(), st.integers(20, 200), st.randoms())
 def test_a_dump_is_read_in_chunks_of_any_size_and_cut_anywhere(
     tmp_path_factory, dump, size, random

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 pytest.importorskip("mcap")
@@ -375,7 +375,6 @@ def test_an_interrupt_waits_until_an_entry_is_whole(
     assert (recording.is_whole, recording.note) == (True, "")
 
 
-@settings(max_examples=40)
 @given(data=st.data())
 def test_any_damage_is_a_result_or_the_one_error(data, tmp_path_factory):
     folder = tmp_path_factory.mktemp("damage")

@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError
@@ -51,7 +51,6 @@ def fault_texts(draw):
 # --- text and TOML -----------------------------------------------------------------------------
 
 
-@settings(max_examples=40)
 @given(st.lists(fault_texts(), max_size=4), st.integers(0, 2**64 - 1))
 def test_a_plan_can_be_pasted_back_as_text_and_as_toml(texts, seed):
     plan = FaultPlan.parse(texts, seed)

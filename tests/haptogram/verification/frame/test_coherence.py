@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, focus_phases
@@ -14,7 +14,6 @@ from latched_drives import field_of, intend, registers, working_volume
 MODEL = AcousticModel.default()
 
 
-@settings(max_examples=15)
 @given(working_volume(), st.integers(0, 255), st.sampled_from([8, 6, 5]))
 def test_a_dead_element_is_missing_from_the_coherence(target, element, bits):
     """It is measured by the intended amplitudes: what is silent takes its share away."""

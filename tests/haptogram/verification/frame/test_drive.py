@@ -40,6 +40,7 @@ def without_board(frame):
     )
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("tolerance", [None, Tolerance(miss_mm=0.6, temperature_c=2.0)])
 @pytest.mark.parametrize("name", DRIVES)
 def test_a_drive_has_the_verdict_of_its_frame(name, tolerance):
@@ -61,6 +62,7 @@ def of_host(model, foci, solver, away_m, faster):
     return frame_weights(host, other, solver)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("foci", "solver"), [((Focus(TARGET),), "naive"), (PAIR, "naive"), (PAIR, "wgs")]
 )
@@ -88,6 +90,7 @@ def test_a_tolerated_host_is_found_where_a_miss_hardly_shows():
         assert found.status is FrameStatus.NOT_VERIFIED, (foci, away_m)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("bits", range(3, 17))
 def test_every_resolution_is_judged_by_its_own_step(bits, tmp_path):
     """Codes are rounded here; the same fault is named whatever its size in radians."""

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import (
@@ -29,7 +29,6 @@ from latched_drives import codes, drive_of, field_of, intend, registers, seen, w
 MODEL = AcousticModel.default()
 JUDGE = FrameJudge(MODEL, carrier_us=25)
 TARGET = (0.013, -0.021, 0.11)
-few = settings(max_examples=15)
 
 
 def judge(intended, drive=None, **changes):
@@ -137,6 +136,7 @@ def test_a_board_that_computes_may_round_a_faint_element_to_nothing():
 # --- Other air -----------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(("host_c", "board_c", "sign"), [(20, 25, -1.0), (25, 20, 1.0)])
 @pytest.mark.parametrize("height_m", [0.05, 0.1, 0.15, 0.2, 0.25])
 @pytest.mark.parametrize("bits", [8, 6])
@@ -165,7 +165,6 @@ def test_other_air_fails_a_run_with_its_error_in_mm():
 # --- Misses --------------------------------------------------------------------------------------
 
 
-@few
 @given(
     working_volume(),
     st.floats(2.01, 40.0),
@@ -187,7 +186,6 @@ def test_a_miss_beyond_the_smallest_is_never_on_target(target, factor, angle, he
 # --- The board's arithmetic ----------------------------------------------------------------------
 
 
-@few
 @given(working_volume(), st.integers(0, 2**32 - 1), st.sampled_from([1.0, 0.5, 0.1]))
 def test_a_board_that_computes_may_round_amplitudes_its_own_way(target, seed, level):
     weights = level * np.exp(1j * focus_phases(MODEL, target))
@@ -228,7 +226,6 @@ def test_the_bound_that_is_reported_holds_the_allowance():
 # --- Several foci --------------------------------------------------------------------------------
 
 
-@few
 @given(working_volume(), st.floats(-math.pi, math.pi), st.sampled_from([8, 6, 5]))
 def test_several_foci_of_phases_only_are_judged_at_full_amplitude(target, phase_rad, bits):
     points = [target, (-0.03, 0.015, 0.1)]

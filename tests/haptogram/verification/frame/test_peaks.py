@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.acoustics import AcousticModel, focus_phases, pressure
@@ -17,7 +17,6 @@ from haptogram.verification.frame.peaks import (
 )
 from latched_drives import field_of, registers, working_volume
 
-few = settings(max_examples=15)
 bits_of_phases = st.sampled_from([8, 6, 5])
 # Half the beam is about 2 rad wide: the grid holds the main lobe and nothing of the next.
 REACH_RAD = 1.0
@@ -43,7 +42,6 @@ def apart_rad(one, other, direction):
     return direction.length_rad((one - other) @ direction.axes)
 
 
-@few
 @given(working_volume(), bits_of_phases)
 def test_the_peak_climbed_to_is_the_loudest_point_of_a_grid(target, bits):
     model = AcousticModel.default()
@@ -69,6 +67,7 @@ def test_the_peak_sits_where_diffraction_puts_it(height_m, shift_mm):
     assert 1e3 * found[0] == pytest.approx(shift_mm, abs=0.2)
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("side", [8, 12, 16])
 @pytest.mark.parametrize("fresnel_number", [1.0, 2.0, 3.0, 5.0])
 @pytest.mark.parametrize("bits", [8, 5])
@@ -99,7 +98,6 @@ def test_the_peak_of_a_small_array_far_below_its_target_is_found():
     assert line[loudest] == pytest.approx(along.place_m, abs=1e-4)
 
 
-@few
 @given(working_volume(), st.integers(0, 2**32 - 1))
 def test_the_response_is_that_of_the_peak_to_small_errors_of_the_phases(target, seed):
     model = AcousticModel.default()
@@ -121,7 +119,6 @@ def test_a_phase_that_all_share_moves_no_peak():
         assert np.linalg.norm(peak.offset_m(model, turned)) < 3e-6
 
 
-@few
 @given(working_volume(), st.sampled_from([0, 1]), bits_of_phases)
 def test_the_worst_rounding_stays_within_the_limit_and_reaches_it(target, which, bits):
     model = AcousticModel.default()
@@ -137,7 +134,6 @@ def test_the_worst_rounding_stays_within_the_limit_and_reaches_it(target, which,
         assert moved >= 0.7 * peak.rounding_m[axis] - 8e-6
 
 
-@few
 @given(working_volume(), st.sampled_from([0, 1]), st.sampled_from([-1.0, 1.0]), bits_of_phases)
 def test_a_miss_of_twice_the_limit_is_seen_by_the_pressure_alone(target, which, sign, bits):
     model = AcousticModel.default()

@@ -91,6 +91,7 @@ APERTURES = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", APERTURES)
 @pytest.mark.parametrize("bits", [8, 6])
 def test_part_of_the_aperture_and_tapers_are_judged_by_what_was_intended(name, bits):
@@ -119,6 +120,7 @@ def turned(model, rotation, shift):
     return dataclasses.replace(model, array=moved)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(6))
 def test_a_moved_and_turned_array_is_judged_like_the_same_array_in_its_place(seed):
     rng = np.random.default_rng(seed)

@@ -75,6 +75,7 @@ NAMES = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", [kind for kind in FAULT_KINDS if is_transducer_fault(kind)])
 def test_every_fault_of_the_output_is_named_or_lies_outside_of_the_capture(kind, tmp_path):
     run = captured_run(tmp_path / "pins.vcd", faults=[f"{kind} transducer=3"])
@@ -96,6 +97,7 @@ def test_every_fault_of_the_output_is_named_or_lies_outside_of_the_capture(kind,
     assert whole.run.verdict is Verdict.FAIL
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("late_us", [75.0, 150.0])
 def test_a_torn_latch_is_a_failure_of_its_own(late_us, tmp_path):
     late = tuple(f"{pin}={late_us}" for pin in range(8, 16))
@@ -178,6 +180,7 @@ def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
     assert line.startswith("element 4 fall")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("late_us", "frames", "elements"),
     [(400, (1, 19, 23), range(16)), (700, (4, 9), range(40, 56))],
@@ -196,6 +199,7 @@ def test_a_late_frame_is_judged_from_its_latch_on(late_us, frames, elements, tmp
         assert (pins.findings, pins.counts["late"], pins.counts["right"]) == ({}, 1, 24), frame
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("periods", [5.5, 9, 18])
 def test_a_last_frame_that_a_mute_cuts_short_is_judged_while_it_sounds(periods, tmp_path):
     """It lasts 40 periods, of which 20 are judged."""
@@ -248,6 +252,7 @@ def with_mute(record, arrival):
     return dataclasses.replace(record, to_board=LineBytes(np.frombuffer(data, np.uint8), times))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("before", "finding"),
     [(-0.9, None), (0.5, None), (1.5, "still on"), (80.0, "2000 µs after MUTE arrived")],
@@ -290,6 +295,7 @@ def test_a_ramp_to_silence_is_no_torn_mute(tmp_path):
     assert pins.not_judged == {"mute": "the output fades to silence (a ramp)"}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("fault", ["frame.crc p=0.2", "line.truncate p=0.2", "line.disconnect"])
 def test_frames_that_never_latched_are_those_of_the_back_door(fault, tmp_path):
     run = captured_run(tmp_path / "pins.vcd", frames=30, faults=[f"{fault} from=20ms"])

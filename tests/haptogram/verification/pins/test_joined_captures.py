@@ -161,6 +161,7 @@ OF_PARTS = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("fault", OF_PARTS)
 def test_what_is_wrong_with_one_of_two_captures_decides_their_verdict(fault, tmp_path):
     faults, parts, verdict = OF_PARTS[fault]

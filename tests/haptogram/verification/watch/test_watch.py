@@ -41,6 +41,7 @@ def named(result):
 # --- expectation ---------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("board", BOARDS)
 def test_right_foci_are_on_target(board):
     array, steps = LAYOUTS[board].array(), BOARDS[board]
@@ -154,6 +155,7 @@ def frame_of_ultraino(array, places):  # noqa: ARG001  of one form
 MISTAKES = {mirrored: Defect.ORDER, transposed: Defect.ORDER, frame_of_ultraino: Defect.AXES}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("board", ["interactlab", "ultraino-flat8"])
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.__name__)
 def test_a_mistake_of_the_client_is_named(board, mistake):
@@ -208,6 +210,7 @@ def test_foci_in_place_whose_codes_are_cut_off_are_a_hint_at_tolerances():
     assert run.result().hints == ()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("board", ["sonicsurface", "ultraino-flat8", "sonicsurface-stack"])
 def test_phases_of_the_opposite_sign_are_named_from_one_target_on(board):
@@ -461,6 +464,7 @@ def test_an_expected_focus_is_looked_for_where_it_is_expected(steps):
         assert run.take(seen).verdict.status is FrameStatus.ON_TARGET
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("radius_m", [0.008, 0.011, 0.014])
 def test_a_focus_of_bowls_is_found_without_being_expected(radius_m):
     array = LAYOUTS["tinylev"].array()

@@ -67,6 +67,7 @@ def test_a_pattern_is_named_and_placed(board, kind):
             assert (off <= 1.1 * np.array(found.bound_m) + 1e-6).all()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("board", ["sonicsurface", "interactlab"])
 def test_several_foci_are_counted_and_placed(board):
     rng = np.random.default_rng(5)
@@ -238,6 +239,7 @@ SIZES = sorted(
 )
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("count", "steps"), SIZES)
 def test_few_elements_and_few_steps_name_a_focus_and_never_chance(count, steps):
     rows = max(n for n in range(1, 17) if count % n == 0)
