@@ -61,6 +61,7 @@ def c_board(programs):
     board.close()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("machine", [{}, {"late_us": 0}], ids=["alone", "transducers"])
 def test_the_c_board_answers_as_every_dialogue_says(programs, machine):
     """With transducers it ends if it radiates another drive than it loaded ahead."""

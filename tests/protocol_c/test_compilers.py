@@ -20,6 +20,7 @@ def built(request, tmp_path_factory):
     return folder
 
 
+@pytest.mark.sampled(1)
 def test_the_board_answers_as_every_dialogue_says(built):
     board = CBoard(built)
     for dialogue in vectors("dialogues.json"):

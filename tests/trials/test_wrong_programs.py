@@ -38,6 +38,7 @@ def run(program: Program, folder: Path, capsys) -> tuple[int, str]:
     return main([command, str(folder / "program.bin"), *words]), capsys.readouterr().out
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("program", [RIGHT, RIGHT_PAIR], ids=["one board", "two boards"])
 def test_the_right_program_passes(program, tmp_path, capsys):
     assert run(program, tmp_path, capsys)[0] == 0

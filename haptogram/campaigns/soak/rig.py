@@ -154,7 +154,7 @@ class SoakRig:
         while nonce == self._board.session:
             nonce = self._source.randint(1, 0xFFFF)
         host = SoakHost(nonce, self.up, self.tally)
-        self.link = Link(self, host, baudrate=BAUD, timeout_s=_TIMEOUT_S)
+        self.link = Link(self, host, baudrate=BAUD, timeout_s=_TIMEOUT_S, keep=0)
         self.link.handler = self._take
         self.pinger = Pinger(self.link, self.clock)
         self.down.begin_session()

@@ -226,6 +226,7 @@ def test_a_picture_says_what_it_is_of_and_where_and_marks_target_and_peak():
     assert [float(line.get_xdata()[0]) for line in elsewhere.lines[:2]] == [20.0, 20.0]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("up_m", [(0.04, 0.14), (0.005, 0.06), (0.005, 0.70)])
 def test_nothing_of_a_picture_is_cut_whatever_the_shape_of_its_plane(up_m):
     plane = PicturePlane("xz", TARGET, (-0.06, 0.06), up_m, 5e-3)

@@ -92,6 +92,7 @@ CASES = [
 ]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("place", "name"), CASES)
 def test_every_run_gives_every_picture(place: str, name: str) -> None:
     svg = embed_picture(PICTURES[name](*scene(place)), name).svg
@@ -112,6 +113,7 @@ def test_the_same_run_gives_the_same_picture(good_run: RunVerdict, model: Acoust
     assert svg == again
 
 
+@pytest.mark.nightly
 def test_many_points_become_pixels(model: AcousticModel) -> None:
     few, many = (make_run(model, targets(count)) for count in (300, 600))
     sizes = [len(embed_picture(pictures.draw_run_foci(run, model), "").svg) for run in (few, many)]

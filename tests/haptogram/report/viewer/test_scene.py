@@ -111,6 +111,7 @@ def test_texts_are_those_of_the_first_500_frames_that_want_attention() -> None:
     assert header["texts"]["1"] == "late"
 
 
+@pytest.mark.nightly
 def test_a_hemisphere_is_small() -> None:
     model = AcousticModel.default()
     run = make_run(model, targets(672), min_verified=1.0)
