@@ -105,7 +105,6 @@ def test_several_foci_in_air_within_the_tolerance_pass_and_beyond_it_fail(solver
     assert set(statuses.values()) == {FrameStatus.ON_TARGET}, statuses
 
 
-@few
 @given(st.floats(-0.9, 0.9), st.floats(1e-3, 0.05), st.floats(-1.0, 1.0), st.integers(0, 2**32 - 1))
 def test_an_element_that_nearly_the_same_air_turns_by_much_is_not_at_fault(
     share, width, away, seed
