@@ -12,7 +12,7 @@ from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches_if_supported, latches_received_from_board
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, CaseEndedError, check, fail, require
+from ...outcome import SELF_REPORTED, check, fail, named, require
 
 _STALE: Final = 0x0F0F
 _AHEAD_US: Final = 400_000
@@ -162,10 +162,8 @@ def frames_to_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> tuple[in
 def _drop_case(drop: Drop) -> Case:
     def body(board: BoardClient) -> None:
         for kind in stream_kinds(board):
-            try:
+            with named(kind.name):
                 judge_drop(board, drop, kind)
-            except CaseEndedError as error:
-                raise CaseEndedError(error.behaviour, f"{kind.name}: {error}") from None
 
     summary = f"frames {drop.summary}, of every message and format, are counted in {drop.counter}"
     return Case(drop.clause, summary, body, "types", evidence=SELF_REPORTED)

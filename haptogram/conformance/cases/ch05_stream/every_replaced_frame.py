@@ -17,6 +17,7 @@ from ...client.latching import (
     latch_now,
     latches_received_from_board,
     send_to_arrive_at,
+    time_for_frames,
 )
 from ...client.playback import PERIOD_US, play_now, send_phases_that_fit
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
@@ -30,6 +31,7 @@ _TURNS_AT_WALL: Final = 2
 _WINDOW_US: Final = 100_000
 _LONGEST: Final = 4096
 _COUNTERS: Final = ("accepted", "flushed", "dropped_order", "latched")
+_ONE_LATCHED: Final = {"accepted": 1, "flushed": 0, "dropped_order": 0, "latched": 1}
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,11 +99,9 @@ def _judge_orders(
     kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
     messages = [[next(kinds).make() for _ in order.ranks] for order in orders]
     every = [message for some in messages for message in some]
-    points = sum(map(points_of_stream_kind, every))
     board.arm_anew()
     since, before, due = board.link.mark(), board.status().counters, {}
-    size = sum(len(message.serialize()) + 20 for message in every)
-    start_us = board.clock.soon_us(bytes(size), points=points)
+    start_us = time_for_frames(board, every)
     last_us = start_us + _STEP_US * len(orders)
     if last_us > board.clock.device_us() + board.identity.max_horizon_us:
         _judge_shorter_burst(board, orders, turn, mode)
@@ -177,13 +177,11 @@ def frames_with_defects_replace_no_frame(board: BoardClient) -> None:
                 board.link.send(wire)
                 wrong += 1
         board.clock.wait_until(t_us + _STEP_US)
-        counted = board.counted_since(before)
-        got = tuple(counted[name] for name in _COUNTERS)
-        text = f"{kind.name} queued, and {wrong} frames with a defect for its carrier period: "
-        check(got == (1, 0, 0, 1), f"{text}{', '.join(_COUNTERS)} count {got}, due 1, 0, 0, 1")
+        text = f"{kind.name} queued, and {wrong} frames with a defect for its carrier period"
+        board.check_counted(before, text, _ONE_LATCHED)
         if mode is not TraceMode.OFF:  # its codes are judged by the rules of every frame
             seen = [latch.index for latch in latches_received_from_board(board, since, mode)]
-            check(seen[-1:] == [index], f"{text}latched is {seen[-1:]}, due is {index}")
+            check(seen[-1:] == [index], f"{text}: latched is {seen[-1:]}, due is {index}")
 
 
 # --- What a replaced frame leaves behind -------------------------------------------------------
@@ -246,10 +244,8 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
         check_equal(before.queued, 0, f"{before.queued} frames wait behind {name}")
         board.link.stream(board.flat_phases(), t_us - 2 * apart_us)
         board.clock.wait_until(t_us + _STEP_US)
-        counted = board.counted_since(before.counters)
-        got = tuple(counted[counter] for counter in _COUNTERS)
-        text = f"frames for one carrier period, {name}, and one for before them: "
-        check(got == (1, 0, 0, 1), f"{text}{', '.join(_COUNTERS)} count {got}, due 1, 0, 0, 1")
+        text = f"frames for one carrier period, {name}, and one for before them"
+        board.check_counted(before.counters, text, _ONE_LATCHED)
 
 
 # --- Late frames -------------------------------------------------------------------------------
@@ -289,12 +285,11 @@ def _judge_late_pair(
     since, before = board.link.mark(), board.status().counters
     send_to_arrive_at(board, came_us, b"".join(wires))
     board.clock.wait_until(latches[1] + carrier_us)
-    counted = board.counted_since(before)
     replaced = latches[0] == latches[1]
-    due = (2, int(replaced), 2 - replaced, (not replaced) + is_late)
-    got = tuple(counted[name] for name in ("accepted", "flushed", "latched", "late"))
+    due = {"accepted": 2, "flushed": int(replaced), "latched": 2 - replaced}
+    due["late"] = (not replaced) + is_late
     text = f"{kinds[0].name}, late, then {kinds[1].name}, {'late' if is_late else 'in time'}"
-    check(got == due, f"{text}: accepted, flushed, latched, late count {got}, due are {due}")
+    board.check_counted(before, text, due)
     seen = latches_received_from_board(board, since, mode)
     marks = [latch.late for latch in seen if latch.index >= number]
     wanted = [is_late] if replaced else [True, is_late]

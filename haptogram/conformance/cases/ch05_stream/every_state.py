@@ -15,7 +15,7 @@ from ...client.latching import latch_now
 from ...client.playback import play_later, play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...judge.timers import judge_status_period
-from ...outcome import SELF_REPORTED, CaseEndedError, check_equal
+from ...outcome import SELF_REPORTED, check_equal, named
 from .every_drop import DROPS
 
 _MS: Final = 1000
@@ -76,16 +76,13 @@ def no_other_state_takes_stream_frames(board: BoardClient) -> None:
         bring()
         t_us = board.clock.soon_us(bytes(2000))
         messages = [kind.make() for kind in (kinds if board.thorough else kinds[:1])]
-        try:
-            with board.counting(dropped_state=2 * len(messages), latched=0):
-                for message in messages:
-                    board.link.stream(message)
-                    board.link.stream(message, t_us)
-                board.clock.wait_latched()
-                queued = board.status().queued
-                check_equal(queued, 0, f"{queued} frames are queued")
-        except CaseEndedError as error:
-            raise CaseEndedError(error.behaviour, f"{name}: {error}") from None
+        with named(name), board.counting(dropped_state=2 * len(messages), latched=0):
+            for message in messages:
+                board.link.stream(message)
+                board.link.stream(message, t_us)
+            board.clock.wait_latched()
+            queued = board.status().queued
+            check_equal(queued, 0, f"{queued} frames are queued")
         board.link.ask(Mute())
 
 
@@ -104,12 +101,9 @@ def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
                 board.arm()
                 bring()  # anew: on a slow line its timers would end meanwhile
                 wires = board.within_timers(drop.frames(board, kind, 0))
-                try:
-                    with board.counting(**{drop.counter: len(wires)}, latched=0, accepted=0):
-                        board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
-                except CaseEndedError as error:
-                    text = f"{name}, {kind.name} {drop.summary}: {error}"
-                    raise CaseEndedError(error.behaviour, text) from None
+                counts = {drop.counter: len(wires), "latched": 0, "accepted": 0}
+                with named(f"{name}, {kind.name} {drop.summary}"), board.counting(**counts):
+                    board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
         board.link.ask(Mute())
 
 

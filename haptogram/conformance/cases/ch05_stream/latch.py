@@ -15,6 +15,7 @@ from ...client.latching import (
     full_client_drive,
     latch_now,
     latches_received_from_board,
+    queue_frames,
 )
 from ...judge.witness import JudgeWitness
 from ...outcome import SELF_REPORTED, check, check_equal, fail
@@ -166,8 +167,7 @@ def immediate_frames_flush_the_queue(board: BoardClient) -> None:
     t_us = board.clock.soon_us(board.bytes_of_frames(4), ahead_us=50_000)
     board.require_hold(t_us + 5000 - board.clock.device_us(), "a slow line")
     with board.counting(flushed=3, latched=1):
-        for number in range(3):
-            board.link.stream(board.flat_phases(), t_us + number * 1000)
+        queue_frames(board, t_us, 3)
         index = latch_now(board)
         got = board.status()
         check_equal(

@@ -64,7 +64,7 @@ from ...judge.events import (
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
 from ...judge.timers import judge_in_time
-from ...outcome import SELF_REPORTED, CaseEndedError
+from ...outcome import SELF_REPORTED, named
 from ..ch05_stream.every_drop import DROPS
 from ..ch05_stream.every_state import BEFORE_STATE
 from ..ch10_errors.every_refusal import (
@@ -315,10 +315,8 @@ def _effect_case(clause: str, variant: str, effects: tuple[Effect, ...]) -> Case
             board.need(effects[0].needs)
         send_phases_to_store_if_supported(board, STORED, frames=1)
         for situation in (*refusal_situations(board), Situation(SILENT)):
-            try:
+            with named(situation.name):
                 _judge_effects(board, some, situation)
-            except CaseEndedError as error:
-                raise CaseEndedError(error.behaviour, f"{situation.name}, {error}") from None
 
     first = effects[0].name + (" and others" if len(effects) > 1 else "")
     summary = f"{first}, in every state of output and playback: all else is as before"

@@ -22,7 +22,7 @@ from ...client.playback import (
     play_now,
     send_phases_to_store_if_supported,
 )
-from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal
+from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, named
 from ...verdict import Behaviour
 from ..ch05_stream.every_drop import fill_queue
 
@@ -261,11 +261,8 @@ def _case_of_output_end(end: End) -> Case:
         for moment in _MOMENTS:
             if not board.has(moment.needs):
                 continue
-            try:
+            with named(f"{end.name} {moment.name}"):
                 _judge_end_of_output_in_time(board, end, moment)
-            except CaseEndedError as error:
-                text = f"{end.name} {moment.name}: {error}"
-                raise CaseEndedError(error.behaviour, text) from None
 
     summary = f"{end.name} while sounding, queued, fading, waiting and playing ends what it has to"
     needs = _PLAYS if end.event is OutputInput.STOP else Feature.CONFIG

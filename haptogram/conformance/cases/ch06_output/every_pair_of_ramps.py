@@ -14,7 +14,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now
 from ...client.playback import play_now, send_phases_to_store_if_supported
 from ...judge.timers import judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, CaseEndedError, check
+from ...outcome import SELF_REPORTED, check, named
 from ..ch12_timers.every_restart import SLOW_US
 
 _MS: Final = 1000
@@ -68,20 +68,15 @@ def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> 
     others = _OTHERS if board.has(Feature.SEQUENCE_PHASES) else _OTHERS[:1]
     ramp_ms = min(_LONG_RAMP_MS, _ramp_time_ms(board, length_ms))
     for other, is_hold_first, renewed in itertools.product(others, (True, False), renewed_by):
-        _judge_pair_of_timers(board, TimerPair(other, is_hold_first, ramp_ms, renewed))
+        pair = TimerPair(other, is_hold_first, ramp_ms, renewed)
+        with named(str(pair)):
+            _judge_end_of_ramp(board, pair)
 
 
 def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
     """Return a length of time, or a longer one on a slow line, or for a slow board."""
     slow_line, slow_board = board.wire.period_us(200), board.clock.ready_us(0)
     return length_ms * max(1, slow_line // _SLOW_LINE_US, -(-slow_board // _SLOW_LINE_US))
-
-
-def _judge_pair_of_timers(board: BoardClient, pair: TimerPair) -> None:
-    try:
-        _judge_end_of_ramp(board, pair)
-    except CaseEndedError as error:
-        raise CaseEndedError(error.behaviour, f"{pair}: {error}") from None
 
 
 def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
