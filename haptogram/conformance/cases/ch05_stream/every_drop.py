@@ -16,7 +16,6 @@ from ...outcome import SELF_REPORTED, check, fail, named, require
 
 _STALE: Final = 0x0F0F
 _AHEAD_US: Final = 400_000
-_DEEPEST: Final = 512
 _LOW_FLAGS: Final = (1, 2, 4, 8, 15)
 _LONGEST: Final = 4000
 _LATEST_US: Final = 1 << 30  # behind the last in the queue: what is half a turn ahead has passed

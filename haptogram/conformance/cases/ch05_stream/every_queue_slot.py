@@ -18,14 +18,11 @@ from .every_drop import fill_queue
 
 _WINDOW_US: Final = 100_000
 _WAITING: Final = 3
-_SEQUENCE: Final = 5
-_DEEPEST: Final = 512
 _STEP_US: Final = 200
 _BATCH_US: Final = 300_000  # of the line, for frames that are sent at once
 _OVER_US: Final = 15_000  # beyond a power of two
 _LOOK_US: Final = 20_000
 _AHEAD_US: Final = 400_000
-_TRIES: Final = 3
 
 
 @case("HG-5.9/1-types", evidence=SELF_REPORTED, depth=Depth.DEFAULT)

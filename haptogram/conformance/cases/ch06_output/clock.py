@@ -16,7 +16,6 @@ from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _LIMIT_US: Final = 10
 _SAMPLES: Final = 24
-_SPARE_US: Final = 300  # of the host's estimate of the device clock
 _PAUSE_US: Final = 2000
 _AHEAD_US: Final = 1_000_000
 _AT_BOOT_US: Final = 2**32 - BOOT_US
