@@ -194,12 +194,19 @@ class SoakComparison:
         name = "muted too late" if too_late else "sounds when it is off"
         self._tally.violate("muted too early" if silent else name, f"at {t_ns // 1000} µs")
 
+    def count(self) -> None:
+        """Take down what the model has counted: what came, and what became of it."""
+        due, totals = self._model.counters, self._tally.totals
+        for name in ("accepted", "flushed", "duplicate", "repeated", "timeouts"):
+            totals[name] = due[name]
+        totals["board frames"], totals["request"] = due["frames"], due["requests"]
+        totals["muted by a timer"] = due["timeouts"]
+
     def compare_counters(self) -> None:
         """Compare the board's counters with the model's, and with the damage of the line."""
         totals = self._tally.totals
         damage = {name: totals[f"the board: {name}"] for name in DAMAGE}
         due = self._model.counters | damage | {"gap": totals["gap"]}
-        totals["muted by a timer"] = due["timeouts"]
         for name, count in self._board.counters.items():
             totals[f"counter {name}"] += count
             if count != due[name]:

@@ -80,6 +80,7 @@ def run_soak_segment(
         if not isinstance(error, Hopeless):
             tally.violate("no answer", f"{error}")
         tally.violate("given up", f"segment {number}: {error}")
+    rig.comparison.count()
     if excerpts is not None:
         excerpts.look(rig.now_ns())
         tally.excerpts = excerpts.found
@@ -247,7 +248,6 @@ class _SoakSegment:
         self._tally.totals["virtual ms"] += self._length_ns // _MS
         self._tally.totals["clock steps"] += self._stepped
         if self._jumps != self._stepped:
-            unseen = self._jumps < self._stepped
-            name = "clock step unseen" if unseen else "clock stepped by itself"
+            name = "clock stepped by itself" if self._jumps else "clock step unseen"
             self._tally.violate(name, f"the host noticed {self._jumps} steps")
         rig.comparison.compare_counters()
