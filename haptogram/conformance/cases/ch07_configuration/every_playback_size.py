@@ -183,10 +183,8 @@ def _judge_frames_of_long_playback(
         due = crcs.setdefault(stored[latch.index], latch.crc)
         check_equal(latch.crc, due, f"{name}: frame {latch.index} is latched as another one")
     different = len(set(crcs.values())) == len(crcs)
-    check(
-        different or board.identity.transducers < _TELLING,
-        f"{name}: frames that differ are latched as one",
-    )
+    text = f"{name}: frames that differ are latched as one"
+    check(different or board.identity.transducers < _TELLING, text)
 
 
 @case("HG-7.8/1-many", needs=Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)

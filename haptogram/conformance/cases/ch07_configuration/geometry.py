@@ -1,33 +1,51 @@
-"""HG-7.5: positions of the transducers."""
+"""HG-7.5, HG-8.6: positions of the transducers, and every span of them and of a drive."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
-from haptogram_protocol.messages import ErrorCode, GeometryReply, GetGeometry
+from haptogram_protocol.messages import (
+    DriveReply,
+    Element,
+    ErrorCode,
+    Feature,
+    GeometryReply,
+    GetGeometry,
+    ReadDrive,
+)
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...outcome import check, check_equal, require
+from ...client.capabilities import drive_kinds
+from ...client.latching import latch_now, read_back
+from ...client.stream_kinds import stream_kinds
+from ...outcome import SELF_REPORTED, check, check_equal, require
 
-_ELEMENTS: Final = 18
+_ELEMENTS_IN_FRAME: Final = (4075 - 14) // 18
+_HOUR_US: Final = 3_600_000_000
+
+
+def _judge_span(board: BoardClient, whole: Sequence[Element], first: int, asked: int) -> None:
+    """FAILED unless GET_GEOMETRY shows the elements of a span that *whole* shows."""
+    reply = board.link.call(GetGeometry(first, asked), GeometryReply)
+    count = board.identity.transducers
+    got = (reply.total, reply.first, len(reply.elements))
+    due = (count, first, min(asked, count - first, _ELEMENTS_IN_FRAME))
+    check(got == due, f"{asked} from {first}: (total, first, count) is {got}, due {due}")
+    known = tuple(whole[first : first + asked][: len(reply.elements)])
+    text = f"{asked} from {first}: others are shown than in a reply from 0 on"
+    check_equal(reply.elements[: len(known)], known, text)
 
 
 @case("HG-7.5/1")
 def shows_its_geometry(board: BoardClient) -> None:
     """GET_GEOMETRY of one, some and too many transducers shows those from first on"""
     count = board.identity.transducers
-    room = (4075 - 14) // _ELEMENTS
-    whole = board.link.call(GetGeometry(0, 0xFFFF), GeometryReply)
+    whole = board.link.call(GetGeometry(0, 0xFFFF), GeometryReply).elements
     for first in {0, 1, count // 2, count - 1} & set(range(count)):
         for asked in (0, 1, 5, 0xFFFF):
-            reply = board.link.call(GetGeometry(first, asked), GeometryReply)
-            got = (reply.total, reply.first, len(reply.elements))
-            due = (count, first, min(asked, count - first, room))
-            check(got == due, f"{asked} from {first}: (total, first, count) is {got}, due {due}")
-            known = whole.elements[first : first + asked]
-            text = f"transducer {first} and on are others than in a reply from 0 on"
-            check_equal(reply.elements[: len(known)], known, text)
+            _judge_span(board, whole, first, asked)
 
 
 @case("HG-7.5/2")
@@ -52,3 +70,40 @@ def geometry_is_the_grid(board: BoardClient) -> None:
         check(near, f"transducer {n} is at {got_um} µm, due by {grid} is {due_um}")
         normal = (element.nx, element.ny, element.nz)
         check_equal(normal, (0, 0, 32_767), f"the normal of transducer {n} is {normal}")
+
+
+def _spans_of_geometry(count: int) -> list[tuple[int, int]]:
+    """Return (first, count) at and around every edge of an array of *count*."""
+    firsts = {0, 1, count // 2, count - 1} & set(range(count))
+    counts = {0, 1, 2, count - 1, count, count + 1, 0xFFFF}
+    return sorted((first, number) for first in firsts for number in counts if number >= 0)
+
+
+@case("HG-7.5/1-spans")
+def every_span_of_the_geometry(board: BoardClient) -> None:
+    """GET_GEOMETRY of spans at and around every edge shows the elements that the whole shows"""
+    whole, total = board.read_geometry(), board.identity.transducers
+    for first, count in _spans_of_geometry(total):
+        _judge_span(board, whole, first, count)
+    for first in (total, 0xFFFF):
+        board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, total)
+
+
+@case("HG-8.6/1-spans", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
+def every_span_of_drive_and_geometry(board: BoardClient) -> None:
+    """READ_DRIVE of spans at and around every edge shows the codes that the whole shows"""
+    frame = stream_kinds(board)[-1].make()  # with amplitudes that differ, where it can
+    for kind in drive_kinds(board):
+        latched_us, total = -_HOUR_US, board.identity.transducers
+        for first, count in _spans_of_geometry(total):
+            if board.wire.now_us() - latched_us > 250 * board.config.hold_ms:
+                board.arm_anew()
+                latched_us = board.wire.now_us()
+                latch_now(board, frame)
+                whole = read_back(board, kind)
+            reply = board.link.call(ReadDrive(kind, first, count), DriveReply)
+            end = min(first + count, total)
+            due = whole.phases[first:end] + whole.amplitudes[first:end]
+            text = f"READ_DRIVE({kind.name}) of {count} from {first} shows other codes"
+            check_equal((reply.first, reply.data), (first, due), text)
+            check_equal(reply.key, whole.reply.key, f"READ_DRIVE from {first} names another latch")

@@ -153,7 +153,5 @@ def status_timers_pass_their_whole_lengths(board: BoardClient) -> None:
         header, _ = board.due_event(Status, since, (length_ms + 1000) * _MS, name)
         took_us = board.clock.unwrap(header.time_us) - start_us
         late_us = took_us - length_ms * _MS
-        check(
-            before_us - start_us - EXACT_US <= late_us <= EXACT_US,
-            f"status_period_ms = {length_ms}: STATUS after {took_us / _MS:.1f} ms",
-        )
+        text = f"status_period_ms = {length_ms}: STATUS after {took_us / _MS:.1f} ms"
+        check(before_us - start_us - EXACT_US <= late_us <= EXACT_US, text)
