@@ -1,4 +1,4 @@
-"""HG-7.5, HG-8.6: positions of the transducers, and every span of them and of a drive."""
+"""HG-7.5: positions of the transducers, and every span of them."""
 
 from __future__ import annotations
 
@@ -6,24 +6,17 @@ from collections.abc import Sequence
 from typing import Final
 
 from haptogram_protocol.messages import (
-    DriveReply,
     Element,
     ErrorCode,
-    Feature,
     GeometryReply,
     GetGeometry,
-    ReadDrive,
 )
 
 from ...case import case
 from ...client.board_client import BoardClient
-from ...client.capabilities import drive_kinds
-from ...client.latching import latch_now, read_back
-from ...client.stream_kinds import stream_kinds
-from ...outcome import SELF_REPORTED, check, check_equal, require
+from ...outcome import check, check_equal, require
 
 _ELEMENTS_IN_FRAME: Final = (4075 - 14) // 18
-_HOUR_US: Final = 3_600_000_000
 
 
 def _judge_span(board: BoardClient, whole: Sequence[Element], first: int, asked: int) -> None:
@@ -72,7 +65,7 @@ def geometry_is_the_grid(board: BoardClient) -> None:
         check_equal(normal, (0, 0, 32_767), f"the normal of transducer {n} is {normal}")
 
 
-def _spans_of_geometry(count: int) -> list[tuple[int, int]]:
+def spans_of_elements(count: int) -> list[tuple[int, int]]:
     """Return (first, count) at and around every edge of an array of *count*."""
     firsts = {0, 1, count // 2, count - 1} & set(range(count))
     counts = {0, 1, 2, count - 1, count, count + 1, 0xFFFF}
@@ -83,27 +76,7 @@ def _spans_of_geometry(count: int) -> list[tuple[int, int]]:
 def every_span_of_the_geometry(board: BoardClient) -> None:
     """GET_GEOMETRY of spans at and around every edge shows the elements that the whole shows"""
     whole, total = board.read_geometry(), board.identity.transducers
-    for first, count in _spans_of_geometry(total):
+    for first, count in spans_of_elements(total):
         _judge_span(board, whole, first, count)
     for first in (total, 0xFFFF):
         board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, total)
-
-
-@case("HG-8.6/1-spans", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
-def every_span_of_drive_and_geometry(board: BoardClient) -> None:
-    """READ_DRIVE of spans at and around every edge shows the codes that the whole shows"""
-    frame = stream_kinds(board)[-1].make()  # with amplitudes that differ, where it can
-    for kind in drive_kinds(board):
-        latched_us, total = -_HOUR_US, board.identity.transducers
-        for first, count in _spans_of_geometry(total):
-            if board.wire.now_us() - latched_us > 250 * board.config.hold_ms:
-                board.arm_anew()
-                latched_us = board.wire.now_us()
-                latch_now(board, frame)
-                whole = read_back(board, kind)
-            reply = board.link.call(ReadDrive(kind, first, count), DriveReply)
-            end = min(first + count, total)
-            due = whole.phases[first:end] + whole.amplitudes[first:end]
-            text = f"READ_DRIVE({kind.name}) of {count} from {first} shows other codes"
-            check_equal((reply.first, reply.data), (first, due), text)
-            check_equal(reply.key, whole.reply.key, f"READ_DRIVE from {first} names another latch")

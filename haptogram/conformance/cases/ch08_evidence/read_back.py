@@ -22,19 +22,23 @@ from ...client.capabilities import drive_kinds
 from ...client.latching import (
     ask_for_board_latches_if_supported,
     client_drive_of_reply,
+    latch_now,
     latch_random,
     latches_received_from_board,
     read_back,
     read_drive,
 )
 from ...client.playback import play_later, play_now, send_phases_to_store_if_supported
+from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_correction
 from ...judge.witness import expect_witnessed_drive, judge_nothing_read_back
 from ...outcome import SELF_REPORTED, check, check_equal
+from ..ch07_configuration.geometry import spans_of_elements
 
 _SEQUENCE: Final = 3
 _CEILING: Final = 77
 _AHEAD_US: Final = 2_000_000
+_HOUR_US: Final = 3_600_000_000
 
 _Bring = Callable[[BoardClient], object]
 
@@ -54,6 +58,26 @@ def reads_back_a_span(board: BoardClient) -> None:
             check_equal(reply.first, first, f"asked from {first}, shown from {reply.first}")
             check_equal(shown.phases, due, f"{name}: other codes than were sent")
             check_equal(shown.amplitudes, b"\xff" * len(due), f"{name}: amplitudes are not full")
+
+
+@case("HG-8.6/1-spans", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
+def every_span_of_drive_and_geometry(board: BoardClient) -> None:
+    """READ_DRIVE of spans at and around every edge shows the codes that the whole shows"""
+    frame = stream_kinds(board)[-1].make()  # with amplitudes that differ, where it can
+    for kind in drive_kinds(board):
+        latched_us, total = -_HOUR_US, board.identity.transducers
+        for first, count in spans_of_elements(total):
+            if board.wire.now_us() - latched_us > 250 * board.config.hold_ms:
+                board.arm_anew()
+                latched_us = board.wire.now_us()
+                latch_now(board, frame)
+                whole = read_back(board, kind)
+            reply = read_drive(board, kind, first, count)
+            end = min(first + count, total)
+            due = whole.phases[first:end] + whole.amplitudes[first:end]
+            text = f"READ_DRIVE({kind.name}) of {count} from {first} shows other codes"
+            check_equal((reply.first, reply.data), (first, due), text)
+            check_equal(reply.key, whole.reply.key, f"READ_DRIVE from {first} names another latch")
 
 
 @case("HG-8.6/2")
