@@ -173,7 +173,8 @@ def _judge_run(ran: Ran, trials: list[Trial]) -> None:
     """The verdict of the whole run must follow from those of its frames."""
     if ran.run is None:
         return
-    failed = any(frame.status in WRONG for frame in ran.run.frames)
+    bad = WRONG | {FrameStatus.LOST}
+    failed = any(f.status in bad or f.early or f.latches > 1 for f in ran.run.frames)
     if failed != (str(ran.run.verdict) == "fail") and not ran.run.unexpected:
         trials[0].findings.append(f"run is {ran.run.verdict}, though frames say otherwise")
 
@@ -503,7 +504,7 @@ def _are_apart(wanted: Wanted, session: Session, ideal: Complexes) -> bool:
 def _check_silence(trial: Trial, session: Session, seen: Seen, ideal: Complexes, lie: Lie) -> None:
     """Where an array can show everything, and well, nothing may stay unverified."""
     trial.numbers["observable"] = not lie.flat.any() and _are_apart(seen.wanted, session, ideal)
-    if trial.outcome != "not verified" or len(seen.wanted.foci) > 1:
+    if trial.outcome != "not verified" or len(seen.wanted.foci) > 1 or lie.flat.any():
         return
     fresnel, half = fresnel_number(
         session.layout,
