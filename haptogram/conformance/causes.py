@@ -119,7 +119,9 @@ def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
     failed = [result for result in failures if _is_found(result)]
     alike = common_finding(failed)
     if alike is not None and len(alike.cases) >= _MOST_SHARE * len(failed):
-        failures.sort(key=lambda result: result.detail != alike.text)
+        found = [result for result in failed if result.case in alike.cases]
+        plainest = min(found, key=lambda result: (_is_broad(result), len(result.detail)))
+        failures.sort(key=lambda result: result is not plainest)
     return failures
 
 

@@ -90,6 +90,8 @@ def test_what_many_failures_find_alike_is_told_in_the_plainest_words():
     assert alike.text == whys["HG-4.6/1"]
     assert alike.cases == ("HG-3.6/1", "HG-4.6/1", "HG-7.6/3")
     assert failures_by_cause(failures)[0].detail == alike.text  # of three in four
+    always = failure_of("HG-7.6/4-always", "PLAY was answered by ERROR(BAD_VALUE)")
+    assert failures_by_cause([*failures, always])[0].detail == alike.text  # however plain
     assert common_finding(failures[1:]) is None  # two are no pattern
     others = [failure_of(f"HG-5.1/{n}", f"{'more ' * n}findings") for n in range(3, 9)]
     assert common_finding([*failures, *others]) is None  # nor is less than a third
