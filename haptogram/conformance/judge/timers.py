@@ -28,7 +28,8 @@ EXACT_US: Final = 1000  # HG-12.1: timers are within 1 ms
 _MS: Final = 1000
 _AT_ONCE_US: Final = 50
 _PATIENCE_MS: Final = 1000
-_PERIOD_US: Final = 4_000_000  # of a playback that is left alone
+_PERIOD_US: Final = 4_000_000  # of a playback that is left alone for long
+_SHORT_MS: Final = 1000
 _LONGEST_MS: Final = 1 << 21  # of a timer that is awaited, and at a wall clock
 _LONGEST_WALL_MS: Final = 70_000
 #: Sequence that is stored, for a playback that is left alone.
@@ -66,7 +67,8 @@ class TimerKind:
             send_phases_that_fit(board, TIMED, frames=2)
         board.arm(**{**self.beside, **({} if plays else {self.name: length_ms}), **changes})
         if plays:
-            play_now(board, TIMED, loops=0, period_us=_PERIOD_US, unattended_ms=length_ms)
+            period_us = _PERIOD_US if length_ms > _SHORT_MS else None
+            play_now(board, TIMED, loops=0, period_us=period_us, unattended_ms=length_ms)
         elif self.reason is MuteReason.HOLD_EXPIRED or board.config.ramp_ms:
             latch_now(board)
         if self.reason is not MuteReason.HOLD_EXPIRED:
