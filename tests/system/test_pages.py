@@ -28,7 +28,7 @@ ADDRESS = "127.0.0.1:8080"
 OTHERWISE = re.compile(r"\d+\.\d{6} s|[\d.]+ ms|(?<=127\.0\.0\.1:)\d+")
 ELSEWHERE = {"/tmp/board": "./board", "loops=80": "loops=1", "out/": ""}
 
-pytestmark = [pytest.mark.pty, pytest.mark.sampled(1)]
+pytestmark = pytest.mark.pty
 
 
 def blocks(page: str) -> list[tuple[str, str]]:
@@ -105,7 +105,7 @@ def test_every_page_of_a_board_is_run() -> None:
     assert {f"boards/{page.stem}" for page in (DOCS / "boards").glob("*.md")} < set(PAGES)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_of_a_page_print_what_it_shows(page: str, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
