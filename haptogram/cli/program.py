@@ -42,11 +42,7 @@ COMMANDS: Final = {
     "replay": (".recordings.replay", "feed a recording to a board again and compare"),
     "repair": (".recordings.repair", "make a recording that was cut off a whole file again"),
     "capture": (".recordings.capture", "measure drive pins in a capture of a logic analyser"),
-    "presets": (
-        ".published.presets",
-        "list the known systems, with their published figures next to ours",
-    ),
-    "paper": (".published.paper", "reproduce the Haptogram paper's simulation"),
+    "presets": (".presets", "list the known systems, with their published figures next to ours"),
 }
 _EXAMPLES: Final = """\
 examples:

@@ -333,8 +333,4 @@ ACTING: Final[Mapping[str, Rows]] = {
     },
     "repair": {},
     "presets": _option_acts_always("json"),
-    "paper": {
-        **_option_acts_always("presets json html"),
-        "stamp": Acting("with --html", lambda a: a.html is not None),
-    },
 }

@@ -46,7 +46,7 @@ def array_model(arguments: argparse.Namespace) -> AcousticModel:
         An unknown preset, or settings beside one; a grid, a file or air that cannot be used.
     """
     from haptogram.objects.run_frames import host_model_of_run_frames
-    from haptogram.published.presets import find_preset
+    from haptogram.published import find_preset
 
     if not arguments.preset:
         given = {name: getattr(arguments, name) for name in ("array", *_OWN)}

@@ -1,4 +1,6 @@
-"""Published arrays and the paper's equations, with the figures that they give.
+"""Systems behind the paper and open boards, each with its published figures next to ours."""
 
-Text, pictures and pages of them lie in :mod:`haptogram.report`.
-"""
+from haptogram.published.catalogue import PRESETS, find_preset
+from haptogram.published.figures import Preset, PublishedFigure, compare_preset
+
+__all__ = ["PRESETS", "Preset", "PublishedFigure", "compare_preset", "find_preset"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from haptogram.published.presets import Preset
+from haptogram.published import Preset
 
 from .formats.console import console_paragraph, console_table
 
@@ -17,7 +17,7 @@ def presets_text(compared: Iterable[tuple[Preset, list[dict[str, Any]]]]) -> str
     ----------
     compared : iterable of (Preset, list of dict)
         Presets, each with the result of
-        :func:`~haptogram.published.presets.figures.compare_preset`.
+        :func:`~haptogram.published.figures.compare_preset`.
     """
     return "\n\n".join("\n".join(_presets_text_section(*item)) for item in compared) + "\n"
 

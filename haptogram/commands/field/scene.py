@@ -18,7 +18,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.objects.run_frames import sample_object_of_run
 from haptogram.objects.shapes import Circle
-from haptogram.published.presets import find_preset
+from haptogram.published import find_preset
 from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
 from haptogram.settings.shape import ShapeConfig

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Final
 from haptogram.machine.files import write_file_atomically
 
 from .extra import require_report_packages
-from .mathml import equation_mathml
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -64,10 +63,16 @@ def write_html_page(path: Path, template: str, provenance: Provenance, **content
     write_file_atomically(path, page.encode("utf-8", errors="replace"))
 
 
-def render_html_page(template: str, provenance: Provenance, **content: Any) -> str:
-    """Return one page; parameters and errors are those of :func:`write_html_page`."""
+def render_html_page(
+    template: str, provenance: Provenance, *, folder: Path | None = None, **content: Any
+) -> str:
+    """Return one page, of a template in *folder* or of ours.
+
+    The other parameters and the errors are those of :func:`write_html_page`.
+    """
     check_html_page(pictures=False)
-    return _html_environment().get_template(template).render(content, origin=provenance.rows())
+    page = _html_environment(folder).get_template(template)
+    return page.render(content, origin=provenance.rows())
 
 
 def html_setting_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -97,12 +102,16 @@ def _html_setting_text(value: Any) -> str:
     return str(value)
 
 
-def _html_environment() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-    from markupsafe import Markup
+def _html_environment(folder: Path | None) -> Environment:
+    from jinja2 import ChoiceLoader, Environment, FileSystemLoader, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader("haptogram.report"),
+        loader=ChoiceLoader(
+            [
+                PackageLoader("haptogram.report"),
+                *([] if folder is None else [FileSystemLoader(folder)]),
+            ]
+        ),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -110,7 +119,6 @@ def _html_environment() -> Environment:
         undefined=StrictUndefined,
     )
     environment.filters["code_spans"] = _html_code_spans
-    environment.filters["equation"] = lambda text: Markup(equation_mathml(text))
     return environment
 
 

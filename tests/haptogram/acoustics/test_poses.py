@@ -39,8 +39,8 @@ from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells, se
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.acoustics.solvers.focus import focus_steering_reach_m
 from haptogram.errors import ConfigurationError
-from haptogram.published.paper.figure4 import figure_4_model
-from haptogram.published.presets import PRESETS
+from haptogram.published import PRESETS
+from haptogram_paper.figure4 import figure_4_model
 from strategies_acoustics import Pose, poses, seeds, targets
 
 pytestmark = pytest.mark.sampled(3)

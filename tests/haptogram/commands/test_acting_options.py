@@ -102,7 +102,6 @@ CASES = {
     },
 }
 CASES["soak"], CASES["bench"] = {}, {}
-CASES["paper"] = {"stamp": ("--html a.html", "")}
 for _command, _words in {
     "verify": "",
     "conform": "",
@@ -195,7 +194,6 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         "watch.command",
         "soak",
         "bench",
-        "published.paper",
     ):
         monkeypatch.setattr(f"haptogram.commands.{module}.CommandOutputs", stop)
     monkeypatch.setattr("haptogram.commands.budget._run_dialect_budget", stop)

@@ -94,7 +94,7 @@ def refused(
 
 
 def test_the_lists_are_those_of_the_commands() -> None:
-    without = {"presets", "paper", "decode", "repair", "view", "capture"}
+    without = {"presets", "decode", "repair", "view", "capture"}
     assert {command for command, _ in NUMERIC} >= {*COMMANDS} - without
     assert len(NUMERIC) > 60
     assert ("verify", "--center-mm") in POSITIONS

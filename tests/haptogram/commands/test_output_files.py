@@ -29,7 +29,6 @@ WRITERS = {
         ("--picture", "--csv", "--json"),
     ),
     "presets": (["autd3"], ("--json",)),
-    "paper": ([], ("--html", "--json")),
 }
 OPTIONS = [(command, option) for command, (_, options) in WRITERS.items() for option in options]
 SUFFIX = {"--picture": ".png", "--html": ".html"}
@@ -73,11 +72,7 @@ def _forbidden(*_: object, **__: object) -> None:
 
 @pytest.mark.parametrize(
     ("command", "first", "second"),
-    [
-        (command, *options[:2])
-        for command, (_, options) in WRITERS.items()
-        if len(options) > 1 and command != "paper"
-    ],
+    [(command, *options[:2]) for command, (_, options) in WRITERS.items() if len(options) > 1],
 )
 @pytest.mark.parametrize("name", ["same", "-"])
 def test_two_outputs_with_one_name_are_refused(
@@ -103,7 +98,7 @@ def test_two_outputs_with_one_name_are_refused(
 @pytest.mark.sampled(5)
 @pytest.mark.parametrize(
     ("command", "option"),
-    [row for row in OPTIONS if row[1] != "--resume" and row[0] not in ("paper", "bench")],
+    [row for row in OPTIONS if row[1] != "--resume" and row[0] != "bench"],
 )
 def test_a_minus_is_standard_output_and_nothing_else_is_written_there(
     command: str, option: str, capfdbinary: pytest.CaptureFixture[bytes]

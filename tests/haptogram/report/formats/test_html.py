@@ -67,8 +67,6 @@ def test_dark_and_light_and_print_are_one_style_sheet():
         (["bench", "--html", "a.html"], "jinja2"),
         (["bench", "--html", "a.html"], "matplotlib"),
         (["bench", "--picture", "a.png"], "matplotlib"),
-        (["paper", "--html", "a.html"], "jinja2"),
-        (["paper", "--html", "a.html"], "matplotlib"),
         (["field", "--picture", "a.png"], "matplotlib"),
         (["modulation", "am", "--picture", "a.png"], "matplotlib"),
     ],

@@ -5,14 +5,14 @@ A figure without a source at hand says so: "recollection".
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.acoustics.model.boards.grids import autd_unit, autd_units
 from haptogram.errors import ConfigurationError
-from haptogram.published.paper.equations import PaperConstants, paper_spot_eq9_corrected
-from haptogram.published.paper.hemisphere import paper_hemisphere
-from haptogram.published.presets.boards import (
+from haptogram.objects.shapes import Hemisphere
+from haptogram.published.boards import (
     AUTD,
     FLAT8,
     INTERACTLAB,
@@ -20,7 +20,7 @@ from haptogram.published.presets.boards import (
     TINYLEV,
     ULTRAINO,
 )
-from haptogram.published.presets.figures import (
+from haptogram.published.figures import (
     Preset,
     PublishedFigure,
     published_element_count,
@@ -37,6 +37,8 @@ from haptogram.settings.arguments import did_you_mean
 
 _HOSHI: Final = "T. Hoshi et al., IEEE Trans. Haptics 3(3), 155-165 (2010), abstract"
 _PAPER: Final = "Haptogram (2014)"
+_PAPER_OBJECT: Final = Hemisphere(radius_m=0.050, center_m=(0.0, 0.0, 0.100))
+_PAPER_WAVELENGTH_M: Final = 2.0 * math.pi / 730.603  # of the wave number that it prints
 _SCREEN_M: Final = 0.200
 _FOUR_POINTS: Final = (
     (-0.025, -0.025, 0.2),
@@ -210,7 +212,7 @@ PAPER_ARRAY: Final = Preset(
             "w_f at r = 100 mm, equation (9)",
             "1.075e-3 m^1.5 as printed",
             _PAPER,
-            lambda _: 1e3 * paper_spot_eq9_corrected(0.1, 256, PaperConstants()),
+            lambda _: 1e3 * 2.0 * _PAPER_WAVELENGTH_M * 0.1 / (math.sqrt(256) * 0.010),
             "mm",
             "as corrected",
         ),
@@ -226,7 +228,7 @@ PAPER_ARRAY: Final = Preset(
             "mean force over the hemisphere",
             "3.5 ... 4 mN",
             _PAPER + ", Table 1 (128 elements)",
-            published_mean_force_mn(lambda: paper_hemisphere(0.010)),
+            published_mean_force_mn(lambda: _PAPER_OBJECT.sample(0.010)),
             "mN",
             "256 elements, disc of 20 mm diameter; the printed constants give no absolute value",
         ),
@@ -234,9 +236,9 @@ PAPER_ARRAY: Final = Preset(
             "mean pressure at the foci",
             "2.65 kPa for 200 foci",
             "G. Korres, M. Eid, IEEE Access 4, 7758 (2016), abstract",
-            published_mean_pressure_kpa(lambda: paper_hemisphere(0.010)),
+            published_mean_pressure_kpa(lambda: _PAPER_OBJECT.sample(0.010)),
             "kPa RMS",
-            "our hemisphere has 146 foci; the prototype has other tiles",
+            "our hemisphere has 175 foci; the prototype has other tiles",
         ),
     ),
 )

@@ -9,12 +9,12 @@ import numpy as np
 
 from haptogram.acoustics import NumpyEngine, focus_phases
 from haptogram.acoustics.levels.shift import find_pressure_peak
-from haptogram.published.paper.figure4 import BENDS, FIGURE_4_FOCI_M, figure_4_model
-from haptogram.published.paper.hemisphere import RESOLUTIONS_M, paper_hemisphere
-from haptogram.published.paper.table1 import CONFIGURATIONS, Table1Reproduction
 from haptogram.report.figures import PicturePlane, draw_plane_figure, sample_picture_plane
+from haptogram.report.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure
 
-from ..figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure
+from .figure4 import BENDS, FIGURE_4_FOCI_M, figure_4_model
+from .hemisphere import RESOLUTIONS_M, paper_hemisphere
+from .table1 import CONFIGURATIONS, Table1Reproduction
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""Everything that ``haptogram paper`` has to say, as plain values for JSON, text and HTML."""
+"""Everything that this example has to say, as plain values for JSON, text and HTML."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import numpy as np
 
 from haptogram.acoustics import NumpyEngine, focus_phases, pressure
 from haptogram.acoustics.levels.shift import find_pressure_peak
-from haptogram.published.paper import equations as eq
-from haptogram.published.paper.figure4 import BENDS, FIGURE_4_FOCI_M, figure_4_model
-from haptogram.published.paper.table1 import (
+
+from . import equations as eq
+from .figure4 import BENDS, FIGURE_4_FOCI_M, figure_4_model
+from .table1 import (
     PRINTED,
     READINGS,
     TOLERANCE,

@@ -6,25 +6,29 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from markupsafe import Markup
+
 from haptogram.errors import ConfigurationError
 from haptogram.machine.provenance import UNSTATED, Provenance
-from haptogram.published.paper.document import (
+from haptogram.report.figures import encode_figure
+from haptogram.report.figures.embedded import embed_picture
+from haptogram.report.formats.html import check_html_page, render_html_page
+
+from .document import (
     DEVIATIONS_REMARK,
     FIGURE_4_REMARK,
     SCALE_REMARK,
     PaperReproduction,
     paper_prose,
 )
-from haptogram.published.paper.equations import EQUATIONS
-
-from ..figures import encode_figure
-from ..figures.embedded import embed_picture
-from ..formats.html import check_html_page, render_html_page
+from .equations import EQUATIONS
+from .mathml import equation_mathml
 from .pictures import draw_paper_figure_4, draw_paper_hemispheres, draw_paper_table_1
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_FOLDER: Final = Path(__file__).parent
 # By the axis along which the section is bent, and the plane.
 _FIGURE_4_CAPTIONS: Final = {
     "x_xz": "The plane along x and z through the target, as the paper draws it.",
@@ -56,7 +60,7 @@ def paper_report_files(
         **draw_paper_figure_4(),
     }
     content = _paper_page_content(paper, presets, figures)
-    page = render_html_page("paper.html", provenance, **content).encode()
+    page = render_html_page("paper.html", provenance, folder=_FOLDER, **content).encode()
     if path.suffix:
         yield path, page
         return
@@ -103,6 +107,7 @@ def _paper_page_content(
         "tone": tone,
         "lead": ["Haptogram (2014): the paper's simulation, computed again.", outcome],
         "equations": EQUATIONS,
+        "mathml": lambda text: Markup(equation_mathml(text)),
         "demonstrations": [
             (
                 item.what,

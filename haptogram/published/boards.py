@@ -18,7 +18,7 @@ from haptogram.acoustics.model.boards.grids import (
 from haptogram.acoustics.model.boards.grids import INTERACTLAB as INTERACTLAB_LAYOUT
 from haptogram.acoustics.model.boards.grids import SONICSURFACE as SONICSURFACE_LAYOUT
 from haptogram.acoustics.model.boards.layout import BoardLayout
-from haptogram.published.presets.figures import (
+from haptogram.published.figures import (
     Preset,
     PublishedFigure,
     published_element_count,

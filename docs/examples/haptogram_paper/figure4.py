@@ -20,7 +20,8 @@ import numpy as np
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.acoustics.model.directivities import RectangularPiston
 from haptogram.errors import ConfigurationError
-from haptogram.published.paper.equations import PaperConstants
+
+from .equations import PaperConstants
 
 Bend: TypeAlias = Literal["x", "y"]
 

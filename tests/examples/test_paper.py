@@ -11,19 +11,11 @@ from haptogram.acoustics.field.reference import NumpyEngine
 from haptogram.acoustics.levels.shift import find_pressure_peak
 from haptogram.acoustics.solvers.focus import focus_phases
 from haptogram.errors import ConfigurationError
-from haptogram.published.paper import (
-    EQUATIONS,
-    FIGURE_4_FOCI_M,
-    PRINTED,
-    READINGS,
-    RESOLUTIONS_M,
-    PaperConstants,
-    figure_4_model,
-    figure_4_section,
-    paper_hemisphere,
-    reproduce_table_1,
-)
-from haptogram.published.paper import equations as eq
+from haptogram_paper import equations as eq
+from haptogram_paper.equations import EQUATIONS, PaperConstants
+from haptogram_paper.figure4 import FIGURE_4_FOCI_M, figure_4_model, figure_4_section
+from haptogram_paper.hemisphere import RESOLUTIONS_M, paper_hemisphere
+from haptogram_paper.table1 import PRINTED, READINGS, reproduce_table_1
 
 CONSTANTS = PaperConstants()
 

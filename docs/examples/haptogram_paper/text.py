@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from haptogram.published.paper.document import (
+from haptogram.report.formats.console import console_paragraph, console_table
+
+from .document import (
     DEVIATIONS_REMARK,
     FIGURE_4_REMARK,
     SCALE_REMARK,
     PaperReproduction,
     paper_prose,
 )
-from haptogram.published.paper.equations import EQUATIONS
-from haptogram.published.paper.table1 import TOLERANCE, Table1Cell, Table1Reproduction
-
-from ..formats.console import console_paragraph, console_table
+from .equations import EQUATIONS
+from .table1 import TOLERANCE, Table1Cell, Table1Reproduction
 
 
 def paper_text(paper: PaperReproduction) -> str:

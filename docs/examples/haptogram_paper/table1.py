@@ -20,8 +20,9 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.model.directivities import RectangularPiston
 from haptogram.acoustics.model.transducer import Directivity
-from haptogram.published.paper.equations import PaperConstants
-from haptogram.published.paper.hemisphere import (
+
+from .equations import PaperConstants
+from .hemisphere import (
     RESOLUTIONS_M,
     paper_hemisphere,
     paper_hemisphere_by_height,

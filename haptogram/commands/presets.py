@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 from haptogram.machine.files import write_json_file
 from haptogram.settings.parser import file_name_option
 
-from ..shell.exit_status import PASS
-from ..shell.output_files import CommandOutputs
+from .shell.exit_status import PASS
+from .shell.output_files import CommandOutputs
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -52,7 +52,7 @@ def set_up_presets(parser: Parser) -> None:
 
 def run_presets(arguments: argparse.Namespace) -> int:
     """Compute and print; return the exit status."""
-    from haptogram.published.presets import PRESETS, compare_preset, find_preset
+    from haptogram.published import PRESETS, compare_preset, find_preset
     from haptogram.report.presets import presets_text
 
     CommandOutputs(arguments, "json")

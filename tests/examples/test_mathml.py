@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from haptogram.published.paper.equations import EQUATIONS
-from haptogram.report.formats.mathml import equation_mathml
+from haptogram_paper.equations import EQUATIONS
+from haptogram_paper.mathml import equation_mathml
 
 TEXTS = [text for e in EQUATIONS for text in (e.printed, e.corrected) if "=" in text]
 WRITTEN = str.maketrans({"−": "-", "π": "pi", "ρ": "rho", "β": "beta", "α": "alpha", "φ": "phi"})

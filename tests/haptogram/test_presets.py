@@ -13,7 +13,7 @@ from haptogram.acoustics.model.boards.grids import (
     sonicsurface_wire_index,
 )
 from haptogram.errors import ConfigurationError
-from haptogram.published.presets import PRESETS, compare_preset, find_preset
+from haptogram.published import PRESETS, compare_preset, find_preset
 
 
 def ours(preset, quantity):

@@ -1,1 +1,0 @@
-"""Published systems and the published paper, next to our figures."""

@@ -1,1 +1,0 @@
-"""The report of the reproduced paper: page, pictures, text for a terminal."""
