@@ -12,7 +12,7 @@ from haptogram.settings.command_line import add_command_options, config_from_opt
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.run.outputs import OutputConfig
 
-from .acting_options import refuse_idle_options
+from .acting_options import STAMPED, refuse_idle_options
 from .shell.exit_status import USAGE
 from .shell.job import annotate_job, provenance_of_run
 from .shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
@@ -52,6 +52,9 @@ class BenchFiles(Settings):
     compare: Path | None = option(None, unit="OLD.json", help="say what changed beyond the noise")
 
 
+_ACTING: Final = {"stamp": STAMPED}
+
+
 def set_up_bench(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
@@ -63,6 +66,7 @@ def set_up_bench(parser: Parser) -> None:
     parser.main_options = "port rate_hz seconds baud lead_ms spin_us realtime json html compare"
     parser.rename(link_baud="baud")
     parser.refused["--goals"] = "is ci/timing-goals of a checkout now"
+    parser.acting = _ACTING
     parser.set_defaults(run=run_bench)
     add_command_options(parser, options_of(BenchConfig).values())
     parser.add_argument("--quiet", action="store_true", help="print changes and errors only")
@@ -78,7 +82,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     from haptogram.report.bench.text import bench_text
     from haptogram.report.formats.job_summary import write_job_summary
 
-    refuse_idle_options("bench", arguments)
+    refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "json", "html", "summary", "picture", "record")
     provenance = provenance_of_run(arguments)
     old = None if arguments.compare is None else read_bench_result(arguments.compare)

@@ -11,6 +11,7 @@ from haptogram.settings.arguments import check_choice
 from haptogram.settings.board import MOST_TRANSDUCERS
 from haptogram.settings.command_line import add_setting_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.parser import Acting
 from haptogram.settings.run.frames import PaceConfig
 from haptogram.settings.run.link import LinkConfig
 
@@ -59,6 +60,9 @@ class BudgetConfig(Settings):
     boards: int = option(1, unit="N", low=1, high=16, help="boards on the line, with --dialect")
 
 
+_ACTING: Final = {"boards": Acting("with --dialect", lambda a: a.dialect is not None)}
+
+
 def set_up_budget(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
@@ -69,6 +73,7 @@ def set_up_budget(parser: Parser) -> None:
     )
     parser.epilog = _EXAMPLES
     parser.rename(rate="rate_hz")
+    parser.acting = _ACTING
     parser.set_defaults(run=run_budget)
     baud = f"{BudgetConfig.baud}, with --dialect: that of its boards"
     add_setting_options(parser, options_of(BudgetConfig).values(), baud=baud)
@@ -76,7 +81,7 @@ def set_up_budget(parser: Parser) -> None:
 
 def run_budget(arguments: argparse.Namespace) -> int:
     """Measure, print, and return 0 if the rate fits the format asked for, else 1."""
-    refuse_idle_options("budget", arguments)
+    refuse_idle_options(arguments)
     if arguments.dialect is not None:
         return _run_dialect_budget(arguments)
     return _run_own_budget(BudgetConfig.of(**given_options(arguments, options_of(BudgetConfig))))

@@ -19,7 +19,7 @@ from haptogram.settings.command_line import add_command_options, config_from_opt
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.run.outputs import OutputConfig
 
-from .acting_options import refuse_idle_options
+from .acting_options import STAMPED, refuse_idle_options
 from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE
 from .shell.job import annotate_job, provenance_of_run
 from .shell.output_files import FILE_HELP, CommandOutputs, announce_output_file
@@ -70,6 +70,9 @@ class SittingConfig(Settings):
     )
 
 
+_ACTING: Final = {"stamp": STAMPED}
+
+
 def set_up_soak(
     parser: Parser,
     board_maker: Callable[[str | None], MakeBoard],
@@ -84,6 +87,7 @@ def set_up_soak(
     parser.epilog = _EPILOG
     parser.main_options = "hours fault_rate seed jobs resume json junit html record"
     parser.refused["--virtual-time"] = "does nothing: a soak has no other time; leave it out"
+    parser.acting = _ACTING
     parser.set_defaults(run=functools.partial(run_soak, board_maker=board_maker))
     add_command_options(parser, options_of(SoakSetup).values())
     sitting = parser.add_argument_group("sitting and result", FILE_HELP)
@@ -96,7 +100,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
     from haptogram.campaigns.soak.campaign import Interrupted
     from haptogram.report.soak.text import soak_text
 
-    refuse_idle_options("soak", arguments)
+    refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "json", "junit", "html", "summary", "resume", "record")
     if outputs.paths.get("--resume") == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.parser import checked_option_type, file_name_option
+from haptogram.settings.parser import Acting, checked_option_type, file_name_option
 
 from .acting_options import refuse_idle_options
 from .shell.exit_status import PASS
@@ -49,6 +49,12 @@ exit status:
 """
 
 
+_ACTING: Final = dict.fromkeys(
+    ("http", "open", "until_eof"),
+    Acting("on a page that is served (not with --html)", lambda s: s.html is None),
+)
+
+
 def set_up_view(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
@@ -59,6 +65,7 @@ def set_up_view(parser: Parser) -> None:
         "1 kHz loop disturbs it: measure times without one."
     )
     parser.epilog = _EXAMPLES
+    parser.acting = _ACTING
     parser.set_defaults(run=run_view)
     parser.add_argument(
         "source",
@@ -98,7 +105,7 @@ def run_view(arguments: argparse.Namespace) -> int:
     """Serve or write the page; return the exit status."""
     from haptogram.report.formats.html import check_html_page
 
-    refuse_idle_options("view", arguments)
+    refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "html")
     check_html_page(pictures=False)
     if arguments.html is not None and arguments.source.startswith("unix:"):

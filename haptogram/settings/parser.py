@@ -12,9 +12,9 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NoReturn, TypeVar
+from typing import Any, Final, NamedTuple, NoReturn, TypeVar
 
 from ..errors import ConfigurationError
 from .arguments import check_choice, did_you_mean
@@ -40,6 +40,21 @@ _PLAINER: Final = (
     (r"^the following arguments are required: (.*)", r"\1 is missing; --help tells more"),
     (r"^one of the arguments (.*) is required", r"one of \1 is missing; --help tells more"),
 )
+
+
+class Acting(NamedTuple):
+    """When an option acts.
+
+    Attributes
+    ----------
+    where : str
+        The modes in words, after "acts only".
+    is_there : callable
+        Returns True for the settings of a command in such a mode.
+    """
+
+    where: str
+    is_there: Callable[[Any], bool]
 
 
 class UsageError(ConfigurationError):
@@ -99,6 +114,8 @@ class Parser(argparse.ArgumentParser):
         Options that exist no more, and the rest of the sentence that begins with their name.
     main_options : str
         Names of the options that ``-h`` shows, apart by spaces; all, if there are few.
+    acting : mapping of str to Acting
+        When each option acts, by its name; one that is not here always does.
     """
 
     def __init__(self, prog: str, **options: Any) -> None:
@@ -118,6 +135,7 @@ class Parser(argparse.ArgumentParser):
             help="-h: the options that matter most; --help: all of them",
         )
         self.refused: dict[str, str] = {}
+        self.acting: Mapping[str, Acting] = {}
         self._in_file: dict[str, str] = {}
 
     @property

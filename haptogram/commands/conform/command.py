@@ -73,7 +73,7 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
     from haptogram.conformance.cases import all_cases, select
     from haptogram.report.conformance.text import suite_text
 
-    refuse_idle_options("conform", arguments)
+    refuse_idle_options(arguments)
     if arguments.compare:
         return _compare_conform_results(arguments)
     captures = PinConfig.of(**given_options(arguments, options_of(PinConfig)))

@@ -11,13 +11,14 @@ from typing import Final
 from haptogram.errors import ConfigurationError
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import file_name_option
+from haptogram.settings.parser import Acting, Parser, file_name_option
 from haptogram.settings.run.captures import CaptureConfig
 from haptogram.settings.run.frames import PaceConfig
 from haptogram.settings.run.limits import LimitConfig
 from haptogram.settings.run.link import LinkConfig
 from haptogram.settings.run.outputs import OutputConfig
 
+from ..acting_options import STAMPED
 from ..shell.output_files import FILE_HELP
 
 _SCHEME: Final = "haptogram://"
@@ -147,8 +148,49 @@ class ConformFiles(Settings):
     record: Path | None = option_of(OutputConfig, "record")
 
 
-def add_conform_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options."""
+def _acts_in_conform_run(arguments: argparse.Namespace) -> bool:
+    return not arguments.compare and not arguments.list
+
+
+def _acts_in_resets_of_a_port(arguments: argparse.Namespace) -> bool:
+    is_board = arguments.port is not None and not arguments.port.startswith(_SCHEME)
+    return arguments.spawn is not None or is_board
+
+
+_RUN: Final = Acting(
+    "where cases are run (not with --list, --compare or --from-recording)",
+    lambda a: _acts_in_conform_run(a) and a.from_recording is None,
+)
+_RUN_OPTIONS: Final = (
+    "port baud spawn port_regex reset_cmd fault_cmd dtr rts quick full explore strict timeout seed "
+    "repeat quiet record"
+)
+_RESULT: Final = Acting(
+    "where there is a result (not with --list or --compare)", _acts_in_conform_run
+)
+_RESULT_OPTIONS: Final = (
+    "baseline junit json summary write_baseline verbose capture channels from_recording"
+)
+_ACTING: Final = {
+    **dict.fromkeys(_RUN_OPTIONS.split(), _RUN),
+    **dict.fromkeys(_RESULT_OPTIONS.split(), _RESULT),
+    "boot_timeout": Acting(
+        "on a board at --port or from --spawn",
+        lambda a: _acts_in_conform_run(a) and _acts_in_resets_of_a_port(a),
+    ),
+    "clause": Acting(
+        "without --compare and --from-recording",
+        lambda a: not a.compare and a.from_recording is None,
+    ),
+    "html": Acting("without --list", lambda a: not a.list),
+    "stamp": STAMPED,
+    "list": Acting("without --compare", lambda a: not a.compare),
+}
+
+
+def add_conform_options(parser: Parser) -> None:
+    """Add the options, and when each acts."""
+    parser.acting = _ACTING
     board = parser.add_argument_group("board and port")
     add_command_options(board, options_of(BoardUnderTestConfig).values())
     _add_conform_choice(parser.add_argument_group("cases and depth"))

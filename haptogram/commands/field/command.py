@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Final
 
 from haptogram.settings.command_line import add_command_options, add_setting_options
 from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.parser import Acting
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig
 
-from ..acting_options import refuse_idle_options
+from ..acting_options import PITCH, acts_on_a_shape, acts_on_a_size, refuse_idle_options
 from ..array_options import add_array_options
 from ..shell.exit_status import PASS
 from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
@@ -87,6 +88,49 @@ class FieldConfig(Settings):
 _PICTURE: Final = ("view", "plane", "quantity", "decibels", "half_width_mm", "step_mm", "picture")
 
 
+def _acts_for_an_ear(arguments: argparse.Namespace) -> bool:
+    return arguments.ear_mm is not None and not arguments.object and not arguments.drive
+
+
+_WITH_PICTURE: Final = Acting("with --picture", lambda a: a.picture is not None)
+_FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _acts_for_an_ear)
+_ACTING: Final = {
+    "resolution_mm": Acting(
+        "with --object, on other objects than a point",
+        lambda a: a.object is not None and a.object != "point",
+    ),
+    "radius_mm": Acting(
+        "with --object, on a shape that has a radius",
+        lambda a: a.object is not None and acts_on_a_size(a),
+    ),
+    "unit": Acting("with --object, on a mesh file", lambda a: a.object and not acts_on_a_shape(a)),
+    "center_mm": Acting("with --object", lambda a: a.object is not None),
+    "rate_hz": Acting(
+        "with --object, or on one focus with --ear-mm",
+        lambda a: a.object is not None or _acts_for_an_ear(a),
+    ),
+    "modulation": _FOR_AN_EAR,
+    "modulation_hz": _FOR_AN_EAR,
+    "pitch_mm": PITCH,
+    "ear_mm": Acting("without --quiet", lambda a: not a.quiet),
+    "quiet": _WITH_PICTURE,
+    "view": _WITH_PICTURE,
+    "quantity": _WITH_PICTURE,
+    "half_width_mm": _WITH_PICTURE,
+    "decibels": Acting(
+        "with --picture, on pressure and force in --view plane or cuts",
+        lambda a: a.picture is not None and a.quantity != "phase" and a.view != "isosurface",
+    ),
+    "plane": Acting(
+        "with --picture and --view plane", lambda a: a.picture is not None and a.view == "plane"
+    ),
+    "step_mm": Acting(
+        "with --picture and --view plane or isosurface",
+        lambda a: a.picture is not None and a.view != "cuts",
+    ),
+}
+
+
 def set_up_field(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
@@ -101,6 +145,7 @@ def set_up_field(parser: Parser) -> None:
     add_array_options(parser.add_argument_group("array and air"))
     _add_field_picture(parser)
     parser.rename(output="picture")
+    parser.acting = _ACTING
     parser.set_defaults(run=run_field)
 
 
@@ -156,7 +201,7 @@ def run_field(arguments: argparse.Namespace) -> int:
     from .scene import FieldScene
     from .views import check_field_view_size, describe_field_scene, draw_scene
 
-    refuse_idle_options("field", arguments)
+    refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "picture")
     if arguments.picture is not None:
         check_field_view_size(arguments)

@@ -10,12 +10,22 @@ from typing import TYPE_CHECKING, Final
 from haptogram.machine.files import write_json_file
 from haptogram.settings.command_line import add_command_options, add_setting_options
 from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.parser import Acting
 from haptogram.settings.run.outputs import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.run.verify_file import load_verify_config
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
 
-from ..acting_options import refuse_idle_options
+from ..acting_options import (
+    AM,
+    LM,
+    MESH,
+    PITCH,
+    RADIUS,
+    RESOLUTION,
+    acts_on_a_size,
+    refuse_idle_options,
+)
 from ..array_options import add_array_options, array_model
 from ..shell.exit_status import PASS
 from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
@@ -68,6 +78,24 @@ class ModulationResultConfig(Settings):
     json: Path | None = option_of(OutputConfig, "json", help="figures and spectrum as JSON")
 
 
+_ACTING: Final = {
+    "modulation_hz": Acting("with am, lm and stm", lambda a: a.kind != "dwell"),
+    "depth": AM,
+    "shift_mm": LM,
+    "dwell_ms": Acting("with am, lm and dwell", lambda a: a.kind != "stm"),
+    "radius_mm": Acting(
+        RADIUS.where,
+        lambda a: acts_on_a_size(a) and (a.object is not None or a.kind in ("stm", "dwell")),
+    ),
+    "resolution_mm": Acting(
+        RESOLUTION.where,
+        lambda a: a.object != "point" and (a.object is not None or a.kind in ("stm", "dwell")),
+    ),
+    "unit": MESH,
+    "pitch_mm": PITCH,
+}
+
+
 def set_up_modulation(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
@@ -92,6 +120,7 @@ def set_up_modulation(parser: Parser) -> None:
     _add_modulation_skin(parser)
     _add_modulation_outputs(parser)
     parser.rename(output="picture", frames="csv")
+    parser.acting = _ACTING
     parser.set_defaults(run=run_modulation)
 
 
@@ -133,7 +162,7 @@ def run_modulation(arguments: argparse.Namespace) -> int:
 
     from .result import ModulationResult, describe_felt, draw_felt, felt_csv, felt_dict
 
-    refuse_idle_options("modulation", arguments)
+    refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, *_OUTPUTS)
     config = _modulation_config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)

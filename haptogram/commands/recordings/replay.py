@@ -14,7 +14,7 @@ from haptogram.machine.files import write_json_file
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import file_name_option
+from haptogram.settings.parser import Acting, file_name_option
 from haptogram.settings.run.link import LinkConfig
 from haptogram.settings.run.outputs import OutputConfig
 
@@ -63,6 +63,14 @@ class ReplayConfig(Settings):
     show: int = option(20, unit="N", low=0, high=1000, help="differences that are printed")
 
 
+_ACTING: Final = {
+    "baud": Acting("with --port", lambda a: a.port is not None),
+    **dict.fromkeys(
+        ("healthy", "mutant", "array"), Acting("without --port", lambda a: a.port is None)
+    ),
+}
+
+
 def set_up_replay(parser: Parser, make_board: MakeBoard) -> None:
     """Describe the command and add its options; *make_board* powers up virtual boards."""
     parser.description = (
@@ -70,6 +78,7 @@ def set_up_replay(parser: Parser, make_board: MakeBoard) -> None:
         "of the recording."
     )
     parser.epilog = _EPILOG
+    parser.acting = _ACTING
     parser.set_defaults(run=functools.partial(run_replay, make_board=make_board))
     parser.add_argument("file", type=file_name_option, metavar="FILE", help="the recording")
     board = parser.add_argument_group("board")
@@ -87,7 +96,7 @@ def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
     """Replay the recording, print the differences, and return the exit status."""
     from haptogram.evidence.recordings.reader import Recording
 
-    refuse_idle_options("replay", arguments)
+    refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "json")
     recording = Recording(arguments.file)
     if arguments.port is not None:

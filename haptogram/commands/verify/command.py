@@ -117,7 +117,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         config=arguments.config,
         command_line=arguments.command_line,
     )
-    refuse_idle_options("verify", arguments, settings, file, in_file)
+    refuse_idle_options(arguments, settings, file, in_file)
     outputs = CommandOutputs(
         settings, *(name for name in options_of(OutputConfig) if name != "stamp")
     )

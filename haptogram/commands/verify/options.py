@@ -9,7 +9,7 @@ from haptogram.settings import command_line
 from haptogram.settings.array import ArrayConfig, ElementConfig
 from haptogram.settings.board import FaultWords
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name_option
+from haptogram.settings.parser import Acting, file_name_option
 from haptogram.settings.run.captures import CaptureConfig
 from haptogram.settings.run.link import LinkConfig
 from haptogram.settings.run.outputs import OutputConfig
@@ -17,6 +17,7 @@ from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
 from haptogram.settings.tolerance import ToleranceConfig, UncertaintyConfig
 
+from ..acting_options import AM, LM, MESH, RADIUS, RESOLUTION, STAMPED, acts_on_a_grid
 from ..shell.output_files import FILE_HELP
 
 if TYPE_CHECKING:
@@ -56,8 +57,66 @@ _DESCRIPTIONS: Final = {
 }
 
 
+#: What else an option of a run needs, beside one.
+_ACTING_ON_A_RUN: Final = {
+    "resolution_mm": RESOLUTION,
+    "radius_mm": RADIUS,
+    "unit": MESH,
+    "modulation_hz": Acting("with --modulation", lambda s: s.modulation is not None),
+    "depth": AM,
+    "shift_mm": LM,
+    "dwell_ms": Acting("without --modulation stm", lambda s: s.modulation != "stm"),
+    "solver": Acting("with --foci 2 or more", lambda s: s.foci > 1),
+    "pitch_mm": Acting(
+        "on a grid: without --port, or with --array NXxNY",
+        lambda s: acts_on_a_grid(s) and (s.port is None or s.array is not None),
+    ),
+    "dialect_option": Acting("with --dialect", lambda s: s.dialect is not None),
+    "backdoor": Acting(
+        "at a --port that is no haptogram:// URL, which has its own",
+        lambda s: s.port is not None and not s.port.startswith("haptogram://"),
+    ),
+    **dict.fromkeys(
+        ("mode", "lead_ms"),
+        Acting(
+            "on Haptogram's own wire (without --dialect: other boards are given phases, and no "
+            "times)",
+            lambda s: s.dialect is None,
+        ),
+    ),
+    "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
+    "view": Acting(
+        "on the virtual board and the wall clock (without --port and --virtual-time; --html holds "
+        "the view of any run)",
+        lambda s: s.port is None and not s.virtual_time,
+    ),
+}
+
+
+_JUDGING: Final = (ToleranceConfig, UncertaintyConfig, CaptureConfig, OutputConfig)
+_OF_A_RUN: Final = {"record", "view", *options_of(VerifyConfig)} - {
+    "min_verified",
+    *(name for settings in _JUDGING for name in options_of(settings) if name != "record"),
+}
+
+
+def _acts_on_a_run(row: Acting | None) -> Acting:
+    """Return the row of an option that does nothing where a recording is judged."""
+    where = "on a run (a recording has its own; not with --from-recording)"
+    if row is None:
+        return Acting(where, lambda s: s.from_recording is None)
+    return Acting(row.where, lambda s: s.from_recording is None and row.is_there(s))
+
+
+_ACTING: Final = {
+    **{name: _acts_on_a_run(_ACTING_ON_A_RUN.get(name)) for name in _OF_A_RUN},
+    "stamp": STAMPED,
+}
+
+
 def add_verify_options(verify: Parser) -> None:
     """Add every option; one that is not given is None, so that a file can set it."""
+    verify.acting = _ACTING
     rows = options_of(VerifyConfig)
     for title, names in GROUPS.items():
         group = verify.add_argument_group(title, _DESCRIPTIONS.get(title))

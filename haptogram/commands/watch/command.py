@@ -19,10 +19,10 @@ from haptogram.machine.files import STANDARD_OUTPUT, write_json_file
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import name_option
+from haptogram.settings.parser import Acting, name_option
 from haptogram.settings.tolerance import ToleranceConfig
 
-from ..acting_options import refuse_idle_options
+from ..acting_options import STAMPED, refuse_idle_options
 from ..shell.job import annotate_job, provenance_of_run
 from ..shell.output_files import FILE_HELP, CommandOutputs, announce_interrupted_output
 from ..shell.positions import position_argument_mm
@@ -62,6 +62,22 @@ exit status:
 """
 
 
+_OWN_BOARD: Final = Acting(
+    "on a board that is started here, or on a file of bytes (not on a back door)",
+    lambda s: s.source is None or (s.dialect is not None and not s.source.startswith("unix:")),
+)
+_EXPECTED: Final = Acting(
+    "with --expect or --expect-file", lambda s: bool(s.expect) or s.expect_file is not None
+)
+_ACTING: Final = {
+    "stamp": STAMPED,
+    **dict.fromkeys(
+        ("dialect", "dialect_option", "array", "temperature_c", "calibration"), _OWN_BOARD
+    ),
+    **dict.fromkeys(("tolerance_mm", "tolerance_c", "tolerance_humidity"), _EXPECTED),
+}
+
+
 def set_up_watch(parser: Parser, replay: Replay) -> None:
     """Describe the command and add its options; *replay* hands bytes to a board."""
     parser.description = (
@@ -74,6 +90,7 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
     parser.main_options = (
         "dialect array link expect expect_file tolerance_mm frames json junit html"
     )
+    parser.acting = _ACTING
     parser.set_defaults(run=functools.partial(run_watch, replay=replay))
     parser.add_argument(
         "source",
@@ -118,7 +135,7 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
 
 def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
     """Watch until the end, and return the exit status."""
-    refuse_idle_options("watch", arguments)
+    refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, *_FILES, "frames", pictures=False)
     provenance = provenance_of_run(arguments)
     _check_watch_source(arguments)

@@ -25,7 +25,7 @@ def test_every_command_is_parsed_and_refused_nothing():
     assert len(found) >= 3
     for name, *words in found:
         arguments = command_parser(name).parse_args(words)
-        refuse_idle_options(name, arguments)
+        refuse_idle_options(arguments)
         check_conform_arguments(arguments)
         assert all(any(select(all_cases(), [clause])) for clause in arguments.clause)
 
