@@ -12,7 +12,7 @@ from typing import Final, Self, TypeAlias
 
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
 from haptogram.records.frame import Evidence
-from haptogram_protocol.messages import StateChanged
+from haptogram_protocol.messages import Feature, StateChanged
 from haptogram_protocol.state import MuteReason
 
 from ..case import Case, Depth
@@ -20,7 +20,7 @@ from ..clauses import Clause, Level, load_clauses
 from ..client.board_client import BoardClient
 from ..client.wire import HELD_UP_US
 from ..judge.recovery import recover_board
-from ..outcome import CaseEndedError
+from ..outcome import CaseEndedError, HeldUpError
 from ..verdict import NO_RESET, Behaviour, CaseResult, Recovery, SuiteResult
 from .access import Access
 from .connection import SuiteConnection
@@ -198,10 +198,11 @@ class SuiteRunner:
         judged = [outcome for outcome in outcomes if not outcome.traceback]
         broken = next((outcome for outcome in outcomes if outcome.traceback), None)
         failed = next((o for o in judged if o.behaviour is Behaviour.FAILED), None)
-        last = failed or broken or outcomes[-1]
+        unclear = next((o for o in judged if o.behaviour is Behaviour.INCONCLUSIVE), None)
+        last = failed or broken or unclear or outcomes[-1]
         unclean = [o.recovery for o in outcomes if o.recovery is not None and not o.recovery.clean]
         behaviour, detail = last.behaviour, last.detail
-        if len({outcome.behaviour for outcome in judged}) > 1:
+        if len({outcome.behaviour for outcome in judged} - {Behaviour.INCONCLUSIVE}) > 1:
             behaviour = Behaviour.FLAKY
             detail = " then ".join(f"{o.behaviour.value}" for o in outcomes) + f": {detail}"
         expected = self._options.expected
@@ -311,10 +312,22 @@ class SuiteRunner:
             return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))
         if ended.behaviour is Behaviour.FAILED:
             ended = CaseEndedError(ended.behaviour, f"{ended}{self._found_meanwhile(board, ended)}")
+        if ended.behaviour is Behaviour.FAILED and self._is_hold_too_short(board, ended):
+            board.wire.note_held_up(1000 * board.config.hold_ms)
+            hold = f"for longer than the hold of {board.config.hold_ms} ms, which nothing extends"
+            ended = HeldUpError(f"{hold}: {ended}")
         lenient = clause.level is Level.SHOULD and not self._options.strict
         if ended.behaviour is Behaviour.FAILED and lenient:
             return _Outcome(Behaviour.NON_STRICT, str(ended))
         return _Outcome(ended.behaviour, str(ended))
+
+    def _is_hold_too_short(self, board: BoardClient, ended: CaseEndedError) -> bool:
+        """Return True if a hold that the case did not ask for ended before the host came back."""
+        if self._access.virtual or board.has(Feature.CONFIG):
+            return False
+        asked = str(ended).partition(" (meanwhile")[0]
+        reasons = {event.reason for _, event in board.link.events(StateChanged, 0)}
+        return MuteReason.HOLD_EXPIRED in reasons and MuteReason.HOLD_EXPIRED.name not in asked
 
     def _found_meanwhile(self, board: BoardClient, ended: CaseEndedError) -> str:
         """Return in words what the frames of a case show that its own finding does not tell."""

@@ -7,8 +7,9 @@ from boards import BAUD, Dying, Wrapped, port, run, virtual
 from identities import identity
 
 from haptogram.conformance.case import Case, Depth
+from haptogram.conformance.client.latching import latch_now
 from haptogram.conformance.judge.timers import judge_in_time
-from haptogram.conformance.outcome import CaseEndedError, check
+from haptogram.conformance.outcome import CaseEndedError, check, inconclusive
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour, CaseResult, suite_exit_status
@@ -25,6 +26,7 @@ from haptogram_protocol.messages import (
     build_body,
     parse_body,
 )
+from haptogram_protocol.state import MuteReason
 from sim_device.board.counters import BoardCounters, Drop
 from sim_device.board.output import BoardOutput
 
@@ -237,6 +239,14 @@ def test_a_mixed_result_is_flaky_and_counts_as_failed():
     assert suite.exit_status == 1
 
 
+def test_a_result_that_is_right_or_not_judged_is_inconclusive():
+    ends = iter([lambda: None, lambda: inconclusive("held up"), lambda: None])
+    case = Case("HG-2.3/1", "is held up every second time", lambda _: next(ends)())
+    suite = SuiteRunner(virtual(array="4x4"), SuiteOptions(repeat=3)).run([case])
+    assert suite.results[0].behaviour is Behaviour.INCONCLUSIVE
+    assert suite.exit_status == 3
+
+
 @pytest.mark.parametrize(("strict", "due"), [(False, "NON-STRICT"), (True, "FAILED")])
 def test_a_should_that_is_not_met(strict, due):
     case = Case("HG-4.11/3", "a SHOULD", lambda _: check(False, "not met"))
@@ -306,6 +316,24 @@ def plain_check(_, holds, text):
 def test_a_case_is_tried_again_if_the_host_was_held_up(away_ms, holds_at, judge, due, attempts):
     result, tried = held_up(away_ms, holds_at=holds_at, judge=judge)
     assert (result.behaviour, tried) == (due, attempts)
+
+
+@pytest.mark.parametrize(
+    ("features", "due"),
+    [(Feature(0), Behaviour.INCONCLUSIVE), (Feature.CONFIG, Behaviour.FAILED)],
+)
+def test_a_hold_that_nothing_extends_ends_while_the_host_is_held_up(features, due):
+    def body(board):
+        board.arm()
+        latch_now(board)
+        board.wire.idle(6_000_000)
+        check(board.status().reason is MuteReason.NONE, "the board is muted")
+
+    port = identity(features=features).open()
+    access = VirtualAccess("late", lambda _: port, baudrate=BAUD, virtual=False)
+    case = Case("HG-2.3/1", "waits for too long", body)
+    (result,) = SuiteRunner(access, SuiteOptions()).run([case]).results
+    assert result.behaviour is due
 
 
 def test_a_failure_that_another_attempt_does_not_show_is_told():

@@ -28,8 +28,8 @@ _READS: Final = 12
 @case("HG-5.8/1", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def latches_on_carrier_boundaries(board: BoardClient) -> None:
     """frames for 0 to 49 µs past a carrier period are latched on the next one, none before"""
-    board.arm()
     for offset_us in _OFFSETS_US:
+        board.arm_anew()
         t_us = board.clock.soon_us(bytes(400), ahead_us=offset_us)
         before = board.status().counters.latched
         board.link.stream(board.flat_phases(), t_us)
