@@ -1,11 +1,15 @@
 """Configuration of the documentation: `ci/docs` builds it into out/docs."""
 
+import sys
 from pathlib import Path
 
 from sphinx.addnodes import pending_xref
 from sphinx.util.nodes import make_refnode
 
 import haptogram
+
+sys.path.insert(0, str(Path(__file__).parent))
+import commands_page
 
 project = "Haptogram"
 author = copyright = "the Haptogram authors"
@@ -30,9 +34,16 @@ napoleon_use_ivar = True
 
 
 def setup(app):
-    """Escape bars in docstrings, and link files of the checkout where they are pages."""
+    """Escape bars in docstrings, link files that are pages, and show every command's options."""
+    app.connect("source-read", _add_options)
     app.connect("autodoc-process-docstring", _escape_bars, priority=600)  # after napoleon
     app.connect("doctree-read", _link_files)
+
+
+def _add_options(app, docname, source):
+    """Add the options of every command to their page."""
+    if docname == "commands":
+        source[0] += "\n" + commands_page.sections()
 
 
 def _link_files(app, doctree):
