@@ -41,11 +41,20 @@ _COLUMNS: Final = {
 }
 
 
-def table(trials: Iterable[Line]) -> str:
-    """A row per kind of case, in Markdown."""
+def family(kind: str) -> str:
+    """The kinds that the page sums: a layout, a way to be wrong, or where a fault sits."""
+    name = kind.removesuffix(" (host)").removesuffix(" (line)")
+    if re.match(r"(clock|device|frame|line)\.", name):
+        return f"faults of the {name.partition('.')[0]}"
+    name = re.sub(r"^(off by) \d+ steps$", r"\1 some steps", name)
+    return re.sub(r"(?:[:,]| small\b| [xy]$).*", "", name)
+
+
+def table(trials: Iterable[Line], *, summed: bool = False) -> str:
+    """A row per kind of case, or per family of kinds, in Markdown."""
     rows: dict[str, Counter[str]] = defaultdict(Counter)
     for trial in trials:
-        rows[trial["kind"]][trial["outcome"]] += 1
+        rows[family(trial["kind"]) if summed else trial["kind"]][trial["outcome"]] += 1
     head = ["case", "trials", *_COLUMNS]
     body = [_row(kind, rows[kind]) for kind in sorted(rows)]
     body.append(_row("**all**", sum(rows.values(), Counter())))
@@ -133,7 +142,7 @@ def document(seed: int, trials: dict[Group, list[Line]]) -> str:
     many = {group: sum(map(counted, trials[group])) for group in GROUPS}
     parts = [_PAGE_HEAD.format(seed=seed, **many)]
     for group in GROUPS:
-        parts += [f"## {_TITLES[group]}", "", table(trials[group]), ""]
+        parts += [f"## {_TITLES[group]}", "", table(trials[group], summed=True), ""]
         parts += [f"- {line}" for line in summary(group, trials[group]) if line[0] != " "]
         parts.append("")
     return "\n".join(parts)
@@ -143,19 +152,16 @@ _TITLES: Final = {"honest": "Correct drives", "wrong": "Wrong drives and faults"
 _PAGE_HEAD: Final = """\
 # Is the verdict ever wrong?
 
-Written by `ci/trials --seed {seed}`, of {honest} correct and {wrong} wrong frames; without options
-it makes 10 000 of each. Every trial is one frame that goes from the driver over bytes to the
-virtual board, is latched, and is judged. Beside it stands a truth that shares no code with the
-program: a field of its own, and a dense search for the place where the waves arrive in phase,
-for the peaks next to several foci, and for the pressure at every target.
+Written by `ci/trials --seed {seed}`, of {honest} correct and {wrong} wrong frames, which go from the
+driver over bytes to the virtual board, are latched and judged. The truth beside each shares no code
+with the program: a field of its own, and a dense search for the place where the waves arrive in
+phase, for the peaks next to several foci, and for the pressure at every target. `ci/trials` prints
+each kind of a family that has one row here.
 
-A *false pass* is a frame that is on target although its effect exceeds what the verdict says that
-it would have shown: a miss beyond the smallest miss that was printed, or a pressure that is further
-off than rounding of phases and amplitudes can make it. With a tolerance, a correct host takes up to
-all of it: another place, other air, elements a little elsewhere, all at once; and the elements of a
-drive are compared with those of the tolerated place and air that suit them best. A *false fail* is
-a correct frame that fails. *Below* are wrong drives whose effect is smaller than that, passed or
-failed. *Lost* are frames that a fault kept from being latched, or that were never sent because the
-fault ended the run. *Passed* among the wrong ones are frames that the fault left alone; they do not
-count.
+- *False pass*: on target, although the effect exceeds what the verdict says that it would have shown.
+- *False fail*: a correct frame that fails. With a tolerance, a correct host takes up to all of it:
+  another place, other air, elements a little elsewhere, all at once.
+- *Below*: wrong drives whose effect is smaller than what shows.
+- *Lost*: not latched because of a fault, or never sent because the fault ended the run.
+- *Passed* among the wrong ones: the fault left the frame alone; these do not count.
 """
