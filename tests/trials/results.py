@@ -153,8 +153,8 @@ _PAGE_HEAD: Final = """\
 # Is the verdict ever wrong?
 
 Written by `ci/trials --seed {seed}`, of {honest} correct and {wrong} wrong frames, which go from
-the driver over bytes to the virtual board, are latched and judged. The truth beside each shares no code
-with the program: a field of its own, and a dense search for the place where the waves arrive in
+the driver over bytes to the virtual board, are latched and judged. The truth beside each shares no
+code with the program: a field of its own, and a dense search for the place where the waves arrive in
 phase, for the peaks next to several foci, and for the pressure at every target. `ci/trials` prints
 each kind of a family that has one row here.
 
