@@ -119,7 +119,7 @@ class SceneInputs:
             found[f"another {field.name}"] = lambda name=field.name: requests.plain(  # type: ignore[misc]
                 SetConfig(configs.changed(name))
             )
-        for name, _ in REFUSED_CONFIG:
+        for name in REFUSED_CONFIG:
             found[f"refused {name}"] = lambda name=name: requests.plain(  # type: ignore[misc]
                 SetConfig(configs.refused(name))
             )
