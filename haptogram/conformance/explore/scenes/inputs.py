@@ -85,7 +85,7 @@ class SceneInputs:
             stream.plain(n + 0.5) for n in range(4)
         )
         self._found["two frames at once"] = lambda: told_as_made(stream.pair())
-        self._found["an upload"] = lambda: told_as_made(requests.upload())
+        self._found["an upload"] = lambda: told_as_made(requests.uploads.upload())
         if conditions.exact:
             self._found["a fault"] = lambda: [fault_told()]
         self.names = list(self._found)

@@ -152,7 +152,7 @@ class RandomScenes:
         (name,) = self._next("long", lambda: [("events",), ("records",), ("an upload",)])
         silent: ToldSlots = [[] for _ in range(_LONG_SLOTS)]
         if name == "an upload":
-            steps = [*self._states.traced(TraceMode.CRC), *self._requests.long_upload()]
+            steps = [*self._states.traced(TraceMode.CRC), *self._requests.uploads.long_upload()]
             steps.append(self._requests.short_play())
             edges = range(0, len(steps), _CHUNKS)
             return [*(told_as_made(steps[at : at + _CHUNKS]) for at in edges), *silent]

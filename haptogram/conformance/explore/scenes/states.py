@@ -71,7 +71,7 @@ class SceneStates:
         if requests.plays:
             self._quick |= {
                 "with a playback that waits": lambda: [[*self._begun(), self._play(100.0, _LOOPS)]],
-                "in an upload": lambda: [requests.upload()[:2]],
+                "in an upload": lambda: [requests.uploads.upload()[:2]],
             }
             self._timed |= {
                 "in a playback": lambda: [[*self._begun(), self._play(0.5, 0)], []],

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from haptogram_protocol.messages import (
     Config,
-    DriveKind,
     Feature,
     GetGeometry,
     HelloReply,
@@ -20,6 +19,7 @@ from haptogram_protocol.messages import (
     UploadBegin,
     UploadKind,
 )
+from haptogram_protocol.rules import READ_CAPABILITIES
 
 from ...judge.refused_requests import OUT_OF_BOUNDS
 from ..actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES
@@ -58,10 +58,7 @@ def random_limit_requests(identity: HelloReply, config: Config) -> list[Message]
     if can & Feature.CONFIG:
         for name, values in REFUSED_CONFIG.items():
             found += map(SetConfig, _limit_request_with(config, **{name: values}))
-    for feature, kind in (
-        (Feature.READ_LATCHED, DriveKind.LATCHED),
-        (Feature.READ_RADIATED, DriveKind.RADIATED),
-    ):
+    for kind, feature in READ_CAPABILITIES.items():
         if can & feature:
             whole = ReadDrive(kind, 0, count)
             found += _limit_request_with(whole, kind=_NO_KINDS)
