@@ -13,7 +13,7 @@ from haptogram_protocol.messages import (
     Mute,
     TraceMode,
 )
-from haptogram_protocol.rules import TRACE_CAPABILITIES, unsupported_types
+from haptogram_protocol.rules import READ_CAPABILITIES, TRACE_CAPABILITIES, unsupported_types
 
 from .board_client import BoardClient
 
@@ -26,10 +26,6 @@ SHOWN_RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
 #: Trace modes with the capability of each: with OFF, which needs none, and without.
 ALL_MODES: Final = tuple((feature, mode) for mode, feature in TRACE_CAPABILITIES.items())
 TRACE_MODES: Final = tuple(pair for pair in ALL_MODES if pair[1] is not TraceMode.OFF)
-_READ_BACKS: Final = (
-    (Feature.READ_LATCHED, DriveKind.LATCHED),
-    (Feature.READ_RADIATED, DriveKind.RADIATED),
-)
 
 
 def requests_that_board_takes(board: BoardClient) -> list[type[Message]]:
@@ -45,7 +41,7 @@ def requests_that_board_takes(board: BoardClient) -> list[type[Message]]:
 
 def drive_kinds(board: BoardClient) -> list[DriveKind]:
     """Return the kinds of drives that the board reads back."""
-    return [kind for feature, kind in _READ_BACKS if board.has(feature)]
+    return [kind for kind, feature in READ_CAPABILITIES.items() if board.has(feature)]
 
 
 def trace_modes(board: BoardClient, *wanted: TraceMode) -> list[TraceMode]:

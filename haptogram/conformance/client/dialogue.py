@@ -8,7 +8,6 @@ from haptogram_protocol.framing import CRC_BYTES, HEADER_BYTES
 from haptogram_protocol.messages import (
     Arm,
     Disarm,
-    DriveKind,
     Feature,
     GetConfig,
     GetGeometry,
@@ -24,7 +23,7 @@ from haptogram_protocol.messages import (
 )
 
 from .board_client import BoardClient
-from .capabilities import TRACE_MODES
+from .capabilities import TRACE_MODES, drive_kinds
 from .latching import latch_now
 from .playback import phases_that_fit
 from .uploads import upload_to_board
@@ -79,10 +78,8 @@ def _stream_in_client_dialogue(board: BoardClient) -> None:
     # No zero in the registers, nor in the amplitudes: the longest runs that COBS has to cut.
     latch_now(board, board.flat_phases(0x88))
     latch_now(board, board.phases(board.random_registers()))
-    if board.has(Feature.READ_LATCHED):
-        board.link.ask(ReadDrive(DriveKind.LATCHED, 0, 0xFFFF))
-    if board.has(Feature.READ_RADIATED):
-        board.link.ask(ReadDrive(DriveKind.RADIATED, 0, 0xFFFF))
+    for kind in drive_kinds(board):
+        board.link.ask(ReadDrive(kind, 0, 0xFFFF))
     if board.has(Feature.TRACE_RING):
         board.link.ask(ReadTrace(0, 0xFFFF))
     board.wire.idle(1200 * board.quick_status_ms)  # for a STATUS

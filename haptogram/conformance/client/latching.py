@@ -25,10 +25,11 @@ from haptogram_protocol.messages import (
     TracePlayback,
     TraceReply,
 )
+from haptogram_protocol.rules import TRACE_CAPABILITIES
 
 from ..outcome import check_equal, unimplemented
 from .board_client import BoardClient
-from .capabilities import TRACES
+from .capabilities import TRACES, trace_modes
 from .playback import play_out
 from .stream_kinds import points_of_stream_kind
 
@@ -235,15 +236,12 @@ def ask_for_board_latches(board: BoardClient, traces: Feature = TRACES) -> Trace
 
 def ask_for_board_latches_if_supported(board: BoardClient, traces: Feature = TRACES) -> TraceMode:
     """Switch on one of *traces*, of every latch, and return its mode; OFF: the board has none."""
-    for feature, mode in (
-        (Feature.TRACE, TraceMode.CRC),
-        (Feature.TRACE_RING, TraceMode.RING),
-        (Feature.TRACE_DRIVE, TraceMode.DRIVE),
-    ):
-        if feature & traces and board.has(feature | Feature.CONFIG):
-            board.configure(trace_mode=mode)
-            return mode
-    return TraceMode.OFF
+    asked = (TraceMode.CRC, TraceMode.RING, TraceMode.DRIVE)
+    modes = trace_modes(board, *asked) if board.has(Feature.CONFIG) else []
+    mode = next((one for one in modes if TRACE_CAPABILITIES[one] & traces), TraceMode.OFF)
+    if mode is not TraceMode.OFF:
+        board.configure(trace_mode=mode)
+    return mode
 
 
 def latches_received_from_board(

@@ -32,7 +32,7 @@ from haptogram_protocol.messages import (
     UploadCommit,
     UploadKind,
 )
-from haptogram_protocol.rules import PLAYBACK, UPLOADS
+from haptogram_protocol.rules import PLAYBACK, READ_CAPABILITIES, UPLOADS
 
 from .board_client import BoardClient
 from .playback import play_request
@@ -116,10 +116,7 @@ def valid_requests_to_send(board: BoardClient, sequence: int) -> Iterator[Messag
     yield GetGeometry(0, 2)
     if board.has(Feature.CONFIG):
         yield SetConfig(board.config)
-    for feature, kind in (
-        (Feature.READ_LATCHED, DriveKind.LATCHED),
-        (Feature.READ_RADIATED, DriveKind.RADIATED),
-    ):
+    for kind, feature in READ_CAPABILITIES.items():
         if board.has(feature):
             yield ReadDrive(kind, 0, 2)
     if board.has(Feature.TRACE_RING):

@@ -13,17 +13,12 @@ from haptogram_protocol.messages import (
     Error,
     ErrorCode,
     GeometryReply,
-    GetGeometry,
-    Hello,
     HelloReply,
     Message,
     MuteReply,
-    Play,
     PlaybackEnded,
     PlayReply,
     Pong,
-    ReadDrive,
-    SetConfig,
     SetConfigReply,
     StateChanged,
     Status,
@@ -33,13 +28,11 @@ from haptogram_protocol.messages import (
     TraceDrive,
     TracePlayback,
     TraceReply,
-    UploadBegin,
     UploadBeginReply,
-    UploadChunk,
     UploadChunkReply,
-    UploadCommit,
     UploadCommitReply,
 )
+from haptogram_protocol.rules import LINK_REFUSALS, REFUSALS
 
 #: A reply or an event that is due: the clause by which it is.
 DUE_CLAUSES: Final[dict[type[Message], str]] = {
@@ -66,38 +59,12 @@ DUE_CLAUSES: Final[dict[type[Message], str]] = {
     StateChanged: "HG-6.8/1",
     PlaybackEnded: "HG-7.8/1",
 }
-#: A refusal that is due, by its code.
-REFUSAL_CLAUSES: Final[dict[int, str]] = {
-    ErrorCode.UNSUPPORTED: "HG-3.4/1",
-    ErrorCode.BAD_LENGTH: "HG-3.2/4",
-    ErrorCode.BAD_VALUE: "HG-3.2/5",
-    ErrorCode.BAD_STATE: "HG-6.2/1",
-    ErrorCode.STALE_SESSION: "HG-4.12/1",
-    ErrorCode.SEQUENCE_REUSED: "HG-4.9/3",
-    ErrorCode.VERSION: "HG-4.4/1",
-    ErrorCode.TOO_LARGE: "HG-7.2/1",
-    ErrorCode.INCOMPLETE: "HG-7.4/2",
-    ErrorCode.CRC_MISMATCH: "HG-7.4/3",
-    ErrorCode.FAULT: "HG-6.6/3",
-    ErrorCode.NOT_FOUND: "HG-7.6/1",
+#: A refusal that is due: by request and code, and by the code alone where no request has its own.
+REFUSAL_CLAUSES: Final[dict[tuple[int, int], str]] = {
+    (kind, refusal.code): refusal.clause for kind, some in REFUSALS.items() for refusal in some
 }
-#: The same, of a request that has a clause of its own for the code.
-REQUEST_REFUSAL_CLAUSES: Final[dict[tuple[int, int], str]] = {
-    (Hello.TYPE, ErrorCode.BAD_VALUE): "HG-4.1/3",
-    (SetConfig.TYPE, ErrorCode.BAD_VALUE): "HG-7.1/1",
-    (UploadBegin.TYPE, ErrorCode.BAD_VALUE): "HG-7.2/3",
-    (UploadBegin.TYPE, ErrorCode.BAD_LENGTH): "HG-7.2/2",
-    (UploadBegin.TYPE, ErrorCode.BAD_STATE): "HG-7.2/5",
-    (UploadChunk.TYPE, ErrorCode.BAD_VALUE): "HG-7.3/4",
-    (UploadChunk.TYPE, ErrorCode.BAD_STATE): "HG-7.3/4",
-    (UploadChunk.TYPE, ErrorCode.BAD_LENGTH): "HG-7.3/3",
-    (UploadChunk.TYPE, ErrorCode.INCOMPLETE): "HG-7.3/1",
-    (UploadCommit.TYPE, ErrorCode.BAD_VALUE): "HG-7.4/4",
-    (UploadCommit.TYPE, ErrorCode.BAD_STATE): "HG-7.4/4",
-    (Play.TYPE, ErrorCode.BAD_VALUE): "HG-7.6/2",
-    (Play.TYPE, ErrorCode.BAD_STATE): "HG-7.6/1",
-    (ReadDrive.TYPE, ErrorCode.NOT_FOUND): "HG-8.6/2",
-    (GetGeometry.TYPE, ErrorCode.NOT_FOUND): "HG-7.5/2",
+LINK_REFUSAL_CLAUSES: Final[dict[int, str]] = {
+    refusal.code: refusal.clause for some in LINK_REFUSALS.values() for refusal in some
 }
 #: Counters: those of dropped frames first, as a frame that is not dropped moves others too.
 COUNTER_CLAUSES: Final[dict[str, str]] = {
@@ -184,10 +151,8 @@ def clause_of_due_message(due: Message) -> str:
     if isinstance(due, Error):
         if due.code == ErrorCode.UNSUPPORTED and due.detail == due.request:
             return "HG-3.3/3"
-        found = REQUEST_REFUSAL_CLAUSES.get(
-            (due.request, due.code), REFUSAL_CLAUSES.get(due.code, "")
-        )
-        return found or "HG-10.2/1"
+        of_link = LINK_REFUSAL_CLAUSES.get(due.code, "HG-10.2/1")
+        return REFUSAL_CLAUSES.get((due.request, due.code), of_link)
     return DUE_CLAUSES.get(type(due), "HG-3.3/1")
 
 

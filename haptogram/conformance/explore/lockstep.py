@@ -115,7 +115,7 @@ class Lockstep:
         self._is_virtual = board.wire.is_virtual
         self._models = DialogueModels(board.identity, knows_time=self._is_virtual)
         self._opening = DialogueOpening(board, self._models)
-        self.is_exact = self._is_virtual and board.wire.line_us(MAX_ENCODED_BYTES) <= 1
+        self.is_exact = self._is_virtual and board.wire.carries(MAX_ENCODED_BYTES, 1)
         self._least_near_us = _NEAR_EXACT_US if self.is_exact else _NEAR_US
         self._session = self._near_us = 0
 

@@ -15,6 +15,8 @@ from haptogram_protocol.messages import (
     TraceReply,
     UploadChunkReply,
 )
+from haptogram_protocol.rules import EFFECTS
+from haptogram_protocol.rules import Held as Part
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
 from ..client.board_client import BoardClient
@@ -37,6 +39,14 @@ _REASONS: Final = {
     OutputInput.MUTE: MuteReason.MUTE,
     OutputInput.DISARM: MuteReason.DISARM,
 }
+#: The same inputs in the table of effects.
+_INPUTS: Final = {
+    OutputInput.NEW_SESSION: "HELLO, another nonce",
+    OutputInput.ARM: "ARM",
+    OutputInput.MUTE: "MUTE, any session",
+    OutputInput.DISARM: "DISARM",
+}
+_OTHER_CONFIG: Final = {"config_crc": ANYTHING, "the configuration": ANYTHING}
 
 
 def state_and_reason_after(before: StateAndReason, event: OutputInput) -> StateAndReason:
@@ -59,12 +69,6 @@ def _counted_effect(before: Held, name: str, number: int) -> dict[str, object]:
     return {key: (count + number) & 0xFFFFFFFF}
 
 
-def _queued_before_effect(before: Held) -> int:
-    queued = before["the queue"]
-    assert isinstance(queued, int)  # StatusReply.queued
-    return queued
-
-
 def state_before_effect(before: Held) -> tuple[OutputState, MuteReason]:
     """Return output state and reason before an event."""
     found = before["the output state"]
@@ -72,10 +76,28 @@ def state_before_effect(before: Held) -> tuple[OutputState, MuteReason]:
     return found
 
 
-def _flushed_effect(before: Held) -> dict[str, object]:
-    return {"the queue": 0, "events": ANYTHING} | _counted_effect(
-        before, "flushed", _queued_before_effect(before)
-    )
+def _tabled_effect(name: str, before: Held) -> dict[str, object]:
+    """Return the changes that the table of effects names for an input, as a host reads them."""
+    row = EFFECTS[name]
+    changed: dict[str, object] = {}
+    if Part.HOLD in row:  # the output goes off
+        changed["the radiated drive"] = ANYTHING
+    if Part.PLAYBACK in row:
+        changed["events"] = ANYTHING
+    if row.get(Part.QUEUE) == "flushed":
+        queued = before["the queue"]
+        assert isinstance(queued, int)  # StatusReply.queued
+        changed |= {"the queue": 0} | _counted_effect(before, "flushed", queued)
+    if Part.UPLOAD in row:  # none is left
+        changed["the upload"] = "refused", ErrorCode.BAD_STATE
+    if Part.LATCH in row:  # the drive: HG-8.6/4
+        changed |= {"the last latch": (0, 0), "the trace ring": TraceReply(0, 0, ())}
+        changed["the latched drive"] = ANYTHING
+    return changed
+
+
+def _effect_of_row(name: str) -> Due:
+    return lambda _, before: _tabled_effect(name, before)
 
 
 def effect_of_input(event: OutputInput) -> Due:
@@ -83,34 +105,18 @@ def effect_of_input(event: OutputInput) -> Due:
 
     def due(_: BoardClient, before: Held) -> dict[str, object]:
         found = state_and_reason_after(state_before_effect(before), event)
-        changed: dict[str, object] = {"the output state": found}
-        if event is not OutputInput.ARM:
-            changed |= {"the radiated drive": ANYTHING} | _flushed_effect(before)
-        return changed
+        return {"the output state": found} | _tabled_effect(_INPUTS[event], before)
 
     return due
 
 
-def effect_of_new_session(board: BoardClient, before: Held) -> dict[str, object]:
-    """Return the changes by HELLO with a new nonce (HG-4.6)."""
-    ring = TraceReply(0, 0, ())
-    refused = ("refused", ErrorCode.BAD_STATE)
-    return effect_of_input(OutputInput.NEW_SESSION)(board, before) | {
-        "the last latch": (0, 0),
-        "the latched drive": ANYTHING,  # HG-8.6/4
-        "the trace ring": ring,
-        "the upload": refused,
-    }
-
-
 def effect_of_timer(reason: MuteReason) -> Due:
-    """Return the changes by a mute by a timer (HG-6.11/5)."""
+    """Return the changes by a mute by a timer (HG-6.11/5), whose length was set for it."""
 
     def due(_: BoardClient, before: Held) -> dict[str, object]:
-        free = ("the radiated drive", "config_crc", "the configuration")
-        changed: dict[str, object] = dict.fromkeys(free, ANYTHING)
-        changed["the output state"] = OutputState.MUTED, reason
-        return changed | _flushed_effect(before) | _counted_effect(before, "timeouts", 1)
+        changed: dict[str, object] = {"the output state": (OutputState.MUTED, reason)}
+        changed |= _tabled_effect("end of a ramp", before) | _OTHER_CONFIG
+        return changed | _counted_effect(before, "timeouts", 1)
 
     return due
 
@@ -118,7 +124,7 @@ def effect_of_timer(reason: MuteReason) -> Due:
 def effect_of_fault(_: BoardClient, before: Held) -> dict[str, object]:
     """Return the changes by a fault of the hardware."""
     changed: dict[str, object] = {"the output state": (OutputState.FAULT, MuteReason.FAULT)}
-    return changed | {"the radiated drive": ANYTHING} | _flushed_effect(before)
+    return changed | _tabled_effect("a fault of the hardware", before)
 
 
 def effect_counted_once(name: str) -> Due:
@@ -136,23 +142,13 @@ def effect_of_copies(_: BoardClient, __: Held) -> dict[str, object]:
     return {"the counter duplicate": ANYTHING}
 
 
-def effect_of_end(_: BoardClient, __: Held) -> dict[str, object]:
-    """Return the change by the end of a playback, if one plays."""
-    return {"events": ANYTHING}
-
-
-def effect_of_play(_: BoardClient, before: Held) -> dict[str, object]:
-    """Return the changes by PLAY (HG-7.6/3)."""
-    return _flushed_effect(before)
-
-
-def effect_of_commit(_: BoardClient, __: Held) -> dict[str, object]:
-    """Return the change by UPLOAD_COMMIT: no upload is left."""
-    return {"the upload": ("refused", ErrorCode.BAD_STATE)}
-
-
-def effect_of_correction(_: BoardClient, __: Held) -> dict[str, object]:
+def effect_of_correction(_: BoardClient, before: Held) -> dict[str, object]:
     """Return the changes by a new phase correction."""
-    refused = ("refused", ErrorCode.BAD_STATE)
-    free = ("config_crc", "the configuration", "the radiated drive")
-    return {"the upload": refused} | dict.fromkeys(free, ANYTHING)
+    changed = _tabled_effect("UPLOAD_COMMIT", before) | _OTHER_CONFIG
+    return changed | {"the radiated drive": ANYTHING}
+
+
+effect_of_new_session: Final = effect_of_input(OutputInput.NEW_SESSION)
+effect_of_end: Final = _effect_of_row("STOP of a playback")
+effect_of_play: Final = _effect_of_row("PLAY")
+effect_of_commit: Final = _effect_of_row("UPLOAD_COMMIT")

@@ -17,18 +17,18 @@ from haptogram_protocol.messages import (
     GetConfig,
     GetGeometry,
     PlaybackEnded,
-    ReadDrive,
-    ReadTrace,
     StateChanged,
     StatusReply,
     TraceMode,
     TraceReply,
     UploadChunk,
 )
+from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import OutputState
 
 from ..client.board_client import BoardClient
-from ..client.latching import client_drive_of_reply
+from ..client.capabilities import drive_kinds
+from ..client.latching import client_drive_of_reply, read_drive, read_ring
 from ..outcome import check, check_equal, record_differences
 
 _RECORDS: Final = 8
@@ -43,7 +43,6 @@ _GROWING: Final = (
     "dropped_order",
     "dropped_state",
 )
-_UPLOADS: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS | Feature.CORRECTION
 _WRAP: Final = 1 << 32
 
 #: What a board holds, by names.
@@ -71,19 +70,14 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
     }
     held |= {f"the counter {name}": getattr(status.counters, name) for name in Counters.WIRE}
     drives: dict[DriveKind, DriveReply] = {}
-    for feature, kind in (
-        (Feature.READ_LATCHED, DriveKind.LATCHED),
-        (Feature.READ_RADIATED, DriveKind.RADIATED),
-    ):
-        if board.has(feature):
-            read = ReadDrive(kind, 0, board.identity.transducers)
-            drives[kind] = board.link.call(read, DriveReply)
-            held[f"the {kind.name.lower()} drive"] = drives[kind]
+    for kind in drive_kinds(board):
+        drives[kind] = read_drive(board, kind, 0, board.identity.transducers)
+        held[f"the {kind.name.lower()} drive"] = drives[kind]
     if board.has(Feature.TRACE_RING):
-        ring = board.link.call(ReadTrace(0, _RECORDS), TraceReply)
+        ring = read_ring(board, 0, _RECORDS)
         held["the trace ring"] = ring
         _check_held_ring(status, config, drives, ring)
-    if board.identity.features & _UPLOADS:
+    if board.identity.features & UPLOADS:
         held["the upload"] = _held_state_of_upload(board)
     last = board.identity.transducers - 1
     held["the geometry"] = board.link.call(GetGeometry(last, 2), GeometryReply)

@@ -24,6 +24,7 @@ from haptogram_protocol.messages import (
     DriveKind,
     DriveReply,
     Element,
+    Error,
     GeometryReply,
     HelloReply,
     LatchKey,
@@ -105,19 +106,18 @@ class StandingRules:
         self._since = _Since()
         self._case = ""
         self._in_case: dict[str, str] = {}
-        self._rules: tuple[Callable[[ReceivedByClient, Message], Broken], ...] = (
-            self._judge_identity,
-            self._judge_status,
-            self._judge_counters,
-            self._judge_config,
-            self._judge_geometry,
-            self._judge_upload_limits,
-            self._judge_events,
-            self._judge_traces,
-            self._judge_order,
-            self._judge_times,
-            self._judge_drives,
-            self._judge_room,
+        self._rules: tuple[tuple[Callable[..., Broken], tuple[type[Message], ...]], ...] = (
+            (self._judge_identity, (HelloReply,)),
+            (self._judge_status, (Status, StatusReply)),
+            (self._judge_config, (UploadCommitReply, SetConfigReply, ConfigReply, StatusReply)),
+            (self._judge_geometry, (GeometryReply,)),
+            (self._judge_upload_limits, (UploadBeginReply,)),
+            (self._judge_events, (Message,)),
+            (self._judge_traces, (TraceReply, *TRACES)),
+            (self._judge_order, (Message,)),
+            (self._judge_times, (Message,)),
+            (self._judge_drives, (DriveReply, TraceReply, UploadCommitReply, *TRACES)),
+            (self._judge_room, (UploadBeginReply, UploadCommitReply, Error)),
         )
 
     def begin_board(self, line_us: Callable[[int], int] | None = None) -> None:
@@ -151,8 +151,9 @@ class StandingRules:
             return
         if self._is_repeated(piece) or not (piece.is_response or piece.is_event):
             return
-        for rule in self._rules:
-            self._note_all(rule(piece, piece.message), piece)
+        for rule, kinds in self._rules:
+            if isinstance(piece.message, kinds):
+                self._note_all(rule(piece, piece.message), piece)
 
     def _is_repeated(self, piece: ReceivedByClient) -> bool:
         """Return True for a reply from memory: it tells of an earlier time (HG-4.11/6)."""
@@ -186,9 +187,7 @@ class StandingRules:
 
     # --- HELLO -----------------------------------------------------------------------------------
 
-    def _judge_identity(self, _: ReceivedByClient, message: Message) -> Broken:
-        if not isinstance(message, HelloReply):
-            return
+    def _judge_identity(self, _: ReceivedByClient, message: HelloReply) -> Broken:
         was = self._since.identity or message
         fields = (field.name for field in dataclasses.fields(message))
         kept = (name for name in fields if name not in _OF_SESSION)
@@ -198,14 +197,13 @@ class StandingRules:
 
     # --- STATUS ----------------------------------------------------------------------------------
 
-    def _judge_status(self, _: ReceivedByClient, message: Message) -> Broken:
-        if not isinstance(message, Status | StatusReply):
-            return
+    def _judge_status(self, _: ReceivedByClient, message: Status | StatusReply) -> Broken:
         yield "HG-3.9/2", self._wrong_sum(message.counters)
         due = _REASONS[OutputState(message.state)]
         text = f"{message.state.name} with the reason {message.reason.name}"
         yield "HG-6.2/3", text if message.reason not in due else ""
         yield "HG-9.1/3", "; ".join(_contradictions(message))
+        yield "HG-9.2/1", self._less_counted(message.counters)
 
     def _wrong_sum(self, counters: Counters) -> str:
         """Return in words that the frames are not those of the parts, and what was sent."""
@@ -222,17 +220,13 @@ class StandingRules:
         named = ", ".join(f"{many} {annotated_type_name(kind)}" for kind, many in sent.items())
         return f"{text}; since the STATUS before: frames {steps['frames']}, {parts}; sent: {named}"
 
-    def _judge_counters(self, _: ReceivedByClient, message: Message) -> Broken:
-        if not isinstance(message, Status | StatusReply):
-            return
-        before, now = self._since.counters or message.counters, message.counters
-        less = [
+    def _less_counted(self, now: Counters) -> str:
+        before, self._since.counters = self._since.counters or now, now
+        return "; ".join(
             f"{name} {getattr(before, name)}, then {getattr(now, name)}"
             for name in Counters.WIRE
             if (getattr(now, name) - getattr(before, name)) % _WRAP >= _WRAP // 2
-        ]
-        yield "HG-9.2/1", "; ".join(less)
-        self._since.counters = now
+        )
 
     # --- Configuration and geometry --------------------------------------------------------------
 
@@ -253,9 +247,9 @@ class StandingRules:
             yield "HG-7.1/5", text if message.config_crc != crc else ""
             since.config_crc = message.config_crc
 
-    def _judge_geometry(self, _: ReceivedByClient, message: Message) -> Broken:
+    def _judge_geometry(self, _: ReceivedByClient, message: GeometryReply) -> Broken:
         since = self._since
-        if not isinstance(message, GeometryReply) or since.identity is None:
+        if since.identity is None:
             return
         total = since.identity.transducers
         wrong = [f"total is {message.total} of {total}"] if message.total != total else []
@@ -265,9 +259,9 @@ class StandingRules:
                 wrong.append(f"transducer {number}: {record_differences(element, was, 'was')}")
         yield "HG-7.5/1", "; ".join(wrong[:2])
 
-    def _judge_upload_limits(self, _: ReceivedByClient, message: Message) -> Broken:
+    def _judge_upload_limits(self, _: ReceivedByClient, message: UploadBeginReply) -> Broken:
         identity = self._since.identity
-        if not isinstance(message, UploadBeginReply) or identity is None:
+        if identity is None:
             return
         told = message.max_chunk, message.window
         due = identity.max_chunk, identity.upload_window

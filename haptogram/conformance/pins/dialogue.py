@@ -63,6 +63,10 @@ class PinDialogue:
             record, "to_host", record.to_host
         )
 
+    def requests(self, *kinds: MessageType) -> list[LineFrame]:
+        """Return the requests of these *kinds* that the host sent."""
+        return [frame for frame in self.to_board if frame.header.type in kinds]
+
     def sent(self, kind: type[_M]) -> Iterator[tuple[LineFrame, _M]]:
         """Yield the frames of the host with a message of this *kind*."""
         return ((f, f.message) for f in self.to_board if isinstance(f.message, kind))
@@ -88,16 +92,12 @@ class PinDialogue:
     @cached_property
     def arms(self) -> list[float]:
         """Arrivals of ARM."""
-        return [f.arrival for f in self.to_board if f.header.type == MessageType.ARM]
+        return [arm.arrival for arm in self.requests(MessageType.ARM)]
 
     @cached_property
     def _armings(self) -> list[float]:
         """Arrivals of ARM, and the replies to those that the analyser read wrongly."""
-        read = {
-            (f.header.session, f.header.seq)
-            for f in self.to_board
-            if f.header.type == MessageType.ARM
-        }
+        read = {(f.header.session, f.header.seq) for f in self.requests(MessageType.ARM)}
         replies = (f for f in self.to_host if f.header.type == MessageType.ARM_REPLY)
         lost = [f.begin for f in replies if (f.header.session, f.header.seq) not in read]
         return sorted([*self.arms, *lost])
@@ -105,11 +105,8 @@ class PinDialogue:
     @cached_property
     def sources(self) -> list[float]:
         """Arrivals of frames that may bring sound: of the stream, and PLAY."""
-        return [
-            f.arrival
-            for f in self.to_board
-            if f.header.type in STREAM_RANGE or isinstance(f.message, Play)
-        ]
+        plays = [frame for frame, _ in self.sent(Play)]
+        return sorted(frame.arrival for frame in (*self.stream, *plays))
 
     def next_arm(self, t: float) -> float:
         """Return when the board may sound again from *t* on: by ARM; else the end."""
@@ -132,11 +129,10 @@ class PinDialogue:
     def _arms_under_way(self) -> list[tuple[float, float]]:
         """Arrival of each ARM, and the begin of its answer, or of the end of the wait for it."""
         found = []
-        for frame in self.to_board:
-            if frame.header.type == MessageType.ARM:
-                answer = self.answer(frame, MessageType.ARM_REPLY)
-                end = frame.arrival + self._patience if answer is None else answer.begin
-                found.append((frame.arrival, end))
+        for arm in self.requests(MessageType.ARM):
+            answer = self.answer(arm, MessageType.ARM_REPLY)
+            end = arm.arrival + self._patience if answer is None else answer.begin
+            found.append((arm.arrival, end))
         return found
 
     @cached_property
@@ -193,7 +189,7 @@ class PinDialogue:
     @cached_property
     def sessions(self) -> list[tuple[LineFrame, LineFrame, bool]]:
         """HELLO, its reply, and whether it is known to have opened another session."""
-        hellos = [f for f in self.to_board if f.header.type == MessageType.HELLO]
+        hellos = self.requests(MessageType.HELLO)
         found: list[tuple[LineFrame, LineFrame, bool]] = []
         nonce, boot = None, None
         for frame, reply in self.said(HelloReply):

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from haptogram.records.pins import PinRecord
-from haptogram.verification.pins.line_frames import LineFrame
 from haptogram_protocol.messages import (
     HelloReply,
     MessageType,
@@ -33,6 +32,7 @@ _CLOCKS: Final = 0.5  # periods by which device time and capture may differ: HG-
 _TIMER_US: Final = 1_000  # HG-12.1/1
 _BEFORE: Final = 2.5  # periods before a cause: a pin with a pulse in them sounded
 _SAMPLES: Final = 2.0
+_BY_TIMER: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT, MuteReason.UNATTENDED)
 _BY_REASON: Final = {
     MuteReason.HOLD_EXPIRED: ("HG-6.10/1", "the end of the hold"),
     MuteReason.HOST_SILENT: ("HG-12.2/1", "the end of the lease"),
@@ -126,37 +126,29 @@ def _silence_clauses_due(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     yield from _silence_clauses_after_arm(dialogue)
     for moment, within in dialogue.dated_resets:
         begin = moment + _PERIOD + _CLOCKS + within
-        until, doubt = dialogue.next_arm(moment), dialogue.next_unread(moment)
-        yield SilenceDue(moment, begin, until, "HG-6.12/2", "a reset", doubt)
+        yield _silence_until_arm(dialogue, moment, begin, "HG-6.12/2", "a reset")
+
+
+def _silence_until_arm(
+    dialogue: PinDialogue, cause_at: float, begin: float, clause: str, cause: str
+) -> SilenceDue:
+    until, doubt = dialogue.next_arm(cause_at), dialogue.next_unread(cause_at)
+    return SilenceDue(cause_at, begin, until, clause, cause, doubt)
 
 
 def _silence_clauses_after_requests(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     """Yield the silences after MUTE, DISARM and new sessions."""
-    for frame in dialogue.to_board:
-        if frame.header.type == MessageType.MUTE:
-            yield _silence_clause_after(dialogue, frame.arrival, frame.arrival, "MUTE")
-        elif frame.header.type == MessageType.DISARM and dialogue.answer(
-            frame, MessageType.DISARM_REPLY
-        ):
-            yield _silence_clause_after(
-                dialogue,
-                frame.arrival,
-                _frames_computed_in_pin_dialogue(dialogue, frame.arrival),
-                "DISARM",
-            )
-    for hello, _, is_new in dialogue.sessions:
-        if is_new:
-            computed = _frames_computed_in_pin_dialogue(dialogue, hello.arrival)
-            yield _silence_clause_after(
-                dialogue, hello.arrival, computed, "a HELLO with another nonce"
-            )
-
-
-def _silence_clause_after(
-    dialogue: PinDialogue, cause_at: float, ready: float, cause: str
-) -> SilenceDue:
-    until, doubt = dialogue.next_arm(cause_at), dialogue.next_unread(cause_at)
-    return SilenceDue(cause_at, ready + _PERIOD, until, "HG-6.6/1", cause, doubt)
+    causes = [(mute, "MUTE") for mute in dialogue.requests(MessageType.MUTE)]
+    disarms = dialogue.requests(MessageType.DISARM)
+    causes += [(f, "DISARM") for f in disarms if dialogue.answer(f, MessageType.DISARM_REPLY)]
+    new = (hello for hello, _, is_new in dialogue.sessions if is_new)
+    causes += [(hello, "a HELLO with another nonce") for hello in new]
+    for frame, cause in causes:
+        ready = frame.arrival
+        if frame.header.type != MessageType.MUTE:  # which overtakes the frames before
+            ready = _frames_computed_in_pin_dialogue(dialogue, ready)
+        begin = ready + _PERIOD
+        yield _silence_until_arm(dialogue, frame.arrival, begin, "HG-6.6/1", cause)
 
 
 def _frames_computed_in_pin_dialogue(dialogue: PinDialogue, until: float) -> float:
@@ -178,41 +170,27 @@ def _frames_computed_in_pin_dialogue(dialogue: PinDialogue, until: float) -> flo
 def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     """Yield the silences that the board itself tells of."""
     timer = _TIMER_US * dialogue.record.carrier_hz * 1e-6
-    for frame, changed in dialogue.said(StateChanged):
-        clause, cause = _BY_REASON.get(changed.reason, ("HG-6.6/2", "a change of state"))
-        slack = (
-            timer
-            if changed.reason
-            in (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT, MuteReason.UNATTENDED)
-            else 0.0
-        )
-        if changed.state is not OutputState.ARMED:
-            yield from _silence_clause_by_words(dialogue, frame, clause, cause, slack)
-    for kind in (Status, StatusReply):
-        for frame, status in dialogue.said(kind):
-            if status.state is not OutputState.ARMED:
-                cause = f"STATUS says {status.state.name}"
-                yield from _silence_clause_by_words(dialogue, frame, "HG-6.6/2", cause, 0.0)
-
-
-def _silence_clause_by_words(
-    dialogue: PinDialogue, frame: LineFrame, clause: str, cause: str, slack: float
-) -> Iterator[SilenceDue]:
-    moment = dialogue.told(frame)
-    if moment is None or dialogue.is_arm_under_way(moment):
-        return
-    begin = moment + _PERIOD + _CLOCKS + slack + dialogue.within(moment)
-    until = dialogue.next_arm(moment)
-    # The board may not have answered yet what the analyser read wrongly.
-    doubt = dialogue.next_unread(min(moment, dialogue.answered_before(moment)))
-    yield SilenceDue(moment, begin, until, clause, cause, doubt)
+    for frame in dialogue.to_host:
+        told = frame.message
+        if not isinstance(told, StateChanged | Status | StatusReply):
+            continue
+        moment = dialogue.told(frame)
+        if told.state is OutputState.ARMED or moment is None or dialogue.is_arm_under_way(moment):
+            continue
+        begin = moment + _PERIOD + _CLOCKS + dialogue.within(moment)
+        clause, cause = "HG-6.6/2", f"STATUS says {told.state.name}"
+        if isinstance(told, StateChanged):
+            clause, cause = _BY_REASON.get(told.reason, (clause, "a change of state"))
+            begin += timer if told.reason in _BY_TIMER else 0.0
+        due = _silence_until_arm(dialogue, moment, begin, clause, cause)
+        # The board may not have answered yet what the analyser read wrongly.
+        doubt = dialogue.next_unread(min(moment, dialogue.answered_before(moment)))
+        yield replace(due, doubt=doubt)
 
 
 def _silence_clauses_after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     """Yield the silences between an ARM that led out of silence and the first frame behind it."""
-    off = sorted(
-        frame.arrival for frame in dialogue.to_board if frame.header.type == MessageType.MUTE
-    )
+    off = [mute.arrival for mute in dialogue.requests(MessageType.MUTE)]
     before = 0.0
     for arm in dialogue.arms:
         if any(before <= moment < arm for moment in off):

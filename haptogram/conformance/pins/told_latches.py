@@ -16,6 +16,7 @@ from haptogram.verification.pins.line_frames import LineFrame
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.messages import (
     EVENT_RANGE,
+    RESPONSE_OFFSET,
     DriveReply,
     Feature,
     Flag,
@@ -36,18 +37,16 @@ from .told_drives import DrivesOfPinDialogue, ToldDrive
 
 #: Time in periods, what tells of it, and up to when no other latch can have followed.
 _Told: TypeAlias = tuple[float, LineFrame, float]
-#: Answers to requests that may change the output.
-_ANSWERS: Final = frozenset(
-    {
-        MessageType.HELLO_REPLY,
-        MessageType.ARM_REPLY,
-        MessageType.MUTE_REPLY,
-        MessageType.DISARM_REPLY,
-        MessageType.SET_CONFIG_REPLY,
-        MessageType.UPLOAD_COMMIT_REPLY,
-        MessageType.PLAY_REPLY,
-        MessageType.STOP_REPLY,
-    }
+#: Requests that may change the output.
+_OF_OUTPUT: Final = (
+    MessageType.HELLO,
+    MessageType.ARM,
+    MessageType.MUTE,
+    MessageType.DISARM,
+    MessageType.SET_CONFIG,
+    MessageType.UPLOAD_COMMIT,
+    MessageType.PLAY,
+    MessageType.STOP,
 )
 _BEFORE_WORD_MS: Final = 1.0  # a board may be silent before it says so: HG-12.1/1
 
@@ -167,8 +166,7 @@ def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> 
     """Yield the latches that a read-back names, up to its request, where no events tell of them."""
     requests = {
         (frame.header.session, frame.header.seq): frame.arrival
-        for frame in dialogue.to_board
-        if frame.header.type == MessageType.READ_DRIVE
+        for frame in dialogue.requests(MessageType.READ_DRIVE)
     }
     found: dict[tuple[int, LatchKey, int], _Told] = {}
     for frame, reply in dialogue.said(DriveReply):
@@ -234,21 +232,12 @@ def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
 
 def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[tuple[float, float]]:
     """Return between which times the output may change by something else than a latch."""
-    kinds = {
-        MessageType.HELLO,
-        MessageType.ARM,
-        MessageType.MUTE,
-        MessageType.DISARM,
-        MessageType.SET_CONFIG,
-        MessageType.UPLOAD_COMMIT,
-        MessageType.PLAY,
-        MessageType.STOP,
-    }
-    found = [f.arrival for f in dialogue.to_board if f.header.type in kinds]
+    found = [frame.arrival for frame in dialogue.requests(*_OF_OUTPUT)]
     found += dialogue.unread_to_board  # it may have been one of them
     asked: list[tuple[float, float]] = []
     if dialogue.missing == "to_board":
-        answers = (f for f in dialogue.to_host if f.header.type in _ANSWERS)
+        kinds = {kind + RESPONSE_OFFSET for kind in _OF_OUTPUT}
+        answers = (f for f in dialogue.to_host if f.header.type in kinds)
         asked = [(dialogue.answered_before(f.begin), f.begin) for f in answers]
     for frame, changed in dialogue.said(StateChanged):  # by a fault, which no request brings
         moment = dialogue.told(frame)

@@ -31,9 +31,9 @@ from haptogram.conformance.explore.broken_clauses import (
     COUNTER_CLAUSES,
     DUE_CLAUSES,
     FIELD_CLAUSES,
+    LINK_REFUSAL_CLAUSES,
     MESSAGE_FIELD_CLAUSES,
     REFUSAL_CLAUSES,
-    REQUEST_REFUSAL_CLAUSES,
 )
 from haptogram.conformance.explore.comparison import (
     DialogueAnswers,
@@ -470,13 +470,14 @@ def test_a_difference_names_the_clause_of_which_it_speaks(mine, due, words):
 def test_every_counter_and_every_message_of_a_board_has_a_clause():
     assert set(COUNTER_CLAUSES) == set(Counters.WIRE)
     spec = (ROOT / "protocol" / "SPEC.md").read_text("utf-8")
-    tables = [COUNTER_CLAUSES, DUE_CLAUSES, REFUSAL_CLAUSES, REQUEST_REFUSAL_CLAUSES]
+    tables = [COUNTER_CLAUSES, DUE_CLAUSES, REFUSAL_CLAUSES, LINK_REFUSAL_CLAUSES]
     tables += [FIELD_CLAUSES, MESSAGE_FIELD_CLAUSES, BROKEN_FRAME_CLAUSES]
     for clause in {clause for table in tables for clause in table.values()}:
         assert f"- **{clause}** " in spec
     codes = {kind.TYPE for kind in DUE_CLAUSES} | {Error.TYPE}
     assert codes == {kind for kind in MessageType if kind >= RESPONSE_RANGE.start}
-    assert REFUSAL_CLAUSES.keys() == set(ErrorCode) - {ErrorCode.BUSY}
+    codes_of_refusals = {code for _, code in REFUSAL_CLAUSES} | set(LINK_REFUSAL_CLAUSES)
+    assert codes_of_refusals == set(ErrorCode) - {ErrorCode.BUSY}
 
 
 def hello_reply(nonce, **changes):

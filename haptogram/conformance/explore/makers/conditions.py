@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from haptogram_protocol.messages import Feature, HelloReply
@@ -44,6 +45,10 @@ class DialogueConditions:
     def can(self) -> Feature:
         """The capabilities of the board that this text knows."""
         return Feature(self.identity.features & sum(Feature))
+
+    def next(self, kind: str, names: Callable[[], Iterable[tuple[str, ...]]]) -> tuple[str, ...]:
+        """Return one of *names*, by chance: each once in the run before any twice."""
+        return self.coverage.next(kind, names, self.random)
 
 
 class DialogueMaker:

@@ -118,7 +118,7 @@ class RandomConfigs(DialogueMaker):
 
     def refused(self, name: str) -> Config:
         """Return the last configuration with a value of one field that no board takes."""
-        changes: dict[str, Any] = {name: self._random.choice(dict(REFUSED_CONFIG)[name])}
+        changes: dict[str, Any] = {name: self._random.choice(REFUSED_CONFIG[name])}
         return dataclasses.replace(self.last, **changes)
 
     def unattended_ms(self) -> int:

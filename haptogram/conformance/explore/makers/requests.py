@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Final
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
@@ -56,7 +57,7 @@ DEFECTS: Final[dict[str, dict[str, int]]] = {
     "the last number": {"back": 1},
     "an old number": {"back": 5},
 }
-_LONG_PERIOD_US: Final = 450  # 100 loops of 1 to 3 frames, and 300, end where no bytes arrive
+_LONG_PERIOD_US: Final = 450
 
 
 class RandomRequests(DialogueMaker):
@@ -68,6 +69,11 @@ class RandomRequests(DialogueMaker):
         Conditions of the dialogue.
     configs : RandomConfigs
         Makes configurations.
+
+    Attributes
+    ----------
+    uploads : RandomUploads
+        Makes uploads.
     """
 
     def __init__(self, conditions: DialogueConditions, configs: RandomConfigs) -> None:
@@ -85,7 +91,7 @@ class RandomRequests(DialogueMaker):
         self._periods = [(SLOT_US, 0), (SLOT_US, 1), (SLOT_US, 4), (SLOT_US + 7, 3)]
         if conditions.fast:
             self._periods += [(1003, 1), (1003, 2), (507, 3)] * (1 if conditions.timed else 4)
-        self._uploads = RandomUploads(conditions)
+        self.uploads = RandomUploads(conditions)
 
     @property
     def plays(self) -> bool:
@@ -180,7 +186,7 @@ class RandomRequests(DialogueMaker):
         choices += [self._read] * 4
         if self._can & Feature.SEQUENCE_PHASES:
             choices += [self._play, self._play, self._play, self._play, Stop, Stop]
-        return choices + self._uploads.single()
+        return choices + self.uploads.single()
 
     def _read(self) -> Message:
         reads = self.reads()
@@ -196,10 +202,7 @@ class RandomRequests(DialogueMaker):
             first = pick((0, 0, 0, across(count), count - 1))
             return ReadDrive(kind, first, pick((count, count - first, 1, _MOST_U16)))
 
-        if self._can & Feature.READ_LATCHED:
-            reads.append(lambda: drive(DriveKind.LATCHED))
-        if self._can & Feature.READ_RADIATED:
-            reads.append(lambda: drive(DriveKind.RADIATED))
+        reads += [partial(drive, whole.kind) for whole in self._whole_drives()]
         if self._can & Feature.TRACE_RING:
             firsts = (0, 0, 0, across(12), across(300), _MOST_U32, _MOST_U16)
             reads.append(lambda: ReadTrace(pick(firsts), pick((_MOST_U16, 4, 30, 1))))
@@ -211,16 +214,11 @@ class RandomRequests(DialogueMaker):
         period_us, loops = pick(self._periods)
         return Play(pick(sequences), period_us, loops, self._configs.unattended_ms())
 
-    def long_play(self, loops: int = 0) -> MadeAction:
+    def long_play(self, loops: int) -> MadeAction:
         """Return PLAY of hundreds of frames within a few slots."""
-        loops = loops or self._random.choice((100, 100, 300))
         play = Play(STORED_PHASES, _LONG_PERIOD_US, loops, self._configs.unattended_ms() or 6000)
         name, text, body = self._made(play, is_odd=False)
         return f"{name} long", text, body
-
-    def upload(self) -> list[MadeAction]:
-        """Return the requests of an upload; empty if the board has no room for one."""
-        return self._uploads.upload()
 
     def play_at_once(self) -> MadeAction:
         """Return PLAY with IMMEDIATE, of a few frames."""
@@ -238,10 +236,6 @@ class RandomRequests(DialogueMaker):
             return host.request(play, time_us=host.slot_us + SLOT_US // 2)
 
         return "PLAY", words_of_message(play), body
-
-    def long_upload(self) -> list[MadeAction]:
-        """Return the requests of an upload of more than 64 KiB, if there is much more room."""
-        return self._uploads.long_upload()
 
     # --- what makes a dialogue go on, or shows what it did -------------------------------------
 
@@ -262,7 +256,7 @@ class RandomRequests(DialogueMaker):
 
     def probe(self) -> list[MadeAction]:
         """Return requests that together show what a board may have changed."""
-        asked = self._whole_drives()
+        asked: list[Message] = [*self._whole_drives()]
         if self.plays:  # its refusal shows how many sequences are stored
             asked.append(Play(ABSENT, SLOT_US, 1, 1000))
         if self._can & Feature.TRACE_RING:
@@ -273,7 +267,7 @@ class RandomRequests(DialogueMaker):
         made = [self.plain(message) for message in shown]
         return [self.repeated(), *made] if self._random.random() < 0.4 else made
 
-    def _whole_drives(self) -> list[Message]:
+    def _whole_drives(self) -> list[ReadDrive]:
         count = self._identity.transducers
         return [
             ReadDrive(kind, 0, count)

@@ -8,7 +8,7 @@ from haptogram_protocol.framing import HEADER_BYTES
 from haptogram_protocol.messages import VERSION_MAJOR, Hello, Ping
 
 from ..host import DialogueHost
-from .conditions import DialogueConditions, DialogueMaker
+from .conditions import DialogueMaker
 from .stream import WRONG_SESSIONS, MadeAction
 
 _MOST_U16: Final = 0xFFFF
@@ -17,9 +17,6 @@ _FIRST_NUMBERS: Final = (0xFFFF, 0x7FFF, 0xFF, 0x100FE)
 
 class RandomSessions(DialogueMaker):
     """Makes HELLO, and requests of sessions before."""
-
-    def __init__(self, conditions: DialogueConditions) -> None:
-        super().__init__(conditions)
 
     def greeting(self) -> MadeAction:
         """Return a HELLO of a new session, whose numbers soon wrap, or pass the middle."""

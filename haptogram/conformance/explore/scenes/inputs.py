@@ -85,7 +85,7 @@ class SceneInputs:
             stream.plain(n + 0.5) for n in range(4)
         )
         self._found["two frames at once"] = lambda: told_as_made(stream.pair())
-        self._found["an upload"] = lambda: told_as_made(requests.upload())
+        self._found["an upload"] = lambda: told_as_made(requests.uploads.upload())
         if conditions.exact:
             self._found["a fault"] = lambda: [fault_told()]
         self.names = list(self._found)
@@ -119,7 +119,7 @@ class SceneInputs:
             found[f"another {field.name}"] = lambda name=field.name: requests.plain(  # type: ignore[misc]
                 SetConfig(configs.changed(name))
             )
-        for name, _ in REFUSED_CONFIG:
+        for name in REFUSED_CONFIG:
             found[f"refused {name}"] = lambda name=name: requests.plain(  # type: ignore[misc]
                 SetConfig(configs.refused(name))
             )

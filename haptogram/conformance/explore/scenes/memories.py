@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from itertools import product
 from typing import Final
 
@@ -34,7 +34,7 @@ class MemoryScenes:
     def __init__(self, makers: DialogueMakers) -> None:
         self._conditions, self._makers = makers.conditions, makers
         self._requests, self._sessions = makers.requests, makers.sessions
-        self._pick = makers.conditions.random.choice
+        self._pick, self._next = makers.conditions.random.choice, makers.conditions.next
         stream, requests = makers.stream, makers.requests
         hello, again = makers.sessions.hello, makers.sessions.again
         self._steps: dict[str, Callable[[], MadeAction]] = {
@@ -106,6 +106,3 @@ class MemoryScenes:
         )
         found.append(told_as_made(requests.plain(read) for read in reads))
         return [*found, told_as_made(requests.probe())]
-
-    def _next(self, kind: str, names: Callable[[], Iterable[tuple[str, ...]]]) -> tuple[str, ...]:
-        return self._conditions.coverage.next(kind, names, self._conditions.random)

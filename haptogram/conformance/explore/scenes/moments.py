@@ -43,7 +43,7 @@ class MomentScenes:
         self._conditions, self._makers = makers.conditions, makers
         self._stream, self._requests = makers.stream, makers.requests
         self._states, self._inputs = states, inputs
-        self._pick = makers.conditions.random.choice
+        self._pick, self._next = makers.conditions.random.choice, makers.conditions.next
         plain, stream = self._requests.plain, self._stream
         self._latches: dict[str, Callable[[], Told]] = {
             "at once": lambda: Told(stream.of(None)),
@@ -125,6 +125,3 @@ class MomentScenes:
         if isinstance(time, int):
             return self._stream.of(0.5, message, apart_us=time)
         return self._stream.of(time, message)
-
-    def _next(self, kind: str, names: Callable[[], Any]) -> tuple[str, ...]:
-        return self._conditions.coverage.next(kind, names, self._conditions.random)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import fields
 from itertools import product
 from typing import Final
@@ -46,7 +46,7 @@ class RandomScenes:
 
     def __init__(self, makers: DialogueMakers) -> None:
         conditions = makers.conditions
-        self._random, self._coverage = conditions.random, conditions.coverage
+        self._random, self._next = conditions.random, conditions.next
         self._makers, self._stream, self._requests = makers, makers.stream, makers.requests
         self._states, self._inputs = SceneStates(makers), SceneInputs(makers)
         self._kinds = self._shares(makers)
@@ -152,7 +152,7 @@ class RandomScenes:
         (name,) = self._next("long", lambda: [("events",), ("records",), ("an upload",)])
         silent: ToldSlots = [[] for _ in range(_LONG_SLOTS)]
         if name == "an upload":
-            steps = [*self._states.traced(TraceMode.CRC), *self._requests.long_upload()]
+            steps = [*self._states.traced(TraceMode.CRC), *self._requests.uploads.long_upload()]
             steps.append(self._requests.short_play())
             edges = range(0, len(steps), _CHUNKS)
             return [*(told_as_made(steps[at : at + _CHUNKS]) for at in edges), *silent]
@@ -170,6 +170,3 @@ class RandomScenes:
 
     def _pair(self, state: str, told: str) -> ToldSlots:
         return [*map(told_as_made, self._states.slots(state)), self._inputs.told(told)]
-
-    def _next(self, kind: str, names: Callable[[], Iterable[tuple[str, ...]]]) -> tuple[str, ...]:
-        return self._coverage.next(kind, names, self._random)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -26,6 +27,18 @@ Slots = list[list[MadeAction]]
 #: Of a playback that goes on: 0 for ever; 2 or 3 frames wrap a product of 32 bits.
 _LOOPS: Final = (0, 0, *MANY_LOOPS)
 _RAMP_MS: Final = 178  # ends some slots later, at the same part of one as other ramps
+#: States in which timers run, or have run: lease and hold in slots (None: it never ends), ramp,
+#: whether a frame sounds, and the silent slots that lead there.
+_TIMERS: Final[dict[str, tuple[int | None, int | None, int | None, bool, int]]] = {
+    "with a lease that runs": (1, None, None, False, 0),
+    "in the hold": (None, 4, None, True, 1),
+    "in the ramp of the hold": (None, 2, _RAMP_MS, True, 3),
+    "in the ramp of the lease": (1, None, _RAMP_MS, True, 2),
+    "in the ramp of the hold, the lease out too": (3, 2, _RAMP_MS, True, 4),
+    "in the ramp of the lease, the hold out too": (1, 2, _RAMP_MS, True, 3),
+    "muted by the hold": (None, 2, 0, True, 3),
+    "muted by the lease": (1, None, 0, True, 2),
+}
 
 
 class SceneStates:
@@ -58,7 +71,7 @@ class SceneStates:
         if requests.plays:
             self._quick |= {
                 "with a playback that waits": lambda: [[*self._begun(), self._play(100.0, _LOOPS)]],
-                "in an upload": lambda: [requests.upload()[:2]],
+                "in an upload": lambda: [requests.uploads.upload()[:2]],
             }
             self._timed |= {
                 "in a playback": lambda: [[*self._begun(), self._play(0.5, 0)], []],
@@ -73,34 +86,8 @@ class SceneStates:
                     [*self._begun(hold=4), self._play(7.5, 1), self._frame()],
                     [],
                 ]
-            self._timed |= {
-                "with a lease that runs": lambda: [[*self._begun(1)]],
-                "in the hold": lambda: [[*self._begun(hold=4), self._frame()], []],
-                "in the ramp of the hold": lambda: [
-                    [*self._begun(hold=2, ramp_ms=_RAMP_MS), self._frame()],
-                    *[[]] * 3,
-                ],
-                "in the ramp of the lease": lambda: [
-                    [*self._begun(1, ramp_ms=_RAMP_MS), self._frame()],
-                    *[[]] * 2,
-                ],
-                "in the ramp of the hold, the lease out too": lambda: [
-                    [*self._begun(3, hold=2, ramp_ms=_RAMP_MS), self._frame()],
-                    *[[]] * 4,
-                ],
-                "in the ramp of the lease, the hold out too": lambda: [
-                    [*self._begun(1, hold=2, ramp_ms=_RAMP_MS), self._frame()],
-                    *[[]] * 3,
-                ],
-                "muted by the hold": lambda: [
-                    [*self._begun(hold=2, ramp_ms=0), self._frame()],
-                    *[[]] * 3,
-                ],
-                "muted by the lease": lambda: [
-                    [*self._begun(1, ramp_ms=0), self._frame()],
-                    *[[]] * 2,
-                ],
-            }
+            for name, lengths in _TIMERS.items():
+                self._timed[name] = partial(self._with_timers, *lengths)
 
     @property
     def quick(self) -> list[str]:
@@ -126,6 +113,12 @@ class SceneStates:
             return self._begun()
         config = self._configs.traced_config(mode, 1)
         return [self._plain(Disarm()), self._plain(SetConfig(config)), self._plain(Arm())]
+
+    def _with_timers(
+        self, lease: int | None, hold: int | None, ramp_ms: int | None, sounds: bool, silent: int
+    ) -> Slots:
+        begun = self._begun(lease, hold=hold, ramp_ms=ramp_ms)
+        return [[*begun, self._frame()] if sounds else begun, *[[]] * silent]
 
     # --- steps ---------------------------------------------------------------------------------
 

@@ -47,8 +47,8 @@ class ByteValueScenes:
         return found
 
     def _told(self, which: str) -> Told:
-        name, offset, value = self._conditions.coverage.next(
-            f"{which} fields", lambda: self._values()[which], self._conditions.random
+        name, offset, value = self._conditions.next(
+            f"{which} fields", lambda: self._values()[which]
         )
         # A MUTE has a write of its own: it may overtake what is sent with it.
         is_mute = int(offset) == Header.WIRE["type"].offset and int(value) == Mute.TYPE

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from haptogram_protocol.messages import (
     Config,
-    DriveKind,
     Feature,
     GetGeometry,
     HelloReply,
@@ -20,7 +19,9 @@ from haptogram_protocol.messages import (
     UploadBegin,
     UploadKind,
 )
+from haptogram_protocol.rules import READ_CAPABILITIES
 
+from ...judge.refused_requests import OUT_OF_BOUNDS
 from ..actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES
 
 _POINT_BYTES: Final = 16
@@ -37,16 +38,13 @@ _NO_KINDS: Final = (0, _NO_VALUE, _MOST[1], *_odd_values(1))
 #: Loops, of which 2 or 3 frames wrap a product of 32 bits.
 MANY_LOOPS: Final = (0x80000000, 0x55555556, 0xAAAAAAAB, _MOST[4])
 #: Fields of the configuration, with values outside their bounds (HG-7.1).
-REFUSED_CONFIG: Final[tuple[tuple[str, tuple[int, ...]], ...]] = (
-    ("hold_ms", (0, 10_001)),
-    ("ramp_ms", (2001,)),
-    ("host_timeout_ms", (19, 10_001)),
-    ("status_period_ms", (9,)),
-    ("late_window_us", (100_001, _MOST[4])),
-    ("sound_speed_mm_s", (299_999, 380_001)),
-    ("trace_divider", (0,)),
-    ("trace_mode", (_NO_VALUE, _MOST[1], *_odd_values(2))),
-)
+REFUSED_CONFIG: Final = {
+    name: tuple(value for other, value in OUT_OF_BOUNDS if other == name)
+    for name, _ in OUT_OF_BOUNDS
+} | {
+    "late_window_us": (100_001, _MOST[4]),
+    "trace_mode": (_NO_VALUE, _MOST[1], *_odd_values(2)),
+}
 
 
 def random_limit_requests(identity: HelloReply, config: Config) -> list[Message]:
@@ -58,12 +56,9 @@ def random_limit_requests(identity: HelloReply, config: Config) -> list[Message]
         for number in (0, 1, _MOST[2])
     ]
     if can & Feature.CONFIG:
-        for name, values in REFUSED_CONFIG:
+        for name, values in REFUSED_CONFIG.items():
             found += map(SetConfig, _limit_request_with(config, **{name: values}))
-    for feature, kind in (
-        (Feature.READ_LATCHED, DriveKind.LATCHED),
-        (Feature.READ_RADIATED, DriveKind.RADIATED),
-    ):
+    for kind, feature in READ_CAPABILITIES.items():
         if can & feature:
             whole = ReadDrive(kind, 0, count)
             found += _limit_request_with(whole, kind=_NO_KINDS)
