@@ -9,10 +9,9 @@ from haptogram_protocol.messages import Feature, Flag, Message, Mute, TraceMode
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import TRACE_MODES
 from ...client.drive_paths import registers_asked_for
 from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
-from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
+from ...client.stream_kinds import StreamKind, stream_kinds
 from ...outcome import SELF_REPORTED, check, check_equal, require
 from .every_drop import fill_queue
 
@@ -60,81 +59,11 @@ def every_format_flushes_a_full_queue(board: BoardClient) -> None:
         check(told == (0, index), f"{kind.name}: queued and last_seq {told}, due are {(0, index)}")
 
 
-@case("HG-5.7/6-types", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def every_format_is_streamed_late(board: BoardClient) -> None:
-    """late frames of every message and format, in every trace: LATE, and only of these"""
-    modes = [mode for feature, mode in TRACE_MODES if board.has(feature)] or [TraceMode.OFF]
-    modes = modes if board.thorough else modes[:1]
-    for mode in modes:
-        board.configure(late_window_us=_WINDOW_US, trace_mode=mode)
-        for kind in stream_kinds(board):
-            board.arm()
-            since, first = board.link.mark(), board.link.stream_next
-            with board.counting(late=1, latched=3):
-                for late_us in (None, _WINDOW_US // 2, None):
-                    frame, at_us = kind.make(), None
-                    if late_us is not None:
-                        late_us -= _part_of_its_time_on_the_line_us(board, frame)
-                        at_us = board.late_time_us(late_us, points_of_stream_kind(frame))
-                    board.link.stream(frame, at_us)
-                    board.clock.wait_latched()
-            if mode is TraceMode.OFF:
-                continue
-            seen = [
-                latch.late
-                for latch in latches_received_from_board(board, since, mode)
-                if latch.index >= first
-            ]
-            check_equal(
-                seen[-3:],
-                [False, True, False],
-                f"{kind.name}, trace {mode.name}: a frame at once, a late one, one at once: "
-                f"LATE is {seen}",
-            )
-
-
-def _part_of_its_time_on_the_line_us(board: BoardClient, frame: Message) -> int:
-    """Return less than a late frame may be late, however fast the line turns out to be."""
-    wire = board.link.stream_wire(frame, 0, seq=0)
-    return min(board.wire.period_us(len(wire)), _WINDOW_US // 2 - 2000)
-
-
 def _arrival_of_frame_us(board: BoardClient) -> int:
     """Return when PHASES that are sent now come, by the rate of the line."""
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
     board.clock.device_us()
     return board.clock.device_estimate_us() + board.wire.period_us(size)
-
-
-@case("HG-5.7/5-windows", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def every_late_window_of_the_queue(board: BoardClient) -> None:
-    """windows of 20, 66, 100 ms: frames 0.4 times so late, at the very border, 1.5 times so late"""
-    for window_us in (20_000, 66_000, _WINDOW_US):
-        board.arm(late_window_us=window_us)
-        around_us = [window_us + off_us for off_us in range(-3, 4)]
-        for late_us in (round(0.4 * window_us), *around_us, round(1.5 * window_us)):
-            before = board.status().counters
-            t_us = board.clock.ready_us(_arrival_of_frame_us(board)) - late_us
-            wire = board.link.stream_wire(board.flat_phases(), t_us)
-            board.link.send(wire)
-            board.clock.wait_latched()
-            latched_us = t_us + 2 * board.clock.carrier_us
-            if board.clock.device_us() < latched_us:  # the line is faster than its rate
-                board.clock.wait_until(latched_us)
-            found = board.status()
-            counted = {
-                name: (getattr(found.counters, name) - getattr(before, name)) & 0xFFFFFFFF
-                for name in ("latched", "late", "dropped_late")
-            }
-            late_us = -found.margin_min_us  # as it arrived: the host may have been held up
-            within = late_us <= window_us
-            late = within and late_us > 0
-            due = {"latched": within, "late": late, "dropped_late": not within}
-            ready_us = board.clock.ready_us(0)
-            text = (
-                f"a frame {late_us} µs late, ready {ready_us} µs after it came: counted {counted}"
-            )
-            check_equal(counted, due, f"window {window_us} µs, {text}")
 
 
 # --- Slots and times ---------------------------------------------------------------------------

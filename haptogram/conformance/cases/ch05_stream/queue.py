@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Mute, Phases, TraceMode
+from haptogram_protocol.messages import Feature, Mute, Phases
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import (
-    ask_for_board_latches_if_supported,
     latch_now,
-    latches_received_from_board,
 )
 from ...outcome import SELF_REPORTED, check, check_equal, require
 
@@ -195,31 +193,6 @@ def drops_late_stream_frames(board: BoardClient) -> None:
             t_us = board.clock.device_us() - board.config.late_window_us - late_us
             board.link.stream(board.flat_phases(), t_us)
         board.clock.wait_latched()
-
-
-@case("HG-5.7/5-window", needs=Feature.CONFIG, evidence=SELF_REPORTED)
-def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
-    """with a window of 100 ms a frame 0.5 s late is dropped_late"""
-    board.arm(late_window_us=_MAX_LATE_US)
-    with board.counting(dropped_late=1, latched=0):
-        board.link.stream(board.flat_phases(), board.clock.device_us() - 500_000)
-        board.clock.wait_latched()
-
-
-@case("HG-5.7/6", needs=Feature.CONFIG, evidence=SELF_REPORTED)
-def latches_frames_within_the_late_window(board: BoardClient) -> None:
-    """with a window of 100 ms a frame 5 ms late is latched, counted in late, LATE in its trace"""
-    mode = ask_for_board_latches_if_supported(board)
-    since = board.arm(late_window_us=_MAX_LATE_US, trace_mode=mode)
-    with board.counting(late=1, latched=2):
-        board.link.stream(board.flat_phases(), board.late_time_us(5000))
-        board.clock.wait_latched()
-        t_us = board.clock.soon_us(bytes(600))
-        board.link.stream(board.flat_phases(), t_us)
-        board.clock.wait_until(t_us + 1000)
-    if mode is not TraceMode.OFF:
-        flags = [latch.late for latch in latches_received_from_board(board, since, mode)]
-        check_equal(flags, [True, False], f"a late frame, then one in time: LATE is {flags}")
 
 
 @case("HG-5.7/7")
