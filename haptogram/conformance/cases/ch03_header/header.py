@@ -42,6 +42,7 @@ from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import valid_requests_to_send
 from ...client.wire import ReceivedByClient
 from ...outcome import SELF_REPORTED, check, check_equal
+from ..ch05_stream.every_drop import judge_first_drop
 
 _UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
 _TRACES: Final = (MessageType.TRACE, MessageType.TRACE_PLAYBACK, MessageType.TRACE_DRIVE)
@@ -117,11 +118,7 @@ def refuses_unknown_header_flags(board: BoardClient) -> None:
 @case("HG-3.4/1-stream", evidence=SELF_REPORTED)
 def drops_unknown_header_flags(board: BoardClient) -> None:
     """each must-understand flag that is unknown drops a stream frame"""
-    board.arm()
-    with board.counting(unsupported=3, latched=0):
-        for flag in (0x20, 0x40, 0x80):
-            board.link.stream(board.flat_phases(), flags=flag | Flag.IMMEDIATE)
-        board.clock.wait_latched()
+    judge_first_drop(board, "HG-3.4/1")
 
 
 @case("HG-3.4/2")

@@ -34,9 +34,9 @@ from ...client.capabilities import drive_kinds, requests_that_board_takes
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...client.malformed_frames import ValueByte, value_bytes
-from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_forms
 from ...outcome import SELF_REPORTED, check, check_equal, require
+from ..ch05_stream.every_drop import judge_first_drop
 
 _TARGET: Final = 9
 _ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
@@ -154,13 +154,7 @@ def _check_wrong_lengths(board: BoardClient, wrong: Sequence[tuple[type[Message]
 @case("HG-3.2/4-stream", evidence=SELF_REPORTED)
 def drops_wrong_lengths(board: BoardClient) -> None:
     """stream frames a byte too long or too short are counted in bad_length and not answered"""
-    wrong: list[tuple[int, bytes]] = []
-    for message in (kind.make() for kind in stream_kinds(board)):
-        right = message.serialize()
-        wrong += [(message.TYPE, payload) for payload in (right + b"\x00", right[:-1], b"")]
-    with board.counting(bad_length=len(wrong)):
-        wires = (board.link.stream_raw(kind, payload) for kind, payload in wrong)
-        board.link.unanswered("a stream frame of a wrong length", *wires)
+    judge_first_drop(board, "HG-3.2/4")
 
 
 @case("HG-3.2/5")

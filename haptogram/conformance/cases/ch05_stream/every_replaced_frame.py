@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptogram_protocol.messages import Feature, Message, Mute, Points, Stop, TraceMode
+from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -187,37 +188,33 @@ def frames_with_defects_replace_no_frame(board: BoardClient) -> None:
 # --- What a replaced frame leaves behind -------------------------------------------------------
 
 
-def _flush_by_mute(board: BoardClient) -> None:
-    board.link.ask(Mute())
-    board.arm()
-
-
-def _flush_by_disarm(board: BoardClient) -> None:
-    board.disarm()
-    board.arm()
-
-
-def _flush_by_session(board: BoardClient) -> None:
-    board.hello()
-    board.arm()
-
-
-def _flush_by_immediate(board: BoardClient) -> None:
-    latch_now(board)
-
-
-def _flush_by_playback(board: BoardClient) -> None:
+def _play_and_stop(board: BoardClient) -> None:
     play_now(board, _SEQUENCE, loops=0)
     board.link.ask(Stop())
 
 
-_FLUSHES: Final[dict[str, Callable[[BoardClient], None]]] = {
-    "MUTE": _flush_by_mute,
-    "DISARM": _flush_by_disarm,
-    "a new session": _flush_by_session,
-    "IMMEDIATE": _flush_by_immediate,
-    "PLAY and STOP": _flush_by_playback,
-}
+def queue_flushes(board: BoardClient) -> dict[str, Callable[[BoardClient], object]]:
+    """Return what flushes the queue, by its name; the sequence that it plays is stored."""
+    flushes: dict[str, Callable[[BoardClient], object]] = {
+        "MUTE": lambda board: board.link.ask(Mute()),
+        "DISARM": BoardClient.disarm,
+        "a new session": BoardClient.hello,
+        "IMMEDIATE": latch_now,
+    }
+    if board.has(Feature.SEQUENCE_PHASES):
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
+        flushes["PLAY and STOP"] = _play_and_stop
+    return flushes
+
+
+def flush_queue(board: BoardClient, flush: Callable[[BoardClient], object], name: str) -> None:
+    """Flush the queue of an ARMED board, and arm it again; FAILED if a frame waits behind that."""
+    board.link.barrier()  # or MUTE may overtake them
+    flush(board)
+    behind = board.status()
+    check_equal(behind.queued, 0, f"{behind.queued} frames wait behind {name}")
+    if behind.state is not OutputState.ARMED:
+        board.arm()
 
 
 @case("HG-5.7/2-flushed", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -225,27 +222,21 @@ def flushed_frames_leave_no_order(board: BoardClient) -> None:
     """frames for one carrier period, flushed by all that flushes: one for before them is in
     order
     """
-    plays = board.has(Feature.SEQUENCE_PHASES)
-    if plays:
-        send_phases_that_fit(board, _SEQUENCE, frames=2)
+    flushes = queue_flushes(board)
     board.arm()
     apart_us = max(1, board.clock.carrier_us // 4)
-    for name, flush in _FLUSHES.items():
-        if flush is _flush_by_playback and not plays:
-            continue
+    for name, flush in flushes.items():
         ahead_us = board.clock.ready_us(2 * PERIOD_US)  # of a frame that flushes
         t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=ahead_us)
         board.require_hold(t_us + _STEP_US - board.clock.device_us(), "a slow line")
         for later_us in (0, apart_us, 2 * apart_us):
             board.link.stream(board.flat_phases(), t_us + later_us - apart_us)
-        board.link.barrier()  # or MUTE may overtake them
-        flush(board)
-        before = board.status()
-        check_equal(before.queued, 0, f"{before.queued} frames wait behind {name}")
+        flush_queue(board, flush, name)
+        before = board.status().counters
         board.link.stream(board.flat_phases(), t_us - 2 * apart_us)
         board.clock.wait_until(t_us + _STEP_US)
         text = f"frames for one carrier period, {name}, and one for before them"
-        board.check_counted(before.counters, text, _ONE_LATCHED)
+        board.check_counted(before, text, _ONE_LATCHED)
 
 
 # --- Late frames -------------------------------------------------------------------------------

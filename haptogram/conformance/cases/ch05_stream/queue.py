@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Mute, Phases
+from haptogram_protocol.messages import Feature, Phases
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -12,6 +12,8 @@ from ...client.latching import (
     latch_now,
 )
 from ...outcome import SELF_REPORTED, check, check_equal, require
+from .every_drop import judge_first_drop
+from .every_replaced_frame import flush_queue, queue_flushes
 
 _MAX_LATE_US: Final = 100_000  # HG-7.1
 
@@ -99,25 +101,6 @@ def queue_keeps_its_order(board: BoardClient) -> None:
         board.clock.wait_until(t_us + 2000)
 
 
-def _latched_before_order(board: BoardClient, t_us: int) -> None:
-    board.clock.wait_until(t_us + board.clock.carrier_us)
-
-
-def _replaced_before_order(board: BoardClient, _: int) -> None:
-    latch_now(board)  # flushes the queue
-
-
-def _muted_before_order(board: BoardClient, _: int) -> None:
-    board.link.barrier()  # or MUTE may overtake the frame
-    board.link.ask(Mute())
-    board.arm()
-
-
-def _disarmed_before_order(board: BoardClient, _: int) -> None:
-    board.disarm()
-    board.arm()
-
-
 @case("HG-5.7/2-empty", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def an_empty_queue_has_no_order(board: BoardClient) -> None:
     """behind a frame that is latched or flushed the queue is empty: no earlier time is out of
@@ -126,23 +109,22 @@ def an_empty_queue_has_no_order(board: BoardClient) -> None:
     is_soon = board.clock.ready_us(0) <= _MAX_LATE_US // 2
     require(is_soon, "a frame for a time before the last latch is ready behind the late window")
     board.configure(late_window_us=_MAX_LATE_US)
-    for name, empty in (
-        ("latched", _latched_before_order),
-        ("flushed by IMMEDIATE", _replaced_before_order),
-        ("flushed by MUTE", _muted_before_order),
-        ("flushed by DISARM", _disarmed_before_order),
-    ):
+    flushes = queue_flushes(board)
+    for name in ("a latch", *flushes):
         board.arm()
         t_us = board.clock.soon_us(bytes(4000), ahead_us=10_000)
         board.link.stream(board.flat_phases(), t_us)
-        empty(board, t_us)
+        if name in flushes:
+            flush_queue(board, flushes[name], name)
+        else:
+            board.clock.wait_until(t_us + board.clock.carrier_us)
         earlier_us = min(t_us - 50, board.late_time_us(50))
         before = board.status().counters
         board.link.stream(board.flat_phases(), earlier_us)
         last_us = earlier_us + _MAX_LATE_US - board.clock.ready_us(0)
         board.clock.require_before(last_us, "a late frame", board.clock.device_us())
         board.clock.wait_latched()
-        text = f"behind a frame that is {name}, one for an earlier time"
+        text = f"a frame, {name}, and one for an earlier time"
         due = {"late": 1, "latched": 1, "dropped_order": 0, "dropped_late": 0}
         board.check_counted(before, text, due)
 
@@ -186,13 +168,7 @@ def queue_has_its_horizon(board: BoardClient) -> None:
 @case("HG-5.7/5", evidence=SELF_REPORTED)
 def drops_late_stream_frames(board: BoardClient) -> None:
     """frames 1 µs to 1 s later than late_window_us are dropped_late, none is latched"""
-    board.arm()
-    late = (1, 100, 5_000, 200_000, 1_000_000)
-    with board.counting(dropped_late=len(late), latched=0):
-        for late_us in late:
-            t_us = board.clock.device_us() - board.config.late_window_us - late_us
-            board.link.stream(board.flat_phases(), t_us)
-        board.clock.wait_latched()
+    judge_first_drop(board, "HG-5.7/5")
 
 
 @case("HG-5.7/7")
