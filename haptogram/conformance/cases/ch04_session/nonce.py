@@ -25,14 +25,12 @@ from ...case import case
 from ...client.board_client import BoardClient
 from ...client.latching import latch_now, latch_random, read_ring
 from ...client.playback import (
-    play_now,
     play_out,
-    send_phases_that_fit,
     send_phases_to_store,
-    wait_for_no_latch,
 )
 from ...client.uploads import begin_upload
 from ...outcome import SELF_REPORTED, check, check_equal
+from ..ch06_output.mute import check_ends_playback, check_flushes
 
 
 @case("HG-4.6/1")
@@ -99,26 +97,13 @@ def new_nonce_and_state(board: BoardClient) -> None:
 @case("HG-4.6/3", evidence=SELF_REPORTED)
 def new_nonce_flushes(board: BoardClient) -> None:
     """a new nonce flushes the queue; no queued frame is latched"""
-    board.arm()
-    start_us = board.clock.soon_us(board.bytes_of_frames(3))
-    with board.counting(flushed=3, latched=0):
-        for number in range(3):
-            board.link.stream(board.flat_phases(), start_us + number * 1000)
-        board.hello()
-        board.arm()
-        board.clock.wait_until(start_us + 5000)
+    check_flushes(board, board.hello)
 
 
 @case("HG-4.6/3-playback", needs=Feature.SEQUENCE_PHASES)
 def new_nonce_ends_playback(board: BoardClient) -> None:
     """a new nonce ends playback and abandons an upload"""
-    send_phases_that_fit(board, 3, frames=4)
-    board.arm()
-    play_now(board, 3, loops=0)
-    board.hello()
-    board.arm()
-    with board.counting(latched=0):
-        wait_for_no_latch(board, 20_000)
+    check_ends_playback(board, board.hello, "HELLO")
     data = bytes(board.identity.transducers)
     begin_upload(board, UploadKind.PHASES, 4, data)
     board.hello()
