@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Final
 
-from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.annotation.words import annotated_type_name
-from haptogram_protocol.framing import HEADER_BYTES, encode_frame
+from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
     MUST_UNDERSTAND,
@@ -17,7 +15,6 @@ from haptogram_protocol.messages import (
     Feature,
     Flag,
     Hello,
-    HelloReply,
     Message,
     MessageType,
     Mute,
@@ -31,21 +28,16 @@ from haptogram_protocol.messages import (
 from ...case import Depth, case, case_about_host
 from ...client.board_client import PARTS_OF_FRAMES, BoardClient
 from ...client.capabilities import requests_that_board_takes
-from ...client.dialogue import (
-    crc_of_received_piece,
-    full_client_dialogue,
-    undamaged_received_pieces,
-)
+from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...client.malformed_frames import malformed_by_counter, malformed_noise
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import valid_requests_to_send
-from ...client.wire import ReceivedByClient
+from ...judge.line_rules import judge_line_rule
 from ...outcome import SELF_REPORTED, check, check_equal
 from ..ch05_stream.every_drop import judge_first_drop
 
 _UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
-_TRACES: Final = (MessageType.TRACE, MessageType.TRACE_PLAYBACK, MessageType.TRACE_DRIVE)
 _SEQUENCE: Final = 5
 _JUNK_BYTES: Final = 1 << 20
 _JUNK_S: Final = 20
@@ -57,11 +49,7 @@ _STALE: Final = 0x0F0F
 @case("HG-3.1/1")
 def frames_begin_with_header(board: BoardClient) -> None:
     """every frame of a full dialogue begins with a header of ten bytes"""
-    for piece in full_client_dialogue(board):
-        _, body = crc_of_received_piece(piece)
-        text = annotated_frame_text(piece.piece)
-        check(len(body) >= HEADER_BYTES, f"a frame without a header: {text}")
-        check(body[0] >= 0x80, f"the board sends a frame of the host: {text}")
+    judge_line_rule(full_client_dialogue(board), "HG-3.1/1")
 
 
 # --- Types -------------------------------------------------------------------------------------
@@ -135,7 +123,7 @@ def ignores_low_flags(board: BoardClient) -> None:
 @case("HG-3.4/3")
 def sends_no_header_flags(board: BoardClient) -> None:
     """no frame of a full dialogue has a flag but LATE, and only traces have LATE"""
-    _check_flags(undamaged_received_pieces(full_client_dialogue(board)))
+    judge_line_rule(full_client_dialogue(board), "HG-3.4/3")
 
 
 @case("HG-3.4/3-late", needs=Feature.CONFIG)
@@ -144,21 +132,15 @@ def every_late_flag(board: BoardClient) -> None:
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     trace = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
     period_ms = board.quick_status_ms
-    since = board.arm(trace_mode=trace, late_window_us=100_000, status_period_ms=period_ms)
+    since = board.link.mark()
+    board.hello()
+    board.arm(trace_mode=trace, late_window_us=100_000, status_period_ms=period_ms)
     board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()
     board.wire.idle_beyond(1200 * period_ms)
     for message in [*valid_requests_to_send(board, _SEQUENCE), Mute()]:
         board.link.ask_at_once(message)
-    _check_flags(undamaged_received_pieces(board.wire.received[since:]))
-
-
-def _check_flags(pieces: Iterable[ReceivedByClient]) -> None:
-    """FAILED unless frames of the board have no flag but LATE, and only traces have LATE."""
-    for piece in pieces:
-        header = piece.frame_header
-        allowed = Flag.LATE if header.type in _TRACES else 0
-        check(not header.flags & ~allowed, f"flags: {annotated_frame_text(piece.piece)}")
+    judge_line_rule(board.wire.received[since:], "HG-3.4/3")
 
 
 @case("HG-3.5/1")
@@ -188,14 +170,7 @@ def immediate_ignores_time(board: BoardClient) -> None:
 @case("HG-3.7/1")
 def header_carries_the_session(board: BoardClient) -> None:
     """every frame of a full dialogue carries its session; ERROR may carry 0"""
-    pieces = undamaged_received_pieces(full_client_dialogue(board))
-    greetings = (piece.message for piece in pieces if isinstance(piece.message, HelloReply))
-    due = next((greeting.nonce for greeting in greetings), board.link.session)
-    for piece in pieces:
-        header = piece.frame_header
-        stale = header.type == MessageType.ERROR and header.session == 0
-        text = f"another session than {due:#06x}: {annotated_frame_text(piece.piece)}"
-        check(header.session == due or stale, text)
+    judge_line_rule(full_client_dialogue(board), "HG-3.7/1")
 
 
 @case("HG-3.7/2", evidence=SELF_REPORTED)
