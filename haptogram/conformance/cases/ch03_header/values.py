@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
@@ -161,13 +161,9 @@ def drops_wrong_lengths(board: BoardClient) -> None:
 def refuses_unlisted_values(board: BoardClient) -> None:
     """values that no table has are refused with BAD_VALUE and the field's offset"""
     hello = bytes([VERSION_MAJOR, *bytes(7)])
-    wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, hello, 2)]
-    for message in _requests_with_values(board):
-        of, right = int(message.TYPE), message.serialize()
-        wrong += [(of, byte.put(right, 0x77), byte.offset) for byte in value_bytes(type(message))]
-    with board.counting(requests=len(wrong)):
-        for kind, value, offset in wrong:
-            board.link.refused_raw(kind, value, ErrorCode.BAD_VALUE, offset)
+    with board.counting(requests=1):
+        board.link.refused_raw(Hello.TYPE, hello, ErrorCode.BAD_VALUE, 2)
+    _judge_unlisted(board, lambda _: (0x77,))
 
 
 @case("HG-3.2/6")
@@ -204,9 +200,14 @@ def every_unlisted_value(board: BoardClient) -> None:
     """each value that the table of a request's byte does not name: BAD_VALUE, and the byte's
     offset
     """
+    _judge_unlisted(board, lambda byte: byte.wrong_values(thorough=board.thorough))
+
+
+def _judge_unlisted(board: BoardClient, wrong_values: Callable[[ValueByte], Sequence[int]]) -> None:
+    """FAILED unless a request with a wrong value in one of its bytes is refused, by its offset."""
     for message in _requests_with_values(board):
         for byte in value_bytes(type(message)):
-            values = byte.wrong_values(thorough=board.thorough)
+            values = wrong_values(byte)
             with board.counting(requests=len(values)):
                 for value in values:
                     payload = byte.put(message.serialize(), value)
