@@ -5,13 +5,14 @@ every type and defect.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
+    MUST_UNDERSTAND,
     REQUEST_RANGE,
     RESPONSE_OFFSET,
     STREAM_RANGE,
@@ -127,14 +128,20 @@ def session_of_every_type(board: BoardClient) -> None:
 @case("HG-3.4/1-requests")
 def flags_of_every_type(board: BoardClient) -> None:
     """each unknown flag in a request of every type is refused: UNSUPPORTED, detail: the flag"""
-    for message in _requests_of_every_type(board):
-        unknown = [0x20, 0x40, 0x80, 0xE0, 0x10, 0x30, 0xF0]
-        known = flags_at_once(message)
-        with board.counting(requests=len(unknown) - bool(known)):
-            for flags in unknown:
-                if flags & ~known:
-                    detail = flags & ~known
-                    board.link.refused(message, ErrorCode.UNSUPPORTED, detail, flags=flags | 0x0A)
+    flags = (0x20, 0x40, 0x80, 0xE0, 0x10, 0x30, 0xF0)
+    judge_unknown_flags(board, _requests_of_every_type(board), [flag | 0x0A for flag in flags])
+
+
+def judge_unknown_flags(
+    board: BoardClient, messages: Iterable[Message], flags: Sequence[int]
+) -> None:
+    """FAILED unless requests with each of *flags* that they do not know are refused by its bits."""
+    for message in messages:
+        known = ~flags_at_once(message) & MUST_UNDERSTAND
+        unknown = [flag for flag in flags if flag & known]
+        with board.counting(requests=len(unknown)):
+            for flag in unknown:
+                board.link.refused(message, ErrorCode.UNSUPPORTED, flag & known, flags=flag)
 
 
 @case("HG-3.4/2-requests")
@@ -237,19 +244,24 @@ def foreign_types_are_dropped(board: BoardClient) -> None:
     answer
     """
     board.arm()
-    streams = _unknown_frame_types(STREAM_RANGE)
-    others = list(range(REQUEST_RANGE.stop, 0x100))
-    for session in (board.link.session, board.link.session ^ 0x8000, 0):
-        number = len(streams) + len(others)
+    kinds = [*_unknown_frame_types(STREAM_RANGE), *range(REQUEST_RANGE.stop, 0x100)]
+    judge_foreign_types(board, kinds, board.link.session, board.link.session ^ 0x8000, 0)
+
+
+def judge_foreign_types(board: BoardClient, kinds: Sequence[int], *sessions: int) -> None:
+    """FAILED unless frames of types that no host sends are counted, and not answered."""
+    number = len(kinds)
+    for session in sessions:
         with board.counting(unknown_type=number, frames=number + 1, requests=1):  # a barrier
-            wires = []
-            for kind in streams:
-                seq = None if session == board.link.session else board.link.stream_next
-                wires.append(board.link.stream_raw(kind, b"", session=session, seq=seq))
-            for kind in others:
-                body = board.link.body(kind, bytes(4), seq=board.link.seq, session=session)
-                wires.append(encode_frame(body))
+            wires = [_frame_of_foreign_type(board, kind, session) for kind in kinds]
             board.link.unanswered("a frame of a type that no host may send", *wires)
+
+
+def _frame_of_foreign_type(board: BoardClient, kind: int, session: int) -> bytes:
+    if kind in STREAM_RANGE:
+        seq = None if session == board.link.session else board.link.stream_next
+        return board.link.stream_raw(kind, b"", session=session, seq=seq)
+    return encode_frame(board.link.body(kind, bytes(4), seq=board.link.seq, session=session))
 
 
 @case("HG-3.3/3-types")
@@ -258,11 +270,15 @@ def unknown_types_are_refused(board: BoardClient) -> None:
     UNSUPPORTED
     """
     kinds = _unknown_frame_types(REQUEST_RANGE)
-    with board.counting(requests=2 * len(kinds)):
-        for kind in kinds:
-            for session in (board.link.session, board.link.session ^ 0x0010):
-                payload = board.random.randbytes(kind % 20)
-                board.link.refused_raw(kind, payload, ErrorCode.UNSUPPORTED, kind, session=session)
+    judge_unknown_requests(board, kinds, board.link.session, board.link.session ^ 0x0010)
+
+
+def judge_unknown_requests(board: BoardClient, kinds: Sequence[int], *sessions: int) -> None:
+    """FAILED unless requests of unknown types are refused by their type."""
+    with board.counting(requests=len(sessions) * len(kinds)):
+        for kind, session in itertools.product(kinds, sessions):
+            payload = board.random.randbytes(kind % 20)
+            board.link.refused_raw(kind, payload, ErrorCode.UNSUPPORTED, kind, session=session)
 
 
 # --- Two defects -------------------------------------------------------------------------------

@@ -5,12 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol.annotation.words import annotated_type_name
-from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
-    MESSAGES,
-    MUST_UNDERSTAND,
     RESPONSE_OFFSET,
-    STREAM_RANGE,
     ErrorCode,
     Feature,
     Flag,
@@ -36,8 +32,8 @@ from ...client.stream_kinds import valid_requests_to_send
 from ...judge.line_rules import judge_line_rule
 from ...outcome import SELF_REPORTED, check, check_equal
 from ..ch05_stream.every_drop import judge_first_drop
+from .every_frame_type import judge_foreign_types, judge_unknown_flags, judge_unknown_requests
 
-_UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
 _SEQUENCE: Final = 5
 _JUNK_BYTES: Final = 1 << 20
 _JUNK_S: Final = 20
@@ -72,23 +68,13 @@ def replies_have_their_type(board: BoardClient) -> None:
 def drops_unknown_header_types(board: BoardClient) -> None:
     """stream, response and event frames of unknown types are counted in unknown_type, unanswered"""
     kinds = (0x00, 0x04, 0x3F, 0x80, 0xBE, 0xBF, 0xC0, 0xFF)
-    frames = [
-        board.link.stream_raw(kind, bytes(5))
-        if kind in STREAM_RANGE
-        else encode_frame(board.link.body(kind, bytes(5), seq=kind))
-        for kind in kinds
-    ]
-    with board.counting(unknown_type=len(kinds)):
-        board.link.unanswered("a frame of an unknown type", *frames)
+    judge_foreign_types(board, kinds, board.link.session)
 
 
 @case("HG-3.3/3")
 def refuses_unknown_header_types(board: BoardClient) -> None:
     """unknown requests are refused with UNSUPPORTED and their type, and counted"""
-    unknown = [kind for kind in _UNKNOWN_REQUESTS if kind not in MESSAGES]
-    with board.counting(requests=len(unknown)):
-        for kind in unknown:
-            board.link.refused_raw(kind, bytes(3), ErrorCode.UNSUPPORTED, kind)
+    judge_unknown_requests(board, (0x50, 0x7E, 0x7F), board.link.session)
 
 
 not_host_response = case_about_host("HG-3.3/4")
@@ -97,10 +83,7 @@ not_host_response = case_about_host("HG-3.3/4")
 @case("HG-3.4/1")
 def refuses_unknown_header_flags(board: BoardClient) -> None:
     """each must-understand flag that is unknown refuses a request, by its bit"""
-    flags = (0x20, 0x40, 0x80, 0xE0, 0x21)
-    with board.counting(requests=len(flags)):
-        for flag in flags:
-            board.link.refused(Ping(0), ErrorCode.UNSUPPORTED, flag & MUST_UNDERSTAND, flags=flag)
+    judge_unknown_flags(board, (Ping(0),), (0x20, 0x40, 0x80, 0xE0, 0x21))
 
 
 @case("HG-3.4/1-stream", evidence=SELF_REPORTED)
