@@ -8,11 +8,9 @@ from typing import Final
 
 from haptogram_protocol.messages import (
     Feature,
-    FocalPoint,
     Message,
     Mute,
     Ping,
-    Points,
     Pong,
     StatusReply,
     TraceMode,
@@ -28,12 +26,16 @@ from ...client.latching import (
     send_between_pings,
 )
 from ...client.recording import counter_steps
-from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
+from ...client.stream_kinds import (
+    StreamKind,
+    points_of_stream_kind,
+    random_points_to_send,
+    stream_kinds,
+)
 from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _MOST_US: Final = 100_000
 _TRIES: Final = 6
-_POINT: Final = FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
 _WINDOWS_US: Final = (0, 1, 30, 5_000, 100_000)
 _WALL_WINDOWS_US: Final = (5_000, 100_000)  # where no frame arrives to the microsecond
 _AIMS: Final = 3  # frames sent for one margin, each with the error of the one before
@@ -47,32 +49,23 @@ def readiness_takes_a_short_lead(board: BoardClient) -> None:
         check(got_us <= _MOST_US, f"{name} is {got_us}, must be {_MOST_US} or less")
 
 
-def _kinds_of_ready_frames(board: BoardClient) -> list[tuple[Message, int]]:
-    """Return a frame of each kind, and how many points the board has to compute for it."""
-    kinds: list[tuple[Message, int]] = [(board.flat_phases(), 0)]
-    if board.has(Feature.POINTS):
-        kinds += [(Points((_POINT,) * n), n) for n in sorted({1, board.most_points})]
-    return kinds
-
-
 @case("HG-5.8/1-ready", evidence=SELF_REPORTED)
 def latches_frames_when_ready(board: BoardClient) -> None:
     """frames as soon as complete, of each kind: latched when they are ready"""
     board.arm()
-    for message, points in _kinds_of_ready_frames(board):
+    for kind in stream_kinds(board):
         for _ in range(_TRIES):
+            message = kind.make()
+            points = points_of_stream_kind(message)
             around_us = send_between_pings(board, message)
             board.clock.wait_latched()
             got_us = board.last_latch_us()
+            ready = (board.clock.ready_us(t_us, points) for t_us in around_us)
+            least_us, most_us = map(board.clock.on_carrier, ready)
+            text = f"{kind.name}, latched {got_us - around_us[1]} µs after the PING behind it came"
             ready_us = board.clock.ready_us(0, points)
-            least_us, most_us = (
-                board.clock.on_carrier(board.clock.ready_us(t_us, points)) for t_us in around_us
-            )
-            check(
-                least_us <= got_us <= most_us,
-                f"{message.TYPE.name} of {points} points, latched {got_us - around_us[1]} µs after "
-                f"the PING behind it came; ready it is {ready_us} µs after its arrival",
-            )
+            text += f"; ready it is {ready_us} µs after its arrival"
+            check(least_us <= got_us <= most_us, text)
 
 
 @case("HG-5.8/1-computed", needs=Feature.POINTS, evidence=SELF_REPORTED)
@@ -80,7 +73,7 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
     """two frames of points as soon as complete: the board computes the second behind the first"""
     board.arm()
     most = board.most_points
-    message = Points((_POINT,) * most)
+    message = random_points_to_send(board, most)
     for _ in range(_TRIES):
         board.clock.wait_latched()
         board.arm_anew()  # or the hold of the last latch may end before these are computed

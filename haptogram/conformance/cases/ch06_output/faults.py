@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -98,35 +98,38 @@ def _check_in_fault(board: BoardClient, text: str) -> StatusReply:
     return found
 
 
+def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
+    """Let the hardware fail in each state; yield its name, and the piece at which it was ARMED."""
+    for name, bring in _moments_of_hardware_fault(board).items():
+        since = board.arm()
+        bring(board)
+        fail_hardware(board)
+        yield f"a fault while {name}", since
+        recover_from_hardware_fault(board)
+
+
 @case("HG-6.8/1-fault")
 def tells_of_a_hardware_fault(board: BoardClient) -> None:
     """STATE_CHANGED tells a fault once, from each state"""
-    for name, bring in _moments_of_hardware_fault(board).items():
-        board.arm()
-        bring(board)
-        since = board.link.mark()
-        fail_hardware(board)
+    for name, since in _faults_in_every_state(board):
         board.link.barrier()
         told = [(event.state, event.reason) for _, event in board.link.events(StateChanged, since)]
-        check_equal(told, [_FAULT], f"a fault while {name}: STATE_CHANGED says {told}")
-        recover_from_hardware_fault(board)
+        check_equal(told, [_FAULT], f"{name}: STATE_CHANGED says {told}")
 
 
 @case("HG-6.6/1-fault", evidence=SELF_REPORTED)
 def a_hardware_fault_silences(board: BoardClient) -> None:
     """a fault silences the output, flushes the queue and ends a playback, in each state"""
-    for name, bring in _moments_of_hardware_fault(board).items():
-        since = board.arm()
-        with board.counting(flushed=_QUEUED if bring is _queue_output_before_fault else 0):
-            bring(board)
-            fail_hardware(board)
-        found = _check_in_fault(board, f"a fault while {name}")
-        check_equal(found.queued, 0, f"a fault while {name}: {found.queued} frames are queued")
+    before = board.status().counters
+    for text, since in _faults_in_every_state(board):
+        found = _check_in_fault(board, text)
+        board.check_counted(before, text, {"flushed": _QUEUED * text.endswith("queued")})
+        check_equal(found.queued, 0, f"{text}: {found.queued} frames are queued")
         if board.has(Feature.READ_RADIATED):
-            check(is_board_silent(board), f"a fault while {name}: transducers are driven")
-        ended, due = len(board.link.events(PlaybackEnded, since)), name == "playing"
-        check_equal(ended, due, f"a fault while {name}: {ended} PLAYBACK_ENDED")
-        recover_from_hardware_fault(board)
+            check(is_board_silent(board), f"{text}: transducers are driven")
+        ended = len(board.link.events(PlaybackEnded, since))
+        check_equal(ended, text.endswith("playing"), f"{text}: {ended} PLAYBACK_ENDED")
+        before = board.status().counters
 
 
 @case("HG-6.6/3")
