@@ -36,6 +36,7 @@ from ...client.uploads import begin_upload, upload_correction
 from ...judge.repetition import every_request_to_repeat, judge_repeated_reply
 from ...judge.witness import judge_nothing_read_back
 from ...outcome import SELF_REPORTED, check, check_equal, named
+from ..ch05_stream.every_state import output_states
 
 _SEQUENCE: Final = 5
 _FRAMES: Final = 4
@@ -64,30 +65,10 @@ def _session_with_everything_set(board: BoardClient) -> Config:
     )
 
 
-def _streaming_session(board: BoardClient) -> None:
-    board.arm()
-    latch_now(board, board.flat_phases(7))
-    board.link.stream(board.flat_phases(), board.clock.ahead_us(2_000_000))
-
-
-def _playing_session(board: BoardClient) -> None:
-    board.arm()
-    play_now(board, _SEQUENCE, loops=0)
-
-
 def _uploading_session(board: BoardClient) -> None:
     data = bytes(2 * board.identity.transducers)
     begin_upload(board, UploadKind.PHASES, _SEQUENCE, data)
     board.link.ask(UploadChunk(0, data[:1]))
-
-
-_MOMENTS: Final[dict[str, Callable[[BoardClient], object]]] = {
-    "while DISARMED": BoardClient.disarm,
-    "while MUTED": lambda board: board.link.ask(Mute()),
-    "with frames queued": _streaming_session,
-    "during a playback": _playing_session,
-    "during an upload": _uploading_session,
-}
 
 
 @case("HG-4.6/5-moments", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
@@ -98,8 +79,10 @@ def settings_outlive_every_session(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     config = _session_with_everything_set(board)
     crc = board.status().config_crc
-    for name, bring in _MOMENTS.items():
-        bring(board)
+    uploads = {"during an upload": partial(_uploading_session, board)}
+    for name, bring in (output_states(board) | uploads).items():
+        board.arm()
+        bring()
         before = board.status().counters
         reply = board.hello()
         check(reply.config_crc == crc, f"{name}: config_crc is {reply.config_crc:#x}, was {crc:#x}")

@@ -25,10 +25,8 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import is_board_silent, latch_now, queue_frames
+from ...client.latching import is_board_silent, latch_now
 from ...client.playback import (
-    let_play,
-    play_now,
     play_out,
     play_request,
     send_phases_that_fit,
@@ -39,36 +37,17 @@ from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import require_room_for_upload
 from ...judge.effects import OUTPUT_REQUESTS
 from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ..ch05_stream.every_state import (
+    PLAYBACK_PLAYS,
+    PLAYBACK_WAITS,
+    QUEUED_FRAMES,
+    QUEUES,
+    output_states,
+)
 
 _SEQUENCE: Final = 4
-_QUEUED: Final = 2
 _SHORT_MS: Final = 30  # of timers that would run out
 _FAULT: Final = (OutputState.FAULT, MuteReason.FAULT)
-
-
-def _queue_output_before_fault(board: BoardClient) -> None:
-    latch_now(board)
-    queue_frames(board, board.clock.soon_us(bytes(4000), ahead_us=3_000_000), _QUEUED)
-
-
-def _play_output_before_fault(board: BoardClient) -> None:
-    send_phases_that_fit(board, _SEQUENCE, frames=2)
-    play_now(board, _SEQUENCE, loops=0)
-    let_play(board, 5)
-
-
-def _moments_of_hardware_fault(board: BoardClient) -> dict[str, Callable[[BoardClient], object]]:
-    """Return states of a board by their names; each starts with an ARMED board."""
-    found: dict[str, Callable[[BoardClient], object]] = {
-        "DISARMED": BoardClient.disarm,
-        "MUTED": lambda board: board.link.ask(Mute()),
-        "sounding": latch_now,
-        "with frames queued": _queue_output_before_fault,
-        "playing": _play_output_before_fault,
-    }
-    if not board.has(Feature.SEQUENCE_PHASES):
-        del found["playing"]
-    return found
 
 
 def fail_hardware(board: BoardClient) -> None:
@@ -100,11 +79,11 @@ def _check_in_fault(board: BoardClient, text: str) -> StatusReply:
 
 def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
     """Let the hardware fail in each state; yield its name, and the piece at which it was ARMED."""
-    for name, bring in _moments_of_hardware_fault(board).items():
+    for name, bring in output_states(board).items():
         since = board.arm()
-        bring(board)
+        bring()
         fail_hardware(board)
-        yield f"a fault while {name}", since
+        yield f"a fault {name}", since
         recover_from_hardware_fault(board)
 
 
@@ -123,12 +102,16 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
     before = board.status().counters
     for text, since in _faults_in_every_state(board):
         found = _check_in_fault(board, text)
-        board.check_counted(before, text, {"flushed": _QUEUED * text.endswith("queued")})
+        board.check_counted(before, text, {"flushed": QUEUED_FRAMES * text.endswith(QUEUES)})
         check_equal(found.queued, 0, f"{text}: {found.queued} frames are queued")
         if board.has(Feature.READ_RADIATED):
             check(is_board_silent(board), f"{text}: transducers are driven")
         ended = len(board.link.events(PlaybackEnded, since))
-        check_equal(ended, text.endswith("playing"), f"{text}: {ended} PLAYBACK_ENDED")
+        check_equal(
+            ended,
+            text.endswith((PLAYBACK_PLAYS, PLAYBACK_WAITS)),
+            f"{text}: {ended} PLAYBACK_ENDED",
+        )
         before = board.status().counters
 
 
