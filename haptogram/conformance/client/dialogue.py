@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.framing import CRC_BYTES, HEADER_BYTES
 from haptogram_protocol.messages import (
     Arm,
     Disarm,
@@ -115,11 +114,3 @@ def _time_out_in_client_dialogue(board: BoardClient) -> None:
 def undamaged_received_pieces(pieces: list[ReceivedByClient]) -> list[ReceivedByClient]:
     """Return the pieces that are undamaged frames."""
     return [piece for piece in pieces if piece.header is not None]
-
-
-def crc_of_received_piece(piece: ReceivedByClient) -> tuple[int, bytes]:
-    """Return the CRC-32 that a piece carries, and its body; (-1, b"") if it is too short."""
-    data = piece.unstuffed
-    if len(data) < HEADER_BYTES + CRC_BYTES:
-        return -1, b""
-    return int.from_bytes(data[-CRC_BYTES:], "little"), data[:-CRC_BYTES]

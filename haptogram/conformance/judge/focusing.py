@@ -86,12 +86,19 @@ def judged_phase_errors(
 
 
 def judged_amplitude_errors(
-    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], ClientDrive]]
+    model: AcousticModel,
+    found: Sequence[tuple[tuple[FocalPoint, ...], ClientDrive]],
+    *,
+    graded: bool = True,
 ) -> NDArray[np.float64]:
-    """Return latched amplitude codes less the exact ones, of every transducer."""
+    """Return latched amplitude codes less the exact ones, of every transducer.
+
+    Unless the amplitudes are *graded* each is 255.
+    """
     errors = []
     for points, shown in found:
-        exact = 255 * np.minimum(1.0, np.abs(weights_of_points(model, points)))
+        weights = np.abs(weights_of_points(model, points))
+        exact = 255 * np.minimum(1.0, weights if graded else 1.0)
         errors.append(np.frombuffer(shown.amplitudes, np.uint8) - exact)
     return np.concatenate(errors)
 

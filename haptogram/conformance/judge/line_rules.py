@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final, TypeAlias
 
+from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import (
     DELIMITER,
@@ -35,6 +36,7 @@ from haptogram_protocol.messages import (
 )
 
 from ..client.wire import ReceivedByClient
+from ..outcome import check
 
 TRACES: Final = (Trace, TracePlayback, TraceDrive)
 _SHORTEST_TEXT: Final = 8
@@ -168,6 +170,14 @@ class LineRules:
         took_us = piece.t_us - alone[1] - line_us(alone[2] + len(piece.piece) + 2)
         text = f"the answer begins {took_us / 1000:.1f} ms after its request; due is 10 ms at most"
         yield "HG-4.11/3", text if took_us > _PROMPT_US else ""
+
+
+def judge_line_rule(pieces: Iterable[ReceivedByClient], clause: str) -> None:
+    """FAILED if one of *pieces*, of which the first answers HELLO, breaks the rule of *clause*."""
+    rules = LineRules(is_lossless=True)
+    for piece in pieces:
+        texts = (text for of, text in rules.broken_by(piece) if of == clause)
+        check(not (text := "".join(texts)), f"{text}: {annotated_frame_text(piece.piece)}")
 
 
 def _unnamed_in_frame(piece: ReceivedByClient) -> str:

@@ -26,6 +26,7 @@ from haptogram_protocol.messages import (
     UploadBegin,
     UploadKind,
 )
+from haptogram_protocol.rules import PLAYBACK
 
 from ...case import case
 from ...client.board_client import BoardClient
@@ -34,72 +35,56 @@ from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check, require
 
 _POINT: Final = FocalPoint(0, 0, 150_000, 65_535, 0)
+_LATCHED, _RADIATED = ReadDrive(DriveKind.LATCHED, 0, 1), ReadDrive(DriveKind.RADIATED, 0, 1)
 _USES: Final[dict[Feature, Callable[[BoardClient], object]]] = {
-    Feature.AMPLITUDE: lambda b: _is_advertised_drive_latched(
-        b, _advertised_drives(b), "AMPLITUDE"
-    ),
-    Feature.POINTS: lambda b: _is_advertised_drive_latched(b, Points((_POINT,)), "POINTS"),
-    Feature.SEQUENCE_PHASES: lambda b: _stores_as_advertised(
-        b, UploadKind.PHASES, bytes(b.identity.transducers), 1, 0
-    ),
-    Feature.SEQUENCE_POINTS: lambda b: _stores_as_advertised(
-        b, UploadKind.POINTS, _POINT.pack(), 2, 1
-    ),
+    Feature.AMPLITUDE: lambda b: _is_advertised_drive_latched(b, _advertised_drives(b)),
+    Feature.POINTS: lambda b: _is_advertised_drive_latched(b, Points((_POINT,))),
+    Feature.SEQUENCE_PHASES: lambda b: upload_to_board(b, UploadKind.PHASES, 1, _zeros(b)),
+    Feature.SEQUENCE_POINTS: lambda b: upload_to_board(b, UploadKind.POINTS, 2, _POINT.pack(), 1),
     Feature.CONFIG: lambda b: b.link.call(SetConfig(b.base_config), SetConfigReply),
-    Feature.CORRECTION: lambda b: _stores_as_advertised(
-        b, UploadKind.CORRECTION, bytes(b.identity.transducers), 0, 0
-    ),
-    Feature.READ_LATCHED: lambda b: b.link.call(ReadDrive(DriveKind.LATCHED, 0, 1), DriveReply),
-    Feature.READ_RADIATED: lambda b: b.link.call(ReadDrive(DriveKind.RADIATED, 0, 1), DriveReply),
-    Feature.TRACE: lambda b: _traces_as_advertised(b, TraceMode.CRC, Trace, "TRACE"),
-    Feature.TRACE_DRIVE: lambda b: _traces_as_advertised(
-        b, TraceMode.DRIVE, TraceDrive, "TRACE_DRIVE"
-    ),
+    Feature.CORRECTION: lambda b: upload_to_board(b, UploadKind.CORRECTION, 0, _zeros(b)),
+    Feature.READ_LATCHED: lambda b: b.link.call(_LATCHED, DriveReply),
+    Feature.READ_RADIATED: lambda b: b.link.call(_RADIATED, DriveReply),
+    Feature.TRACE: lambda b: _traces_as_advertised(b, TraceMode.CRC, Trace),
+    Feature.TRACE_DRIVE: lambda b: _traces_as_advertised(b, TraceMode.DRIVE, TraceDrive),
     Feature.TRACE_RING: lambda b: b.link.call(ReadTrace(0, 1), TraceReply),
 }
 # Requests that are right in everything but the capability that they need.
 _REQUESTS: Final[tuple[tuple[Feature, Callable[[BoardClient], Message]], ...]] = (
     (Feature.CONFIG, lambda b: SetConfig(b.config)),
-    (Feature.READ_LATCHED, lambda _: ReadDrive(DriveKind.LATCHED, 0, 1)),
-    (Feature.READ_RADIATED, lambda _: ReadDrive(DriveKind.RADIATED, 0, 1)),
+    (Feature.READ_LATCHED, lambda _: _LATCHED),
+    (Feature.READ_RADIATED, lambda _: _RADIATED),
     (Feature.TRACE_RING, lambda _: ReadTrace(0, 1)),
-    (Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS, lambda _: Play(1, 1000, 1, 100)),
-    (
-        Feature.SEQUENCE_PHASES,
-        lambda b: UploadBegin(UploadKind.PHASES, 0, 1, b.identity.transducers, 0),
-    ),
+    (PLAYBACK, lambda _: Play(1, 1000, 1, 100)),
+    (Feature.SEQUENCE_PHASES, lambda b: UploadBegin(UploadKind.PHASES, 0, 1, len(_zeros(b)), 0)),
     (Feature.SEQUENCE_POINTS, lambda _: UploadBegin(UploadKind.POINTS, 1, 1, 16, 0)),
-    (
-        Feature.CORRECTION,
-        lambda b: UploadBegin(UploadKind.CORRECTION, 0, 0, b.identity.transducers, 0),
-    ),
+    (Feature.CORRECTION, lambda b: UploadBegin(UploadKind.CORRECTION, 0, 0, len(_zeros(b)), 0)),
 )
+
+
+def _zeros(board: BoardClient) -> bytes:
+    return bytes(board.identity.transducers)
 
 
 def _advertised_drives(board: BoardClient) -> Drives:
     return Drives(bytes([255]) * 2 * board.identity.transducers)
 
 
-def _is_advertised_drive_latched(board: BoardClient, message: Message, name: str) -> None:
+def _is_advertised_drive_latched(board: BoardClient, message: Message) -> None:
     board.arm()
     with board.counting(latched=1):
         latch_now(board, message)
-    check(board.status().last_seq != 0, f"{name} is advertised, but nothing is latched")
+    check(
+        board.status().last_seq != 0, f"{message.TYPE.name} are advertised, but nothing is latched"
+    )
 
 
-def _traces_as_advertised(
-    board: BoardClient, mode: TraceMode, kind: type[Message], name: str
-) -> None:
+def _traces_as_advertised(board: BoardClient, mode: TraceMode, kind: type[Message]) -> None:
     since = board.arm(trace_mode=mode)
     latch_now(board)
     board.link.barrier()
-    check(bool(board.link.events(kind, since)), f"{name} is advertised, but a latch gives no event")
-
-
-def _stores_as_advertised(
-    board: BoardClient, kind: UploadKind, data: bytes, target: int, points: int
-) -> None:
-    upload_to_board(board, kind, target, data, points)
+    told = bool(board.link.events(kind, since))
+    check(told, f"{kind.TYPE.name} is advertised, but a latch gives no event")
 
 
 @case("HG-1.2/1")

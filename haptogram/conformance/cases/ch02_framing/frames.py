@@ -18,6 +18,7 @@ from ...client.malformed_frames import (
     malformed_with_crc,
 )
 from ...client.request_client import LONGEST_BURST_BYTES
+from ...judge.line_rules import judge_line_rule
 from ...outcome import SELF_REPORTED, check, check_equal, fail, named
 
 _PAUSE_US: Final = 120_000
@@ -31,9 +32,7 @@ _PING_BYTES: Final = 26  # on the line, at most
 @case("HG-2.1/1")
 def sends_both_delimiters(board: BoardClient) -> None:
     """in a full dialogue no two frames share a delimiter"""
-    pieces = full_client_dialogue(board)
-    shared = [annotated_frame_text(piece.piece) for piece in pieces if piece.shared]
-    check(not shared, f"{len(shared)} frames share a zero with the one before: {shared[:1]}")
+    judge_line_rule(full_client_dialogue(board), "HG-2.1/1")
 
 
 @case("HG-2.1/2")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.framing import CRC_BYTES, cobs_encode, encode_frame
 from haptogram_protocol.messages import (
     DriveKind,
@@ -32,6 +31,7 @@ from ...client.malformed_frames import (
     malformed_with_crc,
 )
 from ...client.wire import ReceivedByClient
+from ...judge.line_rules import judge_line_rule
 from ...outcome import SELF_REPORTED, check, check_equal, fail, require
 
 _RUNS: Final = (252, 253, 254, 255, 256, 507, 508, 509, 762)
@@ -44,10 +44,7 @@ _MOST: Final = 1500  # bytes of a frame of the host
 @case("HG-2.2/1")
 def frames_are_stuffed_by_cobs(board: BoardClient) -> None:
     """every frame of a full dialogue is stuffed as COBS prescribes"""
-    for piece in full_client_dialogue(board):
-        check(bool(piece.unstuffed), f"no COBS: {piece.piece[:16].hex(' ')} ...")
-        if piece.piece != cobs_encode(piece.unstuffed):
-            fail(f"stuffed in another way: {annotated_frame_text(piece.piece)}")
+    judge_line_rule(full_client_dialogue(board), "HG-2.2/1")
 
 
 @case("HG-2.2/1-runs")

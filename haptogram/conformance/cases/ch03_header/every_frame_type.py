@@ -1,22 +1,32 @@
-"""HG-2.4, HG-3.4, HG-4.9, HG-4.11, HG-4.12, HG-6.4: frames of a host, at every type."""
+"""HG-2.4, HG-3.3, HG-3.4, HG-3.8, HG-3.9, HG-4.9, HG-4.11, HG-4.12, HG-6.4: frames of a host, at
+every type and defect.
+"""
 
 from __future__ import annotations
 
 import itertools
-from typing import Final
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
+from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
+    MESSAGES,
+    MUST_UNDERSTAND,
     REQUEST_RANGE,
     RESPONSE_OFFSET,
+    STREAM_RANGE,
     VERSION_MAJOR,
     Error,
     ErrorCode,
+    Flag,
     Hello,
     Message,
     Mute,
     MuteReply,
     Ping,
     Play,
+    Pong,
     UploadBegin,
     UploadChunk,
 )
@@ -44,6 +54,21 @@ _UNKNOWN_REQUEST: Final = 0x7B
 _FLIPS: Final = (1, 1 << 15, 1 << 16, 1 << 31)
 _IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10
 _LOW_FLAGS: Final = (1, 2, 4, 8, 15)
+_OF_REQUESTS: Final = {
+    "type": ErrorCode.UNSUPPORTED,
+    "session": ErrorCode.STALE_SESSION,
+    "flags": ErrorCode.UNSUPPORTED,
+    "length": ErrorCode.BAD_LENGTH,
+    "number": ErrorCode.SEQUENCE_REUSED,
+}
+#: Defects of stream frames in this order, with their counters.
+_OF_STREAM: Final = {
+    "type": "unknown_type",
+    "session": "stale_session",
+    "number": "duplicate",
+    "flags": "unsupported",
+    "length": "bad_length",
+}
 
 
 @case("HG-2.4/2-types", evidence=SELF_REPORTED)
@@ -103,14 +128,20 @@ def session_of_every_type(board: BoardClient) -> None:
 @case("HG-3.4/1-requests")
 def flags_of_every_type(board: BoardClient) -> None:
     """each unknown flag in a request of every type is refused: UNSUPPORTED, detail: the flag"""
-    for message in _requests_of_every_type(board):
-        unknown = [0x20, 0x40, 0x80, 0xE0, 0x10, 0x30, 0xF0]
-        known = flags_at_once(message)
-        with board.counting(requests=len(unknown) - bool(known)):
-            for flags in unknown:
-                if flags & ~known:
-                    detail = flags & ~known
-                    board.link.refused(message, ErrorCode.UNSUPPORTED, detail, flags=flags | 0x0A)
+    flags = (0x20, 0x40, 0x80, 0xE0, 0x10, 0x30, 0xF0)
+    judge_unknown_flags(board, _requests_of_every_type(board), [flag | 0x0A for flag in flags])
+
+
+def judge_unknown_flags(
+    board: BoardClient, messages: Iterable[Message], flags: Sequence[int]
+) -> None:
+    """FAILED unless requests with each of *flags* that they do not know are refused by its bits."""
+    for message in messages:
+        known = ~flags_at_once(message) & MUST_UNDERSTAND
+        unknown = [flag for flag in flags if flag & known]
+        with board.counting(requests=len(unknown)):
+            for flag in unknown:
+                board.link.refused(message, ErrorCode.UNSUPPORTED, flag & known, flags=flag)
 
 
 @case("HG-3.4/2-requests")
@@ -198,3 +229,186 @@ def _check_header(board: BoardClient, answer: ReceivedByClient, message: Message
     kind = answer.frame_header.type
     types = {int(Error.TYPE)} | ({message.TYPE + RESPONSE_OFFSET} if message is not None else set())
     check(kind in types, f"{name} is answered by a frame of type {kind:#04x}")
+
+
+# --- Types -------------------------------------------------------------------------------------
+
+
+def _unknown_frame_types(types: Iterable[int]) -> list[int]:
+    return [kind for kind in types if kind not in MESSAGES]
+
+
+@case("HG-3.3/2-types", evidence=SELF_REPORTED)
+def foreign_types_are_dropped(board: BoardClient) -> None:
+    """each of the 189 types that no host may send, of any session: dropped and counted, no
+    answer
+    """
+    board.arm()
+    kinds = [*_unknown_frame_types(STREAM_RANGE), *range(REQUEST_RANGE.stop, 0x100)]
+    judge_foreign_types(board, kinds, board.link.session, board.link.session ^ 0x8000, 0)
+
+
+def judge_foreign_types(board: BoardClient, kinds: Sequence[int], *sessions: int) -> None:
+    """FAILED unless frames of types that no host sends are counted, and not answered."""
+    number = len(kinds)
+    for session in sessions:
+        with board.counting(unknown_type=number, frames=number + 1, requests=1):  # a barrier
+            wires = [_frame_of_foreign_type(board, kind, session) for kind in kinds]
+            board.link.unanswered("a frame of a type that no host may send", *wires)
+
+
+def _frame_of_foreign_type(board: BoardClient, kind: int, session: int) -> bytes:
+    if kind in STREAM_RANGE:
+        seq = None if session == board.link.session else board.link.stream_next
+        return board.link.stream_raw(kind, b"", session=session, seq=seq)
+    return encode_frame(board.link.body(kind, bytes(4), seq=board.link.seq, session=session))
+
+
+@case("HG-3.3/3-types")
+def unknown_types_are_refused(board: BoardClient) -> None:
+    """each of the 48 unknown types of requests, of any session, is refused by its type:
+    UNSUPPORTED
+    """
+    kinds = _unknown_frame_types(REQUEST_RANGE)
+    judge_unknown_requests(board, kinds, board.link.session, board.link.session ^ 0x0010)
+
+
+def judge_unknown_requests(board: BoardClient, kinds: Sequence[int], *sessions: int) -> None:
+    """FAILED unless requests of unknown types are refused by their type."""
+    with board.counting(requests=len(sessions) * len(kinds)):
+        for kind, session in itertools.product(kinds, sessions):
+            payload = board.random.randbytes(kind % 20)
+            board.link.refused_raw(kind, payload, ErrorCode.UNSUPPORTED, kind, session=session)
+
+
+# --- Two defects -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """A frame of a host in the making."""
+
+    kind: int
+    payload: bytes
+    seq: int
+    session: int
+    flags: int = 0
+
+    @property
+    def header(self) -> dict[str, int]:
+        """The fields of the header beside type and time."""
+        return {"seq": self.seq, "session": self.session, "flags": self.flags}
+
+
+def _spoil(board: BoardClient, frame: _Frame, defects: Iterable[str]) -> _Frame:
+    """Return a frame with these defects."""
+    draw, stream = board.random, frame.kind in STREAM_RANGE
+    used = board.link.stream_next - 1 if stream else board.link.seq
+    varies = frame.kind == UploadChunk.TYPE
+    changes: dict[str, dict[str, Any]] = {
+        "type": {
+            "kind": draw.choice(_unknown_frame_types(STREAM_RANGE if stream else REQUEST_RANGE))
+        },
+        "session": {"session": board.link.session ^ 1 << draw.randrange(16)},
+        "flags": {"flags": frame.flags | draw.choice((0x20, 0x40, 0x80, 0xE0))},
+        "length": {"payload": frame.payload[:3] if varies else frame.payload + b"\x00"},
+        "number": {"seq": used & 0xFFFF},
+    }
+    for defect in defects:
+        frame = replace(frame, **changes[defect])
+    return frame
+
+
+def _detail_of_defect(board: BoardClient, frame: _Frame, defect: str, right: _Frame) -> int:
+    """Return the detail of the ERROR for a defect; *right* is the frame without one."""
+    kind = MESSAGES[right.kind]
+    return {
+        "type": frame.kind,
+        "session": board.link.session,
+        "flags": frame.flags & 0xE0,
+        "length": 0 if kind.TAIL else kind.LAYOUT.size,
+        "number": frame.seq,
+    }[defect]
+
+
+def _pairs_of_defects(board: BoardClient, defects: Iterable[str]) -> list[tuple[str, ...]]:
+    """Return every two defects in order, each alone and all together; if quick, neighbours only."""
+    every = tuple(defects)
+    if not board.thorough:
+        return [*itertools.pairwise(every), every]
+    return [*((one,) for one in every), *itertools.combinations(every, 2), every]
+
+
+def _name_with_defects(name: str, defects: Iterable[str]) -> str:
+    return f"{name} with {', '.join(f'a wrong {defect}' for defect in defects)}"
+
+
+def _right_request(board: BoardClient, message: Message) -> _Frame:
+    seq = board.link.seq + 1 & 0xFFFF
+    return _Frame(message.TYPE, message.serialize(), seq, board.link.session)
+
+
+@case("HG-3.8/1-requests", evidence=SELF_REPORTED)
+def two_defects_of_requests(board: BoardClient) -> None:
+    """requests of every type with every two defects are refused and counted for the first of
+    them
+    """
+    for message in valid_requests_to_send(board, _SEQUENCE):
+        right = _right_request(board, message)
+        for defects in _pairs_of_defects(board, _OF_REQUESTS):
+            first = defects[0]
+            if isinstance(message, UploadChunk) and first == "number":
+                continue  # HG-4.10: carried out every time
+            frame = _spoil(board, right, defects)
+            code, detail = _OF_REQUESTS[first], _detail_of_defect(board, frame, first, right)
+            with named(_name_with_defects(message.TYPE.name, defects)):
+                board.link.refused_raw(frame.kind, frame.payload, code, detail, **frame.header)
+
+
+@case("HG-4.9/4-numbers")
+def defects_leave_the_number(board: BoardClient) -> None:
+    """a request of every type that is refused for one defect leaves its number free for the next"""
+    for message in valid_requests_to_send(board, _SEQUENCE):
+        for defect in list(_OF_REQUESTS)[:-1]:
+            frame = _spoil(board, _right_request(board, message), [defect])
+            with named(f"{_name_with_defects(message.TYPE.name, [defect])}, then its number"):
+                board.link.ask_raw(frame.kind, frame.payload, **frame.header)
+                board.link.call(Ping(frame.seq), Pong)
+
+
+@case("HG-3.8/1-formats", evidence=SELF_REPORTED)
+def two_defects_of_stream(board: BoardClient) -> None:
+    """stream frames of every format with every two defects count once, for the first of them"""
+    link = board.link
+    link.stream(board.flat_phases())  # the first number is used
+    for kind in stream_kinds(board):
+        message = kind.make()
+        for defects in _pairs_of_defects(board, _OF_STREAM):
+            payload, seq = message.serialize(), link.stream_next & 0xFFFF
+            right = _Frame(message.TYPE, payload, seq, link.session, Flag.IMMEDIATE)
+            frame = _spoil(board, right, defects)
+            link.stream_next += not {*defects} & {"session", "number"}
+            name = _name_with_defects(kind.name, defects)
+            with named(name), board.counting(**{_OF_STREAM[defects[0]]: 1}):
+                body = link.body(frame.kind, frame.payload, **frame.header)
+                link.unanswered(name, encode_frame(body))
+
+
+# --- Counts ------------------------------------------------------------------------------------
+
+
+@case("HG-3.9/2-types", evidence=SELF_REPORTED)
+def each_type_counts_once(board: BoardClient) -> None:
+    """each request of every type, carried out or refused by the board, ARMED or not, counts once"""
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    for armed in (True, False) if board.thorough else (True,):
+        board.arm()
+        messages: list[Message] = [
+            *valid_requests_to_send(board, _SEQUENCE),
+            *refused_requests_to_send(board),
+        ]
+        if not armed:
+            board.disarm()
+        for message in messages:
+            with named(f"one {message.TYPE.name}"), board.counting(frames=1, requests=1):
+                board.link.ask_at_once(message)

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Final
 
-from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.annotation.words import annotated_type_name
-from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
-    MESSAGES,
-    MUST_UNDERSTAND,
     RESPONSE_OFFSET,
-    STREAM_RANGE,
     ErrorCode,
     Feature,
     Flag,
     Hello,
-    HelloReply,
     Message,
     MessageType,
     Mute,
@@ -29,22 +22,18 @@ from haptogram_protocol.messages import (
 )
 
 from ...case import Depth, case, case_about_host
-from ...client.board_client import PARTS_OF_FRAMES, BoardClient
+from ...client.board_client import BoardClient
 from ...client.capabilities import requests_that_board_takes
-from ...client.dialogue import (
-    crc_of_received_piece,
-    full_client_dialogue,
-    undamaged_received_pieces,
-)
+from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...client.malformed_frames import malformed_by_counter, malformed_noise
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import valid_requests_to_send
-from ...client.wire import ReceivedByClient
+from ...judge.line_rules import judge_line_rule
 from ...outcome import SELF_REPORTED, check, check_equal
+from ..ch05_stream.every_drop import judge_first_drop
+from .every_frame_type import judge_foreign_types, judge_unknown_flags, judge_unknown_requests
 
-_UNKNOWN_REQUESTS: Final = (0x50, 0x7E, 0x7F)
-_TRACES: Final = (MessageType.TRACE, MessageType.TRACE_PLAYBACK, MessageType.TRACE_DRIVE)
 _SEQUENCE: Final = 5
 _JUNK_BYTES: Final = 1 << 20
 _JUNK_S: Final = 20
@@ -56,11 +45,7 @@ _STALE: Final = 0x0F0F
 @case("HG-3.1/1")
 def frames_begin_with_header(board: BoardClient) -> None:
     """every frame of a full dialogue begins with a header of ten bytes"""
-    for piece in full_client_dialogue(board):
-        _, body = crc_of_received_piece(piece)
-        text = annotated_frame_text(piece.piece)
-        check(len(body) >= HEADER_BYTES, f"a frame without a header: {text}")
-        check(body[0] >= 0x80, f"the board sends a frame of the host: {text}")
+    judge_line_rule(full_client_dialogue(board), "HG-3.1/1")
 
 
 # --- Types -------------------------------------------------------------------------------------
@@ -83,23 +68,13 @@ def replies_have_their_type(board: BoardClient) -> None:
 def drops_unknown_header_types(board: BoardClient) -> None:
     """stream, response and event frames of unknown types are counted in unknown_type, unanswered"""
     kinds = (0x00, 0x04, 0x3F, 0x80, 0xBE, 0xBF, 0xC0, 0xFF)
-    frames = [
-        board.link.stream_raw(kind, bytes(5))
-        if kind in STREAM_RANGE
-        else encode_frame(board.link.body(kind, bytes(5), seq=kind))
-        for kind in kinds
-    ]
-    with board.counting(unknown_type=len(kinds)):
-        board.link.unanswered("a frame of an unknown type", *frames)
+    judge_foreign_types(board, kinds, board.link.session)
 
 
 @case("HG-3.3/3")
 def refuses_unknown_header_types(board: BoardClient) -> None:
     """unknown requests are refused with UNSUPPORTED and their type, and counted"""
-    unknown = [kind for kind in _UNKNOWN_REQUESTS if kind not in MESSAGES]
-    with board.counting(requests=len(unknown)):
-        for kind in unknown:
-            board.link.refused_raw(kind, bytes(3), ErrorCode.UNSUPPORTED, kind)
+    judge_unknown_requests(board, (0x50, 0x7E, 0x7F), board.link.session)
 
 
 not_host_response = case_about_host("HG-3.3/4")
@@ -108,20 +83,13 @@ not_host_response = case_about_host("HG-3.3/4")
 @case("HG-3.4/1")
 def refuses_unknown_header_flags(board: BoardClient) -> None:
     """each must-understand flag that is unknown refuses a request, by its bit"""
-    flags = (0x20, 0x40, 0x80, 0xE0, 0x21)
-    with board.counting(requests=len(flags)):
-        for flag in flags:
-            board.link.refused(Ping(0), ErrorCode.UNSUPPORTED, flag & MUST_UNDERSTAND, flags=flag)
+    judge_unknown_flags(board, (Ping(0),), (0x20, 0x40, 0x80, 0xE0, 0x21))
 
 
 @case("HG-3.4/1-stream", evidence=SELF_REPORTED)
 def drops_unknown_header_flags(board: BoardClient) -> None:
     """each must-understand flag that is unknown drops a stream frame"""
-    board.arm()
-    with board.counting(unsupported=3, latched=0):
-        for flag in (0x20, 0x40, 0x80):
-            board.link.stream(board.flat_phases(), flags=flag | Flag.IMMEDIATE)
-        board.clock.wait_latched()
+    judge_first_drop(board, "HG-3.4/1")
 
 
 @case("HG-3.4/2")
@@ -138,7 +106,7 @@ def ignores_low_flags(board: BoardClient) -> None:
 @case("HG-3.4/3")
 def sends_no_header_flags(board: BoardClient) -> None:
     """no frame of a full dialogue has a flag but LATE, and only traces have LATE"""
-    _check_flags(undamaged_received_pieces(full_client_dialogue(board)))
+    judge_line_rule(full_client_dialogue(board), "HG-3.4/3")
 
 
 @case("HG-3.4/3-late", needs=Feature.CONFIG)
@@ -147,21 +115,15 @@ def every_late_flag(board: BoardClient) -> None:
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     trace = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
     period_ms = board.quick_status_ms
-    since = board.arm(trace_mode=trace, late_window_us=100_000, status_period_ms=period_ms)
+    since = board.link.mark()
+    board.hello()
+    board.arm(trace_mode=trace, late_window_us=100_000, status_period_ms=period_ms)
     board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()
     board.wire.idle_beyond(1200 * period_ms)
     for message in [*valid_requests_to_send(board, _SEQUENCE), Mute()]:
         board.link.ask_at_once(message)
-    _check_flags(undamaged_received_pieces(board.wire.received[since:]))
-
-
-def _check_flags(pieces: Iterable[ReceivedByClient]) -> None:
-    """FAILED unless frames of the board have no flag but LATE, and only traces have LATE."""
-    for piece in pieces:
-        header = piece.frame_header
-        allowed = Flag.LATE if header.type in _TRACES else 0
-        check(not header.flags & ~allowed, f"flags: {annotated_frame_text(piece.piece)}")
+    judge_line_rule(board.wire.received[since:], "HG-3.4/3")
 
 
 @case("HG-3.5/1")
@@ -191,14 +153,7 @@ def immediate_ignores_time(board: BoardClient) -> None:
 @case("HG-3.7/1")
 def header_carries_the_session(board: BoardClient) -> None:
     """every frame of a full dialogue carries its session; ERROR may carry 0"""
-    pieces = undamaged_received_pieces(full_client_dialogue(board))
-    greetings = (piece.message for piece in pieces if isinstance(piece.message, HelloReply))
-    due = next((greeting.nonce for greeting in greetings), board.link.session)
-    for piece in pieces:
-        header = piece.frame_header
-        stale = header.type == MessageType.ERROR and header.session == 0
-        text = f"another session than {due:#06x}: {annotated_frame_text(piece.piece)}"
-        check(header.session == due or stale, text)
+    judge_line_rule(full_client_dialogue(board), "HG-3.7/1")
 
 
 @case("HG-3.7/2", evidence=SELF_REPORTED)
@@ -278,20 +233,11 @@ def header_defects_count_once(board: BoardClient) -> None:
 def header_counts_add_up(board: BoardClient) -> None:
     """frames = accepted + requests + repeated + every drop, over 60 frames of all sorts"""
     board.arm()
-    before = board.status().counters
-    good, queued, sent = board.flat_phases(), 0, 0
-    for number in range(15):
-        board.link.stream(good)
-        queued += 1
-        board.link.stream(good, seq=board.link.stream_next - 1)
-        board.link.call(Ping(number), Pong)
-        board.link.stream(good, flags=Flag.IMMEDIATE | 0x40)
-        sent += 4
-    counted = board.counted_since(before)
-    frames = counted["frames"]
-    check_equal(frames, sent, f"{sent} frames were sent, frames counts {frames}")
-    parts = {name: counted[name] for name in PARTS_OF_FRAMES if counted[name]}
-    total = sum(parts.values())
-    check_equal(total, sent, f"{sent} frames were sent, the parts of the sum are {total}: {parts}")
-    accepted = counted["accepted"]
-    check_equal(accepted, queued, f"{queued} frames were queued, accepted counts {accepted}")
+    good, each = board.flat_phases(), 15
+    parts = dict.fromkeys(("accepted", "duplicate", "requests", "unsupported"), each)
+    with board.counting(frames=4 * each, latched=None, flushed=None, **parts):
+        for number in range(each):
+            board.link.stream(good)
+            board.link.stream(good, seq=board.link.stream_next - 1)
+            board.link.call(Ping(number), Pong)
+            board.link.stream(good, flags=Flag.IMMEDIATE | 0x40)

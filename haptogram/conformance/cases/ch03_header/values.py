@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
@@ -34,9 +34,9 @@ from ...client.capabilities import drive_kinds, requests_that_board_takes
 from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...client.malformed_frames import ValueByte, value_bytes
-from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_forms
 from ...outcome import SELF_REPORTED, check, check_equal, require
+from ..ch05_stream.every_drop import judge_first_drop
 
 _TARGET: Final = 9
 _ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
@@ -154,26 +154,16 @@ def _check_wrong_lengths(board: BoardClient, wrong: Sequence[tuple[type[Message]
 @case("HG-3.2/4-stream", evidence=SELF_REPORTED)
 def drops_wrong_lengths(board: BoardClient) -> None:
     """stream frames a byte too long or too short are counted in bad_length and not answered"""
-    wrong: list[tuple[int, bytes]] = []
-    for message in (kind.make() for kind in stream_kinds(board)):
-        right = message.serialize()
-        wrong += [(message.TYPE, payload) for payload in (right + b"\x00", right[:-1], b"")]
-    with board.counting(bad_length=len(wrong)):
-        wires = (board.link.stream_raw(kind, payload) for kind, payload in wrong)
-        board.link.unanswered("a stream frame of a wrong length", *wires)
+    judge_first_drop(board, "HG-3.2/4")
 
 
 @case("HG-3.2/5")
 def refuses_unlisted_values(board: BoardClient) -> None:
     """values that no table has are refused with BAD_VALUE and the field's offset"""
     hello = bytes([VERSION_MAJOR, *bytes(7)])
-    wrong: list[tuple[int, bytes, int]] = [(Hello.TYPE, hello, 2)]
-    for message in _requests_with_values(board):
-        of, right = int(message.TYPE), message.serialize()
-        wrong += [(of, byte.put(right, 0x77), byte.offset) for byte in value_bytes(type(message))]
-    with board.counting(requests=len(wrong)):
-        for kind, value, offset in wrong:
-            board.link.refused_raw(kind, value, ErrorCode.BAD_VALUE, offset)
+    with board.counting(requests=1):
+        board.link.refused_raw(Hello.TYPE, hello, ErrorCode.BAD_VALUE, 2)
+    _judge_unlisted(board, lambda _: (0x77,))
 
 
 @case("HG-3.2/6")
@@ -210,9 +200,14 @@ def every_unlisted_value(board: BoardClient) -> None:
     """each value that the table of a request's byte does not name: BAD_VALUE, and the byte's
     offset
     """
+    _judge_unlisted(board, lambda byte: byte.wrong_values(thorough=board.thorough))
+
+
+def _judge_unlisted(board: BoardClient, wrong_values: Callable[[ValueByte], Sequence[int]]) -> None:
+    """FAILED unless a request with a wrong value in one of its bytes is refused, by its offset."""
     for message in _requests_with_values(board):
         for byte in value_bytes(type(message)):
-            values = byte.wrong_values(thorough=board.thorough)
+            values = wrong_values(byte)
             with board.counting(requests=len(values)):
                 for value in values:
                     payload = byte.put(message.serialize(), value)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import zlib
+from collections.abc import Sequence
 from typing import Final
 
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
@@ -170,20 +170,21 @@ def hello_states_the_version(board: BoardClient) -> None:
 @case("HG-4.4/1-majors")
 def every_other_major(board: BoardClient) -> None:
     """HELLO of each other major version: ERROR(VERSION), and the session goes on"""
-    right = board.hello_message(board.new_nonce())
-    byte = ValueByte("major", right.WIRE["major"].offset, (VERSION_MAJOR,))
-    for major in byte.wrong_values(thorough=board.thorough):
-        wrong = dataclasses.replace(right, major=major)
-        board.link.refused(wrong, ErrorCode.VERSION, VERSION_MAJOR)
-    board.link.barrier()  # of the session that was open before
+    byte = ValueByte("major", Hello.WIRE["major"].offset, (VERSION_MAJOR,))
+    _judge_majors(board, byte.wrong_values(thorough=board.thorough))
 
 
 @case("HG-4.4/1")
 def refuses_other_majors(board: BoardClient) -> None:
     """HELLO of other major versions is refused with VERSION; the session goes on"""
+    _judge_majors(board, (0, VERSION_MAJOR + 1, 255))
+
+
+def _judge_majors(board: BoardClient, majors: Sequence[int]) -> None:
+    """FAILED unless HELLO of each of *majors* is refused, and an ARMED board stays so."""
     board.arm()
-    with board.counting(requests=3):
-        for major in (0, VERSION_MAJOR + 1, 255):
+    with board.counting(requests=len(majors)):
+        for major in majors:
             hello = Hello(major, 0, board.new_nonce(), 0)
             board.link.refused(hello, ErrorCode.VERSION, VERSION_MAJOR)
     board.check_state(OutputState.ARMED, "a refused HELLO has moved the state to")

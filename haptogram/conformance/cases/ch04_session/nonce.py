@@ -1,38 +1,58 @@
-"""HG-4.6: HELLO with the nonce of the session, and with a new one."""
+"""HG-4.6: HELLO with the nonce of the session, and with a new one, at every moment."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Callable
+from functools import partial
+from typing import Final
 
 from haptogram_protocol.messages import (
     Arm,
+    Config,
+    DriveKind,
     ErrorCode,
     Feature,
+    Hello,
     HelloReply,
     Mute,
     Ping,
+    PlaybackEnded,
     Pong,
+    Trace,
+    TraceDrive,
     TraceMode,
     UploadChunk,
     UploadCommit,
+    UploadCommitReply,
     UploadKind,
     signed_difference,
 )
 from haptogram_protocol.state import MuteReason, OutputState
 
-from ...case import case
+from ...case import Depth, case
 from ...client.board_client import BoardClient
+from ...client.capabilities import trace_modes
 from ...client.latching import latch_now, latch_random, read_ring
-from ...client.playback import (
-    play_now,
-    play_out,
-    send_phases_that_fit,
-    send_phases_to_store,
-    wait_for_no_latch,
-)
-from ...client.uploads import begin_upload
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...client.playback import play_now, play_out, send_phases_to_store
+from ...client.uploads import begin_upload, upload_correction
+from ...judge.repetition import every_request_to_repeat, judge_repeated_reply
+from ...judge.witness import judge_nothing_read_back
+from ...outcome import SELF_REPORTED, check, check_equal, named
+from ..ch05_stream.every_state import output_states
+from ..ch06_output.mute import check_ends_playback, check_flushes
+
+_SEQUENCE: Final = 5
+_FRAMES: Final = 4
+_PLAYED: Final = 6
+_EDGES: Final = (0x7FFF, 0x8000, 0x00FF, 0xFF00, 0xFFFF, 0x0100)
+_UPLOADED: Final = 5
+_LATCHES: Final = 3
+_APART_US: Final = 500
+
+#: The sessions that follow session A.
+_PATHS: Final = {"B": "the next session", "BA": "A behind B", "BCA": "A behind B and C"}
 
 
 @case("HG-4.6/1")
@@ -99,31 +119,16 @@ def new_nonce_and_state(board: BoardClient) -> None:
 @case("HG-4.6/3", evidence=SELF_REPORTED)
 def new_nonce_flushes(board: BoardClient) -> None:
     """a new nonce flushes the queue; no queued frame is latched"""
-    board.arm()
-    start_us = board.clock.soon_us(board.bytes_of_frames(3))
-    with board.counting(flushed=3, latched=0):
-        for number in range(3):
-            board.link.stream(board.flat_phases(), start_us + number * 1000)
-        board.hello()
-        board.arm()
-        board.clock.wait_until(start_us + 5000)
+    check_flushes(board, board.hello)
 
 
 @case("HG-4.6/3-playback", needs=Feature.SEQUENCE_PHASES)
 def new_nonce_ends_playback(board: BoardClient) -> None:
     """a new nonce ends playback and abandons an upload"""
-    send_phases_that_fit(board, 3, frames=4)
-    board.arm()
-    play_now(board, 3, loops=0)
+    check_ends_playback(board, board.hello, "HELLO")
+    begin_upload(board, UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
     board.hello()
-    board.arm()
-    with board.counting(latched=0):
-        wait_for_no_latch(board, 20_000)
-    data = bytes(board.identity.transducers)
-    begin_upload(board, UploadKind.PHASES, 4, data)
-    board.hello()
-    board.link.refused(UploadChunk(0, data[:1]), ErrorCode.BAD_STATE)
-    board.link.refused(UploadCommit(4), ErrorCode.BAD_STATE)
+    _no_upload_in_session(board)
 
 
 @case("HG-4.6/4")
@@ -148,8 +153,7 @@ def new_nonce_empties_ring(board: BoardClient) -> None:
     board.arm(trace_mode=TraceMode.RING)
     latch_random(board, 3)
     board.hello()
-    reply = read_ring(board)
-    check(not reply.records and reply.next == 0, f"the ring still holds {len(reply.records)}")
+    _no_ring_in_session(board)
 
 
 @case("HG-4.6/5", needs=Feature.CONFIG)
@@ -184,3 +188,257 @@ def hello_of_any_number(board: BoardClient) -> None:
         board.link.seq = seq
         board.link.refused_as_used(Ping(1))
         board.link.call(Ping(2), Pong)
+
+
+# --- A new session at every moment ---------------------------------------------------------------
+
+
+def _session_with_everything_set(board: BoardClient) -> Config:
+    """Set every field of the configuration away from its default and return it."""
+    return board.configure(
+        hold_ms=4321,
+        ramp_ms=0 if not board.has(Feature.AMPLITUDE) else 33,
+        host_timeout_ms=7654,
+        status_period_ms=0,
+        late_window_us=12_345,
+        sound_speed_mm_s=355_555,
+        trace_mode=TraceMode.OFF,
+        amplitude_ceiling=77,
+        trace_divider=515,
+    )
+
+
+def _uploading_session(board: BoardClient) -> None:
+    data = bytes(2 * board.identity.transducers)
+    begin_upload(board, UploadKind.PHASES, _SEQUENCE, data)
+    board.link.ask(UploadChunk(0, data[:1]))
+
+
+@case("HG-4.6/5-moments", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
+def every_session_keeps_settings(board: BoardClient) -> None:
+    """a new session, idle, muted, streaming, playing, uploading, leaves every setting as it is"""
+    if board.has(Feature.CORRECTION):
+        upload_correction(board)
+    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+    config = _session_with_everything_set(board)
+    crc = board.status().config_crc
+    uploads = {"during an upload": partial(_uploading_session, board)}
+    for name, bring in (output_states(board) | uploads).items():
+        board.arm()
+        bring()
+        before = board.status().counters
+        reply = board.hello()
+        check(reply.config_crc == crc, f"{name}: config_crc is {reply.config_crc:#x}, was {crc:#x}")
+        check_equal(board.read_config(), config, f"{name}: the configuration has changed")
+        board.check_counters_kept(before, name)
+        check_equal(board.status().queued, 0, f"{name}: frames are still queued")
+        is_armed = reply.state is OutputState.ARMED
+        check(not is_armed, f"{name}: the board is ARMED in a new session")
+        board.arm()
+        text = f"{name}: the stored sequence in a new session"
+        with named(text), board.counting(latched=_FRAMES):
+            play_out(board, _SEQUENCE, _FRAMES)
+        board.disarm()
+
+
+# --- A repeated HELLO --------------------------------------------------------------------------
+
+
+@case("HG-4.6/2-nonces")
+def every_nonce_opens_session(board: BoardClient) -> None:
+    """nonces one bit from the open one, and the least and greatest, each open a session,
+    DISARMED
+    """
+    for step in (*range(16), *_EDGES):
+        board.arm()
+        nonce = step if step in _EDGES else board.link.session ^ 1 << step
+        if nonce and nonce != board.link.session:
+            _check_hello_opens(board, nonce)
+    nonces = [board.new_nonce()]
+    for number in range(12):  # each of the two to four sessions before comes again
+        if number < 4:
+            board.hello()
+            nonces.append(board.link.session)
+        old = nonces[-2 - number % 3]
+        if old == board.link.session:
+            continue
+        board.arm()
+        _check_hello_opens(board, old)
+        nonces.append(old)
+        board.link.call(Ping(number), Pong)
+
+
+def _check_hello_opens(board: BoardClient, nonce: int) -> None:
+    """FAILED unless HELLO with a nonce that is not open opens a session, DISARMED."""
+    reply = board.hello(nonce)
+    found, due = (reply.nonce, reply.state), (nonce, OutputState.DISARMED)
+    check_equal(found, due, f"HELLO with {nonce:#06x} opens {reply.nonce:#06x}")
+
+
+@case("HG-4.6/1-effects")
+def every_repeated_hello_does_nothing(board: BoardClient) -> None:
+    """a HELLO of the open nonce of any number leaves numbers, remembered reply, playback, upload"""
+    board.hello()
+    board.arm()
+    hello = board.hello_message(board.link.session)
+    for ahead in (0, 1, 9, 20_000, 40_000, -1):
+        ping = Ping(ahead & 0xFF)
+        first = board.link.ask(ping)
+        board.link.ask(hello, seq=board.link.seq + ahead)
+        judge_repeated_reply(board, ping, first, f"HELLO of the open nonce {ahead} numbers on")
+        board.link.call(Ping(1), Pong)  # the next number, which is not used up
+    if board.has(Feature.SEQUENCE_PHASES):
+        _check_playback_goes_on(board, hello)
+
+
+def _check_playback_goes_on(board: BoardClient, hello: Hello) -> None:
+    frames = send_phases_to_store(board, _PLAYED, frames=2)
+    since = board.link.mark()
+    play_now(board, _PLAYED, loops=0)
+    data = b"".join(frames)
+    begin_upload(board, UploadKind.PHASES, _PLAYED + 1, data)
+    half = min(len(data) // 2, board.identity.max_chunk)
+    board.link.ask(UploadChunk(0, data[:half]))
+    board.link.ask(hello)
+    board.check_state(OutputState.ARMED, "HELLO of the open nonce has led to")
+    ended = board.link.events(PlaybackEnded, since)
+    check(not ended, "HELLO of the open nonce has ended the playback")
+    for start in range(half, len(data), max(1, half)):
+        board.link.ask(UploadChunk(start, data[start : start + half]))
+    taken = board.link.call(UploadCommit(_PLAYED + 1), UploadCommitReply).frames
+    check_equal(taken, len(frames), f"an upload around HELLO of the open nonce: {taken} frames")
+
+
+@case("HG-4.6/1-reply", needs=Feature.CONFIG)
+def every_repeated_hello_reply_stays(board: BoardClient) -> None:
+    """a repeated HELLO gets the first reply, with the state and settings of then, after any
+    change
+    """
+    happenings: dict[str, Callable[[], object]] = {
+        "ARM": board.arm,
+        "SET_CONFIG": lambda: _session_with_everything_set(board),
+        "a latch": lambda: latch_now(board, board.flat_phases(3)),
+        "MUTE": lambda: board.link.ask(Mute()),
+    }
+    if board.has(Feature.SEQUENCE_PHASES):
+        happenings["an upload that begins"] = partial(_uploading_session, board)
+    if board.has(Feature.CORRECTION):
+        happenings["a new correction"] = partial(upload_correction, board)
+    board.configure(sound_speed_mm_s=331_300)
+    first = board.hello()
+    for name, happen in happenings.items():
+        happen()
+        again = board.hello(board.link.session)
+        check_equal(again, first, f"after {name}: another HELLO_REPLY than the first")
+    last = board.hello()
+    due = (board.config.sound_speed_mm_s, board.status().config_crc, OutputState.MUTED)
+    told = (last.sound_speed_mm_s, last.config_crc, last.state)
+    check(told == due, f"a new session tells (speed, config_crc, state) {told}, due is {due}")
+    changed = {"sound_speed_mm_s": 0, "config_crc": 0, "state": OutputState.MUTED, "nonce": 1}
+    same = [dataclasses.replace(reply, **changed) for reply in (first, last)]  # type: ignore[arg-type]
+    check_equal(same[1], same[0], "the identity has changed with settings")
+    if board.has(Feature.CORRECTION):
+        upload_correction(board, bytes(board.identity.transducers))
+
+
+# --- What belongs to a session, and does not come back with it -----------------------------------
+
+
+def _paths_of_sessions(board: BoardClient) -> dict[str, str]:
+    """Return all paths, at a wall clock the one that opens A again."""
+    return _PATHS if board.wire.is_virtual else {"BA": _PATHS["BA"]}
+
+
+def _open_sessions_in_turn(board: BoardClient, path: str, number: int) -> None:
+    """Open the sessions of *path* one after the other, each by a HELLO of this number."""
+    nonces = {"A": board.link.session}
+    for name in path:
+        if name not in nonces:
+            nonces[name] = board.new_nonce()
+        board.hello(nonces[name], seq=number & 0xFFFF)
+    board.link.seq = number
+
+
+@case("HG-4.6/4-replies", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_reply_ends_with_session(board: BoardClient) -> None:
+    """a reply of every type, refusals too, is forgotten in the next session, and in A behind B"""
+    for path, name in _paths_of_sessions(board).items():
+        for message in every_request_to_repeat(board):
+            board.arm()
+            text = f"{message.TYPE.name}, and again in {name}"
+            with named(text), board.counting(requests=len(path) + 2, repeated=0):
+                first = board.link.ask_at_once(message)
+                _open_sessions_in_turn(board, path, board.link.seq - 1)
+                board.wire.idle(_APART_US)
+                again = board.link.ask_at_once(message)  # the same bytes, if the session is A
+            is_new = again.frame_header.time_us != first.frame_header.time_us
+            check(is_new, f"{text}: the time is the first's")
+
+
+# --- Everything else that a session owns -------------------------------------------------------
+
+
+def _no_drive_in_session(board: BoardClient) -> None:
+    if board.has(Feature.READ_LATCHED):
+        judge_nothing_read_back(board, DriveKind.LATCHED, "behind another session")
+
+
+def _no_latch_in_session(board: BoardClient) -> None:
+    status = board.status()
+    found = status.last_seq, status.last_latch_us, status.queued
+    check_equal(found, (0, 0, 0), f"last_seq, last_latch_us, queued are {found}")
+
+
+def _no_ring_in_session(board: BoardClient) -> None:
+    if board.has(Feature.TRACE_RING):
+        reply = read_ring(board)
+        found = reply.oldest, reply.next, len(reply.records)
+        check_equal(found, (0, 0, 0), f"oldest, next and records of the ring are {found}")
+
+
+def _no_upload_in_session(board: BoardClient) -> None:
+    if board.has(Feature.SEQUENCE_PHASES):
+        board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
+        board.link.refused(UploadCommit(_UPLOADED), ErrorCode.BAD_STATE)
+
+
+def _numbers_of_session_anew(board: BoardClient) -> None:
+    """FAILED unless frames count from 0xFFF0, events from 0, and the division begins anew."""
+    can_trace = board.has(Feature.CONFIG)
+    modes = trace_modes(board, TraceMode.DRIVE, TraceMode.CRC)[:1] if can_trace else []
+    since = board.arm(trace_mode=modes[0]) if modes else board.arm()
+    with board.counting(latched=1):
+        latch_now(board)
+    traces = [p for p in board.wire.received[since:] if isinstance(p.message, Trace | TraceDrive)]
+    numbers = [piece.frame_header.seq for piece in traces]
+    text = f"the first events of the session have the numbers {numbers}"
+    check_equal(numbers, [0] * len(modes), text)
+
+
+#: What belongs to a session: each judges that it is gone.
+_OWNED: Final = (
+    _no_drive_in_session,
+    _no_latch_in_session,
+    _no_ring_in_session,
+    _no_upload_in_session,
+    _numbers_of_session_anew,
+)
+
+
+@case("HG-4.6/4-owned", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_possession_ends_with_session(board: BoardClient) -> None:
+    """drive, latches, ring, upload and numbers of a session are gone in the next, and in A
+    behind B
+    """
+    for path in _paths_of_sessions(board):
+        for judge in _OWNED:
+            if board.has(Feature.TRACE_RING | Feature.CONFIG):
+                board.configure(trace_mode=TraceMode.RING)
+            if board.has(Feature.SEQUENCE_PHASES):
+                begin_upload(board, UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
+            board.arm()
+            latch_random(board, _LATCHES)
+            waiting_us = board.clock.soon_us(bytes(2000), ahead_us=5_000_000)
+            board.link.stream(board.flat_phases(), waiting_us)
+            _open_sessions_in_turn(board, path, board.link.seq - 20)
+            judge(board)

@@ -1,17 +1,29 @@
-"""HG-4.8, HG-4.9, HG-4.10, HG-4.12: requests one at a time, remembered, never done twice."""
+"""HG-4.8, HG-4.9, HG-4.10, HG-4.12: requests one at a time, remembered, never done twice.
+
+A request of the session uses its number if it is carried out, or refused by the board itself, and
+if that number is ahead of the newest one.  Nothing sets the newest number back.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Final
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
 
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
+    MESSAGES,
+    VERSION_MAJOR,
     Arm,
     Disarm,
+    Error,
     ErrorCode,
     Feature,
     GetGeometry,
     GetStatus,
+    Hello,
     Message,
     Mute,
     MuteReply,
@@ -19,6 +31,7 @@ from haptogram_protocol.messages import (
     Pong,
     ReadDrive,
     ReadTrace,
+    SetConfig,
     Stop,
     TraceMode,
     UploadChunk,
@@ -29,15 +42,19 @@ from haptogram_protocol.state import OutputState
 
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
-from ...client.capabilities import drive_kinds
+from ...client.capabilities import drive_kinds, requests_that_board_takes
+from ...client.malformed_frames import value_bytes
 from ...client.playback import (
     PERIOD_US,
     play_now,
     send_phases_that_fit,
+    send_phases_to_store_if_supported,
     shortest_period_to_play_us,
 )
-from ...client.stream_kinds import refused_requests_to_send
+from ...client.request_client import flags_at_once
+from ...client.stream_kinds import refused_requests_to_send, valid_requests_to_send
 from ...client.uploads import begin_any_upload
+from ...client.wire import ReceivedByClient
 from ...judge.repetition import (
     CHUNKS_BETWEEN,
     MUTES_BETWEEN,
@@ -45,12 +62,26 @@ from ...judge.repetition import (
     Between,
     every_request_to_repeat,
     judge_repeated_reply,
+    judge_same_answer,
+    requests_to_repeat,
 )
-from ...outcome import check_equal
+from ...outcome import SELF_REPORTED, check, check_equal, named
 
 OF_HOST: Final = tuple(case_about_host(f"HG-4.8/{number}") for number in range(1, 6))
 _SEQUENCE: Final = 4
 _FILLED_US: Final = 1_000_000
+_NUMBERS: Final = (0, 1, 0xFF, 0x100, 0x7FFF, 0x8000, 0xFFFE, 0xFFFF)
+_OF_VALUES: Final = (ErrorCode.BAD_VALUE, ErrorCode.UNSUPPORTED)
+_LOW_FLAGS: Final = (1, 2, 4, 8)
+#: Bits of the echo of a PING that, inverted, leave the low, and the high, half of its CRC-32.
+_SAME_HALF_OF_CRC: Final = {"low": 0x15E3E, "high": 0x8567}
+_STALE: Final = 0x0F0F
+_UNKNOWN_FLAG: Final = 0x40
+_UNKNOWN_REQUEST: Final = 0x7B
+_FARTHEST: Final = 32_767
+#: How far a number is ahead of the newest one; negative: behind it.
+_STEPS: Final = (1, 2, 300, _FARTHEST, 0, -1, -2, -300, -_FARTHEST)
+_QUICK_STEPS: Final = (2, 0, -1, -300)
 
 
 @case("HG-4.9/1")
@@ -229,3 +260,252 @@ def every_reply_is_remembered(board: BoardClient) -> None:
             for _ in range(2):
                 judge_repeated_reply(board, message, first, message.TYPE.name)
         board.link.refused_as_used(message, first.frame_header.seq)
+
+
+# --- Which numbers are taken, and which are used up ----------------------------------------------
+
+
+@case("HG-4.10/1-used")
+def every_idempotent_request_uses_its_number(board: BoardClient) -> None:
+    """the number of a MUTE or UPLOAD_CHUNK of the session, refused or not, is used:
+    SEQUENCE_REUSED
+    """
+    messages: list[Message] = [Mute()]
+    if board.identity.features & UPLOADS:
+        messages += [UploadChunk(0, b""), UploadChunk(0, b"\x01"), UploadChunk(0x7FFFFFFF, b"\x01")]
+    for message in messages:
+        board.link.ask(message)
+        board.link.refused_as_used(Ping(1))
+
+
+@case("HG-4.9/3-jumps")
+def every_jump_of_numbers(board: BoardClient) -> None:
+    """requests 1 to 32767 numbers ahead are carried out, those 1 to 32768 behind are refused"""
+    for bits in range(16):
+        for jump in {1 << bits, (1 << bits) - 1} - {0, 1 << 15}:
+            board.link.seq += jump - 1
+            board.link.call(Ping(jump), Pong)
+            board.link.refused_as_used(Ping(jump), board.link.seq - (1 << bits))
+
+
+@case("HG-4.9/1-numbers")
+def every_number_is_remembered(board: BoardClient) -> None:
+    """requests numbered 0, 255, 0x7FFF, 0x8000, 0xFFFF and beside them get the same bytes again"""
+    for number in _NUMBERS:
+        board.hello(seq=number - 1 & 0xFFFF)
+        board.link.seq = number - 1
+        first = board.link.ask(Ping(number))
+        board.link.reply_in(first, Pong)
+        judge_repeated_reply(board, Ping(number), first, f"PING of number {number:#06x}")
+        board.link.refused_as_used(Ping(~number & 0xFFFF))
+        board.link.call(Ping(1), Pong)
+
+
+@case("HG-4.9/4-values")
+def every_refusal_leaves_the_number(board: BoardClient) -> None:
+    """a request of every type, refused for flags or length, uses no number; for a value it does"""
+    board.arm()
+    for kind in requests_that_board_takes(board):
+        if kind is Hello:
+            continue
+        payload = bytes(kind.LAYOUT.size)
+        refusals = {
+            "an unknown flag": (payload, 0x40, ErrorCode.UNSUPPORTED),
+            "a wrong length": (payload + b"\x00", 0, ErrorCode.BAD_LENGTH),
+        }
+        for byte in value_bytes(kind):
+            refusals[f"{byte.name} = 0xee"] = byte.put(payload, 0xEE), 0, ErrorCode.BAD_VALUE
+        for name, (wrong, flags, code) in refusals.items():
+            seq = board.link.next_seq()
+            board.link.refused_raw(kind.TYPE, wrong, code, seq=seq, flags=flags)
+            answer = board.link.ask(Ping(seq), seq=seq)
+            text = f"{kind.TYPE.name} with {name}, then PING of its number"
+            due = Error if code is ErrorCode.BAD_VALUE else Pong
+            check(isinstance(answer.message, due), f"{text}: got {board.link.answer_text(answer)}")
+
+
+# --- What is another request -------------------------------------------------------------------
+
+
+def _requests_with_other_bytes(board: BoardClient, body: bytes) -> Iterator[tuple[str, bytes]]:
+    """Yield bodies with the number of *body* that differ from it in one field, all legal."""
+    for low in _LOW_FLAGS:
+        yield f"flag {low:#x}", body[:1] + bytes([body[1] ^ low]) + body[2:]
+    for at in range(4, 8):
+        yield f"byte {at - 4} of time_us", _request_with_flipped_byte(body, at)
+    for at in range(HEADER_BYTES, len(body)):
+        changed = _request_with_flipped_byte(body, at)
+        if _is_legal_request(board, changed):
+            yield f"byte {at - HEADER_BYTES} of the payload", changed
+    size = len(body) - HEADER_BYTES
+    for kind in requests_that_board_takes(board):
+        changed = bytes([kind.TYPE]) + body[1:]
+        same = kind is Hello or body[0] == kind.TYPE or kind.LAYOUT.size != size
+        if not same and _is_legal_request(board, changed):
+            yield f"type {kind.TYPE.name}", changed
+
+
+def _request_with_flipped_byte(body: bytes, at: int) -> bytes:
+    return body[:at] + bytes([body[at] ^ 1]) + body[at + 1 :]
+
+
+def _is_legal_request(board: BoardClient, body: bytes) -> bool:
+    """Return whether the values of a body are those of its tables, and SET_CONFIG's in bounds."""
+    try:
+        message = MESSAGES[body[0]].deserialize(body[HEADER_BYTES:])
+    except RemoteProtocolError:
+        return False
+    if not isinstance(message, SetConfig):
+        return True
+    config = dataclasses.replace(message.config, hold_ms=board.config.hold_ms)
+    return config == board.config  # the bounds of hold_ms are far
+
+
+@case("HG-4.9/2-bytes")
+def every_changed_byte_is_refused(board: BoardClient) -> None:
+    """the number of a request of every type with one byte changed, in header or payload, is
+    refused
+    """
+    for message in requests_to_repeat(board):
+        board.arm()
+        seq, name = board.link.next_seq(), message.TYPE.name
+        header = {"seq": seq, "flags": flags_at_once(message), "time_us": 0x01020304}
+        body = board.link.body(message.TYPE, message.serialize(), **header)
+        (first,) = board.link.exchange(encode_frame(body))
+        for other, changed in _requests_with_other_bytes(board, body):
+            (answer,) = board.link.exchange(encode_frame(changed))
+            error, text = answer.message, f"{name}, then its number with another {other}"
+            is_value = "payload" in other and isinstance(error, Error) and error.code in _OF_VALUES
+            if not is_value:  # which is checked first
+                with named(text):
+                    board.link.error_in(answer, changed[0], ErrorCode.SEQUENCE_REUSED, seq)
+        (again,) = board.link.exchange(encode_frame(body))
+        judge_same_answer(again, first, f"after {name} and others like it")
+
+
+@case("HG-4.9/2-halves")
+def every_half_of_a_crc_is_refused(board: BoardClient) -> None:
+    """a PING with the number of the last one, and half of its CRC-32, is refused"""
+    for half, bits in _SAME_HALF_OF_CRC.items():
+        echo = board.random.getrandbits(64)
+        board.link.call(Ping(echo), Pong)
+        with named(f"a PING with the {half} half of the last one's CRC"):
+            board.link.refused_as_used(Ping(echo ^ bits))
+
+
+# --- What a request does to the numbers: a table ----------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class NumberUse:
+    """A request, and what it does to the numbers of a session.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    kind, payload, header
+        Its type, its payload, fields of its header.
+    is_used : bool
+        Whether a number that is ahead of the newest one is the newest one behind it.
+    is_remembered : bool
+        Whether its reply is the remembered one behind it; it is refused unless it is ahead.
+    """
+
+    name: str
+    kind: int
+    payload: bytes = b""
+    header: Mapping[str, int] = field(default_factory=dict)
+    is_used: bool = False
+    is_remembered: bool = False
+
+    def ask(self, board: BoardClient, seq: int) -> ReceivedByClient:
+        """Send the request with a number and return its answer."""
+        return board.link.ask_raw(self.kind, self.payload, seq=seq, **self.header)
+
+
+def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
+    """Yield requests that are judged alike whatever their number is."""
+    mute, ping, chunk = int(Mute.TYPE), int(Ping.TYPE), int(UploadChunk.TYPE)
+    stale: dict[str, Any] = {"session": board.link.session ^ _STALE}
+    closed, flagged = {"session": 0}, {"flags": _UNKNOWN_FLAG}
+    yield NumberUse("MUTE", mute, is_used=True)
+    yield NumberUse("MUTE with flags and payload", mute, b"more", flagged, is_used=True)
+    yield NumberUse("MUTE without a session", mute, b"", closed)
+    yield NumberUse("MUTE of another session", mute, b"", stale)
+    if board.identity.features & UPLOADS:
+        first = UploadChunk(0, b"\x01").serialize()
+        far = UploadChunk(0x7FFFFFFF, b"far behind").serialize()
+        yield NumberUse("UPLOAD_CHUNK", chunk, first, is_used=True)
+        yield NumberUse("UPLOAD_CHUNK past the end", chunk, far, is_used=True)
+        yield NumberUse("UPLOAD_CHUNK, flagged", chunk, first, flagged)
+        yield NumberUse("UPLOAD_CHUNK too short", chunk, b"\x00")
+        yield NumberUse("UPLOAD_CHUNK of another session", chunk, first, stale)
+    for name, hello in (
+        ("HELLO again", board.hello_message(board.link.session)),
+        ("HELLO of another version", Hello(VERSION_MAJOR + 1, 0, 1, 0)),
+        ("HELLO with the nonce 0", Hello(VERSION_MAJOR, 0, 0, 0)),
+    ):
+        yield NumberUse(name, Hello.TYPE, hello.serialize(), closed)
+    yield NumberUse("an unknown request", _UNKNOWN_REQUEST)
+    yield NumberUse("PING, flagged", ping, bytes(8), flagged)
+    yield NumberUse("PING too short", ping, bytes(7))
+    yield NumberUse("PING of another session", ping, bytes(8), stale)
+
+
+def _uses_of_later_numbers(board: BoardClient) -> Iterator[NumberUse]:
+    """Yield every request that is remembered, carried out and refused."""
+    for message in (*valid_requests_to_send(board, _SEQUENCE), *refused_requests_to_send(board)):
+        if not isinstance(message, UploadChunk):
+            yield _remembered_use(message)
+
+
+def _remembered_use(message: Message) -> NumberUse:
+    header = {"flags": flags_at_once(message)}
+    name = message.TYPE.name
+    return NumberUse(name, message.TYPE, message.serialize(), header, True, True)
+
+
+@case("HG-4.9/3-steps", evidence=SELF_REPORTED)
+def every_newest_number_stays(board: BoardClient) -> None:
+    """requests of every type, ahead of the newest number and behind it: nothing sets it back"""
+    steps = _STEPS if board.thorough else _QUICK_STEPS
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    if board.identity.features & (Feature.SEQUENCE_PHASES | Feature.CORRECTION):
+        begin_any_upload(board, _SEQUENCE)  # whose chunks are taken then
+    for use in _uses_of_any_number(board):
+        for step in steps:
+            _judge_step(board, use, step)
+    for use in _uses_of_later_numbers(board) if board.thorough else ():
+        for step in steps:
+            if step > 0:
+                _judge_step(board, use, step)
+
+
+def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
+    """FAILED unless behind a request the numbers up to the newest are used, and the next is not."""
+    board.link.ask(Arm())
+    delayed = board.link.seq
+    if not use.is_remembered:
+        board.disarm()
+    ping = Ping(step & 0xFFFF)
+    first, before = board.link.ask(ping), board.link.seq
+    number = before + step
+    answer = use.ask(board, number)
+    newest = number if use.is_used and step > 0 else before
+    text = f"behind {use.name} of a number {step:+d} from the newest one"
+    if use.is_remembered:
+        judge_same_answer(use.ask(board, number), answer, text)
+    else:
+        judge_same_answer(board.link.ask(ping, seq=before), first, text)
+    for old in sorted({newest, newest - 1, before, number, number + 1}):
+        if newest - _FARTHEST <= old <= newest:
+            with named(f"{text}, {old & 0xFFFF}"):
+                board.link.refused_as_used(Ping(board.random.getrandbits(64)), old)
+    if newest - before < _FARTHEST - 3 and not use.is_remembered:
+        board.link.refused_as_used(Arm(), delayed)
+        board.link.seq = newest
+        state = board.status().state
+        check(state is not OutputState.ARMED, f"{text} a delayed copy of ARM was carried out")
+    board.link.seq = max(newest, board.link.seq)
+    board.link.call(Ping(1), Pong)  # the next number is not used

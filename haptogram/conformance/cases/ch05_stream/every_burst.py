@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import zlib
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -56,6 +57,15 @@ _OFFS_OF_BURST: Final[dict[str, Message]] = {
 }
 #: By how much a moment is missed at most: the host's estimate and the line are rounded.
 _ROUNDED_US: Final = range(4)
+#: Decorates a case that no wall clock shows soon: no frame arrives there to the microsecond.
+_at_the_microsecond: Final = partial(
+    case,
+    "HG-5.8/3",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
 
 
 def _off_in_a_burst(board: BoardClient, name: str) -> bytes:
@@ -135,7 +145,6 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
     """of frames of every two kinds for one carrier period the later is latched, the other
     flushed
     """
-    board.clock.require_times_in_carrier()
     kinds = stream_kinds(board)
     mode = ask_for_board_latches_if_supported(board)
     board.arm()
@@ -143,7 +152,7 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
     for turn in range(len(kinds)) if board.thorough else range(1):
         pairs = list(zip(kinds, kinds[turn:] + kinds[:turn], strict=True))
         for first in range(0, len(pairs), room):
-            _replace_in_burst(board, pairs[first : first + room], mode)
+            replace_in_period(board, pairs[first : first + room], mode)
     if mode is not TraceMode.OFF and board.has(Feature.SEQUENCE_PHASES):
         for kind in kinds:
             _replace_by_playback(board, kind, mode)
@@ -161,10 +170,11 @@ def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: TraceMode) 
     check_equal(got, due, f"PHASES, played, flush {kind.name}: latched as other drives than stored")
 
 
-def _replace_in_burst(
+def replace_in_period(
     board: BoardClient, pairs: list[tuple[StreamKind, StreamKind]], mode: TraceMode
 ) -> None:
     """FAILED unless the later frame of each pair for one carrier period is latched, as sent."""
+    board.clock.require_times_in_carrier()
     since, number = board.link.mark(), board.link.stream_next
     frames = [(first.make(), second.make()) for first, second in pairs]
     messages = [one for pair in frames for one in pair]
@@ -255,14 +265,7 @@ def frames_behind_immediate_ones_of_a_burst(board: BoardClient) -> None:
             board.check_counted(before, text, due)
 
 
-# At a wall clock no frame arrives to the microsecond.
-@case(
-    "HG-5.8/3-off",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@_at_the_microsecond(variant="off")
 def an_output_off_between_two_latches_of_a_burst(board: BoardClient) -> None:
     """a latch, the output off, ARM and a latch at one moment, on a latch: one in a period"""
     mode = ask_for_board_latches(board)
@@ -270,13 +273,7 @@ def an_output_off_between_two_latches_of_a_burst(board: BoardClient) -> None:
         _judge_latches_around_offs(board, _OFFS_OF_BURST, mode)
 
 
-@case(
-    "HG-5.8/3-session",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@_at_the_microsecond(variant="session")
 def a_session_between_two_latches_of_a_burst(board: BoardClient) -> None:
     """a latch, HELLO of a new session, ARM and a latch at one moment, on a latch: one in a
     period

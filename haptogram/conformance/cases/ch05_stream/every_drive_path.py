@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
-from haptogram_protocol.messages import DriveKind, Feature, FocalPoint, Message, Points, UploadKind
+from haptogram_protocol.messages import Feature, FocalPoint, Points, UploadKind
 from haptogram_protocol.rules import READ_BACKS
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.drive_paths import drive_paths, registers_asked_for
-from ...client.latching import ClientDrive, latch_now, read_back
+from ...client.drive_paths import DrivePath, drive_paths, registers_asked_for
+from ...client.latching import ClientDrive, latch_now, read_back, read_back_radiated
 from ...client.playback import period_to_play, play_out
 from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import upload_to_board
@@ -22,6 +22,10 @@ from ...outcome import SELF_REPORTED, check, check_equal
 _SPEEDS_MM_S: Final = (300_000, 331_300, 380_000)  # HG-7.1: least, 0 C, most
 _CEILINGS: Final = (1, 100, 254)
 _SEQUENCE: Final = 3
+_COMPUTES: Final = Feature.POINTS | Feature.READ_LATCHED
+_AT_SPEEDS: Final = _COMPUTES | Feature.CONFIG
+_CORRECTED: Final = READ_BACKS | Feature.CORRECTION
+_LIMITED: Final = READ_BACKS | Feature.CONFIG | Feature.AMPLITUDE
 
 
 @case("HG-5.2/6-paths", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -36,22 +40,16 @@ def every_path_of_streamed_codes(board: BoardClient) -> None:
             check(wrong == 0, f"{path.name}: another drive is latched than was sent")
 
 
-@case(
-    "HG-5.4/1-paths",
-    needs=Feature.POINTS | Feature.READ_LATCHED | Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.4/1-paths", needs=_AT_SPEEDS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_path_of_streamed_points(board: BoardClient) -> None:
     """focal points on every path at three speeds of sound, the same ones too: phases, amplitudes"""
-    for speed in _SPEEDS_MM_S if board.thorough else _SPEEDS_MM_S[:1]:
+    for speed in _SPEEDS_MM_S:
         board.arm(sound_speed_mm_s=speed)
         for path in drive_paths(board):
             message = path.latch()
             if isinstance(message, Points):
                 _check_streamed_points(board, f"{path.name}, {speed / 1000:g} m/s", message)
-    if board.thorough:
-        _judge_same_points_streamed_again(board)
+    _judge_same_points_streamed_again(board)
 
 
 def _judge_same_points_streamed_again(board: BoardClient) -> None:
@@ -69,12 +67,7 @@ def _judge_same_points_streamed_again(board: BoardClient) -> None:
             _check_streamed_points(board, name, message)
 
 
-@case(
-    "HG-5.4/2-sums",
-    needs=Feature.POINTS | Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-5.4/2-sums", needs=_COMPUTES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_sum_of_streamed_points(board: BoardClient) -> None:
     """1 to max_points points of full amplitude that add up, cancel and mix, streamed and played"""
     board.arm()
@@ -115,53 +108,38 @@ def _check_streamed_points(board: BoardClient, name: str, message: Points) -> No
     judge_drive_of_points(board, model, tuple(message.points), read_back(board), name)
 
 
-@case(
-    "HG-7.9/1-paths",
-    needs=Feature.CORRECTION | READ_BACKS,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.9/1-paths", needs=_CORRECTED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_drive_path_is_corrected(board: BoardClient) -> None:
     """on every path the radiated phases are the latched ones and the correction, modulo 256"""
     correction = board.random.randbytes(board.identity.transducers)
     upload_to_board(board, UploadKind.CORRECTION, 0, correction)
     board.arm()
     for path in drive_paths(board):
-        latched, radiated = _latch_streamed_drive(board, path.latch())
+        latched, radiated = _drives_on_path(board, path)
         due = bytes((a + b) % 256 for a, b in zip(latched.phases, correction, strict=True))
         wrong = sum(a != b for a, b in zip(radiated.phases, due, strict=True))
         check_equal(wrong, 0, f"{path.name}: {wrong} radiated phases are not latched + correction")
     upload_to_board(board, UploadKind.CORRECTION, 0, bytes(board.identity.transducers))
 
 
-@case(
-    "HG-7.9/2-paths",
-    needs=Feature.CONFIG | Feature.AMPLITUDE | READ_BACKS,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.9/2-paths", needs=_LIMITED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_drive_path_is_limited(board: BoardClient) -> None:
     """on every path no radiated amplitude is above ceilings of 1, 100 and 254, none below them
     less
     """
-    for ceiling in _CEILINGS if board.thorough else _CEILINGS[1:2]:
+    for ceiling in _CEILINGS:
         board.arm(amplitude_ceiling=ceiling)
         for path in drive_paths(board):
-            latched, radiated = _latch_streamed_drive(board, path.latch())
+            latched, radiated = _drives_on_path(board, path)
             loudest = max(radiated.amplitudes)
             check(loudest <= ceiling, f"{path.name}: ceiling {ceiling}, {loudest} is radiated")
-            quiet = [
-                number
-                for number, (a, b) in enumerate(
-                    zip(latched.amplitudes, radiated.amplitudes, strict=True)
-                )
-                if a <= ceiling and a != b
-            ]
-            check(
-                not quiet, f"{path.name}: ceiling {ceiling} changes lower amplitudes, {quiet[:4]}"
-            )
+            pairs = zip(latched.amplitudes, radiated.amplitudes, strict=True)
+            quiet = [number for number, (a, b) in enumerate(pairs) if a <= ceiling and a != b]
+            text = f"{path.name}: ceiling {ceiling} changes lower amplitudes, {quiet[:4]}"
+            check(not quiet, text)
 
 
-def _latch_streamed_drive(board: BoardClient, _: Message) -> tuple[ClientDrive, ClientDrive]:
-    """Return the latched and the radiated drive after a latch."""
-    return read_back(board), read_back(board, DriveKind.RADIATED)
+def _drives_on_path(board: BoardClient, path: DrivePath) -> tuple[ClientDrive, ClientDrive]:
+    """Latch a drive; return the latched and the radiated one."""
+    path.latch()
+    return read_back(board), read_back_radiated(board)

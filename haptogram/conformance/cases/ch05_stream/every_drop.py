@@ -144,6 +144,12 @@ def judge_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
     board.link.call(Mute(), MuteReply)
 
 
+def judge_first_drop(board: BoardClient, clause: str) -> None:
+    """Judge the drop of a clause by PHASES alone."""
+    (drop,) = (drop for drop in DROPS if drop.clause == clause)
+    judge_drop(board, drop, stream_kinds(board)[0])
+
+
 def frames_to_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> tuple[int, list[bytes]]:
     """Bring the board to where it has to drop frames; return how many wait, and these frames."""
     queued = board.depth_to_fill() if drop.queued < 0 else drop.queued

@@ -1,18 +1,41 @@
-"""HG-5.2, HG-5.7, HG-5.9: the queue at every format: slots, times ahead, late frames, IMMEDIATE."""
+"""HG-3.5, HG-5.2, HG-5.7, HG-5.9: the queue at every format: slots, times ahead, IMMEDIATE."""
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Flag, Message, Mute, TraceMode
+from haptogram_protocol.messages import (
+    Feature,
+    Flag,
+    Message,
+    Mute,
+    Ping,
+    PlayReply,
+    Pong,
+    Stop,
+    TraceMode,
+)
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import TRACE_MODES
 from ...client.drive_paths import registers_asked_for
-from ...client.latching import ask_for_board_latches, latch_now, latches_received_from_board
-from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
+from ...client.latching import (
+    ask_for_board_latches,
+    latch_now,
+    latches_received_from_board,
+    time_for_frames,
+)
+from ...client.playback import (
+    await_playback_end,
+    period_to_play,
+    play_request,
+    require_time_to_play,
+    send_phases_to_store,
+)
+from ...client.recording import counter_steps
+from ...client.stream_kinds import StreamKind, stream_kinds
 from ...outcome import SELF_REPORTED, check, check_equal, require
 from .every_drop import fill_queue
 
@@ -23,6 +46,15 @@ _BATCH_US: Final = 300_000  # of the line, for frames that are sent at once
 _OVER_US: Final = 15_000  # beyond a power of two
 _LOOK_US: Final = 20_000
 _AHEAD_US: Final = 400_000
+_SEQUENCE: Final = 6
+_FRAMES: Final = 3
+_PAST_US: Final = 1000
+_FAR_US: Final = 5_000_000
+_NONE: Final = dict.fromkeys(
+    ("accepted", "latched", "late", "flushed", "dropped_order", "dropped_late"), 0
+)
+_BOTH_LATCHED: Final = _NONE | {"accepted": 2, "latched": 2}
+_FIRST_LATCHED: Final = _NONE | {"accepted": 1, "latched": 1}
 
 
 @case("HG-5.9/1-types", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -60,81 +92,11 @@ def every_format_flushes_a_full_queue(board: BoardClient) -> None:
         check(told == (0, index), f"{kind.name}: queued and last_seq {told}, due are {(0, index)}")
 
 
-@case("HG-5.7/6-types", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def every_format_is_streamed_late(board: BoardClient) -> None:
-    """late frames of every message and format, in every trace: LATE, and only of these"""
-    modes = [mode for feature, mode in TRACE_MODES if board.has(feature)] or [TraceMode.OFF]
-    modes = modes if board.thorough else modes[:1]
-    for mode in modes:
-        board.configure(late_window_us=_WINDOW_US, trace_mode=mode)
-        for kind in stream_kinds(board):
-            board.arm()
-            since, first = board.link.mark(), board.link.stream_next
-            with board.counting(late=1, latched=3):
-                for late_us in (None, _WINDOW_US // 2, None):
-                    frame, at_us = kind.make(), None
-                    if late_us is not None:
-                        late_us -= _part_of_its_time_on_the_line_us(board, frame)
-                        at_us = board.late_time_us(late_us, points_of_stream_kind(frame))
-                    board.link.stream(frame, at_us)
-                    board.clock.wait_latched()
-            if mode is TraceMode.OFF:
-                continue
-            seen = [
-                latch.late
-                for latch in latches_received_from_board(board, since, mode)
-                if latch.index >= first
-            ]
-            check_equal(
-                seen[-3:],
-                [False, True, False],
-                f"{kind.name}, trace {mode.name}: a frame at once, a late one, one at once: "
-                f"LATE is {seen}",
-            )
-
-
-def _part_of_its_time_on_the_line_us(board: BoardClient, frame: Message) -> int:
-    """Return less than a late frame may be late, however fast the line turns out to be."""
-    wire = board.link.stream_wire(frame, 0, seq=0)
-    return min(board.wire.period_us(len(wire)), _WINDOW_US // 2 - 2000)
-
-
 def _arrival_of_frame_us(board: BoardClient) -> int:
     """Return when PHASES that are sent now come, by the rate of the line."""
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
     board.clock.device_us()
     return board.clock.device_estimate_us() + board.wire.period_us(size)
-
-
-@case("HG-5.7/5-windows", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def every_late_window_of_the_queue(board: BoardClient) -> None:
-    """windows of 20, 66, 100 ms: frames 0.4 times so late, at the very border, 1.5 times so late"""
-    for window_us in (20_000, 66_000, _WINDOW_US):
-        board.arm(late_window_us=window_us)
-        around_us = [window_us + off_us for off_us in range(-3, 4)]
-        for late_us in (round(0.4 * window_us), *around_us, round(1.5 * window_us)):
-            before = board.status().counters
-            t_us = board.clock.ready_us(_arrival_of_frame_us(board)) - late_us
-            wire = board.link.stream_wire(board.flat_phases(), t_us)
-            board.link.send(wire)
-            board.clock.wait_latched()
-            latched_us = t_us + 2 * board.clock.carrier_us
-            if board.clock.device_us() < latched_us:  # the line is faster than its rate
-                board.clock.wait_until(latched_us)
-            found = board.status()
-            counted = {
-                name: (getattr(found.counters, name) - getattr(before, name)) & 0xFFFFFFFF
-                for name in ("latched", "late", "dropped_late")
-            }
-            late_us = -found.margin_min_us  # as it arrived: the host may have been held up
-            within = late_us <= window_us
-            late = within and late_us > 0
-            due = {"latched": within, "late": late, "dropped_late": not within}
-            ready_us = board.clock.ready_us(0)
-            text = (
-                f"a frame {late_us} µs late, ready {ready_us} µs after it came: counted {counted}"
-            )
-            check_equal(counted, due, f"window {window_us} µs, {text}")
 
 
 # --- Slots and times ---------------------------------------------------------------------------
@@ -177,8 +139,7 @@ def _queue_some_stream_frames(
         messages.append(kind.make())
         if not board.wire.carries(len(messages) * len(messages[0].serialize()), _BATCH_US):
             break
-    room = bytes(sum(len(message.serialize()) + 20 for message in messages))
-    start_us, step_us = board.clock.soon_us(room), board.clock.on_carrier(_STEP_US)
+    start_us, step_us = time_for_frames(board, messages), board.clock.on_carrier(_STEP_US)
     wires = []
     within = (board.clock.device_us() + board.identity.max_horizon_us - start_us) // step_us
     messages = messages[: max(1, within)]
@@ -205,7 +166,7 @@ def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
         t_us = _arrival_of_frame_us(board) + horizon_us + off_us
         board.link.stream(board.flat_phases(), t_us)
         found = board.status()
-        dropped = (found.counters.dropped_future - before.dropped_future) & 0xFFFFFFFF
+        dropped = counter_steps(before, found.counters)["dropped_future"]
         ahead_us = board.clock.ready_us(found.margin_min_us)  # the margin is of the ready frame
         within = ahead_us <= horizon_us
         due = (int(within), int(not within))
@@ -239,3 +200,109 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
         board.clock.require_before(now_us + ahead_us[0], "a look at frames that wait")
         check_equal(queued, len(ahead_us), f"{len(ahead_us)} frames wait, queued is {queued}")
         board.link.ask(Mute())
+
+
+# --- The time in a frame with IMMEDIATE ----------------------------------------------------------
+
+
+def _times_of_immediate_frames(board: BoardClient) -> dict[str, int]:
+    """Return times that no board looks at, by their names."""
+    now_us = board.clock.device_us()
+    return {
+        "5 s ahead": now_us + _FAR_US,
+        "5 s ago": now_us - _FAR_US,
+        "half a turn away": now_us + (1 << 31),
+        "0": 0,
+        "0xFFFFFFFF": 0xFFFFFFFF,
+    }
+
+
+@case("HG-5.9/1-behind", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
+    """frames behind one with IMMEDIATE, whatever its time: for the past dropped, for later
+    latched
+    """
+    mode = ask_for_board_latches(board)
+    board.arm()
+    kinds = stream_kinds(board)
+    names = list(_times_of_immediate_frames(board))
+    pairs = list(itertools.product(kinds, names))
+    if not board.wire.is_virtual:  # each kind and each time once: a host's lead takes its time
+        some = zip(itertools.cycle(kinds), itertools.cycle(names), strict=False)
+        pairs = list(itertools.islice(some, max(len(kinds), len(names))))
+    for number, ((kind, name), is_past) in enumerate(itertools.product(pairs, (False, True))):
+        other = kinds[(number // 2 + number) % len(kinds)]
+        board.wire.idle(1 + 7 * number % board.clock.carrier_us)  # another part of the period
+        since, index = board.link.mark(), board.link.stream_next
+        before = board.status().counters
+        frames = kind.make(), other.make()
+        due_us, rx_us = _send_behind_immediate(board, *frames, name, is_past=is_past)
+        seen = {x.index: x.t_us for x in latches_received_from_board(board, since, mode)}
+        text = f"{kind.name} with IMMEDIATE and the time {name}, and {other.name} for "
+        text += f"{_PAST_US} µs ago" if is_past else f"{due_us} µs"
+        latch_us, got_us = seen.get(index), seen.get(index + 1)
+        check(latch_us is not None, f"{text}: the first is not latched")
+        if not is_past:
+            board.check_counted(before, text, _BOTH_LATCHED)
+            check_equal(got_us, due_us, f"{text}: the second is latched at {got_us} µs")
+            continue
+        allowed = [_FIRST_LATCHED | {"dropped_order": 1}]
+        # In virtual time a frame that came before the latch of the first met it in the queue.
+        if not board.wire.is_virtual or rx_us >= (latch_us or 0):
+            allowed.append(_FIRST_LATCHED | {"dropped_late": 1})
+        board.check_counted(before, text, *allowed)
+
+
+def _send_behind_immediate(
+    board: BoardClient, first: Message, second: Message, name: str, *, is_past: bool
+) -> tuple[int, int]:
+    """Send a frame with IMMEDIATE and one behind it.
+
+    Returns
+    -------
+    due_us, rx_us : int
+        When the second is due, and a time at which both had come.
+    """
+    later_us = 10 * board.clock.carrier_us
+    others = board.flat_phases(), board.flat_phases()  # what is asked meanwhile takes less
+    due_us = time_for_frames(board, (first, second, *others), ahead_us=later_us)
+    time_us = _times_of_immediate_frames(board)[name]
+    at_us = board.clock.device_us() - _PAST_US if is_past else due_us
+    board.link.send(
+        board.link.stream_wire(first, time_us, flags=Flag.IMMEDIATE),
+        board.link.stream_wire(second, at_us),
+    )
+    rx_us = board.clock.unwrap(board.link.call(Ping(0), Pong).t_rx_us)
+    board.clock.wait_until(due_us + board.clock.lead_us)
+    margins = board.status().margins
+    check_equal(margins, 1, f"a frame with IMMEDIATE and one without: margins is {margins}")
+    return due_us, rx_us
+
+
+@case("HG-3.5/2-play", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
+def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None:
+    """PLAY with IMMEDIATE, whatever its time, begins at once, and its frames keep to that start"""
+    mode = ask_for_board_latches(board)
+    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+    board.arm()
+    period_us = board.clock.on_carrier(period_to_play(board))
+    require_time_to_play(board, _FRAMES * period_us)
+    play = play_request(board, _SEQUENCE, loops=1, period_us=period_us)
+    for number, name in enumerate(_times_of_immediate_frames(board)):
+        board.wire.idle(1 + 7 * number % board.clock.carrier_us)
+        since, start_us = board.link.mark(), board.clock.device_us()
+        time_us = _times_of_immediate_frames(board)[name]
+        board.link.call(play, PlayReply, flags=Flag.IMMEDIATE, time_us=time_us)
+        most_us = board.clock.on_carrier(board.clock.ready_us(board.clock.device_us()))
+        ended = await_playback_end(board, since, _FRAMES * period_us)
+        check_equal(ended.frames, _FRAMES, f"PLAY with the time {name}: {ended.frames} frames")
+        times = [x.t_us for x in latches_received_from_board(board, since, mode)][-_FRAMES:]
+        least_us = board.clock.on_carrier(board.clock.ready_us(start_us))
+        text = f"PLAY with IMMEDIATE and the time {name}: latches at {times} µs"
+        check(
+            least_us <= times[0] <= most_us,
+            f"{text}; the first is due from {least_us} to {most_us} µs",
+        )
+        apart = {b - a for a, b in itertools.pairwise(times)}
+        check_equal(apart, {period_us}, f"{text}; the period is {period_us} µs")
+        board.link.ask(Stop())

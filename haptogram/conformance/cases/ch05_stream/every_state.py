@@ -11,7 +11,7 @@ from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now
+from ...client.latching import latch_now, queue_frames
 from ...client.playback import play_later, play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...judge.timers import judge_status_period
@@ -24,7 +24,11 @@ _GAP: Final = 7
 _AHEAD_US: Final = 8_000_000
 _SILENT: Final = "while ARMED and silent"
 _SOUNDS: Final = "while it sounds"
-_PLAYBACK_WAITS: Final = "while a playback waits"
+PLAYBACK_PLAYS: Final = "while a sequence plays"
+PLAYBACK_WAITS: Final = "while a playback waits"
+QUEUES: Final = "with frames queued"
+QUEUED_FRAMES: Final = 2
+_QUEUED_US: Final = 3_000_000
 _TAKES_FRAMES: Final = (_SILENT, _SOUNDS)
 #: Counters of steps 6 to 10 of HG-3.8, which come before the output state.
 BEFORE_STATE: Final = ("stale_session", "duplicate", "unsupported", "bad_length", "bad_value")
@@ -39,6 +43,11 @@ def _playing_at_stream_frame(board: BoardClient) -> None:
 def _waiting_at_stream_frame(board: BoardClient) -> None:
     board.arm()
     play_later(board, _SEQUENCE, _AHEAD_US, unattended_ms=9_999)
+
+
+def _queueing_at_stream_frame(board: BoardClient) -> None:
+    latch_now(board)
+    queue_frames(board, board.clock.ahead_us(_QUEUED_US), QUEUED_FRAMES)
 
 
 def _silent_at_stream_frame(board: BoardClient) -> None:
@@ -56,8 +65,17 @@ def _states_at_stream_frame(board: BoardClient) -> dict[str, Callable[[], object
     }
     if board.has(Feature.SEQUENCE_PHASES):
         send_phases_to_store(board, _SEQUENCE, frames=1)
-        states["while a sequence plays"] = partial(_playing_at_stream_frame, board)
-        states[_PLAYBACK_WAITS] = partial(_waiting_at_stream_frame, board)
+        states[PLAYBACK_PLAYS] = partial(_playing_at_stream_frame, board)
+        if board.clock.horizon_us >= _AHEAD_US:
+            states[PLAYBACK_WAITS] = partial(_waiting_at_stream_frame, board)
+    return states
+
+
+def output_states(board: BoardClient) -> dict[str, Callable[[], object]]:
+    """Return what brings an ARMED board into each state of its output, frames queued too."""
+    states = _states_at_stream_frame(board)
+    if board.clock.horizon_us >= _QUEUED_US:
+        states[QUEUES] = partial(_queueing_at_stream_frame, board)
     return states
 
 
@@ -69,8 +87,6 @@ def no_other_state_takes_stream_frames(board: BoardClient) -> None:
     kinds = stream_kinds(board)
     for name, bring in _states_at_stream_frame(board).items():
         if name in _TAKES_FRAMES:
-            continue
-        if name == _PLAYBACK_WAITS and board.clock.horizon_us < _AHEAD_US:
             continue
         board.arm()
         bring()

@@ -7,21 +7,28 @@ drive is a correct one, and the fault could not be seen.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from haptogram_protocol.messages import Feature, FocalPoint, Points
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import ClientDrive, latch_now, read_back
+from ...client.latching import latch_now, read_back
 from ...outcome import SELF_REPORTED, check, require
 
 if TYPE_CHECKING:
-    from haptogram.acoustics import AcousticModel
-    from haptogram.driver.frames.frame import Frame
+    import numpy as np
+    from numpy.typing import NDArray
 
+    from haptogram.acoustics import AcousticModel
+    from haptogram.driver.frames.frame import Mode
+
+    Errors: TypeAlias = NDArray[np.float64]
+
+_Target: TypeAlias = tuple[float, float, float]
 _TARGETS_M: Final = ((0.017, 0.031, 0.150), (-0.026, 0.012, 0.120), (0.009, -0.024, 0.180))
+_WORST: Final = 1.5 + 1e-6  # one step beyond the rounding, which is half of one
 _ROUNDING: Final = 0.25  # of a step: the mean error is 0 when rounded, 0.5 when cut off
 _MANY: Final = 24
 _SIGNS: Final = (-1, 1)
@@ -46,14 +53,16 @@ def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
     return judged_model_of_board(board)
 
 
-def _judge_latched_foci(board: BoardClient, model: AcousticModel, frames: Iterable[Frame]) -> None:
-    """Latch each frame and read its drive back, then judge them: a hold may be shorter than that.
+def _judge_latched_foci(board: BoardClient, mode: Mode, targets_m: Sequence[_Target]) -> None:
+    """Latch a frame for each focus and read its drive back, then judge them.
 
-    Where the loops of the search are compiled first, it takes seconds.
+    A hold may be shorter than that: where the loops of the search are compiled first, it takes
+    seconds.
     """
-    from ...judge.focusing import judge_focus, judge_of_model
+    from ...judge.focusing import judge_focus, judge_of_model, judged_host_frames
 
-    frames, shown = list(frames), []
+    model, shown = _model_of_streamed_points(board), []
+    frames = judged_host_frames(model, board.identity, targets_m, mode)
     board.arm()
     for frame in frames:
         latch_now(board, frame.message)
@@ -66,10 +75,7 @@ def _judge_latched_foci(board: BoardClient, model: AcousticModel, frames: Iterab
 @case("HG-5.2/1-focus", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def streamed_phases_make_a_focus(board: BoardClient) -> None:
     """PHASES for each of several foci: the focus of the latched drive lies on its target"""
-    from ...judge.focusing import judged_host_frames
-
-    model = _model_of_streamed_points(board)
-    _judge_latched_foci(board, model, judged_host_frames(model, board.identity, _TARGETS_M))
+    _judge_latched_foci(board, "phases", _TARGETS_M)
 
 
 @case(
@@ -80,21 +86,13 @@ def streamed_phases_make_a_focus(board: BoardClient) -> None:
 )
 def streamed_drives_make_a_focus(board: BoardClient) -> None:
     """DRIVES for each of two foci: the focus of the latched drive lies on its target"""
-    from ...judge.focusing import judged_host_frames
-
-    model = _model_of_streamed_points(board)
-    frames = judged_host_frames(model, board.identity, _TARGETS_M[:2], "drives")
-    _judge_latched_foci(board, model, frames)
+    _judge_latched_foci(board, "drives", _TARGETS_M[:2])
 
 
 @case("HG-5.4/1", needs=_COMPUTES, evidence=SELF_REPORTED)
 def streamed_points_make_a_focus(board: BoardClient) -> None:
     """POINTS for each of two foci: the focus lies on its target; sign, order and axes are right"""
-    from ...judge.focusing import judged_host_frames
-
-    model = _model_of_streamed_points(board)
-    frames = judged_host_frames(model, board.identity, _TARGETS_M[:2], "points")
-    _judge_latched_foci(board, model, frames)
+    _judge_latched_foci(board, "points", _TARGETS_M[:2])
 
 
 def _random_point_to_stream(board: BoardClient) -> FocalPoint:
@@ -110,27 +108,31 @@ def _random_point_to_stream(board: BoardClient) -> FocalPoint:
     )
 
 
-def _latches_of_random_points(
-    board: BoardClient, points: int
-) -> list[tuple[tuple[FocalPoint, ...], ClientDrive]]:
-    number = max(_MANY, -(-400 // board.identity.transducers))
-    found = []
-    for _ in range(number):
+def _errors_of_random_points(board: BoardClient, points: int) -> tuple[Errors, Errors]:
+    """Latch random superpositions; return the errors of phases and amplitudes, in steps."""
+    from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
+
+    model, found = _model_of_streamed_points(board), []
+    board.arm()
+    for _ in range(max(_MANY, -(-400 // board.identity.transducers))):
         group = tuple(_random_point_to_stream(board) for _ in range(points))
         latch_now(board, Points(group))
         found.append((group, read_back(board)))
-    return found
+    graded = board.has(Feature.AMPLITUDE)
+    phases = judged_phase_errors(model, found)
+    return phases, judged_amplitude_errors(model, found, graded=graded)
+
+
+def _check_errors(errors: Errors, name: str) -> None:
+    worst = float(abs(errors).max())
+    check(worst <= _WORST, f"{name} is off by {worst:.2f} steps before rounding")
 
 
 @case("HG-5.4/1-rounding", needs=_COMPUTES, evidence=SELF_REPORTED)
 def streamed_points_are_rounded(board: BoardClient) -> None:
     """over 24 random foci phase codes are rounded to the nearest, not cut off"""
-    from ...judge.focusing import judged_phase_errors
-
-    model = _model_of_streamed_points(board)
-    board.arm()
-    found = _latches_of_random_points(board, 1)
-    mean = float(judged_phase_errors(model, found).mean())
+    phases, _ = _errors_of_random_points(board, 1)
+    mean = float(phases.mean())
     kind = "cut off" if mean < 0 else "rounded up"
     check(abs(mean) < _ROUNDING, f"phase codes are {kind}: off by {mean:+.2f} steps on average")
 
@@ -140,36 +142,20 @@ def streamed_points_have_their_amplitude(board: BoardClient) -> None:
     """amplitude codes of two points together: floor(255 min(1, |w|) + 1/2), 255 without
     AMPLITUDE
     """
-    from ...judge.focusing import judged_amplitude_errors
-
-    model = _model_of_streamed_points(board)
-    board.arm()
     points = min(2, board.most_points)
-    found = _latches_of_random_points(board, points)
-    if not board.has(Feature.AMPLITUDE):
-        check(all(set(shown.amplitudes) == {255} for _, shown in found), "amplitudes are not 255")
-        return
-    errors = judged_amplitude_errors(model, found)
-    worst, mean = float(abs(errors).max()), float(errors.mean())
-    check(worst <= 1.5 + 1e-6, f"an amplitude is off by {worst:.1f} codes")
-    if points > 1:
-        check(abs(mean) < _ROUNDING, f"amplitudes are off by {mean:+.2f} codes on average")
+    _, amplitudes = _errors_of_random_points(board, points)
+    _check_errors(amplitudes, "an amplitude")
+    mean = float(amplitudes.mean())
+    is_even = points == 1 or abs(mean) < _ROUNDING
+    check(is_even, f"amplitudes are off by {mean:+.2f} codes on average")
 
 
 @case("HG-5.4/3", needs=_COMPUTES, evidence=SELF_REPORTED)
 def streamed_points_are_exact(board: BoardClient) -> None:
     """over 24 random superpositions no phase and no amplitude is off by more than one step"""
-    from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
-
-    model = _model_of_streamed_points(board)
-    board.arm()
-    found = _latches_of_random_points(board, min(3, board.most_points))
-    # One step beyond the rounding, which is half of one.
-    worst = float(abs(judged_phase_errors(model, found)).max())
-    check(worst <= 1.5 + 1e-6, f"a phase is off by {worst:.2f} steps before rounding")
-    if board.has(Feature.AMPLITUDE):
-        worst = float(abs(judged_amplitude_errors(model, found)).max())
-        check(worst <= 1.5 + 1e-6, f"an amplitude is off by {worst:.2f} steps before rounding")
+    phases, amplitudes = _errors_of_random_points(board, min(3, board.most_points))
+    _check_errors(phases, "a phase")
+    _check_errors(amplitudes, "an amplitude")
 
 
 @case("HG-5.4/3-sides", needs=_COMPUTES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)

@@ -1,21 +1,39 @@
-"""HG-5.5, HG-5.6, HG-5.7: numbers of stream frames, which are queued, and which are dropped."""
+"""HG-5.5, HG-5.6, HG-5.7, HG-5.8: numbers of stream frames; which wait, replace and are dropped."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Mute, Phases, TraceMode
+from haptogram_protocol.messages import Feature, Message, Mute, Phases, Points, Stop, TraceMode
+from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import (
+    ask_for_board_latches,
     ask_for_board_latches_if_supported,
     latch_now,
     latches_received_from_board,
+    send_to_arrive_at,
+    time_for_frames,
 )
+from ...client.playback import PERIOD_US, play_now, send_phases_that_fit
+from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, check_equal, require
+from .every_drop import judge_first_drop
 
 _MAX_LATE_US: Final = 100_000  # HG-7.1
+_SEQUENCE: Final = 5
+_STEP_US: Final = 1000  # between two carrier periods that frames are sent for
+_STALE: Final = 0x0F0F
+_UNKNOWN_FLAG: Final = 0x40
+_TURNS_AT_WALL: Final = 2
+_LONGEST: Final = 4096
+_COUNTERS: Final = ("accepted", "flushed", "dropped_order", "latched")
+_ONE_LATCHED: Final = {"accepted": 1, "flushed": 0, "dropped_order": 0, "latched": 1}
 
 
 @case("HG-5.5/1", evidence=SELF_REPORTED)
@@ -101,25 +119,6 @@ def queue_keeps_its_order(board: BoardClient) -> None:
         board.clock.wait_until(t_us + 2000)
 
 
-def _latched_before_order(board: BoardClient, t_us: int) -> None:
-    board.clock.wait_until(t_us + board.clock.carrier_us)
-
-
-def _replaced_before_order(board: BoardClient, _: int) -> None:
-    latch_now(board)  # flushes the queue
-
-
-def _muted_before_order(board: BoardClient, _: int) -> None:
-    board.link.barrier()  # or MUTE may overtake the frame
-    board.link.ask(Mute())
-    board.arm()
-
-
-def _disarmed_before_order(board: BoardClient, _: int) -> None:
-    board.disarm()
-    board.arm()
-
-
 @case("HG-5.7/2-empty", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def an_empty_queue_has_no_order(board: BoardClient) -> None:
     """behind a frame that is latched or flushed the queue is empty: no earlier time is out of
@@ -128,23 +127,22 @@ def an_empty_queue_has_no_order(board: BoardClient) -> None:
     is_soon = board.clock.ready_us(0) <= _MAX_LATE_US // 2
     require(is_soon, "a frame for a time before the last latch is ready behind the late window")
     board.configure(late_window_us=_MAX_LATE_US)
-    for name, empty in (
-        ("latched", _latched_before_order),
-        ("flushed by IMMEDIATE", _replaced_before_order),
-        ("flushed by MUTE", _muted_before_order),
-        ("flushed by DISARM", _disarmed_before_order),
-    ):
+    flushes = _queue_flushes(board)
+    for name in ("a latch", *flushes):
         board.arm()
         t_us = board.clock.soon_us(bytes(4000), ahead_us=10_000)
         board.link.stream(board.flat_phases(), t_us)
-        empty(board, t_us)
+        if name in flushes:
+            _flush_queue(board, flushes[name], name)
+        else:
+            board.clock.wait_until(t_us + board.clock.carrier_us)
         earlier_us = min(t_us - 50, board.late_time_us(50))
         before = board.status().counters
         board.link.stream(board.flat_phases(), earlier_us)
         last_us = earlier_us + _MAX_LATE_US - board.clock.ready_us(0)
         board.clock.require_before(last_us, "a late frame", board.clock.device_us())
         board.clock.wait_latched()
-        text = f"behind a frame that is {name}, one for an earlier time"
+        text = f"a frame, {name}, and one for an earlier time"
         due = {"late": 1, "latched": 1, "dropped_order": 0, "dropped_late": 0}
         board.check_counted(before, text, due)
 
@@ -188,38 +186,7 @@ def queue_has_its_horizon(board: BoardClient) -> None:
 @case("HG-5.7/5", evidence=SELF_REPORTED)
 def drops_late_stream_frames(board: BoardClient) -> None:
     """frames 1 µs to 1 s later than late_window_us are dropped_late, none is latched"""
-    board.arm()
-    late = (1, 100, 5_000, 200_000, 1_000_000)
-    with board.counting(dropped_late=len(late), latched=0):
-        for late_us in late:
-            t_us = board.clock.device_us() - board.config.late_window_us - late_us
-            board.link.stream(board.flat_phases(), t_us)
-        board.clock.wait_latched()
-
-
-@case("HG-5.7/5-window", needs=Feature.CONFIG, evidence=SELF_REPORTED)
-def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
-    """with a window of 100 ms a frame 0.5 s late is dropped_late"""
-    board.arm(late_window_us=_MAX_LATE_US)
-    with board.counting(dropped_late=1, latched=0):
-        board.link.stream(board.flat_phases(), board.clock.device_us() - 500_000)
-        board.clock.wait_latched()
-
-
-@case("HG-5.7/6", needs=Feature.CONFIG, evidence=SELF_REPORTED)
-def latches_frames_within_the_late_window(board: BoardClient) -> None:
-    """with a window of 100 ms a frame 5 ms late is latched, counted in late, LATE in its trace"""
-    mode = ask_for_board_latches_if_supported(board)
-    since = board.arm(late_window_us=_MAX_LATE_US, trace_mode=mode)
-    with board.counting(late=1, latched=2):
-        board.link.stream(board.flat_phases(), board.late_time_us(5000))
-        board.clock.wait_latched()
-        t_us = board.clock.soon_us(bytes(600))
-        board.link.stream(board.flat_phases(), t_us)
-        board.clock.wait_until(t_us + 1000)
-    if mode is not TraceMode.OFF:
-        flags = [latch.late for latch in latches_received_from_board(board, since, mode)]
-        check_equal(flags, [True, False], f"a late frame, then one in time: LATE is {flags}")
+    judge_first_drop(board, "HG-5.7/5")
 
 
 @case("HG-5.7/7")
@@ -227,3 +194,258 @@ def queue_horizon_is_below_half_the_clock(board: BoardClient) -> None:
     """max_horizon_us is less than 2^31"""
     horizon_us = board.identity.max_horizon_us
     check(0 < horizon_us < 2**31, f"max_horizon_us is {horizon_us}")
+
+
+# --- Several frames for one carrier period -------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class PeriodOrder:
+    """The order of the times of frames that are sent for one carrier period.
+
+    Attributes
+    ----------
+    ranks : tuple of int
+        Rank of the time of each frame, from 0; equal ranks are equal times.
+    """
+
+    ranks: tuple[int, ...]
+
+    @property
+    def taken(self) -> list[int]:
+        """Places of the frames that are taken: each is for a later time than the one before."""
+        newest, found = -1, []
+        for place, rank in enumerate(self.ranks):
+            if rank > newest:
+                newest = rank
+                found.append(place)
+        return found
+
+    def times_us(self, boundary_us: int, carrier_us: int) -> list[int]:
+        """Return the times, the latest on the boundary at which one frame is latched."""
+        apart_us = max(1, carrier_us // 4)
+        last = max(self.ranks)
+        return [boundary_us - apart_us * (last - rank) for rank in self.ranks]
+
+
+def orders_in_a_period(frames: int) -> list[PeriodOrder]:
+    """Return every order of the times of so many frames, equal times among them.
+
+    Examples
+    --------
+    >>> [order.ranks for order in orders_in_a_period(2)]
+    [(0, 0), (0, 1), (1, 0)]
+    >>> len(orders_in_a_period(3))
+    13
+    """
+    ranks = itertools.product(range(frames), repeat=frames)
+    return [PeriodOrder(some) for some in ranks if set(some) == set(range(max(some) + 1))]
+
+
+@case("HG-5.7/2-period", evidence=SELF_REPORTED)
+def every_order_of_times_in_a_period(board: BoardClient) -> None:
+    """two and three frames for one carrier period, in every order of times: the last in order
+    is on
+    """
+    board.clock.require_times_in_carrier()
+    mode = ask_for_board_latches_if_supported(board)
+    orders = [*orders_in_a_period(2), *orders_in_a_period(3)]
+    room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
+    turns = len(stream_kinds(board)) if board.thorough else 1
+    for turn in board.sample(range(turns), _TURNS_AT_WALL):
+        for first in range(0, len(orders), room):
+            _judge_orders(board, orders[first : first + room], turn, mode)
+
+
+def _judge_orders(
+    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: TraceMode
+) -> None:
+    """FAILED unless of each order the frames in order are taken, and the last of them latched."""
+    kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
+    messages = [[next(kinds).make() for _ in order.ranks] for order in orders]
+    every = [message for some in messages for message in some]
+    board.arm_anew()
+    since, before, due = board.link.mark(), board.status().counters, {}
+    start_us = time_for_frames(board, every)
+    last_us = start_us + _STEP_US * len(orders)
+    if last_us > board.clock.device_us() + board.identity.max_horizon_us:
+        _judge_shorter_burst(board, orders, turn, mode)
+        return
+    for place, (order, some) in enumerate(zip(orders, messages, strict=True)):
+        times = order.times_us(start_us + _STEP_US * place, board.clock.carrier_us)
+        due[board.link.stream_next + order.taken[-1]] = order
+        for message, t_us in zip(some, times, strict=True):
+            board.link.stream(message, t_us)
+    board.clock.wait_until(last_us)
+    counted = board.counted_since(before)
+    taken = sum(len(order.taken) for order in orders)
+    wanted = (taken, taken - len(orders), len(every) - taken, len(orders))
+    got = tuple(counted[name] for name in _COUNTERS)
+    counts = f"{', '.join(_COUNTERS)} count {got}, due are {wanted}"
+    if mode is not TraceMode.OFF:
+        seen = {latch.index for latch in latches_received_from_board(board, since, mode)}
+        lost = [order for index, order in due.items() if index not in seen]
+        text = f"frames for one carrier period, their times in the order {lost and lost[0].ranks}"
+        check(not lost, f"{text}: the last one in order is not latched; {counts}")
+    check(got == wanted, f"{len(orders)} times two or three frames for one period: {counts}")
+
+
+def _judge_shorter_burst(
+    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: TraceMode
+) -> None:
+    """Judge half of the orders at a time: the line is slow, or the horizon near."""
+    require(len(orders) != 1, "no three frames reach this board within its horizon")
+    half = len(orders) // 2
+    _judge_orders(board, orders[:half], turn, mode)
+    _judge_orders(board, orders[half:], turn, mode)
+
+
+# --- Frames that replace nothing ---------------------------------------------------------------
+
+
+def _frames_that_replace_nothing(
+    board: BoardClient, message: Message, t_us: int
+) -> Iterator[tuple[str, bytes]]:
+    """Yield the name and bytes of frames for a time that are dropped for each defect but time."""
+    payload, kind = message.serialize(), message.TYPE
+    yield "a byte too much", board.link.stream_raw(kind, payload + b"\x00", t_us)
+    yield "a byte too little", board.link.stream_raw(kind, payload[:-1], t_us)
+    if isinstance(message, Points) and board.identity.max_points < 250:
+        many = message.points[:1] * (board.identity.max_points + 1)
+        yield "too many points", board.link.stream_wire(Points(many), t_us)
+    yield "an unknown flag", board.link.stream_wire(message, t_us, flags=_UNKNOWN_FLAG)
+    other, newest = board.link.session ^ _STALE, board.link.stream_next - 1
+    seq = board.link.stream_next
+    yield "another session", board.link.stream_wire(message, t_us, session=other, seq=seq)
+    yield "the newest number", board.link.stream_wire(message, t_us, seq=newest)
+
+
+@case("HG-5.8/3-defects", evidence=SELF_REPORTED)
+def every_defect_replaces_no_frame(board: BoardClient) -> None:
+    """frames of every format and defect for the carrier period of a queued one: that one is
+    latched
+    """
+    board.clock.require_times_in_carrier()
+    mode = ask_for_board_latches_if_supported(board)
+    kinds = stream_kinds(board)
+    for kind in kinds if board.thorough else kinds[:1]:
+        board.arm_anew()
+        since, before, index = board.link.mark(), board.status().counters, board.link.stream_next
+        queued, others = kind.make(), [one.make() for one in kinds]
+        size = sum(8 * len(message.serialize()) + 200 for message in (queued, *others))
+        points = sum(map(points_of_stream_kind, (queued, *others)))
+        t_us = board.clock.soon_us(bytes(size), points=points) - 1
+        board.link.stream(queued, t_us)
+        wrong = 0
+        for message in others:
+            for _, wire in _frames_that_replace_nothing(board, message, t_us + 1):
+                board.link.send(wire)
+                wrong += 1
+        board.clock.wait_until(t_us + _STEP_US)
+        text = f"{kind.name} queued, and {wrong} frames with a defect for its carrier period"
+        board.check_counted(before, text, _ONE_LATCHED)
+        if mode is not TraceMode.OFF:  # its codes are judged by the rules of every frame
+            seen = [latch.index for latch in latches_received_from_board(board, since, mode)]
+            check(seen[-1:] == [index], f"{text}: latched is {seen[-1:]}, due is {index}")
+
+
+# --- What a replaced frame leaves behind -------------------------------------------------------
+
+
+def _play_and_stop(board: BoardClient) -> None:
+    play_now(board, _SEQUENCE, loops=0)
+    board.link.ask(Stop())
+
+
+def _queue_flushes(board: BoardClient) -> dict[str, Callable[[BoardClient], object]]:
+    """Return what flushes the queue, by its name; the sequence that it plays is stored."""
+    flushes: dict[str, Callable[[BoardClient], object]] = {
+        "MUTE": lambda board: board.link.ask(Mute()),
+        "DISARM": BoardClient.disarm,
+        "a new session": BoardClient.hello,
+        "IMMEDIATE": latch_now,
+    }
+    if board.has(Feature.SEQUENCE_PHASES):
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
+        flushes["PLAY and STOP"] = _play_and_stop
+    return flushes
+
+
+def _flush_queue(board: BoardClient, flush: Callable[[BoardClient], object], name: str) -> None:
+    """Flush the queue of an ARMED board, and arm it again; FAILED if a frame waits behind that."""
+    board.link.barrier()  # or MUTE may overtake them
+    flush(board)
+    behind = board.status()
+    check_equal(behind.queued, 0, f"{behind.queued} frames wait behind {name}")
+    if behind.state is not OutputState.ARMED:
+        board.arm()
+
+
+@case("HG-5.7/2-flushed", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_flush_leaves_no_order(board: BoardClient) -> None:
+    """frames for one carrier period, flushed by all that flushes: one for before them is in
+    order
+    """
+    flushes = _queue_flushes(board)
+    board.arm()
+    apart_us = max(1, board.clock.carrier_us // 4)
+    for name, flush in flushes.items():
+        ahead_us = board.clock.ready_us(2 * PERIOD_US)  # of a frame that flushes
+        t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=ahead_us)
+        board.require_hold(t_us + _STEP_US - board.clock.device_us(), "a slow line")
+        for later_us in (0, apart_us, 2 * apart_us):
+            board.link.stream(board.flat_phases(), t_us + later_us - apart_us)
+        _flush_queue(board, flush, name)
+        before = board.status().counters
+        board.link.stream(board.flat_phases(), t_us - 2 * apart_us)
+        board.clock.wait_until(t_us + _STEP_US)
+        text = f"frames for one carrier period, {name}, and one for before them"
+        board.check_counted(before, text, _ONE_LATCHED)
+
+
+# --- Late frames -------------------------------------------------------------------------------
+
+
+@case("HG-5.7/6-replaced", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_late_frame_is_replaced_with_its_mark(board: BoardClient) -> None:
+    """late frames of every kind, replaced by one in time or late: marked is what is latched"""
+    board.clock.require_frames_in_carrier(_LONGEST, 4)
+    mode = ask_for_board_latches(board)
+    board.arm(trace_mode=mode, late_window_us=_MAX_LATE_US)
+    for first, second in itertools.product(stream_kinds(board), repeat=2):
+        for is_late in (False, True):
+            _judge_late_pair(board, (first, second), mode, is_late=is_late)
+
+
+def _judge_late_pair(
+    board: BoardClient, kinds: tuple[StreamKind, StreamKind], mode: TraceMode, *, is_late: bool
+) -> None:
+    """FAILED unless `late` counts the late latches of a pair whose second frame *is_late* too."""
+    carrier_us = board.clock.carrier_us
+    messages = [kind.make() for kind in kinds]
+    came_us = board.clock.soon_us(bytes(_LONGEST)) + carrier_us // 5
+    points = [points_of_stream_kind(message) for message in messages]
+    ready_us = [
+        board.clock.ready_us(came_us, points[0]),
+        board.clock.ready_us(came_us, sum(points)),
+    ]
+    times = (
+        ready_us[0] - carrier_us // 2,
+        ready_us[1] + (-carrier_us if is_late else carrier_us) // 8,
+    )
+    pairs = zip(times, ready_us, strict=True)
+    latches = [board.clock.on_carrier(max(t_us, at_us)) for t_us, at_us in pairs]
+    number = board.link.stream_next
+    wires = [board.link.stream_wire(*pair) for pair in zip(messages, times, strict=True)]
+    since, before = board.link.mark(), board.status().counters
+    send_to_arrive_at(board, came_us, b"".join(wires))
+    board.clock.wait_until(latches[1] + carrier_us)
+    replaced = latches[0] == latches[1]
+    due = {"accepted": 2, "flushed": int(replaced), "latched": 2 - replaced}
+    due["late"] = (not replaced) + is_late
+    text = f"{kinds[0].name}, late, then {kinds[1].name}, {'late' if is_late else 'in time'}"
+    board.check_counted(before, text, due)
+    seen = latches_received_from_board(board, since, mode)
+    marks = [latch.late for latch in seen if latch.index >= number]
+    wanted = [is_late] if replaced else [True, is_late]
+    check(marks == wanted, f"{text}: LATE of the latches is {marks}, due is {wanted}")

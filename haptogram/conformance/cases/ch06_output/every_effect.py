@@ -9,7 +9,7 @@ there as before: in every state, with frames queued, a playback and an upload un
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -36,31 +36,7 @@ from ...client.board_client import BoardClient
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import send_upload_chunks
-from ...judge.effects import (
-    Due,
-    effect_counted_once,
-    effect_of_commit,
-    effect_of_copies,
-    effect_of_correction,
-    effect_of_end,
-    effect_of_fault,
-    effect_of_input,
-    effect_of_new_session,
-    effect_of_play,
-    effect_of_received,
-    effect_of_timer,
-    no_effect,
-    state_before_effect,
-)
-from ...judge.events import (
-    Event,
-    event_of_correction,
-    event_of_damage,
-    event_of_hold,
-    event_of_lease,
-    event_of_unattended_time,
-    event_of_waiting_playback,
-)
+from ...judge import effects, events
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
 from ...judge.timers import judge_in_time
@@ -93,7 +69,7 @@ class Effect:
 
     Attributes
     ----------
-    clause, variant : str
+    clause : str
         Of the case that judges it.
     name : str
         For reports.
@@ -105,23 +81,32 @@ class Effect:
         Capabilities that it needs.
     where : tuple of str
         Names of the situations in which it can come about; empty: in all.
+    variant : str
+        Of the case that judges it.
     """
 
     clause: str
-    variant: str
     name: str
-    happen: Event
-    due: Due
+    happen: events.Event
+    due: effects.Due
     needs: Feature = NOTHING
     where: tuple[str, ...] = ()
+    variant: str = "alone"
 
 
 # --- What happens ------------------------------------------------------------------------------
 
 
-def _asked(message: Message) -> Event:
-    """Return the event of a request that is answered."""
-    return lambda board: board.link.ask(message)
+def _greet_again(board: BoardClient) -> None:
+    board.hello(board.link.session)
+
+
+def _configure_again(board: BoardClient) -> None:
+    board.link.ask(SetConfig(board.config))
+
+
+def _stop(board: BoardClient) -> None:
+    board.link.ask(Stop())
 
 
 def _begin_upload_for_effect(board: BoardClient) -> None:
@@ -137,7 +122,7 @@ def _complete_upload_for_effect(board: BoardClient) -> None:
     board.link.ask(UploadCommit(PENDING))
 
 
-def _drop_for_effect(counter: str) -> Event:
+def _drop_for_effect(counter: str) -> events.Event:
     """Return the event of frames of every format that *counter*, of steps 6 to 10, counts."""
 
     def send(board: BoardClient) -> None:
@@ -154,91 +139,60 @@ def _drop_for_effect(counter: str) -> Event:
 # --- Table -------------------------------------------------------------------------------------
 
 _ON: Final = (QUEUED, PLAYING, WAITING)
-_SHORTENS: Final = Feature.CONFIG
+_CONFIG: Final = Feature.CONFIG
 _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
+_NO_EFFECT: Final = effects.no_effect
+
+
+def _input(clause: str, name: str, message: Message, **header: int) -> Effect:
+    """Return the effect of a request that is an input of the table of HG-6.2."""
+    due = effects.effect_of_input(OutputInput[message.TYPE.name])
+    return Effect(clause, name, lambda board: board.link.ask(message, **header), due)
+
+
+def _foreign_mute(board: BoardClient) -> None:
+    board.link.ask(Mute(), session=board.link.session ^ _FOREIGN)
+
+
+def _timer(reason: MuteReason, happen: events.Event, needs: Feature, *where: str) -> Effect:
+    """Return the effect of a timer that mutes."""
+    due = effects.effect_of_timer(reason)
+    return Effect("HG-6.11/5", f"a mute, {reason.name}", happen, due, needs, where)
+
+
+def _upload(name: str, happen: events.Event, due: effects.Due) -> Effect:
+    return Effect("HG-7.4/1", name, happen, due, _UPLOADS)
 
 
 def _every_event() -> Iterator[Effect]:
+    once, of_mute = effects.effect_counted_once, effects.effect_of_input(OutputInput.MUTE)
     for name in ("crc", "cobs", "short", "oversize", "unknown_type"):
-        yield Effect(
-            "HG-3.9/1",
-            "alone",
-            f"a frame for {name}",
-            event_of_damage(name),
-            effect_counted_once(name),
-        )
+        yield Effect("HG-3.9/1", f"a frame for {name}", events.event_of_damage(name), once(name))
     for name in BEFORE_STATE:
-        due: Due = effect_of_copies if name == "duplicate" else no_effect
-        yield Effect("HG-3.9/1", "alone", f"stream frames for {name}", _drop_for_effect(name), due)
-    repeated = effect_counted_once("repeated")
-    yield Effect(
-        "HG-4.6/1",
-        "moments",
-        "HELLO with the open nonce",
-        lambda b: b.hello(b.link.session),
-        repeated,
-    )
-    yield Effect(
-        "HG-7.1/3",
-        "same",
-        "SET_CONFIG as it is",
-        lambda b: b.link.ask(SetConfig(b.config)),
-        no_effect,
-        Feature.CONFIG,
-    )
-    yield Effect("HG-6.3/2", "alone", "ARM", _asked(Arm()), effect_of_input(OutputInput.ARM))
-    mutes: dict[str, Event] = {
-        "MUTE": _asked(Mute()),
-        "MUTE of another session": lambda b: b.link.ask(Mute(), session=b.link.session ^ _FOREIGN),
-        "MUTE without a session": lambda b: b.link.ask(Mute(), session=0),
-    }
-    for name, mute in mutes.items():
-        yield Effect("HG-6.4/2", "alone", name, mute, effect_of_input(OutputInput.MUTE))
-    yield Effect(
-        "HG-6.5/1", "alone", "DISARM", _asked(Disarm()), effect_of_input(OutputInput.DISARM)
-    )
-    yield Effect("HG-7.7/2", "alone", "STOP", _asked(Stop()), effect_of_end, _UPLOADS)
-    yield Effect("HG-4.6/5", "alone", "a new session", BoardClient.hello, effect_of_new_session)
-    yield Effect(
-        "HG-7.4/1", "alone", "UPLOAD_CHUNK", _add_chunk_for_effect, effect_of_received(3), _UPLOADS
-    )
-    yield Effect(
-        "HG-7.4/1",
-        "alone",
-        "UPLOAD_BEGIN",
-        _begin_upload_for_effect,
-        effect_of_received(0),
-        _UPLOADS,
-    )
-    yield Effect(
-        "HG-7.4/1",
-        "alone",
-        "UPLOAD_COMMIT",
-        _complete_upload_for_effect,
-        effect_of_commit,
-        _UPLOADS,
-    )
-    correction = Feature.CORRECTION
-    yield Effect(
-        "HG-7.4/1",
-        "alone",
-        "a new correction",
-        event_of_correction,
-        effect_of_correction,
-        correction,
-    )
-    queue = (QUEUED,)
-    yield Effect(
-        "HG-7.6/3", "alone", "PLAY", event_of_waiting_playback, effect_of_play, _UPLOADS, queue
-    )
-    for reason, happen, needs, where in (
-        (MuteReason.HOLD_EXPIRED, event_of_hold, _SHORTENS, _ON),
-        (MuteReason.HOST_SILENT, event_of_lease, _SHORTENS, queue),
-        (MuteReason.UNATTENDED, event_of_unattended_time, _PLAYS, (QUEUED, WAITING)),
-    ):
-        due = effect_of_timer(reason)
-        yield Effect("HG-6.11/5", "alone", f"a mute, {reason.name}", happen, due, needs, where)
-    yield Effect("HG-6.6/1", "alone", "a fault", fail_hardware, effect_of_fault)
+        due = effects.effect_of_copies if name == "duplicate" else _NO_EFFECT
+        yield Effect("HG-3.9/1", f"stream frames for {name}", _drop_for_effect(name), due)
+    again, same = "HELLO with the open nonce", "SET_CONFIG as it is"
+    yield Effect("HG-4.6/1", again, _greet_again, once("repeated"), variant="moments")
+    yield Effect("HG-7.1/3", same, _configure_again, _NO_EFFECT, _CONFIG, variant="same")
+    yield _input("HG-6.3/2", "ARM", Arm())
+    yield _input("HG-6.4/2", "MUTE", Mute())
+    yield Effect("HG-6.4/2", "MUTE of another session", _foreign_mute, of_mute)
+    yield _input("HG-6.4/2", "MUTE without a session", Mute(), session=0)
+    yield _input("HG-6.5/1", "DISARM", Disarm())
+    yield Effect("HG-7.7/2", "STOP", _stop, effects.effect_of_end, _UPLOADS)
+    yield Effect("HG-4.6/5", "a new session", BoardClient.hello, effects.effect_of_new_session)
+    yield _upload("UPLOAD_CHUNK", _add_chunk_for_effect, effects.effect_of_received(3))
+    yield _upload("UPLOAD_BEGIN", _begin_upload_for_effect, effects.effect_of_received(0))
+    yield _upload("UPLOAD_COMMIT", _complete_upload_for_effect, effects.effect_of_commit)
+    corrected, plays = effects.effect_of_correction, effects.effect_of_play
+    correct, play = events.event_of_correction, events.event_of_waiting_playback
+    yield Effect("HG-7.4/1", "a new correction", correct, corrected, Feature.CORRECTION)
+    yield Effect("HG-7.6/3", "PLAY", play, plays, _UPLOADS, (QUEUED,))
+    yield _timer(MuteReason.HOLD_EXPIRED, events.event_of_hold, _CONFIG, *_ON)
+    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, _CONFIG, QUEUED)
+    alone = events.event_of_unattended_time
+    yield _timer(MuteReason.UNATTENDED, alone, _PLAYS, QUEUED, WAITING)
+    yield Effect("HG-6.6/1", "a fault", fail_hardware, effects.effect_of_fault)
 
 
 _EVENTS: Final = tuple(_every_event())
@@ -262,12 +216,12 @@ def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held
     return judged_held_state(board, since)
 
 
-def _judge_effects(board: BoardClient, effects: tuple[Effect, ...], situation: Situation) -> None:
+def _judge_effects(board: BoardClient, some: Sequence[Effect], situation: Situation) -> None:
     """FAILED with the name of the first event that changes what it must leave."""
     before: Held | None = None
     last_us = brought_us = 0
     config = board.config
-    for effect in effects:
+    for effect in some:
         if effect.where and situation.name not in effect.where:
             continue
         if before is None or is_situation_old(board, brought_us):
@@ -275,7 +229,7 @@ def _judge_effects(board: BoardClient, effects: tuple[Effect, ...], situation: S
             last_us, before = brought_to_refusal(board, situation)
             config = board.config
         held = _held_after_effect(board, last_us, effect)
-        muted = state_before_effect(held) == (OutputState.MUTED, MuteReason.HOLD_EXPIRED)
+        muted = effects.state_before_effect(held) == (OutputState.MUTED, MuteReason.HOLD_EXPIRED)
         lasted_us = board.wire.now_us() - brought_us
         if muted and not board.has(Feature.CONFIG) and lasted_us >= 1000 * board.config.hold_ms:
             before = None  # this line takes longer than the hold, which nothing extends
@@ -285,7 +239,7 @@ def _judge_effects(board: BoardClient, effects: tuple[Effect, ...], situation: S
         judge_in_time(board, not text, f"{effect.name}: {text}")
         leaves = all(name.startswith("the counter") for name in due)
         before = held if leaves else None
-        if state_before_effect(held)[0] is OutputState.FAULT:
+        if effects.state_before_effect(held)[0] is OutputState.FAULT:
             recover_from_hardware_fault(board)
         elif not leaves:
             _judge_arm_behind_effect(board, effect, held, config)
@@ -308,28 +262,25 @@ def _judge_arm_behind_effect(
     judge_in_time(board, not text, f"{effect.name}, then ARM: {text}")
 
 
-def _effect_case(clause: str, variant: str, effects: tuple[Effect, ...]) -> Case:
+def _effect_case(clause: str, variant: str) -> Case:
+    asked = [e for e in _EVENTS if (e.clause, e.variant) == (clause, variant)]
+
     def body(board: BoardClient) -> None:
-        some = tuple(effect for effect in effects if board.has(effect.needs))
+        some = [effect for effect in asked if board.has(effect.needs)]
         if not some:
-            board.need(effects[0].needs)
+            board.need(asked[0].needs)
         send_phases_to_store_if_supported(board, STORED, frames=1)
         for situation in (*refusal_situations(board), Situation(SILENT)):
             with named(situation.name):
                 _judge_effects(board, some, situation)
 
-    first = effects[0].name + (" and others" if len(effects) > 1 else "")
+    first = asked[0].name + (" and others" if len(asked) > 1 else "")
     summary = f"{first}, in every state of output and playback: all else is as before"
     return Case(clause, summary, body, variant, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 
 
-def _effect_cases() -> Iterator[Case]:
-    for clause, variant in dict.fromkeys((event.clause, event.variant) for event in _EVENTS):
-        same = (e for e in _EVENTS if (e.clause, e.variant) == (clause, variant))
-        yield _effect_case(clause, variant, tuple(same))
-
-
-PRODUCT: Final = tuple(_effect_cases())
+_IDS: Final = dict.fromkeys((event.clause, event.variant) for event in _EVENTS)
+PRODUCT: Final = tuple(_effect_case(*names) for names in _IDS)
 
 
 @case("HG-5.7/1-fault", evidence=SELF_REPORTED)

@@ -115,40 +115,29 @@ def _output_of_playback_in_ramp(board: BoardClient) -> None:
 
 _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 _FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
+
+
+def _ramp_moment(
+    name: str,
+    config: dict[str, Any],
+    bring: Callable[[BoardClient], None],
+    queued: int = 0,
+    frames: int | None = None,
+) -> Moment:
+    needs = _FADES if frames is None else _PLAYS | _FADES
+    return Moment(name, _RAMPS | config, bring, queued, frames, needs, _RAMP_MS)
+
+
 _MOMENTS: Final = (
     Moment("ARMED, silent", {}, _output_of_nothing),
     Moment("sounding", {"hold_ms": _HOLD_MS}, _output_of_sound, lasts_ms=_HOLD_MS),
     Moment("with frames queued", {}, _output_with_queue, _QUEUED),
-    Moment(
-        "in the hold's ramp",
-        _RAMPS | {"hold_ms": 30},
-        _output_in_ramp,
-        _QUEUED,
-        None,
-        _FADES,
-        _RAMP_MS,
-    ),
-    Moment(
-        "in a ramp of the lease",
-        _RAMPS | {"host_timeout_ms": 40},
-        _output_in_ramp,
-        _QUEUED,
-        None,
-        _FADES,
-        _RAMP_MS,
-    ),
+    _ramp_moment("in the hold's ramp", {"hold_ms": 30}, _output_in_ramp, _QUEUED),
+    _ramp_moment("in a ramp of the lease", {"host_timeout_ms": 40}, _output_in_ramp, _QUEUED),
     Moment("while a playback waits", {}, _output_before_playback, 0, 0, _PLAYS),
     Moment("while a sequence plays", {}, _output_of_playback, 0, 3, _PLAYS, 8000),
     Moment("within a long period", {}, _output_of_slow_playback, 0, 1, _PLAYS),
-    Moment(
-        "in a ramp of a playback",
-        _RAMPS,
-        _output_of_playback_in_ramp,
-        0,
-        20,
-        _PLAYS | _FADES,
-        _RAMP_MS,
-    ),
+    _ramp_moment("in a ramp of a playback", {}, _output_of_playback_in_ramp, frames=20),
 )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -25,10 +25,8 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import is_board_silent, latch_now, queue_frames
+from ...client.latching import is_board_silent, latch_now
 from ...client.playback import (
-    let_play,
-    play_now,
     play_out,
     play_request,
     send_phases_that_fit,
@@ -39,36 +37,17 @@ from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import require_room_for_upload
 from ...judge.effects import OUTPUT_REQUESTS
 from ...outcome import SELF_REPORTED, check, check_equal, not_observed
+from ..ch05_stream.every_state import (
+    PLAYBACK_PLAYS,
+    PLAYBACK_WAITS,
+    QUEUED_FRAMES,
+    QUEUES,
+    output_states,
+)
 
 _SEQUENCE: Final = 4
-_QUEUED: Final = 2
 _SHORT_MS: Final = 30  # of timers that would run out
 _FAULT: Final = (OutputState.FAULT, MuteReason.FAULT)
-
-
-def _queue_output_before_fault(board: BoardClient) -> None:
-    latch_now(board)
-    queue_frames(board, board.clock.soon_us(bytes(4000), ahead_us=3_000_000), _QUEUED)
-
-
-def _play_output_before_fault(board: BoardClient) -> None:
-    send_phases_that_fit(board, _SEQUENCE, frames=2)
-    play_now(board, _SEQUENCE, loops=0)
-    let_play(board, 5)
-
-
-def _moments_of_hardware_fault(board: BoardClient) -> dict[str, Callable[[BoardClient], object]]:
-    """Return states of a board by their names; each starts with an ARMED board."""
-    found: dict[str, Callable[[BoardClient], object]] = {
-        "DISARMED": BoardClient.disarm,
-        "MUTED": lambda board: board.link.ask(Mute()),
-        "sounding": latch_now,
-        "with frames queued": _queue_output_before_fault,
-        "playing": _play_output_before_fault,
-    }
-    if not board.has(Feature.SEQUENCE_PHASES):
-        del found["playing"]
-    return found
 
 
 def fail_hardware(board: BoardClient) -> None:
@@ -98,35 +77,42 @@ def _check_in_fault(board: BoardClient, text: str) -> StatusReply:
     return found
 
 
+def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
+    """Let the hardware fail in each state; yield its name, and the piece at which it was ARMED."""
+    for name, bring in output_states(board).items():
+        since = board.arm()
+        bring()
+        fail_hardware(board)
+        yield f"a fault {name}", since
+        recover_from_hardware_fault(board)
+
+
 @case("HG-6.8/1-fault")
 def tells_of_a_hardware_fault(board: BoardClient) -> None:
     """STATE_CHANGED tells a fault once, from each state"""
-    for name, bring in _moments_of_hardware_fault(board).items():
-        board.arm()
-        bring(board)
-        since = board.link.mark()
-        fail_hardware(board)
+    for name, since in _faults_in_every_state(board):
         board.link.barrier()
         told = [(event.state, event.reason) for _, event in board.link.events(StateChanged, since)]
-        check_equal(told, [_FAULT], f"a fault while {name}: STATE_CHANGED says {told}")
-        recover_from_hardware_fault(board)
+        check_equal(told, [_FAULT], f"{name}: STATE_CHANGED says {told}")
 
 
 @case("HG-6.6/1-fault", evidence=SELF_REPORTED)
 def a_hardware_fault_silences(board: BoardClient) -> None:
     """a fault silences the output, flushes the queue and ends a playback, in each state"""
-    for name, bring in _moments_of_hardware_fault(board).items():
-        since = board.arm()
-        with board.counting(flushed=_QUEUED if bring is _queue_output_before_fault else 0):
-            bring(board)
-            fail_hardware(board)
-        found = _check_in_fault(board, f"a fault while {name}")
-        check_equal(found.queued, 0, f"a fault while {name}: {found.queued} frames are queued")
+    before = board.status().counters
+    for text, since in _faults_in_every_state(board):
+        found = _check_in_fault(board, text)
+        board.check_counted(before, text, {"flushed": QUEUED_FRAMES * text.endswith(QUEUES)})
+        check_equal(found.queued, 0, f"{text}: {found.queued} frames are queued")
         if board.has(Feature.READ_RADIATED):
-            check(is_board_silent(board), f"a fault while {name}: transducers are driven")
-        ended, due = len(board.link.events(PlaybackEnded, since)), name == "playing"
-        check_equal(ended, due, f"a fault while {name}: {ended} PLAYBACK_ENDED")
-        recover_from_hardware_fault(board)
+            check(is_board_silent(board), f"{text}: transducers are driven")
+        ended = len(board.link.events(PlaybackEnded, since))
+        check_equal(
+            ended,
+            text.endswith((PLAYBACK_PLAYS, PLAYBACK_WAITS)),
+            f"{text}: {ended} PLAYBACK_ENDED",
+        )
+        before = board.status().counters
 
 
 @case("HG-6.6/3")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -73,39 +75,48 @@ def mutes_in_every_output_state(board: BoardClient) -> None:
             check(is_board_silent(board), "MUTE is acknowledged, but the board still radiates")
 
 
-@case("HG-6.4/2", evidence=SELF_REPORTED)
-def mute_flushes(board: BoardClient) -> None:
-    """MUTE flushes 3 queued frames and ends a playback"""
-    _check_flushes_and_ends(board, Mute())
-
-
-@case("HG-6.5/1", evidence=SELF_REPORTED)
-def disarm_flushes_the_output(board: BoardClient) -> None:
-    """DISARM flushes 3 queued frames and ends a playback"""
-    _check_flushes_and_ends(board, Disarm())
-
-
-def _check_flushes_and_ends(board: BoardClient, message: Message) -> None:
-    """FAILED unless a request flushes queued frames, and ends a playback that the board takes."""
+def check_flushes(board: BoardClient, end: Callable[[], object]) -> None:
+    """FAILED unless *end* of the output flushes queued frames."""
     board.arm()
     t_us = board.clock.soon_us(bytes(2000), ahead_us=20_000)
     with board.counting(flushed=3, latched=0):
         queue_frames(board, t_us, 3)
         board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
-        board.link.ask(message)
+        end()
         board.arm()
         board.clock.wait_until(t_us + 4000)
-    if not board.has(Feature.SEQUENCE_PHASES):
-        return
+
+
+def check_ends_playback(board: BoardClient, end: Callable[[], object], name: str) -> None:
+    """FAILED unless *end* of the output ends a playback."""
     send_phases_that_fit(board, 2, frames=3)
     since = board.arm()
     play_now(board, 2, loops=0)
     let_play(board, 5)
-    board.link.ask(message)
-    board.due_event(PlaybackEnded, since, 20_000, f"{message.TYPE.name} in a playback")
+    end()
+    board.due_event(PlaybackEnded, since, 20_000, f"{name} in a playback")
     board.arm()
     with board.counting(latched=0):
-        wait_for_no_latch(board, 10_000)
+        wait_for_no_latch(board, 20_000)
+
+
+def _check_request_ends(board: BoardClient, message: Message) -> None:
+    end = partial(board.link.ask, message)
+    check_flushes(board, end)
+    if board.has(Feature.SEQUENCE_PHASES):
+        check_ends_playback(board, end, message.TYPE.name)
+
+
+@case("HG-6.4/2", evidence=SELF_REPORTED)
+def mute_flushes(board: BoardClient) -> None:
+    """MUTE flushes 3 queued frames and ends a playback"""
+    _check_request_ends(board, Mute())
+
+
+@case("HG-6.5/1", evidence=SELF_REPORTED)
+def disarm_flushes_the_output(board: BoardClient) -> None:
+    """DISARM flushes 3 queued frames and ends a playback"""
+    _check_request_ends(board, Disarm())
 
 
 @case("HG-6.4/4", needs=Feature.CONFIG, evidence=SELF_REPORTED)

@@ -1,26 +1,58 @@
-"""HG-6.7, HG-6.10, HG-6.11: lease, hold, and the ramp at their end."""
+"""HG-6.7, HG-6.10, HG-6.11: lease, hold, and the ramp at their end, of every amplitude."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
 from haptogram_protocol.framing import encode_frame
-from haptogram_protocol.messages import Feature, Ping, PlaybackEnded, StateChanged
+from haptogram_protocol.messages import Drives, Feature, Ping, PlaybackEnded, StateChanged
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import FULL, latch_now, read_back_radiated
-from ...client.playback import play_now, send_phases_that_fit
+from ...client.latching import FULL, is_board_silent, latch_now, read_back_radiated
+from ...client.playback import (
+    play_now,
+    send_phases_that_fit,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+)
 from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp, judged_ramp_reading
-from ...judge.timers import judge_lease_ends, judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...judge.timers import judge_in_time, judge_lease_ends, judge_mute_time, judged_mute_by_timer
+from ...outcome import SELF_REPORTED, check, check_equal, named
+from ..ch07_configuration.every_running_timer import every_other_setting
+from ..ch12_timers.every_restart import SLOW_US
 
 _MS: Final = 1000
 _HOLD_MS: Final = 100
 _RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
+_SHORT_MS: Final = 60
+_LONG_MS: Final = 2000  # the longest ramp: counters of 16 bits wrap in it, whose ticks are short
+_SEQUENCE: Final = 4
+#: Ceilings, and the length of the ramp that begins below each.
+_RAMPS_MS: Final = {255: _LONG_MS, 254: 100, 128: 300, 100: 100, 1: 100, 0: 100}
+_PLAYED_RAMPS_MS: Final = {128: 300}  # at a wall clock
+_FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
+_CEILINGS_IN_RAMPS: Final = (
+    (255, (200, 255, 199, 200, 60, 61, 255, 0, 1, 255)),
+    (100, (100, 255, 101, 254)),
+    (200, (255, 40, 255, 39, 200)),
+    (0, (255, 1)),
+    (1, (0, 255)),
+)
+#: Lengths of two timers on a fast line, in ms.
+_SHORT_HOLD_MS: Final = 20  # runs out before the other timer
+_LONG_HOLD_MS: Final = 120  # and behind it
+_OTHER_MS: Final = 40
+_RAMP_MS: Final = 150
+_RENEWED_MS: Final = 145  # from the first latch: both timers have run out
+_SLOW_LINE_US: Final = 20_000  # for 200 bytes, or to a latch; beyond it all lengths grow
+_FRAME: Final = "a frame"
+_LATCH: Final = "a latch"
+_OTHERS: Final = (MuteReason.HOST_SILENT, MuteReason.UNATTENDED)
 
 
 @case("HG-6.7/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
@@ -139,19 +171,8 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
     """a higher ceiling and another ramp_ms, set during a ramp, leave its line; a lower one cuts
     it
     """
-    hold_ms, ramp_ms, ceiling = 60, 240, 100
-    since = board.arm(hold_ms=hold_ms, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
-    latch_now(board)
-    latch_us = board.last_latch_us()
-    begins = bytes([ceiling]) * board.identity.transducers
-    for wait_ms, then in ((hold_ms + ramp_ms // 4, FULL), (ramp_ms // 4, 20)):
-        board.wire.idle(wait_ms * _MS)
-        board.configure(hold_ms=hold_ms, ramp_ms=2 * ramp_ms, amplitude_ceiling=then)
-        reading = judged_ramp_reading(board, latch_us + hold_ms * _MS)
-        name = f"ceiling {ceiling}, {then} meanwhile: "
-        judge_straight_ramp(board, [reading], ramp_ms, begins, name, cut=min(ceiling, then))
-    header, _ = judged_mute_by_timer(board, since, 3 * ramp_ms * _MS, MuteReason.HOLD_EXPIRED)
-    judge_mute_time(board, latch_us, header, hold_ms + ramp_ms, "ramp_ms set meanwhile")
+    steps = [{"ramp_ms": 500, "amplitude_ceiling": ceiling} for ceiling in (FULL, 20)]
+    _judge_ramp_with_settings(board, 100, steps, plays=False)
 
 
 @case("HG-6.11/5-playback", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES)
@@ -163,3 +184,300 @@ def output_ramps_end_playback(board: BoardClient) -> None:
     play_now(board, 1, loops=0, period_us=500_000)
     judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
     board.due_event(PlaybackEnded, since, 50 * _MS, "a timer has muted the board")
+
+
+# --- Ramps of every amplitude under every ceiling ------------------------------------------------
+
+
+def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
+    """Return amplitudes at and beside the ceiling, and the least and greatest, one after another.
+
+    An array of fewer transducers has the first of them.
+    """
+    near = (FULL, ceiling + 1, ceiling, 0, ceiling - 1, FULL - 1, 2 * ceiling, 1, ceiling // 2, 2)
+    codes = list(dict.fromkeys(code for code in near if 0 <= code <= FULL))
+    return bytes(codes[n % len(codes)] for n in range(count))
+
+
+@case("HG-6.11/2-ceilings", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_ceiling_of_ramps(board: BoardClient) -> None:
+    """ramps of amplitudes at and beside each ceiling, one of 2 s too: straight from begin to end"""
+    played = board.has(Feature.SEQUENCE_PHASES)
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    at_wall = not board.wire.is_virtual
+    played_ms = (_PLAYED_RAMPS_MS if at_wall else _RAMPS_MS) if played else {}
+    for ceiling, ramp_ms in _RAMPS_MS.items():
+        _judge_output_ramp(board, ceiling, ramp_ms, plays=False)
+    for ceiling, ramp_ms in played_ms.items():
+        _judge_output_ramp(board, ceiling, ramp_ms, plays=True)
+
+
+def _judge_output_ramp(board: BoardClient, ceiling: int, ramp_ms: int, *, plays: bool) -> None:
+    """Read a ramp of the hold from its begin to its end, every 40th of it."""
+    board.arm(hold_ms=_SHORT_MS, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
+    begins = _below_ceiling(_latch_before_ramp(board, plays=plays), ceiling)
+    ramp = judged_ramp(board, hold_ms=_SHORT_MS, ramp_ms=ramp_ms)
+    name = f"ceiling {ceiling}, of a {'played' if plays else 'stream'} frame: "
+    judge_straight_ramp(board, ramp, ramp_ms, begins, name)
+
+
+def _latch_before_ramp(board: BoardClient, *, plays: bool) -> bytes:
+    """Latch a stream frame, or play one; return its amplitudes."""
+    count = board.identity.transducers
+    if plays:
+        play_now(board, _SEQUENCE, loops=1)
+        board.clock.wait_latched()
+        return bytes([FULL]) * count
+    amplitudes = _amplitudes_in_ramps(board.config.amplitude_ceiling, count)
+    latch_now(board, Drives(bytes(count) + amplitudes))
+    return amplitudes
+
+
+def _below_ceiling(amplitudes: bytes, ceiling: int) -> bytes:
+    return bytes(min(code, ceiling) for code in amplitudes)
+
+
+# --- What is set during the ramp of a hold -----------------------------------------------------
+
+
+@case("HG-6.11/6-fields", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_setting_within_a_ramp(board: BoardClient) -> None:
+    """a ramp keeps line and end, whichever field is set to its least and greatest value
+    meanwhile
+    """
+    lengths: list[dict[str, Any]] = [
+        {"hold_ms": 1},
+        {"hold_ms": 10_000},
+        {"ramp_ms": 0},
+        {"ramp_ms": 2000},
+        {"ramp_ms": 1},
+        {"host_timeout_ms": 1000},
+        {"hold_ms": 1, "ramp_ms": 0},
+    ]
+    ceilings = [{"amplitude_ceiling": ceiling} for ceiling in (FULL, 100, 101)]
+    steps = [*every_other_setting(board), *ceilings, *lengths]
+    for plays in _sources_of_drives(board):
+        # Behind the last ones the ramp ends: at its own time, whatever is in force.
+        for last in board.sample(lengths[::-1]):
+            _judge_ramp_with_settings(board, 100, [*steps, last], plays=plays)
+
+
+@case("HG-6.11/6-ceilings", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_ceiling_within_a_ramp(board: BoardClient) -> None:
+    """of the ceilings that are set in a ramp the one in force cuts it off; its line goes on"""
+    chains: list[tuple[int, tuple[int, ...]]] = list(_CEILINGS_IN_RAMPS)
+    codes = (0, 1, 2, 77, 128, 253, 254, 255)
+    chains += [(first, tuple(board.random.choices(codes, k=len(codes)))) for first in codes]
+    for first, ceilings in board.sample(chains):
+        steps = [{"amplitude_ceiling": ceiling} for ceiling in ceilings]
+        for plays in _sources_of_drives(board):
+            _judge_ramp_with_settings(board, first, steps, plays=plays)
+
+
+def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
+    """Yield whether a drive is played; at a wall clock streamed ones alone."""
+    yield False
+    if board.has(Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
+        send_phases_to_store(board, _SEQUENCE, frames=1)
+        yield True
+
+
+def _judge_ramp_with_settings(
+    board: BoardClient, ceiling: int, steps: Sequence[Mapping[str, Any]], *, plays: bool
+) -> None:
+    """Set the configuration again and again during a ramp of the hold, and judge what is left."""
+    ramp_ms = _length_of_long_ramp_ms(board)
+    before = {"hold_ms": _SHORT_MS, "ramp_ms": ramp_ms, "amplitude_ceiling": ceiling}
+    since = board.arm(**before)
+    begins = _below_ceiling(_latch_before_ramp(board, plays=plays), ceiling)
+    latch_us = board.last_latch_us()
+    start_us = latch_us + _SHORT_MS * _MS
+    for place, changes in enumerate(steps, 1):
+        at_us = start_us + ramp_ms * _MS * place // (len(steps) + 1)
+        board.wire.idle(max(0, at_us - board.clock.device_estimate_us()))
+        board.configure(**before | dict(changes))
+        reading = judged_ramp_reading(board, start_us)
+        name = f"ceiling {ceiling}, {dict(changes)} meanwhile: "
+        cut = board.config.amplitude_ceiling
+        judge_straight_ramp(board, [reading], ramp_ms, begins, name, cut=cut)
+    header, _ = judged_mute_by_timer(board, since, 2 * _LONG_MS * _MS, MuteReason.HOLD_EXPIRED)
+    name = f"a ramp of {_SHORT_MS} + {ramp_ms} ms, {dict(steps[-1])} meanwhile"
+    judge_mute_time(board, latch_us, header, _SHORT_MS + ramp_ms, name)
+
+
+def _length_of_long_ramp_ms(board: BoardClient) -> int:
+    """Return a ramp in which many frames can be sent."""
+    reads = 25 * (2 * board.identity.transducers + 150)
+    return _LONG_MS // 2 if board.wire.carries(reads, _LONG_MS * _MS // 4) else _LONG_MS
+
+
+# --- How a ramp ends ---------------------------------------------------------------------------
+
+
+@case("HG-6.11/4-settings", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_undone_ramp_takes_the_new_ceiling(board: BoardClient) -> None:
+    """a ramp that is undone leads to full amplitude below the ceiling that was set in it"""
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    timers = ["hold", "lease", "both", "both, the lease first"]
+    timers += ["unattended"] if board.has(Feature.SEQUENCE_PHASES) else []
+    for first, then in ((100, FULL), (FULL, 100)):
+        for timer in timers if first < then or board.wire.is_virtual else timers[:1]:
+            _undo_ramp_with_settings(board, timer, first, then)
+
+
+def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: int) -> None:
+    """Set another ceiling in a ramp, and judge what is radiated when the ramp is undone."""
+    long = {"hold_ms": 5000, "host_timeout_ms": 10_000, "ramp_ms": _LONG_MS}
+    short = {
+        "hold": {"hold_ms": _SHORT_MS},
+        "lease": {"host_timeout_ms": 2 * _SHORT_MS},
+        "both": {"hold_ms": _SHORT_MS, "host_timeout_ms": 2 * _SHORT_MS},
+        "both, the lease first": {"hold_ms": 3 * _SHORT_MS, "host_timeout_ms": 2 * _SHORT_MS},
+        "unattended": {},
+    }[timer]
+    board.hello()  # ends a playback
+    board.arm(**long | short | {"amplitude_ceiling": first})
+    if timer == "unattended":
+        play_now(board, _SEQUENCE, loops=0, period_us=9_000_000, unattended_ms=2 * _SHORT_MS)
+        board.clock.wait_latched()
+        latched = bytes([FULL]) * board.identity.transducers
+    else:
+        latched = _latch_before_ramp(board, plays=False)
+    latch_us = board.last_latch_us()
+    frame_us = board.clock.device_us()
+    board.wire.idle(5 * _SHORT_MS * _MS)
+    board.configure(**long | {"amplitude_ceiling": then})
+    if timer == "hold":
+        latch_now(board, Drives(bytes(len(latched)) + latched))
+    if timer.startswith("both"):  # the hold has run out: the ramp goes on, as it began
+        start_us = latch_us + short["hold_ms"] * _MS
+        if "lease" in timer:
+            start_us = frame_us + short["host_timeout_ms"] * _MS
+        reading = judged_ramp_reading(board, start_us)
+        begins = _below_ceiling(latched, first)
+        name = f"a ramp of {timer}, ceiling {first}, then {then}: "
+        judge_straight_ramp(board, [reading], _LONG_MS, begins, name, cut=then)
+        return
+    shown = read_back_radiated(board)
+    board.clock.require_before(latch_us + _LONG_MS * _MS, "a read-back in a ramp")
+    due = _below_ceiling(latched, then)
+    wrong = [(n, got) for n, got in enumerate(shown.amplitudes) if got != due[n]]
+    judge_in_time(
+        board,
+        not wrong,
+        f"a ramp of {timer} under a ceiling of {first} is undone, {then} was set in it: "
+        f"of transducers and amplitudes {wrong[:3]} are not min({list(latched[:3])}..., {then})",
+    )
+
+
+# --- Two timers that have run out ---------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class TimerPair:
+    """The hold and another timer, which run out one behind the other.
+
+    Attributes
+    ----------
+    other : MuteReason
+        Of the other timer: HOST_SILENT or UNATTENDED.
+    is_hold_first : bool
+        Whether the hold runs out first, and begins the ramp.
+    ramp_ms : int
+        Length of the ramp.
+    renewed_by : str
+        A frame, which renews the other timer while both have run out, or a latch, which renews the
+        hold; empty: nothing.
+    """
+
+    other: MuteReason
+    is_hold_first: bool
+    ramp_ms: int
+    renewed_by: str = ""
+
+    def __str__(self) -> str:
+        names = [self.other.name]
+        names.insert(not self.is_hold_first, "HOLD_EXPIRED")
+        renewed = f", and {self.renewed_by} behind both" if self.renewed_by else ""
+        return f"{' and then '.join(names)} in a ramp of {self.ramp_ms} ms{renewed}"
+
+
+def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> None:
+    """Judge pairs of both other timers."""
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    others = _OTHERS if board.has(Feature.SEQUENCE_PHASES) else _OTHERS[:1]
+    ramp_ms = min(_LONG_MS, _ramp_time_ms(board, length_ms))
+    for other, is_hold_first, renewed in itertools.product(others, (True, False), renewed_by):
+        pair = TimerPair(other, is_hold_first, ramp_ms, renewed)
+        with named(str(pair)):
+            _judge_end_of_ramp(board, pair)
+
+
+def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
+    """Return a length of time, or a longer one on a slow line, or for a slow board."""
+    slow_line, slow_board = board.wire.period_us(200), board.clock.ready_us(0)
+    return length_ms * max(1, slow_line // _SLOW_LINE_US, -(-slow_board // _SLOW_LINE_US))
+
+
+def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
+    """FAILED unless the ramp ends when it was due, with the timer that has run out, and once."""
+    since = board.link.mark()
+    with board.counting(timeouts=1):
+        begins_us, both_us = _begin_ramp_of_pair(board, pair)
+        if pair.renewed_by == _FRAME:
+            board.clock.idle_until(both_us)
+            frame_us = board.clock.device_us()
+            board.clock.require_before(
+                begins_us + pair.ramp_ms * _MS, "a frame in a ramp", frame_us
+            )
+        reason = pair.other
+        if pair.renewed_by == _FRAME or (pair.is_hold_first and not pair.renewed_by):
+            reason = MuteReason.HOLD_EXPIRED
+        left_us = begins_us + pair.ramp_ms * _MS - board.clock.device_estimate_us()
+        header, _ = judged_mute_by_timer(board, since, left_us + 50 * _MS, reason)
+    judge_mute_time(board, begins_us, header, pair.ramp_ms, reason.name)
+    if board.has(Feature.READ_RADIATED):
+        check(is_board_silent(board), "transducers are driven behind the end")
+    for kind, due in (StateChanged, 1), (PlaybackEnded, int(pair.other is MuteReason.UNATTENDED)):
+        got = len(board.link.events(kind, since))
+        check(got == due, f"{got} {kind.TYPE.name}, due are {due}")
+
+
+def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
+    """Let both timers run; return when the ramp begins, and when something renews one of them."""
+    hold_ms = _ramp_time_ms(board, _SHORT_HOLD_MS if pair.is_hold_first else _LONG_HOLD_MS)
+    other_ms = _ramp_time_ms(board, _OTHER_MS)
+    settings: dict[str, Any] = {"hold_ms": hold_ms, "ramp_ms": pair.ramp_ms}
+    if pair.other is MuteReason.HOST_SILENT:
+        settings["host_timeout_ms"] = other_ms
+    board.arm(**settings)
+    ahead_us = board.clock.on_carrier(_ramp_time_ms(board, _RENEWED_MS) * _MS)
+    if pair.other is MuteReason.UNATTENDED:
+        period_us = ahead_us if pair.renewed_by == _LATCH else SLOW_US
+        play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=other_ms)
+        board.clock.wait_latched(0)
+    else:
+        latch_now(board)
+    latch_us = board.last_latch_us()
+    if pair.renewed_by == _LATCH and pair.other is MuteReason.HOST_SILENT:
+        board.link.stream(board.flat_phases(), latch_us + ahead_us)
+    asked_us = board.clock.device_us()
+    hold_us, other_us = latch_us + hold_ms * _MS, asked_us + other_ms * _MS
+    last_us = hold_us - (0 if pair.is_hold_first else other_ms * _MS)  # the PING renews a lease
+    board.clock.require_before(last_us, "two timers that run out", asked_us)
+    return min(hold_us, other_us), latch_us + ahead_us
+
+
+@case("HG-6.11/5-pairs", needs=_FADES, evidence=SELF_REPORTED)
+def every_first_timer_begins_the_ramp(board: BoardClient) -> None:
+    """of two timers that run out the first begins the ramp, which mutes with its reason, once"""
+    _judge_timer_pairs(board, _RAMP_MS, "")
+
+
+@case("HG-6.11/4-pairs", needs=_FADES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_ramp_goes_on_behind_a_second_timer(board: BoardClient) -> None:
+    """a frame or a latch that renews one of two timers that have run out leaves the ramp as it
+    is
+    """
+    reached = board.clock.horizon_us > 2 * _MS * _ramp_time_ms(board, _RENEWED_MS)
+    _judge_timer_pairs(board, _RAMP_MS, _FRAME, *([_LATCH] if reached else []))
