@@ -91,6 +91,14 @@ class TimerKind:
         header, _ = judged_mute_by_timer(board, since, timeout_us, self.reason)
         judge_mute_time(board, start_us, header, due_ms, name, asked_us=asked_us)
 
+    def judge_whole(
+        self, board: BoardClient, length_ms: int, name: str = "", **changes: int
+    ) -> None:
+        """Start it; FAILED unless it mutes behind its length, and the ramp that *changes* set."""
+        since = board.link.mark()
+        start_us = self.start(board, length_ms, **changes)
+        self.judge(board, since, start_us, length_ms + changes.get("ramp_ms", 0), name)
+
     def most_ms(self, board: BoardClient) -> int:
         """Return its greatest length on a board."""
         limit_ms = _LONGEST_MS if board.wire.is_virtual else _LONGEST_WALL_MS
@@ -111,9 +119,22 @@ UNATTENDED: Final = TimerKind(
 )
 
 
-def timer_kinds(board: BoardClient) -> list[TimerKind]:
-    """Return every timer that the board has."""
-    return [timer for timer in (LEASE, HOLD, RAMP, UNATTENDED) if board.has(timer.needs)]
+def timer_kinds(board: BoardClient, *wanted: TimerKind) -> list[TimerKind]:
+    """Return those of the *wanted* timers, or of all, that the board has."""
+    return [t for t in wanted or (LEASE, HOLD, RAMP, UNATTENDED) if board.has(t.needs)]
+
+
+def judge_ramp_with_configuration(
+    board: BoardClient, hold_ms: int, ramp_ms: int, changes: Mapping[str, int]
+) -> None:
+    """FAILED unless a ramp of the hold goes on as it began, whatever is set in it."""
+    since = board.link.mark()
+    start_us = HOLD.start(board, hold_ms, ramp_ms=ramp_ms)
+    board.clock.idle_until(start_us + (hold_ms + ramp_ms // 3) * _MS)
+    board.clock.require_before(start_us + (hold_ms + ramp_ms) * _MS, "the middle of a ramp")
+    board.configure(**{"hold_ms": hold_ms, "ramp_ms": ramp_ms, **changes})
+    name = f"a ramp of {hold_ms} + {ramp_ms} ms, {dict(changes)} meanwhile"
+    HOLD.judge(board, since, start_us, hold_ms + ramp_ms, name)
 
 
 def judged_mute_by_timer(

@@ -23,7 +23,7 @@ from ...client.playback import (
 from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import judge_in_time, judge_lease_ends, judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, check_equal, named
-from ..ch07_configuration.every_running_timer import every_other_setting
+from ..ch07_configuration.every_setting import every_other_setting
 from ..ch12_timers.every_restart import SLOW_US
 
 _MS: Final = 1000

@@ -1,13 +1,17 @@
-"""HG-8.1, HG-8.2, HG-8.3, HG-8.4, HG-8.7: traces of latches agree with the frames sent."""
+"""HG-8.1, HG-8.2, HG-8.3, HG-8.4, HG-8.6, HG-8.7: traces and read-backs of every latch."""
 
 from __future__ import annotations
 
-from typing import Final
+import itertools
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Final
 
 from haptogram_protocol.messages import (
     DriveKind,
     DriveReply,
     Feature,
+    LatchKey,
     Ping,
     Pong,
     ReadDrive,
@@ -19,7 +23,8 @@ from haptogram_protocol.messages import (
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.capabilities import trace_modes
+from ...client.capabilities import drive_kinds, trace_modes
+from ...client.drive_paths import drive_paths, registers_asked_for
 from ...client.latching import (
     ask_for_board_latches,
     drive_crc,
@@ -31,8 +36,17 @@ from ...client.latching import (
     read_back,
     read_ring,
 )
-from ...client.playback import flood_with_traces, play_out, send_phases_to_store
-from ...outcome import SELF_REPORTED, check, check_equal, require
+from ...client.playback import (
+    flood_with_traces,
+    play_out,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+)
+from ...client.stream_kinds import stream_kinds
+from ...client.uploads import upload_correction
+from ...judge.events import judge_division, played_keys
+from ...outcome import SELF_REPORTED, check, check_equal, named, require
+from .read_back import judge_spans
 
 _KINDS: Final = (Trace, TracePlayback, TraceDrive)
 _SEQUENCE: Final = 7
@@ -43,6 +57,17 @@ _TRACED: Final = Feature.TRACE | Feature.CONFIG
 _READ: Final = _TRACED | Feature.READ_LATCHED
 _PLAYED: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 _FLOODED: Final = _PLAYED | Feature.TRACE_DRIVE
+_MS: Final = 1000
+_CEILING: Final = 100
+_SHOWN: Final = Feature.CONFIG | Feature.READ_LATCHED
+_DIMMED: Final = _SHOWN | Feature.AMPLITUDE
+#: Sequences of one frame each, whose keys differ in nothing else.
+_ALIKE: Final = (2, 3, 0x0101)
+#: Which of them is played, and whether it is stored anew before; None: a frame of the stream.
+_STEPS_WITH_LIKE_KEYS: Final = (
+    *((number, False) for number in (2, 3, 0x0101, 2, 2)),
+    *((2, True), (3, True), (3, True), None, (3, False), None, (2, True)),
+)
 
 
 def _trace_events(board: BoardClient, since: int) -> int:
@@ -65,37 +90,40 @@ def every_trace_undivided(board: BoardClient) -> None:
     """in modes CRC and RING every latch of stream and playback is told, whatever trace_divider
     is
     """
-    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
         board.hello()
         since = board.arm(trace_mode=mode, trace_divider=3)
-        due = [(0, latch_now(board)) for _ in range(4)]
-        play_out(board, _SEQUENCE, _FRAMES)
-        due += [(_SEQUENCE, number) for number in range(_FRAMES)]
-        seen = latches_received_from_board(board, since, mode)
-        got = [(latch.sequence, latch.index) for latch in seen]
-        check(got == due, f"mode {mode.name}, trace_divider 3: told are {got}, due {due}")
+        due = _latch_and_play(board, 4)
+        _judge_traced_keys(board, since, mode, due)
+
+
+def _latch_and_play(board: BoardClient, number: int) -> list[LatchKey]:
+    """Latch so many frames, then two passes of a sequence where it is taken; return the keys."""
+    due = [LatchKey(0, 0, latch_now(board)) for _ in range(number)]
+    if board.has(Feature.SEQUENCE_PHASES):
+        send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+        play_out(board, _SEQUENCE, _FRAMES, loops=2)
+        due += played_keys(_SEQUENCE, _FRAMES, 2)
+    return due
+
+
+def _judge_traced_keys(
+    board: BoardClient, since: int, mode: TraceMode, due: list[LatchKey]
+) -> None:
+    """FAILED unless the latches that are traced are these, in order, or the last in the ring."""
+    due = due[-board.identity.trace_ring :] if mode is TraceMode.RING else due
+    got = [latch.key for latch in latches_received_from_board(board, since, mode)]
+    wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
+    text = f"mode {mode.name}: keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}"
+    check(got == due, text)
 
 
 @case("HG-8.2/1", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def trace_keys_are_unique(board: BoardClient) -> None:
     """40 stream latches across 0xFFFF and two passes of a sequence have unique keys"""
     mode = ask_for_board_latches(board)
-    board.arm()
-    since, first = board.link.mark(), board.link.stream_next
-    latch_random(board, 40)
-    due = [(0, 0, first + number) for number in range(40)]
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, 4, frames=3)
-        play_out(board, 4, 3, loops=2)
-        due += [(4, loop, index) for loop in range(2) for index in range(3)]
-    if mode is TraceMode.RING:
-        due = due[-board.identity.trace_ring :]
-    seen = latches_received_from_board(board, since, mode)
-    got = [(latch.sequence, latch.loop, latch.index) for latch in seen]
-    check_equal(len(set(got)), len(got), f"{len(got)} latches have {len(set(got))} keys")
-    wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
-    check(got == due, f"keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}")
+    since = board.arm()
+    _judge_traced_keys(board, since, mode, _latch_and_play(board, 40))
 
 
 # --- Times -------------------------------------------------------------------------------------
@@ -104,34 +132,30 @@ def trace_keys_are_unique(board: BoardClient) -> None:
 @case("HG-8.3/1", needs=_TRACED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def traces_tell_the_time(board: BoardClient) -> None:
     """the time in a trace is the carrier period at or after t_apply, as in STATUS"""
-    board.arm(trace_mode=TraceMode.CRC)
-    for offset_us in (0, 3, 990):
-        since = board.link.mark()
-        due_us = board.clock.on_carrier(latch_in_time(board, board.flat_phases(), offset_us))
-        seen = latches_received_from_board(board, since, TraceMode.CRC)
-        check_equal(len(seen), 1, f"one latch gives {len(seen)} TRACE")
-        told_us = seen[0].t_us
-        check(told_us == due_us, f"traced at {told_us} µs, due is {due_us} µs")
-        status_us = board.last_latch_us()
-        check_equal(told_us, status_us, f"TRACE says {told_us} µs, STATUS {status_us} µs")
+    _judge_latch_times(board, TraceMode.CRC, (0, 3, 990))
 
 
 @case("HG-8.3/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def evidence_names_one_time(board: BoardClient) -> None:
     """the time of a latch in TRACE or the ring, in a read-back and in STATUS is the same"""
     for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
-        for offset_us in _OFFSETS_US:
-            board.hello()
-            since, index = board.arm(trace_mode=mode), board.link.stream_next
-            latch_in_time(board, board.flat_phases(), offset_us)
-            times = {"STATUS": board.last_latch_us()}
-            if board.has(Feature.READ_LATCHED):
-                shown = read_back(board).reply
-                check(shown.key.index == index, f"read back is {shown.key.index}, not {index}")
-                times["DRIVE_REPLY"] = board.clock.unwrap(shown.t_latch_us)
-            (latch,) = latches_received_from_board(board, since, mode)
-            times[mode.name] = latch.t_us
-            check_equal(len(set(times.values())), 1, f"one latch at different times: {times}")
+        _judge_latch_times(board, mode, _OFFSETS_US)
+
+
+def _judge_latch_times(board: BoardClient, mode: TraceMode, offsets_us: Sequence[int]) -> None:
+    """FAILED unless all evidence of a latch names the carrier period at or after its t_apply."""
+    for offset_us in offsets_us:
+        board.hello()
+        since = board.arm(trace_mode=mode)
+        due_us = board.clock.on_carrier(latch_in_time(board, board.flat_phases(), offset_us))
+        times = {"STATUS": [board.last_latch_us()]}
+        if board.has(Feature.READ_LATCHED):
+            shown_us = read_back(board).reply.t_latch_us
+            times["DRIVE_REPLY"] = [board.clock.unwrap(shown_us)]
+        latches = latches_received_from_board(board, since, mode)
+        times[mode.name] = [latch.t_us for latch in latches]
+        wrong = {name: told for name, told in times.items() if told != [due_us]}
+        check(not wrong, f"one latch, due at {due_us} µs, is told at {wrong}")
 
 
 @case("HG-8.3/3-before", needs=Feature.CONFIG | Feature.TRACE_RING, evidence=SELF_REPORTED)
@@ -214,16 +238,13 @@ def traces_every_third(board: BoardClient) -> None:
     for anew in range(2):
         if anew:
             board.hello()
-        board.arm()
-        since, first = board.link.mark(), board.link.stream_next
+        since, first = board.arm(), board.link.stream_next
         drives = latch_random(board, 10)
-        board.link.barrier()
-        found = board.link.events(TraceDrive, since)
-        got = [event.key.index - first for _, event in found]
-        check_equal(got, [0, 3, 6, 9], f"of latches 0 to 9 these are traced: {got}")
+        judge_division(board, since, [LatchKey(0, 0, first + n) for n in range(10)], 3)
         events = _trace_events(board, since)
         check_equal(events, 4, "a trace of another kind reports latches as well")
-        for number, (_, event) in zip(got, found, strict=True):
+        for _, event in board.link.events(TraceDrive, since):
+            number = event.key.index - first
             same = event.data == full_client_drive(drives[number])
             check(same, f"TRACE_DRIVE of latch {number} shows another drive than was sent")
 
@@ -250,3 +271,122 @@ def traces_give_way(board: BoardClient) -> None:
     text = f"{frames} latches: {seen} TRACE_DRIVE came, {dropped} are counted as dropped"
     check_equal(seen + dropped, frames, text)
     require(bool(dropped), "this line is fast enough for every trace: none had to give way")
+
+
+@contextmanager
+def _shown_under_ceiling(board: BoardClient, **changes: Any) -> Iterator[None]:
+    """Let the radiated drive differ from the latched one in every phase and loud amplitude."""
+    if board.has(Feature.AMPLITUDE):
+        changes = {"amplitude_ceiling": _CEILING} | changes
+    if board.has(Feature.CORRECTION):
+        upload_correction(board)
+    board.configure(**changes)
+    yield
+    if board.has(Feature.CORRECTION):
+        upload_correction(board, bytes(board.identity.transducers))
+
+
+@case("HG-8.3/2-paths", needs=_SHOWN, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
+    """drives of every format and path, under ceiling and correction: every trace shows the
+    latched
+    """
+    for mode in trace_modes(board):
+        with _shown_under_ceiling(board, trace_mode=mode):
+            board.arm()
+            for path in drive_paths(board):
+                since = board.link.mark()
+                due = registers_asked_for(board, path.latch())
+                shown = read_back(board)
+                name = f"{path.name}, trace {mode.name}"
+                if due is not None:
+                    same = (shown.phases, shown.amplitudes) == due
+                    check(same, f"{name}: the latched drive read back is not the one sent")
+                seen = latches_received_from_board(board, since, mode)
+                check(bool(seen), f"{name}: no latch is traced")
+                check_equal(seen[-1].crc, shown.crc, f"{name}: traced is not the latched drive")
+
+
+@case("HG-8.6/1-shaded", needs=_SHOWN, evidence=SELF_REPORTED)
+def every_span_under_a_ceiling(board: BoardClient) -> None:
+    """READ_DRIVE of every span, of drives of every format under ceiling, correction and a ramp"""
+    with _shown_under_ceiling(board):
+        for stream in stream_kinds(board):
+            message = stream.make()
+            codes = registers_asked_for(board, message)
+            for kind in drive_kinds(board):
+                due = b"".join(codes) if codes and kind is DriveKind.LATCHED else None
+                with named(stream.name):
+                    judge_spans(board, kind, message, due)
+
+
+@case("HG-8.3/2-ramp", needs=_DIMMED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_trace_in_a_ramp(board: BoardClient) -> None:
+    """latches in a ramp, and while the ceiling is 0 and changes, are traced as they are latched"""
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=4)
+    for mode in trace_modes(board):
+        for ceiling in (0, _CEILING):
+            # The host is silent, so that the lease's ramp goes on while queued frames are latched.
+            board.hello()
+            changes = {"amplitude_ceiling": ceiling, "host_timeout_ms": 30, "ramp_ms": 400}
+            since, first = board.arm(trace_mode=mode, **changes), board.link.stream_next
+            registers = [board.random_registers() for _ in range(3)]
+            last_us = board.clock.soon_us(bytes(4 * board.identity.transducers), ahead_us=120 * _MS)
+            times = [last_us - 20 * _MS * place for place in (2, 1, 0)]
+            frames = zip(map(board.phases, registers), times, strict=True)
+            board.link.send(*(board.link.stream_wire(frame, t_us) for frame, t_us in frames))
+            board.clock.end_exchange()
+            board.wire.idle(max(0, times[-1] + 5 * _MS - board.clock.device_estimate_us()))
+            seen = latches_received_from_board(board, since, mode)
+            got = [latch.crc for latch in seen if latch.index >= first]
+            text = f"trace {mode.name}, ceiling {ceiling}, during a ramp: other drives"
+            check_equal(got, list(map(drive_crc, registers)), text)
+
+
+@case("HG-8.3/2-keys", needs=_PLAYED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_trace_of_like_keys(board: BoardClient) -> None:
+    """sequences of one frame, played in turn, stored anew, stream frames between: each has its
+    CRC
+    """
+    for mode in trace_modes(board):
+        board.hello()
+        since, due = board.arm(trace_mode=mode), []
+        stored = {number: send_phases_to_store(board, number, frames=1) for number in _ALIKE}
+        for step in _STEPS_WITH_LIKE_KEYS:
+            if step is None:
+                latch_random(board, 1)
+                continue
+            number, is_new = step
+            if is_new:
+                stored[number] = send_phases_to_store(board, number, frames=1)
+            play_out(board, number, 1)
+            due.append(drive_crc(stored[number][0]))
+            if board.has(Feature.READ_LATCHED):
+                shown = read_back(board)
+                text = f"trace {mode.name}: sequence {number} is read back as another drive"
+                check(shown.crc == due[-1], text)
+        seen = latches_received_from_board(board, since, mode)
+        got = [latch.crc for latch in seen if latch.sequence]
+        pairs = enumerate(zip(got, due, strict=False))
+        wrong = [place for place, (told, sent) in pairs if told != sent]
+        text = f"trace {mode.name}: of {len(due)} playbacks of one frame {len(got)} are told"
+        check(len(got) == len(due) and not wrong, f"{text}, those at {wrong} as other drives")
+
+
+@case("HG-8.4/1-restarts", needs=_FLOODED, evidence=SELF_REPORTED)
+def every_division_starts_anew(board: BoardClient) -> None:
+    """a divider counts the latches of stream and playback from SET_CONFIG and from HELLO on,
+    each
+    """
+    send_phases_to_store(board, _SEQUENCE, frames=2)
+    for before, name in itertools.product(range(4), ("SET_CONFIG", "HELLO")):
+        board.arm(trace_mode=TraceMode.DRIVE, trace_divider=3)
+        latch_random(board, before)
+        if name == "HELLO":
+            board.hello()
+        else:
+            board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
+        since = board.arm()
+        keys = [LatchKey(0, 0, latch_now(board)), *played_keys(_SEQUENCE, 2, 3)]
+        play_out(board, _SEQUENCE, 2, loops=3)
+        judge_division(board, since, keys, 3, f"{before} latches, {name}, ")
