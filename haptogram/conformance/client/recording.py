@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import itertools
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -106,8 +106,11 @@ class DialogueRecording:
             if frame.header is not None and frame.header.type in RESPONSE_RANGE
         }
 
+        times = Counter(map(_seq_of, self._frames(TransferDirection.HOST)))
+
         def text_of(frame: Annotated) -> str:
-            return " -> ".join(filter(None, (_sent_name(frame), answers.get(_seq_of(frame)))))
+            answer = answers.get(_seq_of(frame)) if times[_seq_of(frame)] == 1 else None
+            return " -> ".join(filter(None, (_sent_name(frame), answer)))
 
         runs = [(text, list(run)) for text, run in itertools.groupby(sent, text_of)]
         told = (
@@ -163,8 +166,7 @@ def _sent_name(frame: Annotated) -> str:
 
 def _stream_numbers(run: Sequence[Annotated]) -> str:
     """Return the numbers of alike stream frames and their times: the first and the last."""
-    headers = [frame.header for frame in run if frame.header is not None]
-    headers = [header for header in headers if header.type in STREAM_RANGE]
+    headers = [h for frame in run if (h := frame.header) is not None and h.type in STREAM_RANGE]
     if not headers:
         return ""
     numbers, times = [h.seq for h in headers], [h.time_us for h in headers]

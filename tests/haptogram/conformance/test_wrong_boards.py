@@ -1,6 +1,7 @@
 """Boards that are wrong, ports that are no boards: a clear verdict, and never a hang."""
 
 import dataclasses
+import re
 
 import pytest
 from boards import BAUD, Dying, Wrapped, port, run, virtual
@@ -18,6 +19,8 @@ from haptogram.report.conformance.text import suite_text
 from haptogram.report.conformance.transcript import folded_transcript, marked_transcript
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
+    Arm,
+    ArmReply,
     DriveReply,
     Error,
     ErrorCode,
@@ -85,9 +88,14 @@ def test_frames_sent_before_are_told_with_their_numbers_and_times():
         send(Phases(b"\0"), seq, t_us=100 + seq)
     for seq in (1, 65500, 2):
         send(Phases(b"\0"), seq, flags=Flag.IMMEDIATE)
+    send(Arm(), 8)
+    body = build_body(ArmReply(1), seq=8, time_us=0, session=7, flags=0)
+    recording.add(0, TransferDirection.BOARD, encode_frame(body))
     send(GetStatus(), 9)
     text = "3 x PHASES 65535 to 1 for t 65635 to 101, 3 x PHASES IMMEDIATE 1, 65500, 2"
-    assert recording.before(9) == f"sent before: {text}"
+    assert recording.before(9) == f"sent before: {text}, ARM -> ARM_REPLY"
+    send(GetStatus(), 8)
+    assert recording.before(9) == f"sent before: {text}, ARM"  # of which number 8 is unknown
 
 
 def test_a_failure_shows_its_bytes_and_what_they_mean():
@@ -128,6 +136,28 @@ def test_a_latch_that_does_not_end_the_ramp_of_the_hold_fails():
     assert result.detail.startswith("a frame at once, ")
     text = "the amplitude in DRIVE_REPLY is 229, due at 203.9 ms; the straight line allows 254"
     assert text in result.detail
+
+
+@pytest.mark.parametrize(
+    ("turned", "back", "words"),
+    [
+        (50, 0, r"1 equal points, lag 0x\w+: phase \d+ is \d+, due is [\d.]+"),
+        (50, 1, r"1 equal points, .*: frame 65520 was sent, and DRIVE_REPLY shows frame 65519: ph"),
+    ],
+)
+def test_a_wrong_drive_of_points_is_told_by_its_worst_code_and_its_frame(turned, back, words):
+    def wrong(body):
+        header, reply = parse_body(body)
+        if not isinstance(reply, DriveReply):
+            return body
+        data = bytes([(reply.data[0] + turned) % 256]) + reply.data[1:]
+        key = dataclasses.replace(reply.key, index=reply.key.index - back)
+        keys = {"seq": header.seq, "time_us": header.time_us, "session": header.session}
+        return build_body(dataclasses.replace(reply, key=key, data=data), flags=0, **keys)
+
+    access = virtual(array="3x2", wrap=lambda inner: Rewritten(inner, wrong))
+    [result] = run(access, "HG-5.4/2-sums", depth=Depth.DEFAULT).results
+    assert re.match(words, result.detail), result.detail
 
 
 @pytest.mark.parametrize(
