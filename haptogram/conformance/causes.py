@@ -81,7 +81,9 @@ _LEAST_ALIKE: Final = 3
 _LEAST_SHARE: Final = 1 / 3
 _MOST_SHARE: Final = 1 / 2  # of failures whose common finding is the likeliest cause
 _LEAST_WORDS: Final = 3  # of a part of a finding that says anything
-_CONTEXT: Final = re.compile(r"; sent (?:before|between): .*?(?= \((?:meanwhile|in its)|$)")
+_CONTEXT: Final = re.compile(
+    r"; sent (?:before|between): .*?(?= \((?:meanwhile|in its)|$)|[,;] due (?:is|are) [^,;:(]*"
+)
 _NUMBERS: Final = re.compile(r"0x[0-9a-f]+|-?\d+(?:\.\d+)?")
 
 

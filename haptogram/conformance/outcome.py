@@ -128,6 +128,8 @@ def record_differences(got: object, due: object, due_word: str = "due is") -> st
     --------
     >>> record_differences(b"\x01\x02\x03", b"\x01\x05\x03")
     '1 of 3 bytes: [1] is 2, due is 5'
+    >>> record_differences(b"\x01\x02\x03", b"\x01\x02")
+    'bytes: 3 bytes, due is 2; [2] is 3, due is missing'
     >>> record_differences((1, 2), (1, 3), due_word="was")
     'is (1, 2), was (1, 3)'
     """
@@ -178,7 +180,10 @@ def _different_drives(got: bytes, due: bytes, due_word: str) -> Iterator[str]:
 
 def _different_bytes(name: str, got: bytes, due: bytes, due_word: str) -> str:
     if len(got) != len(due):
-        return f"{name}: {len(got)} bytes, {due_word} {len(due)}"
+        pairs = enumerate(zip_longest(got, due, fillvalue=_MISSING))
+        n, (one, other) = next((n, pair) for n, pair in pairs if pair[0] != pair[1])
+        values = f"[{n}] is {_value_text(one)}, {due_word} {_value_text(other)}"
+        return f"{name}: {len(got)} bytes, {due_word} {len(due)}; {values}"
     wrong = [place for place, (one, other) in enumerate(zip(got, due, strict=True)) if one != other]
     shown = "; ".join(f"[{n}] is {got[n]}, {due_word} {due[n]}" for n in wrong[:_SHOWN])
     more = "; ..." if len(wrong) > _SHOWN else ""

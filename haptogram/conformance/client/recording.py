@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import itertools
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -28,6 +28,7 @@ _SHOWN_BYTES: Final = 96  # of one transfer
 _PER_LINE: Final = 32
 _ALWAYS_US: Final = 1 << 63
 _TOLD_BEFORE: Final = 4  # frames, of those before one
+_TOLD_NUMBERS: Final = 12  # of stream frames that are in no order
 _TOLD_FIELDS: Final = 100  # characters of a message
 
 
@@ -105,8 +106,11 @@ class DialogueRecording:
             if frame.header is not None and frame.header.type in RESPONSE_RANGE
         }
 
+        times = Counter(map(_seq_of, self._frames(TransferDirection.HOST)))
+
         def text_of(frame: Annotated) -> str:
-            return " -> ".join(filter(None, (_sent_name(frame), answers.get(_seq_of(frame)))))
+            answer = answers.get(_seq_of(frame)) if times[_seq_of(frame)] == 1 else None
+            return " -> ".join(filter(None, (_sent_name(frame), answer)))
 
         runs = [(text, list(run)) for text, run in itertools.groupby(sent, text_of)]
         told = (
@@ -161,10 +165,18 @@ def _sent_name(frame: Annotated) -> str:
 
 
 def _stream_numbers(run: Sequence[Annotated]) -> str:
-    """Return the numbers of alike stream frames, the first and the last."""
-    headers = [frame.header for frame in run if frame.header is not None]
-    numbers = [str(header.seq) for header in headers if header.type in STREAM_RANGE]
-    return f" {' to '.join(dict.fromkeys([numbers[0], numbers[-1]]))}" if numbers else ""
+    """Return the numbers of alike stream frames and their times: the first and the last."""
+    headers = [h for frame in run if (h := frame.header) is not None and h.type in STREAM_RANGE]
+    if not headers:
+        return ""
+    numbers, times = [h.seq for h in headers], [h.time_us for h in headers]
+    in_turn = all((two - one) & 0xFFFF == 1 for one, two in itertools.pairwise(numbers))
+    text = " " + (_span_text(numbers) if in_turn else ", ".join(map(str, numbers[:_TOLD_NUMBERS])))
+    return text if headers[0].flags & Flag.IMMEDIATE else f"{text} for t {_span_text(times)}"
+
+
+def _span_text(numbers: Sequence[int]) -> str:
+    return " to ".join(map(str, dict.fromkeys([numbers[0], numbers[-1]])))
 
 
 def _seq_of(frame: Annotated) -> int | None:

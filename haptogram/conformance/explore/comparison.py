@@ -206,13 +206,29 @@ class DialogueComparison:
         """
         for kind in ("responses", "events"):
             one, other = getattr(self.ours, kind), getattr(self.theirs, kind)
-            for mine, due in zip(one, other, strict=False):
-                if text := self._frame(mine, due):
+            for place, (mine, due) in enumerate(zip(one, other, strict=False)):
+                if text := self._not_due(mine, other[place:]) or self._frame(mine, due):
                     return text
             if len(one) < len(other):
                 message = other[len(one)].message
                 return f"{clause_of_due_message(message)}: no {_named_in_dialogue(message)} comes"
         return self._order() if self.near_us < _TIMER_US else ""
+
+    def _not_due(self, mine: FrameInDialogue, left: Sequence[FrameInDialogue]) -> str:
+        """Return that an event comes in place of the next of those *left*, and is none of them."""
+        due, name = left[0], _named_in_dialogue(mine.message)
+        if mine.header.type not in EVENT_RANGE or _kind_in_dialogue(mine) == _kind_in_dialogue(due):
+            return ""
+        apart_us = self.near_us + _TIMER_US
+        of_kind = [one for one in left if _kind_in_dialogue(one) == _kind_in_dialogue(mine)]
+        times_us = [signed_difference(f.header.time_us, mine.header.time_us, 32) for f in of_kind]
+        is_behind = signed_difference(mine.header.time_us, due.header.time_us, 32) > apart_us
+        if is_behind or any(abs(t_us) <= apart_us for t_us in times_us):
+            return ""  # the one that is due is missing
+        return (
+            f"{clause_of_due_message(mine.message)}: {name} for t {mine.header.time_us} comes and "
+            f"is not due; next is {_named_in_dialogue(due.message)} for t {due.header.time_us}"
+        )
 
     def _order(self) -> str:
         """Return the first event that leaves before the response of its request (HG-4.11/5)."""
@@ -248,7 +264,8 @@ class DialogueComparison:
             apart_us += _TIMER_US
         if not _is_near_in_dialogue(header.time_us, due_header.time_us, apart_us):
             clause = clause_of_header_field(due.message, "time_us")
-            times = f"time_us of the header is {header.time_us}, due is {due_header.time_us}"
+            late_us = signed_difference(header.time_us, due_header.time_us, 32)
+            times = f"time_us of the header is {header.time_us}, {late_us:+d} µs from what is due"
             return f"{clause}: {_named_in_dialogue(message)}: {times}"
         return self._message(message, due.message)
 
@@ -347,6 +364,10 @@ def _key_in_dialogue(message: Message) -> LatchKey | None:
     if isinstance(message, TracePlayback | TraceDrive | DriveReply):
         return message.key
     return None
+
+
+def _kind_in_dialogue(frame: FrameInDialogue) -> tuple[type[Message], LatchKey | None]:
+    return type(frame.message), _key_in_dialogue(frame.message)
 
 
 def _is_absent_sequence_in_dialogue(due: Message) -> bool:

@@ -10,6 +10,7 @@ from typing import Final
 from haptogram.machine.process import time_without_processor_us
 from haptogram_protocol.framing import MAX_ENCODED_BYTES
 from haptogram_protocol.messages import (
+    RESPONSE_RANGE,
     Config,
     Error,
     GetStatus,
@@ -390,10 +391,12 @@ class Lockstep:
         """Wait for the frames that are due; in virtual time no longer than the slot lasts."""
         wire = self._board.wire
         number = _number_of_lockstep_frames(frame.message for frame in due) - len(self._early)
+        answers = _number_of_answers(due) - _number_of_answers(self._early)
 
         def are_there() -> bool:
             pieces = wire.received[self._since :]
-            return _number_of_lockstep_frames(piece.message for piece in pieces) >= number
+            came = _number_of_lockstep_frames(piece.message for piece in pieces)
+            return came >= number and _number_of_answers(pieces) >= answers
 
         left_us = max(0, end_us - self._board.clock.device_estimate_us())
         left_us += wire.line_us(sum(len(frame.body) + _AROUND for frame in due))
@@ -460,6 +463,10 @@ def _arrivals_of_slot(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes)
     if found:
         found[-1].wires.append(end)
     return found
+
+
+def _number_of_answers(frames: Iterable[FrameInDialogue | ReceivedByClient]) -> int:
+    return sum(frame.header is not None and frame.header.type in RESPONSE_RANGE for frame in frames)
 
 
 def _number_of_lockstep_frames(messages: Iterable[Message | None]) -> int:

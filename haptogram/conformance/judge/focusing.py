@@ -111,9 +111,18 @@ def judge_drive_of_points(
     name: str,
 ) -> None:
     """FAILED if a phase or an amplitude of *shown* is off by more than one step."""
-    found = [(points, shown)]
-    worst = float(abs(judged_phase_errors(model, found)).max(initial=0.0))
-    check(worst <= _WORST_STEPS, f"{name}: a phase is off by {worst:.2f} steps")
+    found, key, last = [(points, shown)], shown.reply.key, board.link.stream_next - 1
+    if not key.sequence and key.index != last:
+        name += f": frame {last} was sent, and DRIVE_REPLY shows frame {key.index}"
+    errors = np.zeros(len(shown.phases))
+    errors[np.abs(weights_of_points(model, points)) >= 1 / 16] = judged_phase_errors(model, found)
+    _check_codes(shown.phases, errors, f"{name}: phase")
     if board.has(Feature.AMPLITUDE):
-        worst = float(abs(judged_amplitude_errors(model, found)).max())
-        check(worst <= _WORST_STEPS, f"{name}: an amplitude is off by {worst:.2f} steps")
+        _check_codes(shown.amplitudes, judged_amplitude_errors(model, found), f"{name}: amplitude")
+
+
+def _check_codes(codes: bytes, errors: NDArray[np.float64], what: str) -> None:
+    """FAILED, with the worst of *codes*, if it is off by more than one step."""
+    n = int(np.abs(errors).argmax())
+    due = (codes[n] - errors[n]) % _STEPS
+    check(abs(errors[n]) <= _WORST_STEPS, f"{what} {n} is {codes[n]}, due is {due:.2f}")

@@ -85,11 +85,12 @@ def judge_straight_ramp(
             least, most = min(begin * low - 1, cut), min(begin * high + 1, cut)
             if not least <= got <= most:
                 as_ms = (1 - got / max(begin, 1)) * ramp_ms
+                when = f"due at {as_ms:.1f} ms" if got <= begin else "more than at its beginning"
                 judge_in_time(
                     board,
                     False,
                     f"{name}{reading.from_ms:.1f} ms after the hold ended, in a ramp of {ramp_ms} "
-                    f"ms from amplitude {begin}, the amplitude is {got}, due at {as_ms:.1f} ms; "
+                    f"ms from amplitude {begin}, the amplitude in DRIVE_REPLY is {got}, {when}; "
                     f"the straight line allows {least:.1f} to {most:.1f}; {_ramp_text(ramp)}",
                 )
 

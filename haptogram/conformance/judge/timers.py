@@ -22,7 +22,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 from ..client.board_client import BoardClient
 from ..client.latching import latch_now
 from ..client.playback import play_now, send_phases_that_fit
-from ..outcome import HeldUpError, check, fail
+from ..outcome import HeldUpError, check, fail, named
 
 EXACT_US: Final = 1000  # HG-12.1: timers are within 1 ms
 _MS: Final = 1000
@@ -88,7 +88,8 @@ class TimerKind:
         """FAILED unless it mutes *due_ms* after *start_us*; see :func:`judge_mute_time`."""
         name = name or f"{self.name} = {due_ms}"
         timeout_us = (due_ms + _PATIENCE_MS) * _MS
-        header, _ = judged_mute_by_timer(board, since, timeout_us, self.reason)
+        with named(name):
+            header, _ = judged_mute_by_timer(board, since, timeout_us, self.reason)
         judge_mute_time(board, start_us, header, due_ms, name, asked_us=asked_us)
 
     def judge_whole(
@@ -144,7 +145,7 @@ def judged_mute_by_timer(
     found = board.link.await_event(StateChanged, since, timeout_us)
     if found is None:
         _require_not_muted_before(board, since)
-        board.lacks_event(StateChanged, since, timeout_us, reason.name)
+        board.lacks_event(StateChanged, since, timeout_us, f"due is MUTED, {reason.name}")
     header, event = found
     judge_in_time(
         board,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
@@ -17,6 +18,9 @@ _CAUSES: Final = 3  # failures with their bytes; the others may follow from thes
 _IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
 _FAILURES: Final = 12  # that are named in the line of all of them
 _NAMED: Final = 3  # cases that are named where they have a reason in common
+_NEXT_FRAME: Final = "\n" + 17 * " "  # of a dialogue
+_LONG_HEX: Final = re.compile(r"\b([0-9a-f]{64})[0-9a-f]{9,}")
+_CUT_HEX: Final = r"\1 ..."
 
 
 def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
@@ -88,7 +92,9 @@ def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
     yield f"    requirement  {result.requirement}"
     yield f"    case         {result.summary}"
     if result.detail:
-        yield f"    found        {result.detail}"
+        first, *others = result.detail.split(" || ")  # differences in dialogues
+        yield f"    found        {_LONG_HEX.sub(_CUT_HEX, first.replace(' | ', _NEXT_FRAME))}"
+        yield from (f"    also         {other.partition('; dialogue ')[0]}" for other in others)
     if result.recovery is not None and not result.recovery.clean:
         yield f"    recovery     {result.recovery}"
     yield from (f"    {line}" for line in folded_transcript(result))

@@ -11,6 +11,12 @@ from haptogram.conformance.verdict import CaseResult
 _HEAD: Final = re.compile(r"^(\s*[+-][\d.]+ s) (host|board) ?")
 _WORDS: Final = re.compile(r"0x[0-9a-f]+|\d{4,}|[A-Z]{3,}(?:_[A-Z]+)*|[a-z]+(?:_[a-z]+)+")
 _SEQ: Final = re.compile(r"\w+ seq (\d+) ")
+#: Parts of a finding that are no deed of the board: what is due, what is missing, what came before.
+_NOT_DONE: Final = re.compile(
+    r"; (?:sent (?:before|between): .*?(?= \((?:meanwhile|in its)|$)|dialogue \d+.*)"
+    r"|should [^;]*; |(?:[A-Z_]+: )?no [A-Z_]+ within [^;]*|\bdue (?:is|are) [^;,:]*",
+    re.DOTALL,
+)
 _READINGS: Final = ("PING", "GET_STATUS", "GET_CONFIG", "READ_DRIVE", "READ_TRACE")
 _ZEROS: Final = re.compile(r"\b\w+=0(?:, |(?=\)))")  # counters that say nothing
 _MOST: Final = 9  # frames of a folded transcript
@@ -66,12 +72,13 @@ def folded_transcript(result: CaseResult) -> Iterator[str]:
 def _deciding_frames(result: CaseResult) -> list[_Frame]:
     """Return the frame of the board that the finding speaks of, what it answers, and its cause."""
     frames = _frames_of(result.transcript)
-    told = set(_WORDS.findall(result.detail))
+    done = _NOT_DONE.sub("", result.detail)
+    told = {"STATUS_REPLY"} if "counted " in done else set(_WORDS.findall(done))
 
     def place(frame: _Frame) -> tuple[int, int]:
         words = set(_WORDS.findall(frame.text))
         alike = sum(1 if word.islower() else 3 for word in words & told)
-        is_named = frame.name.removesuffix("_REPLY") in told
+        is_named = bool(told & {frame.name, frame.name.removesuffix("_REPLY")})
         return alike + 4 * is_named, frame.lines.start
 
     board = [frame for frame in frames if frame.sender == "board"]

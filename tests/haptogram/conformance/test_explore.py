@@ -91,6 +91,7 @@ from haptogram_protocol.messages import (
     ReadDrive,
     SetConfig,
     StatusReply,
+    Trace,
     TraceMode,
     UploadBegin,
     build_body,
@@ -465,6 +466,31 @@ def test_a_difference_names_the_clause_of_which_it_speaks(mine, due, words):
     assert re.match(words, DialogueComparison(ours, theirs, host, 10).difference())
     missing = DialogueComparison(DialogueAnswers([], [], base), theirs, host, 10).difference()
     assert re.match(r"HG-\d+\.\d+/\d+: no [A-Z_]+.* comes", missing)
+
+
+@pytest.mark.parametrize(
+    ("mine", "mine_us", "words"),
+    [
+        (Trace(4, 0), 100, "HG-8.1/1: TRACE .* for t 100 comes and is not due; next is TRACE"),
+        (PlaybackEnded(1, 1, 1), 4000, "HG-7.8/1: PLAYBACK_ENDED .* is not due; next is TRACE"),
+        (PlaybackEnded(1, 1, 1), 9000, "HG-8.1/1: due is TRACE {'index': 5, .*, there comes PLAY"),
+        (
+            Trace(5, 0),
+            4100,
+            "HG-8.3/1: TRACE .*: time_us of the header is 4100, \\+100 µs from what",
+        ),
+    ],
+)
+def test_an_event_that_comes_instead_of_another_is_named(mine, mine_us, words):
+    base, host = DialogueBase(COUNTERS), DialogueHost(None, 7, 1, 0)
+
+    def answers(*told):
+        frames = [FrameInDialogue(Header(m.TYPE, 0, 0, t_us, 7), m) for m, t_us in told]
+        return DialogueAnswers.of(frames, base)
+
+    due = answers((Trace(5, 0), 4000), (PlaybackEnded(1, 1, 1), 9000))
+    found = DialogueComparison(answers((mine, mine_us)), due, host, 10).difference()
+    assert re.match(words, found), found
 
 
 def test_every_counter_and_every_message_of_a_board_has_a_clause():

@@ -96,6 +96,8 @@ def test_what_many_failures_find_alike_is_told_in_the_plainest_words():
     others = [failure_of(f"HG-5.1/{n}", f"{'more ' * n}findings") for n in range(3, 9)]
     assert common_finding([*failures, *others]) is None  # nor is less than a third
     assert common_finding([]) is None
+    numbers = [failure_of(f"HG-5.1/{n}", f"{'more ' * n}traces; due is {n}") for n in range(3, 9)]
+    assert common_finding(numbers) is None  # a number that is due is none
 
 
 def test_each_variant_of_many_clauses_is_one_of_some_case():

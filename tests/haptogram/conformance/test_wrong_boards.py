@@ -1,6 +1,7 @@
 """Boards that are wrong, ports that are no boards: a clear verdict, and never a hang."""
 
 import dataclasses
+import re
 
 import pytest
 from boards import BAUD, Dying, Wrapped, port, run, virtual
@@ -8,6 +9,7 @@ from identities import identity
 
 from haptogram.conformance.case import Case, Depth
 from haptogram.conformance.client.latching import latch_now
+from haptogram.conformance.client.recording import DialogueRecording, TransferDirection
 from haptogram.conformance.judge.timers import judge_in_time
 from haptogram.conformance.outcome import CaseEndedError, check, inconclusive
 from haptogram.conformance.run.access import VirtualAccess
@@ -18,11 +20,17 @@ from haptogram.report.conformance.text import suite_text
 from haptogram.report.conformance.transcript import folded_transcript, marked_transcript
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
+    Arm,
+    ArmReply,
     DriveReply,
     Error,
     ErrorCode,
     Feature,
+    Flag,
+    GetStatus,
     MessageType,
+    Phases,
+    StopReply,
     build_body,
     parse_body,
 )
@@ -51,6 +59,47 @@ class Rewritten(Wrapped):
         return b"".join(encode_frame(self.change(body)) for body in bodies)
 
 
+def marked_frames(result):
+    return [line.split()[4] for line in folded_transcript(result) if line.startswith("> ")]
+
+
+def test_the_frames_that_a_finding_speaks_of_are_marked_and_not_those_that_are_due():
+    def taken(body):
+        header, message = parse_body(body)
+        if not isinstance(message, Error) or message.request != MessageType.STOP:
+            return body
+        keys = {"seq": header.seq, "time_us": header.time_us, "session": header.session}
+        return build_body(StopReply(0), flags=0, **keys)
+
+    access = virtual(array="3x2", wrap=lambda inner: Rewritten(inner, taken))
+    [result] = run(access, "HG-3.5/1").results
+    assert result.detail.endswith(
+        "ERROR(UNSUPPORTED), detail 0x10; got STOP_REPLY (state DISARMED)"
+    )
+    assert marked_frames(result) == ["STOP", "STOP_REPLY"]
+
+
+def test_frames_sent_before_are_told_with_their_numbers_and_times():
+    recording = DialogueRecording()
+
+    def send(message, seq, t_us=0, flags=0):
+        body = build_body(message, seq=seq, time_us=t_us, session=7, flags=flags)
+        recording.add(0, TransferDirection.HOST, encode_frame(body))
+
+    for seq in (65535, 0, 1):
+        send(Phases(b"\0"), seq, t_us=100 + seq)
+    for seq in (1, 65500, 2):
+        send(Phases(b"\0"), seq, flags=Flag.IMMEDIATE)
+    send(Arm(), 8)
+    body = build_body(ArmReply(1), seq=8, time_us=0, session=7, flags=0)
+    recording.add(0, TransferDirection.BOARD, encode_frame(body))
+    send(GetStatus(), 9)
+    text = "3 x PHASES 65535 to 1 for t 65635 to 101, 3 x PHASES IMMEDIATE 1, 65500, 2"
+    assert recording.before(9) == f"sent before: {text}, ARM -> ARM_REPLY"
+    send(GetStatus(), 8)
+    assert recording.before(9) == f"sent before: {text}, ARM"  # of which number 8 is unknown
+
+
 def test_a_failure_shows_its_bytes_and_what_they_mean():
     def armed_for_muted(body):
         lies = body[0] == MessageType.MUTE_REPLY
@@ -67,7 +116,7 @@ def test_a_failure_shows_its_bytes_and_what_they_mean():
     assert "state ARMED" in text
     assert "02 42" in text
     shown = [line for line in folded_transcript(failed) if line.startswith("> ")]
-    assert [line.split()[4] for line in shown] == ["MUTE", "MUTE_REPLY"]
+    assert marked_frames(failed) == ["MUTE", "MUTE_REPLY"]
     assert all(line in suite_text(suite) for line in shown)
     assert len(list(folded_transcript(failed))) <= 14 < len(failed.transcript)
     assert sum(line.startswith("> ") for line in marked_transcript(failed)) < 10
@@ -87,7 +136,30 @@ def test_a_latch_that_does_not_end_the_ramp_of_the_hold_fails():
     [result] = run(access, "HG-6.11/4-latches").results
     assert result.behaviour is Behaviour.FAILED
     assert result.detail.startswith("a frame at once, ")
-    assert "the amplitude is 229, due at 203.9 ms; the straight line allows 254" in result.detail
+    text = "the amplitude in DRIVE_REPLY is 229, due at 203.9 ms; the straight line allows 254"
+    assert text in result.detail
+
+
+@pytest.mark.parametrize(
+    ("turned", "back", "words"),
+    [
+        (50, 0, r"1 equal points, lag 0x\w+: phase \d+ is \d+, due is [\d.]+"),
+        (50, 1, r"1 equal points, .*: frame 65520 was sent, and DRIVE_REPLY shows frame 65519: ph"),
+    ],
+)
+def test_a_wrong_drive_of_points_is_told_by_its_worst_code_and_its_frame(turned, back, words):
+    def wrong(body):
+        header, reply = parse_body(body)
+        if not isinstance(reply, DriveReply):
+            return body
+        data = bytes([(reply.data[0] + turned) % 256]) + reply.data[1:]
+        key = dataclasses.replace(reply.key, index=reply.key.index - back)
+        keys = {"seq": header.seq, "time_us": header.time_us, "session": header.session}
+        return build_body(dataclasses.replace(reply, key=key, data=data), flags=0, **keys)
+
+    access = virtual(array="3x2", wrap=lambda inner: Rewritten(inner, wrong))
+    [result] = run(access, "HG-5.4/2-sums", depth=Depth.DEFAULT).results
+    assert re.match(words, result.detail), result.detail
 
 
 @pytest.mark.parametrize(
@@ -118,8 +190,11 @@ def test_a_counter_that_is_wrong_fails_the_clause_that_asks_for_it(monkeypatch):
     monkeypatch.setattr(BoardCounters, "drop", drop)
     asked = ("HG-5.7/1", "HG-6.1", "HG-6.2", "HG-6.4/1", "HG-7.6/1")
     results = run(virtual(array="3x2"), *asked, depth=Depth.DEFAULT).results
-    failed = [result.case for result in results if result.is_failure]
-    assert failed == [f"HG-5.7/1{variant}" for variant in ("", "-fault", "-states", "-types")]
+    failed = [result for result in results if result.is_failure]
+    cases = [f"HG-5.7/1{variant}" for variant in ("", "-fault", "-states", "-types")]
+    assert [result.case for result in failed] == cases
+    *_, asked, told = marked_frames(failed[0])
+    assert (asked, told) == ("GET_STATUS", "STATUS_REPLY")  # which the finding speaks of
 
 
 class Drowsy(Wrapped):

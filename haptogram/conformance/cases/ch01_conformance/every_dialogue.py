@@ -67,6 +67,7 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
         while found.goes_on and _goes_on_after_dialogue(lockstep.board, number, compared, start_us):
             compared += _judge_random_dialogue(lockstep, number, coverage, found)
             number += 1
+        found.replay()
     except HaptogramError:
         if not found.by_clause:
             raise  # else the board differed before
@@ -100,6 +101,8 @@ class DialogueDifferences:
     ----------
     by_clause : dict of str to str
         Difference and dialogue, by the clause that it speaks of.
+    replays : dict of str to callable
+        Plays the dialogue again, by the same clause.
     dialogues : int
         Number of dialogues that differed.
     shrinking_us : int
@@ -107,6 +110,7 @@ class DialogueDifferences:
     """
 
     by_clause: dict[str, str] = field(default_factory=dict)
+    replays: dict[str, Callable[[], object]] = field(default_factory=dict)
     dialogues: int = 0
     shrinking_us: int = 0
 
@@ -115,9 +119,17 @@ class DialogueDifferences:
         """False as soon as more dialogues would hardly tell more."""
         return len(self.by_clause) < _CLAUSES and self.dialogues < _DIFFERENT
 
+    def replay(self) -> None:
+        """Play the dialogue of the likeliest cause again: its bytes are those of the case."""
+        for clause in self._clauses()[:1]:
+            self.replays[clause]()
+
+    def _clauses(self) -> list[str]:
+        return sorted(self.by_clause, key=cause_rank)
+
     def text(self) -> str:
         """Return the differences in words, the likeliest cause first."""
-        told = [self.by_clause[clause] for clause in sorted(self.by_clause, key=cause_rank)]
+        told = [self.by_clause[clause] for clause in self._clauses()]
         many = f"{len(told)} differences in {self.dialogues} dialogues: " if len(told) > 1 else ""
         return many + " || ".join(told)
 
@@ -191,6 +203,7 @@ def _judge_random_dialogue(
         lines = played.lines[-_SHOWN:]
     sent = f"[before it: {_BEFORE}, {config}; sent: {' | '.join(lines)}]"
     found.by_clause[clause] = f"{last.difference}; {text} {sent}"
+    found.replays[clause] = lambda: play(short)
     found.dialogues += 1
     return True
 

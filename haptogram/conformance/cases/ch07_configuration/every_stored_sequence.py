@@ -81,7 +81,8 @@ class SequenceStore:
         """FAILED unless every sequence is played as it was uploaded."""
         for sequence, due in self.crcs.items():
             got = played_crcs(self.board, sequence, len(due))
-            check(got == due, f"{name}: sequence {sequence:#06x} is not played as it was uploaded")
+            text = f"{name}: sequence {sequence:#06x} is not played as it was uploaded: CRC-32"
+            check_equal(got, due, text)
 
 
 @case("HG-7.4/1-store", needs=TRACED_PLAYS, evidence=SELF_REPORTED)

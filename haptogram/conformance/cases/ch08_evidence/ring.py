@@ -142,7 +142,7 @@ def ring_counts_every_mode(board: BoardClient) -> None:
         index = latch_now(board, board.flat_phases(total + 1))
         total += 2
         reply = read_ring(board)
-        check_equal(reply.next, total, f"{mode.name}: {total} latches, the next is {reply.next}")
+        check_equal(reply.next, total, f"{mode.name}: next of TRACE_REPLY is {reply.next}")
         if mode is TraceMode.RING:
             last = [(record.number, record.key.index) for record in reply.records[-2:]]
             due = [(total - 2, index - 1), (total - 1, index)]
