@@ -190,16 +190,9 @@ def why_observations_incomplete(
     last : FrameKey, optional
         A frame with which the records are taken to be whole, if the board has not ended.
     """
-    numbers = [
-        record["number"]
-        for record in records
-        if record["kind"] == "latch" and session in (None, record["session"])
-    ]
-    end = records[-1] if records and records[-1]["kind"] == _END else None
-    gaps = max(numbers) + 1 - len(numbers) if numbers and session is not None else 0
-    missing = max(gaps, end["dropped"] if end else 0)
-    if missing:
+    if missing := _lacked_latches(records, session):
         return f"the back door lacks {missing} latches that found its queue full"
+    end = _end_record(records)
     if end is not None:
         return None if end["clean"] else "the board was killed before its last latches were told"
     if last is not None and any(is_observed_latch_of(record, last) for record in records):
@@ -208,6 +201,22 @@ def why_observations_incomplete(
         "the back door fell silent before the last frame: its process waits for a processor, "
         "or the board lost it; in virtual time, the default of VirtualBoard, nothing waits"
     )
+
+
+def _lacked_latches(records: Sequence[Mapping[str, Any]], session: int | None) -> int:
+    """Return how many latches of *session* are missing before the last one that was told."""
+    numbers = [
+        record["number"]
+        for record in records
+        if record["kind"] == "latch" and session in (None, record["session"])
+    ]
+    end = _end_record(records)
+    gaps = max(numbers) + 1 - len(numbers) if numbers and session is not None else 0
+    return max(gaps, end["dropped"] if end else 0)
+
+
+def _end_record(records: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    return records[-1] if records and records[-1]["kind"] == _END else None
 
 
 def is_observed_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:
@@ -250,7 +259,7 @@ def observed_losses_on_clock_of(
     output = [record for record in records if record["kind"] == "output"]
     drops = [record for record in output if record["event"] == "dropped"]
     states = [r for r in output if r["event"] == "state" and r["state"] != _ARMED]
-    latches = (record for record in records if record["kind"] == "latch")
+    latches = [record for record in records if record["kind"] == "latch"]  # numbered, of our wire
     shift_us = _shift_of_observations_us(
         intended,
         (
@@ -266,6 +275,8 @@ def observed_losses_on_clock_of(
         timeouts_us=tuple(r["t_us"] + shift_us for r in states if r["reason"] in TIMED_OUT),
         mutes_us=tuple(r["t_us"] + shift_us for r in states if r["requested"]),
         is_machine_in_between=is_machine_in_between,
+        is_told_in_order=bool(intended and latches)
+        and not _lacked_latches(records, intended[0].key.session),
     )
 
 

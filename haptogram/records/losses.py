@@ -43,6 +43,9 @@ class BoardLosses:
     is_machine_in_between : bool
         Whether the board is a process that waits for a processor of this machine: then it can read
         late what the host sent in time.
+    is_told_in_order : bool
+        Whether all latches up to the last one are told: then no frame before that one was latched
+        without being seen.
     """
 
     drops: Mapping[FrameKey, FrameDrop] = field(default_factory=dict)
@@ -52,3 +55,4 @@ class BoardLosses:
     counters: Mapping[str, int] = field(default_factory=dict)
     latched: int | None = None
     is_machine_in_between: bool = False
+    is_told_in_order: bool = False

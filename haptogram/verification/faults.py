@@ -153,7 +153,7 @@ def _phase_drive_faults(
     )
     if not named and not few:
         named = _mixed_up_drive_fault(model, intended, wanted, found, grid)
-        named = named or shaped_drive_fault(model, difference, grid, allowance)
+        named = named or shaped_drive_fault(model, intended, difference, allowance)
         named = named or _units_out_of_step(model, difference, grid)
     named = named or _stuck_together(model, found, off, grid)
     if not named and few:
@@ -246,15 +246,34 @@ def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid)
     """Name parts of the array that are each off by one phase, if that explains all errors."""
     values, counts = np.unique(difference, return_counts=True)
     relative = _signed_drive_difference(difference - values[counts.argmax()])
+    relative = _joined_by_rounding(relative, grid.step)
     errors = [int(error) for error in np.unique(relative) if error]
-    bits = len(difference) * np.log2(grid.steps / max(len(values), 1))
-    if len(values) > _MOST_UNITS or bits < _CHANCE_BITS or min(map(abs, errors)) < _TWO * grid.step:
+    bits = len(difference) * np.log2(grid.steps / len(values))
+    if (
+        len(errors) >= _MOST_UNITS
+        or bits < _CHANCE_BITS
+        or min(map(abs, errors)) < _TWO * grid.step
+    ):
         return []
     return [
         f"{_numbered_run_text(model, np.flatnonzero(relative == error))} "
         + ("inverted" if error == -TURN // 2 else f"off by {grid.text(error)}")
         for error in errors
     ]
+
+
+def _joined_by_rounding(errors: Codes, step: float) -> Codes:
+    """Return *errors* with the commonest in place of those a step beside it, but for the small.
+
+    A phase that is added before the rounding makes two codes of one error.
+    """
+    joined, left = errors.copy(), np.abs(errors) >= _TWO * step
+    values, counts = np.unique(errors[left], return_counts=True)
+    for value in values[np.argsort(-counts, kind="stable")]:
+        near = left & (np.abs(_signed_drive_difference(errors - value)) <= step)
+        joined[near] = value
+        left &= ~near
+    return joined
 
 
 def _numbered_run_text(model: AcousticModel, numbers: NDArray[np.intp]) -> str:

@@ -122,22 +122,28 @@ def _serpentine_drive_order(grid: Codes) -> Codes:
 
 
 def shaped_drive_fault(
-    model: AcousticModel, difference: Codes, grid: PhaseGrid, allowance: int
+    model: AcousticModel, intended: Intended, difference: Codes, allowance: int
 ) -> list[str]:
-    """Name a twin or a vortex in place of a focus, by the difference of the codes."""
-    array = model.array
-    local = array.local_m(array.positions_m)[:, :2]
-    around = np.arctan2(local[:, 1], local[:, 0])
-    seen = np.linalg.norm(local, axis=1) > _MIDDLE
-    if seen.sum() < _LEAST_ELEMENTS:
-        return []
+    """Name a twin or a vortex in place of a focus, by the difference of the codes.
+
+    The axis of a vortex goes through the middle of the array or the focus.
+    """
+    array, grid = model.array, PhaseGrid.of(intended)
+    foci_m = [focus.position_m for focus in intended.foci[:1]]
+    local = array.local_m(np.vstack([array.positions_m, *foci_m]))[:, :2]
     limit = grid.step / 2.0 + allowance + grid.code
-    for charge in _CHARGES:
-        turned = difference[seen] - charge * around[seen] * TURN / (2.0 * np.pi)
-        if _most_apart(turned) <= 2.0 * limit:
-            return [f"vortex of charge {charge:+d} in place of a focus"]
-    if _is_half_plane(difference[seen], around[seen]):
-        return ["twin in place of a focus: one half of the elements inverted"]
+    for middle in (np.zeros(2), *local[array.count :]):
+        places = local[: array.count] - middle
+        around = np.arctan2(places[:, 1], places[:, 0])
+        seen = np.linalg.norm(places, axis=1) > _MIDDLE
+        if seen.sum() < _LEAST_ELEMENTS:
+            return []
+        for charge in _CHARGES:
+            turned = difference[seen] - charge * around[seen] * TURN / (2.0 * np.pi)
+            if _most_apart(turned) <= 2.0 * limit:
+                return [f"vortex of charge {charge:+d} in place of a focus"]
+        if _is_half_plane(difference[seen], around[seen]):
+            return ["twin in place of a focus: one half of the elements inverted"]
     return []
 
 

@@ -156,7 +156,7 @@ def verify_run(
         if latches:
             held = HeldFocus.after(wanted, latches[0], verdict)
             missed.losses.latched(latches[0].t_latch_us)
-        elif unseen is not None:
+        elif unseen is not None and verdict.status is not FrameStatus.LOST:
             held = HeldFocus(
                 None, verdict.target_m, due.latest_us
             )  # who knows whether it was latched?
@@ -234,12 +234,14 @@ class _MissedFrames:
         )
         self._unseen = _NOTHING_SHOWN if unseen is None and not is_shown else unseen
         self._after = max((f.number for f in intended if f.key in seen), default=-1)
+        self._is_told_in_order = losses is not None and losses.is_told_in_order
 
     def judge(self, wanted: Intended, due: DueFrame) -> FrameVerdict:
         """Return the verdict of a frame that nobody saw latched."""
         if self._cut is not None and self._cut.cancelled(wanted.t_apply_us):
             return dataclasses.replace(lost_frame_verdict(wanted), status=FrameStatus.CANCELLED)
-        verdict, why = self.losses.judge(wanted, due), self._unseen
+        is_told = self._is_told_in_order and wanted.number < self._after
+        verdict, why = self.losses.judge(wanted, due), None if is_told else self._unseen
         is_broken = self._cut is not None and self._cut.muted_us is None
         if why is None and self._cut is not None and is_broken and wanted.number > self._after:
             why = self._cut.reason  # who knows whether it was still on the line?

@@ -27,6 +27,7 @@ from .results import GROUPS, Line, counted, document, findings, is_good, summary
 _VERSION: Final = 1
 _AHEAD: Final = 3  # sessions that wait for each process
 _SEEDS: Final = 1_000_000  # of sessions, for each seed of a campaign
+_LAST_SEED: Final = (1 << 32) // _SEEDS - 1  # a board has one of 32 bits
 _CASE: Final = re.compile(r"(honest|wrong):(\d+):(\d+)")
 USAGE: Final = 2
 INTERRUPTED: Final = 130
@@ -307,7 +308,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--honest", type=_count, default=10_000, metavar="N", help="correct frames [%(default)s]")
     add("--wrong", type=_count, default=10_000, metavar="N", help="wrong frames [%(default)s]")
-    add("--seed", type=_count, default=1, metavar="N", help="seed of all trials [%(default)s]")
+    add("--seed", type=_seed, default=1, metavar="N", help="seed of all trials [%(default)s]")
     add("--jobs", type=_count, default=2, metavar="N", help="processes [%(default)s]")
     add("--resume", type=Path, metavar="FILE", help="keep finished sessions in FILE, skip those")
     add("--table", type=Path, metavar="FILE", help="write the result as Markdown")
@@ -320,6 +321,12 @@ def _count(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 on")
     return int(text)
+
+
+def _seed(text: str) -> int:
+    if (seed := _count(text)) > _LAST_SEED:
+        raise argparse.ArgumentTypeError(f"{text!r} is above {_LAST_SEED}")
+    return seed
 
 
 def refuse(text: str) -> NoReturn:

@@ -226,6 +226,12 @@ def test_a_campaign_goes_on_where_it_was_interrupted(tmp_path):
     assert all(json.loads(text) for text in kept)
 
 
+def test_a_seed_beyond_those_of_boards_is_refused(capsys):
+    with pytest.raises(SystemExit, match=str(campaign.USAGE)):
+        campaign.main(["--seed", "4294"])
+    assert "'4294' is above 4293" in capsys.readouterr().err
+
+
 def test_a_file_of_other_trials_is_refused(tmp_path, capsys):
     path = tmp_path / "trials.jsonl"
     campaign.Book(path, 3).close()

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from haptogram.acoustics import Medium
 from haptogram.cli import main
 from trials.wrong_programs import RIGHT, RIGHT_PAIR, WRONG, Program
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "boards" / "sonicsurface.md"
+AUTD3 = PAGE.with_name("autd3.md")
+FAR_M, FREQUENCY_HZ = 0.3, 40e3  # from an element to a focus
 OF_PAGE_MM = ((20, 150, -15), (0, 120, 0))
 
 
@@ -61,6 +64,15 @@ def test_every_wrong_program_fails_and_is_named(wrong, tmp_path, capsys):
     if wrong.of_two_foci and not wrong.program.elements_mm[1:]:  # with those of the page as well
         of_page = dataclasses.replace(wrong.program, targets_mm=OF_PAGE_MM)
         assert run(of_page, tmp_path, capsys)[0] in (1, 3)
+
+
+@pytest.mark.parametrize(("page", "speed_m_s", "steps"), [(PAGE, 346, 32), (AUTD3, 340, 256)])
+def test_the_air_of_a_page_is_that_of_its_client(page: Path, speed_m_s: float, steps: int) -> None:
+    """As near as the steps ask: else phases that are right are more than half a step off."""
+    command = re.search(r"--temperature-c (\S+)", page.read_text())
+    off = Medium.air(float(command[1])).sound_speed_m_s / speed_m_s - 1
+    far_turns = FAR_M * FREQUENCY_HZ / speed_m_s
+    assert abs(off) * far_turns < 0.1 * 0.5 / steps
 
 
 def test_there_are_26_of_them():

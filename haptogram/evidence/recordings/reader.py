@@ -258,14 +258,27 @@ class Recording:
                 ) from error
 
     def _in_chunk(self, chunk: Any) -> list[Any]:
-        """Return the records in a chunk; of a damaged one none, since its bytes lie anywhere."""
+        """Return the records in a chunk; of a damaged one none, since its bytes lie anywhere.
+
+        It may have been that of the channels, which the end of a whole file repeats.
+        """
         from mcap.stream_reader import breakup_chunk
 
         try:
             return list(breakup_chunk(chunk, validate_crc=True))
         except Exception:  # what the parsers of the library happen to raise
             self.damaged += 1
+            return self._channels_at_end()
+
+    def _channels_at_end(self) -> list[Any]:
+        from mcap.reader import make_reader
+
+        try:
+            with self.path.open("rb") as file:
+                summary = make_reader(file).get_summary()
+        except Exception:  # as above
             return []
+        return [*summary.schemas.values(), *summary.channels.values()] if summary else []
 
 
 class _RecordingAsItWas:

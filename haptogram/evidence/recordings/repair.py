@@ -29,7 +29,7 @@ def repair_recording(source: Path, target: Path) -> int:
     check_distinct_files({"the copy": target}, [("the recording", source)])
     recording = Recording(source)
     count = 0
-    if not any(isinstance(record, Message) for record in _readable_records(recording)):
+    if not _has_readable_message(recording):
         raise ConfigurationError(
             f"{source}: no message in it can be read; {target} was not written"
         )
@@ -67,6 +67,12 @@ def repair_recording(source: Path, target: Path) -> int:
     except OSError as error:
         raise unwritable_file(target, error) from error
     return count
+
+
+def _has_readable_message(recording: Recording) -> bool:
+    with contextlib.suppress(ConfigurationError):
+        return any(True for _ in recording.entries())
+    return False
 
 
 def _readable_records(recording: Recording) -> Iterator[Any]:

@@ -13,7 +13,12 @@ import pytest
 
 from haptogram import Driver
 from haptogram.acoustics import AcousticModel
-from haptogram.evidence.backdoor import observations_of_backdoor, observed_losses_on_clock_of
+from haptogram.evidence.backdoor import (
+    is_observed_latch_of,
+    observations_of_backdoor,
+    observed_losses_on_clock_of,
+    why_observations_incomplete,
+)
 from haptogram.evidence.boards import InProcessBoardUnderTest, PortBoardUnderTest
 from haptogram.evidence.run_record import measure_run
 from haptogram.settings.faults.plan import FaultPlan
@@ -284,22 +289,59 @@ def test_what_the_machine_read_late_is_excused_and_nothing_else(board: type[Boar
     assert "the machine held up the process of the board" in str(run)
 
 
-@pytest.mark.parametrize("board", [Board, Silent])
-def test_a_frame_without_a_time_is_lost_like_any_other(board: type[Board]) -> None:
-    """The next one cannot have replaced it: the driver asks for the status before each."""
+def shown_by_backdoor(board: type[Board], show: Callable[[Driver], Any]) -> tuple[Any, list[Any]]:
+    """What a driver meant, and the records of the back door meanwhile."""
     records: list[dict[str, Any]] = []
     port = BoardPort(model=MODEL, **part(board))
     recorder = InlineReconstructionWorker(port.board.settings, records.append)
     port.latch, port.notice = recorder.latch, recorder.notice
     with Driver(port, model=MODEL, seed=1) as driver:
         driver.arm()
+        show(driver)
+    return driver.intended, records
+
+
+@pytest.mark.parametrize("silent_after", [30, 45])
+def test_a_back_door_that_falls_silent_hides_no_loss_before_its_last_latch(
+    silent_after: int,
+) -> None:
+    points = [(0.0, 0.0, 0.06 + 1e-4 * number) for number in range(60)]
+    intended, records = shown_by_backdoor(Silent, lambda driver: driver.stream(points, rate_hz=500))
+    numbers = {frame.key: frame.number for frame in intended}
+    observations = observations_of_backdoor(records)
+    until = [o.key for o in observations if numbers[o.key] <= silent_after][-1]
+    told = records[: 1 + next(n for n, r in enumerate(records) if is_observed_latch_of(r, until))]
+    unseen = why_observations_incomplete(told, until.session, intended[-1].key)
+    run = verify_run(
+        intended,
+        observations_of_backdoor(told),
+        model=MODEL,
+        unseen=unseen,
+        losses=observed_losses_on_clock_of(intended, told, is_machine_in_between=True),
+    )
+    lost = {f.number for f in run.frames if f.status is FrameStatus.LOST}
+    never = set(range(60)) - {numbers[o.key] for o in observations}
+    assert unseen is not None
+    assert lost == {number for number in never if number < numbers[until]}
+    assert lost
+    assert run.verdict is Verdict.FAIL
+    assert run.counts["not_verified"] == 59 - numbers[until]
+
+
+@pytest.mark.parametrize("board", [Board, Silent])
+def test_a_frame_without_a_time_is_lost_like_any_other(board: type[Board]) -> None:
+    """The next one cannot have replaced it: the driver asks for the status before each."""
+
+    def show(driver: Driver) -> None:
         for number in range(60):
             driver.focus((0.0, 0.0, 0.06 + 1e-4 * number))
+
+    intended, records = shown_by_backdoor(board, show)
     run = verify_run(
-        driver.intended,
+        intended,
         observations_of_backdoor(records),
         model=MODEL,
-        losses=observed_losses_on_clock_of(driver.intended, records, is_machine_in_between=True),
+        losses=observed_losses_on_clock_of(intended, records, is_machine_in_between=True),
     )
     assert run.verdict is (Verdict.PASS if board is Board else Verdict.FAIL), run.reasons
     assert (run.counts["lost"], run.counts["held_up"]) == (0 if board is Board else 3, 0)

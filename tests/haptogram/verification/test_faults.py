@@ -17,6 +17,7 @@ from latched_drives import codes, drive_of, intend, registers, seen, working_vol
 pytestmark = pytest.mark.sampled(6)
 
 MODEL = AcousticModel.default()
+TARGET_M = (0.013, -0.021, 0.11)
 JUDGE = FrameJudge(MODEL, carrier_us=25)
 ELEMENTS = st.integers(0, 255)
 NAMED_BY_CRC = re.compile(
@@ -290,6 +291,11 @@ def off_by_units(found, _):
     found[len(found) // 2 :] += 50
 
 
+def off_before_rounding(found, _):
+    late = found[len(found) // 2 :]
+    late += 32 + (np.arange(len(late)) % 3 > 0)
+
+
 def off_by_chips(found, _):
     found[16:48] += 30
     found[64:80] += 9
@@ -311,6 +317,10 @@ def off_by_a_vortex(found, places):
     found += np.rint(-256 * np.arctan2(places[:, 1], places[:, 0]) / math.tau).astype(int)
 
 
+def off_by_a_vortex_around_the_focus(found, places):
+    off_by_a_vortex(found, places - [*TARGET_M[:2], 0.0])
+
+
 @pytest.mark.parametrize("model", [MODEL, spiral()], ids=["grid", "spiral"])
 @pytest.mark.parametrize(
     ("fault", "grid_name", "name"),
@@ -324,14 +334,20 @@ def off_by_a_vortex(found, places):
         (off_in_bit_order, None, "bits of every phase in reverse order"),
         (off_by_copies, None, "every second element has the phase of the one before it"),
         (off_by_units, "elements 128 to 255 off by +50 LSB", "elements 60 to 119 off by +50 LSB"),
+        (
+            off_before_rounding,
+            "elements 128 to 255 off by +33 LSB",
+            "elements 60 to 119 off by +33 LSB",
+        ),
         (off_by_chips, "column 1 off by +30 LSB", "elements 64 to 79 off by +9 LSB"),
         (off_by_one_code, None, "stuck at phase 33"),
         (off_by_a_twin, None, "twin in place of a focus"),
         (off_by_a_vortex, None, "vortex of charge -1 in place of a focus"),
+        (off_by_a_vortex_around_the_focus, None, "vortex of charge -1 in place of a focus"),
     ],
 )
 def test_what_is_wrong_with_much_of_an_array_has_a_name(model, fault, grid_name, name):
-    intended = intend(model, (0.013, -0.021, 0.11))
+    intended = intend(model, TARGET_M)
     found = codes(intended).ravel() if model is MODEL else intended.drive.phase_codes.astype(int)
     fault(found, model.array.positions_m)
     faults = "; ".join(name_drive_faults(model, intended, drive_of(found)))

@@ -302,6 +302,24 @@ def test_damage_of_some_bytes_costs_the_part_that_they_are_in(tmp_path):
     assert list(Recording(tmp_path / "copy.mcap").entries()) == found
 
 
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_damage_of_the_channels_costs_what_lies_beside_them_in_a_whole_file(is_cut, tmp_path):
+    path, copy = write(tmp_path / "run.mcap"), tmp_path / "copy.mcap"
+    run, *expected = Recording(path).entries()
+    content = bytearray(path.read_bytes())
+    at = content.index(b"haptogram.ToHost")
+    content[at : at + 100] = bytes(100)
+    path.write_bytes(content[: len(content) * 3 // 4] if is_cut else content)
+    if is_cut:  # and the end, which repeats them
+        with pytest.raises(ConfigurationError, match="no message in it can be read"):
+            repair_recording(path, copy)
+        assert not copy.exists()
+    else:
+        assert repair_recording(path, copy) == len(expected)
+        assert list(Recording(copy).entries()) == expected
+        assert run.topic == "/run"
+
+
 def test_a_repair_that_finds_no_message_writes_no_copy(tmp_path):
     path = write(tmp_path / "run.mcap")
     content = bytearray(path.read_bytes())
