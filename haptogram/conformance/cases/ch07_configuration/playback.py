@@ -1,4 +1,4 @@
-"""HG-7.6: playback on the device clock: loops, periods, starts and frames of every width."""
+"""HG-7.6, HG-7.7, HG-7.8: playback: loops, periods, starts and frames of every width."""
 
 from __future__ import annotations
 
