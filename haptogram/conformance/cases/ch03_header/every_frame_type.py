@@ -54,6 +54,7 @@ _UNKNOWN_REQUEST: Final = 0x7B
 _FLIPS: Final = (1, 1 << 15, 1 << 16, 1 << 31)
 _IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10
 _LOW_FLAGS: Final = (1, 2, 4, 8, 15)
+#: Defects of requests in the order of HG-3.8, with the codes of their refusals.
 _OF_REQUESTS: Final = {
     "type": ErrorCode.UNSUPPORTED,
     "session": ErrorCode.STALE_SESSION,

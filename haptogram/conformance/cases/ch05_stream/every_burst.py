@@ -213,10 +213,12 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     for first, second in itertools.product(kinds, repeat=2):
         for off_us in _ROUNDED_US:
             wires = board.link.stream_wire(first.make()) + board.link.stream_wire(second.make())
-            send_to_arrive_at(board, _next_latch_boundary_us(board) + off_us, wires)
+            is_exact = board.wire.is_virtual
+            boundary_us = board.clock.soon_us() if is_exact else board.clock.device_us()
+            send_to_arrive_at(board, boundary_us + off_us, wires)
             board.clock.wait_latched()
     for kind in kinds:
-        for off_us in _moments_of_burst(board):
+        for off_us in board.sample(_ROUNDED_US):
             t_us = board.clock.soon_us(bytes(4000))
             board.link.stream(kind.make(), t_us)
             send_to_arrive_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
@@ -288,7 +290,7 @@ def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: T
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     played = (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,)
     for name, *plays in itertools.product(names, played, played):
-        for off_us in _moments_of_burst(board):
+        for off_us in board.sample(_ROUNDED_US):
             _judge_latches_around_off(board, name, plays, off_us, mode)
 
 
@@ -299,22 +301,15 @@ def _judge_latches_around_off(
     board.hello()
     board.arm()
     since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))
-    first, rest = _latch_again_in_a_burst(board, name, plays)
+    first, off = _latch_in_a_burst(board, is_played=plays[0]), _off_in_a_burst(board, name)
+    arm, _ = board.link.request_wire(Arm())
+    rest = off + arm + _latch_in_a_burst(board, is_played=plays[1])
     if board.wire.is_virtual:
         board.clock.require_frames_in_carrier(len(rest), 2)
     send_to_arrive_at(board, boundary_us + off_us, first + rest)
     board.clock.wait_latched()
     _check_one_latch_a_period(board, since, mode, f"latch, {name}, ARM, latch at once")
     board.link.ask(Stop())
-
-
-def _latch_again_in_a_burst(
-    board: BoardClient, name: str, plays: Sequence[bool]
-) -> tuple[bytes, bytes]:
-    """Return a latch, then the request *name*, ARM and a latch; each of the stream or played."""
-    first, off = _latch_in_a_burst(board, is_played=plays[0]), _off_in_a_burst(board, name)
-    arm, _ = board.link.request_wire(Arm())
-    return first, off + arm + _latch_in_a_burst(board, is_played=plays[1])
 
 
 def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
@@ -324,20 +319,11 @@ def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
     return board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
 
 
-def _next_latch_boundary_us(board: BoardClient) -> int:
-    return board.clock.soon_us() if board.wire.is_virtual else board.clock.device_us()
-
-
-def _moments_of_burst(board: BoardClient) -> list[int]:
-    """Return how much later than reckoned bytes are sent to arrive at a moment, in turn."""
-    return board.sample(_ROUNDED_US)
-
-
 def _play_and_stop_in_a_burst(board: BoardClient) -> None:
     """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
     send_phases_that_fit(board, _SEQUENCE, frames=2)
     play = play_request(board, _SEQUENCE, loops=0, unattended_ms=2000)
-    for off_us in _moments_of_burst(board):
+    for off_us in board.sample(_ROUNDED_US):
         boundary_us = board.clock.soon_us(bytes(2000))
         wires = board.link.stream_wire(board.flat_phases())
         wires += board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]

@@ -36,6 +36,7 @@ _SEQUENCE: Final = 4
 _RAMPS_MS: Final = {255: _LONG_MS, 254: 100, 128: 300, 100: 100, 1: 100, 0: 100}
 _PLAYED_RAMPS_MS: Final = {128: 300}  # at a wall clock
 _FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
+#: Ceilings at the beginning of a ramp, and set one after the other within it.
 _CEILINGS_IN_RAMPS: Final = (
     (255, (200, 255, 199, 200, 60, 61, 255, 0, 1, 255)),
     (100, (100, 255, 101, 254)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final, TypeAlias
 
@@ -70,7 +70,7 @@ def output_starts_disarmed(board: BoardClient) -> None:
 @case("HG-6.2/1")
 def follows_the_table_of_output_states(board: BoardClient) -> None:
     """ARM, MUTE, DISARM, STOP and HELLO lead from every state to the state in the table"""
-    _judge_inputs(board, _asked_output_states(board), with_reason=False)
+    _judge_requests(board, with_reason=False)
 
 
 @case("HG-6.2/1-play")
@@ -96,7 +96,16 @@ def tells_the_output_state(board: BoardClient) -> None:
 @case("HG-6.2/3", evidence=SELF_REPORTED)
 def keeps_the_reason_of_the_state(board: BoardClient) -> None:
     """an input that keeps the state keeps the reason too, except MUTE"""
-    _judge_inputs(board, _asked_output_states(board))
+    _judge_requests(board, with_reason=True)
+
+
+def _judge_requests(board: BoardClient, *, with_reason: bool) -> None:
+    """FAILED unless requests lead where they have to, from each state that requests lead to."""
+    for bring, due in _asked_output_states(board):
+        for one in _inputs_to_output_states(board):
+            if one[1] is not None:
+                bring()
+                _judge_input_to_output_state(board, due, one, with_reason=with_reason)
 
 
 @case("HG-6.3/1", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)
@@ -167,18 +176,11 @@ def every_input_in_every_output_state(board: BoardClient) -> None:
     """behind each reason of each state every input leads to the state and the reason that are
     due
     """
-    _judge_inputs(board, _origins_of_output_states(board))
-
-
-def _judge_inputs(
-    board: BoardClient, origins: Iterable[_Origin], *, with_reason: bool = True
-) -> None:
-    """FAILED unless every input leads where it has to, from each state."""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    for bring, due in origins:
-        for event in _inputs_to_output_states(board):
+    for bring, due in _origins_of_output_states(board):
+        for one in _inputs_to_output_states(board):
             bring()
-            _judge_input_to_output_state(board, due, event, with_reason=with_reason)
+            _judge_input_to_output_state(board, due, one)
 
 
 @case("HG-6.4/4-origins", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
