@@ -57,11 +57,14 @@ class BoardUnderTestConfig(Settings):
     port_regex: str | None = option(
         None, unit="REGEX", help="finds the port in what --spawn prints, first group"
     )
-    reset_cmd: str | None = option(None, unit="CMD", help="shell command that restarts the board")
+    reset_cmd: str | None = option(
+        None, unit="CMD", help="shell command that restarts the board, and returns once it has"
+    )
     fault_cmd: str | None = option(
         None,
         unit="CMD",
-        help="shell command that lets its hardware fail for 1 s at most ($BOARD_PID: --spawn)",
+        help="shell command that lets its hardware fail for 1 s at most, and returns before that is "
+        "over ($BOARD_PID: --spawn)",
     )
     boot_timeout: float = option(
         10.0,

@@ -89,6 +89,7 @@ PARTS_OF_FRAMES: Final = (
 _CARRIED_US: Final = 20_000
 _COMPUTED_US: Final = 100_000
 _FAULT_US: Final = 1_000_000  # how long a fault that a user brings about may last
+_LONGEST_TIMER_MS: Final = 10_000  # that a case waits for
 _DEEPEST: Final = 512  # queue that a case fills
 _STATUS_BYTES: Final = 148  # of a STATUS on the line
 
@@ -344,6 +345,26 @@ class BoardClient:
         check_equal(state, OutputState.ARMED, f"ARM_REPLY says {state.name}")
         return self.link.mark()
 
+    @property
+    def graded_ramp_ms(self) -> int:
+        """Length of the ramp in force; without AMPLITUDE it has none (HG-6.11/3)."""
+        return self.config.ramp_ms * self.has(Feature.AMPLITUDE)
+
+    def arm_with_timer(self, name: str, length_ms: int) -> int:
+        """Arm with a timer of *length_ms*, or without CONFIG of the length in force; return that.
+
+        NOT-OBSERVED if that is not *length_ms* and longer than a case waits.
+        """
+        if self.has(Feature.CONFIG):
+            self.arm(**{name: length_ms})
+            return length_ms
+        length_ms = getattr(self.config, name)
+        require(
+            length_ms <= _LONGEST_TIMER_MS, f"{name} is {length_ms}, and no SET_CONFIG changes it"
+        )
+        self.arm()
+        return length_ms
+
     def arm_anew(self) -> None:
         """Arm so that no hold runs before the next latch (HG-12.2/2)."""
         self.disarm()
@@ -402,8 +423,8 @@ class BoardClient:
     def times_in_queue(self, number: int, *, others: int = 0, ahead_us: int = 0) -> list[int]:
         """Return so many times, a millisecond apart, for frames of :meth:`shortest_stream`.
 
-        With *others* beside them they come in time; NOT-OBSERVED if the line or the board takes
-        longer than the horizon for that.
+        With *others* beside them they come in time; NOT-OBSERVED if the last one lies beyond the
+        horizon then.
         """
         good = self.shortest_stream()
         frames = number + others
@@ -411,9 +432,7 @@ class BoardClient:
         size = frames * len(self.link.stream_wire(good, 0, seq=0)) + _STATUS_BYTES
         start_us = self.clock.soon_us(bytes(size), points=points) + ahead_us
         times = [start_us + 1000 * place for place in range(number)]
-        last_us = self.clock.device_us() + self.identity.max_horizon_us
-        text = f"this line or board takes too long to fill a queue of {number} frames"
-        require(times[-1] + 1000 <= last_us, text)
+        self.clock.require_horizon(times[-1] + 1000 - self.clock.device_us())
         return times
 
     def within_timers(self, wires: Iterable[bytes]) -> list[bytes]:

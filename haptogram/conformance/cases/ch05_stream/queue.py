@@ -266,13 +266,13 @@ def _judge_orders(
     every = [message for some in messages for message in some]
     board.arm_anew()
     since, before, due = board.link.mark(), board.status().counters, {}
-    start_us = time_for_frames(board, every)
-    last_us = start_us + _STEP_US * len(orders)
+    start_us, step_us = time_for_frames(board, every), board.clock.on_carrier(_STEP_US)
+    last_us = start_us + step_us * len(orders)
     if last_us > board.clock.device_us() + board.identity.max_horizon_us:
         _judge_shorter_burst(board, orders, turn, mode)
         return
     for place, (order, some) in enumerate(zip(orders, messages, strict=True)):
-        times = order.times_us(start_us + _STEP_US * place, board.clock.carrier_us)
+        times = order.times_us(start_us + step_us * place, board.clock.carrier_us)
         due[board.link.stream_next + order.taken[-1]] = order
         for message, t_us in zip(some, times, strict=True):
             board.link.stream(message, t_us)

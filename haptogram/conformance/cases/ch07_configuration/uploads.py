@@ -50,10 +50,15 @@ _OTHER: Final = 4
 _LEAST_BYTES: Final = 40  # of an upload with pieces, if the board has room
 
 
+def _sequence_form(board: BoardClient) -> UploadForm:
+    """Return the first form of a sequence; of a board that takes none, that of a correction."""
+    return max(upload_forms(board), key=lambda form: form.target > 0)
+
+
 @case("HG-7.2/1")
 def refuses_uploads_too_large(board: BoardClient) -> None:
     """an upload of more bytes or frames than fit is refused: TOO_LARGE, detail: the limit"""
-    form, identity = upload_forms(board)[0], board.identity
+    form, identity = _sequence_form(board), board.identity
     most, frame = identity.max_upload_bytes, form.frame_bytes
     size, frames = most - most % frame + frame, identity.max_sequence_frames + 1
     has_size = form.target and size <= _LARGEST  # a correction of another size: HG-7.2/2
@@ -182,7 +187,7 @@ def takes_a_window_of_chunks(board: BoardClient) -> None:
 @case("HG-7.3/3")
 def limits_the_chunks_of_an_upload(board: BoardClient) -> None:
     """a chunk of max_chunk bytes is taken; one byte more is refused with BAD_LENGTH"""
-    form, limit = upload_forms(board)[0], board.identity.max_chunk
+    form, limit = _sequence_form(board), board.identity.max_chunk
     text = "no chunk longer than max_chunk fits, or makes sense"
     require(limit < 4000 and (form.target > 0 or form.frame_bytes > limit), text)
     frames = -(-(limit + 1) // form.frame_bytes)
