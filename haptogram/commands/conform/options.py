@@ -63,8 +63,8 @@ class BoardUnderTestConfig(Settings):
     fault_cmd: str | None = option(
         None,
         unit="CMD",
-        help="shell command that lets its hardware fail for 1 s at most, and returns before that is "
-        "over ($BOARD_PID: --spawn)",
+        help="shell command that lets its hardware fail for 1 s at most, and returns before "
+        "that is over ($BOARD_PID: --spawn)",
     )
     boot_timeout: float = option(
         10.0,

@@ -375,7 +375,7 @@ NO_LIMITS = dict.fromkeys(
 )
 CORRECTION = dict.fromkeys(("max_upload_bytes", "max_stored_bytes", "max_chunk"), 64)
 LEAST = (
-    NO_LIMITS | {"features": Feature(0)},
+    NO_LIMITS | {"features": Feature(0), "carrier_us": 32},  # no millisecond is a whole number
     NO_LIMITS | {"features": Feature.CONFIG},
     NO_LIMITS | CORRECTION | {"features": Feature.CONFIG | Feature.CORRECTION, "upload_window": 1},
 )

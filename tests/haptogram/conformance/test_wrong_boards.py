@@ -411,6 +411,21 @@ def test_a_hold_that_nothing_extends_ends_while_the_host_is_held_up(features, du
     assert result.behaviour is due
 
 
+class NoTimer(BoardOutput):
+    """Neither hold nor lease ends."""
+
+    def next_timer(self):
+        return None
+
+
+@pytest.mark.parametrize("features", [Feature(0), Feature.CONFIG])
+def test_a_board_whose_timers_never_end_fails_whatever_it_can_do(features):
+    cases = ("HG-6.10/1", "HG-12.2/1", "HG-12.3/1")
+    board = identity(features=features, output=NoTimer)
+    failed = {r.case for r in run(board, *cases).results if r.behaviour is Behaviour.FAILED}
+    assert set(cases) <= failed
+
+
 def test_a_failure_that_another_attempt_does_not_show_is_told():
     result, _ = held_up((1, 20), holds_at=2, judge=plain_check)
     assert (
