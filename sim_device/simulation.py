@@ -12,7 +12,7 @@ from typing import Final, Protocol
 from haptogram.records.remark import About
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram.settings.line import LineSettings
-from haptogram_protocol.framing import MAX_ENCODED_BYTES, end_of_frame
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, end_of_frame
 
 from .assembly import HEALTHY, Assembly
 from .board.clock import NS_PER_US, earliest_board_time, whole_board_us
@@ -249,7 +249,7 @@ class Simulation:
         first_ns = None if board_us is None else self._clock.reached_ns(board_us)
         if (down_ns := self._down.next_event_ns(self.dialect.next_frame_end)) is not None:
             first_ns = earliest_board_time(first_ns, whole_board_us(down_ns))
-        if (up_ns := self._up.next_event_ns(end_of_frame)) is not None:
+        if (up_ns := self._up.next_event_ns(_end_of_answer)) is not None:
             first_ns = earliest_board_time(first_ns, up_ns)
         if self._can_feed:
             first_ns = earliest_board_time(first_ns, self._up.free_ns)
@@ -348,3 +348,8 @@ class Simulation:
         if self._can_feed and self._up.free_ns <= self._now_ns:
             self._send(self._up, "up", self.dialect.take_output(_LINE_CHUNK), self._now_ns)
             self.dialect.line_free_us = self.device_us(self._up.free_ns)
+
+
+def _end_of_answer(data: bytes, at: int) -> int:
+    """Return the index behind the next frame: a delimiter in front of one ends nothing."""
+    return end_of_frame(data, at + data.startswith(DELIMITER, at))

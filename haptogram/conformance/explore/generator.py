@@ -6,7 +6,7 @@ import dataclasses
 import random
 from typing import Final
 
-from haptogram_protocol.messages import Arm, Config, Feature, HelloReply, Mute
+from haptogram_protocol.messages import Arm, Config, Feature, HelloReply, Mute, Ping
 
 from .actions import DialogueAction
 from .makers.conditions import DialogueConditions
@@ -18,13 +18,17 @@ from .tables.coverage import DialogueCoverage
 
 #: In the name of an action whose latch may follow at once.
 _AT_ONCE: Final = ("at once", "for late", "for too late", "for at a limit", "PLAY", "again")
+_UNKNOWN_TYPES: Final = (0x00, 0x04, 0x3F, 0x50, 0x7E, 0x7F, 0x80, 0x90, 0xBF, 0xC0, 0xFF)
 _QUIET: Final = (3, 4, 6)  # slots in which nothing is sent, so that timers end
 _QUIET_SHARE: Final = 0.15  # of the slots of a dialogue with timers
+_LONG_QUIET: Final = 12  # slots of a long playback
+_SCENE_SHARE: Final = 0.3  # of the slots of a dialogue with timers
 #: Of the slots, with a scene out of the tables: of a dialogue with timers and of one without; where
 #: bytes arrive to the microsecond no slot has to be waited for.
-_TABLE_SHARES: Final = {(True, True): 0.9, (True, False): 0.5, (False, True): 0.1}
+_TABLE_SHARES: Final = {(True, True): 0.7, (True, False): 0.3, (False, True): 0.1}
 _TABLE_SHARE: Final = 0.06
 _GREETING_SHARE: Final = 0.4  # of the dialogues, with numbers that wrap
+_SCENE: Final = (5, 6, 6, 8)  # slots in which timers run
 _PAIR_SHARE: Final = 0.12
 _CANDIDATES: Final = 3
 #: Of the frames that begin a slot, and of the others: they come some microseconds later.
@@ -33,8 +37,8 @@ _APART: Final = 0.06
 _DISARMING: Final = ("MUTE", "DISARM", "HELLO last", "HELLO earlier", "HELLO new", "HELLO near")
 #: Kinds of actions, how often they are sent, and by what a dialogue multiplies that: dialogues that
 #: lack a kind, or have much of one, come further than those in which everything is likely.
-_STREAM, _REQUEST, _LIMITS, _HELLO, _BURST = range(5)
-_WEIGHTS: Final = (9, 9, 3, 1.5, 0.6)
+_STREAM, _REQUEST, _LIMITS, _HELLO, _ODD, _BURST, _LONG = range(7)
+_WEIGHTS: Final = (9, 9, 3, 1.5, 3, 0.6, 0.6)
 _SWARM: Final = (0.2, 1, 1, 3)
 _SEEN: Final = (0.15, 0.6, 1.0)  # share of the slots after which the board is read
 _DAMAGES: Final = (0, 1, 2, 3, 4, 5)
@@ -85,7 +89,8 @@ class DialogueGenerator:
         coverage = coverage or DialogueCoverage()
         self._pairs = coverage.pairs
         fast = not slow or source.random() < 0.5
-        drives = not fast or (not slow and source.random() < 0.5)
+        self._has_long = fast and source.random() < 0.5
+        drives = not self._has_long and not (slow and fast)
         self._may_burst = exact or not drives  # the line has to carry what is traced
         conditions = DialogueConditions(
             identity, source, coverage, timed=timed, exact=exact, fast=fast, drives=drives
@@ -99,6 +104,7 @@ class DialogueGenerator:
         self._seen = self._random.choice(_SEEN)
         self._is_configurable = bool(identity.features & Feature.CONFIG)
         self._weights = [weight * self._random.choice(_SWARM) for weight in _WEIGHTS]
+        self._weights[_LONG] *= self._has_long and not timed
         self._last = ""
         self._is_armed = False
         self._script: list[MadeAction] = []
@@ -127,11 +133,16 @@ class DialogueGenerator:
             made.append(self._whole(slot, self._sessions.greeting()))
             slot = 1
         while slot < slots:
-            if self._random.random() < self._table_share:
+            chance = self._random.random()
+            if chance < self._table_share:
                 for told in self._scenes.scene():
                     made += [self._told(slot, one) for one in told]
                     slot += 1
                 self._is_armed = False
+                continue
+            if self._timed and chance < self._table_share + _SCENE_SHARE:
+                made += self._scene(slot)
+                slot = made[-1].slot + 1
                 continue
             batch = self._batch(slot)
             batch.sort(key=lambda action: not action.text.startswith(Mute.TYPE.name))
@@ -144,6 +155,10 @@ class DialogueGenerator:
             last = [action for action in batch if action.ends_slot][:1]
             made += last
             slot += self._random.choice(_QUIET) if is_quiet else 1
+            if self._has_long and any("loops=300" in a.text for a in batch):
+                slot += _LONG_QUIET
+            elif self._has_long and any("loops=100" in a.text for a in batch):
+                slot += _LONG_QUIET // 3
             self._is_armed &= not is_quiet
         return self._apart(made) if self._exact else made
 
@@ -177,6 +192,49 @@ class DialogueGenerator:
             found += self._rarest(slot)
         return found
 
+    def _scene(self, slot: int) -> list[DialogueAction]:
+        """Return slots in which timers run: something sounds or plays, and nothing renews them.
+
+        Or only frames of one kind come: such that renew the lease, or such that must not.
+        """
+        pick = self._random.choice
+        made = [self._whole(slot, self._requests.plain(Arm()))]
+        what = pick(("frame", "frame at once", "queue", "play", "play", "nothing"))
+        if what == "play" and self._requests.plays:
+            made.append(self._whole(slot, self._requests.start()))
+        elif what == "queue":
+            made += [self._whole(slot, self._stream.plain(n + 0.5)) for n in range(pick(_SCENE))]
+        elif what.startswith("frame"):
+            ahead = None if what == "frame at once" else 0.5
+            made.append(self._whole(slot, self._stream.plain(ahead)))
+        end, filler = slot + pick(_SCENE), pick(("", "", "broken", "foreign", "keeping"))
+        if pick((0, 1)):
+            made += self._disturbance(pick(range(slot + 1, end)))
+        keeping = self._requests.keeping()
+        for place in range(slot + 2, end):
+            if filler == "keeping":
+                made.append(self._whole(place, keeping))
+            elif filler == "broken":
+                made.append(
+                    self._named(place, self._made(pick((_STREAM, _REQUEST))), pick((1, 2, 5)))
+                )
+            elif filler == "foreign":
+                made.append(self._whole(place, self._stream.foreign()))
+        made += [self._whole(end, one) for one in self._requests.probe()]
+        self._is_armed = False
+        return made
+
+    def _disturbance(self, slot: int) -> list[DialogueAction]:
+        """Return an action that may change timers that run, or a ramp."""
+        pick = self._random.choice
+        what = pick(("any", "any", "configuration", "request", "ARM"))
+        if what == "any":
+            return self._rarest(slot)[-1:]
+        if what == "configuration" and self._is_configurable:
+            return [self._whole(slot, self._requests.new_config())]
+        made = self._requests.plain(Arm()) if what == "ARM" else self._requests.keeping()
+        return [self._whole(slot, made)]
+
     def _rarest(self, slot: int) -> list[DialogueAction]:
         """Return the one of a few actions that has followed the last one least often."""
         kind = self._random.choices(range(len(_WEIGHTS)), self._weights)[0]
@@ -186,6 +244,8 @@ class DialogueGenerator:
             ]
         if kind == _LIMITS:
             made = self._requests.at_limit()
+        elif kind == _LONG:
+            made = self._requests.long_play()
         else:
             candidates = [self._made(kind) for _ in range(_CANDIDATES)]
             made = min(candidates, key=lambda one: self._pairs[self._last, one[0]])
@@ -215,4 +275,15 @@ class DialogueGenerator:
             return self._stream.frame()
         if kind == _REQUEST:
             return self._requests.request()
-        return self._sessions.hello()
+        return self._sessions.hello() if kind == _HELLO else self._odd()
+
+    def _odd(self) -> MadeAction:
+        """Return a frame of an unknown type, or the last request again."""
+        kind = self._random.choice(_UNKNOWN_TYPES)
+        _, text, body = self._random.choice((self._stream.frame, self._requests.request))()
+        again = Ping(0)
+        if self._random.random() < 0.6:
+            repeated = "the last request again"
+            return repeated, repeated, lambda host: host.last or host.request(again)
+        text = f"{text}, as type {kind:#x}"
+        return f"type {kind:#x}", text, lambda host: bytes([kind]) + body(host)[1:]

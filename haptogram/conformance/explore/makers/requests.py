@@ -57,7 +57,7 @@ DEFECTS: Final[dict[str, dict[str, int]]] = {
     "the last number": {"back": 1},
     "an old number": {"back": 5},
 }
-_LONG_PERIOD_US: Final = 450
+_LONG_PERIOD_US: Final = 450  # 100 loops of 1 to 3 frames, and 300, end where no bytes arrive
 
 
 class RandomRequests(DialogueMaker):
@@ -214,8 +214,9 @@ class RandomRequests(DialogueMaker):
         period_us, loops = pick(self._periods)
         return Play(pick(sequences), period_us, loops, self._configs.unattended_ms())
 
-    def long_play(self, loops: int) -> MadeAction:
+    def long_play(self, loops: int = 0) -> MadeAction:
         """Return PLAY of hundreds of frames within a few slots."""
+        loops = loops or self._random.choice((100, 100, 300))
         play = Play(STORED_PHASES, _LONG_PERIOD_US, loops, self._configs.unattended_ms() or 6000)
         name, text, body = self._made(play, is_odd=False)
         return f"{name} long", text, body
