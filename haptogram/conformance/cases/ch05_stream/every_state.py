@@ -72,7 +72,7 @@ def _states_at_stream_frame(board: BoardClient) -> dict[str, Callable[[], object
 
 
 def output_states(board: BoardClient) -> dict[str, Callable[[], object]]:
-    """Return what brings an ARMED board into each state of its output, frames queued too."""
+    """Return the states of an output by their names, each with its way there from ARMED."""
     states = _states_at_stream_frame(board)
     if board.clock.horizon_us >= _QUEUED_US:
         states[QUEUES] = partial(_queueing_at_stream_frame, board)
