@@ -72,8 +72,10 @@ def _states_at_stream_frame(board: BoardClient) -> dict[str, Callable[[], object
 
 
 def output_states(board: BoardClient) -> dict[str, Callable[[], object]]:
-    """Return what brings an ARMED board into each state of its output, frames queued too."""
+    """Return the states of an output by their names, each with its way there from ARMED."""
     states = _states_at_stream_frame(board)
+    if PLAYBACK_PLAYS in states:  # with the usual period, which no hold ends
+        states[PLAYBACK_PLAYS] = lambda: play_now(board, _SEQUENCE, loops=0)
     if board.clock.horizon_us >= _QUEUED_US:
         states[QUEUES] = partial(_queueing_at_stream_frame, board)
     return states
