@@ -1,8 +1,8 @@
 """The cases: a folder for every chapter of SPEC.md, a module for one or more of its sections.
 
 A module, or a case, ``every_...`` asks for its clauses at every type, on every path, at every size
-and length of time that they speak of; no dialogue of it is recorded for ports.  Such a module lies
-in the chapter of its subject, whatever the chapters of its clauses.
+and length of time that they speak of; no dialogue of it is recorded for ports.  It lies in the
+chapter of its subject, whatever the chapters of its clauses.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from ...client.playback import play_now, send_phases_to_store, send_phases_to_st
 from ...judge.ramps import judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import judge_in_time, judge_mute_time, judged_mute_by_timer
 from ...outcome import SELF_REPORTED
-from ..ch07_configuration.every_running_timer import every_other_setting
+from ..ch07_configuration.every_setting import every_other_setting
 
 _MS: Final = 1000
 _HOLD_MS: Final = 60

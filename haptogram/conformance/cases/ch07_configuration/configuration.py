@@ -1,4 +1,4 @@
-"""HG-7.1: bounds, effect and life of the configuration."""
+"""HG-7.1, HG-7.9: bounds, effect and life of the configuration, correction and ceiling."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ from haptogram_protocol.rules import TRACE_CAPABILITIES
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.capabilities import drive_kinds
-from ...client.latching import latch_now, latch_timed, read_back
+from ...client.latching import latch_now, latch_timed, read_back, read_back_radiated
 from ...client.uploads import upload_correction
 from ...judge.refused_requests import OUT_OF_BOUNDS, other_config_than_judged
 from ...judge.timers import HOLD, LEASE, judge_status_period
+from ...judge.witness import expect_witnessed_drive
 from ...outcome import SELF_REPORTED, check, check_equal, informational, require
 
 _MS: Final = 1000
@@ -229,3 +230,44 @@ def refuses_configuration_of_other_traces(board: BoardClient) -> None:
         board.link.refused_raw(SetConfig.TYPE, bytes(payload), ErrorCode.BAD_VALUE, offset)
     text = "a refused SET_CONFIG has changed the configuration"
     check_equal(board.read_config(), board.base_config, text)
+
+
+@case(
+    "HG-7.9/1",
+    needs=Feature.CORRECTION | Feature.READ_RADIATED | Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+)
+def adds_the_phase_correction(board: BoardClient) -> None:
+    """the correction is added to the radiated phases, modulo 256; the latched drive stays"""
+    count = board.identity.transducers
+    correction = board.random_registers()
+    upload_correction(board, correction)
+    registers = board.random_registers()
+    board.arm()
+    latch_now(board, board.phases(registers))
+    full = b"\xff" * count
+    expect_witnessed_drive(board, read_back(board), registers, full)
+    shown = read_back_radiated(board)
+    due = bytes((a + b) % 256 for a, b in zip(registers, correction, strict=True))
+    wrong = sum(a != b for a, b in zip(shown.phases, due, strict=True))
+    check_equal(wrong, 0, f"{wrong} of {count} radiated phases are not latched + correction")
+    upload_correction(board, bytes(count))
+    shown = read_back_radiated(board)
+    check_equal(shown.phases, registers, "a correction of 0 is not in force after its commit")
+
+
+@case(
+    "HG-7.9/2",
+    needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED | Feature.READ_LATCHED,
+    evidence=SELF_REPORTED,
+)
+def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
+    """with a ceiling of 100 no radiated amplitude is above 100; the latched drive stays"""
+    board.arm()
+    for ceiling in (100, 1, 255):
+        board.configure(amplitude_ceiling=ceiling)
+        latch_now(board)
+        loudest = read_back_radiated(board).loudest
+        check(loudest <= ceiling, f"ceiling {ceiling}: amplitude {loudest} is radiated")
+        check(loudest > 0, f"ceiling {ceiling}: nothing is radiated")
+        check_equal(read_back(board).loudest, 255, f"ceiling {ceiling} changes the latched drive")

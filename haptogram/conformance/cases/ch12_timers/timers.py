@@ -1,4 +1,9 @@
-"""HG-12.1, HG-12.2, HG-12.3, HG-12.4, HG-12.5, HG-12.6: timers of board and host."""
+"""HG-3.6, HG-6.11, HG-7.6, HG-9.1, HG-12.1, HG-12.2, HG-12.3, HG-12.4, HG-12.5, HG-12.6: timers.
+
+A length just above 2^b units is judged in some ten milliseconds: a timer that kept b bits of it
+ends at once.  In virtual time each of these lengths passes as a whole too; at a wall clock only the
+greatest ones do, in a run with ``--full``.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +14,44 @@ from haptogram_protocol.messages import (
     Feature,
     Mute,
     PlaybackEnded,
+    PlayReply,
     StateChanged,
+    Status,
+    TraceMode,
 )
+from haptogram_protocol.rules import CONFIG_BOUNDS
 
-from ...case import Depth, case, case_about_host
+from ...case import Case, Depth, case, case_about_host
 from ...client.board_client import BoardClient
-from ...client.capabilities import PLAYS
-from ...client.latching import latch_now, latch_timed
-from ...client.playback import play_now, send_phases_that_fit
-from ...client.stream_kinds import valid_requests_to_send
+from ...client.capabilities import PLAYS, TRACED_PLAYS
+from ...client.latching import latch_now, latch_timed, latches_received_from_board, read_back
+from ...client.playback import play_now, play_request, send_phases_that_fit, send_phases_to_store
+from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...client.uploads import SEQUENCES
-from ...judge.timers import HOLD, LEASE, judge_status_period, judged_mute_by_timer
-from ...outcome import check
+from ...judge.timers import (
+    EXACT_US,
+    HOLD,
+    LEASE,
+    RAMP,
+    UNATTENDED,
+    TimerKind,
+    judge_status_period,
+    judged_mute_by_timer,
+    timer_kinds,
+)
+from ...outcome import SELF_REPORTED, check, check_equal, named
+from ..ch05_stream.every_drop import DROPS, judge_drop
 
 _MS: Final = 1000
 _STALE_MS: Final = 150
 _RAMP_MS: Final = 100
+_BITS: Final = (16, 15, 12, 10, 8)
+_UNITS_US: Final = (1, 10, 100, 1000)
+_OVER_MS: Final = 15  # beyond 2^b units: what is left of a length that wrapped
+_LOOK_MS: Final = 60  # how long the board is watched for a timer that wrapped
+_WRAP_US: Final = 2**32
+_SEQUENCE: Final = 4
+_FRAMES: Final = 6
 
 
 host_times = case_about_host("HG-12.6/1")
@@ -118,3 +145,212 @@ def the_first_timer_wins(board: BoardClient) -> None:
         took_ms = (board.clock.unwrap(header.time_us) - start_us) / _MS
         most = min(hold_ms, lease_ms) + _RAMP_MS * board.has(Feature.AMPLITUDE) + 1
         check(took_ms <= most, f"muted after {took_ms:.1f} ms, {most} ms is the most")
+
+
+def wrapping_timer_lengths(least_ms: int, most_ms: int, *, thorough: bool = True) -> list[int]:
+    """Return lengths in ms just above every power of two in every unit, within the bounds.
+
+    If not *thorough*: just above 2^16 units.
+
+    Examples
+    --------
+    >>> wrapping_timer_lengths(20, 500)
+    [48, 81, 271, 343, 425]
+    """
+    edges = {
+        -(-(unit_us << bits) // _MS)
+        for unit_us in _UNITS_US
+        for bits in _BITS[: None if thorough else 1]
+    }
+    lengths = {edge + _OVER_MS for edge in edges if edge >= 2 * _OVER_MS}
+    return sorted(ms for ms in lengths if max(least_ms, 2 * _OVER_MS) <= ms <= most_ms)
+
+
+def _wrapping_case(
+    clause: str, timer: TimerKind, text: str, least_ms: int, depth: Depth = Depth.QUICK
+) -> Case:
+    title = text.format("just above every power of two of 1 µs to 1 ms do not")
+
+    @case(f"{clause}-lengths", title, needs=timer.needs, depth=depth)
+    def every_length(board: BoardClient) -> None:
+        most_ms = timer.most_ms(board)
+        for length_ms in wrapping_timer_lengths(least_ms, most_ms, thorough=board.thorough):
+            _timer_stays(board, timer, length_ms)
+
+    return every_length
+
+
+TIMERS_DO_NOT_WRAP: Final = (
+    _wrapping_case("HG-12.2/1", LEASE, "leases {} run out at once", 20),
+    _wrapping_case("HG-12.3/1", HOLD, "holds {} run out at once", 1),
+    _wrapping_case("HG-7.6/5", UNATTENDED, "unattended times {} run out at once", 1, Depth.DEFAULT),
+    _wrapping_case("HG-6.11/2", RAMP, "ramps {} end at once", 60),
+)
+
+
+def _timer_stays(board: BoardClient, timer: TimerKind, length_ms: int) -> None:
+    """FAILED if a timer ends within the first tens of milliseconds."""
+    since = board.link.mark()
+    start_us = timer.start(board, length_ms)
+    look_ms = min(_LOOK_MS, length_ms - 2 * _OVER_MS)
+    found = board.link.await_event(StateChanged, since, look_ms * _MS)
+    if found is not None:
+        # By the board's own clock: a host that was held up may have let the whole length pass.
+        took_us = board.clock.unwrap(found[0].time_us) - start_us
+        reason = found[1].reason.name
+        text = f"{timer.name} = {length_ms}: {reason} within {took_us / _MS:.1f} ms"
+        check(took_us >= length_ms * _MS - EXACT_US, text)
+    board.link.ask(Mute())
+
+
+@case("HG-9.1/1-lengths", needs=Feature.CONFIG)
+def every_status_period_does_not_wrap(board: BoardClient) -> None:
+    """status periods just above every power of two of 1 µs to 1 ms bring no STATUS at once"""
+    for length_ms in wrapping_timer_lengths(board.quick_status_ms, 65_535, thorough=board.thorough):
+        set_us = board.clock.device_us()
+        board.configure(status_period_ms=length_ms)
+        since = board.link.mark()
+        look_us = min(_LOOK_MS, length_ms - 2 * _OVER_MS) * _MS
+        board.wire.idle(look_us)  # a host that is held up sees what came in its time, too
+        times = [board.clock.unwrap(h.time_us) for h, _ in board.link.events(Status, since)]
+        got = sum(t_us - set_us < look_us for t_us in times)
+        check_equal(
+            got, 0, f"status_period_ms = {length_ms}: {got} STATUS within {look_us // _MS} ms"
+        )
+
+
+@case("HG-6.11/5-timers", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
+def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
+    """hold, lease and unattended time each mute after their ramp, with their reason, counted
+    once
+    """
+    ramp_ms = 270  # of other lengths: HG-6.11/5-pairs
+    length_ms = board.clock.timer_ms(60, 2 * board.identity.transducers + 200)
+    for timer in timer_kinds(board):
+        if timer is RAMP:
+            continue
+        since = board.link.mark()
+        with board.counting(timeouts=1):
+            start_us = timer.start(board, length_ms, ramp_ms=ramp_ms)
+            name = f"{timer.reason.name}, ramp"
+            timer.judge(board, since, start_us, length_ms + ramp_ms, name)
+
+
+# --- Whole lengths -----------------------------------------------------------------------------
+
+
+@case("HG-12.1/1-whole", needs=Feature.CONFIG, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
+def every_timer_passes_its_whole_length(board: BoardClient) -> None:
+    """lease, hold, ramp and unattended time of lengths up to the greatest end within 1 ms"""
+    for timer in timer_kinds(board):
+        lengths = [most_ms := timer.most_ms(board)]
+        if board.wire.is_virtual:
+            least_ms = board.clock.timer_ms(CONFIG_BOUNDS.get(timer.name, (1, most_ms))[0])
+            lengths = [*wrapping_timer_lengths(least_ms, most_ms), most_ms]
+        for length_ms in lengths:
+            since = board.link.mark()
+            start_us = timer.start(board, length_ms)
+            name = f"{timer.name} = {length_ms}"
+            timer.judge(board, since, start_us, length_ms, name)
+
+
+@case("HG-9.1/1-whole", needs=Feature.CONFIG, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
+def every_status_period_passes_as_a_whole(board: BoardClient) -> None:
+    """status periods of every length up to the greatest pass as a whole"""
+    lengths = [65_535]
+    if board.wire.is_virtual:
+        lengths = [*wrapping_timer_lengths(board.quick_status_ms, lengths[0]), *lengths]
+    for length_ms in lengths:
+        before_us = board.clock.device_us()
+        board.configure(status_period_ms=length_ms)
+        since, start_us = board.link.mark(), board.clock.device_us()
+        name = f"status_period_ms = {length_ms}"
+        header, _ = board.due_event(Status, since, (length_ms + 1000) * _MS, name)
+        took_us = board.clock.unwrap(header.time_us) - start_us
+        late_us = took_us - length_ms * _MS
+        text = f"status_period_ms = {length_ms}: STATUS after {took_us / _MS:.1f} ms"
+        check(before_us - start_us - EXACT_US <= late_us <= EXACT_US, text)
+
+
+def _wait_before_timer_wrap(board: BoardClient, before_us: int) -> int:
+    """Wait until so long before the next wrap of the device clock; return the time of the wrap.
+
+    Meanwhile the board is DISARMED, and asked for its time every 30 minutes, so that the host's
+    unwrapped time stays right.
+    """
+    now_us = board.clock.device_us()
+    wrap_us = -(-(now_us + before_us + 1000) // _WRAP_US) * _WRAP_US
+    while (left_us := wrap_us - before_us - board.clock.device_us()) > 0:
+        board.wire.idle(min(left_us, _WRAP_US // 2 - 1_000_000))
+    return wrap_us
+
+
+@case(
+    "HG-3.6/1-sides",
+    needs_reset=True,
+    before_wrap_us=3_000_000,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def every_drop_on_both_sides_of_the_wrap(board: BoardClient) -> None:
+    """frames are dropped by the same rules on both sides of 2^32 µs; a playback starts across it"""
+    board.prepare()
+    kind = stream_kinds(board)[0]
+    for side in ("before", "after"):
+        for drop in DROPS:
+            with named(f"{side} 2^32 µs, frames {drop.summary}"):
+                judge_drop(board, drop, kind)
+        if side == "before" and board.has(TRACED_PLAYS):
+            _play_across_timer_wrap(board)
+        board.clock.wait_until(_WRAP_US + 100 * _MS)
+
+
+def _play_across_timer_wrap(board: BoardClient) -> None:
+    """Play frames whose start lies behind the wrap, then one from before it to behind it."""
+    lead_us = board.clock.ready_us(100 * _MS + 2 * board.wire.limits.lead_us)
+    for offset_us in (30 * _MS, -30 * _MS):
+        send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+        board.configure(trace_mode=TraceMode.CRC)
+        wrap_us = _wait_before_timer_wrap(board, lead_us)
+        board.arm()
+        since, start_us = board.link.mark(), board.clock.on_carrier(wrap_us + offset_us)
+        play = play_request(board, _SEQUENCE, loops=1, period_us=10 * _MS, unattended_ms=2000)
+        board.link.call(play, PlayReply, time_us=start_us)
+        name = f"a playback from {offset_us:+d} µs of the wrap on"
+        board.due_event(PlaybackEnded, since, 2 * lead_us + 200 * _MS, name)
+        got = [latch.t_us for latch in latches_received_from_board(board, since, TraceMode.CRC)]
+        due = [board.clock.on_carrier(start_us + 10 * _MS * k) for k in range(_FRAMES)]
+        check(got == due, f"{name}: latched at {got}, due {due}")
+        if not board.wire.is_virtual:
+            return  # at a wall clock the next wrap is 71 minutes away
+        board.disarm()
+
+
+@case(
+    "HG-12.1/1-wrap",
+    needs=Feature.CONFIG,
+    needs_reset=True,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
+def every_timer_crosses_the_wrap(board: BoardClient) -> None:
+    """STATUS, lease, hold, ramp and unattended time that run across 2^32 µs end at their times"""
+    board.prepare()
+    board.need(Feature.CONFIG)
+    for timer in timer_kinds(board):
+        board.configure(host_timeout_ms=10_000)
+        wrap_us = _wait_before_timer_wrap(board, 100 * _MS)
+        since = board.link.mark()
+        start_us = timer.start(board, 200)
+        if timer is HOLD and board.has(Feature.READ_LATCHED):
+            told_us, shown_us = board.status().last_latch_us, read_back(board).reply.t_latch_us
+            check_equal(shown_us, told_us, f"READ_DRIVE: latched at {shown_us}, STATUS disagrees")
+        timer.judge(board, since, start_us, 200, f"{timer.name} across {wrap_us} µs")
+        if not board.wire.is_virtual:
+            return
+    period_ms = board.quick_status_ms
+    wrap_us = _wait_before_timer_wrap(board, 5 * period_ms * _MS // 2)
+    board.configure(status_period_ms=period_ms)
+    since = board.link.mark()
+    board.wire.idle(6 * period_ms * _MS)
+    judge_status_period(board, since, period_ms, 5, f"6 periods across {wrap_us} µs")
