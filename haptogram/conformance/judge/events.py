@@ -8,14 +8,14 @@ from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias
 
 from haptogram_protocol.annotation.words import annotated_type_name
-from haptogram_protocol.messages import Config, SetConfig, Stop, UploadKind
+from haptogram_protocol.messages import Config, LatchKey, SetConfig, Stop, TraceDrive, UploadKind
 
 from ..client import malformed_frames
 from ..client.board_client import BoardClient
 from ..client.playback import play_later
 from ..client.uploads import upload_to_board
 from ..client.wire import ReceivedByClient
-from ..outcome import fail
+from ..outcome import check, fail
 from .refused_requests import STORED
 
 #: An event: brought about by a call.
@@ -93,3 +93,20 @@ def event_of_damage(counter: str) -> Event:
         board.link.send(malformed_frames.malformed_by_counter(board.link)[counter])
 
     return send
+
+
+def played_keys(sequence: int, frames: int, loops: int) -> list[LatchKey]:
+    """Return the keys of all latches of a playback, in order."""
+    return [LatchKey(sequence, *divmod(place, frames)) for place in range(frames * loops)]
+
+
+def judge_division(
+    board: BoardClient, since: int, latches: Sequence[LatchKey], divider: int, text: str = ""
+) -> None:
+    """FAILED unless TRACE_DRIVE tells of the first of *latches* and each *divider*-th behind it."""
+    board.link.barrier()
+    got = [event.key for _, event in board.link.events(TraceDrive, since)]
+    due = list(latches[::divider])
+    wrong = [pair for pair in itertools.zip_longest(got, due) if pair[0] != pair[1]]
+    text = f"{text}{len(latches)} latches, trace_divider {divider}: {len(got)} are traced"
+    check(not wrong, f"{text}; seen and due {wrong[:1]}")

@@ -111,9 +111,22 @@ UNATTENDED: Final = TimerKind(
 )
 
 
-def timer_kinds(board: BoardClient) -> list[TimerKind]:
-    """Return every timer that the board has."""
-    return [timer for timer in (LEASE, HOLD, RAMP, UNATTENDED) if board.has(timer.needs)]
+def timer_kinds(board: BoardClient, *wanted: TimerKind) -> list[TimerKind]:
+    """Return those of the *wanted* timers, or of all, that the board has."""
+    return [t for t in wanted or (LEASE, HOLD, RAMP, UNATTENDED) if board.has(t.needs)]
+
+
+def judge_ramp_with_configuration(
+    board: BoardClient, hold_ms: int, ramp_ms: int, changes: Mapping[str, int]
+) -> None:
+    """FAILED unless a ramp of the hold goes on as it began, whatever is set in it."""
+    since = board.link.mark()
+    start_us = HOLD.start(board, hold_ms, ramp_ms=ramp_ms)
+    board.clock.idle_until(start_us + (hold_ms + ramp_ms // 3) * _MS)
+    board.clock.require_before(start_us + (hold_ms + ramp_ms) * _MS, "the middle of a ramp")
+    board.configure(**{"hold_ms": hold_ms, "ramp_ms": ramp_ms, **changes})
+    name = f"a ramp of {hold_ms} + {ramp_ms} ms, {dict(changes)} meanwhile"
+    HOLD.judge(board, since, start_us, hold_ms + ramp_ms, name)
 
 
 def judged_mute_by_timer(

@@ -29,7 +29,7 @@ from ...client.capabilities import drive_kinds
 from ...client.latching import latch_now, latch_timed, read_back, read_back_radiated
 from ...client.uploads import upload_correction
 from ...judge.refused_requests import OUT_OF_BOUNDS, other_config_than_judged
-from ...judge.timers import HOLD, LEASE, judge_status_period
+from ...judge.timers import HOLD, LEASE, judge_ramp_with_configuration, judge_status_period
 from ...judge.witness import expect_witnessed_drive
 from ...outcome import SELF_REPORTED, check, check_equal, informational, require
 
@@ -99,11 +99,7 @@ def configuration_is_in_force_at_once(board: BoardClient) -> None:
 @case("HG-7.1/3-ramp", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def configuration_lets_a_ramp_go_on(board: BoardClient) -> None:
     """a ramp that has begun goes on as it began"""
-    since = board.arm(hold_ms=50, ramp_ms=400)
-    start_us = latch_timed(board)
-    board.wire.idle(150 * _MS)
-    board.configure(hold_ms=5000, ramp_ms=0)
-    HOLD.judge(board, since, start_us, 450, "a ramp of 50 + 400 ms")
+    judge_ramp_with_configuration(board, 50, 400, {"hold_ms": 5000, "ramp_ms": 0})
 
 
 @case("HG-7.1/4", needs_reset=True)

@@ -9,10 +9,10 @@ from typing import Final
 from haptogram_protocol.messages import (
     Feature,
     Flag,
+    LatchKey,
     ReadTrace,
     Stop,
     StopReply,
-    TraceDrive,
     TraceMode,
     TraceReply,
 )
@@ -29,6 +29,7 @@ from ...client.playback import (
 )
 from ...client.stream_kinds import random_points_to_send
 from ...client.uploads import UploadForm, frames_with_room, upload_forms
+from ...judge.events import judge_division, played_keys
 from ...outcome import SELF_REPORTED, check, check_equal, named, require
 from .playback import judge_playback
 
@@ -115,8 +116,7 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
     play
     """
     form, stored = _store_most_frames(board)
-    _begin_traced_playback(board)
-    since = board.link.mark()
+    since = _begin_traced_playback(board)
     period_us, seen_us = _shortest_playback_us(board), 20_000
     text = f"the last of {len(stored)} frames at most is played within {seen_us} µs"
     require((len(stored) - 1) * period_us > seen_us, text)
@@ -151,9 +151,9 @@ def _store_most_frames(board: BoardClient) -> tuple[UploadForm, list[bytes]]:
     return form, _store_mixed_frames(board, form, _MOST)
 
 
-def _begin_traced_playback(board: BoardClient) -> None:
+def _begin_traced_playback(board: BoardClient) -> int:
     board.hello()
-    board.arm(trace_mode=TraceMode.RING)
+    return board.arm(trace_mode=TraceMode.RING)
 
 
 def _store_mixed_frames(board: BoardClient, form: UploadForm, wanted: int) -> list[bytes]:
@@ -170,8 +170,7 @@ def _judge_frames_of_long_playback(
     board: BoardClient, sequence: int, stored: list[bytes], name: str
 ) -> None:
     """FAILED unless stored frames that are alike, and only these, are latched alike."""
-    _begin_traced_playback(board)
-    since = board.link.mark()
+    since = _begin_traced_playback(board)
     ended = play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
     told = (ended.loops, ended.frames)
     check_equal(told, (1, len(stored)), f"{name}: PLAYBACK_ENDED says {told}")
@@ -224,14 +223,9 @@ def wide_dividers_divide_playback(board: BoardClient) -> None:
     """of 600 latches a divider of 260 traces those of 0, 260 and 520, of stream and playback"""
     send_phases_to_store(board, _SEQUENCE, frames=3)
     since = board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
-    latch_now(board)
+    keys = [LatchKey(0, 0, latch_now(board)), *played_keys(_SEQUENCE, 3, 200)]
     play_out(board, _SEQUENCE, 3, loops=200, period_us=_shortest_playback_us(board))
-    board.link.barrier()
-    got = [event.key for _, event in board.link.events(TraceDrive, since)]
-    # Latch 0 is the stream's, so that latch n of the rest is frame n - 1 of the playback.
-    due = [(0, 0), *(divmod(n - 1, 3) for n in (_DIVIDER, 2 * _DIVIDER))]
-    found = [(key.loop, 0 if key.sequence == 0 else key.index) for key in got]
-    check(found == due, f"(loop, index) of the traced latches {found}, due are {due}")
+    judge_division(board, since, keys, _DIVIDER)
 
 
 @case(
@@ -246,10 +240,7 @@ def a_divider_divides_many_playback_latches(board: BoardClient) -> None:
     send_phases_to_store(board, _SEQUENCE, frames=1)
     since = board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_MANY_DIVIDER)
     play_out(board, _SEQUENCE, 1, loops=_MANY, period_us=shortest_period_to_play_us(board))
-    got = [event.key.loop for _, event in board.link.events(TraceDrive, since)]
-    due = list(range(0, _MANY, _MANY_DIVIDER))
-    wrong = [pair for pair in itertools.zip_longest(got, due) if pair[0] != pair[1]]
-    check(not wrong, f"of {_MANY} latches {len(got)} are traced; seen and due {wrong[:1]}")
+    judge_division(board, since, played_keys(_SEQUENCE, 1, _MANY), _MANY_DIVIDER)
 
 
 @case("HG-8.4/1-kinds", needs=_TRACED_DRIVES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -260,18 +251,16 @@ def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
     for divider in (2, 3, 4):
         board.arm(trace_mode=TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US)
         since, before = board.link.mark(), board.status().counters
-        keys = []
+        keys: list[LatchKey] = []
         for _ in range(3):
             for lateness_us in (None, _WINDOW_US // 20, -_WINDOW_US // 2):
-                keys.append((0, board.link.stream_next))
+                keys.append(LatchKey(0, 0, board.link.stream_next))
                 at_us = None if lateness_us is None else board.late_time_us(lateness_us)
                 board.link.stream(board.flat_phases(), at_us)
                 board.wire.idle(max(0, -(lateness_us or 0)))
                 board.clock.wait_latched()
-            keys.append((_SEQUENCE, 0))
+            keys += played_keys(_SEQUENCE, 1, 1)
             play_out(board, _SEQUENCE, 1)
         counted = board.counted_since(before)["latched"]
         check_equal(counted, len(keys), f"of {len(keys)} frames {counted} are latched")
-        got = [(e.key.sequence, e.key.index) for _, e in board.link.events(TraceDrive, since)]
-        due = keys[::divider]
-        check(got == due, f"divider {divider}: (sequence, index) traced {got}, due are {due}")
+        judge_division(board, since, keys, divider)

@@ -10,6 +10,7 @@ from haptogram_protocol.messages import (
     Arm,
     Disarm,
     Feature,
+    LatchKey,
     Message,
     Mute,
     Play,
@@ -49,15 +50,18 @@ from ...client.playback import (
 from ...client.recording import counter_steps
 from ...client.stream_kinds import random_points_to_send, valid_requests_to_send
 from ...client.uploads import begin_upload, send_upload_chunks, upload_to_board
+from ...judge.events import judge_division
 from ...judge.refused_requests import requests_refused_by_link
 from ...judge.timers import (
     EXACT_US,
-    HOLD,
     LEASE,
     UNATTENDED,
+    TimerKind,
     judge_in_time,
+    judge_ramp_with_configuration,
     judge_status_period,
     judged_mute_by_timer,
+    timer_kinds,
 )
 from ...outcome import SELF_REPORTED, check, check_equal, require
 
@@ -82,21 +86,24 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
     """a ceiling set while a drive sounds, of stream and playback, is in force without a new
     latch
     """
-    for played in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
+    board.arm(amplitude_ceiling=255)
+    latch_now(board)
+    _judge_ceilings(board)
+    if board.has(Feature.SEQUENCE_PHASES):
         board.configure()
-        board.arm()
-        if played:
-            send_phases_to_store(board, _SEQUENCE, frames=1)
-            play_now(board, _SEQUENCE, loops=1)
-            let_play(board, 2)
-            board.wire.idle_beyond(0)
-        else:
-            latch_now(board)
-        for ceiling in _CEILINGS:
-            board.configure(amplitude_ceiling=ceiling)
-            loudest = read_back_radiated(board).loudest
-            text = f"ceiling {ceiling}, set meanwhile: {loudest} is radiated"
-            check_equal(loudest, ceiling, text)
+        send_phases_to_store(board, _SEQUENCE, frames=1)
+        play_now(board, _SEQUENCE, loops=1)
+        let_play(board, 2)
+        board.wire.idle_beyond(0)
+        _judge_ceilings(board)
+
+
+def _judge_ceilings(board: BoardClient) -> None:
+    """FAILED unless a drive is radiated as loud as each ceiling that is set meanwhile."""
+    for ceiling in _CEILINGS:
+        board.configure(amplitude_ceiling=ceiling)
+        loudest = read_back_radiated(board).loudest
+        check_equal(loudest, ceiling, f"ceiling {ceiling}, set meanwhile: {loudest} is radiated")
 
 
 @case(
@@ -245,30 +252,22 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
 def requests_leave_the_configured_division(board: BoardClient) -> None:
     """requests between latches, carried out and refused, leave the division as it runs"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
-    since, first = board.link.mark(), board.link.stream_next
-    count = 0
+    since = board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
+    latches = []
     for message in (*valid_requests_to_send(board, _SEQUENCE), Mute(), Arm()):
         if isinstance(message, SetConfig | Play | UploadBegin):
             continue
-        latch_now(board)
+        latches.append(latch_now(board))
         board.link.ask(message)
         if isinstance(message, Disarm | Stop | Mute):
             board.arm()
-        count += 1
     for refusal in requests_refused_by_link(board):
-        latch_now(board)
+        latches.append(latch_now(board))
         board.link.ask_raw(refusal.kind, refusal.payload, **{"session": 0} | dict(refusal.header))
-        count += 1
     for _ in range(_DIVIDER):
         board.hello(board.link.session)
-        latch_now(board)
-    board.link.barrier()
-    got = [event.key.index - first for _, event in board.link.events(TraceDrive, since)]
-    due = list(range(0, count + _DIVIDER, _DIVIDER))
-    wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
-    text = f"of {count + _DIVIDER} latches {len(got)} are traced, seen and due {wrong[:1]}"
-    check(got == due, text)
+        latches.append(latch_now(board))
+    judge_division(board, since, [LatchKey(0, 0, index) for index in latches], _DIVIDER)
 
 
 def every_other_setting(board: BoardClient) -> list[dict[str, Any]]:
@@ -370,43 +369,39 @@ def configuration_changes_a_running_lease(board: BoardClient) -> None:
     """a lease, and an unattended time, that run get new lengths with SET_CONFIG, and the new
     ramp
     """
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     lengths: list[dict[str, Any]] = [
         {"host_timeout_ms": 60},
         {"host_timeout_ms": _LENGTH_MS + 100},
         {"hold_ms": 1000},
     ]
     lengths += [{"ramp_ms": 90}] if board.has(Feature.AMPLITUDE) else []
-    for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
+    for timer in timer_kinds(board, LEASE, UNATTENDED):
         for changes in [*lengths, *_other_settings(board)]:
-            _lease_with_configuration(board, changes, plays=plays)
+            _lease_with_configuration(board, timer, changes)
 
 
 def _lease_with_configuration(
-    board: BoardClient, changes: Mapping[str, Any], *, plays: bool
+    board: BoardClient, timer: TimerKind, changes: Mapping[str, Any]
 ) -> None:
     before = {"host_timeout_ms": _LENGTH_MS, "hold_ms": 5000, "ramp_ms": 0}
     after = before | dict(changes)
-    since = board.arm(**before)
-    if plays:
-        play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_LENGTH_MS)
-    else:
+    since = board.link.mark()
+    begun_us = timer.start(board, _LENGTH_MS, **before)
+    if timer is LEASE:
         latch_now(board)
-    begun_us = board.clock.device_us()
     board.wire.idle(_BEFORE_MS * _MS)
     asked_us = board.clock.device_estimate_us()
     start_us = _set_configuration_alone(board, **after)
     board.clock.require_before(begun_us + _LENGTH_MS * _MS, "SET_CONFIG in a lease", start_us)
-    due_ms = (_LENGTH_MS if plays else after["host_timeout_ms"]) + after["ramp_ms"]
-    timer = UNATTENDED if plays else LEASE
+    due_ms = after["host_timeout_ms"] if timer is LEASE else _LENGTH_MS
     name = f"{timer.name}, {dict(changes)} meanwhile"
+    due_ms += after["ramp_ms"]
     timer.judge(board, since, start_us, due_ms, name, asked_us=asked_us)
 
 
 @case("HG-7.1/3-fields", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
     """a ramp that has begun goes on as it began, whichever field is set meanwhile"""
-    hold_ms, ramp_ms = 30, 150
     lengths: list[dict[str, Any]] = [
         {"hold_ms": 1},
         {"hold_ms": _NEVER_MS},
@@ -417,13 +412,7 @@ def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
     if not board.wire.is_virtual:
         lengths = [{"hold_ms": _NEVER_MS, "ramp_ms": 2000}, {"hold_ms": 1, "ramp_ms": 0}]
     for changes in [*lengths, *_other_settings(board)]:
-        since = board.arm(hold_ms=hold_ms, ramp_ms=ramp_ms)
-        start_us = latch_timed(board)
-        board.clock.idle_until(start_us + (hold_ms + ramp_ms // 3) * _MS)
-        board.clock.require_before(start_us + (hold_ms + ramp_ms) * _MS, "the middle of a ramp")
-        board.configure(**{"hold_ms": hold_ms, "ramp_ms": ramp_ms} | changes)
-        name = f"a ramp of {hold_ms} + {ramp_ms} ms, {changes} meanwhile"
-        HOLD.judge(board, since, start_us, hold_ms + ramp_ms, name)
+        judge_ramp_with_configuration(board, 30, 150, changes)
 
 
 @case("HG-7.1/3-status", needs=Feature.CONFIG, depth=Depth.DEFAULT)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -10,6 +11,7 @@ from haptogram_protocol.messages import (
     DriveKind,
     DriveReply,
     Feature,
+    LatchKey,
     Ping,
     Pong,
     ReadDrive,
@@ -24,7 +26,6 @@ from ...client.board_client import BoardClient
 from ...client.capabilities import drive_kinds, trace_modes
 from ...client.drive_paths import drive_paths, registers_asked_for
 from ...client.latching import (
-    ClientDrive,
     ask_for_board_latches,
     drive_crc,
     full_client_drive,
@@ -33,7 +34,6 @@ from ...client.latching import (
     latch_random,
     latches_received_from_board,
     read_back,
-    read_drive,
     read_ring,
 )
 from ...client.playback import (
@@ -44,7 +44,9 @@ from ...client.playback import (
 )
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_correction
-from ...outcome import SELF_REPORTED, check, check_equal, require
+from ...judge.events import judge_division, played_keys
+from ...outcome import SELF_REPORTED, check, check_equal, named, require
+from .read_back import judge_spans
 
 _KINDS: Final = (Trace, TracePlayback, TraceDrive)
 _SEQUENCE: Final = 7
@@ -88,37 +90,40 @@ def every_trace_undivided(board: BoardClient) -> None:
     """in modes CRC and RING every latch of stream and playback is told, whatever trace_divider
     is
     """
-    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
         board.hello()
         since = board.arm(trace_mode=mode, trace_divider=3)
-        due = [(0, latch_now(board)) for _ in range(4)]
-        play_out(board, _SEQUENCE, _FRAMES)
-        due += [(_SEQUENCE, number) for number in range(_FRAMES)]
-        seen = latches_received_from_board(board, since, mode)
-        got = [(latch.sequence, latch.index) for latch in seen]
-        check(got == due, f"mode {mode.name}, trace_divider 3: told are {got}, due {due}")
+        due = _latch_and_play(board, 4)
+        _judge_traced_keys(board, since, mode, due)
+
+
+def _latch_and_play(board: BoardClient, number: int) -> list[LatchKey]:
+    """Latch so many frames, then two passes of a sequence where it is taken; return the keys."""
+    due = [LatchKey(0, 0, latch_now(board)) for _ in range(number)]
+    if board.has(Feature.SEQUENCE_PHASES):
+        send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+        play_out(board, _SEQUENCE, _FRAMES, loops=2)
+        due += played_keys(_SEQUENCE, _FRAMES, 2)
+    return due
+
+
+def _judge_traced_keys(
+    board: BoardClient, since: int, mode: TraceMode, due: list[LatchKey]
+) -> None:
+    """FAILED unless the latches that are traced are these, in order, or the last in the ring."""
+    due = due[-board.identity.trace_ring :] if mode is TraceMode.RING else due
+    got = [latch.key for latch in latches_received_from_board(board, since, mode)]
+    wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
+    text = f"mode {mode.name}: keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}"
+    check(got == due, text)
 
 
 @case("HG-8.2/1", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def trace_keys_are_unique(board: BoardClient) -> None:
     """40 stream latches across 0xFFFF and two passes of a sequence have unique keys"""
     mode = ask_for_board_latches(board)
-    board.arm()
-    since, first = board.link.mark(), board.link.stream_next
-    latch_random(board, 40)
-    due = [(0, 0, first + number) for number in range(40)]
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, 4, frames=3)
-        play_out(board, 4, 3, loops=2)
-        due += [(4, loop, index) for loop in range(2) for index in range(3)]
-    if mode is TraceMode.RING:
-        due = due[-board.identity.trace_ring :]
-    seen = latches_received_from_board(board, since, mode)
-    got = [(latch.sequence, latch.loop, latch.index) for latch in seen]
-    check_equal(len(set(got)), len(got), f"{len(got)} latches have {len(set(got))} keys")
-    wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
-    check(got == due, f"keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}")
+    since = board.arm()
+    _judge_traced_keys(board, since, mode, _latch_and_play(board, 40))
 
 
 # --- Times -------------------------------------------------------------------------------------
@@ -127,34 +132,30 @@ def trace_keys_are_unique(board: BoardClient) -> None:
 @case("HG-8.3/1", needs=_TRACED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def traces_tell_the_time(board: BoardClient) -> None:
     """the time in a trace is the carrier period at or after t_apply, as in STATUS"""
-    board.arm(trace_mode=TraceMode.CRC)
-    for offset_us in (0, 3, 990):
-        since = board.link.mark()
-        due_us = board.clock.on_carrier(latch_in_time(board, board.flat_phases(), offset_us))
-        seen = latches_received_from_board(board, since, TraceMode.CRC)
-        check_equal(len(seen), 1, f"one latch gives {len(seen)} TRACE")
-        told_us = seen[0].t_us
-        check(told_us == due_us, f"traced at {told_us} µs, due is {due_us} µs")
-        status_us = board.last_latch_us()
-        check_equal(told_us, status_us, f"TRACE says {told_us} µs, STATUS {status_us} µs")
+    _judge_latch_times(board, TraceMode.CRC, (0, 3, 990))
 
 
 @case("HG-8.3/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
 def evidence_names_one_time(board: BoardClient) -> None:
     """the time of a latch in TRACE or the ring, in a read-back and in STATUS is the same"""
     for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
-        for offset_us in _OFFSETS_US:
-            board.hello()
-            since, index = board.arm(trace_mode=mode), board.link.stream_next
-            latch_in_time(board, board.flat_phases(), offset_us)
-            times = {"STATUS": board.last_latch_us()}
-            if board.has(Feature.READ_LATCHED):
-                shown = read_back(board).reply
-                check(shown.key.index == index, f"read back is {shown.key.index}, not {index}")
-                times["DRIVE_REPLY"] = board.clock.unwrap(shown.t_latch_us)
-            (latch,) = latches_received_from_board(board, since, mode)
-            times[mode.name] = latch.t_us
-            check_equal(len(set(times.values())), 1, f"one latch at different times: {times}")
+        _judge_latch_times(board, mode, _OFFSETS_US)
+
+
+def _judge_latch_times(board: BoardClient, mode: TraceMode, offsets_us: Sequence[int]) -> None:
+    """FAILED unless all evidence of a latch names the carrier period at or after its t_apply."""
+    for offset_us in offsets_us:
+        board.hello()
+        since = board.arm(trace_mode=mode)
+        due_us = board.clock.on_carrier(latch_in_time(board, board.flat_phases(), offset_us))
+        times = {"STATUS": [board.last_latch_us()]}
+        if board.has(Feature.READ_LATCHED):
+            shown_us = read_back(board).reply.t_latch_us
+            times["DRIVE_REPLY"] = [board.clock.unwrap(shown_us)]
+        latches = latches_received_from_board(board, since, mode)
+        times[mode.name] = [latch.t_us for latch in latches]
+        wrong = {name: told for name, told in times.items() if told != [due_us]}
+        check(not wrong, f"one latch, due at {due_us} µs, is told at {wrong}")
 
 
 @case("HG-8.3/3-before", needs=Feature.CONFIG | Feature.TRACE_RING, evidence=SELF_REPORTED)
@@ -237,16 +238,13 @@ def traces_every_third(board: BoardClient) -> None:
     for anew in range(2):
         if anew:
             board.hello()
-        board.arm()
-        since, first = board.link.mark(), board.link.stream_next
+        since, first = board.arm(), board.link.stream_next
         drives = latch_random(board, 10)
-        board.link.barrier()
-        found = board.link.events(TraceDrive, since)
-        got = [event.key.index - first for _, event in found]
-        check_equal(got, [0, 3, 6, 9], f"of latches 0 to 9 these are traced: {got}")
+        judge_division(board, since, [LatchKey(0, 0, first + n) for n in range(10)], 3)
         events = _trace_events(board, since)
         check_equal(events, 4, "a trace of another kind reports latches as well")
-        for number, (_, event) in zip(got, found, strict=True):
+        for _, event in board.link.events(TraceDrive, since):
+            number = event.key.index - first
             same = event.data == full_client_drive(drives[number])
             check(same, f"TRACE_DRIVE of latch {number} shows another drive than was sent")
 
@@ -313,27 +311,13 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
 def every_span_under_a_ceiling(board: BoardClient) -> None:
     """READ_DRIVE of every span, of drives of every format under ceiling, correction and a ramp"""
     with _shown_under_ceiling(board):
-        board.arm()
         for stream in stream_kinds(board):
             message = stream.make()
-            latch_now(board, message)
-            due = registers_asked_for(board, message)
+            codes = registers_asked_for(board, message)
             for kind in drive_kinds(board):
-                whole = read_back(board, kind)
-                name = f"{stream.name}, {kind.name}"
-                if due is not None and kind is DriveKind.LATCHED:
-                    got = whole.phases, whole.amplitudes
-                    check_equal(got, due, f"{name}: not the drive sent")
-                _check_spans(board, name, whole, kind)
-
-
-def _check_spans(board: BoardClient, name: str, whole: ClientDrive, kind: DriveKind) -> None:
-    count = board.identity.transducers
-    for first in sorted({1, count // 3, count // 2, count - 1} & set(range(count))):
-        for number in (1, 3, 0xFFFF):
-            got, span = read_drive(board, kind, first, number).data, slice(first, first + number)
-            due = whole.phases[span] + whole.amplitudes[span]
-            check_equal(got, due, f"{name}: {number} from {first} are other codes than the whole's")
+                due = b"".join(codes) if codes and kind is DriveKind.LATCHED else None
+                with named(stream.name):
+                    judge_spans(board, kind, message, due)
 
 
 @case("HG-8.3/2-ramp", needs=_DIMMED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -389,24 +373,20 @@ def every_trace_of_like_keys(board: BoardClient) -> None:
         check(len(got) == len(due) and not wrong, f"{text}, those at {wrong} as other drives")
 
 
-@case("HG-8.4/1-restarts", needs=_PLAYED | Feature.TRACE_DRIVE, evidence=SELF_REPORTED)
+@case("HG-8.4/1-restarts", needs=_FLOODED, evidence=SELF_REPORTED)
 def every_division_starts_anew(board: BoardClient) -> None:
     """a divider counts the latches of stream and playback from SET_CONFIG and from HELLO on,
     each
     """
     send_phases_to_store(board, _SEQUENCE, frames=2)
-    for before in range(4):
-        for name in ("SET_CONFIG", "HELLO"):
-            board.arm(trace_mode=TraceMode.DRIVE, trace_divider=3)
-            latch_random(board, before)
-            if name == "HELLO":
-                board.hello()
-            else:
-                board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
-            since = board.arm()
-            latch_now(board)
-            play_out(board, _SEQUENCE, 2, loops=3)  # 7 latches: 0, 3 and 6 of them are traced
-            board.link.barrier()
-            keys = [event.key for _, event in board.link.events(TraceDrive, since)]
-            got = [2 * key.loop + key.index + 1 if key.sequence else 0 for key in keys]
-            check_equal(got, [0, 3, 6], f"{before} latches, {name}, 7 latches: traced are {got}")
+    for before, name in itertools.product(range(4), ("SET_CONFIG", "HELLO")):
+        board.arm(trace_mode=TraceMode.DRIVE, trace_divider=3)
+        latch_random(board, before)
+        if name == "HELLO":
+            board.hello()
+        else:
+            board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
+        since = board.arm()
+        keys = [LatchKey(0, 0, latch_now(board)), *played_keys(_SEQUENCE, 2, 3)]
+        play_out(board, _SEQUENCE, 2, loops=3)
+        judge_division(board, since, keys, 3, f"{before} latches, {name}, ")
