@@ -91,6 +91,14 @@ class TimerKind:
         header, _ = judged_mute_by_timer(board, since, timeout_us, self.reason)
         judge_mute_time(board, start_us, header, due_ms, name, asked_us=asked_us)
 
+    def judge_whole(
+        self, board: BoardClient, length_ms: int, name: str = "", **changes: int
+    ) -> None:
+        """Start it; FAILED unless it mutes behind its length, and the ramp that *changes* set."""
+        since = board.link.mark()
+        start_us = self.start(board, length_ms, **changes)
+        self.judge(board, since, start_us, length_ms + changes.get("ramp_ms", 0), name)
+
     def most_ms(self, board: BoardClient) -> int:
         """Return its greatest length on a board."""
         limit_ms = _LONGEST_MS if board.wire.is_virtual else _LONGEST_WALL_MS

@@ -82,11 +82,20 @@ def takes_uploads_at_its_limits(board: BoardClient) -> None:
 @case("HG-7.2/2")
 def refuses_uploads_of_broken_size(board: BoardClient) -> None:
     """sizes that are no whole frames are refused: BAD_LENGTH, detail: bytes in a frame"""
-    form = upload_forms(board)[0]
-    frame = form.frame_bytes
-    for size in (0, frame + 1, 2 * frame - 1):
-        if size == 0 or (size % frame and size <= board.identity.max_upload_bytes):
-            board.link.refused(form.request(size), ErrorCode.BAD_LENGTH, frame)
+    _judge_sizes(board, upload_forms(board)[0])
+
+
+def _judge_sizes(board: BoardClient, form: UploadForm) -> None:
+    """FAILED unless 1 to 3 whole frames are taken, and sizes near that refused."""
+    most, unit = board.identity.max_upload_bytes, form.frame_bytes
+    for frames in range(1, 1 + _FRAMES if form.target else 2):
+        if frames * unit <= most:
+            announce_upload(board, form.request(frames * unit))
+    near = {0} | {unit + step for step in (-16, -4, -2, -1, 1, 2, 4, 16)}
+    near |= {2 * unit + step for step in (-16, -1, 1, 16)}
+    for size in sorted(near):
+        if size == 0 or (0 < size <= most and size % unit):
+            board.link.refused(form.request(size), ErrorCode.BAD_LENGTH, unit)
 
 
 @case("HG-7.2/3")
@@ -273,16 +282,8 @@ def refuses_a_stray_upload_commit(board: BoardClient) -> None:
 @case("HG-7.2/2-kinds")
 def every_upload_is_of_whole_frames(board: BoardClient) -> None:
     """1 to 3 whole frames of every kind and number of points are taken, and no broken frame"""
-    most = board.identity.max_upload_bytes
     for form in upload_forms(board, points=range(1, board.most_points + 1)):
-        unit = form.frame_bytes
-        for frames in range(1, 1 + _FRAMES if form.target else 2):
-            if frames * unit <= most:
-                announce_upload(board, form.request(frames * unit))
-        near = {unit + step for step in (-16, -4, -2, -1, 1, 2, 4, 16)}
-        near |= {2 * unit + step for step in (-16, -1, 1, 16)} if form.target else set()
-        for size in sorted(size for size in near if 0 < size <= most and size % unit):
-            board.link.refused(form.request(size), ErrorCode.BAD_LENGTH, unit)
+        _judge_sizes(board, form)
 
 
 @case("HG-5.4/1-played", needs=_TRACED_POINTS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)

@@ -33,7 +33,6 @@ from ...client.capabilities import PLAYS
 from ...client.latching import latch_now
 from ...client.playback import (
     play_later,
-    play_now,
     play_request,
     send_phases_that_fit,
     send_phases_to_store_if_supported,
@@ -95,14 +94,11 @@ _STALE: Final = 0x0F0F
 def latches_renew_no_lease(board: BoardClient) -> None:
     """no latch, of queue or playback, and no HELLO again renews lease or unattended time"""
     ramp_ms = TIMER_MS if board.has(Feature.AMPLITUDE) else 0
-    send_phases_to_store_if_supported(board, STORED, frames=2)
-    for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
-        timer = UNATTENDED if plays else LEASE
+    for timer in timer_kinds(board, LEASE, UNATTENDED):
         board.hello()
-        since = board.arm(host_timeout_ms=50 if plays else TIMER_MS, ramp_ms=ramp_ms)
-        if plays:
-            play_now(board, STORED, loops=0, unattended_ms=TIMER_MS, period_us=50 * _MS)
-        else:
+        since = board.link.mark()
+        timer.start(board, TIMER_MS, ramp_ms=ramp_ms)
+        if timer is LEASE:
             _queue_over_lease(board, TIMER_MS + ramp_ms)
         start_us = board.clock.device_us()
         again = board.hello_message(board.link.session)  # which has no effect but its reply

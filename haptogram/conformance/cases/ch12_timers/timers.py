@@ -24,7 +24,7 @@ from haptogram_protocol.rules import CONFIG_BOUNDS
 from ...case import Case, Depth, case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYS, TRACED_PLAYS
-from ...client.latching import latch_now, latch_timed, latches_received_from_board, read_back
+from ...client.latching import latch_now, latches_received_from_board, read_back
 from ...client.playback import play_now, play_request, send_phases_that_fit, send_phases_to_store
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...client.uploads import SEQUENCES
@@ -64,9 +64,7 @@ host_gives_up = case_about_host("HG-12.6/2")
 def timers_are_exact(board: BoardClient) -> None:
     """hold and STATUS come within 1 ms of their time"""
     for hold_ms in (50, 137):
-        since = board.arm(hold_ms=hold_ms)
-        start_us = latch_timed(board)
-        HOLD.judge(board, since, start_us, hold_ms)
+        HOLD.judge_whole(board, hold_ms)
     period_ms = board.quick_status_ms + 10
     board.configure(status_period_ms=period_ms)
     since = board.link.mark()
@@ -87,9 +85,7 @@ def lease_runs_out(board: BoardClient) -> None:
 @case("HG-12.2/2", needs=Feature.CONFIG)
 def hold_timer_waits_for_a_latch(board: BoardClient) -> None:
     """between ARM and the first latch the hold does not run, the lease does"""
-    board.arm(hold_ms=30, host_timeout_ms=250)
-    start_us, since = board.clock.device_us(), board.link.mark()
-    LEASE.judge(board, since, start_us, 250)
+    LEASE.judge_whole(board, 250, hold_ms=30)
 
 
 @case("HG-12.2/2-ended", needs=Feature.CONFIG, depth=Depth.DEFAULT)
@@ -226,14 +222,9 @@ def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
     """
     ramp_ms = 270  # of other lengths: HG-6.11/5-pairs
     length_ms = board.clock.timer_ms(60, 2 * board.identity.transducers + 200)
-    for timer in timer_kinds(board):
-        if timer is RAMP:
-            continue
-        since = board.link.mark()
+    for timer in timer_kinds(board, HOLD, LEASE, UNATTENDED):
         with board.counting(timeouts=1):
-            start_us = timer.start(board, length_ms, ramp_ms=ramp_ms)
-            name = f"{timer.reason.name}, ramp"
-            timer.judge(board, since, start_us, length_ms + ramp_ms, name)
+            timer.judge_whole(board, length_ms, f"{timer.reason.name}, ramp", ramp_ms=ramp_ms)
 
 
 # --- Whole lengths -----------------------------------------------------------------------------
@@ -248,10 +239,7 @@ def every_timer_passes_its_whole_length(board: BoardClient) -> None:
             least_ms = board.clock.timer_ms(CONFIG_BOUNDS.get(timer.name, (1, most_ms))[0])
             lengths = [*wrapping_timer_lengths(least_ms, most_ms), most_ms]
         for length_ms in lengths:
-            since = board.link.mark()
-            start_us = timer.start(board, length_ms)
-            name = f"{timer.name} = {length_ms}"
-            timer.judge(board, since, start_us, length_ms, name)
+            timer.judge_whole(board, length_ms)
 
 
 @case("HG-9.1/1-whole", needs=Feature.CONFIG, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
