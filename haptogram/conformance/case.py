@@ -93,13 +93,16 @@ def case(
     needs_reset: bool = False,
     before_wrap_us: int = 0,
     needs_session: bool = True,
-    depth: Depth = Depth.QUICK,
+    depth: Depth | None = None,
     wall_depth: Depth | None = None,
 ) -> Callable[[Body], Case]:
     """Return a decorator that makes a function the :class:`Case` of that id.
 
-    Its docstring is the summary, unless one is given.
+    Its docstring is the summary, unless one is given.  A case with a depth of its own at a wall
+    clock waits long: in virtual time it is of the default depth.
     """
+    if depth is None:
+        depth = Depth.QUICK if wall_depth is None else Depth.DEFAULT
     section, _, rest = name.partition("/")
     number, _, own_variant = rest.partition("-")
 

@@ -104,13 +104,7 @@ def frames_of_long_playback_are_those_stored(board: BoardClient) -> None:
             _judge_frames_of_long_playback(board, sequence, stored, name)
 
 
-@case(
-    "HG-7.6/4-most",
-    needs=_RINGS,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@case("HG-7.6/4-most", needs=_RINGS, evidence=SELF_REPORTED, wall_depth=Depth.FULL)
 def playback_of_most_frames_begins(board: BoardClient) -> None:
     """a sequence of as many frames as the board takes, 65537 at most, is stored, and its first
     play
@@ -228,13 +222,7 @@ def wide_dividers_divide_playback(board: BoardClient) -> None:
     judge_division(board, since, keys, _DIVIDER)
 
 
-@case(
-    "HG-8.4/1-many",
-    needs=_TRACED_DRIVES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@case("HG-8.4/1-many", needs=_TRACED_DRIVES, evidence=SELF_REPORTED, wall_depth=Depth.FULL)
 def a_divider_divides_many_playback_latches(board: BoardClient) -> None:
     """of 66000 latches since SET_CONFIG those 0 and 40000 are traced by a divider of 40000"""
     send_phases_to_store(board, _SEQUENCE, frames=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram_protocol.messages import (
@@ -169,8 +169,7 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
 
     settings = _settings_beside_timers(board)
     if not board.wire.is_virtual:  # all fields at once, at one end and at the other
-        both = (settings, settings[::-1])
-        settings = [{name: v for one in some for name, v in one.items()} for some in both]
+        settings = [_all_of(settings), _all_of(reversed(settings))]
     before = {"sound_speed_mm_s": board.identity.sound_speed_mm_s}
     board.configure(**before)
     model = judged_model_of_board(board)
@@ -287,9 +286,12 @@ def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
     found = every_other_setting(board)
     if board.has(Feature.AMPLITUDE):
         found.append({"amplitude_ceiling": 50})
-    if not board.wire.is_virtual:
-        found = [{name: value for change in reversed(found) for name, value in change.items()}]
-    return found
+    return found if board.wire.is_virtual else [_all_of(reversed(found))]
+
+
+def _all_of(settings: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return all changes in one; of the same field the last one."""
+    return {name: value for changes in settings for name, value in changes.items()}
 
 
 def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:

@@ -167,32 +167,20 @@ def judge_playback(
 @case("HG-7.6/5", needs=_NEEDS | Feature.CONFIG)
 def playback_may_be_left_alone(board: BoardClient) -> None:
     """a playback outlives host_timeout_ms, and is muted after unattended_ms: UNATTENDED"""
-    board.configure(host_timeout_ms=60)
-    send_phases_that_fit(board, 1, frames=2)
     alone_ms = min(300, board.identity.max_unattended_ms)
     require(alone_ms > 100, "max_unattended_ms is too short to tell it from host_timeout_ms")
-    since = board.arm()
-    play_now(board, 1, loops=0, unattended_ms=alone_ms)
-    start_us = board.clock.device_us()
-    UNATTENDED.judge(board, since, start_us, alone_ms)
+    UNATTENDED.judge_whole(board, alone_ms, host_timeout_ms=60)
 
 
 @case("HG-7.6/6", needs=_NEEDS, depth=Depth.DEFAULT)
 def playback_loops_until_it_is_ended(board: BoardClient) -> None:
     """with loops = 0 a sequence plays until STOP, DISARM, MUTE or a new session ends it"""
-    send_phases_that_fit(board, 1, frames=2)
     for message in (Stop(), Disarm(), Mute(), None):
-        since = board.arm()
-        play_now(board, 1, loops=0)
         with board.counting():
-            let_play(board, 50)
-            check(not board.link.events(PlaybackEnded, since), "it ended by itself")
-        if message is None:
-            board.hello()
-        else:
-            board.link.ask(message)
-            _, event = board.due_event(PlaybackEnded, since, 20 * _MS)
-            check(event.frames >= 40, f"{event.frames} frames were latched in 50 periods")
+            since = _play_on(board, 50)
+        board.link.ask(message) if message else board.hello()
+        _, event = board.due_event(PlaybackEnded, since, 20 * _MS)
+        check(event.frames >= 40, f"{event.frames} frames were latched in 50 periods")
         board.arm()
         with board.counting(latched=0):
             wait_for_no_latch(board, 10 * _MS)
@@ -201,16 +189,23 @@ def playback_loops_until_it_is_ended(board: BoardClient) -> None:
 @case("HG-7.7/1", needs=_NEEDS)
 def stop_ends_the_playback(board: BoardClient) -> None:
     """STOP ends a playback; the board stays ARMED and holds the drive"""
-    send_phases_that_fit(board, 1, frames=2)
-    since = board.arm()
-    play_now(board, 1, loops=0)
-    let_play(board, 5)
+    since = _play_on(board, 5)
     state = board.link.call(Stop(), StopReply).state
     check_equal(state, OutputState.ARMED, f"STOP_REPLY says {state.name}")
     board.due_event(PlaybackEnded, since, 20 * _MS)
     with board.counting(latched=0):
         wait_for_no_latch(board, 10 * _MS)
         board.check_state(OutputState.ARMED, "STOP leaves the board")
+
+
+def _play_on(board: BoardClient, periods: int) -> int:
+    """Play a sequence without an end for so many periods; return the number of the next piece."""
+    send_phases_that_fit(board, 1, frames=2)
+    since = board.arm()
+    play_now(board, 1, loops=0)
+    let_play(board, periods)
+    check(not board.link.events(PlaybackEnded, since), "it ended by itself")
+    return since
 
 
 @case("HG-7.7/2")
@@ -277,6 +272,24 @@ def _playback_loop_numbers(frames: int) -> list[int]:
     return sorted(number for number in numbers if number * frames > _SEEN and number < 1 << 32)
 
 
+def _latches_of_playback(
+    board: BoardClient, frames: int, loops: int, period_us: int, look_us: int
+) -> int:
+    """Return the latches of a playback that is stopped after a while; FAILED if it ends before."""
+    board.arm()
+    since, before = board.link.mark(), board.status().counters
+    start_us = board.wire.now_us()
+    play_now(board, _SEQUENCE, loops=loops, period_us=period_us)
+    board.wire.idle(look_us)
+    for _, event in board.link.events(PlaybackEnded, since):
+        text = f"{loops} loops of {frames} frames, {period_us} µs apart, end"
+        fail(f"{text} after {event.frames} frames")
+    board.link.call(Stop(), StopReply)
+    if look_us < period_us:
+        board.wire.check_not_after(start_us + period_us, "STOP within a period")
+    return board.counted_since(before)["latched"]
+
+
 @case("HG-7.6/4-loops", needs=Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_number_of_loops_goes_on(board: BoardClient) -> None:
     """loops of every width of 1, 2 and 3 frames do not end after the first few frames"""
@@ -285,17 +298,9 @@ def every_number_of_loops_goes_on(board: BoardClient) -> None:
     for frames in (1, 2, 3):
         send_phases_to_store(board, _SEQUENCE, frames=frames)
         for loops in _playback_loop_numbers(frames):
-            board.arm()
-            since, before = board.link.mark(), board.status().counters
-            play_now(board, _SEQUENCE, loops=loops, period_us=period_us)
-            board.wire.idle(_SEEN * period_us)
-            name = f"{loops} loops of {frames} frames"
-            if board.link.events(PlaybackEnded, since):
-                event = board.link.events(PlaybackEnded, since)[0][1]
-                fail(f"{name} end after {event.frames} frames")
-            board.link.call(Stop(), StopReply)
-            latched = board.counted_since(before)["latched"]
-            check(latched >= _SEEN - 1, f"{name}: {latched} latches in {_SEEN} periods")
+            latched = _latches_of_playback(board, frames, loops, period_us, _SEEN * period_us)
+            text = f"{loops} loops of {frames} frames: {latched} latches in {_SEEN} periods"
+            check(latched >= _SEEN - 1, text)
 
 
 def _playback_periods_us() -> list[int]:
@@ -311,20 +316,11 @@ def every_long_period_is_kept(board: BoardClient) -> None:
     board.configure(hold_ms=10_000)
     periods = _playback_periods_us()
     for period_us in periods if board.thorough else periods[-2:]:
-        board.arm()
-        with board.counting(latched=1):
-            since, start_us = board.link.mark(), board.wire.now_us()
-            play_now(board, _SEQUENCE, loops=1, period_us=period_us)
-            board.wire.idle(_LOOK_MS * _MS)
-            if board.link.events(PlaybackEnded, since):
-                fail(f"a period of {period_us} µs: all 3 frames within {_LOOK_MS} ms")
-            board.link.call(Stop(), StopReply)
-            board.wire.check_not_after(start_us + period_us, "STOP within a period")
+        latched = _latches_of_playback(board, 3, 1, period_us, _LOOK_MS * _MS)
+        check_equal(latched, 1, f"a period of {period_us} µs: {latched} latches in {_LOOK_MS} ms")
 
 
-@case(
-    "HG-7.6/4-long", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT, wall_depth=Depth.FULL
-)
+@case("HG-7.6/4-long", needs=PLAYS, evidence=SELF_REPORTED, wall_depth=Depth.FULL)
 def every_frame_of_a_long_playback_is_in_time(board: BoardClient) -> None:
     """one playback of more than 2^32 µs: each frame at its time, past 2^31 and 2^32 µs too"""
     frames = 4  # 38 s at a wall clock
@@ -355,13 +351,7 @@ def every_frame_of_a_long_playback_is_in_time(board: BoardClient) -> None:
     check_equal(told, (frames // 2, frames), f"{frames} frames: PLAYBACK_ENDED says {told}")
 
 
-@case(
-    "HG-7.6/2-starts",
-    needs=PLAYS,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@case("HG-7.6/2-starts", needs=PLAYS, evidence=SELF_REPORTED, wall_depth=Depth.FULL)
 def every_playback_start_is_kept(board: BoardClient) -> None:
     """starts up to the horizon ahead are taken; the first frame is latched then and not before"""
     send_phases_to_store(board, _SEQUENCE, frames=1)

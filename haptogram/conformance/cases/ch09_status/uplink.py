@@ -98,13 +98,7 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
 
 
 # the buffers of an operating system take seconds to fill
-@case(
-    "HG-9.5/1-full",
-    needs=Feature.CONFIG,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@case("HG-9.5/1-full", needs=Feature.CONFIG, evidence=SELF_REPORTED, wall_depth=Depth.FULL)
 def full_uplink_keeps_numbers(board: BoardClient) -> None:
     """a host reads nothing until no event finds room: numbers of every kind go on without a gap"""
     plays = board.has(Feature.SEQUENCE_PHASES)

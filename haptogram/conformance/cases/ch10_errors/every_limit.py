@@ -169,7 +169,9 @@ def _times_beyond_limits(board: BoardClient) -> list[int]:
     return [*passed, *ahead, *({horizon_us, _HALF - _SPARE_US} if ahead else set())]
 
 
-_READ_LATCHED: Final = partial(ReadDrive, DriveKind.LATCHED)
+_DRIVES_BEYOND_LIMITS: Final = partial(
+    _elements_beyond_limits, partial(ReadDrive, DriveKind.LATCHED)
+)
 _REQUESTS: Final[
     tuple[tuple[str, Feature, str, Callable[[BoardClient], Iterator[_Beyond]]], ...]
 ] = (
@@ -181,12 +183,7 @@ _REQUESTS: Final[
     ("HG-7.5/2", Feature(0), "first transducers", partial(_elements_beyond_limits, GetGeometry)),
     ("HG-7.6/1", Feature.SEQUENCE_PHASES, "sequences of PLAY", _sequences_beyond_limits),
     ("HG-7.6/2", Feature.SEQUENCE_PHASES, "periods, times, starts", _playbacks_beyond_limits),
-    (
-        "HG-8.6/2",
-        Feature.READ_LATCHED,
-        "first transducers",
-        partial(_elements_beyond_limits, _READ_LATCHED),
-    ),
+    ("HG-8.6/2", Feature.READ_LATCHED, "first transducers", _DRIVES_BEYOND_LIMITS),
 )
 
 

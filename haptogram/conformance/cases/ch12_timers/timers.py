@@ -230,7 +230,7 @@ def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
 # --- Whole lengths -----------------------------------------------------------------------------
 
 
-@case("HG-12.1/1-whole", needs=Feature.CONFIG, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
+@case("HG-12.1/1-whole", needs=Feature.CONFIG, wall_depth=Depth.FULL)
 def every_timer_passes_its_whole_length(board: BoardClient) -> None:
     """lease, hold, ramp and unattended time of lengths up to the greatest end within 1 ms"""
     for timer in timer_kinds(board):
@@ -242,7 +242,7 @@ def every_timer_passes_its_whole_length(board: BoardClient) -> None:
             timer.judge_whole(board, length_ms)
 
 
-@case("HG-9.1/1-whole", needs=Feature.CONFIG, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
+@case("HG-9.1/1-whole", needs=Feature.CONFIG, wall_depth=Depth.FULL)
 def every_status_period_passes_as_a_whole(board: BoardClient) -> None:
     """status periods of every length up to the greatest pass as a whole"""
     lengths = [65_535]
@@ -314,13 +314,7 @@ def _play_across_timer_wrap(board: BoardClient) -> None:
         board.disarm()
 
 
-@case(
-    "HG-12.1/1-wrap",
-    needs=Feature.CONFIG,
-    needs_reset=True,
-    depth=Depth.DEFAULT,
-    wall_depth=Depth.FULL,
-)
+@case("HG-12.1/1-wrap", needs=Feature.CONFIG, needs_reset=True, wall_depth=Depth.FULL)
 def every_timer_crosses_the_wrap(board: BoardClient) -> None:
     """STATUS, lease, hold, ramp and unattended time that run across 2^32 µs end at their times"""
     board.prepare()
