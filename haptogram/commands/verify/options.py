@@ -109,7 +109,7 @@ def _acts_on_a_run(row: Acting | None) -> Acting:
 
 
 _ACTING: Final = {
-    **{name: _acts_on_a_run(_ACTING_ON_A_RUN.get(name)) for name in _OF_A_RUN},
+    **{name: _acts_on_a_run(_ACTING_ON_A_RUN.get(name)) for name in sorted(_OF_A_RUN)},
     "stamp": STAMPED,
 }
 
