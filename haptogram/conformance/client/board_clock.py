@@ -130,7 +130,8 @@ class ClockClient:
         ready_us = points * self.point_time_us + self.lead_us
         ready_us += self._wire.limits.lead_us + 2 * extra_us
         self.require_horizon(ready_us + ahead_us)
-        return self._begin_exchange(self.on_carrier(self.device_us() + ready_us)) + ahead_us
+        now_us = max(self.device_us(), self.device_estimate_us())  # a STATUS may hold up the PONG
+        return self._begin_exchange(self.on_carrier(now_us + ready_us)) + ahead_us
 
     def require_times_in_carrier(self) -> None:
         """End the case as NOT-OBSERVED if a carrier period has no room for three times."""

@@ -314,8 +314,7 @@ class SuiteRunner:
             ended = CaseEndedError(ended.behaviour, f"{ended}{self._found_meanwhile(board, ended)}")
         if ended.behaviour is Behaviour.FAILED and self._is_hold_too_short(board, ended):
             board.wire.note_held_up(1000 * board.config.hold_ms)
-            hold = f"for longer than the hold of {board.config.hold_ms} ms, which nothing extends"
-            ended = HeldUpError(f"{hold}: {ended}")
+            ended = self._ended_by_hold(board, ended)
         lenient = clause.level is Level.SHOULD and not self._options.strict
         if ended.behaviour is Behaviour.FAILED and lenient:
             return _Outcome(Behaviour.NON_STRICT, str(ended))
@@ -323,11 +322,18 @@ class SuiteRunner:
 
     def _is_hold_too_short(self, board: BoardClient, ended: CaseEndedError) -> bool:
         """Return True if a hold that the case did not ask for ended before the host came back."""
-        if self._access.virtual or board.has(Feature.CONFIG):
+        if board.has(Feature.CONFIG):
             return False
         asked = str(ended).partition(" (meanwhile")[0]
         reasons = {event.reason for _, event in board.link.events(StateChanged, 0)}
         return MuteReason.HOLD_EXPIRED in reasons and MuteReason.HOLD_EXPIRED.name not in asked
+
+    def _ended_by_hold(self, board: BoardClient, ended: CaseEndedError) -> CaseEndedError:
+        """Return the end of a case that takes longer than a hold that nothing extends."""
+        text = f"longer than the hold of {board.config.hold_ms} ms, which nothing extends: {ended}"
+        if self._access.virtual:
+            return CaseEndedError(Behaviour.NOT_OBSERVED, f"this line takes {text}")
+        return HeldUpError(f"for {text}")
 
     def _found_meanwhile(self, board: BoardClient, ended: CaseEndedError) -> str:
         """Return in words what the frames of a case show that its own finding does not tell."""
