@@ -322,11 +322,10 @@ class SuiteRunner:
 
     def _is_hold_too_short(self, board: BoardClient, ended: CaseEndedError) -> bool:
         """Return True if a hold that the case did not ask for ended before the host came back."""
-        if board.has(Feature.CONFIG):
-            return False
-        asked = str(ended).partition(" (meanwhile")[0]
         reasons = {event.reason for _, event in board.link.events(StateChanged, 0)}
-        return MuteReason.HOLD_EXPIRED in reasons and MuteReason.HOLD_EXPIRED.name not in asked
+        if MuteReason.HOLD_EXPIRED not in reasons or board.has(Feature.CONFIG):
+            return False
+        return MuteReason.HOLD_EXPIRED.name not in str(ended).partition(" (meanwhile")[0]
 
     def _ended_by_hold(self, board: BoardClient, ended: CaseEndedError) -> CaseEndedError:
         """Return the end of a case that takes longer than a hold that nothing extends."""

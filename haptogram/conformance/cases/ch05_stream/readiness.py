@@ -248,6 +248,8 @@ def _judge_margin(board: BoardClient, kind: str, message: Message, ahead_us: int
         The margin that it had.
     """
     window_us, mode = board.config.late_window_us, board.config.trace_mode
+    if not board.has(Feature.CONFIG):
+        board.arm_anew()  # or the hold of the last latch may end before this one
     board.clock.wait_latched()
     before, since, index = board.status().counters, board.link.mark(), board.link.stream_next
     t_us = board.clock.ready_us(board.clock.device_us(), points_of_stream_kind(message)) + ahead_us
