@@ -83,7 +83,7 @@ def run_commands(folder: Path, script: str) -> str:
     python = os.pathsep.join(path for path in sys.path if path)
     path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
     process = subprocess.Popen(
-        ["bash", "-c", f"set -m\ntrap 'kill $(jobs -p) 2>/dev/null; wait' EXIT\n{script}"],
+        ["bash", "-c", f"set -m\ntrap 'kill $(jobs -p) 2>/dev/null || :; wait' EXIT\n{script}"],
         cwd=folder,
         env=os.environ | {"PATH": path, "PYTHONPATH": python, "PYTHONUNBUFFERED": "1"},
         stdout=subprocess.PIPE,
