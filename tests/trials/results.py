@@ -31,13 +31,10 @@ def told(trial: Line) -> str:
 _COLUMNS: Final = {
     "passed": ("passed",),
     "caught": ("caught",),
-    "below: passed": ("below, passed",),
-    "below: failed": ("below, failed",),
+    "below": ("below, passed", "below, failed"),
     "not verified": ("not verified",),
     "lost": ("lost", "stopped"),
-    "false pass": ("false pass",),
-    "false fail": ("false fail",),
-    "crash": ("crash",),
+    "wrong verdict": BAD,
 }
 
 
@@ -162,6 +159,7 @@ waves arrive in phase, for the peaks next to several foci, and for the pressure 
 - *False fail*: a correct frame that fails. With a tolerance, a correct host takes up to all of it:
   another place, other air, elements a little elsewhere, all at once.
 - *Below*: wrong drives whose effect is smaller than what shows.
+- *Wrong verdict*: a false pass, a false fail or a crash.
 - *Lost*: not latched because of a fault, or never sent because the fault ended the run.
 - *Passed* among the wrong ones: the fault left the frame alone; these do not count.
 """
