@@ -63,8 +63,8 @@ One fault at a time on the virtual board, in virtual time: a circle of 30 mm rad
     haptogram verify --virtual-time --object circle --radius-mm 30 --repeat 10 --seed {seed} \\
         --fault "..."
 
-and meets the same faults again when it is run again. The parameters, and what counts as once, are
-in [faults.md](faults.md); where none is given, the default is meant.
+and meets the same faults again when it is run again. The parameters are in
+[faults.md](faults.md); where none is given, the default is meant.
 
 - *across*, *along*: the largest distance of a focus that was radiated from its target, across and
   along the beam. Rounding of the phases alone makes up to {smallest_miss:.2f} mm. Of a drive that
@@ -73,8 +73,8 @@ in [faults.md](faults.md); where none is given, the default is meant.
   because a frame was lost, late or wrong. The board holds the last drive meanwhile: *away* is how
   far from the target its focus was at most (points are 5 mm apart), *Pa* the average pressure at
   the target over that time, of what it should have been.
-- *cause*: what the summary names: what is wrong with the drives, what ended the run, or what board
-  and host counted on the line (names of SPEC.md chapter 9).
+- *cause*: the fault of the drives, the end of the run, or the counters of board and host (SPEC.md
+  chapter 9), as the summary names them.
 
 A lost frame or a wrong drive makes a run fail. Behind the break of a link nobody knows what was
 latched: such a run is inconclusive.
@@ -82,9 +82,7 @@ latched: such a run is inconclusive.
 """
 COLUMNS: Final = (
     "fault",
-    "fired",
     "lost",
-    "late",
     "wrong",
     "across mm",
     "along mm",
@@ -138,20 +136,15 @@ def row(fault: str) -> Row:
     except HaptogramError as error:
         return Row((name, *[_NOTHING] * (len(COLUMNS) - 3), "no result", str(error)))
     run = found.verdict()
-    cells = (name, _fired(found), *_figures(run), _cause(run, found))
+    cells = (name, *_figures(run), _cause(run, found))
     return Row(cells, run.as_dict()["smallest_miss_mm"])
-
-
-def _fired(found: RunRecord) -> str:
-    """Return the number of times that the fault acted."""
-    return _NOTHING if found.fault_counts is None else str(sum(found.fault_counts.values()))
 
 
 def _figures(run: RunVerdict) -> tuple[str, ...]:
     counts, result, effect = run.counts, run.as_dict(), run.effect
     wrong = counts["off_target"] + counts["wrong_drive"] + counts["corrupt"]
     errors = (result[name]["max"] for name in ("lateral_error_mm", "axial_error_mm"))
-    figures = [str(number) for number in (counts["lost"], counts["late"], wrong)]
+    figures = [str(number) for number in (counts["lost"], wrong)]
     figures += [_NOTHING if error is None else f"{error:.2f}" for error in errors]
     if effect is None:
         return (*figures, "0", _NOTHING, _NOTHING, str(run.verdict))

@@ -16,7 +16,8 @@ HEAD = """\
 Made by `ci/bench`; do not edit. Each row is one thread, 256 sources, piston directivity and
 absorption. Times are processor time of that thread. Ours and the reference took turns, round for
 round: *ratio* is the median of reference over ours (in brackets: the quartiles), and only ratios
-compare between machines. A goal that this run missed is marked.
+compare between machines. A goal that this run missed is marked. Of rows without a goal a section
+shows the first and the last; `out/bench.json` has all.
 """
 
 SECTIONS = [
@@ -138,15 +139,18 @@ def peers():
 def ratio_table(rows):
     yield "| case | ours | rate | ratio | goal | |"
     yield "|---|---|---|---|---|---|"
-    for entry in sorted(rows, key=lambda entry: (entry["group"] or "", case_key(entry))):
+    rows = sorted(rows, key=lambda entry: (entry["group"] or "", case_key(entry)))
+    for at, entry in enumerate(rows):
         info = entry["extra_info"]
+        if info["goal"] is None and 0 < at < len(rows) - 1:
+            continue
         low, high = info["ratio_quartiles"]
         pairs = info.get("pairs")
         rate = f"{pairs / info['ours_s'] / 1e9:.3g} Gpairs/s" if pairs else ""
         goal = "" if info["goal"] is None else f"{info['goal']:g}"
         yield (
             f"| {case(entry)} | {duration(info['ours_s'])} | {rate} "
-            f"| **{info['ratio']:.3g}** ({low:.3g} to {high:.3g}) | {goal} | {notes(info)} |"
+            f"| **{info['ratio']:.3g}** ({low:.3g}–{high:.3g}) | {goal} | {notes(info)} |"
         )
 
 

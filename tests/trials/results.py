@@ -13,6 +13,8 @@ from .judging import BAD
 GROUPS: Final[tuple[Group, ...]] = ("honest", "wrong")
 #: Of the frames that show everything: how many may stay unverified, as a share.
 MOST_SILENT: Final = 0.02
+#: Families of fewer trials share a row of the page.
+_COMMON: Final = 300
 _NUMBER: Final = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 Line = dict[str, Any]  # a trial as it lies in the file
@@ -31,13 +33,10 @@ def told(trial: Line) -> str:
 _COLUMNS: Final = {
     "passed": ("passed",),
     "caught": ("caught",),
-    "below: passed": ("below, passed",),
-    "below: failed": ("below, failed",),
+    "below": ("below, passed", "below, failed"),
     "not verified": ("not verified",),
     "lost": ("lost", "stopped"),
-    "false pass": ("false pass",),
-    "false fail": ("false fail",),
-    "crash": ("crash",),
+    "wrong verdict": BAD,
 }
 
 
@@ -55,11 +54,20 @@ def table(trials: Iterable[Line], *, summed: bool = False) -> str:
     rows: dict[str, Counter[str]] = defaultdict(Counter)
     for trial in trials:
         rows[family(trial["kind"]) if summed else trial["kind"]][trial["outcome"]] += 1
+    if summed:
+        rows = _with_rare_ones_together(rows)
     head = ["case", "trials", *_COLUMNS]
     body = [_row(kind, rows[kind]) for kind in sorted(rows)]
     body.append(_row("**all**", sum(rows.values(), Counter())))
     lines = [head, ["---"] + ["---:"] * (len(head) - 1), *body]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+
+
+def _with_rare_ones_together(rows: dict[str, Counter[str]]) -> dict[str, Counter[str]]:
+    """The families, those of few trials in one row."""
+    common = {name: counts for name, counts in rows.items() if counts.total() >= _COMMON}
+    rare = sum((counts for name, counts in rows.items() if name not in common), Counter[str]())
+    return common | ({"others": rare} if rare else {})
 
 
 def _row(kind: str, counts: Counter[str]) -> list[str]:
@@ -156,12 +164,13 @@ Written by `ci/trials --seed {seed}`, of {honest} correct and {wrong} wrong fram
 from the driver over bytes to the virtual board, are latched and judged. The truth beside each
 shares no code with the program: a field of its own, and a dense search for the place where the
 waves arrive in phase, for the peaks next to several foci, and for the pressure at every target.
-`ci/trials` prints each kind of a family that has one row here.
+`ci/trials` prints each kind; here families of fewer than 300 trials are *others*.
 
 - *False pass*: on target, although the effect exceeds what the verdict says that it would show.
 - *False fail*: a correct frame that fails. With a tolerance, a correct host takes up to all of it:
   another place, other air, elements a little elsewhere, all at once.
 - *Below*: wrong drives whose effect is smaller than what shows.
+- *Wrong verdict*: a false pass, a false fail or a crash.
 - *Lost*: not latched because of a fault, or never sent because the fault ended the run.
 - *Passed* among the wrong ones: the fault left the frame alone; these do not count.
 """

@@ -432,7 +432,7 @@ class BoardClient:
         size = frames * len(self.link.stream_wire(good, 0, seq=0)) + _STATUS_BYTES
         start_us = self.clock.soon_us(bytes(size), points=points) + ahead_us
         times = [start_us + 1000 * place for place in range(number)]
-        self.clock.require_horizon(times[-1] + 1000 - self.clock.device_us())
+        self.clock.require_horizon(times[-1] + 1000 - self.clock.device_estimate_us())
         return times
 
     def within_timers(self, wires: Iterable[bytes]) -> list[bytes]:

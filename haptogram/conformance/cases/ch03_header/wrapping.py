@@ -77,7 +77,7 @@ def header_times_wrap(board: BoardClient) -> None:
     board.arm()
     start_us = board.clock.on_carrier(_WRAP - 20_000)
     number = min(6, board.identity.queue_depth)  # 4 at least, on both sides of the wrap
-    times = [start_us + 10_000 * place for place in range(number)]
+    times = [board.clock.on_carrier(start_us + 10_000 * place) for place in range(number)]
     board.clock.require_horizon(times[-1] - board.clock.device_estimate_us())
     with board.counting(latched=len(times)):
         board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))

@@ -268,7 +268,7 @@ def _judge_orders(
     since, before, due = board.link.mark(), board.status().counters, {}
     start_us, step_us = time_for_frames(board, every), board.clock.on_carrier(_STEP_US)
     last_us = start_us + step_us * len(orders)
-    if last_us > board.clock.device_us() + board.identity.max_horizon_us:
+    if last_us > board.clock.device_estimate_us() + board.identity.max_horizon_us:
         _judge_shorter_burst(board, orders, turn, mode)
         return
     for place, (order, some) in enumerate(zip(orders, messages, strict=True)):
