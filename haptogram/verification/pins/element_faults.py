@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import TransducerArray
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
-from .pin_weights import wrapped_pin_angles
 from .run_drives import Bools, PinRunDrives
 
 _MOST: Final = 0.9  # share of frames that a name must explain
@@ -201,7 +201,7 @@ def _constant_pin_fault(
 ) -> PinFault | None:
     """Return an error, or a phase, that is the same in every frame."""
     shift = float(np.angle(np.exp(1j * errors).sum()))
-    if np.abs(wrapped_pin_angles(errors - shift)).max() <= 2.0 * limit and abs(shift) > limit / 2.0:
+    if np.abs(wrapped_phases(errors - shift)).max() <= 2.0 * limit and abs(shift) > limit / 2.0:
         degrees = math.degrees(shift)
         if abs(abs(degrees) - 180.0) <= math.degrees(2.0 * limit):
             text = "inverted: half a period off in every frame"
@@ -210,8 +210,8 @@ def _constant_pin_fault(
     phases = np.angle(seen)
     middle = float(np.angle(np.exp(1j * phases).sum()))
     wanted = np.angle(meant[np.abs(meant) > 0.0])
-    moves = np.abs(wrapped_pin_angles(wanted - wanted[0])).max(initial=0.0) > 4.0 * limit
-    if moves and np.abs(wrapped_pin_angles(phases - middle)).max() <= 2.0 * limit:
+    moves = np.abs(wrapped_phases(wanted - wanted[0])).max(initial=0.0) > 4.0 * limit
+    if moves and np.abs(wrapped_phases(phases - middle)).max() <= 2.0 * limit:
         degrees = math.degrees(middle) % 360.0
         return PinFault(PinFaultKind.STUCK, f"stuck at a phase of {degrees:.1f} degrees")
     return None

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, phase_step_rad
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
@@ -21,7 +22,7 @@ from ..frame.verdict import Verdict
 from .element_faults import PinFaultKind, exchanged_pin_orders, faults_of_pins, grouped_pin_faults
 from .lost_samples import frames_before_lost_samples
 from .pin_verdict import PinLimits, PinVerdict
-from .pin_weights import pins_phase, wrapped_pin_angles
+from .pin_weights import pins_phase
 from .run_drives import Bools, PinRunDrives
 from .shared_phase import shared_turns_of_pins
 from .shown_frames import (
@@ -236,7 +237,7 @@ class _PinJudge:
                 continue
             errors = errors[np.isfinite(errors)]
             limit = float(np.median(drives.limit_rad[known, place]))
-            near = np.abs(wrapped_pin_angles(errors - pins_phase(errors, limit))) <= limit
+            near = np.abs(wrapped_phases(errors - pins_phase(errors, limit))) <= limit
             codes = run.weights[known[near], place]
             if own is not None:
                 codes = codes * np.conj(run.weights[known[near], own])
@@ -347,7 +348,7 @@ class _PinJudge:
             return
         in_time = self.shown.late <= LATE_PERIODS  # the mean of a late frame may hold two drives
         frames = np.flatnonzero(judged & np.isfinite(turns) & in_time)
-        away = wrapped_pin_angles(turns[frames] - pins_phase(turns[frames], self._limits.phase_rad))
+        away = wrapped_phases(turns[frames] - pins_phase(turns[frames], self._limits.phase_rad))
         limit = 2.0 * np.median(self.shown.drives.limit_rad[frames], axis=1)
         for place in np.flatnonzero(np.abs(away) > limit):
             self._find(

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.pins import PinRecord
 
 from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
@@ -121,7 +122,7 @@ def common_turns_of_pins(
     for frame in np.flatnonzero((2 * agreeing < counts) & (counts >= _FEWEST)):
         found = errors[frame][sounding[frame]]
         shared = pins_phase(found, limit_rad)
-        if 2 * (np.abs(wrapped_pin_angles(found - shared)) <= 2.0 * limit_rad).sum() > len(found):
+        if 2 * (np.abs(wrapped_phases(found - shared)) <= 2.0 * limit_rad).sum() > len(found):
             common[frame] = shared
         elif record.reference_element is not None:
             common[frame] = np.nan  # as of a frame that comes late: its mean is of two drives
@@ -130,7 +131,7 @@ def common_turns_of_pins(
 
 def _agreeing_pins(errors: FloatArray, common: FloatArray, limit_rad: float) -> Bools:
     with np.errstate(invalid="ignore"):
-        near: Bools = np.abs(wrapped_pin_angles(errors - common[:, None])) <= 2.0 * limit_rad
+        near: Bools = np.abs(wrapped_phases(errors - common[:, None])) <= 2.0 * limit_rad
     return near
 
 
@@ -150,7 +151,7 @@ def pins_phase(errors: FloatArray, limit_rad: float, *, near: float | None = Non
     """
     width = 2.0 * limit_rad
     middle = 0.0 if near is None else near
-    ordered = np.sort(wrapped_pin_angles(errors - middle))
+    ordered = np.sort(wrapped_phases(errors - middle))
     if near is None:
         firsts, ordered = ordered, np.concatenate([ordered, ordered + 2.0 * np.pi])
     else:
@@ -176,9 +177,3 @@ def _filled_pin_weights(values: FloatArray) -> FloatArray:
     )
     filled: FloatArray = values[nearer]
     return filled
-
-
-def wrapped_pin_angles(angles: FloatArray) -> FloatArray:
-    """Return *angles* in -pi to pi."""
-    wrapped: FloatArray = (angles + np.pi) % (2.0 * np.pi) - np.pi
-    return wrapped

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
-from .pin_weights import wrapped_pin_angles
 from .shown_frames import FramesShownByPins
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _pin_phase_difference_rad(
     if a is None or b is None:
         return math.inf
     turns = np.concatenate([a[seen_a], b[seen_b]])
-    away = wrapped_pin_angles(turns - turns[0])
+    away = wrapped_phases(turns - turns[0])
     return float(np.ptp(away)) if np.isfinite(away).all() else math.inf
 
 
