@@ -7,8 +7,9 @@ import dataclasses
 import json
 from typing import Any, Final, TypeAlias
 
-from haptogram.acoustics import Drive, Reconstruction
+from haptogram.acoustics import Reconstruction
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
+from haptogram.records.latch import LatchRecord
 from haptogram.records.model import calibration_record_fields, model_record_fields
 
 from ..board.events import (
@@ -57,24 +58,8 @@ def backdoor_board_record(settings: BoardSettings) -> Record:
 
 def backdoor_latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:
     """Return the record of one latch, with the field that it made where that was rebuilt."""
-    same = latch.radiated is latch.drive or latch.radiated == latch.drive
-    return {
-        "kind": "latch",
-        "session": latch.session,
-        "sequence": latch.key.sequence,
-        "loop": latch.key.loop,
-        "index": latch.key.index,
-        "number": latch.number,
-        "t_latch_us": latch.t_latch_us,
-        "late": latch.late,
-        "t_received_us": latch.t_received_us,
-        "commanded_bits": latch.commanded_bits,
-        **_backdoor_codes(latch.drive),
-        "drive_crc": latch.drive.digest(),
-        "radiated": None if same else _backdoor_codes(latch.radiated),
-        "ramping": latch.ramping,
-        "reconstruction": None if reconstruction is None else reconstruction.as_dict(),
-    }
+    estimate = None if reconstruction is None else reconstruction.as_dict()
+    return LatchRecord.of(latch).as_record(estimate)
 
 
 def backdoor_pulse_record(
@@ -155,14 +140,6 @@ def backdoor_end_record(
 def backdoor_record_line(record: Record) -> bytes:
     """Return *record* as one line of JSON."""
     return json.dumps(record, separators=(",", ":"), allow_nan=False).encode() + b"\n"
-
-
-def _backdoor_codes(drive: Drive) -> Record:
-    return {
-        "phase_bits": drive.phase_bits,
-        "phase_codes": _backdoor_base64(drive.phase_bytes),
-        "amplitude_codes": _backdoor_base64(drive.amplitude_codes.tobytes()),
-    }
 
 
 def _backdoor_base64(data: bytes) -> str:
