@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import enum
 import json
 from typing import Any, Final, TypeAlias
 
@@ -35,6 +36,21 @@ from ..board.settings import BoardSettings
 VERSION: Final = 1
 
 Record: TypeAlias = dict[str, Any]
+
+#: Event of each notice in an ``output`` record, and the fields of the notice that it holds.
+_OUTPUT_EVENTS: Final[dict[type[Notice], tuple[str, ...]]] = {
+    SessionOpened: ("session", "session"),
+    StateChange: ("state", "state", "reason", "requested"),
+    StreamDropped: ("dropped", "session", "index", "counter"),
+    RampBegan: ("ramp_began", "reason"),
+    RampEnded: ("ramp_ended", "restored"),
+    RadiatedAnew: ("radiated_anew",),
+    PlaybackEnd: ("playback_ended", "sequence", "loops", "frames"),
+    PowerDown: ("power_down",),
+    Remark: ("remark", "about", "text"),
+    ClientLeft: ("client_left",),
+    WireCompared: ("wire_compared", "is_own"),
+}
 
 
 def backdoor_board_record(settings: BoardSettings) -> Record:
@@ -110,7 +126,16 @@ def backdoor_pulse_record(
 
 def backdoor_output_record(notice: Notice) -> Record:
     """Return the record of a change of the output, of a session or of the end of a sequence."""
-    return {"kind": "output", "t_us": notice.t_us, **_backdoor_output_change(notice)}
+    event, *names = _OUTPUT_EVENTS[type(notice)]
+    told = {name: _backdoor_value(getattr(notice, name)) for name in names}
+    return {"kind": "output", "t_us": notice.t_us, "event": event, **told}
+
+
+def _backdoor_value(value: Any) -> Any:
+    """Return a value of a notice as JSON has it: texts, and the names of states and reasons."""
+    if isinstance(value, str):
+        return str(value)
+    return value.name if isinstance(value, enum.Enum) else value
 
 
 def backdoor_end_record(
@@ -144,36 +169,3 @@ def backdoor_record_line(record: Record) -> bytes:
 
 def _backdoor_base64(data: bytes) -> str:
     return base64.b64encode(data).decode()
-
-
-def _backdoor_output_change(notice: Notice) -> Record:
-    if isinstance(notice, SessionOpened):
-        return {"event": "session", "session": notice.session}
-    if isinstance(notice, StateChange):
-        names = {"state": notice.state.name, "reason": notice.reason.name}
-        return {"event": "state", **names, "requested": notice.requested}
-    if isinstance(notice, StreamDropped):
-        key = {"session": notice.session, "index": notice.index}
-        return {"event": "dropped", **key, "counter": notice.counter}
-    if isinstance(notice, RampBegan):
-        return {"event": "ramp_began", "reason": notice.reason.name}
-    if isinstance(notice, RadiatedAnew):
-        return {"event": "radiated_anew"}
-    if isinstance(notice, RampEnded):
-        return {"event": "ramp_ended", "restored": notice.restored}
-    if isinstance(notice, PowerDown):
-        return {"event": "power_down"}
-    if isinstance(notice, Remark):
-        return {"event": "remark", "about": str(notice.about), "text": notice.text}
-    if isinstance(notice, ClientLeft):
-        return {"event": "client_left"}
-    if isinstance(notice, WireCompared):
-        return {"event": "wire_compared", "is_own": notice.is_own}
-    if isinstance(notice, FaultsCounted | LineCounted):
-        raise TypeError(f"{type(notice).__name__} belongs to the last record")
-    return _backdoor_playback(notice)
-
-
-def _backdoor_playback(ended: PlaybackEnd) -> Record:
-    played = {"sequence": ended.sequence, "loops": ended.loops, "frames": ended.frames}
-    return {"event": "playback_ended", **played}
