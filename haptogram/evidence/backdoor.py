@@ -6,7 +6,6 @@ line, so they are external evidence: no firmware vouches for itself here.
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import json
 import math
@@ -33,6 +32,7 @@ from haptogram.acoustics import (
 )
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, FrameKey, Intended, Observation
+from haptogram.records.latch import Codes
 from haptogram.records.losses import BoardLosses, FrameDrop
 from haptogram_protocol.messages import unwrap
 
@@ -134,14 +134,14 @@ def observation_of_record(record: Mapping[str, Any]) -> Observation:
     """
     try:
         return Observation(
-            key=_observed_frame_key(record),
+            key=FrameKey.from_record(record),
             t_latch_us=record["t_latch_us"],
             late=record["late"],
             evidence=Evidence.EXTERNAL,
-            drive=_observed_drive(record),
+            drive=drive_of_record(record),
             drive_crc=record["drive_crc"],
             reconstruction=observed_reconstruction_of(record["reconstruction"]),
-            radiated=None if record["radiated"] is None else _observed_drive(record["radiated"]),
+            radiated=None if record["radiated"] is None else drive_of_record(record["radiated"]),
             t_received_us=record["t_received_us"],
         )
     except (KeyError, TypeError, ValueError) as error:
@@ -222,7 +222,7 @@ def _end_record(records: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | Non
 def is_observed_latch_of(record: Mapping[str, Any], key: FrameKey) -> bool:
     """Return True if *record* is of the latch with this *key*, or says that it will not come."""
     if record["kind"] == "latch":
-        return key == _observed_frame_key(record)
+        return key == FrameKey.from_record(record)
     return record.get("event") == "dropped" and key == _dropped_frame_key(record)
 
 
@@ -244,7 +244,7 @@ def observed_silences_on_clock_of(
     """Return :func:`_observed_silences_of` *records*, counted as the times of *intended* are."""
     latches = (record for record in records if record["kind"] == "latch")
     shift_us = _shift_of_observations_us(
-        intended, ((_observed_frame_key(latch), latch["t_latch_us"]) for latch in latches)
+        intended, ((FrameKey.from_record(latch), latch["t_latch_us"]) for latch in latches)
     )
     return [t_us + shift_us for t_us in _observed_silences_of(records)]
 
@@ -263,7 +263,7 @@ def observed_losses_on_clock_of(
     shift_us = _shift_of_observations_us(
         intended,
         (
-            *((_observed_frame_key(latch), latch["t_latch_us"]) for latch in latches),
+            *((FrameKey.from_record(latch), latch["t_latch_us"]) for latch in latches),
             *((_dropped_frame_key(drop), drop["t_us"]) for drop in drops),
         ),
     )
@@ -295,15 +295,10 @@ def _shift_of_observations_us(
     return 0
 
 
-def _observed_frame_key(record: Mapping[str, Any]) -> FrameKey:
-    return FrameKey(record["session"], record["sequence"], record["loop"], record["index"])
-
-
-def _observed_drive(record: Mapping[str, Any]) -> Drive:
-    phases, amplitudes = (
-        base64.b64decode(record[name]) for name in ("phase_codes", "amplitude_codes")
-    )
-    return Drive.from_bytes(phases, amplitudes, record["phase_bits"])
+def drive_of_record(fields: Mapping[str, Any]) -> Drive:
+    """Return the drive among the fields of a record."""
+    codes = Codes.from_record(fields)
+    return Drive.from_bytes(codes.phases, codes.amplitudes, codes.bits)
 
 
 def observed_reconstruction_of(fields: Mapping[str, Any] | None) -> Reconstruction | None:

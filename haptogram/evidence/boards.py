@@ -53,101 +53,88 @@ class DriverEvidence(Protocol):
         ...
 
 
-class BoardUnderTest(Protocol):
-    """A board to run on."""
+class BoardUnderTest:
+    """A board to run on; one that its back door shows, unless a subclass says otherwise.
 
-    @property
-    def label(self) -> str:
-        """Description of the board for the report."""
-        ...
+    Attributes
+    ----------
+    label : str
+        Description of the board for the report.
+    port : str or Transport
+        Name of the port, or the open port.
+    model : AcousticModel or None
+        Array and air that it radiates into; None: nobody knows better than the host.
+    unseen : str or None
+        Why a frame may have been latched that nobody saw, once the observations are there; None:
+        everything is seen.
+    is_in_process : bool
+        True for a board in this program, whose :meth:`records` costs nothing.
+    """
 
-    @property
-    def port(self) -> str | Transport:
-        """Name of the port."""
-        ...
+    is_in_process = False
 
-    @property
-    def model(self) -> AcousticModel | None:
-        """Array and air that it radiates into; None: nobody knows better than the host."""
-        ...
+    def __init__(
+        self, label: str, port: str | Transport, model: AcousticModel | None = None
+    ) -> None:
+        self.label, self.port, self.model = label, port, model
+        self.unseen: str | None = None
 
     def prepare(self, driver: Driver) -> None:
-        """Make it tell, or be ready to tell, what it latches."""
-        ...
+        """Make it tell, or be ready to tell, what it latches: a back door tells everything."""
 
     def finish(self, driver: Driver) -> None:
-        """Take down what can only be asked while the session lasts."""
-        ...
+        """Take down what can only be asked while the session lasts: a back door stays open."""
 
     def wait_for_queue(self, driver: Driver) -> None:
         """Let the frames in its queue come to their time, after the link to it broke."""
-        ...
 
     def give_up(self) -> bool:
         """End it, if it is this program's own, without a session; return whether it still ran."""
-        ...
+        return True
 
     def observations(
-        self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
+        self,
+        driver: DriverEvidence,
+        progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
+        *,
+        skip_fields: bool = False,  # noqa: ARG002  nor to leave out
     ) -> Sequence[Observation]:
         """Return the latches of the session of *driver*, which is closed by now.
 
         *progress* is called with the number of latches so far and the number that may come, if
         that takes time.  With *skip_fields* the board rebuilds no field any more.
         """
-        ...
+        return dialect_run_observations(driver.intended, self.records(), driver.session)
 
     def silences(self, driver: Driver) -> list[int]:
         """Return the device times at which its output fell silent, once the observations are there.
 
         They are counted as those of what was intended.
         """
-        ...
+        return observed_silences_on_clock_of(driver.intended, self.records())
 
     def losses(self, driver: Driver) -> BoardLosses:
         """Return the reasons for frames that it did not latch, once the observations are there."""
-        ...
+        return observed_losses_on_clock_of(
+            driver.intended, self.records(), is_machine_in_between=not self.is_in_process
+        )
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of its back door so far; none, if it has no back door."""
-        ...
-
-    @property
-    def is_in_process(self) -> bool:
-        """True for a board in this program, whose :meth:`records` costs nothing."""
-        ...
-
-    @property
-    def unseen(self) -> str | None:
-        """Why a frame may have been latched that nobody saw; None: everything is seen.
-
-        It is known once the observations are.
-        """
-        ...
+        return ()
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """Counts of the planned faults that fired, once the observations are there; or None."""
-        ...
+        return observed_fault_counts(self.records())
 
 
-class ProcessBoardUnderTest:
+class ProcessBoardUnderTest(BoardUnderTest):
     """The virtual board in a process of its own, on a pty, seen through its back door."""
 
-    is_in_process = False
-
     def __init__(self, board: VirtualBoard) -> None:
+        super().__init__("virtual board, on a pty, in a process of its own", board.url, board.model)
         self._board = board
-        self.label = "virtual board, on a pty, in a process of its own"
-        self.port = board.url
-        self.model = board.model
-        self.unseen: str | None = None
-
-    def prepare(self, driver: Driver) -> None:
-        """Nothing to do: the back door shows everything."""
-
-    def finish(self, driver: Driver) -> None:
-        """Nothing to do: the back door stays open."""
 
     def wait_for_queue(self, driver: Driver) -> None:
         """Wait, if the board is still there."""
@@ -165,36 +152,27 @@ class ProcessBoardUnderTest:
 
     def observations(
         self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
-    ) -> list[Observation]:
+    ) -> Sequence[Observation]:
         """End the board, and return everything that came out of its back door."""
         expected = driver.intended.total
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
         fate = self._board.how_it_ended()
         self._board.finish(show, skip_fields=skip_fields)
-        self.unseen = why_observations_incomplete(self._board.records(), driver.session)
+        self.unseen = why_observations_incomplete(self.records(), driver.session)
         if self.unseen is not None and fate is not None:
             self.unseen += f" ({fate})"
-        return dialect_run_observations(driver.intended, self._board.records(), driver.session)
-
-    def silences(self, driver: Driver) -> list[int]:
-        """Return the records of the back door."""
-        return observed_silences_on_clock_of(driver.intended, self._board.records())
+        return super().observations(driver)
 
     def losses(self, driver: Driver) -> BoardLosses:
-        """Return the records of the back door."""
+        """Return the records of the back door; faults on purpose may delay the line."""
         return self._board.losses(driver.intended)
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of the back door."""
         return self._board.records()
 
-    @property
-    def fault_counts(self) -> dict[str, int] | None:
-        """Counts of the planned faults, from the last record of the board."""
-        return self._board.fault_counts
 
-
-class InProcessBoardUnderTest:
+class InProcessBoardUnderTest(BoardUnderTest):
     """A virtual board in this program, in virtual time, seen through its back door.
 
     Parameters
@@ -211,6 +189,8 @@ class InProcessBoardUnderTest:
         Description of the board for the report.
     """
 
+    is_in_process = True
+
     def __init__(
         self,
         port: Transport,
@@ -219,57 +199,21 @@ class InProcessBoardUnderTest:
         model: AcousticModel,
         label: str = "virtual board, in virtual time",
     ) -> None:
-        self._records, self._wait_until_ns = records, wait_until_ns
-        self.label = label
-        self.port = port
-        self.model = model
-
-    unseen = None
-    is_in_process = True
-
-    def prepare(self, driver: Driver) -> None:
-        """Nothing to do: the back door shows everything."""
-
-    def finish(self, driver: Driver) -> None:
-        """Nothing to do: the back door stays open."""
+        super().__init__(label, port, model)
+        self._port, self._records, self._wait_until_ns = port, records, wait_until_ns
 
     def wait_for_queue(self, driver: Driver) -> None:
         """Let virtual time pass."""
-        self._wait_until_ns(_last_latch_of_run_ns(driver, self.port.now_ns()))
+        self._wait_until_ns(_last_latch_of_run_ns(driver, self._port.now_ns()))
 
     def give_up(self) -> bool:
         """Close its port: that ends it."""
-        self.port.close()
+        self._port.close()
         return True
-
-    def observations(
-        self,
-        driver: DriverEvidence,
-        progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
-        *,
-        skip_fields: bool = False,  # noqa: ARG002  nor to leave out
-    ) -> list[Observation]:
-        """Return the records of the back door."""
-        return dialect_run_observations(driver.intended, self._records(), driver.session)
-
-    def silences(self, driver: Driver) -> list[int]:
-        """Return the records of the back door."""
-        return observed_silences_on_clock_of(driver.intended, self._records())
-
-    def losses(self, driver: Driver) -> BoardLosses:
-        """Return the records of the back door; in virtual time nobody waits for a processor."""
-        return observed_losses_on_clock_of(
-            driver.intended, self._records(), is_machine_in_between=False
-        )
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of the back door."""
         return self._records()
-
-    @property
-    def fault_counts(self) -> dict[str, int] | None:
-        """Counts of the planned faults, from the record at the closing of the port."""
-        return observed_fault_counts(self._records())
 
 
 def _last_latch_of_run_ns(driver: Driver, now_ns: int) -> int:
@@ -279,7 +223,7 @@ def _last_latch_of_run_ns(driver: Driver, now_ns: int) -> int:
     return min(due_ns, now_ns + _LONGEST_QUEUE_NS)
 
 
-class PortBoardUnderTest:
+class PortBoardUnderTest(BoardUnderTest):
     """A board at a port, judged by its own word: trace events, trace ring, or a last read-back.
 
     One of another dialect has no word, and is neither prepared nor finished: all that there is of
@@ -302,16 +246,10 @@ class PortBoardUnderTest:
         Why it may have latched what it did not show.
     """
 
-    fault_counts = None  # it may have any, and does not say
-    is_in_process = False
-
     def __init__(
         self, url: str, *, baudrate: int | None, rate_hz: float, board_computes: bool
     ) -> None:
-        self.label = url
-        self.port = url
-        self.model = None
-        self.unseen: str | None = None
+        super().__init__(url, url)
         self._baudrate = baudrate
         self._rate_hz = rate_hz
         self._board_computes = board_computes
@@ -386,13 +324,6 @@ class PortBoardUnderTest:
         if self._mode is TraceMode.RING and driver.intended.total > kept:
             self.unseen = f"the board's trace ring keeps the last {kept} latches"
 
-    def wait_for_queue(self, driver: Driver) -> None:
-        """Nothing to do: it cannot tell any more."""
-
-    def give_up(self) -> bool:
-        """Leave it alone: it is not ours."""
-        return True
-
     def observations(
         self,
         driver: DriverEvidence,
@@ -404,10 +335,6 @@ class PortBoardUnderTest:
         if not self._read_back:
             return driver.observations
         return [*driver.observations, *self._read_back]
-
-    def records(self) -> Sequence[Mapping[str, Any]]:
-        """Return nothing: it has no back door."""
-        return ()
 
     def silences(self, driver: Driver) -> list[int]:
         """Return when the board said that it left ARMED; the ramp is not counted."""

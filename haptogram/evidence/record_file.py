@@ -6,7 +6,6 @@ JSON lines.  What frames have in common, foci and drive, is written once for as 
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import json
 from collections.abc import Callable, Mapping
@@ -16,11 +15,14 @@ from typing import Any, Final, TypeAlias
 
 from haptogram.acoustics.model.drive import Drive
 from haptogram.errors import ConfigurationError, unreadable_file, unwritable_file
+from haptogram.evidence.backdoor import drive_of_record
 from haptogram.machine.closing import ClosedByWith
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
+from haptogram.records.latch import Codes
 from haptogram.settings.arguments import check_argument_kind
 
 _SLOTS: Final = 4096  # frames that are remembered: some 5 MB
+_DRIVE_FIELDS: Final = ("phase_codes", "amplitude_codes", "phase_bits")  # their order in a line
 _Content: TypeAlias = tuple[tuple[Focus, ...], Drive, int, int | None, bool, str]
 
 
@@ -105,7 +107,7 @@ class RecordFile(ClosedByWith):
         if self._frames > _SLOTS:  # the oldest one was in this slot
             del self._slots[next(iter(self._slots))]
         self._slots[content] = slot
-        foci = [(*f.position_m, f.amplitude, f.phase_rad) for f in entry.foci]
+        foci = [focus.as_numbers() for focus in entry.foci]
         self._write(
             "frame",
             slot=slot,
@@ -204,7 +206,7 @@ class _BoardRecordReader:
         self._kinds[line.pop("kind")](**line)
 
     def _frame(self, slot: int, foci: list[list[float]], drive: Any, **others: Any) -> None:
-        found = tuple(Focus((x, y, z), level, lag) for x, y, z, level, lag in foci)
+        found = tuple(Focus.from_numbers(focus) for focus in foci)
         self._slots[slot] = {"foci": found, "drive": _drive_of_record(drive)} | others
 
     def _intended(
@@ -243,14 +245,12 @@ def _record_of_observation(seen: Observation) -> dict[str, Any]:
     }
 
 
-def _record_of_drive(drive: Drive) -> tuple[str, str, int]:
-    codes = (drive.phase_bytes, drive.amplitude_codes.tobytes())
-    phases, amplitudes = (base64.b64encode(part).decode() for part in codes)
-    return phases, amplitudes, drive.phase_bits
+def _record_of_drive(drive: Drive) -> list[Any]:
+    fields = Codes.of(drive).as_record()
+    return [fields[name] for name in _DRIVE_FIELDS]
 
 
-def _drive_of_record(fields: Any) -> Drive | None:
-    if fields is None:
+def _drive_of_record(values: Any) -> Drive | None:
+    if values is None:
         return None
-    phases, amplitudes, bits = fields
-    return Drive.from_bytes(base64.b64decode(phases), base64.b64decode(amplitudes), bits)
+    return drive_of_record(dict(zip(_DRIVE_FIELDS, values, strict=True)))

@@ -70,6 +70,11 @@ class FrameKey:
         """Return the key of the stream frame with the unwrapped sequence number *index*."""
         return cls(session, STREAM, 0, index)
 
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Self:
+        """Return the key among the fields of a record."""
+        return cls(record["session"], record["sequence"], record["loop"], record["index"])
+
 
 @dataclass(frozen=True, slots=True)
 class Focus:
@@ -108,6 +113,16 @@ class Focus:
         ):
             value = check_number(f"{name} of a focus", getattr(self, name), low, high)
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_numbers(cls, numbers: Sequence[float]) -> Self:
+        """Return the focus that a record holds as x, y, z, amplitude and phase."""
+        x, y, z, amplitude, phase_rad = numbers
+        return cls((x, y, z), amplitude, phase_rad)
+
+    def as_numbers(self) -> list[float]:
+        """Return the five numbers by which every record holds it."""
+        return [*self.position_m, self.amplitude, self.phase_rad]
 
     @classmethod
     def at(cls, position_m: ArrayLike, amplitude: float = 1.0, phase_rad: float = 0.0) -> Self:

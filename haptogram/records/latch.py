@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 from zlib import crc32
 
 if TYPE_CHECKING:
@@ -20,6 +20,27 @@ class Codes:
     phases: bytes
     amplitudes: bytes
     bits: int = 8
+
+    @classmethod
+    def of(cls, drive: Drive) -> Self:
+        """Return the codes of *drive*."""
+        return cls(drive.phase_bytes, drive.amplitude_codes.tobytes(), drive.phase_bits)
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Self:
+        """Return the codes among the fields of a record."""
+        phases, amplitudes = (
+            base64.b64decode(record[name]) for name in ("phase_codes", "amplitude_codes")
+        )
+        return cls(phases, amplitudes, record["phase_bits"])
+
+    def as_record(self) -> dict[str, Any]:
+        """Return the fields by which every record holds a drive."""
+        return {
+            "phase_bits": self.bits,
+            "phase_codes": base64.b64encode(self.phases).decode(),
+            "amplitude_codes": base64.b64encode(self.amplitudes).decode(),
+        }
 
     @property
     def crc(self) -> int:
@@ -110,8 +131,8 @@ class LatchRecord:
             latch.late,
             latch.ramping,
             latch.commanded_bits,
-            _latch_codes_of(drive),
-            None if same else _latch_codes_of(radiated),
+            Codes.of(drive),
+            None if same else Codes.of(radiated),
         )
 
     @classmethod
@@ -119,18 +140,9 @@ class LatchRecord:
         """Return the latch in a ``latch`` record of a back door (docs/backdoor.md)."""
         radiated = record["radiated"]
         return cls(
-            record["session"],
-            record["sequence"],
-            record["loop"],
-            record["index"],
-            record["number"],
-            record["t_latch_us"],
-            record["t_received_us"],
-            record["late"],
-            record["ramping"],
-            record["commanded_bits"],
-            _latch_codes_in(record),
-            None if radiated is None else _latch_codes_in(radiated),
+            **{name: record[name] for name in _PLAIN_FIELDS},
+            latched=Codes.from_record(record),
+            radiated=None if radiated is None else Codes.from_record(radiated),
         )
 
     def as_record(self, reconstruction: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -146,28 +158,15 @@ class LatchRecord:
             "late": self.late,
             "t_received_us": self.t_received_us,
             "commanded_bits": self.commanded_bits,
-            **_record_of_latch_codes(self.latched),
+            **self.latched.as_record(),
             "drive_crc": self.latched.crc,
-            "radiated": None if self.radiated is None else _record_of_latch_codes(self.radiated),
+            "radiated": None if self.radiated is None else self.radiated.as_record(),
             "ramping": self.ramping,
             "reconstruction": None if reconstruction is None else dict(reconstruction),
         }
 
 
-def _latch_codes_of(drive: Drive) -> Codes:
-    return Codes(drive.phase_bytes, drive.amplitude_codes.tobytes(), drive.phase_bits)
-
-
-def _latch_codes_in(record: Mapping[str, Any]) -> Codes:
-    phases, amplitudes = (
-        base64.b64decode(record[name]) for name in ("phase_codes", "amplitude_codes")
-    )
-    return Codes(phases, amplitudes, record["phase_bits"])
-
-
-def _record_of_latch_codes(codes: Codes) -> dict[str, Any]:
-    return {
-        "phase_bits": codes.bits,
-        "phase_codes": base64.b64encode(codes.phases).decode(),
-        "amplitude_codes": base64.b64encode(codes.amplitudes).decode(),
-    }
+#: Fields of a latch that a record holds by the same name and value.
+_PLAIN_FIELDS: Final = tuple(
+    field.name for field in fields(LatchRecord) if field.name not in ("latched", "radiated")
+)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Final
+from typing import Final, TypeVar
 
 from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
 from haptogram.acoustics.arrays import ComplexArray
@@ -31,6 +31,9 @@ from .records import (
     backdoor_pulse_record,
 )
 
+_Estimate = TypeVar("_Estimate")
+_Latch = TypeVar("_Latch", Latch, PulseLatch, AnyLatch)
+
 MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
 
 
@@ -51,14 +54,7 @@ class BackdoorEstimator:
 
     def estimate(self, latch: AnyLatch) -> Reconstruction:
         """Return the reconstruction of the radiated drive, which knows no target."""
-        key = _radiated_by_latch_record(latch)
-        if key in self._seen:
-            self._seen.move_to_end(key)
-        else:
-            self._seen[key] = self._reconstruct(latch)
-            if len(self._seen) > MEMORY_DRIVES:
-                self._seen.popitem(last=False)
-        return self._seen[key]
+        return _remembered(self._seen, latch, self._reconstruct)
 
     def warm_up(self) -> None:
         """Do now what the first drive would wait for."""
@@ -66,14 +62,7 @@ class BackdoorEstimator:
 
     def pattern(self, latch: PulseLatch) -> Pattern:
         """Return the pattern of the radiated drive: nobody says what was meant."""
-        key = _radiated_by_latch_record(latch)
-        if key in self._patterns:
-            self._patterns.move_to_end(key)
-        else:
-            self._patterns[key] = self._classified(latch)
-            if len(self._patterns) > MEMORY_DRIVES:
-                self._patterns.popitem(last=False)
-        return self._patterns[key]
+        return _remembered(self._patterns, latch, self._classified)
 
     def _classified(self, latch: PulseLatch) -> Pattern:
         steps = self._coarsest(latch)
@@ -93,6 +82,19 @@ class BackdoorEstimator:
         return self._reconstructor.reconstruct_weights(
             _weights_of_latch_record(latch), step_rad=math.tau / self._coarsest(latch)
         )
+
+
+def _remembered(
+    known: OrderedDict[Hashable, _Estimate], latch: _Latch, estimate: Callable[[_Latch], _Estimate]
+) -> _Estimate:
+    """Return the estimate of a drive, made at most once while the drive is remembered."""
+    key = _radiated_by_latch_record(latch)
+    if key not in known:
+        known[key] = estimate(latch)
+    known.move_to_end(key)
+    if len(known) > MEMORY_DRIVES:
+        known.popitem(last=False)
+    return known[key]
 
 
 def _weights_of_latch_record(latch: PulseLatch) -> ComplexArray:

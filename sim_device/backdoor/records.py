@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import enum
 import json
 from typing import Any, Final, TypeAlias
 
-from haptogram.acoustics import Drive, Reconstruction
+from haptogram.acoustics import Reconstruction
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
+from haptogram.records.latch import LatchRecord
 from haptogram.records.model import calibration_record_fields, model_record_fields
 
 from ..board.events import (
@@ -35,6 +37,21 @@ VERSION: Final = 1
 
 Record: TypeAlias = dict[str, Any]
 
+#: Event of each notice in an ``output`` record, and the fields of the notice that it holds.
+_OUTPUT_EVENTS: Final[dict[type[Notice], tuple[str, ...]]] = {
+    SessionOpened: ("session", "session"),
+    StateChange: ("state", "state", "reason", "requested"),
+    StreamDropped: ("dropped", "session", "index", "counter"),
+    RampBegan: ("ramp_began", "reason"),
+    RampEnded: ("ramp_ended", "restored"),
+    RadiatedAnew: ("radiated_anew",),
+    PlaybackEnd: ("playback_ended", "sequence", "loops", "frames"),
+    PowerDown: ("power_down",),
+    Remark: ("remark", "about", "text"),
+    ClientLeft: ("client_left",),
+    WireCompared: ("wire_compared", "is_own"),
+}
+
 
 def backdoor_board_record(settings: BoardSettings) -> Record:
     """Return the first record: what the board is, enough to compute its field."""
@@ -57,24 +74,8 @@ def backdoor_board_record(settings: BoardSettings) -> Record:
 
 def backdoor_latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:
     """Return the record of one latch, with the field that it made where that was rebuilt."""
-    same = latch.radiated is latch.drive or latch.radiated == latch.drive
-    return {
-        "kind": "latch",
-        "session": latch.session,
-        "sequence": latch.key.sequence,
-        "loop": latch.key.loop,
-        "index": latch.key.index,
-        "number": latch.number,
-        "t_latch_us": latch.t_latch_us,
-        "late": latch.late,
-        "t_received_us": latch.t_received_us,
-        "commanded_bits": latch.commanded_bits,
-        **_backdoor_codes(latch.drive),
-        "drive_crc": latch.drive.digest(),
-        "radiated": None if same else _backdoor_codes(latch.radiated),
-        "ramping": latch.ramping,
-        "reconstruction": None if reconstruction is None else reconstruction.as_dict(),
-    }
+    estimate = None if reconstruction is None else reconstruction.as_dict()
+    return LatchRecord.of(latch).as_record(estimate)
 
 
 def backdoor_pulse_record(
@@ -125,7 +126,16 @@ def backdoor_pulse_record(
 
 def backdoor_output_record(notice: Notice) -> Record:
     """Return the record of a change of the output, of a session or of the end of a sequence."""
-    return {"kind": "output", "t_us": notice.t_us, **_backdoor_output_change(notice)}
+    event, *names = _OUTPUT_EVENTS[type(notice)]
+    told = {name: _backdoor_value(getattr(notice, name)) for name in names}
+    return {"kind": "output", "t_us": notice.t_us, "event": event, **told}
+
+
+def _backdoor_value(value: Any) -> Any:
+    """Return a value of a notice as JSON has it: texts, and the names of states and reasons."""
+    if isinstance(value, str):
+        return str(value)
+    return value.name if isinstance(value, enum.Enum) else value
 
 
 def backdoor_end_record(
@@ -157,46 +167,5 @@ def backdoor_record_line(record: Record) -> bytes:
     return json.dumps(record, separators=(",", ":"), allow_nan=False).encode() + b"\n"
 
 
-def _backdoor_codes(drive: Drive) -> Record:
-    return {
-        "phase_bits": drive.phase_bits,
-        "phase_codes": _backdoor_base64(drive.phase_bytes),
-        "amplitude_codes": _backdoor_base64(drive.amplitude_codes.tobytes()),
-    }
-
-
 def _backdoor_base64(data: bytes) -> str:
     return base64.b64encode(data).decode()
-
-
-def _backdoor_output_change(notice: Notice) -> Record:
-    if isinstance(notice, SessionOpened):
-        return {"event": "session", "session": notice.session}
-    if isinstance(notice, StateChange):
-        names = {"state": notice.state.name, "reason": notice.reason.name}
-        return {"event": "state", **names, "requested": notice.requested}
-    if isinstance(notice, StreamDropped):
-        key = {"session": notice.session, "index": notice.index}
-        return {"event": "dropped", **key, "counter": notice.counter}
-    if isinstance(notice, RampBegan):
-        return {"event": "ramp_began", "reason": notice.reason.name}
-    if isinstance(notice, RadiatedAnew):
-        return {"event": "radiated_anew"}
-    if isinstance(notice, RampEnded):
-        return {"event": "ramp_ended", "restored": notice.restored}
-    if isinstance(notice, PowerDown):
-        return {"event": "power_down"}
-    if isinstance(notice, Remark):
-        return {"event": "remark", "about": str(notice.about), "text": notice.text}
-    if isinstance(notice, ClientLeft):
-        return {"event": "client_left"}
-    if isinstance(notice, WireCompared):
-        return {"event": "wire_compared", "is_own": notice.is_own}
-    if isinstance(notice, FaultsCounted | LineCounted):
-        raise TypeError(f"{type(notice).__name__} belongs to the last record")
-    return _backdoor_playback(notice)
-
-
-def _backdoor_playback(ended: PlaybackEnd) -> Record:
-    played = {"sequence": ended.sequence, "loops": ended.loops, "frames": ended.frames}
-    return {"event": "playback_ended", **played}

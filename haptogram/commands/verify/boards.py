@@ -124,7 +124,7 @@ class RunBoards:
     def open(self, show: Show) -> Iterator[BoardUnderTest]:
         """Give the board at a port, else the virtual one, and clean up after it."""
         from haptogram.evidence.boards import PortBoardUnderTest, ProcessBoardUnderTest
-        from haptogram.evidence.dialects.shown_port import ShownPortBoardUnderTest
+        from haptogram.evidence.shown_port import ShownPortBoardUnderTest
         from haptogram.evidence.virtual_board import VirtualBoard
 
         config, port = self.config, self.config.link.port

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import base64
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from haptogram.acoustics import AcousticModel, Drive
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import board_model_of_evidence
+from haptogram.evidence.backdoor import board_model_of_evidence, drive_of_record
 from haptogram.records.frame import Focus, FrameKey, Intended
+from haptogram.records.latch import Codes
 from haptogram.records.model import model_record_fields
 
 from .channels import INTENDED, MODEL
@@ -54,7 +55,7 @@ def record_intended(
             fields["drive_of"] = first[frame.drive]
         else:
             first[frame.drive] = frame.number
-            fields |= _recorded_codes(frame.drive)
+            fields |= Codes.of(frame.drive).as_record()
         writer.document(INTENDED, writer.host_ns(frame.t_apply_us), fields)
 
 
@@ -111,36 +112,17 @@ def _why_recording_incomplete(recording: Recording, found: int, count: int | Non
 
 
 def _recorded_frame_fields(frame: Intended) -> dict[str, Any]:
-    key = frame.key
     return {
-        "session": key.session,
-        "sequence": key.sequence,
-        "loop": key.loop,
-        "index": key.index,
+        **dataclasses.asdict(frame.key),
         "number": frame.number,
         "t_apply_us": frame.t_apply_us,
         "t_latest_us": frame.t_latest_us,
         "t_sent_us": frame.t_sent_us,
-        "foci": [[*focus.position_m, focus.amplitude, focus.phase_rad] for focus in frame.foci],
+        "foci": [focus.as_numbers() for focus in frame.foci],
         "commanded_bits": frame.phase_bits,
         "board_computed": frame.board_computed,
         "solver": frame.solver,
     }
-
-
-def _recorded_codes(drive: Drive) -> dict[str, Any]:
-    return {
-        "phase_codes": base64.b64encode(drive.phase_bytes).decode("ascii"),
-        "amplitude_codes": base64.b64encode(drive.amplitude_codes.tobytes()).decode("ascii"),
-        "phase_bits": drive.phase_bits,
-    }
-
-
-def _recorded_drive(fields: dict[str, Any]) -> Drive:
-    phases, amplitudes = (
-        base64.b64decode(fields[name]) for name in ("phase_codes", "amplitude_codes")
-    )
-    return Drive.from_bytes(phases, amplitudes, fields["phase_bits"])
 
 
 def _recorded_frame(fields: dict[str, Any], drives: dict[int, Drive]) -> Intended:
@@ -148,18 +130,18 @@ def _recorded_frame(fields: dict[str, Any], drives: dict[int, Drive]) -> Intende
     number, earlier = fields["number"], fields.get("drive_of")
     if earlier is not None and earlier not in drives:
         raise ConfigurationError(f"its drive is that of frame {earlier}, which the recording lacks")
-    drives[number] = drive = _recorded_drive(fields) if earlier is None else drives[earlier]
+    drives[number] = drive = drive_of_record(fields) if earlier is None else drives[earlier]
     return _recorded_intention(fields, drive)
 
 
 def _recorded_intention(fields: dict[str, Any], drive: Drive) -> Intended:
     return Intended(
         number=fields["number"],
-        key=FrameKey(*(fields[name] for name in ("session", "sequence", "loop", "index"))),
+        key=FrameKey.from_record(fields),
         t_apply_us=fields["t_apply_us"],
         t_latest_us=fields.get("t_latest_us"),  # an older recording has none
         t_sent_us=fields.get("t_sent_us"),
-        foci=tuple(Focus.at(focus[:3], focus[3], focus[4]) for focus in fields["foci"]),
+        foci=tuple(Focus.from_numbers(focus) for focus in fields["foci"]),
         drive=drive,
         phase_bits=fields["commanded_bits"],
         board_computed=fields["board_computed"],

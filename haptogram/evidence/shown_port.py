@@ -5,25 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final, Self
 
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
     board_model_of_evidence,
-    observed_losses_on_clock_of,
-    observed_silences_on_clock_of,
     why_observations_incomplete,
 )
 from haptogram.evidence.backdoor_stream import BackdoorReader
+from haptogram.evidence.boards import BoardUnderTest, DriverEvidence
 from haptogram.evidence.dialects.latches import (
     are_records_of_another_dialect,
-    dialect_run_observations,
     has_dialect_latched_all,
 )
-from haptogram.records.frame import Intended, Observation
-from haptogram.records.kept import KeptRecords
-from haptogram.records.losses import BoardLosses
+from haptogram.records.frame import Observation
 from haptogram.settings.arguments import Progress
 
 _FIRST_S: Final = 5.0  # until the board says what it is
@@ -32,21 +28,7 @@ _QUEUE_S: Final = 2.0
 _POLL_S: Final = 0.01
 
 
-class SentFrames(Protocol):
-    """The frames that a driver of any wire has sent, and its session."""
-
-    @property
-    def session(self) -> int:
-        """Nonce of the session; 0 on a wire without sessions."""
-        ...
-
-    @property
-    def intended(self) -> KeptRecords[Intended]:
-        """Frames that were sent or due, in order."""
-        ...
-
-
-class ShownPortBoardUnderTest:
+class ShownPortBoardUnderTest(BoardUnderTest):
     """A board that somebody else started, at a port, seen through its back door.
 
     Parameters
@@ -67,12 +49,8 @@ class ShownPortBoardUnderTest:
         The back door tells nothing.
     """
 
-    is_in_process = False
-    fault_counts = None  # it has not ended
-
     def __init__(self, url: str, reader: BackdoorReader) -> None:
-        self.label, self.port = f"{url}, seen through its back door", url
-        self.unseen: str | None = None
+        super().__init__(f"{url}, seen through its back door", url)
         self._reader = reader
         self._records: list[Mapping[str, Any]] = []
         end_s = time.monotonic() + _FIRST_S
@@ -93,23 +71,18 @@ class ShownPortBoardUnderTest:
         with BackdoorReader(source) as reader:
             yield cls(url, reader)
 
-    def prepare(self, driver: Driver) -> None:
-        """Nothing to do: the back door shows everything."""
-
-    def finish(self, driver: Driver) -> None:
-        """Nothing to do: the back door stays open."""
+    @property
+    def fault_counts(self) -> dict[str, int] | None:
+        """None: it has not ended."""
+        return None
 
     def wait_for_queue(self, driver: Driver) -> None:  # noqa: ARG002  it cannot tell any more
         """Wait for the frames that the board still has."""
         time.sleep(_QUEUE_S)
 
-    def give_up(self) -> bool:
-        """Leave it alone: it is not ours."""
-        return True
-
     def observations(
         self,
-        driver: SentFrames,
+        driver: DriverEvidence,
         progress: Progress | None = None,
         *,
         skip_fields: bool = False,  # noqa: ARG002  the board decides
@@ -121,23 +94,13 @@ class ShownPortBoardUnderTest:
             if progress is not None:
                 progress(min(len(self._records), total), total)
         self.unseen = why
-        return dialect_run_observations(driver.intended, self._records, driver.session)
-
-    def silences(self, driver: Driver) -> list[int]:
-        """Return the records of the back door."""
-        return observed_silences_on_clock_of(driver.intended, self._records)
-
-    def losses(self, driver: Driver) -> BoardLosses:
-        """Return the records of the back door; the board is a process of this machine."""
-        return observed_losses_on_clock_of(
-            driver.intended, self._records, is_machine_in_between=True
-        )
+        return super().observations(driver)
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records so far."""
         return self._records
 
-    def _why_incomplete(self, driver: SentFrames) -> str | None:
+    def _why_incomplete(self, driver: DriverEvidence) -> str | None:
         if are_records_of_another_dialect(self._records):
             if has_dialect_latched_all(driver.intended, self._records):
                 return None
