@@ -8,10 +8,10 @@ from haptogram.verification import FrameStatus, FrameVerdict, grouped_frame_find
 from haptogram.verification.frame.verdict import WRONG
 from haptogram.verification.watch import WatchResult
 
-from ..formats.job_summary import Finding, JobSummary, Level
+from ..formats.document import Document, Finding, Level
 
 
-def watch_summary(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> JobSummary:
+def watch_summary(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> Document:
     """Return the summary of *result*.
 
     Parameters
@@ -20,8 +20,11 @@ def watch_summary(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> JobS
         Of the latches of which a frame was expected.
     """
     sentence, *lines = result.lines()
-    return JobSummary(
-        "watch", sentence, list(_watch_findings(result, verdicts)), [line.strip() for line in lines]
+    return Document(
+        command="watch",
+        heading=sentence,
+        findings=list(_watch_findings(result, verdicts)),
+        lead=[line.strip() for line in lines],
     )
 
 
