@@ -1,4 +1,4 @@
-"""A run of the conformance suite for the page of a CI job."""
+"""A run of the conformance suite as a document, for JUnit XML and job summary."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from haptogram.conformance.causes import common_finding, failures_by_cause
 from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
 from ..formats.document import Document, Finding, Level, Section, Table
+from .junit import conformance_junit_case
 from .matrix import conformance_chapters_of_cases
 from .wording import (
     case_finding,
@@ -20,10 +21,11 @@ from .wording import (
 )
 
 
-def suite_summary(suite: SuiteResult) -> Document:
-    """Return the summary of *suite*: failures by cause, then the cases that were not judged."""
+def suite_document(suite: SuiteResult) -> Document:
+    """Return *suite* as a document: failures by cause, then the cases that were not judged."""
     failures = failures_by_cause(suite.results)
     alike = common_finding(failures)
+    known = {**suite.device, **suite.settings, "cut_short": suite.cut_short}
     return Document(
         command="conform",
         heading=f"{suite_verdict(suite)}: {suite_counts(suite)}",
@@ -35,6 +37,9 @@ def suite_summary(suite: SuiteResult) -> Document:
             *([f"cut short: {suite.cut_short}"] if suite.cut_short else []),
         ],
         sections=[Section("Chapters of SPEC.md", [_chapter_table(suite)])],
+        cases=list(map(conformance_junit_case, suite.results)),
+        properties={name: str(value) for name, value in known.items()},
+        seconds=sum(result.seconds or 0.0 for result in suite.results),
     )
 
 

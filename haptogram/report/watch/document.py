@@ -1,4 +1,4 @@
-"""A watched board for the page of a CI job."""
+"""A watched board as a document, for JUnit XML and job summary."""
 
 from __future__ import annotations
 
@@ -9,15 +9,20 @@ from haptogram.verification.frame.verdict import WRONG
 from haptogram.verification.watch import WatchResult
 
 from ..formats.document import Document, Finding, Level
+from .junit import watch_junit_cases
 
 
-def watch_summary(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> Document:
-    """Return the summary of *result*.
+def watch_document(
+    result: WatchResult, verdicts: Sequence[FrameVerdict], seconds: float | None = None
+) -> Document:
+    """Return *result* as a document.
 
     Parameters
     ----------
     verdicts : sequence of FrameVerdict
         Of the latches of which a frame was expected.
+    seconds : float or None
+        How long the board was watched.
     """
     sentence, *lines = result.lines()
     return Document(
@@ -25,6 +30,9 @@ def watch_summary(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> Docu
         heading=sentence,
         findings=list(_watch_findings(result, verdicts)),
         lead=[line.strip() for line in lines],
+        cases=list(watch_junit_cases(result, verdicts, seconds)),
+        properties={"verdict": str(result.verdict), "latches": str(result.latches)},
+        seconds=seconds,
     )
 
 
