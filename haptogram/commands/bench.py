@@ -20,7 +20,6 @@ from .shell.recording import command_recording, is_command_recorded
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.measure import BenchRun
-    from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
 
 _EXAMPLES: Final = """\
@@ -78,8 +77,9 @@ def run_bench(arguments: argparse.Namespace) -> int:
     """Measure, print and write; return 0."""
     from haptogram.campaigns.bench.measure import run_bench
     from haptogram.campaigns.bench.result import bench_dict, read_bench_result
-    from haptogram.report.bench.summary import bench_summary
-    from haptogram.report.bench.text import bench_text
+    from haptogram.report.bench.document import bench_document
+    from haptogram.report.formats.console import document_text
+    from haptogram.report.formats.html import write_document_page
     from haptogram.report.formats.job_summary import write_job_summary
 
     refuse_idle_options(arguments)
@@ -96,15 +96,17 @@ def run_bench(arguments: argparse.Namespace) -> int:
 
             writer.document(SUMMARY, writer.last_ns, result)
     changes = [] if old is None else _bench_changes(old, result)
+    document = bench_document(found, result, changes)
     if not arguments.quiet:
-        outputs.print(bench_text(result))
-    if changes:
-        outputs.print("\n" + "\n".join(changes))
-    summary = bench_summary(result, changes)
-    annotate_job(summary, outputs)
-    _write_bench_results(arguments, found, result, changes, provenance)
+        outputs.print(document_text(document))
+    elif changes:
+        outputs.print("\n".join(changes))
+    annotate_job(document, outputs)
+    _write_bench_results(arguments, found, result)
+    if arguments.html is not None:
+        write_document_page(arguments.html, document, provenance)
     if arguments.summary is not None:
-        write_job_summary(arguments.summary, summary, provenance)
+        write_job_summary(arguments.summary, document, provenance)
     recorded = is_command_recorded("bench", writer)
     outputs.paths.pop("--record", None)
     if not arguments.quiet:
@@ -126,17 +128,11 @@ def _write_bench_results(
     arguments: argparse.Namespace,
     found: BenchRun,
     result: dict[str, Any],
-    changes: list[str],
-    provenance: Provenance,
 ) -> None:
     from haptogram.report.run import write_run_json
 
     if arguments.json is not None:
         write_run_json(arguments.json, result)
-    if arguments.html is not None:
-        from haptogram.report.bench.page import write_bench_page
-
-        write_bench_page(arguments.html, found, changes, provenance=provenance)
     if arguments.picture is not None:
         from haptogram.report.bench.pictures import draw_bench_histograms
 

@@ -98,7 +98,8 @@ def set_up_soak(
 def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
     """Run what is left of the soak, print the account, and return the exit status."""
     from haptogram.campaigns.soak.campaign import Interrupted
-    from haptogram.report.soak.text import soak_text
+    from haptogram.report.formats.console import document_text
+    from haptogram.report.soak.document import soak_document
 
     refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "json", "junit", "html", "summary", "resume", "record")
@@ -121,7 +122,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
             interrupted = True
     # Before the file: a full disk must not cost the account.
     if campaign.done:
-        outputs.print(soak_text(campaign))
+        outputs.print(document_text(soak_document(campaign)))
     if interrupted:
         print(_how_to_resume_soak_command(arguments, campaign), file=sys.stderr)
     _write_soak_command_results(arguments, campaign, outputs, provenance)
@@ -138,18 +139,18 @@ def _write_soak_command_results(
     outputs: CommandOutputs,
     provenance: Provenance,
 ) -> None:
+    from haptogram.report.formats.html import write_document_page
     from haptogram.report.formats.job_summary import write_job_summary
-    from haptogram.report.soak.junit import write_soak_junit
-    from haptogram.report.soak.page import write_soak_page
-    from haptogram.report.soak.summary import soak_summary
+    from haptogram.report.formats.junit import write_document_junit
+    from haptogram.report.soak.document import soak_document
 
-    summary = soak_summary(campaign)
-    annotate_job(summary, outputs)
+    document = soak_document(campaign)
+    annotate_job(document, outputs)
     writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
         (arguments.json, campaign.save),
-        (arguments.junit, lambda path: write_soak_junit(path, campaign, provenance=provenance)),
-        (arguments.html, lambda path: write_soak_page(path, campaign, provenance=provenance)),
-        (arguments.summary, lambda path: write_job_summary(path, summary, provenance)),
+        (arguments.junit, lambda path: write_document_junit(path, document, provenance)),
+        (arguments.html, lambda path: write_document_page(path, document, provenance)),
+        (arguments.summary, lambda path: write_job_summary(path, document, provenance)),
     )
     for path, write in writers:
         if path is not None:

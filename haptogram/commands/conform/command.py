@@ -298,25 +298,22 @@ def _write_conform_results(
     provenance: Provenance,
 ) -> None:
     from haptogram.conformance.run.baseline import write_suite_baseline
-    from haptogram.report.conformance.junit import write_conformance_junit
+    from haptogram.report.conformance.document import suite_document
     from haptogram.report.conformance.page import write_conformance_page
     from haptogram.report.conformance.result import write_suite_json
-    from haptogram.report.conformance.summary import suite_summary
     from haptogram.report.formats.job_summary import write_job_summary
+    from haptogram.report.formats.junit import write_document_junit
 
-    summary = suite_summary(suite)
-    annotate_job(summary, outputs)
+    document = suite_document(suite)
+    annotate_job(document, outputs)
     writers: tuple[tuple[Path | None, Callable[[Path], object]], ...] = (
         (arguments.json, lambda path: write_suite_json(path, suite)),
-        (
-            arguments.junit,
-            lambda path: write_conformance_junit(path, suite, provenance=provenance),
-        ),
+        (arguments.junit, lambda path: write_document_junit(path, document, provenance)),
         (
             arguments.html,
             lambda path: write_conformance_page(path, suite, provenance=provenance),
         ),
-        (arguments.summary, lambda path: write_job_summary(path, summary, provenance)),
+        (arguments.summary, lambda path: write_job_summary(path, document, provenance)),
         (arguments.write_baseline, lambda path: write_suite_baseline(path, suite)),
     )
     for path, write in writers:

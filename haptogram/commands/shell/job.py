@@ -9,7 +9,7 @@ from haptogram.machine.terminal import is_terminal_of_github_job
 
 if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
-    from haptogram.report.formats.job_summary import JobSummary
+    from haptogram.report.formats.document import Document
 
     from .output_files import CommandOutputs
 
@@ -27,10 +27,10 @@ def provenance_of_run(arguments: Namespace) -> Provenance:
     return Provenance.of_run(arguments.command_line, arguments.stamp)
 
 
-def annotate_job(summary: JobSummary, outputs: CommandOutputs) -> None:
-    """Print the findings of *summary* as annotations, in a job of GitHub."""
+def annotate_job(document: Document, outputs: CommandOutputs) -> None:
+    """Print the findings of *document* as annotations, in a job of GitHub."""
     if is_terminal_of_github_job():
         from haptogram.report.formats.job_summary import github_job_annotations
 
-        for line in github_job_annotations(summary):
+        for line in github_job_annotations(document):
             print(line, file=outputs.text, flush=True)

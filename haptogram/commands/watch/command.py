@@ -276,7 +276,8 @@ class _WatchRun:
     def finish(self, outputs: CommandOutputs, provenance: Provenance) -> int:
         """Print the summary, write the files, and return the exit status."""
         from haptogram.report.formats.job_summary import write_job_summary
-        from haptogram.report.watch import watch_summary, write_watch_junit
+        from haptogram.report.formats.junit import write_document_junit
+        from haptogram.report.watch import watch_document
 
         self._lines.print_modulation()
         missing = self._missing
@@ -291,20 +292,18 @@ class _WatchRun:
         if (assumed := _assumed_layout(self._arguments)) and _shows_no_pattern(result):
             result = dataclasses.replace(result, hints=(*result.hints, assumed))
         outputs.print(str(result))
-        summary = watch_summary(result, self._verdicts)
-        annotate_job(summary, outputs)
         seconds = None if self._is_raw else provenance.elapsed_s
+        document = watch_document(result, self._verdicts, seconds)
+        annotate_job(document, outputs)
         origin = provenance.of_virtual_time() if self._is_raw else provenance
         if self._arguments.json is not None:
             write_json_file(self._arguments.json, result.as_dict())
         if self._arguments.junit is not None:
-            write_watch_junit(
-                self._arguments.junit, result, self._verdicts, provenance=origin, seconds=seconds
-            )
+            write_document_junit(self._arguments.junit, document, origin)
         if self._page is not None:
             self._page.write(self._arguments.html, result, self._expected_m, provenance=origin)
         if self._arguments.summary is not None:
-            write_job_summary(self._arguments.summary, summary, origin)
+            write_job_summary(self._arguments.summary, document, origin)
         outputs.announce()
         return result.verdict.exit_status
 

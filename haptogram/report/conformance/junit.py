@@ -1,37 +1,15 @@
-"""A run of the conformance suite as a JUnit suite, by the table of its verdicts."""
+"""The cases of the conformance suite as JUnit cases, by the table of its verdicts."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from haptogram.conformance.verdict import MEANINGS, CaseResult
 
-from haptogram.conformance.verdict import MEANINGS, CaseResult, SuiteResult
-from haptogram.machine.provenance import UNSTATED, Provenance
-
-from ..formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit
+from ..formats.junit import JUnit, JUnitCase
 from .wording import case_finding
 
 
-def write_conformance_junit(
-    path: Path, suite: SuiteResult, *, provenance: Provenance = UNSTATED
-) -> None:
-    """Write a run as JUnit XML; times are those of the port's clock.
-
-    Raises
-    ------
-    ConfigurationError
-        If *path* cannot be written.
-    """
-    known = {**suite.device, **suite.settings, "cut_short": suite.cut_short}
-    properties = {name: str(value) for name, value in known.items()} | dict(provenance.rows())
-    cases = tuple(map(_conformance_junit_case, suite.results))
-    date, seconds = provenance.timestamp, sum(result.seconds or 0.0 for result in suite.results)
-    write_junit(
-        path,
-        JUnitSuite("haptogram.conformance", cases, properties, timestamp=date, seconds=seconds),
-    )
-
-
-def _conformance_junit_case(result: CaseResult) -> JUnitCase:
+def conformance_junit_case(result: CaseResult) -> JUnitCase:
+    """Return a case; its time is that of the port's clock."""
     message = case_finding(result)
     return JUnitCase(
         group=result.clause.partition(".")[0],

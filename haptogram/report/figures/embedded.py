@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import warnings
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from ..formats.document import PagePicture
 from .style import BLACK, GREY, PAGE_DPI, encode_figure
 
 if TYPE_CHECKING:
@@ -15,30 +14,6 @@ if TYPE_CHECKING:
 #: Ink, ground, lines and remarks of a picture: in a light page, and in a dark one (style.css).
 _DARK: Final = {"000000": "e4e6e8", "ffffff": "16181b", "dddddd": "3a3f45", "555555": "a8adb3"}
 _MOST_SHAPES: Final = 500  # of one artist; more of them become pixels
-
-
-@dataclass(frozen=True, slots=True)
-class PagePicture:
-    """A picture for a page.
-
-    Attributes
-    ----------
-    svg : bytes
-        The picture.
-    title : str
-        What it is a picture of; read aloud in its place.
-    caption : str
-        What to see in it.
-    """
-
-    svg: bytes
-    title: str
-    caption: str = ""
-
-    @property
-    def source(self) -> str:
-        """The picture as the address of an image."""
-        return f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode('ascii')}"
 
 
 def embed_picture(figure: Figure, title: str, caption: str = "") -> PagePicture:

@@ -6,6 +6,8 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from .document import Block, Document, Listing, Table
+
 WIDTH: Final = 98
 _GAP: Final = "  "
 
@@ -22,7 +24,7 @@ def console_table(
     Parameters
     ----------
     head : sequence of str
-        Names of the columns.
+        Names of the columns; empty: a table without a head.
     rows : iterable of sequences
         Cells of each row, as many as there are columns.
     numbers : sequence of int
@@ -30,7 +32,7 @@ def console_table(
     indent : int
         Number of spaces before every line.
     """
-    lines = [list(head), *([str(cell) for cell in row] for row in rows)]
+    lines = [*([list(head)] if head else []), *([str(cell) for cell in row] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     signs = [">" if place in numbers else "<" for place in range(len(widths))]
     return [
@@ -48,3 +50,24 @@ def console_paragraph(text: str, *, indent: int = 0, bullet: str = "", hang: int
     return textwrap.wrap(
         text, WIDTH, initial_indent=first + bullet, subsequent_indent=first + " " * hang
     )
+
+
+def document_text(document: Document) -> str:
+    """Return *document* without its pictures; the verdict is last, with what was found."""
+    lead, *more = document.lead
+    parts = [[f"{document.command}: {lead}", *more]]
+    for section in document.sections:
+        lines = [line for block in section.blocks for line in _console_block(block)]
+        if lines:
+            parts.append([f"{section.title}:", *lines])
+    found = (f"  {one.level}: {one.name}: {one.text}" for one in document.findings)
+    parts.append([document.heading, *found])
+    return "\n\n".join("\n".join(part) for part in parts)
+
+
+def _console_block(block: Block) -> list[str]:
+    if isinstance(block, Table):
+        return console_table(block.head, block.rows, numbers=block.numbers, indent=2)
+    if isinstance(block, Listing):
+        return [line for item in block.items for line in console_paragraph(item, indent=2)]
+    return []

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from haptogram.machine.provenance import Provenance
 
+    from .document import Document
+
 _CODE: Final = re.compile("`([^`]+)`")
 
 
@@ -61,6 +63,21 @@ def write_html_page(path: Path, template: str, provenance: Provenance, **content
     page = render_html_page(template, provenance, **content)
     # A port may be named by bytes that are no text; they become question marks.
     write_file_atomically(path, page.encode("utf-8", errors="replace"))
+
+
+def write_document_page(path: Path, document: Document, provenance: Provenance) -> None:
+    """Write *document* as a page; the errors are those of :func:`write_html_page`."""
+    write_html_page(
+        path,
+        "document.html",
+        provenance,
+        title=f"Haptogram: {document.title}",
+        heading=document.heading,
+        tone=document.tone,
+        lead=[f"{text[0].upper()}{text[1:]}." for text in document.lead],
+        findings=[(one.level.value, one.name, one.text) for one in document.findings],
+        sections=document.sections,
+    )
 
 
 def render_html_page(

@@ -5,14 +5,14 @@ Every text goes in escaped: a board names its firmware, and may name it in Markd
 
 from __future__ import annotations
 
-import enum
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.machine.files import write_file_atomically
+
+from .document import Document, Level, Listing, Table
 
 if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
@@ -26,67 +26,6 @@ _ENTITIES: Final = str.maketrans(
     {"&": "&amp;", "<": "&lt;", ">": "&gt;", "$": "&#36;", "@": "&#64;"}
 )
 _LINKS: Final = re.compile(r":(?=//)|\.(?<=www\.)", re.IGNORECASE)
-
-
-class Level(enum.StrEnum):
-    """Weight of a finding; the value is the command of GitHub for it."""
-
-    ERROR = "error"
-    WARNING = "warning"
-    NOTICE = "notice"
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One finding.
-
-    Attributes
-    ----------
-    level : Level
-        An error decides the verdict, a warning does not.
-    name : str
-        Name of the case, the check or the kind of event.
-    text : str
-        The finding in one line.
-    """
-
-    level: Level
-    name: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class SummaryTable:
-    """A table of a summary: its title, the names of its columns, and the texts of its rows."""
-
-    title: str
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-@dataclass(frozen=True, slots=True)
-class JobSummary:
-    """A result, as short as a person reads it first.
-
-    Attributes
-    ----------
-    command : str
-        Name of the command.
-    sentence : str
-        The verdict and its reason, as on the terminal.
-    findings : sequence of Finding
-        What is wrong, the likeliest cause first.
-    facts : sequence of str
-        Further sentences.
-    tables : sequence of SummaryTable
-        Figures.
-    """
-
-    command: str
-    sentence: str
-    findings: Sequence[Finding] = ()
-    facts: Sequence[str] = ()
-    tables: Sequence[SummaryTable] = ()
 
 
 def escape_job_markdown(text: str) -> str:
@@ -111,34 +50,42 @@ def job_markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> li
     ]
 
 
-def summary_markdown(summary: JobSummary, provenance: Provenance) -> str:
-    """Return *summary* in Markdown: the verdict, what is wrong, the facts, the figures."""
-    return "\n".join(_summary_markdown_lines(summary, provenance)) + "\n"
+def summary_markdown(document: Document, provenance: Provenance) -> str:
+    """Return *document* in Markdown: the verdict, what is wrong, the facts, the figures."""
+    return "\n".join(_summary_markdown_lines(document, provenance)) + "\n"
 
 
-def write_job_summary(path: Path, summary: JobSummary, provenance: Provenance) -> None:
-    """Write *summary* in Markdown.
+def write_job_summary(path: Path, document: Document, provenance: Provenance) -> None:
+    """Write *document* in Markdown.
 
     Raises
     ------
     ConfigurationError
         If *path* cannot be written.
     """
-    text = summary_markdown(summary, provenance)
+    text = summary_markdown(document, provenance)
     write_file_atomically(path, text.encode("utf-8", errors="replace"))
 
 
-def _summary_markdown_lines(summary: JobSummary, provenance: Provenance) -> Iterator[str]:
-    yield f"## {escape_job_markdown(f'haptogram {summary.command}: {summary.sentence}')}"
+def _summary_markdown_lines(document: Document, provenance: Provenance) -> Iterator[str]:
+    yield f"## {escape_job_markdown(f'haptogram {document.command}: {document.heading}')}"
     yield ""
-    found = [(f.level.value, f.name, f.text) for f in summary.findings]
+    found = [(f.level.value, f.name, f.text) for f in document.findings]
     yield from _summary_markdown_table("", ("", "where", "found"), found)
-    if summary.facts:
-        yield from (f"- {escape_job_markdown(fact)}" for fact in summary.facts)
-        yield ""
-    for table in summary.tables:
-        yield from _summary_markdown_table(table.title, table.head, table.rows)
+    yield from _markdown_listing(document.lead)
+    for section in document.sections:
+        for block in section.blocks:
+            if isinstance(block, Table):
+                yield from _summary_markdown_table(section.title, block.head, block.rows)
+            elif isinstance(block, Listing):
+                yield from _markdown_listing(block.items)
     yield "; ".join(f"{name}: {escape_job_markdown(text)}" for name, text in provenance.rows())
+
+
+def _markdown_listing(items: Sequence[str]) -> Iterator[str]:
+    if items:
+        yield from (f"- {escape_job_markdown(item)}" for item in items)
+        yield ""
 
 
 def _summary_markdown_table(
@@ -149,7 +96,7 @@ def _summary_markdown_table(
     if title:
         yield f"### {escape_job_markdown(title)}"
         yield ""
-    yield from job_markdown_table(head, rows[:_ROWS])
+    yield from job_markdown_table(head or [""] * len(rows[0]), rows[:_ROWS])
     if len(rows) > _ROWS:
         yield ""
         yield f"... and {len(rows) - _ROWS} more, in the other files."
@@ -159,16 +106,16 @@ def _summary_markdown_table(
 # --- GitHub ----------------------------------------------------------------------------------
 
 
-def github_job_annotations(summary: JobSummary) -> Iterator[str]:
-    """Yield the lines that a job of GitHub prints to have *summary* shown beside its steps."""
+def github_job_annotations(document: Document) -> Iterator[str]:
+    """Yield the lines that a job of GitHub prints to have *document* shown beside its steps."""
     for level in Level:
-        found = [finding for finding in summary.findings if finding.level is level]
+        found = [finding for finding in document.findings if finding.level is level]
         shown = found if len(found) <= _SHOWN else found[: _SHOWN - 1]
         for finding in shown:
-            title = f"haptogram {summary.command}: {finding.name}"
+            title = f"haptogram {document.command}: {finding.name}"
             yield github_job_command(level, title, finding.text)
         if len(shown) < len(found):
-            title = f"haptogram {summary.command}: {summary.sentence}"
+            title = f"haptogram {document.command}: {document.heading}"
             yield github_job_command(level, title, f"{len(found) - len(shown)} more")
 
 

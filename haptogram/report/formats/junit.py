@@ -8,10 +8,15 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 from xml.etree import ElementTree
 
 from haptogram.machine.files import write_file_atomically
+
+if TYPE_CHECKING:
+    from haptogram.machine.provenance import Provenance
+
+    from .document import Document
 
 _ILLEGAL: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -99,6 +104,19 @@ def write_junit(path: Path, suite: JUnitSuite) -> None:
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     write_file_atomically(path, content + b"\n")
+
+
+def write_document_junit(path: Path, document: Document, provenance: Provenance) -> None:
+    """Write the cases of *document*; the errors are those of :func:`write_junit`."""
+    suite = JUnitSuite(
+        f"haptogram.{document.command}",
+        tuple(document.cases),
+        {**document.properties, **dict(provenance.rows())},
+        "\n".join([document.heading, *document.lead]),
+        provenance.timestamp,
+        document.seconds,
+    )
+    write_junit(path, suite)
 
 
 def _junit_root(suite: JUnitSuite) -> ElementTree.Element:

@@ -14,7 +14,8 @@ from haptogram.verification import (
     Verdict,
 )
 
-from ..figures.embedded import PagePicture, embed_picture
+from ..figures.embedded import embed_picture
+from ..formats.document import PagePicture
 from ..formats.html import check_html_page, html_setting_rows, write_html_page
 from ..viewer.run_scene import viewer_scene_of_run
 from . import pictures, prose

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from haptogram.verification import RunVerdict
 
-from ..formats.job_summary import Finding, JobSummary, Level
+from ..formats.document import Document, Finding, Level
 from .check import CheckOutcome
 from .checks import run_checks_of_result
 from .pins import run_result_sentence
@@ -20,7 +20,7 @@ _LEVELS: Final = {
 }
 
 
-def run_summary(run: RunVerdict, result: Mapping[str, Any]) -> JobSummary:
+def run_summary(run: RunVerdict, result: Mapping[str, Any]) -> Document:
     """Return the summary of *run*, of which *result* is the dictionary for JSON."""
     checks = [c for c in run_checks_of_result(run, result) if c.outcome in _LEVELS]
     checks.sort(key=lambda check: not check.decisive)
@@ -37,4 +37,4 @@ def run_summary(run: RunVerdict, result: Mapping[str, Any]) -> JobSummary:
     lines += result["captures"]["text"].splitlines()[1:] if "captures" in result else []
     warnings = [f"warning: {text}" for text in result["warnings"]]
     facts = [line.strip() for line in lines] + [*run_faults_wording(result), *warnings]
-    return JobSummary("verify", sentence, findings, facts)
+    return Document(command="verify", heading=sentence, findings=findings, lead=facts)

@@ -1,53 +1,23 @@
-"""A watched board as a JUnit suite: a case for each verdict, and one for each kind of defect."""
+"""A watched board as JUnit cases: one for each verdict, and one for each kind of defect."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Final
+from collections.abc import Iterator, Sequence
 
-from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.verification import FrameStatus, FrameVerdict
 from haptogram.verification.frame.verdict import WRONG
 from haptogram.verification.watch import Defect, WatchResult
 
-from ..formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit
-
-_SUITE: Final = "haptogram.watch"
+from ..formats.junit import JUnit, JUnitCase
 
 
-def write_watch_junit(
-    path: Path,
-    result: WatchResult,
-    verdicts: Sequence[FrameVerdict],
-    *,
-    provenance: Provenance = UNSTATED,
-    seconds: float | None = None,
-) -> None:
-    """Write the result as JUnit XML.
-
-    Parameters
-    ----------
-    verdicts : sequence of FrameVerdict
-        Of the latches of which a frame was expected.
-    provenance : Provenance, optional
-        Origin of the result.
-    seconds : float or None
-        How long the board was watched: the time of the case that every latch was seen.
-
-    Raises
-    ------
-    ConfigurationError
-        If *path* cannot be written.
-    """
-    cases = [_watch_junit_frame(verdict) for verdict in verdicts]
-    cases += [_watch_junit_defect(result, defect) for defect in Defect]
-    cases.append(_watch_junit_seen(result, seconds))
-    properties = {"verdict": str(result.verdict), "latches": str(result.latches)}
-    properties |= dict(provenance.rows())
-    log = "\n".join(result.lines())
-    date = provenance.timestamp
-    write_junit(path, JUnitSuite(_SUITE, tuple(cases), properties, log, date, seconds))
+def watch_junit_cases(
+    result: WatchResult, verdicts: Sequence[FrameVerdict], seconds: float | None
+) -> Iterator[JUnitCase]:
+    """Yield the cases; *seconds* is the time of the case that every latch was seen."""
+    yield from map(_watch_junit_frame, verdicts)
+    yield from (_watch_junit_defect(result, defect) for defect in Defect)
+    yield _watch_junit_seen(result, seconds)
 
 
 def _watch_junit_frame(verdict: FrameVerdict) -> JUnitCase:

@@ -24,9 +24,11 @@ from haptogram.campaigns.soak.tally import DAMAGE, VIOLATIONS, SoakTally
 from haptogram.cli import main
 from haptogram.cli.boards import board_without_a_line
 from haptogram.errors import ConfigurationError
-from haptogram.report.soak.junit import write_soak_junit
-from haptogram.report.soak.page import write_soak_page
-from haptogram.report.soak.text import soak_text
+from haptogram.machine.provenance import UNSTATED
+from haptogram.report.formats.console import document_text
+from haptogram.report.formats.html import write_document_page
+from haptogram.report.formats.junit import write_document_junit
+from haptogram.report.soak.document import soak_document
 from haptogram.settings.faults.kinds import FAULT_KINDS
 from mutants import MUTANTS
 
@@ -187,11 +189,12 @@ def cases(path: Path) -> dict[str, ElementTree.Element]:
 
 
 def test_the_reports_of_a_healthy_board_pass(uninterrupted: SoakCampaign, tmp_path: Path) -> None:
-    write_soak_junit(tmp_path / "soak.xml", uninterrupted)
+    document = soak_document(uninterrupted)
+    write_document_junit(tmp_path / "soak.xml", document, UNSTATED)
     outcomes = cases(tmp_path / "soak.xml")
     assert outcomes.keys() == {*VIOLATIONS.values(), "the soak comes to its end"}
     assert {outcome.tag for outcome in outcomes.values()} == {"system-out"}
-    write_soak_page(tmp_path / "soak.html", uninterrupted)
+    write_document_page(tmp_path / "soak.html", document, UNSTATED)
     page = (tmp_path / "soak.html").read_text(encoding="utf-8")
     assert page.count("<img") == 1
     assert "The course of the soak." in page
@@ -211,11 +214,12 @@ def test_a_board_that_is_wrong_fails_its_case(tmp_path: Path) -> None:
 
 
 def test_a_soak_of_which_nothing_ran_is_an_error(tmp_path: Path) -> None:
-    write_soak_junit(tmp_path / "soak.xml", SoakCampaign(SHORT))
+    document = soak_document(SoakCampaign(SHORT))
+    write_document_junit(tmp_path / "soak.xml", document, UNSTATED)
     outcomes = cases(tmp_path / "soak.xml")
     assert outcomes.pop("the soak comes to its end").tag == "error"
     assert {outcome.tag for outcome in outcomes.values()} == {"skipped"}
-    write_soak_page(tmp_path / "soak.html", SoakCampaign(SHORT))
+    write_document_page(tmp_path / "soak.html", document, UNSTATED)
     assert "<img" not in (tmp_path / "soak.html").read_text(encoding="utf-8")
 
 
@@ -304,9 +308,9 @@ def test_a_checkpoint_of_another_soak_is_refused(tmp_path: Path) -> None:
 def test_the_account_counts_in_words() -> None:
     soak = SoakCampaign(SHORT)
     soak.tally.totals.update({"sessions": 1, "pauses": 2})
-    said = soak_text(soak)
-    assert " 1 session\n" in said
-    assert " 2 pauses\n" in said
+    said = document_text(soak_document(soak))
+    assert " 1  session\n" in said
+    assert " 2  pauses\n" in said
     assert "memory did not grow\n" in said
 
 

@@ -15,9 +15,9 @@ from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour, CaseResult, Recovery, SuiteResult
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.records.frame import Evidence
+from haptogram.report.conformance.document import suite_document
 from haptogram.report.conformance.page import write_conformance_page
 from haptogram.report.conformance.result import suite_dict
-from haptogram.report.conformance.summary import suite_summary
 from haptogram.report.conformance.text import suite_text
 
 BAUD = 3_000_000
@@ -119,7 +119,7 @@ def test_every_report_says_once_what_many_failures_find_and_how_many_there_are(t
     assert named.count("HG-") == 12
     assert named.endswith("and 9 more, in --json and --html")
     assert suite_dict(suite)["in_common"] == {"text": refused, "cases": tuple(clauses)}
-    assert line in suite_summary(suite).facts
+    assert line in suite_document(suite).lead
     write_conformance_page(tmp_path / "page.html", suite)
     assert line in (tmp_path / "page.html").read_text("utf-8")
     unclean = [

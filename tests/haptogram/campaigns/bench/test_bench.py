@@ -13,7 +13,7 @@ from haptogram.campaigns.bench.result import STAGES, bench_dict, read_bench_resu
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.report.bench.content import bench_outcome
+from haptogram.report.bench.document import bench_outcome
 
 pytestmark = [pytest.mark.pty, pytest.mark.realtime]
 

@@ -9,7 +9,7 @@ import pytest
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError, missing_extra
 from haptogram.machine.provenance import UNSTATED
-from haptogram.report.figures.embedded import PagePicture
+from haptogram.report.formats.document import PagePicture
 from haptogram.report.formats.html import check_html_page, render_html_page
 
 FRAME = {"title": "t", "heading": "h", "tone": "plain", "lead": []}

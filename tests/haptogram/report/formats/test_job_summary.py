@@ -7,11 +7,8 @@ import re
 import pytest
 
 from haptogram.machine.provenance import UNSTATED
+from haptogram.report.formats.document import Document, Finding, Level, Listing, Section, Table
 from haptogram.report.formats.job_summary import (
-    Finding,
-    JobSummary,
-    Level,
-    SummaryTable,
     escape_job_markdown,
     github_job_annotations,
     github_job_command,
@@ -53,14 +50,16 @@ def test_a_text_begins_no_list_and_no_heading(text: str) -> None:
 
 def test_a_summary_holds_no_active_text_of_a_board() -> None:
     hostile = "| x\n## heading <img src=x> [a](b)"
-    summary = JobSummary(
-        "conform",
-        f"FAIL: {hostile}",
-        [Finding(Level.ERROR, hostile, hostile)],
-        [hostile],
-        [SummaryTable(hostile, ["", hostile], [[hostile, hostile]])],
+    document = Document(
+        command="conform",
+        heading=f"FAIL: {hostile}",
+        findings=[Finding(Level.ERROR, hostile, hostile)],
+        lead=[hostile],
+        sections=[
+            Section(hostile, [Table(["", hostile], [[hostile, hostile]]), Listing([hostile])])
+        ],
     )
-    markdown = summary_markdown(summary, UNSTATED)
+    markdown = summary_markdown(document, UNSTATED)
     assert "<img" not in markdown
     assert "](" not in markdown.replace("\\](", "")
     lines = markdown.splitlines()
@@ -86,7 +85,9 @@ def test_a_title_cannot_end_its_property() -> None:
 
 def test_github_shows_ten_annotations_and_the_last_says_how_many_follow() -> None:
     findings = [Finding(Level.ERROR, f"case {n}", "x") for n in range(14)]
-    lines = list(github_job_annotations(JobSummary("conform", "FAIL", findings)))
+    lines = list(
+        github_job_annotations(Document(command="conform", heading="FAIL", findings=findings))
+    )
     assert len(lines) == 10
     assert lines[0] == "::error title=haptogram conform%3A case 0::x"
     assert lines[-1].endswith("::5 more")

@@ -1,4 +1,4 @@
-"""A run of the conformance suite for the page of a CI job."""
+"""A run of the conformance suite as a document, for JUnit XML and job summary."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from haptogram.conformance.causes import common_finding, failures_by_cause
 from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
 
-from ..formats.job_summary import Finding, JobSummary, Level, SummaryTable
+from ..formats.document import Document, Finding, Level, Section, Table
+from .junit import conformance_junit_case
 from .matrix import conformance_chapters_of_cases
 from .wording import (
     case_finding,
@@ -20,21 +21,25 @@ from .wording import (
 )
 
 
-def suite_summary(suite: SuiteResult) -> JobSummary:
-    """Return the summary of *suite*: failures by cause, then the cases that were not judged."""
+def suite_document(suite: SuiteResult) -> Document:
+    """Return *suite* as a document: failures by cause, then the cases that were not judged."""
     failures = failures_by_cause(suite.results)
     alike = common_finding(failures)
-    return JobSummary(
+    known = {**suite.device, **suite.settings, "cut_short": suite.cut_short}
+    return Document(
         command="conform",
-        sentence=f"{suite_verdict(suite)}: {suite_counts(suite)}",
+        heading=f"{suite_verdict(suite)}: {suite_counts(suite)}",
         findings=list(_case_findings(suite)),
-        facts=[
+        lead=[
             f"board {suite_board(suite)}",
             *([common_finding_line(alike, len(failures))] if alike else []),
             *([f"drive pins: {captured}"] if (captured := suite.settings.get("captured")) else []),
             *([f"cut short: {suite.cut_short}"] if suite.cut_short else []),
         ],
-        tables=[_chapter_table(suite)],
+        sections=[Section("Chapters of SPEC.md", [_chapter_table(suite)])],
+        cases=list(map(conformance_junit_case, suite.results)),
+        properties={name: str(value) for name, value in known.items()},
+        seconds=sum(result.seconds or 0.0 for result in suite.results),
     )
 
 
@@ -52,10 +57,10 @@ def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
         yield Finding(Level.ERROR, name, f"{Behaviour.INCONCLUSIVE}: {reason}")
 
 
-def _chapter_table(suite: SuiteResult) -> SummaryTable:
+def _chapter_table(suite: SuiteResult) -> Table:
     shown = ordered_behaviours(result.behaviour for result in suite.results)
     rows = []
     for chapter, results in conformance_chapters_of_cases(suite.results).items():
         counts = Counter(result.behaviour for result in results)
         rows.append([chapter, *(str(counts[behaviour] or "") for behaviour in shown)])
-    return SummaryTable("Chapters of SPEC.md", ["", *map(str, shown)], rows)
+    return Table(["", *map(str, shown)], rows)

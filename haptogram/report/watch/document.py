@@ -1,4 +1,4 @@
-"""A watched board for the page of a CI job."""
+"""A watched board as a document, for JUnit XML and job summary."""
 
 from __future__ import annotations
 
@@ -8,20 +8,31 @@ from haptogram.verification import FrameStatus, FrameVerdict, grouped_frame_find
 from haptogram.verification.frame.verdict import WRONG
 from haptogram.verification.watch import WatchResult
 
-from ..formats.job_summary import Finding, JobSummary, Level
+from ..formats.document import Document, Finding, Level
+from .junit import watch_junit_cases
 
 
-def watch_summary(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> JobSummary:
-    """Return the summary of *result*.
+def watch_document(
+    result: WatchResult, verdicts: Sequence[FrameVerdict], seconds: float | None = None
+) -> Document:
+    """Return *result* as a document.
 
     Parameters
     ----------
     verdicts : sequence of FrameVerdict
         Of the latches of which a frame was expected.
+    seconds : float or None
+        How long the board was watched.
     """
     sentence, *lines = result.lines()
-    return JobSummary(
-        "watch", sentence, list(_watch_findings(result, verdicts)), [line.strip() for line in lines]
+    return Document(
+        command="watch",
+        heading=sentence,
+        findings=list(_watch_findings(result, verdicts)),
+        lead=[line.strip() for line in lines],
+        cases=list(watch_junit_cases(result, verdicts, seconds)),
+        properties={"verdict": str(result.verdict), "latches": str(result.latches)},
+        seconds=seconds,
     )
 
 

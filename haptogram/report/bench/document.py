@@ -1,23 +1,92 @@
-"""The result of one benchmark in words and rows, for the page and for the terminal alike."""
+"""The result of one benchmark of the loop as a document."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+from haptogram.campaigns.bench.measure import BenchRun
 from haptogram.campaigns.bench.percentiles import LEVELS
 from haptogram.campaigns.bench.result import STAGES
 
+from ..figures.embedded import embed_picture
+from ..formats.document import Document, Finding, Level, Listing, Picture, Section, Table
+from .pictures import draw_bench_course, draw_bench_histograms
+
 Result = Mapping[str, Any]
 
-STAGE_HEAD: Final = ("stage (µs)", *(f"p{level:g}" for level in LEVELS), "max", "n", "meaning")
-MISS_HEAD: Final = ("later than", "measured", "frames", "causes", "control loop stalled too")
+_STAGE_HEAD: Final = ("stage (µs)", *(f"p{level:g}" for level in LEVELS), "max", "n", "meaning")
+_MISS_HEAD: Final = ("later than", "measured", "frames", "causes", "control loop stalled too")
 
 _NOTABLE_SHARE: Final = 0.01  # of all frames
 _PLACES: Final = {"at_port": "at the port", "at_board": "complete at the board"}
 
 
-def bench_conditions_rows(result: Result) -> str:
+def bench_document(run: BenchRun, result: Result, changes: Sequence[str] = ()) -> Document:
+    """Return *run* as a document; nothing is judged, so that it has warnings only.
+
+    Parameters
+    ----------
+    result : mapping
+        As of :func:`haptogram.campaigns.bench.result.bench_dict`.
+    changes : sequence of str
+        Differences from an earlier run, one in each line.
+    """
+    tone, outcome = bench_outcome(result)
+    return Document(
+        command="bench",
+        heading=f"Timing of the loop: {outcome}",
+        title="timing of the loop",
+        tone=tone,
+        findings=[Finding(Level.WARNING, "bench", text) for text in result["warnings"]],
+        lead=[_bench_conditions_text(result), _bench_frames_text(result)],
+        sections=[
+            _bench_stages_section(run, result),
+            _bench_misses_section(run, result),
+            Section("Consequence for the focus", [Listing([_bench_space_text(result)])]),
+            Section("Against the run before", [Listing(changes)] if changes else []),
+            Section("Machine", [Listing(list(_bench_machine_rows(result)))], folds=True),
+        ],
+    )
+
+
+def _bench_stages_section(run: BenchRun, result: Result) -> Section:
+    last = len(_STAGE_HEAD) - 1
+    rows = list(_bench_stages_rows(result))
+    return Section(
+        "Stages of a frame",
+        [
+            Table(_STAGE_HEAD, rows, range(1, last), (last,)),
+            Listing([_bench_clocks_text(result)]),
+            Picture(
+                lambda: embed_picture(
+                    draw_bench_histograms(run.stages_us),
+                    "Histogram of the stages of a frame and of the control loop.",
+                    "Both axes are logarithmic, so that rare delays show.",
+                )
+            ),
+        ],
+    )
+
+
+def _bench_misses_section(run: BenchRun, result: Result) -> Section:
+    return Section(
+        "Late frames and their causes",
+        [
+            Table(_MISS_HEAD, list(_bench_misses_rows(result)), (0, 2, 4), (3,)),
+            Picture(
+                lambda: embed_picture(
+                    draw_bench_course(run.stages_us, run.config.rate_hz),
+                    "Lateness of every frame and of the control loop in the course of the run.",
+                    "The control loop does nothing but wake up, in a process of its own: where it "
+                    "is late too, the machine was.",
+                )
+            ),
+        ],
+    )
+
+
+def _bench_conditions_text(result: Result) -> str:
     """Return rate, duration, line and board of the run."""
     asked = result["configuration"]
     extras = [f"spin {asked['spin_us']} µs"] if asked["spin_us"] else []
@@ -48,7 +117,7 @@ def bench_outcome(result: Result) -> tuple[str, str]:
     return "good", "every frame was in time at the output"
 
 
-def bench_frames_rows(result: Result) -> str:
+def _bench_frames_text(result: Result) -> str:
     """Return the counts of frames due and latched, and the losses of the port."""
     frames = result["frames"]
     return (
@@ -58,8 +127,8 @@ def bench_frames_rows(result: Result) -> str:
     )
 
 
-def bench_stages_rows(result: Result) -> Iterator[tuple[str, ...]]:
-    """Yield the percentiles of each stage, under :data:`STAGE_HEAD`."""
+def _bench_stages_rows(result: Result) -> Iterator[tuple[str, ...]]:
+    """Yield the percentiles of each stage, under :data:`_STAGE_HEAD`."""
     for name, meaning in STAGES.items():
         found = result["stages"][name]
         if found["n"]:
@@ -69,7 +138,7 @@ def bench_stages_rows(result: Result) -> Iterator[tuple[str, ...]]:
             yield name, *("" for _ in LEVELS), "", "0", f"{meaning}: not observed"
 
 
-def bench_clocks_rows(result: Result) -> str:
+def _bench_clocks_text(result: Result) -> str:
     """Return the error between the two clocks, and the quantity that the percentiles count."""
     return (
         "The stages board, complete and margin join two clocks, to within "
@@ -78,8 +147,8 @@ def bench_clocks_rows(result: Result) -> str:
     )
 
 
-def bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
-    """Yield the number of late frames at each place, by cause, under :data:`MISS_HEAD`."""
+def _bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
+    """Yield the number of late frames at each place, by cause, under :data:`_MISS_HEAD`."""
     for place, found in result["misses"].items():
         for miss in found:
             causes = (f"{cause} {n}" for cause, n in miss["by_cause"].items() if n)
@@ -92,7 +161,7 @@ def bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
             )
 
 
-def bench_space_rows(result: Result) -> str:
+def _bench_space_text(result: Result) -> str:
     """Return the effect of late and lost frames on the focus."""
     error = result["focus_error"]
     if not error["frames"]:
@@ -104,7 +173,7 @@ def bench_space_rows(result: Result) -> str:
     )
 
 
-def bench_machine_rows(result: Result) -> Iterator[str]:
+def _bench_machine_rows(result: Result) -> Iterator[str]:
     """Yield processor, system and load of the machine."""
     found = result["environment"]
     yield (

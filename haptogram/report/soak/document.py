@@ -1,0 +1,177 @@
+"""The account of a soak as a document."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Final
+
+from haptogram.campaigns.soak.campaign import SoakCampaign
+from haptogram.campaigns.soak.tally import MEMORY_GREW, STATES, VIOLATIONS, SoakTally
+
+from ..figures.embedded import embed_picture
+from ..formats.document import Block, Document, Finding, Level, Picture, Section, Table
+from ..formats.junit import JUnit, JUnitCase
+from .pictures import draw_soak_course
+
+_TONES: Final = {"PASS": "good", "FAIL": "bad", "INCONCLUSIVE": "doubt"}
+_FAULT_HEAD: Final = ("fault", "injected", "detected", "harmless", "found as")
+_COUNTER_HEAD: Final = ("counter", "board", "explained by")
+
+_COUNTED: Final = (  # {s}: of a plural
+    ("frames", "stream frame{s}"),
+    ("latched", "latched, each compared code by code with what was sent"),
+    ("sessions", "session{s}"),
+    ("pauses", "pause{s}"),
+    ("outages", "outage{s}"),
+    ("mutes", "MUTE in the midst of the stream"),
+    ("restarts", "session{s} begun in the midst of the stream"),
+    ("muted by a timer", "mute{s} by a timer, each within its limit"),
+    ("clock steps", "step{s} of the board's clock"),
+)
+_TRAFFIC: Final = {
+    "accepted": "taken into the queue: latched, flushed, or still waiting",
+    "frames": "undamaged frames that came",
+    "flushed": "waiting when MUTE or a new session came",
+    "latched": "each one above",
+    "repeated": "copies of requests: duplicates, and what the host asked again",
+    "requests": "those of the host",
+    "timeouts": "mutes by a timer",
+}
+
+
+def soak_document(campaign: SoakCampaign) -> Document:
+    """Return the account of *campaign*: its violations, its faults, its totals."""
+    sentence, tally = _soak_sentence(campaign), campaign.tally
+    verdict = sentence.partition(":")[0].partition(",")[0]
+    setup = campaign.setup.as_dict().items()
+    properties = {name: str(value) for name, value in setup if value is not None}
+    totals = {f"totals.{name}": str(n) for name, n in sorted(tally.totals.items())}
+    faults, counters = _soak_fault_rows(tally), list(_soak_counter_rows(tally))
+    return Document(
+        command="soak",
+        heading=sentence,
+        title=f"soak, {verdict.lower()}",
+        tone=_TONES[verdict],
+        findings=list(_soak_findings(campaign)),
+        lead=list(_soak_conditions(campaign)),
+        sections=[
+            Section("Course", list(_soak_course_pictures(campaign))),
+            Section(
+                "Faults, and how they were found",
+                [Table(_FAULT_HEAD, faults, (1, 2, 3), (4,))] if faults else [],
+            ),
+            Section("Totals", [Table((), _soak_total_rows(tally), (0,))]),
+            Section(
+                "Counters of the board, and the faults that explain them",
+                [Table(_COUNTER_HEAD, counters, (1,), (2,))] if counters else [],
+            ),
+        ],
+        cases=list(_soak_junit_cases(campaign)),
+        properties=properties | totals,
+        seconds=campaign.spent_s,
+    )
+
+
+def _soak_findings(campaign: SoakCampaign) -> Iterator[Finding]:
+    for example in campaign.tally.examples:
+        yield Finding(Level.ERROR, *example.split(": ", 1))
+    if not campaign.done:
+        yield Finding(Level.ERROR, "segments", _soak_sentence(campaign))
+    if MEMORY_GREW in campaign.failures:
+        yield Finding(Level.ERROR, "memory", _soak_memory(campaign))
+
+
+def _soak_course_pictures(campaign: SoakCampaign) -> Iterator[Block]:
+    if campaign.tally.course:
+        yield Picture(
+            lambda: embed_picture(
+                draw_soak_course(campaign),
+                "The course of the soak.",
+                "Damaged frames are those that either end found; lost and late ones are those to "
+                "the board. A frame is late by the time from its due time to its arrival. "
+                f"Each step is {campaign.setup.interval_s:g} s.",
+            )
+        )
+
+
+def _soak_sentence(campaign: SoakCampaign) -> str:
+    """Return the verdict and its reason."""
+    if not campaign.done:
+        return "INCONCLUSIVE: no segment came to its end, so nothing was judged"
+    if campaign.failures:
+        return "FAIL: " + ", ".join(f"{name} ({n})" for name, n in campaign.failures.items())
+    whole = "" if campaign.is_complete else ", so far"
+    return (
+        f"PASS{whole}: no damaged frame and no torn drive was latched, the output was off in "
+        "time, and everything that was injected is accounted for"
+    )
+
+
+def _soak_conditions(campaign: SoakCampaign) -> Iterator[str]:
+    """Yield duration, seed and rate of faults, then speed and memory."""
+    setup = campaign.setup
+    yield (
+        f"{campaign.done_s / 3600:.3f} of {setup.hours:g} virtual hours "
+        f"({campaign.done} of {setup.segments} segments), seed {setup.seed}, "
+        f"{setup.fault_rate:g} of the frames hit, 1 kHz"
+    )
+    yield f"speed: {campaign.times_real_time:.1f} times real time; {_soak_memory(campaign)}"
+
+
+def _soak_memory(campaign: SoakCampaign) -> str:
+    """Return the growth of the memory of the processes."""
+    grown = f"{campaign.memory.growth_bytes / 2**20:.1f}"
+    return "memory did not grow" if float(grown) <= 0.0 else f"memory grew by {grown} MiB"
+
+
+def _soak_total_rows(tally: SoakTally) -> list[tuple[str, str]]:
+    """Return count and name of everything that was streamed and done."""
+    counts = ((tally.totals[name], text) for name, text in _COUNTED)
+    return [(str(count), text.format(s="" if count == 1 else "s")) for count, text in counts]
+
+
+def _soak_fault_rows(tally: SoakTally) -> list[tuple[str, ...]]:
+    """Return a row for each kind of fault, under :data:`_FAULT_HEAD`."""
+    rows = []
+    for kind, found in tally.found().items():
+        counts = (str(tally.faults[kind][state]) for state in STATES)
+        rows.append((kind, *counts, ", ".join(f"{name} {n}" for name, n in found.items())))
+    return rows
+
+
+def _soak_counter_rows(tally: SoakTally) -> Iterator[tuple[str, str, str]]:
+    """Yield the board's counters, each with the faults that explain it."""
+    by_name: dict[str, Counter[str]] = {}
+    for kind, found in tally.found().items():
+        for name, count in found.items() if kind.startswith("down.") else ():
+            by_name.setdefault(name, Counter())[kind.removeprefix("down.")] += count
+    for name, total in sorted(tally.totals.items()):
+        counter = name.removeprefix("counter ")
+        if counter != name and total:
+            faults = by_name.get(counter, Counter()).most_common()
+            causes = _TRAFFIC.get(counter) or ", ".join(f"{k} {n}" for k, n in faults)
+            yield counter, str(total), causes
+
+
+def _soak_junit_cases(campaign: SoakCampaign) -> Iterator[JUnitCase]:
+    for name, statement in VIOLATIONS.items():
+        count = campaign.failures.get(name, 0)
+        if count:
+            message = f"{name}: {count} times" if count > 1 else f"{name}: once"
+            told = [text for text in campaign.tally.examples if f", {name}: " in text]
+            told += [_soak_memory(campaign)] if name == MEMORY_GREW else []
+            outcome, text = JUnit.FAILURE, "\n".join([message, *told])
+        elif campaign.done:
+            message = text = f"{name}: never, in {campaign.done_s:g} s of virtual time"
+            outcome = JUnit.PASSED
+        else:
+            message = text = "no segment came to its end"
+            outcome = JUnit.SKIPPED
+        yield JUnitCase("violations", statement, outcome, message, name, text)
+    message = f"{campaign.done} of {campaign.setup.segments} segments"
+    outcome = JUnit.PASSED if campaign.is_complete else JUnit.ERROR
+    seconds = campaign.spent_s
+    yield JUnitCase(
+        "segments", "the soak comes to its end", outcome, message, "cut short", message, "", seconds
+    )
