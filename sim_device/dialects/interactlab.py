@@ -39,8 +39,6 @@ from haptogram_protocol.dialects.interactlab import (
 from ..board.events import PulseLatch
 from .emulation import Emulation
 
-__all__ = ["FIFO_FRAMES", "INTERACTLAB", "READY_FRAMES", "InteractlabUnit"]
-
 FIFO_FRAMES: Final = 32  # 16 384 bytes
 READY_FRAMES: Final = 28
 STEPS: Final = 128

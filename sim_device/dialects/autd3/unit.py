@@ -39,8 +39,6 @@ from .device import Autd3Device, Output
 from .drive import STEPS, autd3_pulses_of
 from .segments import PERIOD_NS
 
-__all__ = ["PERIODS_BETWEEN_LATCHES", "PERIOD_US", "Autd3Unit"]
-
 PERIODS_BETWEEN_LATCHES: Final = 10
 MAX_KNOWN: Final = 1024  # pulses that are kept
 _NS_PER_US: Final = 1_000
