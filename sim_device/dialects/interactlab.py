@@ -20,7 +20,7 @@ Source: RMResearch/OpenMPD_Hardware d3b4e57, ``FPGA_3.4.2/src``: ``FrameBufferCo
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from typing import Final
 
 import numpy as np
@@ -38,8 +38,7 @@ from haptogram_protocol.dialects.interactlab import (
 
 from ..board.events import PulseLatch
 from .emulation import Emulation
-
-__all__ = ["FIFO_FRAMES", "INTERACTLAB", "READY_FRAMES", "InteractlabUnit"]
+from .unit import LatchingUnit
 
 FIFO_FRAMES: Final = 32  # 16 384 bytes
 READY_FRAMES: Final = 28
@@ -51,7 +50,7 @@ _POWER_UP_DIVIDER: Final = 4
 _DIVIDER_OF_0: Final = 256  # the counter has 8 bits
 
 
-class InteractlabUnit:
+class InteractlabUnit(LatchingUnit):
     """One board, powered up at *now_us*.
 
     Attributes
@@ -63,7 +62,7 @@ class InteractlabUnit:
     """
 
     def __init__(self, now_us: int) -> None:
-        self.counters: Counter[str] = Counter()
+        super().__init__()
         self.colour = 0
         self._boot_us = now_us
         self._starts_us: int | None = now_us + SECOND_US
@@ -120,11 +119,6 @@ class InteractlabUnit:
                 self._look(now_us)
         replies, self._replies = self._replies, []
         return replies
-
-    def take_latches(self) -> list[PulseLatch]:
-        """Return the latches since the last call, in order."""
-        taken, self._latches = self._latches, []
-        return taken
 
     @property
     def _is_idle(self) -> bool:

@@ -24,7 +24,7 @@ from haptogram_protocol.framing import (
 )
 from haptogram_protocol.messages import STREAM_RANGE, Flag, Header
 
-from .line import FaultChunk, LineFault, Values
+from .line import Acted, FaultChunk, LineFault, Values
 
 # A body in, what follows the first delimiter out (COBS and the last delimiter); None: unchanged.
 Rewrite: TypeAlias = Callable[[bytes, Values, random.Random], bytes | None]
@@ -34,9 +34,7 @@ _Change: TypeAlias = Callable[[Header, Values], dict[str, int]]
 def fault_on_frames(rewrite: Rewrite) -> LineFault:
     """Return a fault of chunks that applies *rewrite* to each frame, with probability ``p``."""
 
-    def act(
-        chunks: list[FaultChunk], values: Values, source: random.Random
-    ) -> tuple[list[FaultChunk], int]:
+    def act(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
         changed, fired = [], 0
         for chunk in chunks:
             data, count = _fault_on_frames_of(chunk.data, rewrite, values, source)

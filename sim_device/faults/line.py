@@ -25,10 +25,10 @@ class FaultChunk:
 
 
 Values: TypeAlias = Mapping[str, float]
-# Chunks, parameters and a source of chance in; chunks and how often it fired out.
-LineFault: TypeAlias = Callable[
-    [list[FaultChunk], Values, random.Random], tuple[list[FaultChunk], int]
-]
+# What a fault leaves of the chunks, and how often it fired.
+Acted: TypeAlias = tuple[list[FaultChunk], int]
+# Given chunks, parameters and a source of chance.
+LineFault: TypeAlias = Callable[[list[FaultChunk], Values, random.Random], Acted]
 _Edit: TypeAlias = Callable[[bytearray, Values, random.Random], int]
 
 
@@ -46,9 +46,7 @@ def _fault_places(count: int, chance: float, source: random.Random) -> Iterator[
 
 
 def _bytewise_fault(edit: _Edit) -> LineFault:
-    def act(
-        chunks: list[FaultChunk], values: Values, source: random.Random
-    ) -> tuple[list[FaultChunk], int]:
+    def act(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
         changed, fired = [], 0
         for chunk in chunks:
             data = bytearray(chunk.data)
@@ -110,9 +108,7 @@ def _break_fault(data: bytearray, values: Values, source: random.Random) -> int:
     return int(fires)
 
 
-def _baud_fault(
-    chunks: list[FaultChunk], values: Values, _: random.Random
-) -> tuple[list[FaultChunk], int]:
+def _baud_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
     ratio = 1 + values["ppm"] / 1e6
     received = [
         FaultChunk(chunk.t_ns, sample_uart_characters(chunk.data, ratio)[0]) for chunk in chunks
@@ -121,39 +117,29 @@ def _baud_fault(
     return received, changed
 
 
-def _no_line_fault(
-    chunks: list[FaultChunk], _: Values, __: random.Random
-) -> tuple[list[FaultChunk], int]:
+def _no_line_fault(chunks: list[FaultChunk], _: Values, __: random.Random) -> Acted:
     return [], len(chunks)
 
 
-def _gone_fault(
-    _: list[FaultChunk], __: Values, ___: random.Random
-) -> tuple[list[FaultChunk], int]:
+def _gone_fault(_: list[FaultChunk], __: Values, ___: random.Random) -> Acted:
     return [], 0  # it fires once, when the port goes: see FaultInjector.has_left
 
 
-def _duplicate_fault(
-    chunks: list[FaultChunk], values: Values, source: random.Random
-) -> tuple[list[FaultChunk], int]:
+def _duplicate_fault(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
     doubled: list[FaultChunk] = []
     for chunk in chunks:
         doubled += [chunk] * (1 + (source.random() < values["p"]))
     return doubled, len(doubled) - len(chunks)
 
 
-def _delay_fault(
-    chunks: list[FaultChunk], values: Values, source: random.Random
-) -> tuple[list[FaultChunk], int]:
+def _delay_fault(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
     late_us = values["us"] + values["jitter_us"] * source.random()
     late_ns = round(late_us * _NS_PER_US)
     late = [FaultChunk(chunk.t_ns + late_ns, chunk.data) for chunk in chunks]
     return late, len(late) if late_ns else 0
 
 
-def _slice_fault(
-    chunks: list[FaultChunk], values: Values, _: random.Random
-) -> tuple[list[FaultChunk], int]:
+def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
     size, gap_ns = round(values["bytes"]), round(values["gap_us"] * _NS_PER_US)
     cut = [
         FaultChunk(chunk.t_ns + k * gap_ns, chunk.data[start : start + size])
@@ -163,22 +149,18 @@ def _slice_fault(
     return cut, len(cut) - len(chunks)
 
 
-def _held_by_fault(grid_ns: int, chunks: list[FaultChunk]) -> tuple[list[FaultChunk], int]:
+def _held_by_fault(grid_ns: int, chunks: list[FaultChunk]) -> Acted:
     if grid_ns == 0:
         return chunks, 0
     held = [dataclasses.replace(c, t_ns=-(-c.t_ns // grid_ns) * grid_ns) for c in chunks]
     return held, sum(new != old for new, old in zip(held, chunks, strict=True))
 
 
-def _coalesce_fault(
-    chunks: list[FaultChunk], values: Values, _: random.Random
-) -> tuple[list[FaultChunk], int]:
+def _coalesce_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
     return _held_by_fault(round(values["us"] * _NS_PER_US), chunks)
 
 
-def _batch_fault(
-    chunks: list[FaultChunk], values: Values, _: random.Random
-) -> tuple[list[FaultChunk], int]:
+def _batch_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
     return _held_by_fault(round(values["ms"] * _NS_PER_MS), chunks)
 
 

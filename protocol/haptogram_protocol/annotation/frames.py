@@ -16,8 +16,6 @@ from .words import (
     annotated_type_name,
 )
 
-__all__ = ["Annotated", "Annotator", "FrameAnnotator", "annotated_frame", "annotated_frame_text"]
-
 
 @dataclass(frozen=True, slots=True)
 class Annotated:

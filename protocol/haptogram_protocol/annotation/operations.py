@@ -11,8 +11,6 @@ from ..dialects.codec import Dialect, Operation, Reply
 from .frames import Annotated
 from .words import annotated_value
 
-__all__ = ["OperationAnnotator"]
-
 _MOST_SILENT: Final = 65_536  # bytes without an operation that are reported as one piece
 _SHOWN: Final = 8  # items of a sequence in one line
 

@@ -8,14 +8,6 @@ from typing import Any
 from ..messages import Error, ErrorCode, Header, Message, MessageType
 from ..record import Record
 
-__all__ = [
-    "annotated_fields_of",
-    "annotated_header_text",
-    "annotated_message_text",
-    "annotated_type_name",
-    "annotated_value",
-]
-
 
 def annotated_header_text(header: Header) -> str:
     """Return a header in words."""

@@ -29,19 +29,6 @@ from typing import Final
 from ..errors import LocalProtocolError
 from .codec import Codes, Dialect, Display, OneWayHostEnd, Operation, Reply, no_dialect_bytes_for
 
-__all__ = [
-    "CHANNELS",
-    "FRAME_BYTES",
-    "FULL_DUTY",
-    "INTERACTLAB",
-    "STEPS",
-    "FifoCleared",
-    "InteractlabBoardEnd",
-    "InteractlabDisplay",
-    "InteractlabHostEnd",
-    "QueueFrame",
-]
-
 CHANNELS: Final = 256
 FRAME_BYTES: Final = 2 * CHANNELS
 FULL_DUTY: Final = 64

@@ -12,8 +12,6 @@ from ..framing import FrameDecoder
 from .codec import Dialect
 from .table import DIALECTS
 
-__all__ = ["AUTD3_SDK", "HAPTOGRAM", "HTTP2", "LOOKED_AT_BYTES", "looks_like_dialect"]
-
 HAPTOGRAM: Final = "haptogram"
 HTTP2: Final = "HTTP/2 (gRPC, as autd3 36 and older)"
 AUTD3_SDK: Final = "autd3-sdk"

@@ -31,19 +31,6 @@ from .fpga_bytes.host_end import FpgaHostEnd
 from .fpga_bytes.operations import Begin, Clocks, ModulationStep, Select, SetPhases, Swap
 from .fpga_bytes.rules import FpgaByteRules
 
-__all__ = [
-    "CHANNELS",
-    "OFF",
-    "RULES",
-    "SONICSURFACE",
-    "TACTILE",
-    "TACTILE_CORRECTION",
-    "TACTILE_RULES",
-    "TACTILE_STEPS",
-    "TACTILE_WIDTH",
-    "sonicsurface_frame",
-]
-
 CHANNELS: Final = 256
 OFF: Final = 32
 TACTILE_STEPS: Final = 16  # of a period at the outputs of the tactile firmware,

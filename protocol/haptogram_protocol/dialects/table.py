@@ -11,8 +11,6 @@ from .sonicsurface import SONICSURFACE, TACTILE
 from .ultraino.arduino.dialects import MEGA64, NANO8, NANO16
 from .ultraino.fpga import CHAINED, SIMPLE, SIMPLE_128
 
-__all__ = ["DIALECTS"]
-
 DIALECTS: Final[dict[str, Dialect]] = {
     dialect.name: dialect
     for dialect in (

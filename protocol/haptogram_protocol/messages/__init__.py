@@ -91,53 +91,15 @@ from .stream import (
     drive_codes,
 )
 
-_KINDS: Final[tuple[type[Message], ...]] = (
-    Phases,
-    Drives,
-    Points,
-    Hello,
-    Arm,
-    Mute,
-    Disarm,
-    Ping,
-    GetStatus,
-    GetConfig,
-    SetConfig,
-    GetGeometry,
-    ReadDrive,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-    Play,
-    Stop,
-    ReadTrace,
-    HelloReply,
-    ArmReply,
-    MuteReply,
-    DisarmReply,
-    Pong,
-    StatusReply,
-    ConfigReply,
-    SetConfigReply,
-    GeometryReply,
-    DriveReply,
-    UploadBeginReply,
-    UploadChunkReply,
-    UploadCommitReply,
-    PlayReply,
-    StopReply,
-    TraceReply,
-    Error,
-    Status,
-    Trace,
-    TracePlayback,
-    TraceDrive,
-    StateChanged,
-    PlaybackEnded,
-)
-
-#: Message by type byte.
-MESSAGES: Final[dict[int, type[Message]]] = {int(kind.TYPE): kind for kind in _KINDS}
+_KINDS: Final = [
+    kind
+    for kind in list(globals().values())
+    if isinstance(kind, type) and issubclass(kind, Message) and hasattr(kind, "TYPE")
+]
+#: Message by type byte, in the order of the types.
+MESSAGES: Final[dict[int, type[Message]]] = {
+    int(kind.TYPE): kind for kind in sorted(_KINDS, key=lambda kind: kind.TYPE)
+}
 
 
 def parse_body(body: bytes) -> tuple[Header, Message]:

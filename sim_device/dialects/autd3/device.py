@@ -49,8 +49,6 @@ from .refusals import Autd3Limits, autd3_segment_refusal, autd3_silencer_refusal
 from .segments import Autd3Sampling
 from .silencer import Pace
 
-__all__ = ["Autd3Device", "Autd3Patterns", "Output"]
-
 _FOCUS_BYTES: Final = 8
 # v12.1.0, the newest firmware that autd3 38 knows
 _FIRMWARE: Final = {

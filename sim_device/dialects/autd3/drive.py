@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.model.pulses import PulseDrive
 
-__all__ = ["FULL", "STEPS", "autd3_pulses_of"]
-
 STEPS: Final = 512
 FULL: Final = 255
 _WIDTHS: Final = np.array(

@@ -16,8 +16,6 @@ from ..emulation import Emulation
 from .silenced import Autd3SilencedUnit
 from .unit import PERIOD_US, PERIODS_BETWEEN_LATCHES, Autd3Unit
 
-__all__ = ["AUTD3", "Devices"]
-
 MAX_DEVICES: Final = 4  # an array has 1024 elements at the most
 
 

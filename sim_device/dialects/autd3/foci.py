@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from haptogram_protocol.dialects.autd3.operations import CHANNELS
 
-__all__ = ["MAX_FOCI_OF_PATTERN", "Autd3Foci", "read_autd3_foci"]
-
 MAX_FOCI_OF_PATTERN: Final = 8
 _COLUMNS, _ROWS = 18, 14
 _MISSING: Final = {(1, 1), (2, 1), (16, 1)}

@@ -19,8 +19,6 @@ from haptogram_protocol.dialects.autd3.operations import (
 from .refusals import SEGMENTS, autd3_segment_refusal, autd3_time_refusal, autd3_transition_refusal
 from .segments import PERIOD_NS, Autd3Sampling, Autd3SwapChain
 
-__all__ = ["Autd3Memory"]
-
 MAX_ITEMS: Final = 65_536
 
 Content = TypeVar("Content")

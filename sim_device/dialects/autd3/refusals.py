@@ -13,17 +13,6 @@ from typing import Final
 
 from haptogram_protocol.dialects.autd3.operations import ErrorCode, Silencer, TransitionMode
 
-__all__ = [
-    "ENDLESS",
-    "MARGIN_NS",
-    "SEGMENTS",
-    "Autd3Limits",
-    "autd3_segment_refusal",
-    "autd3_silencer_refusal",
-    "autd3_time_refusal",
-    "autd3_transition_refusal",
-]
-
 ENDLESS: Final = 0xFFFF
 SEGMENTS: Final = 2
 MARGIN_NS: Final = 10_000_000  # by which a time to swap must be ahead

@@ -26,8 +26,6 @@ from haptogram_protocol.dialects.autd3.operations import TransitionMode
 
 from .refusals import ENDLESS, SEGMENTS
 
-__all__ = ["PERIOD_NS", "Autd3Sampling", "Autd3SwapChain"]
-
 PERIOD_NS: Final = 25_000
 
 

@@ -21,8 +21,6 @@ from .drive import FULL, autd3_pulses_of
 from .silencer import Silencer
 from .unit import Autd3Unit
 
-__all__ = ["Autd3SilencedUnit"]
-
 ON_THE_WAY: Final = "silencer"
 
 

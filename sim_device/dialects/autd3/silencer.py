@@ -19,8 +19,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Pace", "Silencer"]
-
 _ONE: Final = 256  # of a value that moves by less than one in a period
 _CIRCLE: Final = 256 * _ONE
 _HALF: Final = _CIRCLE // 2

@@ -12,7 +12,6 @@ poses is kept for whoever asks; foci come in the coordinates of each device.
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Final
 
 import numpy as np
@@ -35,11 +34,10 @@ from haptogram_protocol.dialects.autd3.operations import CHANNELS
 from haptogram_protocol.dialects.codec import Operation, Reply
 
 from ...board.events import PulseLatch
+from ..unit import LatchingUnit
 from .device import Autd3Device, Output
 from .drive import STEPS, autd3_pulses_of
 from .segments import PERIOD_NS
-
-__all__ = ["PERIODS_BETWEEN_LATCHES", "PERIOD_US", "Autd3Unit"]
 
 PERIODS_BETWEEN_LATCHES: Final = 10
 MAX_KNOWN: Final = 1024  # pulses that are kept
@@ -47,7 +45,7 @@ _NS_PER_US: Final = 1_000
 PERIOD_US: Final = PERIOD_NS // _NS_PER_US
 
 
-class Autd3Unit:
+class Autd3Unit(LatchingUnit):
     """Devices that power up at *now_us*.
 
     Parameters
@@ -78,7 +76,7 @@ class Autd3Unit:
         system_ns: int = 0,
         periods_between_latches: int = PERIODS_BETWEEN_LATCHES,
     ) -> None:
-        self.counters: Counter[str] = Counter()
+        super().__init__()
         self.poses: tuple[Pose, ...] = ()
         self._devices = [Autd3Device(self.counters) for _ in range(devices)]
         self._boot_us, self._boot_period = now_us, system_ns // PERIOD_NS
@@ -86,7 +84,6 @@ class Autd3Unit:
         self._outputs: list[Output] = []
         self._pulses = PulseDrive.off(CHANNELS * devices, STEPS)
         self._known: dict[tuple[Output, ...], PulseDrive] = {}
-        self._latches: list[PulseLatch] = []
         self._asked: int | None = None  # period in which what operations ask for takes effect
         self._changes: int | None = None  # period in which something changes by itself
         self._free = 0  # first period with a latch that no operation asked for
@@ -122,11 +119,6 @@ class Autd3Unit:
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
             self._look(self._period_at(next_us))
         return []
-
-    def take_latches(self) -> list[PulseLatch]:
-        """Return the latches since the last call, in order."""
-        taken, self._latches = self._latches, []
-        return taken
 
     def _place(self, poses: tuple[Pose, ...]) -> Reply:
         if refused := self._refuse_number(len(poses)):

@@ -10,8 +10,6 @@ from .frame import MAX_MESSAGE_ID, Autd3DeviceFrame
 from .messages import Autd3States, Close, Hello, Open, Pose, Read, Write
 from .operations import CHANNELS, Clear, Gain
 
-__all__ = ["Autd3Display"]
-
 STEPS: Final = 256
 FULL: Final = 255
 _APART_MM: Final = 192.0

@@ -26,14 +26,6 @@ from ..codec import Operation
 from .operations import ErrorCode, Truncated, Unsupported
 from .payload import PAYLOAD_BYTES, pack_autd3_operation, parse_autd3_operation
 
-__all__ = [
-    "DEVICE_FRAME_BYTES",
-    "MAX_MESSAGE_ID",
-    "Autd3DeviceFrame",
-    "Autd3DeviceReader",
-    "Autd3DeviceState",
-]
-
 _HEADER: Final = struct.Struct("<BxH")
 DEVICE_FRAME_BYTES: Final = _HEADER.size + PAYLOAD_BYTES
 MAX_MESSAGE_ID: Final = 15

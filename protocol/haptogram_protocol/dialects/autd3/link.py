@@ -46,13 +46,6 @@ from .messages import (
 )
 from .operations import CHANNELS
 
-__all__ = [
-    "AUTD3",
-    "MAX_DEVICES",
-    "Autd3BoardEnd",
-    "Autd3HostEnd",
-]
-
 MAX_DEVICES: Final = 64  # ours: the link has a u32
 MAX_TEXT_BYTES: Final = 4096  # ours: the link has a u32
 MAX_UNANSWERED: Final = 64  # ours: the client waits for each answer

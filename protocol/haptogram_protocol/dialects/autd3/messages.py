@@ -9,21 +9,6 @@ from ..codec import Operation, Reply
 from .frame import Autd3DeviceFrame, Autd3DeviceState
 from .operations import autd3_error_text
 
-__all__ = [
-    "VERSION",
-    "Accepted",
-    "Autd3Refused",
-    "Autd3States",
-    "Close",
-    "Hello",
-    "Open",
-    "Pose",
-    "Read",
-    "Undecodable",
-    "Update",
-    "Write",
-]
-
 VERSION: Final = 1  # of the link, in autd3 38
 
 

@@ -13,29 +13,6 @@ from typing import Final
 
 from ..codec import Operation
 
-__all__ = [
-    "CHANNELS",
-    "Clear",
-    "ErrorCode",
-    "FirmwareInfo",
-    "FociSTM",
-    "FociStart",
-    "Gain",
-    "InfoType",
-    "Modulation",
-    "ModulationStart",
-    "Nop",
-    "Silencer",
-    "SwapSegment",
-    "Sync",
-    "Tag",
-    "TransitionMode",
-    "Truncated",
-    "Unsupported",
-    "autd3_error_text",
-    "autd3_refusal",
-]
-
 CHANNELS: Final = 249  # 18 x 14 - 3 emitters a device
 
 

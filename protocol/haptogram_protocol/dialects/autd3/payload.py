@@ -29,8 +29,6 @@ from .operations import (
     Unsupported,
 )
 
-__all__ = ["PAYLOAD_BYTES", "pack_autd3_operation", "parse_autd3_operation"]
-
 PAYLOAD_BYTES: Final = 622
 
 _BEGIN, _END, _UPDATE, _SEGMENT_1 = 1, 2, 4, 8

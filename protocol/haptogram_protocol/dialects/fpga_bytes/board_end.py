@@ -12,8 +12,6 @@ from .cursor import FpgaChannelCursor
 from .operations import Begin, BeginAmplitudes, Select, SetAmplitudes, SetPhases, Swap
 from .rules import FpgaByteRules, FpgaCodes
 
-__all__ = ["FpgaBoardEnd"]
-
 
 @dataclass(slots=True)
 class _FramesSinceSwap:

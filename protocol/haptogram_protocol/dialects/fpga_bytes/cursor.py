@@ -7,8 +7,6 @@ from ..codec import Operation
 from .operations import Begin, BeginAmplitudes, Select, SetAmplitudes, SetPhases, Swap
 from .rules import FpgaCodes
 
-__all__ = ["FpgaChannelCursor"]
-
 
 class FpgaChannelCursor:
     """The boards that listen, and the codes that each has taken since its channel 0.

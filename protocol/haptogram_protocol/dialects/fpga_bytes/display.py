@@ -9,8 +9,6 @@ from ..codec import Codes, Display, Operation
 from .operations import Begin, Select, SetPhases, Swap
 from .rules import FpgaByteRules
 
-__all__ = ["FpgaDisplay"]
-
 
 class FpgaDisplay(Display):
     """Codes for one board, or for several that are selected one after the other.

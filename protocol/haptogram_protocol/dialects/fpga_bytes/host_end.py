@@ -10,8 +10,6 @@ from .cursor import FpgaChannelCursor
 from .operations import SetAmplitudes, SetPhases
 from .rules import FpgaByteRules
 
-__all__ = ["FpgaHostEnd"]
-
 
 class FpgaHostEnd(OneWayHostEnd):
     """The host's end of the line: the bytes of operations, and boards that never answer.

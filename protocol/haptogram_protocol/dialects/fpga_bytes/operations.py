@@ -6,18 +6,6 @@ from dataclasses import dataclass
 
 from ..codec import Operation
 
-__all__ = [
-    "Begin",
-    "BeginAmplitudes",
-    "Clocks",
-    "ModulationStep",
-    "Select",
-    "SetAmplitudes",
-    "SetPhases",
-    "Swap",
-    "ToggleMultiplex",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Begin(Operation):

@@ -10,8 +10,6 @@ from typing import TypeAlias
 from ..codec import Operation
 from .operations import SetAmplitudes, SetPhases
 
-__all__ = ["FpgaByteRules", "FpgaCodes"]
-
 FpgaCodes: TypeAlias = type[SetPhases] | type[SetAmplitudes]
 
 

@@ -45,21 +45,6 @@ from ..fpga_bytes.operations import (
 )
 from ..fpga_bytes.rules import FpgaByteRules
 
-__all__ = [
-    "CHAINED",
-    "CHANNELS",
-    "CHANNELS_128",
-    "FALLS_THROUGH",
-    "MAX_BOARDS",
-    "RULES",
-    "RULES_128",
-    "SIMPLE",
-    "SIMPLE_128",
-    "chained_ultraino_frame",
-    "chained_ultraino_rules",
-    "ultraino_fpga_frame",
-]
-
 CHANNELS: Final = 256
 CHANNELS_128: Final = 72
 MAX_BOARDS: Final = 16  # C0 to CF

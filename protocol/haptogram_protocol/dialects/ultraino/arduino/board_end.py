@@ -20,8 +20,6 @@ from .line_bytes import (
 from .memory import PatternMemory
 from .operations import CommitDurations, Forward, Restart, SetDurations, Swap
 
-__all__ = ["ArduinoBoardEnd"]
-
 # Group n: bytes of a pattern with n hops to go; 16 durations, 17 swap, 18 command; else strange.
 _TOKENS: Final = re.compile(
     b"|".join(

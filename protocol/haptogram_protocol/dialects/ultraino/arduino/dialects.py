@@ -15,8 +15,6 @@ from .line_bytes import BYTES_OF_DURATION, COMMAND, DURATION_BYTES, OTHER_HOPS, 
 from .operations import CommitDurations, SetDurations, SetPattern, Swap
 from .slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_CONNECTED, NANO16_LAYOUT, ArduinoSlotLayout
 
-__all__ = ["MEGA64", "NANO8", "NANO16", "mega64_frame"]
-
 
 def mega64_frame(patterns: list[bytes], durations: bytes = ONE_PATTERN) -> list[Operation]:
     """Return the operations of a frame of MEGA64 from the slot bytes of each board of a chain."""

@@ -8,8 +8,6 @@ from ...codec import Codes, Display, Operation
 from .operations import CommitDurations, SetDurations, SetPattern, Swap
 from .slots import ArduinoSlotLayout, Pulse
 
-__all__ = ["ONE_PATTERN", "SlotDisplay"]
-
 ONE_PATTERN = b"\x01\x00"  # durations: a period of the first pattern, and no other one
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["MAX_BOARDS", "MEGA64_FIRMWARE", "NANO8_FIRMWARE", "NANO16_FIRMWARE", "ArduinoFirmware"]
-
 MAX_BOARDS: Final = 14  # ArduinoMEGA64.java: 15 boards and more are refused
 
 

@@ -8,8 +8,6 @@ from .firmware import ArduinoFirmware
 from .line_bytes import COMMAND, SWAP, durations_to_pairs
 from .operations import CommitDurations, Restart, SetDurations, SetPattern, Swap
 
-__all__ = ["ArduinoHostEnd"]
-
 
 class ArduinoHostEnd(OneWayHostEnd):
     """The host's end: the bytes of operations; what a chain sends back is ignored.

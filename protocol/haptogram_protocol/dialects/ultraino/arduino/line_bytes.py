@@ -5,17 +5,6 @@ from __future__ import annotations
 import re
 from typing import Final
 
-__all__ = [
-    "BYTES_OF_DURATION",
-    "COMMAND",
-    "DURATION_BYTES",
-    "OTHER_HOPS",
-    "PARTS",
-    "SWAP",
-    "durations_from_pairs",
-    "durations_to_pairs",
-]
-
 SWAP: Final = b"\x00"
 COMMAND: Final = b"\x10"
 DURATION_BYTES: Final = bytes([0x30, 0x70, 0xB0, 0xF0])

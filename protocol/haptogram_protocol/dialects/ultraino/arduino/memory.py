@@ -8,8 +8,6 @@ from ...codec import Operation
 from .firmware import ArduinoFirmware
 from .operations import SetPattern
 
-__all__ = ["PatternMemory"]
-
 _HIGH_NIBBLE: Final = b"".join(b"%x" % (byte >> 4) for byte in range(256))  # as hexadecimal digit
 
 

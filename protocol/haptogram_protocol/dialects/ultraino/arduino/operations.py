@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from ...codec import Operation, Reply
 
-__all__ = ["CommitDurations", "Forward", "Restart", "SetDurations", "SetPattern", "Swap"]
-
 
 @dataclass(frozen=True, slots=True)
 class SetPattern(Operation):

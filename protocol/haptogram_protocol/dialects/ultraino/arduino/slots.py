@@ -13,15 +13,6 @@ from typing import Final
 
 from ....errors import LocalProtocolError
 
-__all__ = [
-    "MEGA64_LAYOUT",
-    "NANO8_LAYOUT",
-    "NANO16_CONNECTED",
-    "NANO16_LAYOUT",
-    "ArduinoSlotLayout",
-    "Pulse",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
