@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         LinkError,
         VerificationError,
     )
-    from .evidence.record_file import RecordFile, read_records
+    from .evidence.recordings.record_file import RecordFile, read_records
     from .evidence.virtual_board import VirtualBoard
     from .objects.shapes import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
     from .records.frame import Evidence, Focus, Intended, Observation
@@ -65,7 +65,7 @@ _HOME: Final = {
     "Observation": "records.frame",
     "PictureField": "report.figures",
     "Point": "objects.shapes",
-    "RecordFile": "evidence.record_file",
+    "RecordFile": "evidence.recordings.record_file",
     "RunVerdict": "verification",
     "Sphere": "objects.shapes",
     "Tolerance": "verification",
@@ -74,7 +74,7 @@ _HOME: Final = {
     "VirtualBoard": "evidence.virtual_board",
     "field_on_plane": "report.figures",
     "judge": "verification",
-    "read_records": "evidence.record_file",
+    "read_records": "evidence.recordings.record_file",
     "verify_run": "verification",
 }
 

@@ -81,7 +81,7 @@ class Driver(ClosedByWith):
         frames that were dropped is no pass.
     sink : callable, optional
         Called with every :class:`Intended` and :class:`Observation`, kept or not: for example a
-        :class:`~haptogram.evidence.record_file.RecordFile`.
+        :class:`~haptogram.evidence.recordings.record_file.RecordFile`.
 
     Attributes
     ----------

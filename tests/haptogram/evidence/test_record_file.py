@@ -7,7 +7,7 @@ import pytest
 from haptogram.acoustics import AcousticModel, Drive, NoFocus
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.record_file import RecordFile, read_records
+from haptogram.evidence.recordings.record_file import RecordFile, read_records
 from haptogram.records.frame import Evidence, Focus, FrameKey, Observation
 from haptogram_protocol.messages import TraceMode
 from virtual_ports import BoardPort
@@ -48,7 +48,7 @@ def test_what_repeats_is_written_once(tmp_path):
 
 
 def test_what_does_not_fit_the_slots_is_written_again(tmp_path, monkeypatch):
-    monkeypatch.setattr("haptogram.evidence.record_file._SLOTS", 7)
+    monkeypatch.setattr("haptogram.evidence.recordings.record_file._SLOTS", 7)
     driver = driven(tmp_path / "record", keep=3)
     records = read_records(tmp_path / "record")
     assert len(records.intended) == driver.intended.total == 267
