@@ -156,7 +156,7 @@ def board(tmp_path):
 
 @pytest.mark.pty
 @pytest.mark.realtime
-def test_what_a_killed_board_has_written_is_readable_by_us_and_by_others(board, tmp_path):
+def test_what_a_killed_board_has_written_is_readable_by_us_and_by_others(board, tmp_path, capsys):
     process, link, path = board
     host = subprocess.Popen(
         [*HAPTOGRAM, *POINT, "--port", link, "--repeat", "100000"],
@@ -180,7 +180,9 @@ def test_what_a_killed_board_has_written_is_readable_by_us_and_by_others(board, 
     sent = sum(piece.name == "PHASES" for piece in FrameAnnotator().feed(line))
     assert sent >= len(frames)
     copy = tmp_path / "whole.mcap"
+    capsys.readouterr()
     assert main(["repair", str(path), str(copy)]) == 0
+    assert "the recording was cut off" in capsys.readouterr().err
     with copy.open("rb") as file:
         reader = make_reader(file)
         assert reader.get_summary().statistics.message_count == sum(1 for _ in recording.entries())

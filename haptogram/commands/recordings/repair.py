@@ -48,6 +48,8 @@ def run_repair(arguments: argparse.Namespace) -> int:
     if STANDARD_OUTPUT in (arguments.file, arguments.copy):
         raise ConfigurationError("-: a repair reads and writes files; name both")
     check_file_writable(arguments.copy)
-    count = repair_recording(arguments.file, arguments.copy)
+    count, left_out = repair_recording(arguments.file, arguments.copy)
+    if left_out:
+        print(left_out, file=sys.stderr)
     print(f"wrote {arguments.copy}: {count} messages", file=sys.stderr)
     return 0

@@ -122,6 +122,8 @@ class Recording:
     ----------
     path : Path
         The file.
+    remedy : str, optional
+        What an error of a damaged file advises.
 
     Attributes
     ----------
@@ -138,9 +140,12 @@ class Recording:
         If there is no such file, it is no recording, or it is of a newer version; in one line.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(
+        self, path: Path, *, remedy: str = "; haptogram repair saves what lies before"
+    ) -> None:
         check_recordings()
         self.path = path
+        self._remedy = remedy
         self.is_whole = False
         self.damaged = 0
         self.run: dict[str, Any] = {}
@@ -184,7 +189,8 @@ class Recording:
     @property
     def note(self) -> str:
         """Defect of the file as far as the last pass came, in a line; empty: none."""
-        parts = [f"{self.damaged} damaged parts of some 50 frames were left out"]
+        noun, verb = ("part", "was") if self.damaged == 1 else ("parts", "were")
+        parts = [f"{self.damaged} damaged {noun} of some 50 frames {verb} left out"]
         parts = parts[: self.damaged > 0] + ["the recording was cut off"][: not self.is_whole]
         return f"{self.path}: {', and '.join(parts)}" if parts else ""
 
@@ -253,8 +259,7 @@ class Recording:
                 if not begun.left:
                     return  # cut off: everything before was given
                 raise ConfigurationError(
-                    f"{self.path}: damaged near byte {file.tell()}; haptogram repair saves what "
-                    "lies before"
+                    f"{self.path}: damaged near byte {file.tell()}{self._remedy}"
                 ) from error
 
     def _in_chunk(self, chunk: Any) -> list[Any]:

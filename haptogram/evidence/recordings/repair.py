@@ -14,8 +14,13 @@ from .channels import METADATA, PROFILE
 from .reader import Recording
 
 
-def repair_recording(source: Path, target: Path) -> int:
-    """Write the messages of *source* that can be read to *target*; return how many there were.
+def repair_recording(source: Path, target: Path) -> tuple[int, str]:
+    """Write the messages of *source* that can be read to *target*.
+
+    Returns
+    -------
+    tuple of int and str
+        How many there were, and what was left out; empty: nothing.
 
     Raises
     ------
@@ -27,7 +32,7 @@ def repair_recording(source: Path, target: Path) -> int:
     from mcap.writer import CompressionType, Writer
 
     check_distinct_files({"the copy": target}, [("the recording", source)])
-    recording = Recording(source)
+    recording = Recording(source, remedy="")
     count = 0
     if not _has_readable_message(recording):
         raise ConfigurationError(
@@ -66,7 +71,7 @@ def repair_recording(source: Path, target: Path) -> int:
             writer.finish()
     except OSError as error:
         raise unwritable_file(target, error) from error
-    return count
+    return count, recording.note
 
 
 def _has_readable_message(recording: Recording) -> bool:

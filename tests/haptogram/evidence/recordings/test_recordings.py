@@ -244,7 +244,9 @@ def test_a_recording_that_is_cut_off_gives_all_that_was_flushed(share, tmp_path)
     found = kept(cut)
     assert found == whole[: len(found)]
     copy = tmp_path / "copy.mcap"
-    assert repair_recording(cut, copy) == len(found)
+    count, left_out = repair_recording(cut, copy)
+    assert count == len(found)
+    assert left_out.endswith("the recording was cut off")
     assert list(Recording(copy).entries()) == found
     with copy.open("rb") as file:
         assert sum(1 for _ in make_reader(file).iter_messages()) == len(found)
@@ -296,9 +298,9 @@ def test_damage_of_some_bytes_costs_the_part_that_they_are_in(tmp_path):
     recording = Recording(path)
     found = list(recording.entries())
     assert recording.damaged == 1
-    assert "1 damaged parts" in recording.note
+    assert "1 damaged part of some 50 frames was left out" in recording.note
     assert FRAMES * 3 - 200 < len(found) < FRAMES * 3
-    assert repair_recording(path, tmp_path / "copy.mcap") == len(found)
+    assert repair_recording(path, tmp_path / "copy.mcap") == (len(found), recording.note)
     assert list(Recording(tmp_path / "copy.mcap").entries()) == found
 
 
@@ -315,7 +317,7 @@ def test_damage_of_the_channels_costs_what_lies_beside_them_in_a_whole_file(is_c
             repair_recording(path, copy)
         assert not copy.exists()
     else:
-        assert repair_recording(path, copy) == len(expected)
+        assert repair_recording(path, copy)[0] == len(expected)
         assert list(Recording(copy).entries()) == expected
         assert run.topic == "/run"
 
@@ -339,7 +341,7 @@ def test_damage_between_chunks_is_one_line_and_what_lies_before_is_saved(tmp_pat
     path.write_bytes(content)
     with pytest.raises(ConfigurationError, match=r"damaged near byte .* haptogram repair saves"):
         list(Recording(path).entries())
-    assert repair_recording(path, tmp_path / "copy.mcap") > FRAMES
+    assert repair_recording(path, tmp_path / "copy.mcap")[0] > FRAMES
 
 
 @pytest.fixture
@@ -540,3 +542,13 @@ def test_a_file_that_cannot_be_opened_is_refused_before_the_run(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigurationError, match="cannot be written"):
         RecordingWriter(tmp_path / "file" / "run.mcap")
+
+
+def test_a_repair_does_not_advise_itself(tmp_path):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(write(path).read_bytes()[:8] + b"\xff" * 2000)
+    with pytest.raises(ConfigurationError, match="haptogram repair"):
+        Recording(path)
+    with pytest.raises(ConfigurationError) as refused:
+        repair_recording(path, tmp_path / "copy.mcap")
+    assert "haptogram repair" not in str(refused.value)
