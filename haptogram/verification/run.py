@@ -311,7 +311,7 @@ def _conclude_run_verdict(
             f"last {len(frames)}; give it a larger keep, or a sink"
         )
     if run.too_few:
-        needed = f"{100.0 * min_verified:g} %"
+        needed = f"{100.0 * min_verified:g} %" if min_verified else "one"
         only = {frame.evidence for frame in frames} == {Evidence.WIRE}
         missing.append(
             f"{counts['verified']} of {run.due} frames were verified; {needed} must be"
