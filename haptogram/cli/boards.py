@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 # Boards that take time to start, such as InteractLab's, have done so before a client comes.
 _STARTED_NS: Final = 1_500_000_000
 _LAST_FRAMES_NS: Final = 50_000_000
+_PIECE_BYTES: Final = 64  # of a line without a rate; no two messages that radiate fit
+_BETWEEN_PIECES_NS: Final = 300_000  # longer than the latches of AUTD3 are apart
 
 
 def prepare_simulator(config: VerifyConfig) -> BoardConfig:
@@ -246,6 +248,7 @@ def records_of_bytes(config: BoardConfig, data: bytes) -> list[dict[str, Any]]:
     ConfigurationError
         If the board cannot be built.
     """
+    from haptogram_protocol.dialects.table import DIALECTS
     from sim_device.protocol_haptogram import open_virtual_port
 
     from ..settings.board_url import PortConfig
@@ -254,8 +257,13 @@ def records_of_bytes(config: BoardConfig, data: bytes) -> list[dict[str, Any]]:
         open_virtual_port(PortConfig(board=config, clock="virtual", reconstruct=False))
     ) as port:
         port.wait_until_ns(port.now_ns() + _STARTED_NS)
-        port.write(data)
-        port.flush()
+        # On a line without a rate a message that comes at once would hide the one before.
+        own_rate = config.dialect is None or DIALECTS[config.dialect].bauds
+        size = len(data) if own_rate else _PIECE_BYTES
+        for begin in range(0, len(data), max(1, size)):
+            port.write(data[begin : begin + size])
+            port.flush()
+            port.wait_until_ns(port.now_ns() + _BETWEEN_PIECES_NS)
         # What waits in the board, such as a FIFO of frames, is shown as well.
         port.wait_until_ns(port.now_ns() + _LAST_FRAMES_NS)
         port.simulation.unplug()  # it is looked at once more when its client leaves

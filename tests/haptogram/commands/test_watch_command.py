@@ -300,6 +300,17 @@ def test_a_refusal_is_one_line_and_status_2(words, told, tmp_path, monkeypatch, 
     assert err.startswith(f"haptogram watch: {told}")
 
 
+def test_every_operation_in_a_file_of_autd3_is_shown(tmp_path, capsys):
+    path = ROOT / "tests" / "data" / "dialects" / "autd3" / "pyautd3_38.0.1.json"
+    sent = json.loads(path.read_text())["segments"]["sent"][:6]
+    data = tmp_path / "segments.bin"
+    data.write_bytes(b"".join(zlib.decompress(base64.b64decode(text)) for _, text in sent))
+    foci = ("--expect", "96.6,76.7,150", "--expect", "96.6,96.7,180", "--tolerance-mm", "1")
+    words = (str(data), "--dialect", "autd3", "--temperature-c", "13.587", *foci)
+    status, out, _ = watch(capsys, *words)
+    assert (status, out.count("on target")) == (0, 3)
+
+
 @pytest.mark.parametrize(("row", "told"), [("1,2", "2 cells"), ("1,2,x", "is not x,y,z in mm")])
 def test_a_file_of_foci_is_refused_by_its_line(row, told, tmp_path, capsys):
     foci = tmp_path / "foci.csv"
