@@ -258,9 +258,9 @@ def records_of_bytes(config: BoardConfig, data: bytes) -> list[dict[str, Any]]:
     ) as port:
         port.wait_until_ns(port.now_ns() + _STARTED_NS)
         # On a line without a rate a message that comes at once would hide the one before.
-        own_rate = config.dialect is None or DIALECTS[config.dialect].bauds
-        size = len(data) if own_rate else _PIECE_BYTES
-        for begin in range(0, len(data), max(1, size)):
+        has_rate = config.dialect is None or DIALECTS[config.dialect].bauds
+        size = max(1, len(data)) if has_rate else _PIECE_BYTES
+        for begin in range(0, len(data), size):
             port.write(data[begin : begin + size])
             port.flush()
             port.wait_until_ns(port.now_ns() + _BETWEEN_PIECES_NS)
