@@ -1,15 +1,14 @@
-"""Dialects of other packages: the example of docs/dialects.md, installed; and broken ones."""
+"""Dialects of other packages: the example of docs/examples/dialect, installed; and broken ones."""
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).parents[3] / "docs" / "dialects.md"
-LONGEST = 60  # lines of the example, blank ones left out
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples" / "dialect"
+LONGEST = 62  # lines of the example, blank ones left out
 DRIVE = """
 import json, sys
 import serial, sim_device
@@ -28,14 +27,11 @@ print(json.dumps([answers.hex(), counters, latches, port.records[0]["transducers
 
 
 def example():
-    (code,) = re.findall(r"installs and runs this -->\n```python\n(.*?)```", PAGE.read_text(), re.S)
-    return code
+    return (EXAMPLES / "our_board.py").read_text("utf-8")
 
 
 def driven_example():
-    pattern = r"as our_driven_board -->\n```python\n(.*?)```"
-    (code,) = re.findall(pattern, PAGE.read_text(), re.S)
-    return code
+    return (EXAMPLES / "our_driven_board.py").read_text("utf-8")
 
 
 def install(folder, module, code, points):

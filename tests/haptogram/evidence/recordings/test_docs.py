@@ -23,11 +23,10 @@ END = "<!-- end of channels -->\n"
 
 def table():
     rows = [
-        f"| `{channel.topic}` | {channel.clock} | {channel.meaning} | "
-        f"{', '.join(f'`{name}`' for name in channel.properties) or 'all of them'} |"
+        f"| `{channel.topic}` | {channel.clock} | {channel.meaning} |"
         for channel in CHANNELS.values()
     ]
-    head = ["| channel | times by | a message is | fields |", "|---|---|---|---|"]
+    head = ["| channel | times by | a message is |", "|---|---|---|"]
     return "\n".join([*head, *rows, ""])
 
 

@@ -141,9 +141,33 @@ def test_the_map_of_a_page_has_every_channel_where_the_layout_has_it(name):
 
 def test_every_dialect_has_a_map_or_is_told_from_one():
     others = {"sonicsurface-tactile", "ultraino-fpga", "ultraino-fpga-chained"}  # SonicSurface's
-    assert MAPS.keys() | others | {"ultraino-fpga-128"} == LAYOUT_OF_DIALECT.keys()
+    in_words = {"autd3", "ultraino-mega64", "ultraino-nano8", "ultraino-nano16"}
+    assert MAPS.keys() | others | in_words | {"ultraino-fpga-128"} == LAYOUT_OF_DIALECT.keys()
     own, centred = (LAYOUTS[name].array() for name in ("sonicsurface", "ultraino-sonicsurface"))
     np.testing.assert_allclose(own.positions_m - centred.positions_m, [[0, -2e-3, 0]] * 256)
+
+
+@pytest.mark.parametrize(
+    ("name", "channel", "place_mm"),
+    [
+        ("autd3", 18, (0, 10.16, 0)),
+        ("autd3", 32, (172.72, 10.16, 0)),
+        ("autd3", 33, (0, 20.32, 0)),
+        ("autd3", 248, (172.72, 132.08, 0)),
+        ("ultraino-mega64", 0, (-35, 0, 35)),
+        ("ultraino-mega64", 7, (35, 0, 35)),
+        ("ultraino-mega64", 8, (-35, 0, 25)),
+        ("ultraino-nano16", 0, (-15, 0, 15)),
+        ("ultraino-nano16", 1, (-15, 0, 5)),
+        ("ultraino-nano16", 4, (-5, 0, 15)),
+        ("ultraino-nano8", 0, (-15, 0, 5)),
+        ("ultraino-nano8", 2, (-5, 0, 5)),
+    ],
+)
+def test_the_channels_that_pages_tell_in_words_are_there(name, channel, place_mm):
+    layout = LAYOUT_OF_DIALECT[name]
+    place_m = layout.clients_m(layout.array().positions_m)[channel]
+    np.testing.assert_allclose(1e3 * place_m, place_mm, atol=1e-6)
 
 
 def test_the_rings_of_a_page_are_those_of_tinylev():
