@@ -1,4 +1,4 @@
-"""Turn the JSON of a run of ci/bench into docs/performance.md: report.py bench.json [--stdout]."""
+"""Turn the JSON of a run of ci/bench into out/bench-field.md: report.py bench.json [--stdout]."""
 
 import json
 import os
@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENT = ROOT / "docs" / "performance.md"
+DOCUMENT = ROOT / "out" / "bench-field.md"
 PEERS = ROOT / "out" / "solver-peers.json"
 
 HEAD = """\
 # Speed of the field engine
 
-Made by `ci/bench`; do not edit. Each row is one thread, 256 sources, piston directivity and
+Each row is one thread, 256 sources, piston directivity and
 absorption. Times are processor time of that thread. Ours and the reference took turns, round for
 round: *ratio* is the median of reference over ours (in brackets: the quartiles), and only ratios
 compare between machines. A goal that this run missed is marked. Of rows without a goal a section

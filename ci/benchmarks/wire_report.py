@@ -1,4 +1,4 @@
-"""Turn the JSON of a run into docs/performance-wire.md: wire_report.py bench.json [--stdout]."""
+"""Turn the JSON of a run into out/bench-wire.md: wire_report.py bench.json [--stdout]."""
 
 import json
 import sys
@@ -7,12 +7,12 @@ from pathlib import Path
 from report import DOCUMENT as FIELD_DOCUMENT
 from report import duration, machine, version
 
-DOCUMENT = FIELD_DOCUMENT.with_name("performance-wire.md")
+DOCUMENT = FIELD_DOCUMENT.with_name("bench-wire.md")
 
 HEAD = """\
 # Speed of the wire and of the virtual board
 
-Made by `ci/bench`; do not edit. Times are processor time of one thread. Ours and the reference took
+Times are processor time of one thread. Ours and the reference took
 turns, round for round: a *ratio* is the median over the rounds (in brackets: the quartiles), and
 only ratios compare between machines.
 

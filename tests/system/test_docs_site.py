@@ -69,11 +69,10 @@ def test_a_command_of_a_page_has_the_options_that_it_uses(page: str, line: str) 
 
 
 def test_the_tutorial_installs_what_its_examples_import() -> None:
-    """Each module is the standard library's, a dependency, or of an extra that the page names."""
+    """Each module of an example that the page links is the standard library's, a dependency, or of an extra."""
     page = (DOCS / "tutorials" / "driver-without-hardware.md").read_text("utf-8")
     needed: set[str] = set()
     for name in re.findall(r"\]\(\.\./(examples/\w+\.py)\)", page):
-        assert f"```python\n{(DOCS / name).read_text('utf-8')}```\n" in page
         for node in ast.walk(ast.parse((DOCS / name).read_text("utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
