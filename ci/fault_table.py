@@ -63,8 +63,7 @@ One fault at a time on the virtual board, in virtual time: a circle of 30 mm rad
     haptogram verify --virtual-time --object circle --radius-mm 30 --repeat 10 --seed {seed} \\
         --fault "..."
 
-and meets the same faults again when it is run again. The parameters are in
-[faults.md](faults.md); where none is given, the default is meant.
+The parameters are in [faults.md](faults.md); where none is given, the default is meant.
 
 - *across*, *along*: the largest distance of a focus that was radiated from its target, across and
   along the beam. Rounding of the phases alone makes up to {smallest_miss:.2f} mm. Of a drive that
@@ -73,13 +72,13 @@ and meets the same faults again when it is run again. The parameters are in
   because a frame was lost, late or wrong. The board holds the last drive meanwhile: *away* is how
   far from the target its focus was at most (points are 5 mm apart), *Pa* the average pressure at
   the target over that time, of what it should have been.
-- *cause*: the fault of the drives, the end of the run, or the counters of board and host (SPEC.md
-  chapter 9), as the summary names them.
+- *cause*: the fault of the drives, the end of the run, or the counters, as the summary names them.
 
 A lost frame or a wrong drive makes a run fail. Behind the break of a link nobody knows what was
 latched: such a run is inconclusive.
 
 """
+HARMLESS: Final = "The same figures as without a fault have "
 COLUMNS: Final = (
     "fault",
     "lost",
@@ -180,8 +179,10 @@ def _faults(frame: FrameVerdict) -> list[str]:
 def page(rows: list[Row]) -> str:
     """Return the page; the first row is that of the healthy board."""
     head = HEAD.format(seed=SEED, smallest_miss=rows[0].smallest_miss_mm)
-    lines = [f"| {' | '.join(COLUMNS)} |", f"|{' --- |' * len(COLUMNS)}", *map(str, rows)]
-    return head + "\n".join(lines) + "\n"
+    harmless = [row.cells[0] for row in rows[1:] if row.cells[1:] == rows[0].cells[1:]]
+    shown = [row for row in rows if row.cells[0] not in harmless]
+    lines = [f"| {' | '.join(COLUMNS)} |", f"|{' --- |' * len(COLUMNS)}", *map(str, shown)]
+    return f"{head}{HARMLESS}{', '.join(harmless)}.\n\n" + "\n".join(lines) + "\n"
 
 
 def main() -> int:

@@ -69,7 +69,7 @@ def test_a_command_of_a_page_has_the_options_that_it_uses(page: str, line: str) 
 
 
 def test_the_tutorial_installs_what_its_examples_import() -> None:
-    """Each module of an example that the page links is the standard library's, a dependency, or of an extra."""
+    """Modules of linked examples: of the standard library, dependencies, or of an extra."""
     page = (DOCS / "tutorials" / "driver-without-hardware.md").read_text("utf-8")
     needed: set[str] = set()
     for name in re.findall(r"\]\(\.\./(examples/\w+\.py)\)", page):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -33,16 +34,18 @@ def _published() -> dict[str, list[str]]:
         line for line in text.splitlines() if line.startswith("| `") or line.startswith("| none |")
     ]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    return {row[0]: row for row in rows}
+    (harmless,) = re.findall(rf"{TABLE.HARMLESS}(.*)\.\n", text)
+    return {row[0]: row for row in rows} | {
+        name: [name, *rows[0][1:]] for name in harmless.split(", ")
+    }
 
 
-def test_every_fault_is_in_the_table() -> None:
-    named = [f"`{plan}`" if plan else "none" for plan in TABLE.plans()]
-    assert list(_published()) == named
+def test_every_fault_is_on_the_page() -> None:
+    assert _published().keys() == {f"`{plan}`" if plan else "none" for plan in TABLE.plans()}
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("name", ["line.drop", "device.stuck"])
+@pytest.mark.parametrize("name", ["line.drop", "line.slice", "device.stuck"])
 def test_a_row_made_anew_is_the_published_one(name: str) -> None:
     (fault,) = (plan for plan in TABLE.plans() if plan.startswith(f"{name} "))
     made, published = TABLE.row(fault).cells, _published()[f"`{fault}`"]

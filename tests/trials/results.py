@@ -14,7 +14,7 @@ GROUPS: Final[tuple[Group, ...]] = ("honest", "wrong")
 #: Of the frames that show everything: how many may stay unverified, as a share.
 MOST_SILENT: Final = 0.02
 #: Families of fewer trials share a row of the page.
-_COMMON: Final = 300
+_COMMON: Final = 800
 _NUMBER: Final = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 Line = dict[str, Any]  # a trial as it lies in the file
@@ -164,7 +164,7 @@ Written by `ci/trials --seed {seed}`, of {honest} correct and {wrong} wrong fram
 from the driver over bytes to the virtual board, are latched and judged. The truth beside each
 shares no code with the program: a field of its own, and a dense search for the place where the
 waves arrive in phase, for the peaks next to several foci, and for the pressure at every target.
-`ci/trials` prints each kind; here families of fewer than 300 trials are *others*.
+`ci/trials` prints each kind; here families of fewer than 800 trials are *others*.
 
 - *False pass*: on target, although the effect exceeds what the verdict says that it would show.
 - *False fail*: a correct frame that fails. With a tolerance, a correct host takes up to all of it:
