@@ -50,10 +50,12 @@ def test_a_row_made_anew_is_the_published_one(name: str) -> None:
     (fault,) = (plan for plan in TABLE.plans() if plan.startswith(f"{name} "))
     made, published = TABLE.row(fault).cells, _published()[f"`{fault}`"]
     for column, new, old in zip(TABLE.COLUMNS, made, published, strict=True):
+        if new == old:
+            continue
         if column in LENGTHS:
             assert float(new) == pytest.approx(float(old), abs=0.02), column
         elif column == "Pa":
             figures = ([int(word) for word in cell.split(" of ")] for cell in (new, old))
             assert next(figures) == pytest.approx(next(figures), abs=2)
         else:
-            assert new == old, column
+            pytest.fail(f"{column}: {new}, on the page {old}")
