@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from disturbance import Disturbance, undisturbed
 from rows import repeated, row_of
 
 import haptogram
@@ -32,6 +33,7 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "row(name): what is measured; {braces} hold a parameter")
+    config.disturbance = Disturbance()
 
 
 def pytest_collection_modifyitems(config, items):
@@ -53,6 +55,12 @@ def is_brief(item):
 def pytest_benchmark_update_machine_info(machine_info):
     """Record which packages were measured: a comparison has two sets of them."""
     machine_info["packages"] = str(Path(haptogram.__file__).parents[1])
+
+
+def pytest_benchmark_update_json(config, output_json):
+    """Record how busy the machine was with other work while all this was measured."""
+    watch = config.disturbance
+    output_json["machine_info"] |= {"stolen": watch.stolen, "others": watch.others}
 
 
 @pytest.fixture(scope="session")
@@ -109,15 +117,19 @@ def compare(benchmark, measure, request):
             return
         ours()
         reference()
-        ratios, times = [], ([], [])
         least, most = (1, 1) if request.config.getoption("--once") else (7, 400)
-        deadline = time.perf_counter() + seconds
-        while len(ratios) < least or (time.perf_counter() < deadline and len(ratios) < most):
-            theirs = timed(reference, reference_repeats) / share
-            mine = timed(ours, repeats)
-            ratios.append(theirs / mine)
-            times[0].append(mine)
-            times[1].append(theirs)
+
+        def pairs():
+            found = []
+            deadline = time.perf_counter() + seconds
+            while len(found) < least or (time.perf_counter() < deadline and len(found) < most):
+                theirs = timed(reference, reference_repeats) / share
+                found.append((timed(ours, repeats), theirs))
+            return found
+
+        found, stolen = undisturbed(pairs)
+        mine, theirs = zip(*found, strict=True)
+        ratios = [b / a for a, b in found]
         benchmark.pedantic(ours, rounds=min(5, most), iterations=min(repeats, most))
         ratio = statistics.median(ratios)
         low, high = np.quantile(ratios, [0.25, 0.75])
@@ -126,9 +138,10 @@ def compare(benchmark, measure, request):
             goal=goal,
             ratio=ratio,
             ratio_quartiles=[float(low), float(high)],
-            ours_s=statistics.median(times[0]),
-            reference_s=statistics.median(times[1]),
+            ours_s=statistics.median(mine),
+            reference_s=statistics.median(theirs),
             rounds=len(ratios),
+            stolen=stolen,
             **notes,
         )
 
@@ -148,18 +161,23 @@ def measure(benchmark, request):
         repeats = repeats or max(1, int(ROUND_S / max(timed(ours, 1), 1e-7)))
         least, most = (1, 1) if request.config.getoption("--once") else (3, 400)
         brief = request.config.getoption("--brief")
-        deadline = time.perf_counter() + (BRIEF_S if brief else ALONE_S)
-        times, yards = [], []
-        while len(times) < least or (time.perf_counter() < deadline and len(times) < most):
-            yard = timed(yardstick, 1)
-            times.append(timed(ours, repeats))
-            yards.append(times[-1] / yard)
+
+        def pairs():
+            found = []
+            deadline = time.perf_counter() + (BRIEF_S if brief else ALONE_S)
+            while len(found) < least or (time.perf_counter() < deadline and len(found) < most):
+                yard = timed(yardstick, 1)
+                found.append((timed(ours, repeats), yard))
+            return found
+
+        found, stolen = undisturbed(pairs)
         benchmark.pedantic(ours, rounds=1, iterations=1)
         benchmark.extra_info.update(
             row=row_of(request.node),
-            ours_s=statistics.median(times),
-            yards=statistics.median(yards),
-            rounds=len(times),
+            ours_s=statistics.median(mine for mine, _ in found),
+            yards=statistics.median(mine / yard for mine, yard in found),
+            rounds=len(found),
+            stolen=stolen,
             **notes,
         )
 

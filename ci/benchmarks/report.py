@@ -100,7 +100,9 @@ def machine(data):
         f"{info['system']} {info['release'].partition('-')[0]}; "
         f"Python {platform.python_version()}, {versions}.\n"
         f"Commit {str(commit.get('id'))[:10]}{state}, {data['datetime'][:10]}; "
-        f"load average when written {os.getloadavg()[1]:.1f}.\n"
+        f"load average when written {os.getloadavg()[1]:.1f}; of the processors' time "
+        f"{100 * info.get('others', 0):.0f} % went to other processes, "
+        f"{100 * info.get('stolen', 0):.0f} % to other machines.\n"
     )
 
 
