@@ -92,6 +92,8 @@ class PinRecord:
         Channel that the times are counted by.
     reference_element : int or None
         Its element; None: it is the clock of the carrier.
+    tolerance_ppm : float
+        By how much the carrier may differ from the one that is meant.
     latches : (L,) numpy.ndarray of float or None
         Times of the latch pin, in periods; None: it was not captured.
     skew_rad : float
@@ -112,6 +114,7 @@ class PinRecord:
     sample_rate_hz: float
     reference: str
     reference_element: int | None = None
+    tolerance_ppm: float = 1000.0
     latches: NDArray[np.float64] | None = None
     skew_rad: float = 0.0
     cut: str = ""

@@ -87,6 +87,7 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         sample_rate_hz=rate_hz,
         reference=mapped.reference,
         reference_element=reference,
+        tolerance_ppm=settings.carrier_tolerance_ppm,
         latches=latches,
         skew_rad=math.tau * settings.skew_ns * 1e-9 * settings.carrier_hz,
         cut=capture.cut,
