@@ -8,10 +8,11 @@ from haptogram import Driver
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
-from haptogram.evidence.captures.measure import measure_capture
+from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.records.frame import Focus
 from haptogram.settings.board import PinCaptureConfig
 from haptogram.settings.faults.plan import FaultPlan
+from haptogram.verification.pins.held.drives import held_pin_drives
 from sim_device.backdoor.pin_capture import BackdoorPinCapture
 from virtual_ports import BoardPort
 
@@ -27,12 +28,16 @@ class CapturedRun:
     intended: list
 
     def measured(self, **keys):
-        mapped = ChannelMap.of("map.toml", {**MAP, **keys})
-        return measure_capture(read_capture(self.path), mapped)
+        return measured(read_capture(self.path), {**MAP, **keys})
 
     def radiated(self):
         """Return the (L, N) weights of the back door."""
         return np.array([latch.radiated.weights() for latch in self.latches])
+
+
+def measured(capture, keys):
+    """Return the drives that the pins of *capture* hold."""
+    return held_pin_drives(pin_record_of_capture(capture, ChannelMap.of("map.toml", keys)))
 
 
 def captured_run(path, *, array="4x4", faults=(), mode="phases", frames=12, seed=1, **analyser):

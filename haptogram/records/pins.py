@@ -30,6 +30,10 @@ class PinPulses:
         Period from which on the capture knows the level of the pin.
     is_dead : bool
         Whether the pin is at the silent level all the time, which is a defect while others pulse.
+    every : int
+        Periods from one pulse to the next, usually: 2 if every second one is left out.
+    edges : int
+        Edges of the channel.
     """
 
     channel: str
@@ -38,6 +42,8 @@ class PinPulses:
     defects: tuple[str, ...] = ()
     begin: float = 0.0
     is_dead: bool = False
+    every: int = 1
+    edges: int = 0
 
     def between(self, begin: float, end: float) -> PinPulses:
         """Return the whole pulses from *begin* to *end*, in periods."""
@@ -71,6 +77,30 @@ class LineBytes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CarrierPeriods:
+    """The periods of the carrier on the analyser's clock.
+
+    Attributes
+    ----------
+    periods, times_s : (K,) numpy.ndarray of float
+        Periods since the capture began, and their times, ascending.
+    jitter_s : float
+        Root mean square of the distances of pulses from the usual one.
+    shortest_s, longest_s : float
+        Extremes of these distances.
+    is_steady : bool
+        Whether the periods are of one length: no board that draws them out while it is busy.
+    """
+
+    periods: NDArray[np.float64]
+    times_s: NDArray[np.float64]
+    jitter_s: float
+    shortest_s: float
+    longest_s: float
+    is_steady: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PinRecord:
     """A capture of drive pins.
 
@@ -92,8 +122,14 @@ class PinRecord:
         Channel that the times are counted by.
     reference_element : int or None
         Its element; None: it is the clock of the carrier.
+    tolerance_ppm : float
+        By how much the carrier may differ from the one that is meant.
     latches : (L,) numpy.ndarray of float or None
         Times of the latch pin, in periods; None: it was not captured.
+    reference_rad : float
+        Phase of the clock of the carrier, by the centres of its pulses.
+    latch_window : float
+        Periods within which changes that follow each other belong to one latch.
     skew_rad : float
         Largest difference of the delays of two channels, as a phase of the carrier.
     cut : str
@@ -102,6 +138,8 @@ class PinRecord:
         Its limits, in words.
     to_board, to_host : LineBytes or None
         Bytes on the lines of the UART; None: the line was not captured.
+    carrier : CarrierPeriods or None
+        Spread of its periods; None: they are all alike.
     """
 
     name: str
@@ -112,12 +150,16 @@ class PinRecord:
     sample_rate_hz: float
     reference: str
     reference_element: int | None = None
+    tolerance_ppm: float = 1000.0
     latches: NDArray[np.float64] | None = None
+    reference_rad: float = 0.0
+    latch_window: float = 8.0
     skew_rad: float = 0.0
     cut: str = ""
     notes: tuple[str, ...] = field(default=())
     to_board: LineBytes | None = None
     to_host: LineBytes | None = None
+    carrier: CarrierPeriods | None = None
 
     @property
     def samples(self) -> float:

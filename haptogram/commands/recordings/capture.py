@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from statistics import fmean
+from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.settings.parser import file_name_option
 
@@ -14,7 +15,6 @@ from ..shell.output_files import CommandOutputs
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from haptogram.evidence.captures.measure import CaptureDrives, ElementDrives
     from haptogram.settings.parser import Parser
 
 _EPILOG: Final = """\
@@ -59,57 +59,54 @@ def run_capture(arguments: argparse.Namespace) -> int:
     from haptogram.evidence.captures import findings as told
     from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.evidence.captures.files import read_capture
-    from haptogram.evidence.captures.measure import measure_capture
+    from haptogram.evidence.captures.pin_record import pin_record_of_capture
     from haptogram.machine.files import write_json_file
+    from haptogram.verification.pins.held.drives import held_pin_drives
 
     outputs = CommandOutputs(arguments, "json")
     mapped = ChannelMap.from_file(Path(arguments.map))
-    found = measure_capture(read_capture(Path(arguments.file)), mapped)
-    wrong = told.findings_of_capture(found, active_low=mapped.settings.active_low)
-    lines = told.summary_of_capture(found)
+    capture = read_capture(Path(arguments.file))
+    found = held_pin_drives(pin_record_of_capture(capture, mapped))
+    wrong = told.findings_of_capture(found)
+    document = told.capture_document(found, wrong)
+    lines = told.summary_of_capture(found, capture)
     if not arguments.quiet:
-        lines += [*_capture_elements_rows(found), *_capture_latches_rows(found)]
-    lines += [f"note: {note}" for note in told.notes_of_capture(found)]
+        lines += [*_capture_elements_rows(document), *_capture_latches_rows(document)]
+    lines += [f"note: {note}" for note in document["notes"]]
     lines += [f"wrong: {text}" for text in wrong] or ["nothing wrong was found"]
     print("\n".join(lines), file=outputs.text)
     for path in outputs.paths.values():
-        write_json_file(path, told.capture_document(found, wrong))
+        write_json_file(path, document)
     outputs.announce()
     if wrong:
         return 1
-    return INCONCLUSIVE if found.capture.cut else 0
+    return INCONCLUSIVE if document["cut"] else 0
 
 
-def _capture_elements_rows(found: CaptureDrives) -> Iterator[str]:
+def _capture_elements_rows(document: dict[str, Any]) -> Iterator[str]:
     titles = f"{'channel':<12}{'element':>8}{'edges':>10}{'duty':>18}"
     yield f"{titles}{'period µs':>12}{'jitter ns':>11}"
-    for row in found.elements:
-        yield _capture_element_row(row)
+    for row in document["elements"]:
+        head = f"{row['channel']:<12}{row['element']:>8}{row['edges']:>10}"
+        duties = [duty for duty in row["duty"] if duty]
+        periods_us, jitters_ns = (
+            [value for value in row[name] if value is not None]
+            for name in ("period_us", "jitter_ns")
+        )
+        if not duties or not periods_us:
+            yield f"{head}{'-':>18}{'-':>12}{'-':>11}"
+            continue
+        duty = f"{min(duties):.3f} to {max(duties):.3f}"
+        yield f"{head}{duty:>18}{fmean(periods_us):>12.4f}{max(jitters_ns):>11.1f}"
 
 
-def _capture_element_row(row: ElementDrives) -> str:
-    import numpy as np
-
-    head = f"{row.channel:<12}{row.element:>8}{row.edges:>10}"
-    sounding = np.nan_to_num(row.duties) > 0
-    if not sounding.any():
-        return f"{head}{'-':>18}{'-':>12}{'-':>11}"
-    duties = row.duties[sounding]
-    period_us = float(np.nanmean(row.periods_s[sounding])) * 1e6
-    jitter_ns = float(np.nanmax(row.jitters_s[sounding])) * 1e9
-    duty = f"{duties.min():.3f} to {duties.max():.3f}"
-    return f"{head}{duty:>18}{period_us:>12.4f}{jitter_ns:>11.1f}"
-
-
-def _capture_latches_rows(found: CaptureDrives) -> Iterator[str]:
-    from haptogram.evidence.captures.findings import is_capture_silent_after
-
+def _capture_latches_rows(document: dict[str, Any]) -> Iterator[str]:
     yield f"{'latch':<7}{'at ms':>12}{'channels':>10}{'within µs':>11}"
-    for number, latch in enumerate(found.latches):
-        torn = "  torn" if found.is_torn(latch) else ""
-        silent = "  silent from here" if is_capture_silent_after(found, number) else ""
-        skew_us = found.seconds(latch.skew + found.period) * 1e6
+    period_us = 1e6 / document["carrier_hz"]
+    for number, latch in enumerate(document["latches"]):
+        torn = "  torn" if latch["torn"] else ""
+        silent = "  silent from here" if latch["silent"] else ""
         yield (
-            f"{number:<7}{found.seconds(latch.begin) * 1e3:>12.4f}{len(latch.changes):>10}"
-            f"{skew_us:>11.1f}{torn}{silent}"
+            f"{number:<7}{latch['t_us'] / 1e3:>12.4f}{latch['channels']:>10}"
+            f"{latch['skew_us'] + period_us:>11.1f}{torn}{silent}"
         )

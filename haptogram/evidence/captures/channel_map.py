@@ -40,6 +40,13 @@ class ChannelMapSettings(Settings):
     carrier_hz: float = option(
         40_000.0, unit="HZ", low=1_000.0, high=1_000_000.0, help="carrier that is meant"
     )
+    carrier_tolerance_ppm: float = option(
+        1000.0,
+        unit="PPM",
+        low=0.0,
+        high=100_000.0,
+        help="by how much the carrier may differ from it, on the analyser's clock",
+    )
     sample_rate_hz: float | None = option(
         None,
         unit="HZ",

@@ -9,17 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.errors import ConfigurationError
-from haptogram.records.pins import LineBytes, PinPulses, PinRecord
+from haptogram.records.pins import CarrierPeriods, LineBytes, PinPulses, PinRecord
 
 from .capture import Capture, ChannelEdges
+from .carrier_clock import CarrierClock, checked_capture_period
 from .channel_map import ChannelMap
-from .measure import checked_capture_period
 from .splices import capture_to_first_splice
 from .uart import LEAST_SAMPLES_A_BIT, decoded_uart_bytes
 
 _Floats: TypeAlias = NDArray[np.float64]
-#: Pulses of the reference that make one point of its clock: the mean of so many has no samples.
-_BLOCK: Final = 64
 #: A pulse alone that is shorter is taken for a disturbance of the capture, and so is a gap.
 _SPIKE_SAMPLES: Final = 2.5
 _SPIKE_PERIODS: Final = 0.004
@@ -52,12 +50,13 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         )
     active_low = settings.active_low and reference is not None
     pulses = capture.channel(mapped.reference).pulses(active_low=active_low)
-    rises, _ = _captured_edges_without_spikes(*pulses, sample, nominal)
-    period = checked_capture_period(capture, mapped, rises, sample, rate_hz)
-    if reference is None:
+    rises, falls = _captured_edges_without_spikes(*pulses, sample, nominal)
+    all_rises = rises if len(rises) > 2 else pulses[0]  # no rate of samples tells spikes apart
+    period = checked_capture_period(capture, mapped, all_rises, sample, rate_hz)
+    clock = CarrierClock(rises, period, sample, is_clock=reference is None)
+    if reference is None and clock.is_steady:
         capture = capture_to_first_splice(capture, rises, sample)
-        rises = rises[rises <= capture.end]
-    clock = _CarrierClock(rises, period, sample, is_steady=reference is None)
+        clock = CarrierClock(rises[rises <= capture.end], period, sample, is_clock=True)
     pins = {}
     silent = all(len(capture.channel(name).times) == 0 for name in elements)
     for name, element in elements.items():
@@ -74,7 +73,10 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         if edges.defined_from:
             begin = float(clock.periods(np.array([float(edges.defined_from)]))[0])
         is_dead = not len(edges.times) and edges.first_level is settings.active_low
-        pins[element] = PinPulses(name, *pulses, defects, begin, is_dead)
+        every = round(float(np.median(np.diff(pulses[0])))) if len(begins) > 1 else 1
+        pins[element] = PinPulses(
+            name, *pulses, defects, begin, is_dead, max(every, 1), len(edges.times)
+        )
     latches = None
     if settings.latch is not None:
         latches = clock.periods(capture.channel(settings.latch).pulses()[0])
@@ -87,16 +89,30 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         sample_rate_hz=rate_hz,
         reference=mapped.reference,
         reference_element=reference,
+        tolerance_ppm=settings.carrier_tolerance_ppm,
         latches=latches,
+        reference_rad=_phase_of_captured_clock(clock.periods(rises), clock.periods(falls)),
+        latch_window=settings.latch_window_us * 1e-6 * settings.carrier_hz,
         skew_rad=math.tau * settings.skew_ns * 1e-9 * settings.carrier_hz,
         cut=capture.cut,
         to_board=_uart_bytes_of_capture(capture, mapped, settings.to_board, rate_hz, clock),
         to_host=_uart_bytes_of_capture(capture, mapped, settings.to_host, rate_hz, clock),
+        carrier=CarrierPeriods(
+            *clock.marks(capture.tick_s),
+            jitter_s=clock.jitter * capture.tick_s,
+            shortest_s=clock.shortest * capture.tick_s,
+            longest_s=clock.longest * capture.tick_s,
+            is_steady=clock.is_steady,
+        ),
     )
 
 
+def _phase_of_captured_clock(rises: _Floats, falls: _Floats) -> float:
+    return float(np.angle(np.exp(1j * math.pi * (rises + falls)).sum()))
+
+
 def _uart_bytes_of_capture(
-    capture: Capture, mapped: ChannelMap, name: str | None, rate_hz: float, clock: _CarrierClock
+    capture: Capture, mapped: ChannelMap, name: str | None, rate_hz: float, clock: CarrierClock
 ) -> LineBytes | None:
     """Return the bytes on a line of the UART, if it was captured.
 
@@ -166,54 +182,3 @@ def _longest_captured_drive_ticks(edges: ChannelEdges, active_low: bool, end: in
     bounds = np.concatenate([[edges.defined_from], edges.times, [end]])
     skipped = int(edges.first_level is active_low)
     return float(np.diff(bounds)[skipped::2].max(initial=0))
-
-
-class _CarrierClock:
-    """Ticks of an analyser in periods of the carrier.
-
-    Parameters
-    ----------
-    rises : (P,) numpy.ndarray
-        Ticks at which the reference rises.
-    period, sample : float
-        Ticks of a period, and of a sample.
-    is_steady : bool
-        Whether no latch moves the reference: then its edges are the clock, wherever it wanders.
-
-    Attributes
-    ----------
-    period : float
-        Mean length of a period in ticks.
-    """
-
-    def __init__(self, rises: _Floats, period: float, sample: float, *, is_steady: bool) -> None:
-        self.period = period
-        self._ticks, self._counts = np.array([rises[0]]), np.zeros(1)
-        if is_steady:
-            self._ticks, self._counts = _blocks_of_captured_edges(rises, period, sample)
-            if len(self._ticks) > 1:
-                self.period = float(np.ptp(self._ticks) / np.ptp(self._counts))
-
-    def periods(self, ticks: _Floats) -> _Floats:
-        """Return times in periods since the capture began."""
-        inside = np.interp(ticks, self._ticks, self._counts)
-        before = np.minimum(ticks - self._ticks[0], 0.0) / self.period
-        after = np.maximum(ticks - self._ticks[-1], 0.0) / self.period
-        first = self._ticks[0] / self.period - self._counts[0]
-        counted: _Floats = inside + before + after + first
-        return counted
-
-
-def _blocks_of_captured_edges(
-    rises: _Floats, period: float, sample: float
-) -> tuple[_Floats, _Floats]:
-    """Return tick and number of period of the reference, each the mean of a block of pulses."""
-    steps = np.rint(np.diff(rises) / period)
-    whole = np.abs(np.diff(rises) - steps * period) < 0.1 * period
-    counts = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 0.0))])
-    kept = np.concatenate([[True], whole & (steps > 0)])  # no glitch is a pulse of the clock
-    ticks, counts = rises[kept] + sample / 2.0, counts[kept]
-    block = min(_BLOCK, max(1, len(ticks) // 4))
-    starts = np.arange(0, len(ticks), block)
-    sizes = np.diff(np.append(starts, len(ticks)))
-    return np.add.reduceat(ticks, starts) / sizes, np.add.reduceat(counts, starts) / sizes

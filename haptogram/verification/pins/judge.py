@@ -20,7 +20,6 @@ from haptogram.records.pins import PinRecord
 
 from ..frame.verdict import Verdict
 from .element_faults import PinFaultKind, exchanged_pin_orders, faults_of_pins, grouped_pin_faults
-from .lost_samples import frames_before_lost_samples
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase
 from .run_drives import Bools, PinRunDrives
@@ -44,7 +43,6 @@ _NEAR_RAD: Final = 2.0 * phase_step_rad(8)  # a board may be off by, which shows
 _FITTING_SHARE: Final = 0.25  # of the pins that show this run in nearly all frames: no chance
 _FEWEST_FITTING: Final = 3
 _FEWEST_AGREEING: Final = 2  # drives, beyond those that agree by chance
-_MOST_DRIFT_PPM: Final = 1000.0
 _LEAST_PERIODS_OF_CARRIER: Final = 40.0  # that tell its frequency where samples are missing
 _SAMPLES_OF_8_BITS: Final = 512.0  # of a period: one is half a step
 
@@ -79,8 +77,7 @@ def verify_captured_pins(
                 f"{model.array.count - 1}"
             )
     run = PinRunDrives.of(intended, sorted(record.pins), record.carrier_hz)
-    record, shown = frames_before_lost_samples(record, run)
-    return _PinJudge(record, run, model, shown).judge()
+    return _PinJudge(record, run, model, frames_shown_by_pins(record, run)).judge()
 
 
 def _drives_told_apart(weights: ComplexArray, apart: float) -> int:
@@ -368,12 +365,12 @@ class _PinJudge:
                 f"{self.record.end:.0f} periods are left beside missing samples; "
                 f"{_LEAST_PERIODS_OF_CARRIER:.0f} tell"
             )
-        elif abs(drift) > _MOST_DRIFT_PPM:
+        elif abs(drift) > self.record.tolerance_ppm:
             hz = 1.0 / self.record.period_s
             self._find(
                 "carrier",
                 f"{hz:.2f} Hz on the analyser's clock, {drift:+.0f} ppm of "
-                f"{self.record.carrier_hz:g} Hz; {_MOST_DRIFT_PPM:g} pass",
+                f"{self.record.carrier_hz:g} Hz; {self.record.tolerance_ppm:g} pass",
             )
 
     # --- the end ---------------------------------------------------------------------------------

@@ -76,7 +76,7 @@ def test_a_board_refuses_a_capture_that_makes_no_sense(words, tmp_path, capsys, 
 def test_a_capture_is_as_long_as_it_was_to_be(ms, files):
     run = captured_run(files[0], capture_ms=ms)
     found = run.measured()
-    assert found.capture.duration_s * 1e3 == pytest.approx(ms + 20 * 0.025, abs=0.03)
+    assert found.record.duration_s * 1e3 == pytest.approx(ms + 20 * 0.025, abs=0.03)
     assert len(found.latches) == ms
 
 

@@ -9,7 +9,8 @@ import pytest
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures.capture import Capture, ChannelEdges
 from haptogram.evidence.captures.channel_map import ChannelMap
-from haptogram.evidence.captures.measure import measure_capture
+from haptogram.evidence.captures.pin_record import pin_record_of_capture
+from pin_captures import measured
 
 
 def square(period=600, count=50, shift=0):
@@ -49,15 +50,14 @@ def test_what_makes_no_sense_is_refused_in_one_line(text, words, tmp_path):
     file = tmp_path / "map.toml"
     file.write_text(text)
     with pytest.raises(ConfigurationError) as refusal:
-        measure_capture(CAPTURE, ChannelMap.from_file(file))
+        pin_record_of_capture(CAPTURE, ChannelMap.from_file(file))
     assert words in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
 def test_the_phase_of_a_clock_that_is_a_quarter_late():
-    mapped = ChannelMap.of("map", {"reference": "D0", "elements": {"D1": 4, "quiet": 5}})
-    found = measure_capture(CAPTURE, mapped)
+    found = measured(CAPTURE, {"reference": "D0", "elements": {"D1": 4, "quiet": 5}})
     assert found.latches == []
-    assert found.weights().round(6).tolist() == [[1j, 0j]]
+    assert found.weights.round(6).tolist() == [[1j, 0j]]
     again = dataclasses.replace(CAPTURE, stated_rate_hz=None, tick_s=1e-9)
     assert again.sample_rate_hz == pytest.approx(1e9 / 150)  # the grid that its edges lie on

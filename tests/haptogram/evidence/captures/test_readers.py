@@ -11,7 +11,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.captures import sigrok, vcd
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
-from haptogram.evidence.captures.measure import measure_capture
+from haptogram.evidence.captures.pin_record import pin_record_of_capture
 
 HEAD = '$timescale 1 ns $end\n$var wire 1 ! A $end\n$var wire 1 " B $end\n$enddefinitions $end\n'
 #: File -> first level and times of the edges by channel, counted by hand.
@@ -324,6 +324,6 @@ def test_a_clock_without_pins_tells_no_sampling_rate(tmp_path):
     file.write_text(f'{HEAD}#0 0! 0"\n{edges}')
     mapped = {"reference": "A", "elements": {"B": 0}}
     with pytest.raises(ConfigurationError, match="reference A alone has edges, which"):
-        measure_capture(read_capture(file), ChannelMap.of("map.toml", mapped))
+        pin_record_of_capture(read_capture(file), ChannelMap.of("map.toml", mapped))
     stated = ChannelMap.of("map.toml", mapped | {"sample_rate_hz": 24e6})
-    assert measure_capture(read_capture(file), stated).samples == 600
+    assert pin_record_of_capture(read_capture(file), stated).samples == 600

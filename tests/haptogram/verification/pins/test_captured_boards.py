@@ -163,6 +163,8 @@ def test_inverted_pins_and_carriers_that_are_off_are_named(tmp_path):
     fast = dataclasses.replace(record, period_s=record.period_s / 1.002)
     (line,) = judged_record(run, fast).pins[0].findings["carrier"]
     assert "+2000 ppm of 40000 Hz" in line
+    stated = dataclasses.replace(fast, tolerance_ppm=2500.0)
+    assert "carrier" not in judged_record(run, stated).pins[0].findings
 
 
 def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):

@@ -1,0 +1,169 @@
+"""The clock that a capture is counted by: the pulses of its reference."""
+
+from __future__ import annotations
+
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.errors import ConfigurationError
+
+from .capture import Capture
+from .channel_map import ChannelMap
+
+_Floats: TypeAlias = NDArray[np.float64]
+#: Samples of a period that a capture has at least: below, no phase is worth a word.
+LEAST_SAMPLES: Final = 32
+_PHASE_BITS: Final = 8
+_LEAST_PULSES: Final = 3
+#: An edge is seen up to one sample late, so the distance of two is wrong by less than one.
+_SAMPLES: Final = 2.5
+_LEAST_JITTER: Final = 0.01  # of a period, by which a steady carrier may jitter
+_UNSTEADY: Final = 4  # distances in a row that are off: a latch makes one
+_LONGER: Final = 0.15  # of a period that comes before its time: it is one that was not drawn out
+_BLOCK: Final = 64  # pulses that make one point of a steady clock: their mean has no samples
+_MOST_DIVIDER: Final = 3  # of a carrier of which pulses are left out
+_NEAR: Final = 0.1  # share by which a carrier is that of the map
+
+
+def least_capture_rate_hz(carrier_hz: float, phase_bits: int = _PHASE_BITS) -> float:
+    """Return the sampling rate at which a sample is half a step of *phase_bits*.
+
+    Examples
+    --------
+    >>> least_capture_rate_hz(40e3) / 1e6
+    20.48
+    """
+    return carrier_hz * 2.0 ** (phase_bits + 1)
+
+
+def checked_capture_period(
+    capture: Capture, mapped: ChannelMap, rises: _Floats, sample: float, rate_hz: float
+) -> float:
+    """Return the period of the carrier in ticks; the reference may leave out every second one.
+
+    Raises
+    ------
+    ConfigurationError
+        A reference without a carrier, or too low a sampling rate.
+    """
+    settings = mapped.settings
+    name = f"{capture.path}: reference {mapped.reference}"
+    if len(rises) < _LEAST_PULSES:
+        raise ConfigurationError(
+            f"{name} has {len(rises)} pulses, must have {_LEAST_PULSES} at least; "
+            "name a channel that carries the carrier all the time"
+        )
+    distance = float(np.median(np.diff(rises)))
+    found_hz = 1.0 / (distance * capture.tick_s)
+    divider = max(1, min(_MOST_DIVIDER, round(settings.carrier_hz / found_hz)))
+    if abs(found_hz * divider / settings.carrier_hz - 1.0) >= _NEAR:
+        raise ConfigurationError(
+            f"{name} has {found_hz:g} Hz, must have the carrier {settings.carrier_hz:g} Hz "
+            "(carrier_hz of the map) within 10 %"
+        )
+    period = _mean_captured_period(rises, sample) / divider
+    if period < LEAST_SAMPLES * sample:
+        is_estimated = capture.stated_rate_hz is None and settings.sample_rate_hz is None
+        moving = [name for name, edges in capture.channels.items() if len(edges.times)]
+        if is_estimated and moving == [mapped.reference]:
+            raise ConfigurationError(
+                f"{name} alone has edges, which tell no sampling rate: check that the board is "
+                "armed, and the probes of the pins; or state sample_rate_hz in the map"
+            )
+        source = ", estimated from its edges (sample_rate_hz of the map),"
+        raise ConfigurationError(
+            f"{capture.path}: {rate_hz:.6g} samples/s{source if is_estimated else ''} are "
+            f"{period / sample:.3g} in a period of the carrier, must be {LEAST_SAMPLES} at least; "
+            f"sample at {LEAST_SAMPLES * settings.carrier_hz:g} Hz or more, for 8-bit phases at "
+            f"{least_capture_rate_hz(settings.carrier_hz):g} Hz"
+        )
+    return period
+
+
+def _mean_captured_period(rises: _Floats, sample: float) -> float:
+    """Return the mean distance of the (P,) *rises*, without those that have a latch between."""
+    distances = np.diff(rises)
+    away = np.abs(distances - np.median(distances))
+    near = away <= max(_SAMPLES * sample, 7.5 * float(np.median(away)))
+    return float(distances[near].mean())
+
+
+class CarrierClock:
+    """Ticks of an analyser in periods of the carrier.
+
+    Parameters
+    ----------
+    rises : (P,) numpy.ndarray
+        Ticks at which the reference rises.
+    period, sample : float
+        Ticks of a period, and of a sample.
+    is_clock : bool
+        Whether no latch moves the reference: then its edges are the clock, wherever it wanders.
+
+    Attributes
+    ----------
+    period : float
+        Mean length of a period in ticks.
+    is_steady : bool
+        Whether the periods are of one length, but for latches. Those of a board that draws them out
+        while it is busy are counted one by one.
+    jitter : float
+        Root mean square of the distances of the pulses from the usual one, in ticks; a latch of an
+        element counts as none.
+    shortest, longest : float
+        Extremes of these distances, in ticks.
+    """
+
+    def __init__(self, rises: _Floats, period: float, sample: float, *, is_clock: bool) -> None:
+        self.period = period
+        distances = np.diff(rises)
+        off = np.abs(distances - np.rint(distances / period) * period)
+        far = off > max(_SAMPLES * sample, _LEAST_JITTER * period)
+        self.is_steady = not _has_run_of(far, _UNSTEADY)
+        self._ticks, self._counts = np.array([rises[0]]), np.zeros(1)
+        if is_clock and self.is_steady:
+            self._ticks, self._counts = _blocks_of_captured_edges(rises, period, sample)
+            if len(self._ticks) > 1:
+                self.period = float(np.ptp(self._ticks) / np.ptp(self._counts))
+        elif not self.is_steady:
+            steps = np.maximum(np.floor(distances / period + _LONGER), 1.0)
+            self._ticks, self._counts = rises, np.concatenate([[0.0], np.cumsum(steps)])
+        single = distances[(distances < 1.75 * period) & ~(far & self.is_steady)]
+        self.jitter = float(np.sqrt(np.mean((single - period) ** 2))) if len(single) else 0.0
+        self.shortest = float(single.min(initial=period))
+        self.longest = float(single.max(initial=period))
+
+    def marks(self, tick_s: float) -> tuple[_Floats, _Floats]:
+        """Return (K,) periods since the capture began, and when they were, in seconds."""
+        return self.periods(self._ticks), self._ticks * tick_s
+
+    def periods(self, ticks: _Floats) -> _Floats:
+        """Return times in periods since the capture began."""
+        inside = np.interp(ticks, self._ticks, self._counts)
+        before = np.minimum(ticks - self._ticks[0], 0.0) / self.period
+        after = np.maximum(ticks - self._ticks[-1], 0.0) / self.period
+        first = self._ticks[0] / self.period - self._counts[0]
+        counted: _Floats = inside + before + after + first
+        return counted
+
+
+def _has_run_of(found: NDArray[np.bool_], length: int) -> bool:
+    sums = np.concatenate([[0], np.cumsum(found)])
+    return len(sums) > length and bool((sums[length:] - sums[:-length] == length).any())
+
+
+def _blocks_of_captured_edges(
+    rises: _Floats, period: float, sample: float
+) -> tuple[_Floats, _Floats]:
+    """Return tick and number of period of the reference, each the mean of a block of pulses."""
+    steps = np.rint(np.diff(rises) / period)
+    whole = np.abs(np.diff(rises) - steps * period) < 0.1 * period
+    counts = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 0.0))])
+    kept = np.concatenate([[True], whole & (steps > 0)])  # no glitch is a pulse of the clock
+    ticks, counts = rises[kept] + sample / 2.0, counts[kept]
+    block = min(_BLOCK, max(1, len(ticks) // 4))
+    starts = np.arange(0, len(ticks), block)
+    sizes = np.diff(np.append(starts, len(ticks)))
+    return np.add.reduceat(ticks, starts) / sizes, np.add.reduceat(counts, starts) / sizes
