@@ -67,9 +67,6 @@ class DialogueAction:
         :data:`REST`.
     seed : int
         Of the damage.
-    ends_slot : bool
-        Whether the frame is latched right after its arrival: in which carrier period depends on
-        microseconds, so that only one such frame is sent in a slot, as the last one.
     wait_us : int
         Time that passes between the arrival of the frame before, or the beginning of the slot, and
         that of this one; 0 where bytes do not arrive to the microsecond.
@@ -80,7 +77,6 @@ class DialogueAction:
     body: Callable[[DialogueHost], bytes] = field(repr=False)
     damage: int = 0
     seed: int = 0
-    ends_slot: bool = False
     wait_us: int = 0
 
     def wire(self, host: DialogueHost) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Final
 
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import HEADER_BYTES
@@ -27,6 +28,9 @@ from haptogram_protocol.messages import (
     parse_body,
     signed_difference,
 )
+
+#: In place of the bits in which a session differs from the open one: none.
+NO_SESSION: Final = 0x10000
 
 
 @dataclass(slots=True)
@@ -134,22 +138,32 @@ class DialogueHost:
             self.least_ramp_us = min(ramp_us, self.least_ramp_us or ramp_us)
 
     def request(
-        self, message: Message, *, back: int = 0, flags: int = 0, time_us: int = 0, other: int = 0
+        self, message: Message, *, number: int = 0, flags: int = 0, time_us: int = 0, other: int = 0
     ) -> bytes:
-        """Return the body of a request, *back* numbers behind the next one."""
-        if not back:
-            self.seq += 1
-        seq = (self.seq - max(0, back - 1)) & 0xFFFF
-        session = self.session ^ other
-        self.last = build_body(
-            message, flags=flags, seq=seq, time_us=time_us & 0xFFFFFFFF, session=session
-        )
+        """Return the body of a request, whose number is the next one and *number*.
+
+        One that was used before uses none up; *other* is combined with the open session.
+        """
+        seq = self.seq + 1 + number
+        self.seq = seq if number >= 0 else self.seq
+        self.last = self._body(message, flags, seq, time_us, other)
         return self.last
 
-    def hello(self, message: Hello, *, takes: bool = True, back: int = 0) -> bytes:
+    def stream(
+        self, message: Message, *, number: int = 0, flags: int = 0, time_us: int = 0, other: int = 0
+    ) -> bytes:
+        """Return the body of a frame of the stream, as :meth:`request` does."""
+        seq = self.stream_next + number
+        self.stream_next = seq + 1 if number >= 0 else self.stream_next
+        return self._body(message, flags, seq, time_us, other)
+
+    def _body(self, message: Message, flags: int, seq: int, time_us: int, other: int) -> bytes:
+        session = 0 if other == NO_SESSION else self.session ^ other
+        return build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
+
+    def hello(self, message: Hello, *, takes: bool = True) -> bytes:
         """Return the body of a HELLO, and go on in its session if the board *takes* it."""
-        self.seq -= back
-        body = self.request(message, other=self.session)
+        body = self.request(message, other=NO_SESSION)
         if takes:
             self._of_session[message.nonce, "hello"] = body
             self.go_on_in(message.nonce)

@@ -164,6 +164,9 @@ class Lockstep:
         try:
             late = [action for action in actions if action.slot >= 0]
             found = self._compare(host, late, base, timed=timed)
+        except HostLateError:
+            self._board.wire.idle(2 * SLOT_US)  # answers on their way are of no later dialogue
+            raise
         finally:
             # Where the client goes on.
             self._board.link.seq, self._board.link.session = host.seq + 1, host.session

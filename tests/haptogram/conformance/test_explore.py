@@ -42,11 +42,13 @@ from haptogram.conformance.explore.comparison import (
     DialogueMemory,
     FrameInDialogue,
 )
+from haptogram.conformance.explore.coverage import DialogueCoverage
 from haptogram.conformance.explore.generator import DialogueGenerator
 from haptogram.conformance.explore.host import DialogueHost
 from haptogram.conformance.explore.lockstep import Played
 from haptogram.conformance.explore.makers.conditions import DialogueConditions
-from haptogram.conformance.explore.makers.makers import DialogueMakers
+from haptogram.conformance.explore.makers.limit_requests import random_limit_requests
+from haptogram.conformance.explore.makers.requests import RandomRequests
 from haptogram.conformance.explore.model import (
     DialogueModels,
     HostLateError,
@@ -57,9 +59,6 @@ from haptogram.conformance.explore.scenes.inputs import SceneInputs
 from haptogram.conformance.explore.scenes.scenes import RandomScenes
 from haptogram.conformance.explore.scenes.states import SceneStates
 from haptogram.conformance.explore.shrinking import shrink_dialogue
-from haptogram.conformance.explore.tables.byte_values import byte_values
-from haptogram.conformance.explore.tables.coverage import DialogueCoverage
-from haptogram.conformance.explore.tables.limit_requests import random_limit_requests
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
 from haptogram_protocol.framing import HEADER_BYTES, decode_frame, encode_frame
@@ -77,6 +76,7 @@ from haptogram_protocol.messages import (
     ErrorCode,
     Feature,
     Flag,
+    GetGeometry,
     GetStatus,
     Header,
     Hello,
@@ -89,7 +89,7 @@ from haptogram_protocol.messages import (
     PlaybackEnded,
     Pong,
     ReadDrive,
-    SetConfig,
+    ReadTrace,
     StatusReply,
     Trace,
     TraceMode,
@@ -365,26 +365,29 @@ def test_the_same_seed_gives_the_same_dialogue():
     assert max(slot for slot, _, _ in texts[0]) < 20 + 16  # a scene may end later
 
 
-def test_limits_of_every_request_are_met():
-    identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 1) | {"features": 2047, "firmware": "x"})
-    due, coverage = random_limit_requests(identity, Config()), DialogueCoverage()
-    assert 50 < len(due) < 120
-    for seed in range(40):
-        DialogueGenerator(identity, seed, coverage, timed=False).actions(16)
-    met = {first for pair in coverage.pairs for first in pair}
-    assert {f"{message.TYPE.name} at a limit" for message in due} <= met
+def every_frame(seed=1, **conditions):
+    """Makers of a dialogue at a board of all capabilities."""
+    fields = dict.fromkeys(HelloReply.WIRE, 9) | {"features": 2047, "firmware": "x"}
+    source, coverage = random.Random(seed), DialogueCoverage()
+    return RandomRequests(DialogueConditions(HelloReply(**fields), source, coverage, **conditions))
+
+
+def test_limits_of_every_request_are_met_once_before_any_twice():
+    makers = every_frame(timed=False)
+    due = random_limit_requests(makers.conditions.identity)
+    assert {GetGeometry, ReadDrive, ReadTrace, UploadBegin, Play} == set(map(type, due))
+    assert 150 < len(due) < 400
+    told = Counter(makers.at_limit().text.partition(", due")[0] for _ in due)
+    assert told == Counter(makers.frame(message).text.partition(", due")[0] for message in due)
 
 
 @pytest.mark.parametrize("timed", [False, True])
 def test_each_state_meets_each_group_of_inputs_before_any_does_again(timed):
-    identity = HelloReply(**dict.fromkeys(HelloReply.WIRE, 9) | {"features": 2047, "firmware": "x"})
-    coverage = DialogueCoverage()
-    conditions = DialogueConditions(identity, random.Random(1), coverage, timed=timed, exact=True)
-    makers = DialogueMakers(conditions)
+    makers = every_frame(timed=timed, exact=True)
     makers.configs.with_timers = timed
-    states, inputs, scenes = SceneStates(makers), SceneInputs(makers), RandomScenes(makers)
-    names = states.timed if timed else states.quick
-    assert len(names) > (12 if timed else 8)
+    coverage, inputs = makers.conditions.coverage, SceneInputs(makers)
+    states, scenes = SceneStates(makers), RandomScenes(makers, inputs)
+    assert len(states.timed if timed else states.quick) > (12 if timed else 8)
     assert {"a fault", "foreign MUTE", "HELLO", "another ", "nothing"} < set(inputs.groups)
     kind = "states with timers" if timed else "states"
     due = met = 0
@@ -406,7 +409,7 @@ def test_what_happens_within_microseconds_is_met_where_bytes_take_no_time(exact)
         actions += [*generator.before_hello(), *generator.actions(60)]
     waits = {action.wait_us for action in actions}
     damages = {action.damage for action in actions}
-    everywhere = {"kinds of trios", "times of trios", "short fields", "steps of sessions"}
+    everywhere = {"kinds of trios", "times of trios", "byte values", "steps of sessions"}
     assert everywhere <= set(coverage.scenes)
     moments = {"turns", "pauses with timers: True", "pauses with timers: False"}
     assert moments <= set(coverage.scenes) if exact else not moments & set(coverage.scenes)
@@ -414,19 +417,18 @@ def test_what_happens_within_microseconds_is_met_where_bytes_take_no_time(exact)
     assert {PARTS, FAULT, REST} <= damages if exact else not {PARTS, FAULT, REST} & damages
 
 
-def test_each_byte_of_a_frame_has_every_value_but_where_timers_would_end():
-    values = byte_values({"READ_DRIVE": ReadDrive, "SET_CONFIG": SetConfig}, {"PHASES": Phases})
-
-    def places(kind, name):
-        return Counter(int(offset) for one, offset, _ in values[kind] if one == name)
-
-    assert places("short", "READ_DRIVE") == {0: 256, HEADER_BYTES: 256}  # type and kind
-    assert places("long", "READ_DRIVE") == dict.fromkeys((1, *range(11, 15)), 256)
-    assert places("short", "PHASES") == dict.fromkeys((0,), 256)  # type
-    wire = Config.WIRE
-    assert not places("long", "SET_CONFIG").keys() & {HEADER_BYTES + wire["hold_ms"].offset}
-    assert HEADER_BYTES + wire["trace_mode"].offset in places("short", "SET_CONFIG")
-    assert 0 not in places("short", "SET_CONFIG")
+def test_each_byte_of_a_frame_has_many_values_but_where_timers_would_end():
+    inputs = SceneInputs(every_frame(timed=False, exact=True))
+    values = Counter((name, offset) for name, offset, _ in inputs.byte_values())
+    trace_mode = HEADER_BYTES + Config.WIRE["trace_mode"].offset
+    assert values["read 0", HEADER_BYTES] == values["SET_CONFIG", trace_mode] == 256  # of a table
+    assert values["HELLO", HEADER_BYTES] == 256  # version
+    for name in ("read 0", "SET_CONFIG", "PHASES", "HELLO"):
+        assert 16 < values[name, 0] == values[name, 1] < 64  # type, flags
+    assert 16 < values["read 0", HEADER_BYTES + 1] < 64
+    assert ("SET_CONFIG", HEADER_BYTES + Config.WIRE["hold_ms"].offset) not in values
+    told = [inputs.with_any_byte() for _ in range(len(list(inputs.byte_values())))]
+    assert {action.wait_us for action in told} == {0, 1}  # MUTE has a write of its own
 
 
 def radiated(data):

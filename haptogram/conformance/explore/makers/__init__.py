@@ -1,1 +1,1 @@
-"""Makers of what a random host sends: configurations, stream frames, requests, sessions."""
+"""Makers of what a random host sends: frames, drives, uploads, requests, configurations."""

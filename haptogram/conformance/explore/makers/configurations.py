@@ -9,8 +9,8 @@ from typing import Any, Final
 from haptogram_protocol.messages import Config, Feature, TraceMode
 
 from ..actions import LATE_WINDOWS_US, SLOT_US
-from ..tables.limit_requests import REFUSED_CONFIG
 from .conditions import DialogueConditions, DialogueMaker
+from .limit_requests import REFUSED_CONFIG
 
 _SLOT_MS: Final = SLOT_US // 1000
 #: Lengths that no dialogue outlasts; a board that keeps too few bits of them ends early.

@@ -7,22 +7,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Arm,
-    Disarm,
-    Feature,
-    Mute,
-    SetConfig,
-    TraceMode,
-)
+from haptogram_protocol.messages import Arm, Disarm, Feature, Message, Mute, SetConfig, TraceMode
 
 from ..actions import SLOT_US
-from ..makers.makers import DialogueMakers
-from ..makers.stream import MadeAction
-from ..tables.limit_requests import MANY_LOOPS
-
-#: Frames of one slot after the other.
-Slots = list[list[MadeAction]]
+from ..makers.conditions import Told, ToldSlots
+from ..makers.limit_requests import MANY_LOOPS
+from ..makers.requests import RandomRequests
 
 #: Of a playback that goes on: 0 for ever; 2 or 3 frames wrap a product of 32 bits.
 _LOOPS: Final = (0, 0, *MANY_LOOPS)
@@ -46,123 +36,102 @@ class SceneStates:
 
     Parameters
     ----------
-    makers : DialogueMakers
-        Makers of the frames.
+    makers : RandomRequests
+        Makes frames.
+
+    Attributes
+    ----------
+    quick, timed : dict of str to callable
+        Make the frames that bring a board into a state, slot by slot: states in which no timer
+        runs that ends soon, and in which one runs or has run.
     """
 
-    def __init__(self, makers: DialogueMakers) -> None:
-        self._random = makers.conditions.random
-        self._configs = makers.configs
-        self._stream, self._requests = stream, requests = makers.stream, makers.requests
+    def __init__(self, makers: RandomRequests) -> None:
+        self._makers, self._random = makers, makers.conditions.random
         self._is_configurable = bool(makers.conditions.can & Feature.CONFIG)
-        self._quick: dict[str, Callable[[], Slots]] = {
-            "disarmed": lambda: [[self._plain(Disarm())]],
-            "armed": lambda: [[self._plain(Arm())]],
-            "sounding": lambda: [[*self._begun(), self._frame()]],
-            "with a frame in the queue": lambda: [[*self._begun(), stream.plain("far")]],
-            "with a full queue": lambda: [self._begun(), stream.full_queue()],
-            "muted": lambda: [[*self._begun(), self._frame()], [self._plain(Mute())]],
-            "muted by another host": lambda: [[*self._begun(), self._frame()], [self._foreign()]],
+        self.quick: dict[str, Callable[[], ToldSlots]] = {
+            "disarmed": lambda: [[makers.frame(Disarm())]],
+            "armed": lambda: [self.begun()],
+            "sounding": lambda: [[*self.begun(), self._frame()]],
+            "with a frame in the queue": lambda: [[*self.begun(), self._frame("far")]],
+            "with a full queue": lambda: [self.begun(), makers.full_queue()],
+            "muted": lambda: [[*self.begun(), self._frame()], [makers.frame(Mute())]],
+            "muted by another host": lambda: [
+                [*self.begun(), self._frame()],
+                [makers.defective(Mute(), "another session")],
+            ],
         }
+        self.timed: dict[str, Callable[[], ToldSlots]] = {}
+        if makers.plays:
+            self._add_playbacks()
         if self._is_configurable:
-            self._quick["with a ring that has a hole"] = self._hole
-            self._quick["with latches of which some are traced"] = lambda: [self._traced()]
-        self._timed: dict[str, Callable[[], Slots]] = {}
-        if requests.plays:
-            self._quick |= {
-                "with a playback that waits": lambda: [[*self._begun(), self._play(100.0, _LOOPS)]],
-                "in an upload": lambda: [requests.uploads.upload()[:2]],
-            }
-            self._timed |= {
-                "in a playback": lambda: [[*self._begun(), self._play(0.5, 0)], []],
-                "behind a playback": lambda: [[*self._begun(3), self._play(0.5, 1)], []],
-                "in a playback, unattended": lambda: [*self._unattended(), []],
-                "muted as unattended": lambda: [*self._unattended(), *[[]] * 5],
-                "with a playback that soon begins": lambda: [[*self._begun(2), self._play(4.5, 1)]],
-            }
-        if self._is_configurable:
-            if requests.plays:
-                self._timed["in the hold, before a playback"] = lambda: [
-                    [*self._begun(hold=4), self._play(7.5, 1), self._frame()],
-                    [],
-                ]
+            self.quick["with a ring that has a hole"] = self._hole
+            self.quick["with latches of which some are traced"] = lambda: [
+                [*self.traced(None, self._random.choice((2, 3))), *self._latches()]
+            ]
             for name, lengths in _TIMERS.items():
-                self._timed[name] = partial(self._with_timers, *lengths)
+                self.timed[name] = partial(self._with_timers, *lengths)
 
-    @property
-    def quick(self) -> list[str]:
-        """Names of the states in which no timer runs that ends soon."""
-        return list(self._quick)
+    def _add_playbacks(self) -> None:
+        def play(at: float, loops: int | None = None) -> Told:
+            return self._makers.start(at, self._random.choice(_LOOPS) if loops is None else loops)
 
-    @property
-    def timed(self) -> list[str]:
-        """Names of the states in which a timer runs, or has run."""
-        return list(self._timed)
+        self.quick |= {
+            "with a playback that waits": lambda: [[*self.begun(), play(100.0)]],
+            "in an upload": lambda: [self._makers.upload()[:2]],
+        }
+        self.timed |= {
+            "in a playback": lambda: [[*self.begun(), play(0.5, 0)], []],
+            "behind a playback": lambda: [[*self.begun(3), play(0.5, 1)], []],
+            "in a playback, unattended": lambda: [*self._unattended(), []],
+            "muted as unattended": lambda: [*self._unattended(), *[[]] * 5],
+            "with a playback that soon begins": lambda: [[*self.begun(2), play(4.5, 1)]],
+            "in the hold, before a playback": lambda: [
+                [*self.begun(hold=4), play(7.5, 1), self._frame()],
+                [],
+            ],
+        }
 
-    def slots(self, state: str) -> Slots:
-        """Return the frames that bring a board into *state*, slot by slot."""
-        return (self._quick | self._timed)[state]()
+    def begun(
+        self, lease: int | None = None, hold: int | None = None, ramp_ms: int | None = None
+    ) -> list[Told]:
+        """Return ARM, behind SET_CONFIG if lengths in slots are given."""
+        if (lease is None and hold is None) or not self._is_configurable:
+            return [self._makers.frame(Arm())]
+        config = self._makers.configs.timed_config(lease, hold, ramp_ms)
+        return self._frames(Disarm(), SetConfig(config), Arm())
 
-    def lease(self) -> list[MadeAction]:
-        """Return the requests that let a lease of little more than a slot run."""
-        return self._begun(1)
-
-    def traced(self, mode: TraceMode) -> list[MadeAction]:
-        """Return requests after which each latch is traced, and no timer ends."""
+    def traced(self, mode: TraceMode | None, divider: int = 1) -> list[Told]:
+        """Return requests after which latches are traced, and no timer ends."""
         if not self._is_configurable:
-            return self._begun()
-        config = self._configs.traced_config(mode, 1)
-        return [self._plain(Disarm()), self._plain(SetConfig(config)), self._plain(Arm())]
+            return self.begun()
+        config = self._makers.configs.traced_config(mode, divider)
+        return self._frames(Disarm(), SetConfig(config), Arm())
 
     def _with_timers(
         self, lease: int | None, hold: int | None, ramp_ms: int | None, sounds: bool, silent: int
-    ) -> Slots:
-        begun = self._begun(lease, hold=hold, ramp_ms=ramp_ms)
-        return [[*begun, self._frame()] if sounds else begun, *[[]] * silent]
+    ) -> ToldSlots:
+        frame = [self._frame()] * sounds
+        return [[*self.begun(lease, hold, ramp_ms), *frame], *([] for _ in range(silent))]
 
-    # --- steps ---------------------------------------------------------------------------------
-
-    def _begun(
-        self, lease: int | None = None, *, hold: int | None = None, ramp_ms: int | None = None
-    ) -> list[MadeAction]:
-        """Return SET_CONFIG, if lengths in slots are given, and ARM."""
-        if (lease is None and hold is None) or not self._is_configurable:
-            return [self._plain(Arm())]
-        config = self._configs.timed_config(lease, hold, ramp_ms)
-        return [self._plain(Disarm()), self._plain(SetConfig(config)), self._plain(Arm())]
-
-    def _traced(self) -> list[MadeAction]:
-        """Return SET_CONFIG with a divider, and frames of which not all are traced."""
-        config = self._configs.traced_config(None, self._random.choice((2, 3)))
-        return [self._plain(SetConfig(config)), self._plain(Arm()), *self._latches()]
-
-    def _hole(self) -> Slots:
+    def _hole(self) -> ToldSlots:
         """Return latches of which the ring keeps the first and the last ones only."""
-        ring = self._configs.traced_config(TraceMode.RING, 1)
+        ring = self._makers.configs.traced_config(TraceMode.RING, 1)
         off = dataclasses.replace(ring, trace_mode=TraceMode.OFF)
         return [
-            [self._plain(SetConfig(config)), self._plain(Arm()), *self._latches()]
+            [*self._frames(SetConfig(config), Arm()), *self._latches()]
             for config in (ring, off, ring)
         ]
 
-    def _latches(self) -> list[MadeAction]:
-        return self._stream.row(self._random.randint(1, 5), SLOT_US // 2)
+    def _latches(self) -> list[Told]:
+        return self._makers.row(self._random.randint(1, 5), SLOT_US // 2)
 
-    def _unattended(self) -> Slots:
-        return [[*self._begun(3), self._play(0.5, _LOOPS, self._configs.short_unattended_ms)]]
+    def _unattended(self) -> ToldSlots:
+        loops, length_ms = self._random.choice(_LOOPS), self._makers.configs.short_unattended_ms
+        return [[*self.begun(3), self._makers.start(0.5, loops, length_ms)]]
 
-    def _plain(self, message: Arm | Disarm | Mute | SetConfig) -> MadeAction:
-        return self._requests.plain(message)
+    def _frame(self, at: str | None = None) -> Told:
+        return self._makers.frame(self._makers.any(), at)
 
-    def _foreign(self) -> MadeAction:
-        return self._requests.defective(Mute(), ["another session"])
-
-    def _frame(self) -> MadeAction:
-        return self._stream.plain(None)
-
-    def _play(
-        self, later: float, loops: int | tuple[int, ...], unattended_ms: int | None = None
-    ) -> MadeAction:
-        if isinstance(loops, tuple):
-            loops = self._random.choice(loops)
-        return self._requests.start(later=later, loops=loops, unattended_ms=unattended_ms)
+    def _frames(self, *messages: Message) -> list[Told]:
+        return [self._makers.frame(message) for message in messages]

@@ -6,6 +6,7 @@ import random
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 from haptogram_protocol.messages import Message
 
@@ -20,17 +21,17 @@ class DialogueCoverage:
         Names of two actions, one after the other: how often they were sent so.
     limits : list of Message
         Requests at limits that are still to be sent.
-    scenes : dict of str to list of tuple of str
+    scenes : dict of str to list of tuple
         Scenes of each kind that are still to be played, by the names of their parts.
     """
 
     pairs: Counter[tuple[str, str]] = field(default_factory=Counter)
     limits: list[Message] = field(default_factory=list)
-    scenes: dict[str, list[tuple[str, ...]]] = field(default_factory=dict)
+    scenes: dict[str, list[tuple[Any, ...]]] = field(default_factory=dict)
 
     def next(
-        self, kind: str, names: Callable[[], Iterable[tuple[str, ...]]], source: random.Random
-    ) -> tuple[str, ...]:
+        self, kind: str, names: Callable[[], Iterable[tuple[Any, ...]]], source: random.Random
+    ) -> tuple[Any, ...]:
         """Return one of *names*, by chance: each once before any twice."""
         due = self.scenes.setdefault(kind, [])
         if not due:

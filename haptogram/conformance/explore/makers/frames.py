@@ -1,0 +1,208 @@
+"""Frames of a random host: any message, at any time, with any number, session and length."""
+
+from __future__ import annotations
+
+from typing import Final, TypeAlias
+
+from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
+from haptogram_protocol.messages import (
+    STREAM_RANGE,
+    VERSION_MAJOR,
+    Flag,
+    Hello,
+    Message,
+    Mute,
+    Ping,
+    UploadChunk,
+)
+
+from ..actions import LATE_WINDOWS_US, SLOT_US
+from ..host import NO_SESSION, DialogueHost
+from .conditions import DialogueMaker, Told
+
+#: When a frame is due: slots ahead, the name of a time, or at once.
+At: TypeAlias = float | str | None
+
+#: High: must be understood, and is not; low: may be ignored.
+ODD_FLAGS: Final = (0x20, 0x40, 0x80, 0x01, 0x02, 0x04, 0x08, 0xFF & ~Flag.IMMEDIATE)
+#: Of a session that is not the open one: low byte the same, high byte the same.
+WRONG_SESSIONS: Final = (0x0100, 0x0001, 0x8000)
+#: Defects of a request, of which each has its place in the order of the checks (HG-3.8).
+DEFECTS: Final[dict[str, dict[str, int]]] = {
+    "IMMEDIATE": {"flags": Flag.IMMEDIATE},
+    "a flag that must be understood": {"flags": 0x40},
+    "a flag that may be ignored": {"flags": 0x02},
+    "another session": {"session": WRONG_SESSIONS[0]},
+    "no session": {"session": NO_SESSION},
+    "a byte less": {"length": -1},
+    "a byte more": {"length": 1},
+    "300 bytes more": {"length": 300},
+    "2500 bytes more": {"length": 2500},
+    "no payload": {"length": -9999},
+    "the last number": {"number": -1},
+    "an old number": {"number": -5},
+    "half of all numbers back": {"number": -0x7FFF},
+}
+HELLOS: Final = ("open", "last", "earlier", "new", "near", "largest", "0", "next major")
+_FIRST_NUMBERS: Final = (0xFFFF, 0x7FFF, 0xFF, 0x100FE)
+_FAR_US: Final = 4_000_000  # later than any dialogue ends
+_LATCHED_AS_IT_COMES: Final = (None, "late", "too late", "at a limit")
+
+
+class RandomFrames(DialogueMaker):
+    """Makes frames of messages."""
+
+    def frame(
+        self,
+        message: Message,
+        at: At = 0.0,
+        *,
+        apart_us: int = 0,
+        number: int = 0,
+        flags: int = 0,
+        session: int = 0,
+        length: int = 0,
+    ) -> Told:
+        """Return a frame for a time.
+
+        *number* is added to the next one, *length* to that of the frame; the open session is
+        combined with *session*.
+        """
+        kind, is_stream = message.TYPE.name, message.TYPE in STREAM_RANGE
+        due_us = self._ahead_us(at) + apart_us
+        odd = words_of_oddities(number=number, flags=flags, session=session, length=length)
+        flags |= Flag.IMMEDIATE if at is None else 0
+        is_remembered = not (odd or is_stream or isinstance(message, UploadChunk))
+
+        def body(host: DialogueHost) -> bytes:
+            render = host.stream if is_stream else host.request
+            time_us = host.slot_us + due_us
+            whole = render(message, number=number, flags=flags, time_us=time_us, other=session)
+            if is_remembered:
+                host.remember(whole)
+            made = whole[: max(HEADER_BYTES, len(whole) + length)] + bytes(max(0, length))
+            host.last = host.last if is_stream else made[:MAX_BODY_BYTES]
+            return made[:MAX_BODY_BYTES]
+
+        when = " at once" if at is None else f", due {due_us} µs after the slot begins"
+        name = f"{kind} for {at}" if is_stream else kind
+        text = words_of_message(message) + when * (is_stream or kind == "PLAY") + odd
+        return Told(name, text, body, ends_slot=at in _LATCHED_AS_IT_COMES)
+
+    def defective(self, message: Message, *defects: str) -> Told:
+        """Return a request with some of :data:`DEFECTS`."""
+        merged = {key: value for defect in defects for key, value in DEFECTS[defect].items()}
+        if isinstance(message, Mute):
+            merged["length"] = max(0, merged.get("length", 0))
+        if "session" in merged and self._pick((0, 1)):  # whose number is any
+            merged["number"] = -self._across(1, 1 << 16)
+        made = self.frame(message, self._pick((0.0, -2.0, 10_000.0)), **merged)
+        return made._replace(name=f"{made.name} with {' and '.join(defects)}")
+
+    def again(self, which: str, age: int) -> Told:
+        """Return a request of the session open *age* ago once more; see DialogueHost.of_session."""
+        text = f"the {which} request of the session {age} before once more"
+
+        def body(host: DialogueHost) -> bytes:
+            found = host.of_session(which, age)
+            if found and which == "hello":
+                host.go_on_in(Hello.deserialize(found[HEADER_BYTES:]).nonce)
+            return found or host.request(Ping(1))
+
+        return Told(text, text, body, ends_slot=True)
+
+    def repeated(self, which: str = "remembered") -> Told:
+        """Return the request that the board remembers, or the last one, once more."""
+        text = f"the {which} request once more"
+        return Told(
+            text, text, lambda host: getattr(host, which) or host.request(Ping(0)), ends_slot=True
+        )
+
+    def hello(self, which: str) -> Told:
+        """Return a HELLO with the open nonce, one of sessions before, a new one or none."""
+        new, near = self._across(1, 0x10000), self._pick(WRONG_SESSIONS)
+        minor, back = self._pick((0, 0, 1, 0xFF)), self._pick((0, 0, 0, 1, 5, 0x4000))
+        table = self._pick((0, self._across(2**32)))
+
+        def body(host: DialogueHost) -> bytes:
+            known = {"open": host.session, "0": 0, "near": (host.session ^ near) or 1}
+            known["largest"] = 0xFFFF
+            if host.sessions:
+                known |= {"last": host.sessions[-1], "earlier": host.sessions[0]}
+            nonce = known.get(which, new)
+            takes = which not in ("0", "next major")
+            if takes and nonce != host.session:
+                host.seq -= back
+            message = Hello(VERSION_MAJOR + (which == "next major"), minor, nonce, table)
+            return host.hello(message, takes=takes)
+
+        return Told(f"HELLO {which}", f"HELLO, nonce: {which}, minor {minor}, {back} back", body)
+
+    def greeting(self) -> Told:
+        """Return a HELLO of a new session, whose numbers soon wrap, or pass the middle."""
+        seq = self._pick(_FIRST_NUMBERS) - self._across(6)
+        hello = Hello(VERSION_MAJOR, 0, self._across(1, 0x10000))
+
+        def body(host: DialogueHost) -> bytes:
+            host.seq = seq
+            return host.hello(hello)
+
+        return Told("HELLO new", f"HELLO with the number {seq + 1:#x}", body)
+
+    def _ahead_us(self, at: At) -> int:
+        horizon_us = self._identity.max_horizon_us
+        if at is None:  # its time counts for nothing
+            return self._pick((0, -3 * SLOT_US, 8 * SLOT_US, 1 << 31, self._across(1 << 32)))
+        if isinstance(at, float):
+            return round(at * SLOT_US)
+        named = {
+            "late": -SLOT_US // 4,
+            "too late": -SLOT_US * 3 // 2,
+            "beyond": 2 * horizon_us,
+            "far": min(_FAR_US, horizon_us // 2),
+        }
+        return named[at] if at in named else self._limit_us()
+
+    def _limit_us(self) -> int:
+        """Return a time ahead at which a board's answer changes, to the microsecond."""
+        horizon_us, lead_us = self._identity.max_horizon_us, self._identity.latch_lead_us
+        windows = [lead_us - window_us for window_us in LATE_WINDOWS_US] * 3
+        edge = self._pick((horizon_us + 1, *windows, 1, 2**31 - 1, -(2**31)))
+        return edge + self._pick((0, -1))
+
+
+def words_of_message(message: Message) -> str:
+    """Return name and fields of *message*; of what fills the rest of it only the length.
+
+    Examples
+    --------
+    >>> from haptogram_protocol.messages import ReadTrace, UploadChunk
+    >>> words_of_message(ReadTrace(first=7, count=2))
+    'READ_TRACE first=7 count=2'
+    >>> words_of_message(UploadChunk(64, b"abc"))
+    'UPLOAD_CHUNK offset=64 data: 3'
+    """
+    shown = [message.TYPE.name, *(f"{name}={getattr(message, name)}" for name in message.WIRE)]
+    if message.TAIL is not None:
+        shown.append(f"{message.TAIL.name}: {len(getattr(message, message.TAIL.name))}")
+    return " ".join(shown)
+
+
+def words_of_oddities(*, number: int = 0, flags: int = 0, session: int = 0, length: int = 0) -> str:
+    """Return words for all in which a frame differs from the one that a host should send.
+
+    Examples
+    --------
+    >>> words_of_oddities(number=-1, length=300)
+    ', number -1, 300 bytes more'
+    """
+    odd = []
+    if number:
+        odd.append(f"number {number:+}")
+    if flags:
+        odd.append(f"flags {flags:#04x}")
+    if session:
+        odd.append("no session" if session == NO_SESSION else f"session ^ {session:#06x}")
+    if length:
+        odd.append(f"{abs(length)} bytes {'more' if length > 0 else 'less'}")
+    return "".join(f", {text}" for text in odd)
