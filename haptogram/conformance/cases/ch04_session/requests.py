@@ -7,7 +7,7 @@ if that number is ahead of the newest one.  Nothing sets the newest number back.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -66,6 +66,7 @@ from ...judge.repetition import (
     requests_to_repeat,
 )
 from ...outcome import SELF_REPORTED, check, check_equal, named
+from ..ch03_header.every_frame_type import judge_stale_requests
 
 OF_HOST: Final = tuple(case_about_host(f"HG-4.8/{number}") for number in range(1, 6))
 _SEQUENCE: Final = 4
@@ -127,14 +128,7 @@ def refuses_delayed_copy(board: BoardClient) -> None:
 @case("HG-4.9/4")
 def refusals_use_no_number(board: BoardClient) -> None:
     """after refusals for flags, length and type the same number is still free"""
-    reply = board.link.ask(Arm())
-    free = board.link.seq + 1 & 0xFFFF
-    board.link.refused(Ping(1), ErrorCode.UNSUPPORTED, 0x20, seq=free, flags=0x20)
-    board.link.refused_raw(Ping.TYPE, bytes(3), ErrorCode.BAD_LENGTH, 8, seq=free)
-    board.link.refused_raw(0x7C, b"", ErrorCode.UNSUPPORTED, 0x7C, seq=free)
-    stale = board.link.session ^ 0x0F0F
-    board.link.refused(Ping(1), ErrorCode.STALE_SESSION, seq=free, session=stale)
-    judge_repeated_reply(board, Arm(), reply, "refused requests")
+    _judge_remembered_reply(board, [Arm()], REFUSALS_BETWEEN)
     board.link.call(Ping(2), Pong)
 
 
@@ -193,13 +187,7 @@ def refuses_stale_requests(board: BoardClient) -> None:
     """DISARM, PING, GET_STATUS of another session: STALE_SESSION, session 0; not done"""
     board.arm()
     requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())
-    with board.counting(requests=2 * len(requests)):
-        for message in requests:
-            for session in (0, board.link.session ^ 0x8001):
-                answer = board.link.ask(message, session=session)
-                code, told = ErrorCode.STALE_SESSION, answer.frame_header.session
-                board.link.error_in(answer, message.TYPE, code, board.link.session)
-                check_equal(told, 0, f"{code.name} of session {told:#06x}")
+    judge_stale_requests(board, requests, (0, board.link.session ^ 0x8001))
     board.check_state(OutputState.ARMED, "a DISARM of another session has led to")
 
 
@@ -222,9 +210,11 @@ def _fill_ring(board: BoardClient) -> None:
     board.link.ask(Stop())
 
 
-def _judge_remembered_reply(board: BoardClient, betweens: dict[str, Between]) -> None:
-    """FAILED unless every request gets its reply again behind each of *betweens*."""
-    for message in every_request_to_repeat(board):
+def _judge_remembered_reply(
+    board: BoardClient, messages: Iterable[Message], betweens: dict[str, Between]
+) -> None:
+    """FAILED unless requests get their replies again behind each of *betweens*."""
+    for message in messages:
         board.arm()
         first = board.link.ask_at_once(message)
         for name, send in betweens.items():
@@ -236,7 +226,7 @@ def _judge_remembered_reply(board: BoardClient, betweens: dict[str, Between]) ->
 def every_mute_between(board: BoardClient) -> None:
     """a reply of every type, refusals too, is still remembered after MUTE and UPLOAD_CHUNK"""
     chunks = CHUNKS_BETWEEN if board.identity.features & UPLOADS else {}
-    _judge_remembered_reply(board, MUTES_BETWEEN | chunks)
+    _judge_remembered_reply(board, every_request_to_repeat(board), MUTES_BETWEEN | chunks)
 
 
 @case("HG-4.9/4-types")
@@ -244,7 +234,7 @@ def every_refusal_between(board: BoardClient) -> None:
     """a reply of every type, refusals too, is still remembered after each refusal of steps 5 to
     11
     """
-    _judge_remembered_reply(board, REFUSALS_BETWEEN)
+    _judge_remembered_reply(board, every_request_to_repeat(board), REFUSALS_BETWEEN)
 
 
 @case("HG-4.9/1-replies")
