@@ -94,7 +94,7 @@ def repeats_the_reply(board: BoardClient) -> None:
     board.link.ask(Mute(), session=0, seq=board.link.seq + 1000)
     with board.counting(repeated=2):
         # GET_STATUS would be the last request: the repetitions come first.
-        board.check_state(OutputState.MUTED, "after MUTE without a session:")
+        board.check_status("after MUTE without a session", state=OutputState.MUTED)
         first = board.link.ask(Ping(7))
         board.wire.idle(5000)
         for _ in range(2):
@@ -102,7 +102,7 @@ def repeats_the_reply(board: BoardClient) -> None:
     first = board.link.ask(Arm())
     board.link.ask(Mute(), session=0, seq=board.link.seq + 1000)
     judge_repeated_reply(board, Arm(), first, "ARM and a MUTE without a session")
-    board.check_state(OutputState.MUTED, "ARM sent again was carried out again:")
+    board.check_status("ARM sent again was carried out again", state=OutputState.MUTED)
 
 
 @case("HG-4.9/2")
@@ -111,7 +111,7 @@ def refuses_reused_number(board: BoardClient) -> None:
     board.arm()
     for message in (Disarm(), Ping(1)):
         board.link.refused_as_used(message)
-    board.check_state(OutputState.ARMED, "a refused DISARM has led to")
+    board.check_status("a refused DISARM", state=OutputState.ARMED)
 
 
 @case("HG-4.9/3")
@@ -122,7 +122,7 @@ def refuses_delayed_copy(board: BoardClient) -> None:
     board.link.refused_as_used(Arm(), board.link.seq - 1)
     for back in (2, 100, 30_000):
         board.link.refused_as_used(Ping(1), board.link.seq - back)
-    board.check_state(OutputState.DISARMED, "a delayed ARM has led to")
+    board.check_status("a delayed ARM", state=OutputState.DISARMED)
 
 
 @case("HG-4.9/4")
@@ -144,7 +144,7 @@ def mute_passes_pending_request(board: BoardClient) -> None:
         board.link.next_seq()
         board.link.call(Mute(), MuteReply)
         board.link.refused_as_used(lost, board.link.seq - 1)
-    board.check_state(OutputState.MUTED, "an ARM that was lost before MUTE has led to")
+    board.check_status("an ARM that was lost before MUTE", state=OutputState.MUTED)
     board.link.call(Ping(2), Pong)
 
 
@@ -157,7 +157,7 @@ def repeated_mute_is_done(board: BoardClient) -> None:
     board.link.refused_as_used(Ping(1))
     board.arm()
     board.link.ask(Mute(), seq=seq)
-    board.check_state(OutputState.MUTED, "the same MUTE again has led to")
+    board.check_status("the same MUTE again", state=OutputState.MUTED)
     board.link.call(Mute(), MuteReply, session=0, seq=board.link.seq + 500)
     board.link.call(Ping(1), Pong)  # the number of a MUTE of no session is not used up
 
@@ -188,7 +188,7 @@ def refuses_stale_requests(board: BoardClient) -> None:
     board.arm()
     requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())
     judge_stale_requests(board, requests, (0, board.link.session ^ 0x8001))
-    board.check_state(OutputState.ARMED, "a DISARM of another session has led to")
+    board.check_status("a DISARM of another session", state=OutputState.ARMED)
 
 
 def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:
