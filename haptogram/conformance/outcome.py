@@ -78,6 +78,13 @@ def check_equal(got: object, due: object, text: str) -> None:
     fail(f"{text}: {record_differences(got, due)}")
 
 
+def check_fields(record: object, text: str, **due: object) -> None:
+    """End the case as FAILED unless the fields of *record* that are named have these values."""
+    got = {name: getattr(record, name) for name in due}
+    if got != due:
+        fail(f"{text}: {record_differences(got, due)}")
+
+
 def fail(text: str) -> NoReturn:
     """End the case as FAILED: the board does not meet the clause."""
     raise CaseEndedError(Behaviour.FAILED, text)

@@ -53,6 +53,7 @@ from ..outcome import (
     RuleFindings,
     check,
     check_equal,
+    check_fields,
     fail,
     inconclusive,
     not_observed,
@@ -474,10 +475,11 @@ class BoardClient:
         """Return all of *items*, at a wall clock, where each takes its time, the first of them."""
         return list(items) if self.wire.is_virtual else list(items)[:at_wall]
 
-    def check_state(self, due: OutputState, text: str) -> None:
-        """FAILED unless the board is in the state *due*; *text* goes before another one."""
-        state = self.status().state
-        check_equal(state, due, f"{text} {state.name}")
+    def check_status(self, text: str, **due: object) -> StatusReply:
+        """Return the status; FAILED, with *text*, unless the fields named have these values."""
+        status = self.status()
+        check_fields(status, f"{text}: STATUS_REPLY", **due)
+        return status
 
     def require_no_status(self) -> None:
         """End the case as NOT-OBSERVED if the board sends STATUS, which empties the margins."""

@@ -20,7 +20,6 @@ from haptogram_protocol.messages import (
     Message,
     Mute,
     MuteReply,
-    Phases,
     Ping,
     Play,
     Pong,
@@ -42,10 +41,13 @@ from ...client.request_client import flags_at_once
 from ...client.stream_kinds import stream_kinds
 from ...client.wire import ReceivedByClient
 from ...outcome import SELF_REPORTED, check, check_equal
+from .every_frame_type import (
+    judge_mute,
+    judge_two_defects_of_requests,
+    judge_two_defects_of_stream,
+)
 
 _STALE: Final = 0x0F0F
-_UNKNOWN_REQUEST: Final = 0x7D
-_UNKNOWN_STREAM: Final = 0x3D
 _LATEST_US: Final = 1 << 30  # behind the last in the queue: what is half a turn ahead has passed
 _STEP_US: Final = 1000
 _SEQUENCE: Final = 4
@@ -60,45 +62,18 @@ _Between: TypeAlias = Callable[[], list[bytes]]
 @case("HG-3.8/1")
 def checks_requests_in_order(board: BoardClient) -> None:
     """requests with two defects are refused for the one that is checked first"""
-    stale = board.link.session ^ _STALE
-    used = board.link.seq
-    refused = board.link.refused_raw
-    refused(_UNKNOWN_REQUEST, b"", ErrorCode.UNSUPPORTED, _UNKNOWN_REQUEST, session=stale)
-    for payload, flags in ((bytes(8), 0x40), (bytes(3), 0)):
-        header, is_open = {"session": stale, "flags": flags}, board.link.session
-        refused(Ping.TYPE, payload, ErrorCode.STALE_SESSION, is_open, **header)
-    refused(Ping.TYPE, bytes(3), ErrorCode.UNSUPPORTED, 0x40, flags=0x40)
-    refused(Ping.TYPE, bytes(3), ErrorCode.BAD_LENGTH, 8, seq=used)
-    refused(Ping.TYPE, bytes(8), ErrorCode.UNSUPPORTED, 0x80, seq=used, flags=0x80)
+    requests: list[Message] = [Ping(0)]
     if board.identity.features & (Feature.SEQUENCE_PHASES | Feature.CORRECTION):
-        commit = UploadCommit(1).serialize()  # without an upload: BAD_STATE, were it new
-        refused(UploadCommit.TYPE, commit, ErrorCode.SEQUENCE_REUSED, used & 0xFFFF, seq=used)
+        requests.append(UploadCommit(1))  # without an upload: BAD_STATE, were it right
+    judge_two_defects_of_requests(board, requests)
 
 
 @case("HG-3.8/1-stream", evidence=SELF_REPORTED)
 def checks_stream_in_order(board: BoardClient) -> None:
     """stream frames with two defects are counted for the one that is checked first"""
-    stale, good = board.link.session ^ _STALE, board.flat_phases()
-    payload = good.serialize()
-    first = board.link.stream_wire(good)
-    used = board.link.stream_next - 1
-    tests: list[tuple[str, bytes]] = [
-        ("dropped_state", first),
-        ("unknown_type", board.link.stream_raw(_UNKNOWN_STREAM, b"", session=stale)),
-        ("stale_session", board.link.stream_wire(good, seq=used, session=stale, flags=0x40)),
-        ("stale_session", board.link.stream_raw(Phases.TYPE, b"", seq=used, session=stale)),
-        ("duplicate", board.link.stream_wire(good, seq=used, flags=0x40)),
-        ("duplicate", board.link.stream_raw(Phases.TYPE, b"", seq=used)),
-    ]
-    board.link.stream_next = used + 1  # the unknown frame was of another session
-    tests += [
-        ("unsupported", board.link.stream_raw(Phases.TYPE, b"", flags=0x40)),
-        ("bad_length", board.link.stream_raw(Phases.TYPE, payload + b"\x00")),
-        ("dropped_state", board.link.stream_wire(good, 0)),
-    ]
-    for counter, wire in tests:
-        with board.counting(**{counter: 1}):
-            board.link.send(wire)
+    judge_two_defects_of_stream(board, stream_kinds(board)[:1])
+    with board.counting(dropped_state=1):
+        board.link.stream(board.flat_phases(), 0)
 
 
 @case("HG-3.8/1-queue", evidence=SELF_REPORTED)
@@ -207,10 +182,7 @@ def mute_passes_all_checks(board: BoardClient) -> None:
         {"seq": board.link.seq - 1},
         {"seq": board.link.seq},
     ):
-        board.arm()
-        answer = board.link.ask_raw(Mute.TYPE, bytes(range(17)), **header)
-        state = board.link.reply_in(answer, MuteReply).state
-        check_equal(state.name, "MUTED", f"MUTE with {header}: {state.name}")
+        judge_mute(board, 17, **header)
 
 
 # --- MUTE in a burst ---------------------------------------------------------------------------

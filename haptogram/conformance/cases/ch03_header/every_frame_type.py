@@ -37,6 +37,7 @@ from ...client.board_client import BoardClient
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.request_client import flags_at_once
 from ...client.stream_kinds import (
+    StreamKind,
     refused_requests_to_send,
     request_types_of_host,
     stream_kinds,
@@ -119,11 +120,20 @@ def _requests_of_every_type(board: BoardClient) -> list[Message]:
 def session_of_every_type(board: BoardClient) -> None:
     """a request of every type of another session, or of none, is refused: STALE_SESSION"""
     requests, session = _requests_of_every_type(board), board.link.session
-    others = [0, *(session ^ 1 << bit for bit in range(16))]
-    for message in requests:
-        with board.counting(frames=len(others), requests=len(others)):
-            for wrong in others:
-                board.link.refused(message, ErrorCode.STALE_SESSION, session, session=wrong)
+    judge_stale_requests(board, requests, [0, *(session ^ 1 << bit for bit in range(16))])
+
+
+def judge_stale_requests(
+    board: BoardClient, messages: Iterable[Message], sessions: Sequence[int]
+) -> None:
+    """FAILED unless requests of these sessions are refused, by frames of no session."""
+    number, code = len(sessions), ErrorCode.STALE_SESSION
+    for message in messages:
+        with board.counting(frames=number, requests=number):
+            for session in sessions:
+                answer = board.link.ask(message, session=session)
+                board.link.error_in(answer, message.TYPE, code, board.link.session)
+                check_answer_session(answer, 0, message.TYPE.name)
 
 
 @case("HG-3.4/1-requests")
@@ -188,12 +198,15 @@ def mute_of_every_size(board: BoardClient) -> None:
     with board.counting(frames=due, requests=due):
         for size in sizes:
             for session in (0, board.link.session, board.link.session ^ 1):
-                board.arm()
-                header = {"session": session, "flags": next(every_flag)}
-                answer = board.link.ask_raw(Mute.TYPE, board.random.randbytes(size), **header)
-                state = board.link.reply_in(answer, MuteReply).state
-                name = f"MUTE of session {session:#06x}, {size} bytes"
-                check_equal(state.name, "MUTED", f"{name}: {state.name}")
+                judge_mute(board, size, session=session, flags=next(every_flag))
+
+
+def judge_mute(board: BoardClient, size: int, **header: int) -> None:
+    """FAILED unless MUTE with a payload of so many bytes mutes an ARMED board."""
+    board.arm()
+    answer = board.link.ask_raw(Mute.TYPE, board.random.randbytes(size), **header)
+    state = board.link.reply_in(answer, MuteReply).state
+    check_equal(state.name, "MUTED", f"MUTE with {header}, {size} bytes: {state.name}")
 
 
 # --- Number and session of each reply ----------------------------------------------------------
@@ -332,10 +345,10 @@ def _detail_of_defect(board: BoardClient, frame: _Frame, defect: str, right: _Fr
     }[defect]
 
 
-def _pairs_of_defects(board: BoardClient, defects: Iterable[str]) -> list[tuple[str, ...]]:
+def _pairs_of_defects(defects: Iterable[str], *, thorough: bool) -> list[tuple[str, ...]]:
     """Return every two defects in order, each alone and all together; if quick, neighbours only."""
     every = tuple(defects)
-    if not board.thorough:
+    if not thorough:
         return [*itertools.pairwise(every), every]
     return [*((one,) for one in every), *itertools.combinations(every, 2), every]
 
@@ -354,9 +367,17 @@ def two_defects_of_requests(board: BoardClient) -> None:
     """requests of every type with every two defects are refused and counted for the first of
     them
     """
-    for message in valid_requests_to_send(board, _SEQUENCE):
+    requests = valid_requests_to_send(board, _SEQUENCE)
+    judge_two_defects_of_requests(board, requests, thorough=board.thorough)
+
+
+def judge_two_defects_of_requests(
+    board: BoardClient, messages: Iterable[Message], *, thorough: bool = True
+) -> None:
+    """FAILED unless requests with two defects are refused for the one that is checked first."""
+    for message in messages:
         right = _right_request(board, message)
-        for defects in _pairs_of_defects(board, _OF_REQUESTS):
+        for defects in _pairs_of_defects(_OF_REQUESTS, thorough=thorough):
             first = defects[0]
             if isinstance(message, UploadChunk) and first == "number":
                 continue  # HG-4.10: carried out every time
@@ -380,11 +401,18 @@ def defects_leave_the_number(board: BoardClient) -> None:
 @case("HG-3.8/1-formats", evidence=SELF_REPORTED)
 def two_defects_of_stream(board: BoardClient) -> None:
     """stream frames of every format with every two defects count once, for the first of them"""
+    judge_two_defects_of_stream(board, stream_kinds(board), thorough=board.thorough)
+
+
+def judge_two_defects_of_stream(
+    board: BoardClient, kinds: Iterable[StreamKind], *, thorough: bool = True
+) -> None:
+    """FAILED unless stream frames with two defects count for the one that is checked first."""
     link = board.link
     link.stream(board.flat_phases())  # the first number is used
-    for kind in stream_kinds(board):
+    for kind in kinds:
         message = kind.make()
-        for defects in _pairs_of_defects(board, _OF_STREAM):
+        for defects in _pairs_of_defects(_OF_STREAM, thorough=thorough):
             payload, seq = message.serialize(), link.stream_next & 0xFFFF
             right = _Frame(message.TYPE, payload, seq, link.session, Flag.IMMEDIATE)
             frame = _spoil(board, right, defects)

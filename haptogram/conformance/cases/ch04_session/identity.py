@@ -187,7 +187,7 @@ def _judge_majors(board: BoardClient, majors: Sequence[int]) -> None:
         for major in majors:
             hello = Hello(major, 0, board.new_nonce(), 0)
             board.link.refused(hello, ErrorCode.VERSION, VERSION_MAJOR)
-    board.check_state(OutputState.ARMED, "a refused HELLO has moved the state to")
+    board.check_status("a refused HELLO", state=OutputState.ARMED)
 
 
 @case("HG-4.7/1", needs_reset=True)

@@ -41,7 +41,8 @@ from ...judge.repetition import every_request_to_repeat, judge_repeated_reply
 from ...judge.witness import judge_nothing_read_back
 from ...outcome import SELF_REPORTED, check, check_equal, named
 from ..ch05_stream.every_state import output_states
-from ..ch06_output.mute import check_ends_playback, check_flushes
+from ..ch06_output.mute import check_flushes
+from ..ch07_configuration.playback import judge_ended_playback
 
 _SEQUENCE: Final = 5
 _FRAMES: Final = 4
@@ -67,7 +68,7 @@ def same_nonce(board: BoardClient) -> None:
         board.clock.wait_until(t_us)
         latch_now(board)
     check_equal(again, first, "HELLO again has another reply than the first")
-    board.check_state(OutputState.ARMED, "HELLO of the open session has led to")
+    board.check_status("HELLO of the open session", state=OutputState.ARMED)
 
 
 @case("HG-4.6/1-time")
@@ -125,7 +126,7 @@ def new_nonce_flushes(board: BoardClient) -> None:
 @case("HG-4.6/3-playback", needs=Feature.SEQUENCE_PHASES)
 def new_nonce_ends_playback(board: BoardClient) -> None:
     """a new nonce ends playback and abandons an upload"""
-    check_ends_playback(board, board.hello, "HELLO")
+    judge_ended_playback(board, BoardClient.hello, "HELLO")
     begin_upload(board, UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
     board.hello()
     _no_upload_in_session(board)
@@ -300,7 +301,7 @@ def _check_playback_goes_on(board: BoardClient, hello: Hello) -> None:
     half = min(len(data) // 2, board.identity.max_chunk)
     board.link.ask(UploadChunk(0, data[:half]))
     board.link.ask(hello)
-    board.check_state(OutputState.ARMED, "HELLO of the open nonce has led to")
+    board.check_status("HELLO of the open nonce", state=OutputState.ARMED)
     ended = board.link.events(PlaybackEnded, since)
     check(not ended, "HELLO of the open nonce has ended the playback")
     for start in range(half, len(data), max(1, half)):

@@ -7,7 +7,7 @@ if that number is ahead of the newest one.  Nothing sets the newest number back.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -66,6 +66,7 @@ from ...judge.repetition import (
     requests_to_repeat,
 )
 from ...outcome import SELF_REPORTED, check, check_equal, named
+from ..ch03_header.every_frame_type import judge_stale_requests
 
 OF_HOST: Final = tuple(case_about_host(f"HG-4.8/{number}") for number in range(1, 6))
 _SEQUENCE: Final = 4
@@ -93,7 +94,7 @@ def repeats_the_reply(board: BoardClient) -> None:
     board.link.ask(Mute(), session=0, seq=board.link.seq + 1000)
     with board.counting(repeated=2):
         # GET_STATUS would be the last request: the repetitions come first.
-        board.check_state(OutputState.MUTED, "after MUTE without a session:")
+        board.check_status("after MUTE without a session", state=OutputState.MUTED)
         first = board.link.ask(Ping(7))
         board.wire.idle(5000)
         for _ in range(2):
@@ -101,7 +102,7 @@ def repeats_the_reply(board: BoardClient) -> None:
     first = board.link.ask(Arm())
     board.link.ask(Mute(), session=0, seq=board.link.seq + 1000)
     judge_repeated_reply(board, Arm(), first, "ARM and a MUTE without a session")
-    board.check_state(OutputState.MUTED, "ARM sent again was carried out again:")
+    board.check_status("ARM sent again was carried out again", state=OutputState.MUTED)
 
 
 @case("HG-4.9/2")
@@ -110,7 +111,7 @@ def refuses_reused_number(board: BoardClient) -> None:
     board.arm()
     for message in (Disarm(), Ping(1)):
         board.link.refused_as_used(message)
-    board.check_state(OutputState.ARMED, "a refused DISARM has led to")
+    board.check_status("a refused DISARM", state=OutputState.ARMED)
 
 
 @case("HG-4.9/3")
@@ -121,20 +122,13 @@ def refuses_delayed_copy(board: BoardClient) -> None:
     board.link.refused_as_used(Arm(), board.link.seq - 1)
     for back in (2, 100, 30_000):
         board.link.refused_as_used(Ping(1), board.link.seq - back)
-    board.check_state(OutputState.DISARMED, "a delayed ARM has led to")
+    board.check_status("a delayed ARM", state=OutputState.DISARMED)
 
 
 @case("HG-4.9/4")
 def refusals_use_no_number(board: BoardClient) -> None:
     """after refusals for flags, length and type the same number is still free"""
-    reply = board.link.ask(Arm())
-    free = board.link.seq + 1 & 0xFFFF
-    board.link.refused(Ping(1), ErrorCode.UNSUPPORTED, 0x20, seq=free, flags=0x20)
-    board.link.refused_raw(Ping.TYPE, bytes(3), ErrorCode.BAD_LENGTH, 8, seq=free)
-    board.link.refused_raw(0x7C, b"", ErrorCode.UNSUPPORTED, 0x7C, seq=free)
-    stale = board.link.session ^ 0x0F0F
-    board.link.refused(Ping(1), ErrorCode.STALE_SESSION, seq=free, session=stale)
-    judge_repeated_reply(board, Arm(), reply, "refused requests")
+    _judge_remembered_reply(board, [Arm()], REFUSALS_BETWEEN)
     board.link.call(Ping(2), Pong)
 
 
@@ -150,7 +144,7 @@ def mute_passes_pending_request(board: BoardClient) -> None:
         board.link.next_seq()
         board.link.call(Mute(), MuteReply)
         board.link.refused_as_used(lost, board.link.seq - 1)
-    board.check_state(OutputState.MUTED, "an ARM that was lost before MUTE has led to")
+    board.check_status("an ARM that was lost before MUTE", state=OutputState.MUTED)
     board.link.call(Ping(2), Pong)
 
 
@@ -163,7 +157,7 @@ def repeated_mute_is_done(board: BoardClient) -> None:
     board.link.refused_as_used(Ping(1))
     board.arm()
     board.link.ask(Mute(), seq=seq)
-    board.check_state(OutputState.MUTED, "the same MUTE again has led to")
+    board.check_status("the same MUTE again", state=OutputState.MUTED)
     board.link.call(Mute(), MuteReply, session=0, seq=board.link.seq + 500)
     board.link.call(Ping(1), Pong)  # the number of a MUTE of no session is not used up
 
@@ -193,14 +187,8 @@ def refuses_stale_requests(board: BoardClient) -> None:
     """DISARM, PING, GET_STATUS of another session: STALE_SESSION, session 0; not done"""
     board.arm()
     requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())
-    with board.counting(requests=2 * len(requests)):
-        for message in requests:
-            for session in (0, board.link.session ^ 0x8001):
-                answer = board.link.ask(message, session=session)
-                code, told = ErrorCode.STALE_SESSION, answer.frame_header.session
-                board.link.error_in(answer, message.TYPE, code, board.link.session)
-                check_equal(told, 0, f"{code.name} of session {told:#06x}")
-    board.check_state(OutputState.ARMED, "a DISARM of another session has led to")
+    judge_stale_requests(board, requests, (0, board.link.session ^ 0x8001))
+    board.check_status("a DISARM of another session", state=OutputState.ARMED)
 
 
 def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:
@@ -222,9 +210,11 @@ def _fill_ring(board: BoardClient) -> None:
     board.link.ask(Stop())
 
 
-def _judge_remembered_reply(board: BoardClient, betweens: dict[str, Between]) -> None:
-    """FAILED unless every request gets its reply again behind each of *betweens*."""
-    for message in every_request_to_repeat(board):
+def _judge_remembered_reply(
+    board: BoardClient, messages: Iterable[Message], betweens: dict[str, Between]
+) -> None:
+    """FAILED unless requests get their replies again behind each of *betweens*."""
+    for message in messages:
         board.arm()
         first = board.link.ask_at_once(message)
         for name, send in betweens.items():
@@ -236,7 +226,7 @@ def _judge_remembered_reply(board: BoardClient, betweens: dict[str, Between]) ->
 def every_mute_between(board: BoardClient) -> None:
     """a reply of every type, refusals too, is still remembered after MUTE and UPLOAD_CHUNK"""
     chunks = CHUNKS_BETWEEN if board.identity.features & UPLOADS else {}
-    _judge_remembered_reply(board, MUTES_BETWEEN | chunks)
+    _judge_remembered_reply(board, every_request_to_repeat(board), MUTES_BETWEEN | chunks)
 
 
 @case("HG-4.9/4-types")
@@ -244,7 +234,7 @@ def every_refusal_between(board: BoardClient) -> None:
     """a reply of every type, refusals too, is still remembered after each refusal of steps 5 to
     11
     """
-    _judge_remembered_reply(board, REFUSALS_BETWEEN)
+    _judge_remembered_reply(board, every_request_to_repeat(board), REFUSALS_BETWEEN)
 
 
 @case("HG-4.9/1-replies")

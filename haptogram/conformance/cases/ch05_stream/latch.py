@@ -1,30 +1,80 @@
-"""HG-5.8, HG-5.9: when a frame is latched, and as a whole."""
+"""HG-5.7, HG-5.8, HG-5.9: when a frame is latched, and as a whole."""
 
 from __future__ import annotations
 
+import itertools
 import zlib
+from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import DriveKind, DriveReply, Feature, ReadDrive, TraceMode
+from haptogram_protocol.messages import (
+    FIRST_STREAM_SEQ,
+    Arm,
+    Disarm,
+    DriveKind,
+    DriveReply,
+    Feature,
+    Flag,
+    Message,
+    Mute,
+    ReadDrive,
+    Stop,
+    TraceMode,
+    drive_codes,
+)
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import (
+    ask_for_board_latches,
     ask_for_board_latches_if_supported,
     client_drive_of_reply,
     full_client_drive,
     latch_now,
     latches_received_from_board,
     queue_frames,
+    send_to_arrive_at,
+    time_for_frames,
 )
-from ...client.stream_kinds import stream_kinds
+from ...client.playback import (
+    play_at,
+    play_out,
+    play_request,
+    send_phases_that_fit,
+    send_phases_to_store,
+    send_phases_to_store_if_supported,
+)
+from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...judge.witness import JudgeWitness
-from ...outcome import SELF_REPORTED, check, check_equal, fail
-from .every_burst import replace_in_period
+from ...outcome import SELF_REPORTED, check, check_equal, fail, require
 
 _OFFSETS_US: Final = (0, 1, 7, 12, 24, 25, 26, 49, 1000)
 _BURST: Final = 48
 _READS: Final = 12
+_SEQUENCE: Final = 5
+_WINDOW_US: Final = 100_000
+_AHEAD_US: Final = 400_000
+_TRIES: Final = 3
+_LONGEST: Final = 4096
+_HELLO: Final = "HELLO of a new session"
+#: Requests that switch the output off, beside HELLO of a new session.
+_OFFS_OF_BURST: Final[dict[str, Message]] = {
+    "MUTE": Mute(),
+    "MUTE without a session": Mute(),
+    "DISARM": Disarm(),
+}
+#: By how much a moment is missed at most: the host's estimate and the line are rounded.
+_ROUNDED_US: Final = range(4)
+#: Decorates a case that no wall clock shows soon: no frame arrives there to the microsecond.
+_at_the_microsecond: Final = partial(
+    case,
+    "HG-5.8/3",
+    needs=Feature.CONFIG,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
 
 
 @case("HG-5.8/1", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -170,3 +220,278 @@ def immediate_frames_flush_the_queue(board: BoardClient) -> None:
             f"frame {index} as soon as complete: last_seq {got.last_seq}, queued {got.queued}",
         )
         board.clock.wait_until(t_us + 5000)
+
+
+def _off_in_a_burst(board: BoardClient, name: str) -> bytes:
+    """Return the request *name*, which switches the output off; HELLO opens its session."""
+    if name == _HELLO:
+        nonce = board.new_nonce()
+        request, _ = board.link.request_wire(board.hello_message(nonce), session=0)
+        board.link.session, board.link.stream_next = nonce, FIRST_STREAM_SEQ
+        return request
+    session = 0 if name == "MUTE without a session" else board.link.session
+    return board.link.request_wire(_OFFS_OF_BURST[name], session=session)[0]
+
+
+def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
+    """Return the frame *name*, which flushes the queue."""
+    if name == "IMMEDIATE":
+        return board.link.stream_wire(board.flat_phases())
+    if name == "PLAY":
+        play = play_request(board, _SEQUENCE, loops=1, unattended_ms=500)
+        return board.link.request_wire(play, time_us=_time_behind_burst_us(board))[0]
+    return _off_in_a_burst(board, name)
+
+
+def _time_behind_burst_us(board: BoardClient) -> int:
+    return board.clock.device_estimate_us() + _AHEAD_US
+
+
+@case("HG-5.7/6-flushed", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+def every_flushed_frame_is_not_late(board: BoardClient) -> None:
+    """a late frame that is flushed before its latch counts in flushed alone, whatever flushes it"""
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    board.configure(late_window_us=_WINDOW_US)
+    plays = ["PLAY"] if board.has(Feature.SEQUENCE_PHASES) else []
+    names = ["IMMEDIATE", *_OFFS_OF_BURST, *plays, _HELLO]
+    for name, _ in itertools.product(names, range(_TRIES)):
+        board.arm()
+        board.wire.idle(board.clock.carrier_us + 7)  # another moment of the carrier period
+        before = board.status().counters
+        late = board.link.stream_wire(board.flat_phases(), board.late_time_us(1000))
+        board.link.send(late + _flush_in_a_burst(board, name))
+        board.clock.wait_latched(0)
+        board.clock.end_exchange()
+        others = int(name == "IMMEDIATE")
+        none = dict.fromkeys(("late", "flushed", "dropped_state", "dropped_late"), 0)
+        none["latched"] = others
+        due = [none | {"late": 1, "latched": 1 + others}, none | {"flushed": 1}]
+        if "MUTE" in name:  # which may have overtaken the frame: HG-3.8/4
+            due.append(none | {"dropped_state": 1})
+        board.check_counted(before, f"a late frame and {name} at once", *due)
+        board.link.ask(Stop())
+
+
+@case("HG-5.7/6-first", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+def every_lateness_is_of_one_frame(board: BoardClient) -> None:
+    """of a late frame and two for later, sent at once, the late one alone is told and counted
+    late
+    """
+    mode = ask_for_board_latches(board)
+    board.arm(late_window_us=_WINDOW_US, trace_mode=mode)
+    kinds = stream_kinds(board)
+    for kind in kinds if board.thorough else kinds[:1]:
+        since, first = board.link.mark(), board.link.stream_next
+        with board.counting(late=1, latched=3):
+            frames = [kind.make() for _ in range(3)]
+            late_us = board.late_time_us(1000, points_of_stream_kind(frames[0]))
+            soon_us = time_for_frames(board, frames)
+            times = (late_us, soon_us, soon_us + 1000)
+            board.link.send(*map(board.link.stream_wire, frames, times))
+            board.clock.wait_until(soon_us + 2000)
+        late = [x.late for x in latches_received_from_board(board, since, mode) if x.index >= first]
+        text = f"{kind.name}, late, and two for later: LATE {late}"
+        check_equal(late, [True, False, False], text)
+
+
+@case("HG-5.8/3-replaced", evidence=SELF_REPORTED)
+def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
+    """of frames of every two kinds for one carrier period the later is latched, the other
+    flushed
+    """
+    kinds = stream_kinds(board)
+    mode = ask_for_board_latches_if_supported(board)
+    board.arm()
+    room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
+    for turn in range(len(kinds)) if board.thorough else range(1):
+        pairs = list(zip(kinds, kinds[turn:] + kinds[:turn], strict=True))
+        for first in range(0, len(pairs), room):
+            replace_in_period(board, pairs[first : first + room], mode)
+    if mode is not TraceMode.OFF and board.has(Feature.SEQUENCE_PHASES):
+        for kind in kinds:
+            _replace_by_playback(board, kind, mode)
+
+
+def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: TraceMode) -> None:
+    """FAILED unless the frames of a playback that flushes a queued frame are those stored."""
+    stored = send_phases_to_store(board, _SEQUENCE, frames=2)
+    board.link.stream(kind.make(), _time_behind_burst_us(board))
+    since = board.link.mark()
+    play_out(board, _SEQUENCE, 2)
+    due = [zlib.crc32(full_client_drive(codes)) for codes in stored]
+    seen = latches_received_from_board(board, since, mode)
+    got = [latch.crc for latch in seen if latch.sequence == _SEQUENCE][-2:]
+    check_equal(got, due, f"PHASES, played, flush {kind.name}: latched as other drives than stored")
+
+
+def replace_in_period(
+    board: BoardClient, pairs: list[tuple[StreamKind, StreamKind]], mode: TraceMode
+) -> None:
+    """FAILED unless the later frame of each pair for one carrier period is latched, as sent."""
+    board.clock.require_times_in_carrier()
+    since, number = board.link.mark(), board.link.stream_next
+    frames = [(first.make(), second.make()) for first, second in pairs]
+    messages = [one for pair in frames for one in pair]
+    board.arm_anew()
+    with board.counting(latched=len(frames), flushed=len(frames), late=0):
+        start_us = time_for_frames(board, messages)
+        for place, message in enumerate(messages):
+            board.link.stream(message, start_us + 1000 * (place // 2) - (2, 1)[place % 2])
+        board.clock.wait_until(start_us + 1000 * len(frames))
+    last, due = board.status().last_seq, board.link.stream_next - 1
+    check(last == due, f"{pairs[-1][1].name}, in one period: latched was {last}, not {due}")
+    if mode is TraceMode.OFF:
+        return
+    alone = {  # points, whose drive is that of the same points alone
+        place: latch_now(board, message)
+        for place, (_, message) in enumerate(frames)
+        if points_of_stream_kind(message)
+    }
+    seen = {x.index: x.crc for x in latches_received_from_board(board, since, mode)}
+    for place, (_, message) in enumerate(frames):
+        got = seen.get(number + 2 * place + 1)
+        registers = drive_codes(message, board.identity.transducers)
+        due_crc = seen.get(alone[place]) if registers is None else zlib.crc32(b"".join(registers))
+        text = f"{pairs[place][1].name} that replaces {pairs[place][0].name} is latched as "
+        check(got == due_crc, text + ("nothing" if got is None else "another drive"))
+
+
+@case("HG-5.8/3-pairs", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
+    """frames of every two kinds that come at once, on a latch, with PLAY or STOP: one in a
+    period
+    """
+    mode = ask_for_board_latches(board)
+    kinds = stream_kinds(board)
+    since = board.arm()
+    for first, second in itertools.product(kinds, repeat=2):
+        for off_us in _ROUNDED_US:
+            wires = board.link.stream_wire(first.make()) + board.link.stream_wire(second.make())
+            is_exact = board.wire.is_virtual
+            boundary_us = board.clock.soon_us() if is_exact else board.clock.device_us()
+            send_to_arrive_at(board, boundary_us + off_us, wires)
+            board.clock.wait_latched()
+    for kind in kinds:
+        for off_us in board.sample(_ROUNDED_US):
+            t_us = board.clock.soon_us(bytes(4000))
+            board.link.stream(kind.make(), t_us)
+            send_to_arrive_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
+            board.clock.wait_latched()
+    if board.has(Feature.SEQUENCE_PHASES):
+        _play_and_stop_in_a_burst(board)
+    _check_one_latch_a_period(board, since, mode, "pairs of frames on latches")
+
+
+def _check_one_latch_a_period(board: BoardClient, since: int, mode: TraceMode, text: str) -> None:
+    """FAILED if two latches from piece *since* on are in one carrier period."""
+    times = sorted(latch.t_us for latch in latches_received_from_board(board, since, mode))
+    near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
+    told = f"of {len(times)} latches {len(near)} are in the carrier period of another"
+    check(not near, f"{text}: {told}, at {near[:1]} µs")
+
+
+@case("HG-5.7/2-immediate", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_frame_behind_an_immediate_one(board: BoardClient) -> None:
+    """a frame for before and behind an IMMEDIATE one that waits for its carrier period, every
+    kind
+    """
+    carrier_us = board.clock.carrier_us
+    board.clock.require_frames_in_carrier(_LONGEST, 4)
+    board.arm(late_window_us=_WINDOW_US)
+    for first, second in itertools.product(stream_kinds(board), repeat=2):
+        for later_us in (-1000, -1, 0, 1):
+            message, behind = first.make(), second.make()
+            points = points_of_stream_kind(message)
+            both = points + points_of_stream_kind(behind)
+            computed_us = (both - points) * board.identity.point_time_us
+            if later_us > 0 and 0 < computed_us < carrier_us:
+                continue  # it may be ready within the carrier period, or behind it
+            ready_us = board.clock.ready_us(board.clock.device_us(), points)
+            board.wire.idle((carrier_us // 2 - ready_us) % carrier_us)
+            t_us = board.late_time_us(-later_us, points)
+            wires = board.link.stream_wire(message) + board.link.stream_wire(behind, t_us)
+            before = board.status().counters
+            board.link.send(wires)
+            board.clock.wait_latched(both)
+            due = {"latched": 1, "dropped_order": 1, "flushed": 0}
+            if later_us > 0:  # the later one replaces the other, unless it has to be computed first
+                latched = 2 if computed_us else 1
+                due = {"latched": latched, "dropped_order": 0, "flushed": 2 - latched}
+            text = f"{first.name}, IMMEDIATE, and {second.name} for {later_us} µs later"
+            board.check_counted(before, text, due)
+
+
+@_at_the_microsecond(variant="off")
+def every_output_off_between_two_latches(board: BoardClient) -> None:
+    """a latch, the output off, ARM and a latch at one moment, on a latch: one in a period"""
+    mode = ask_for_board_latches(board)
+    for _ in board.wire.ways_of_mute():
+        _judge_latches_around_offs(board, _OFFS_OF_BURST, mode)
+
+
+@_at_the_microsecond(variant="session")
+def every_session_between_two_latches(board: BoardClient) -> None:
+    """a latch, HELLO of a new session, ARM and a latch at one moment, on a latch: one in a
+    period
+    """
+    mode = ask_for_board_latches_if_supported(board, Feature.TRACE | Feature.TRACE_DRIVE)
+    text = "the trace ring of a new session tells of no latch before it (HG-8.5/1)"
+    require(mode is not TraceMode.OFF, text)
+    _judge_latches_around_offs(board, (_HELLO,), mode)
+
+
+def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: TraceMode) -> None:
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    played = (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,)
+    for name, *plays in itertools.product(names, played, played):
+        for off_us in board.sample(_ROUNDED_US):
+            _judge_latches_around_off(board, name, plays, off_us, mode)
+
+
+def _judge_latches_around_off(
+    board: BoardClient, name: str, plays: Sequence[bool], off_us: int, mode: TraceMode
+) -> None:
+    """FAILED if both latches of such a burst are in one carrier period."""
+    board.hello()
+    board.arm()
+    since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))
+    first, off = _latch_in_a_burst(board, is_played=plays[0]), _off_in_a_burst(board, name)
+    arm, _ = board.link.request_wire(Arm())
+    rest = off + arm + _latch_in_a_burst(board, is_played=plays[1])
+    if board.wire.is_virtual:
+        board.clock.require_frames_in_carrier(len(rest), 2)
+    send_to_arrive_at(board, boundary_us + off_us, first + rest)
+    board.clock.wait_latched()
+    _check_one_latch_a_period(board, since, mode, f"latch, {name}, ARM, latch at once")
+    board.link.ask(Stop())
+
+
+def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
+    if not is_played:
+        return board.link.stream_wire(board.flat_phases())
+    play = play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)
+    return board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
+
+
+def _play_and_stop_in_a_burst(board: BoardClient) -> None:
+    """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
+    send_phases_that_fit(board, _SEQUENCE, frames=2)
+    play = play_request(board, _SEQUENCE, loops=0, unattended_ms=2000)
+    for off_us in board.sample(_ROUNDED_US):
+        boundary_us = board.clock.soon_us(bytes(2000))
+        wires = board.link.stream_wire(board.flat_phases())
+        wires += board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
+        send_to_arrive_at(board, boundary_us + off_us, wires)
+        board.clock.wait_latched()
+        board.link.ask(Stop())
+        start_us = board.clock.soon_us(bytes(200))
+        play_at(board, _SEQUENCE, start_us, loops=0)
+        passed_us = board.clock.soon_us(bytes(2000)) - start_us
+        latch_us = start_us + -(-passed_us // play.period_us) * play.period_us
+        # A board that is left alone for the whole of a long period may mute.
+        board.wire.idle(latch_us - board.clock.device_us() - play.period_us // 2)
+        board.clock.device_us()
+        stop, _ = board.link.request_wire(Stop())
+        wires = stop + board.link.stream_wire(board.flat_phases())
+        send_to_arrive_at(board, latch_us + off_us, wires)
+        board.clock.wait_latched()

@@ -23,6 +23,7 @@ from ...client.latching import (
 from ...client.playback import PERIOD_US, play_now, send_phases_that_fit
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, check_equal, require
+from ..ch03_header.wrapping import judge_gaps
 from .every_drop import judge_first_drop
 
 _MAX_LATE_US: Final = 100_000  # HG-7.1
@@ -55,11 +56,7 @@ def counts_stream_gaps(board: BoardClient) -> None:
     """frames ahead by 1 to 65 503, as behind a cut of the line, add to gap and are latched at
     once
     """
-    board.arm()
-    for ahead in (1, 15, 16, 255, 256, 300, 32_767, 32_768, 40_000, 65_503):
-        board.link.stream_next += ahead
-        with board.counting(gap=ahead, latched=1):
-            latch_now(board)
+    judge_gaps(board, (1, 15, 16, 255, 256, 300, 32_767, 32_768, 40_000, 65_503))
 
 
 @case("HG-5.6/1", evidence=SELF_REPORTED)

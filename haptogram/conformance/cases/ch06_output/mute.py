@@ -17,7 +17,6 @@ from haptogram_protocol.messages import (
     Message,
     Mute,
     MuteReply,
-    PlaybackEnded,
     ReadDrive,
 )
 from haptogram_protocol.state import MuteReason, OutputState
@@ -31,8 +30,8 @@ from ...client.latching import (
     queue_frames,
     read_back_radiated,
 )
-from ...client.playback import let_play, play_now, send_phases_that_fit, wait_for_no_latch
-from ...outcome import EXTERNAL, SELF_REPORTED, check, check_equal
+from ...outcome import EXTERNAL, SELF_REPORTED, check, check_equal, check_fields
+from ..ch07_configuration.playback import judge_ended_playback
 
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
 
@@ -65,10 +64,10 @@ def mutes_in_every_output_state(board: BoardClient) -> None:
         if state is OutputState.ARMED:
             latch_now(board)
         answer = board.link.ask_raw(Mute.TYPE, b"\x01\x02\x03", **header)
-        replied = board.link.reply_in(answer, MuteReply, Mute.TYPE).state
-        found = board.status().state
-        text = f"MUTE with {header} while {state.name}: {replied.name}, then {found.name}"
-        check(replied is found is OutputState.MUTED, text)
+        text = f"MUTE with {header} while {state.name}"
+        reply = board.link.reply_in(answer, MuteReply, Mute.TYPE)
+        check_fields(reply, f"{text}: MUTE_REPLY", state=OutputState.MUTED)
+        board.check_status(text, state=OutputState.MUTED)
         with board.counting(dropped_state=None, latched=0):
             latch_now(board)
         if board.has(Feature.READ_RADIATED):
@@ -87,24 +86,11 @@ def check_flushes(board: BoardClient, end: Callable[[], object]) -> None:
         board.clock.wait_until(t_us + 4000)
 
 
-def check_ends_playback(board: BoardClient, end: Callable[[], object], name: str) -> None:
-    """FAILED unless *end* of the output ends a playback."""
-    send_phases_that_fit(board, 2, frames=3)
-    since = board.arm()
-    play_now(board, 2, loops=0)
-    let_play(board, 5)
-    end()
-    board.due_event(PlaybackEnded, since, 20_000, f"{name} in a playback")
-    board.arm()
-    with board.counting(latched=0):
-        wait_for_no_latch(board, 20_000)
-
-
 def _check_request_ends(board: BoardClient, message: Message) -> None:
     end = partial(board.link.ask, message)
     check_flushes(board, end)
     if board.has(Feature.SEQUENCE_PHASES):
-        check_ends_playback(board, end, message.TYPE.name)
+        judge_ended_playback(board, lambda _: end(), message.TYPE.name)
 
 
 @case("HG-6.4/2", evidence=SELF_REPORTED)
@@ -126,21 +112,18 @@ def mute_takes_the_reason(board: BoardClient) -> None:
         board.arm(hold_ms=20)
         latch_now(board)
         board.wire.idle_beyond(40_000)
-        before = board.status().reason
-        text = f"the hold ran out, the reason is {before.name}"
-        check_equal(before, MuteReason.HOLD_EXPIRED, text)
+        board.check_status("the hold ran out", reason=MuteReason.HOLD_EXPIRED)
         board.link.call(Mute(), MuteReply, session=session)
-        after = board.status().reason
-        check_equal(after, MuteReason.MUTE, f"MUTE while MUTED: the reason is {after.name}")
+        board.check_status("MUTE while MUTED", reason=MuteReason.MUTE)
 
 
 @case("HG-6.5/2")
 def disarm_leaves_muted_state(board: BoardClient) -> None:
     """DISARM while MUTED: DISARM_REPLY and STATUS say MUTED"""
     board.link.ask(Mute())
-    replied, found = board.link.call(Disarm(), DisarmReply).state, board.status().state
-    text = f"DISARM_REPLY says {replied.name}, STATUS {found.name}"
-    check(replied is found is OutputState.MUTED, text)
+    reply = board.link.call(Disarm(), DisarmReply)
+    check_fields(reply, "DISARM while MUTED: DISARM_REPLY", state=OutputState.MUTED)
+    board.check_status("DISARM while MUTED", state=OutputState.MUTED)
 
 
 @case("HG-6.6/1", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)

@@ -1,4 +1,4 @@
-"""HG-6.1, HG-6.2, HG-6.3, HG-6.4, HG-6.8: output states, their reasons, and notices of a change."""
+"""HG-6.1, HG-6.2, HG-6.3, HG-6.4, HG-6.6, HG-6.8: states of the output, faults among them."""
 
 from __future__ import annotations
 
@@ -7,37 +7,63 @@ from functools import partial
 from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import (
+    Arm,
     Counters,
+    Disarm,
+    Error,
     ErrorCode,
     Feature,
     Mute,
     Play,
     PlaybackEnded,
+    SetConfig,
     StateChanged,
+    Status,
+    UploadBegin,
     UploadChunk,
     UploadCommit,
 )
 from haptogram_protocol.rules import PLAYBACK
-from haptogram_protocol.state import MuteReason, OutputInput, OutputState
+from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import is_board_silent, latch_now, queue_frames
 from ...client.playback import (
-    play_now,
+    play_out,
     play_request,
     send_phases_that_fit,
+    send_phases_to_store,
     send_phases_to_store_if_supported,
 )
+from ...client.request_client import flags_at_once
+from ...client.stream_kinds import valid_requests_to_send
+from ...client.uploads import require_room_for_upload
 from ...judge.effects import OUTPUT_REQUESTS, StateAndReason, state_and_reason_after
-from ...judge.timers import judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...judge.timers import (
+    HOLD,
+    LEASE,
+    UNATTENDED,
+    TimerKind,
+    judged_mute_by_timer,
+    timer_kinds,
+)
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, not_observed
+from ..ch05_stream.every_state import (
+    PLAYBACK_PLAYS,
+    PLAYBACK_WAITS,
+    QUEUED_FRAMES,
+    QUEUES,
+    output_states,
+)
 
 _MS: Final = 1000
 _SEQUENCE: Final = 5
 _SHORT_MS: Final = 20
 _FOREIGN: Final = 0x0440
 _NO_SESSION: Final = -1
+_WAITED_MS: Final = 30  # of timers that would run out
+_IN_FAULT: Final = {"state": OutputState.FAULT, "reason": MuteReason.FAULT}
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
 _MUTED: Final = (OutputState.MUTED, MuteReason.MUTE)
 #: An input with its name; None: one that changes neither state nor reason.
@@ -46,7 +72,7 @@ _Input: TypeAlias = tuple[str, OutputInput | None, Callable[[], object]]
 _Origin: TypeAlias = tuple[Callable[[], object], StateAndReason]
 
 
-def _found_state(board: BoardClient) -> StateAndReason:
+def _output_state(board: BoardClient) -> StateAndReason:
     status = board.status()
     return status.state, status.reason
 
@@ -58,9 +84,8 @@ def _state_text(found: StateAndReason) -> str:
 @case("HG-6.1/1", needs_reset=True)
 def output_starts_disarmed(board: BoardClient) -> None:
     """after a reset: DISARMED, NEVER_ARMED, nothing radiated; frames are dropped"""
-    state = board.hello().state
-    check_equal(state, OutputState.DISARMED, f"after a reset HELLO_REPLY says {state.name}")
-    board.check_state(OutputState.DISARMED, "after a reset the state is")
+    check_fields(board.hello(), "after a reset: HELLO_REPLY", state=OutputState.DISARMED)
+    board.check_status("after a reset", state=OutputState.DISARMED)
     with board.counting(dropped_state=None, latched=0):
         latch_now(board)
     if board.has(Feature.READ_RADIATED):
@@ -138,34 +163,23 @@ def arms_again_in_armed_state(board: BoardClient) -> None:
 # --- Notices of a change -----------------------------------------------------------------------
 
 
-def _check_told(
-    board: BoardClient, since: int, due: StateAndReason, text: str, within_ms: int
-) -> None:
-    """FAILED unless STATE_CHANGED tells of the state that is due, in time."""
-    _, event = board.due_event(StateChanged, since, within_ms * _MS, text)
-    told = event.state, event.reason
-    check_equal(told, due, f"{text}: STATE_CHANGED says {_state_text(told)}")
-
-
 @case("HG-6.8/2")
 def tells_the_state_after_a_foreign_mute(board: BoardClient) -> None:
     """MUTE without a session and of another one: STATE_CHANGED(MUTED, MUTE)"""
     for session in (0, board.link.session ^ 0x0AA0):
         since = board.arm()
         board.link.ask(Mute(), session=session)
-        _check_told(board, since, _MUTED, f"MUTE of session {session:#06x}", 20)
+        name = f"MUTE of session {session:#06x}"
+        _, event = board.due_event(StateChanged, since, 20 * _MS, name)
+        told = event.state, event.reason
+        check_equal(told, _MUTED, f"{name}: STATE_CHANGED says {_state_text(told)}")
 
 
 @case("HG-6.8/1", needs=Feature.CONFIG)
 def tells_the_state_after_a_timer(board: BoardClient) -> None:
     """STATE_CHANGED names the lease and the hold when they run out"""
-    for reason, changes in (
-        (MuteReason.HOST_SILENT, {"host_timeout_ms": 100}),
-        (MuteReason.HOLD_EXPIRED, {"hold_ms": 50}),
-    ):
-        since = board.arm(**changes)
-        latch_now(board)
-        _check_told(board, since, (OutputState.MUTED, reason), reason.name, 200)
+    for timer, length_ms in ((LEASE, 100), (HOLD, 50)):
+        timer.judge_whole(board, length_ms)
 
 
 # --- Every reason ------------------------------------------------------------------------------
@@ -204,11 +218,11 @@ def _judge_input_to_output_state(
     """FAILED unless the board is in the state *due*, and an input leads where it has to."""
     name, event, happen = one
     parts = 2 if with_reason else 1
-    before = _found_state(board)
+    before = _output_state(board)
     is_there = before[:parts] == due[:parts]
     check(is_there, f"{_state_text(before)} where {_state_text(due)} is due")
     told = getattr(getattr(happen(), "message", None), "state", None)
-    after = _found_state(board)
+    after = _output_state(board)
     wanted = before if event is None else state_and_reason_after(before, event)
     text = f"{name} in {_state_text(before)}: {_state_text(after)}, due {_state_text(wanted)}"
     check(after[:parts] == wanted[:parts], text)
@@ -257,11 +271,8 @@ def _asked_output_states(board: BoardClient) -> Iterator[_Origin]:
 def _origins_of_output_states(board: BoardClient) -> Iterator[_Origin]:
     """Yield all that leads to a state, timers too."""
     yield from _asked_output_states(board)
-    timers = [MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT]
-    timers += [MuteReason.UNATTENDED] if board.has(Feature.SEQUENCE_PHASES) else []
-    for reason in timers if board.has(Feature.CONFIG) else []:
-        muted = OutputState.MUTED, reason
-        yield partial(_mute_by_timer_for_state, board, reason), muted
+    for timer in timer_kinds(board, HOLD, LEASE, UNATTENDED):
+        yield partial(_mute_by_timer, board, timer), (OutputState.MUTED, timer.reason)
 
 
 def _new_session_for_output_state(board: BoardClient) -> None:
@@ -275,19 +286,10 @@ def _sound_for_output_state(board: BoardClient) -> None:
     latch_now(board)
 
 
-def _mute_by_timer_for_state(board: BoardClient, reason: MuteReason) -> None:
-    """Let one timer run out."""
-    lease = reason is MuteReason.HOST_SILENT
-    hold = reason is MuteReason.HOLD_EXPIRED
-    board.configure(
-        host_timeout_ms=_SHORT_MS if lease else 10_000, hold_ms=_SHORT_MS if hold else 10_000
-    )
-    since = board.arm()
-    if reason is MuteReason.UNATTENDED:
-        play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_SHORT_MS)
-    elif hold:
-        latch_now(board)
-    judged_mute_by_timer(board, since, 1000 * _MS, reason)
+def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
+    since = board.link.mark()
+    timer.start(board, _SHORT_MS)
+    judged_mute_by_timer(board, since, 1000 * _MS, timer.reason)
     board.configure()
 
 
@@ -302,3 +304,161 @@ def _inputs_to_output_states(board: BoardClient) -> Iterator[_Input]:
     if board.has(Feature.SEQUENCE_PHASES):
         play = play_request(board, _SEQUENCE, loops=1, unattended_ms=100)
         yield "PLAY", None, partial(board.link.ask_at_once, play)
+
+
+# --- Faults of the hardware --------------------------------------------------------------------
+
+
+def fail_hardware(board: BoardClient) -> None:
+    """Let the hardware fail; NOT-OBSERVED if nothing can."""
+    raise_fault = board.raise_fault
+    if raise_fault is None:
+        not_observed("nothing can let the hardware of this board fail (--fault-cmd)")
+    board.link.barrier()
+    raise_fault()
+    board.wire.idle_beyond(1000)
+
+
+def recover_from_hardware_fault(board: BoardClient) -> None:
+    """Lead the board out of FAULT; NOT-OBSERVED, and a board that starts anew, if it lasts."""
+    if board.leaves_fault():
+        return
+    if board.restart is not None:
+        board.restart()
+    not_observed("the fault lasts: the command that brings it about (--fault-cmd) has to end it")
+
+
+def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
+    """Let the hardware fail in each state; yield its name, and the piece at which it was ARMED."""
+    for name, bring in output_states(board).items():
+        since = board.arm()
+        bring()
+        fail_hardware(board)
+        yield f"a fault {name}", since
+        recover_from_hardware_fault(board)
+
+
+@case("HG-6.8/1-fault")
+def tells_of_a_hardware_fault(board: BoardClient) -> None:
+    """STATE_CHANGED tells a fault once, from each state"""
+    for name, since in _faults_in_every_state(board):
+        board.link.barrier()
+        told = [event for _, event in board.link.events(StateChanged, since)]
+        check_equal(told, [StateChanged(**_IN_FAULT)], f"{name}: STATE_CHANGED says {told}")
+
+
+@case("HG-6.6/1-fault", evidence=SELF_REPORTED)
+def a_hardware_fault_silences(board: BoardClient) -> None:
+    """a fault silences the output, flushes the queue and ends a playback, in each state"""
+    before = board.status().counters
+    for text, since in _faults_in_every_state(board):
+        board.check_status(text, queued=0, **_IN_FAULT)
+        board.check_counted(before, text, {"flushed": QUEUED_FRAMES * text.endswith(QUEUES)})
+        if board.has(Feature.READ_RADIATED):
+            check(is_board_silent(board), f"{text}: transducers are driven")
+        ended, due = board.link.events(PlaybackEnded, since), (PLAYBACK_PLAYS, PLAYBACK_WAITS)
+        check_equal(len(ended), text.endswith(due), f"{text}: {len(ended)} PLAYBACK_ENDED")
+        before = board.status().counters
+
+
+@case("HG-6.6/3")
+def a_lasting_hardware_fault_refuses_disarm(board: BoardClient) -> None:
+    """a fault that lasts refuses DISARM with ERROR(FAULT)"""
+    fail_hardware(board)
+    answer = board.link.ask(Disarm())
+    is_gone = not isinstance(answer.message, Error)
+    if not is_gone:
+        board.link.error_in(answer, Disarm.TYPE, ErrorCode.FAULT)
+    recover_from_hardware_fault(board)
+    if is_gone:
+        not_observed("DISARM led out of FAULT at once: the fault was over before")
+
+
+@case("HG-6.2/1-fault")
+def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
+    """in FAULT every input leads to the state in the table"""
+    inputs = dict(OUTPUT_REQUESTS)
+    if board.has(Feature.SEQUENCE_PHASES):
+        send_phases_that_fit(board, _SEQUENCE, frames=2)
+        inputs |= {OutputInput.PLAY: play_request(board, _SEQUENCE, loops=1, unattended_ms=100)}
+    if not board.identity.features & PLAYBACK:
+        del inputs[OutputInput.STOP]
+    for event in (*inputs, OutputInput.LATCH, OutputInput.NEW_SESSION):
+        fail_hardware(board)
+        due = OUTPUT_TRANSITIONS.get((OutputState.FAULT, event))
+        if event is OutputInput.NEW_SESSION:
+            board.hello()
+        elif event is OutputInput.DISARM:
+            recover_from_hardware_fault(board)
+        elif event is OutputInput.LATCH:
+            with board.counting(dropped_state=None, latched=0):
+                board.link.stream(board.flat_phases())
+        elif due is None:
+            flags, state = flags_at_once(inputs[event]), int(OutputState.FAULT)
+            board.link.refused(inputs[event], ErrorCode.BAD_STATE, state, flags=flags)
+        else:
+            board.link.ask(inputs[event])
+        board.check_status(
+            f"{event.name} in FAULT", state=OutputState.FAULT if due is None else due
+        )
+        recover_from_hardware_fault(board)
+
+
+@case("HG-6.2/3-fault", evidence=SELF_REPORTED)
+def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
+    """MUTE of any session, a refused ARM, a new session and a second fault leave the reason
+    FAULT
+    """
+    others: dict[str, Callable[[], object]] = {
+        "MUTE": lambda: board.link.ask(Mute()),
+        "MUTE without a session": lambda: board.link.ask(Mute(), session=0),
+        "ARM": lambda: board.link.ask(Arm()),
+        "a new session": board.hello,
+        "a second fault": lambda: fail_hardware(board),
+    }
+    fail_hardware(board)
+    for name, happen in others.items():
+        happen()
+        board.check_status(f"{name} in FAULT", **_IN_FAULT)
+    recover_from_hardware_fault(board)
+
+
+@case(
+    "HG-6.2/1-requests",
+    needs=Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+)
+def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
+    """in FAULT all requests but ARM and PLAY are carried out: settings, uploads, readings,
+    STATUS
+    """
+    board.arm()
+    latch_now(board)
+    fail_hardware(board)
+    period_ms = board.quick_status_ms
+    board.hello()
+    config = board.configure(host_timeout_ms=_WAITED_MS, hold_ms=_WAITED_MS, late_window_us=777)
+    for message in valid_requests_to_send(board, _SEQUENCE):
+        if isinstance(message, Disarm):
+            continue
+        answer = board.link.ask_at_once(message)
+        if isinstance(message, UploadBegin):
+            require_room_for_upload(message, answer)
+        is_refused = isinstance(answer.message, Error)
+        text = f"{message.TYPE.name} in FAULT: {board.link.answer_text(answer)}"
+        check(is_refused == isinstance(message, Arm | Play), text)
+    send_phases_to_store(board, _SEQUENCE, frames=1)
+    board.configure(status_period_ms=period_ms, late_window_us=777)
+    since = board.link.mark()
+    board.wire.idle(3 * period_ms * 1000 + 2 * _WAITED_MS * 1000)
+    board.check_status("timers in FAULT", **_IN_FAULT)
+    told = len(board.link.events(Status, since))
+    check(told >= 2, f"{told} STATUS in FAULT in more than 3 periods")
+    board.link.ask(SetConfig(config))
+    recover_from_hardware_fault(board)
+    board.configure()
+    board.arm()
+    with board.counting(latched=2):
+        latch_now(board)
+        play_out(board, _SEQUENCE, 1)

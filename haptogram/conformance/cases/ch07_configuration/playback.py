@@ -1,24 +1,28 @@
-"""HG-7.6, HG-7.7, HG-7.8: playback: loops, periods, starts and frames of every width."""
+"""HG-3.6, HG-7.6, HG-7.7, HG-7.8: playback: loops, periods, starts, and every end of it."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Final
+import itertools
+from collections.abc import Callable
+from typing import Final, TypeAlias
 
 from haptogram_protocol.messages import (
     Disarm,
     ErrorCode,
     Feature,
+    GetStatus,
     Mute,
     Play,
     PlaybackEnded,
     PlayReply,
+    Status,
     Stop,
     StopReply,
     TraceMode,
     UploadKind,
 )
-from haptogram_protocol.state import OutputState
+from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -31,7 +35,9 @@ from ...client.playback import (
     let_play,
     most_periods_to_play,
     period_to_play,
+    phases_that_fit,
     play_at,
+    play_later,
     play_now,
     play_out,
     play_request,
@@ -43,8 +49,8 @@ from ...client.playback import (
 )
 from ...client.stream_kinds import random_points_to_send
 from ...client.uploads import upload_to_board
-from ...judge.timers import UNATTENDED
-from ...outcome import SELF_REPORTED, check, check_equal, fail, require
+from ...judge.timers import UNATTENDED, judged_mute_by_timer
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, fail, require
 
 _MS: Final = 1000
 _NEEDS: Final = Feature.SEQUENCE_PHASES
@@ -53,6 +59,20 @@ _WIDTHS: Final = (8, 15, 16, 24, 31, 32)
 _SEEN: Final = 12  # latches after which a playback of very many frames is stopped
 _LOOK_MS: Final = 60
 _SLOW_US: Final = 9_500_000
+_ENDED: Final = 5
+_FRAMES: Final = 3
+_AHEAD_US: Final = 3_000_000
+_ALONE_MS: Final = 200
+_SHORT_LEASE_MS: Final = 60
+PlaybackAct: TypeAlias = Callable[[BoardClient], object]
+#: What ends a playback, but for its last frame and the timers.
+ENDS_OF_PLAYBACK: Final[dict[str, PlaybackAct]] = {
+    "STOP": lambda board: board.link.ask(Stop()),
+    "MUTE": lambda board: board.link.ask(Mute()),
+    "MUTE without a session": lambda board: board.link.ask(Mute(), session=0),
+    "DISARM": lambda board: board.link.ask(Disarm()),
+    "a new session": BoardClient.hello,
+}
 
 
 @case("HG-7.6/1", needs=_NEEDS)
@@ -160,8 +180,7 @@ def judge_playback(
     wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
     check(not wrong, f"(sequence, loop, index, time): seen and due are {wrong[:1]}")
     check(len(got) == len(due), f"{len(got)} frames are traced, {len(due)} were due")
-    told = (event.sequence, event.loops, event.frames)
-    check_equal(told, (sequence, loops, total), f"PLAYBACK_ENDED says {told}")
+    check_fields(event, "PLAYBACK_ENDED", sequence=sequence, loops=loops, frames=total)
 
 
 @case("HG-7.6/5", needs=_NEEDS | Feature.CONFIG)
@@ -175,37 +194,40 @@ def playback_may_be_left_alone(board: BoardClient) -> None:
 @case("HG-7.6/6", needs=_NEEDS, depth=Depth.DEFAULT)
 def playback_loops_until_it_is_ended(board: BoardClient) -> None:
     """with loops = 0 a sequence plays until STOP, DISARM, MUTE or a new session ends it"""
-    for message in (Stop(), Disarm(), Mute(), None):
-        with board.counting():
-            since = _play_on(board, 50)
-        board.link.ask(message) if message else board.hello()
-        _, event = board.due_event(PlaybackEnded, since, 20 * _MS)
-        check(event.frames >= 40, f"{event.frames} frames were latched in 50 periods")
-        board.arm()
-        with board.counting(latched=0):
-            wait_for_no_latch(board, 10 * _MS)
+    for name, end in ENDS_OF_PLAYBACK.items():
+        frames = judge_ended_playback(board, end, name, 50).frames
+        check(frames >= 40, f"{frames} frames were latched in 50 periods")
 
 
 @case("HG-7.7/1", needs=_NEEDS)
 def stop_ends_the_playback(board: BoardClient) -> None:
     """STOP ends a playback; the board stays ARMED and holds the drive"""
-    since = _play_on(board, 5)
-    state = board.link.call(Stop(), StopReply).state
-    check_equal(state, OutputState.ARMED, f"STOP_REPLY says {state.name}")
-    board.due_event(PlaybackEnded, since, 20 * _MS)
-    with board.counting(latched=0):
-        wait_for_no_latch(board, 10 * _MS)
-        board.check_state(OutputState.ARMED, "STOP leaves the board")
+    judge_ended_playback(board, _stop_and_stay_armed, "STOP")
 
 
-def _play_on(board: BoardClient, periods: int) -> int:
-    """Play a sequence without an end for so many periods; return the number of the next piece."""
-    send_phases_that_fit(board, 1, frames=2)
+def _stop_and_stay_armed(board: BoardClient) -> None:
+    reply = board.link.call(Stop(), StopReply)
+    check_fields(reply, "STOP_REPLY", state=OutputState.ARMED)
+    board.check_status("STOP", state=OutputState.ARMED)
+
+
+def judge_ended_playback(
+    board: BoardClient, end: PlaybackAct, name: str, periods: int = 5
+) -> PlaybackEnded:
+    """FAILED unless *end*, after so many periods, ends a playback, which is told; return that."""
+    frames = phases_that_fit(board, _FRAMES)
+    send_phases_to_store(board, 1, frames=frames)
     since = board.arm()
     play_now(board, 1, loops=0)
     let_play(board, periods)
     check(not board.link.events(PlaybackEnded, since), "it ended by itself")
-    return since
+    end(board)
+    _, event = board.due_event(PlaybackEnded, since, 20 * _MS, f"{name} in a playback")
+    judge_end_told(board, since, 1, frames, event.frames, name)
+    board.arm()
+    with board.counting(latched=0):
+        wait_for_no_latch(board, 20 * _MS)
+    return event
 
 
 @case("HG-7.7/2")
@@ -213,8 +235,8 @@ def stop_without_playback(board: BoardClient) -> None:
     """STOP without a playback is answered with STOP_REPLY"""
     board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
     since = board.link.mark()
-    state = board.link.call(Stop(), StopReply).state
-    check_equal(state, board.status().state, f"STOP_REPLY says {state.name}")
+    reply = board.link.call(Stop(), StopReply)
+    check_fields(reply, "STOP_REPLY", state=board.status().state)
     check(not board.link.events(PlaybackEnded, since), "PLAYBACK_ENDED without a playback")
 
 
@@ -222,14 +244,11 @@ def stop_without_playback(board: BoardClient) -> None:
 def tells_the_end_of_playback(board: BoardClient) -> None:
     """one PLAYBACK_ENDED tells each end of a playback: by itself, by STOP, MUTE and DISARM"""
     send_phases_to_store(board, 4, frames=3)
-    for message in (None, Stop(), Mute(), Disarm()):
-        since = board.arm()
-        play_now(board, 4, loops=2 if message is None else 0)
-        let_play(board, 15)
-        if message is not None:
-            board.link.ask(message)
-        _, event = board.due_event(PlaybackEnded, since, 20 * _MS)
-        judge_end_told(board, since, 4, 3, event.frames)
+    since = board.arm()
+    play_out(board, 4, 3, loops=2)
+    judge_end_told(board, since, 4, 3, 6)
+    for name, end in ENDS_OF_PLAYBACK.items():
+        judge_ended_playback(board, end, name)
 
 
 def judge_end_told(
@@ -251,7 +270,7 @@ def streams_after_playback(board: BoardClient) -> None:
     play_out(board, 1, 2)
     with board.counting(latched=1):
         latch_now(board)
-    board.check_state(OutputState.ARMED, "after a playback the board is")
+    board.check_status("after a playback", state=OutputState.ARMED)
 
 
 def _playback_period_us(board: BoardClient) -> int:
@@ -366,9 +385,8 @@ def every_playback_start_is_kept(board: BoardClient) -> None:
         board.arm()
         start_us = board.clock.on_carrier(board.clock.device_us() + ahead_us)
         before = board.status().counters
-        play = play_request(
-            board, _SEQUENCE, loops=1, period_us=_playback_period_us(board), unattended_ms=alone_ms
-        )
+        period_us = _playback_period_us(board)
+        play = play_request(board, _SEQUENCE, loops=1, period_us=period_us, unattended_ms=alone_ms)
         board.link.call(play, PlayReply, time_us=start_us)
         board.clock.wait_before(start_us - 30 * _MS)
         early = board.counted_since(before)["latched"]
@@ -393,3 +411,119 @@ def every_passed_start_is_refused(board: BoardClient) -> None:
                 board, _SEQUENCE, loops=1, period_us=_playback_period_us(board), unattended_ms=100
             )
             board.link.refused(play, ErrorCode.BAD_VALUE, 0, time_us=start_us)
+
+
+# --- Ended at every moment ---------------------------------------------------------------------
+
+
+def _wait_for_start(board: BoardClient) -> None:
+    play_later(board, _ENDED, _AHEAD_US)
+
+
+def _playback_in_its_first_frame(board: BoardClient) -> None:
+    play_now(board, _ENDED, loops=0, period_us=9_000_000)
+    board.clock.wait_latched()
+
+
+def _playback_in_a_later_frame(board: BoardClient) -> None:
+    period_us = period_to_play(board)
+    play_now(board, _ENDED, loops=0, period_us=period_us)
+    for _ in range(2 * (_FRAMES + 2)):
+        board.wire.idle(period_us // 2)
+        board.link.ask(GetStatus())  # a slow board is not left alone for so long
+
+
+#: Moments of a playback, with the least number of frames that it has latched.
+_MOMENTS: Final[dict[str, tuple[PlaybackAct, int]]] = {
+    "that waits for its start": (_wait_for_start, 0),
+    "in its first frame": (_playback_in_its_first_frame, 1),
+    "in a later frame": (_playback_in_a_later_frame, _FRAMES + 1),
+}
+#: Every moment with every end.
+_ENDED_AT: Final = tuple(itertools.product(_MOMENTS.items(), ENDS_OF_PLAYBACK.items()))
+
+
+@case("HG-7.8/1-ends", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_playback_end_is_told(board: BoardClient) -> None:
+    """one PLAYBACK_ENDED tells of a playback that waits, in its first frame and later, by every
+    end
+    """
+    send_phases_to_store(board, _ENDED, frames=_FRAMES)
+    for (moment, (bring, least)), (name, end) in itertools.product(
+        _MOMENTS.items(), ENDS_OF_PLAYBACK.items()
+    ):
+        board.arm()
+        since, before = board.link.mark(), board.status().counters
+        bring(board)
+        end(board)
+        latched = board.counted_since(before)["latched"]
+        text = f"a playback {moment}, ended by {name}"
+        judge_end_told(board, since, _ENDED, _FRAMES, latched, text)
+        check(latched >= least, f"{text}: {latched} latches")
+
+
+@case("HG-7.6/4-again", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
+    """behind a playback that was ended at any moment, by every end, the next begins with frame 0"""
+    mode = ask_for_board_latches(board)
+    send_phases_to_store(board, _ENDED, frames=_FRAMES)
+    period_us = board.clock.on_carrier(period_to_play(board))
+    for (moment, (bring, _)), (name, end) in itertools.product(
+        _MOMENTS.items(), ENDS_OF_PLAYBACK.items()
+    ):
+        board.arm()
+        bring(board)
+        end(board)
+        board.arm()
+        since, asked_us = board.link.mark(), board.clock.device_us()
+        play_now(board, _ENDED, loops=1, period_us=period_us)
+        most_us = board.clock.on_carrier(board.clock.ready_us(board.clock.device_us()))
+        await_playback_end(board, since, _FRAMES * period_us)
+        seen = latches_received_from_board(board, since, mode)[-_FRAMES:]
+        text = f"PLAY behind one {moment} that {name} has ended"
+        got = [(latch.loop, latch.index) for latch in seen]
+        due = [(0, index) for index in range(_FRAMES)]
+        check(got == due, f"{text}: (loop, index) of its latches are {got}, due {due}")
+        # The last latch before may be of the same carrier period (HG-5.8/3).
+        in_time = asked_us <= seen[0].t_us <= most_us + board.clock.carrier_us
+        check(in_time, f"{text}: its first frame is latched {seen[0].t_us - asked_us} µs later")
+
+
+@case("HG-3.6/4-playback", needs=PLAYS, depth=Depth.DEFAULT)
+def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
+    """the event that a new session causes by ending a playback has the number 0, the next one 1"""
+    send_phases_to_store(board, _ENDED, frames=_FRAMES)
+    period_ms = board.quick_status_ms
+    for moment, (bring, _) in _MOMENTS.items():
+        since = board.arm(status_period_ms=period_ms)
+        wait_us = 3 * period_ms * _MS
+        board.link.await_event(Status, since, wait_us)  # this session has an event
+        bring(board)
+        since = board.link.mark()
+        board.hello()
+        board.link.await_event(Status, board.link.mark(), wait_us)  # none of the old session
+        pieces = [piece for piece in board.wire.received[since:] if piece.is_event]
+        seen = [
+            (type(piece.message).__name__, piece.header.seq)
+            for piece in pieces
+            if piece.header is not None and piece.header.session == board.link.session
+        ]
+        due = [("PlaybackEnded", 0), ("Status", 1)]
+        check_equal(seen[:2], due, f"a new session and a playback {moment}: events {seen[:2]}")
+
+
+@case("HG-7.6/5-config", needs=PLAYS)
+def every_lease_leaves_a_playback_its_time(board: BoardClient) -> None:
+    """SET_CONFIG while a sequence plays or waits: unattended_ms still stands for host_timeout_ms"""
+    send_phases_to_store(board, _ENDED, frames=_FRAMES)
+    alone_ms = min(_ALONE_MS, board.identity.max_unattended_ms)
+    for is_waiting in (False, True) if board.thorough else (False,):
+        board.configure()
+        board.arm()
+        if is_waiting:
+            play_later(board, _ENDED, _AHEAD_US, unattended_ms=alone_ms)
+        else:
+            play_now(board, _ENDED, loops=0, period_us=50 * _MS, unattended_ms=alone_ms)
+        since = board.link.mark()
+        board.configure(host_timeout_ms=_SHORT_LEASE_MS)
+        judged_mute_by_timer(board, since, 2 * alone_ms * _MS, MuteReason.UNATTENDED)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from haptogram_protocol.messages import (
@@ -36,7 +36,7 @@ from ...client.uploads import (
     upload_forms,
     upload_to_board,
 )
-from ...outcome import SELF_REPORTED, check, check_equal, require
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 
 _LARGEST: Final = 0xFFFFFFFF
 _TRACED_POINTS: Final = Feature.POINTS | Feature.SEQUENCE_POINTS | Feature.TRACE | Feature.CONFIG
@@ -138,9 +138,8 @@ def names_the_limits_of_uploads(board: BoardClient) -> None:
     """UPLOAD_BEGIN_REPLY names max_chunk and upload_window of HELLO_REPLY"""
     form = upload_forms(board)[0]
     reply = announce_upload(board, form.request(form.frame_bytes))
-    due = board.identity.max_chunk, board.identity.upload_window
-    told = reply.max_chunk, reply.window
-    check(told == due, f"max_chunk and window are {told}, in HELLO_REPLY {due}")
+    limits = board.identity
+    check_fields(reply, "reply", max_chunk=limits.max_chunk, window=limits.upload_window)
 
 
 @case("HG-7.3/1")
@@ -164,9 +163,8 @@ def takes_chunks_in_order(board: BoardClient) -> None:
 
 def _send_chunk(board: BoardClient, chunk: UploadChunk, due: int) -> None:
     """FAILED unless a chunk is taken and so many bytes are there then."""
-    received = board.link.call(chunk, UploadChunkReply).received
-    size = len(chunk.data)
-    check(received == due, f"{size} bytes at {chunk.offset}: {received} bytes are there, not {due}")
+    reply = board.link.call(chunk, UploadChunkReply)
+    check_fields(reply, f"{len(chunk.data)} bytes at {chunk.offset}", received=due)
 
 
 @case("HG-7.3/2")
@@ -199,13 +197,13 @@ def limits_the_chunks_of_an_upload(board: BoardClient) -> None:
 @case("HG-7.3/4")
 def refuses_stray_upload_chunks(board: BoardClient) -> None:
     """a chunk past the end is refused with BAD_VALUE, one without an upload with BAD_STATE"""
-    form = upload_forms(board)[0]
-    frame = form.frame_bytes
     board.hello()
     board.link.refused(UploadChunk(0, b"\x01"), ErrorCode.BAD_STATE)
-    form.begin(board, bytes(frame))
-    for offset, size in ((frame, 1), (frame - 1, 2), (0xFFFFFFF0, 1), (0xFFFFFFFF, 2)):
-        board.link.refused(UploadChunk(offset, bytes(size)), ErrorCode.BAD_VALUE)
+    form = upload_forms(board)[0]
+    frame = form.frame_bytes
+    _judge_chunks(
+        board, form, frame, ((frame, 1), (frame - 1, 2), (_LARGEST - 15, 1), (_LARGEST, 2))
+    )
 
 
 @case("HG-7.3/4-edges")
@@ -213,16 +211,24 @@ def takes_chunks_that_fit(board: BoardClient) -> None:
     """chunks of 0, 1, 2 and max_chunk bytes at every edge: those at the start are taken"""
     form = upload_forms(board)[0]
     size = form.frame_bytes * (3 if form.target else 1)
-    for offset in (0, 1, size // 2, size - 1, size, size + 1, 1 << 16, 1 << 31, _LARGEST):
-        for length in (0, 1, 2, board.identity.max_chunk):
-            form.begin(board, bytes(size))
-            chunk = UploadChunk(offset, bytes(length))
-            if offset == 0 and length <= size:
-                _send_chunk(board, chunk, length)
-            else:
-                is_beyond = offset + length > size
-                code = ErrorCode.BAD_VALUE if is_beyond else ErrorCode.INCOMPLETE
-                board.link.refused(chunk, code, 0)
+    offsets = (0, 1, size // 2, size - 1, size, size + 1, 1 << 16, 1 << 31, _LARGEST)
+    lengths = (0, 1, 2, board.identity.max_chunk)
+    _judge_chunks(board, form, size, itertools.product(offsets, lengths))
+
+
+def _judge_chunks(
+    board: BoardClient, form: UploadForm, size: int, spans: Iterable[tuple[int, int]]
+) -> None:
+    """FAILED unless of chunks of an upload those that fit, and begin with it, are taken."""
+    for offset, length in spans:
+        form.begin(board, bytes(size))
+        chunk = UploadChunk(offset, bytes(length))
+        if offset == 0 and length <= size:
+            _send_chunk(board, chunk, length)
+        else:
+            is_beyond = offset + length > size
+            code = ErrorCode.BAD_VALUE if is_beyond else ErrorCode.INCOMPLETE
+            board.link.refused(chunk, code, 0)
 
 
 @case("HG-7.4/1", needs=PLAYS, evidence=SELF_REPORTED)
@@ -238,8 +244,7 @@ def upload_keeps_the_old_sequence(board: BoardClient) -> None:
         if due is new:
             upload_to_board(board, UploadKind.PHASES, 6, b"".join(new))
         got = played_crcs(board, 6, 2, mode)
-        text = f"the {which} sequence is due; traced are {len(got)} other drives"
-        check(got == list(map(drive_crc, due)), text)
+        check_equal(got, list(map(drive_crc, due)), f"CRC-32 of the {which} sequence, which is due")
 
 
 @case("HG-7.4/2")
@@ -256,9 +261,9 @@ def refuses_upload_commits_of_a_part(board: BoardClient) -> None:
     size = board.identity.max_chunk
     for start in range(0, len(data), size):  # some of it is there already
         board.link.call(UploadChunk(start, data[start : start + size]), UploadChunkReply)
-    got = board.link.call(UploadCommit(form.target), UploadCommitReply).frames
+    reply = board.link.call(UploadCommit(form.target), UploadCommitReply)
     due = frames if form.target else board.identity.transducers
-    check(got == due, f"UPLOAD_COMMIT_REPLY says {got}, due is {due}")
+    check_fields(reply, "UPLOAD_COMMIT_REPLY", frames=due)
 
 
 @case("HG-7.4/3")
@@ -302,10 +307,8 @@ def every_number_of_points_is_played(board: BoardClient) -> None:
         streamed = streamed_crcs(board, frames)
         period_us = period_to_play(board, number)
         played = played_crcs(board, _SEQUENCE, _FRAMES, period_us=period_us)
-        traces = len(streamed) + len(played)
-        check_equal(traces, 2 * _FRAMES, f"{traces} traces of {2 * _FRAMES} latches")
-        text = f"frames of {number} points are played with other drives than streamed"
-        check(played == streamed, text)
+        check_equal(len(streamed), _FRAMES, f"{len(streamed)} traces of {_FRAMES} frames")
+        check_equal(played, streamed, f"CRC-32 of {_FRAMES} frames of {number} points, played")
 
 
 @case("HG-7.3/1-sizes", needs=TRACED_PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -326,8 +329,8 @@ def every_size_of_chunks_is_taken(board: BoardClient) -> None:
     for size in [*sizes, *[min(sizes)] * (len(data) - sum(sizes))]:
         chunk = UploadChunk(at, data[at : at + size])
         at = board.link.call(chunk, UploadChunkReply).received
-    taken = board.link.call(UploadCommit(_SEQUENCE), UploadCommitReply).frames
-    check(taken == frames, f"{taken} frames are taken, not {frames}")
+    reply = board.link.call(UploadCommit(_SEQUENCE), UploadCommitReply)
+    check_fields(reply, "UPLOAD_COMMIT_REPLY", frames=frames)
     board.configure(trace_mode=TraceMode.CRC)
     period_us = board.wire.period_us(_TRACE_BYTES, period_to_play(board))
     got = played_crcs(board, _SEQUENCE, frames, period_us=period_us)
@@ -380,9 +383,8 @@ def every_replaced_upload_leaves_nothing(board: BoardClient) -> None:
             other = list(map(drive_crc, send_phases_to_store(board, _OTHER, frames=2)))
         for sequence, crcs in ((_REPLACED, due), (_OTHER, other)):
             seen = played_crcs(board, sequence, len(crcs), period_us=period_us)
-            which = "" if sequence == _REPLACED else "beside it, the other sequence: "
-            text = f"latched are {len(seen)} other drives than the {len(crcs)} stored"
-            check_equal(seen, crcs, f"{name}: {which}{text}")
+            which = "" if sequence == _REPLACED else ", the other sequence beside it"
+            check_equal(seen, crcs, f"{name}{which}: CRC-32 of the drives stored")
 
 
 @case("HG-7.4/2-pieces", depth=Depth.DEFAULT)

@@ -135,7 +135,7 @@ def _fill_uplink(board: BoardClient, state: OutputState, mode: TraceMode) -> Non
     text = f"{name}: {latched} latches, {dropped} traces dropped; {traces} traces came"
     check(mode is TraceMode.OFF or traces == latched - dropped, text)
     expected = OutputState.MUTED if state is OutputState.ARMED else state
-    board.check_state(expected, f"{name}: behind a silence of {_SILENT_MS} ms")
+    board.check_status(f"{name}: behind a silence of {_SILENT_MS} ms", state=expected)
 
 
 @case("HG-9.6/1", depth=Depth.DEFAULT)

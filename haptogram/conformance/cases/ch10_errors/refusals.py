@@ -1,4 +1,4 @@
-"""HG-3.6, HG-7.1, HG-10.1, HG-10.2: refused requests change nothing, allowed ones one thing."""
+"""HG-3.6, HG-7.1, HG-10.1, HG-10.2: ERROR changes nothing, and has the code of its case."""
 
 from __future__ import annotations
 
@@ -10,14 +10,22 @@ from functools import partial
 from typing import Any, Final
 
 from haptogram_protocol.messages import (
+    VERSION_MAJOR,
     Arm,
+    Config,
+    ConfigReply,
     Disarm,
     Error,
     ErrorCode,
     Feature,
+    GetConfig,
+    GetGeometry,
+    Hello,
     Message,
     Mute,
+    Ping,
     Play,
+    Pong,
     SetConfig,
     SetConfigReply,
     Stop,
@@ -30,7 +38,7 @@ from haptogram_protocol.messages import (
     UploadKind,
 )
 
-from ...case import Depth, case
+from ...case import Depth, case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.capabilities import TRACED_PLAYS
 from ...client.latching import latch_now
@@ -95,6 +103,78 @@ _EVENTS: Final = 2200  # more than 11 bits of event numbers
 _CHANGING: Final = (Arm, Disarm, Stop, Play, SetConfig, UploadBegin, UploadChunk, UploadCommit)
 #: What a configuration itself changes, of what a board holds.
 _BY_CONFIG: Final = ("config_crc", "the configuration", "the radiated drive")
+
+unknown_codes = case_about_host("HG-10.1/3")
+
+
+@case("HG-10.1/1")
+def error_refusals_change_nothing(board: BoardClient) -> None:
+    """refused requests leave state, configuration, queue and stream numbers alone"""
+    board.arm()
+    before, config = board.status(), board.link.call(GetConfig(), ConfigReply)
+    t_us = board.clock.soon_us(bytes(2000), ahead_us=40_000)
+    with board.counting(latched=2):
+        board.link.stream(board.flat_phases(), t_us)
+        board.link.refused_raw(0x43, b"\x00", ErrorCode.BAD_LENGTH, 0)
+        board.link.refused_raw(0x43, b"", ErrorCode.UNSUPPORTED, 0x20, flags=0x20)
+        board.link.refused_raw(0x43, b"", ErrorCode.STALE_SESSION, session=board.link.session ^ 3)
+        board.link.refused(GetGeometry(0xFFFF, 1), ErrorCode.NOT_FOUND)
+        board.clock.wait_until(t_us + 100)
+        latch_now(board)
+    after = board.status()
+    check_equal(after.state, before.state, f"a refusal has led to {after.state.name}")
+    found = board.link.call(GetConfig(), ConfigReply)
+    check_equal(found, config, "a refusal has changed the configuration")
+
+
+@case("HG-10.1/2")
+def stream_gets_no_error(board: BoardClient) -> None:
+    """stream frames, good ones and bad ones of every kind, get no answer"""
+    board.arm()
+    good = board.flat_phases()
+    frames = [
+        board.link.stream_wire(good),
+        board.link.stream_wire(good, flags=0x80),
+        board.link.stream_wire(good, seq=board.link.stream_next - 1),
+        board.link.stream_wire(good, session=0),
+        board.link.stream_wire(good, board.clock.device_us() - 10_000),
+        board.link.stream_wire(good, board.clock.device_us() + board.identity.max_horizon_us * 2),
+        board.link.stream_raw(0x3C, b"abc"),
+        board.link.stream_raw(good.TYPE, b""),
+    ]
+    board.link.unanswered("a stream frame", *frames)
+    board.disarm()
+    board.link.unanswered("a stream frame while DISARMED", board.link.stream_wire(good))
+
+
+@case("HG-10.2/1")
+def uses_the_right_error_codes(board: BoardClient) -> None:
+    """ten refusals have the code that SPEC.md gives; none is BUSY"""
+    board.link.refused_raw(0x7B, b"", ErrorCode.UNSUPPORTED, 0x7B)
+    board.link.refused(Ping(0), ErrorCode.UNSUPPORTED, 0x80, flags=0x80)
+    board.link.refused_raw(Ping.TYPE, b"", ErrorCode.BAD_LENGTH, 8)
+    board.link.refused(board.hello_message(0), ErrorCode.BAD_VALUE, 2, session=0)
+    hello = Hello(VERSION_MAJOR + 5, 0, board.new_nonce(), 0)
+    board.link.refused(hello, ErrorCode.VERSION, VERSION_MAJOR, session=0)
+    board.link.refused(
+        Ping(0), ErrorCode.STALE_SESSION, board.link.session, session=board.link.session ^ 9
+    )
+    board.link.call(Ping(1), Pong)
+    seq = board.link.seq & 0xFFFF
+    board.link.refused(Ping(2), ErrorCode.SEQUENCE_REUSED, seq, seq=seq)
+    count = board.identity.transducers
+    board.link.refused(GetGeometry(count, 1), ErrorCode.NOT_FOUND, count)
+    if board.has(Feature.CONFIG):
+        wrong = Config(hold_ms=0)
+        board.link.refused(SetConfig(wrong), ErrorCode.BAD_VALUE, Config.WIRE["hold_ms"].offset)
+    if board.identity.features & (Feature.SEQUENCE_PHASES | Feature.CORRECTION):
+        board.link.refused(UploadCommit(1), ErrorCode.BAD_STATE, 0)
+    busy = [
+        piece
+        for piece in board.wire.received
+        if isinstance(piece.message, Error) and piece.message.code == ErrorCode.BUSY
+    ]
+    check(not busy, "a refusal that does not pass by itself is BUSY")
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +321,7 @@ def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
 
 
 @case("HG-10.1/1-mismatch", needs=Feature.SEQUENCE_PHASES)
-def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
+def every_mismatch_leaves_the_upload(board: BoardClient) -> None:
     """an upload outlives a commit that is refused with CRC_MISMATCH: the right bytes complete it"""
     data = _begin_upload_before_refusal(board)
     damaged = bytes([data[0] ^ 0x40]) + data[1:]
@@ -258,7 +338,7 @@ def a_refusal_of_a_mismatch_changes_nothing(board: BoardClient) -> None:
 
 
 @case("HG-10.1/1-timers", needs=Feature.CONFIG, depth=Depth.DEFAULT)
-def a_refusal_leaves_every_timer(board: BoardClient) -> None:
+def every_refusal_leaves_the_timers(board: BoardClient) -> None:
     """behind a refusal of every kind lease and unattended time have their own lengths and
     reasons
     """
@@ -307,7 +387,7 @@ def _allowed_readings(board: BoardClient) -> list[Message]:
 
 
 @case("HG-10.2/1-moments", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def allowed_readings_are_always_answered(board: BoardClient) -> None:
+def every_reading_is_always_answered(board: BoardClient) -> None:
     """requests that only ask are answered while streaming, playing, waiting, DISARMED and MUTED"""
     send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
@@ -322,7 +402,7 @@ def allowed_readings_are_always_answered(board: BoardClient) -> None:
 
 
 @case("HG-7.1/3-alone", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def an_allowed_setting_changes_only_itself(board: BoardClient) -> None:
+def every_setting_changes_only_itself(board: BoardClient) -> None:
     """a field set while frames wait, a sequence plays or an upload is under way changes only
     itself
     """
@@ -351,7 +431,7 @@ def an_allowed_setting_changes_only_itself(board: BoardClient) -> None:
 
 
 @case("HG-7.1/3-hello", needs=Feature.CONFIG)
-def an_allowed_speed_is_told_by_hello(board: BoardClient) -> None:
+def every_speed_is_told_by_hello(board: BoardClient) -> None:
     """HELLO_REPLY tells the speed of sound that is set"""
     for speed in (300_000, 343_210, 380_000):
         board.configure(sound_speed_mm_s=speed)
@@ -360,7 +440,7 @@ def an_allowed_speed_is_told_by_hello(board: BoardClient) -> None:
 
 
 @case("HG-3.6/2-events", needs=TRACED_PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
-def events_of_many_allowed_requests_are_numbered(board: BoardClient) -> None:
+def every_event_of_many_is_numbered(board: BoardClient) -> None:
     """2200 events of one session count up by 1: more than 11 bits of their numbers are kept"""
     send_phases_that_fit(board, STORED, frames=2)
     board.configure(trace_mode=TraceMode.CRC)
