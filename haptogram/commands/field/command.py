@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -17,9 +15,10 @@ from haptogram.settings.shape import ModulationConfig
 
 from ..acting_options import PITCH, acts_on_a_shape, acts_on_a_size, refuse_idle_options
 from ..array_options import add_array_options
-from ..shell.exit_status import PASS
+from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
 from ..shell.positions import Position, position_argument_mm
+from ..shell.progress import progress_bar
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -210,26 +209,10 @@ def run_field(arguments: argparse.Namespace) -> int:
     lines = [] if arguments.quiet else [*describe_field_scene(scene), *levels]
     for line in lines:
         print(line, file=outputs.text)
-    if arguments.picture is not None:
-        with _field_bar(quiet=arguments.quiet) as progress:
+
+    def write_picture(path: Path) -> None:
+        with progress_bar("field", quiet=arguments.quiet, unit="points") as progress:
             figure = draw_scene(arguments, scene, progress)
-        write_picture_output(arguments.picture, figure)
-        outputs.announce()
-    return PASS
+        write_picture_output(path, figure)
 
-
-@contextlib.contextmanager
-def _field_bar(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """Show a progress bar on standard error, if that is a terminal."""
-    if quiet:
-        yield None
-        return
-    from tqdm import tqdm
-
-    with tqdm(desc="field", unit=" points", leave=False, disable=None) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield show
+    return PASS if outputs.write_files(picture=write_picture) else USAGE
