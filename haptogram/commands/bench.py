@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.campaigns.bench.config import BenchConfig
-from haptogram.settings.command_line import add_command_options, config_from_options, given_options
+from haptogram.settings.command_line import add_command_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.run.outputs import OutputConfig
 
@@ -60,8 +60,6 @@ def set_up_bench(parser: Parser) -> None:
     )
     parser.epilog = _EXAMPLES
     parser.main_options = "port rate_hz seconds baud lead_ms spin_us realtime json html compare"
-    parser.rename(link_baud="baud")
-    parser.refused["--goals"] = "is ci/timing-goals of a checkout now"
     parser.acting = _ACTING
     parser.set_defaults(run=run_bench)
     add_command_options(parser, options_of(BenchConfig).values())
@@ -82,7 +80,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "json", "html", "summary", "picture", "record")
     old = None if arguments.compare is None else read_bench_result(arguments.compare)
-    config = config_from_options(BenchConfig, given_options(arguments, options_of(BenchConfig)))
+    config = BenchConfig.of(**given_options(arguments, options_of(BenchConfig)))
     with outputs.recording(config.as_dict()) as writer:
         # Without a progress bar: it would draw between the ticks.
         found = run_bench(config, writer)

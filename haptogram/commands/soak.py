@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 from haptogram.campaigns.soak.setup import SoakSetup
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
-from haptogram.settings.command_line import add_command_options, config_from_options, given_options
+from haptogram.settings.command_line import add_command_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.run.outputs import OutputConfig
 
@@ -84,7 +84,6 @@ def set_up_soak(
     )
     parser.epilog = _EPILOG
     parser.main_options = "hours fault_rate seed jobs resume json junit html record"
-    parser.refused["--virtual-time"] = "does nothing: a soak has no other time; leave it out"
     parser.acting = _ACTING
     parser.set_defaults(run=functools.partial(run_soak, board_maker=board_maker))
     add_command_options(parser, options_of(SoakSetup).values())
@@ -134,7 +133,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
 def _soak_campaign_of_arguments(arguments: argparse.Namespace) -> SoakCampaign:
     from haptogram.campaigns.soak.campaign import SoakCampaign
 
-    setup = config_from_options(SoakSetup, given_options(arguments, options_of(SoakSetup)))
+    setup = SoakSetup.of(**given_options(arguments, options_of(SoakSetup)))
     if arguments.resume is None:
         return SoakCampaign(setup)
     return SoakCampaign.load(arguments.resume, setup)

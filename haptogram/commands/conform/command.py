@@ -57,7 +57,6 @@ def set_up_conform(parser: Parser, virtual: Virtual) -> None:
         "  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)\n"
     )
     parser.main_options = "port baud spawn port_regex reset_cmd clause quick full junit html"
-    parser.rename(link_baud="baud", recording="from_recording")
     parser.set_defaults(run=functools.partial(run_conform, virtual=virtual))
     add_conform_options(parser)
 

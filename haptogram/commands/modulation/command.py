@@ -119,7 +119,6 @@ def set_up_modulation(parser: Parser) -> None:
     _add_modulation_object(parser)
     _add_modulation_skin(parser)
     _add_modulation_outputs(parser)
-    parser.rename(output="picture", frames="csv")
     parser.acting = _ACTING
     parser.set_defaults(run=run_modulation)
 

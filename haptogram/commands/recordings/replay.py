@@ -14,11 +14,11 @@ from haptogram.machine.files import write_json_file
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting, file_name_option
+from haptogram.settings.parser import file_name_option
 from haptogram.settings.run.link import LinkConfig
 from haptogram.settings.run.outputs import OutputConfig
 
-from ..acting_options import refuse_idle_options
+from ..acting_options import refuse_idle_options, with_option, without_option
 from ..shell.exit_status import USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs
 
@@ -65,10 +65,8 @@ class ReplayConfig(Settings):
 
 
 _ACTING: Final = {
-    "baud": Acting("with --port", lambda a: a.port is not None),
-    **dict.fromkeys(
-        ("healthy", "mutant", "array"), Acting("without --port", lambda a: a.port is None)
-    ),
+    "baud": with_option("port"),
+    **dict.fromkeys(("healthy", "mutant", "array"), without_option("port")),
 }
 
 

@@ -19,7 +19,7 @@ from haptogram.errors import (
 from haptogram.settings.option import options_of
 from haptogram.settings.run.outputs import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig
-from haptogram.settings.run.verify_file import RENAMED, load_verify_config, read_settings_table
+from haptogram.settings.run.verify_file import load_verify_config, read_settings_table
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
@@ -97,7 +97,6 @@ def set_up_verify(
     parser.main_options = (
         "object rate_hz array port dialect virtual_time fault tolerance_mm junit html"
     )
-    parser.rename(**RENAMED)
     parser.set_defaults(run=functools.partial(run_verify, made=made))
     add_verify_options(parser)
 

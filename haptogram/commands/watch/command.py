@@ -22,7 +22,7 @@ from haptogram.settings.option import options_of
 from haptogram.settings.parser import Acting, name_option
 from haptogram.settings.tolerance import ToleranceConfig
 
-from ..acting_options import STAMPED, refuse_idle_options
+from ..acting_options import STAMPED, refuse_idle_options, with_option
 from ..shell.exit_status import USAGE
 from ..shell.output_files import (
     FILE_HELP,
@@ -70,15 +70,12 @@ _OWN_BOARD: Final = Acting(
     "on a board that is started here, or on a file of bytes (not on a back door)",
     lambda s: s.source is None or (s.dialect is not None and not s.source.startswith("unix:")),
 )
-_EXPECTED: Final = Acting(
-    "with --expect or --expect-file", lambda s: bool(s.expect) or s.expect_file is not None
-)
 _ACTING: Final = {
     "stamp": STAMPED,
     **dict.fromkeys(
         ("dialect", "dialect_option", "array", "temperature_c", "calibration"), _OWN_BOARD
     ),
-    **dict.fromkeys(("tolerance_mm", "tolerance_c", "tolerance_humidity"), _EXPECTED),
+    **dict.fromkeys(options_of(ToleranceConfig), with_option("expect", "expect_file")),
 }
 
 
