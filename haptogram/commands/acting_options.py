@@ -42,6 +42,18 @@ def refuse_idle_options(
             raise ConfigurationError(f"{told} acts only {acting.where}; leave it out")
 
 
+def with_option(*names: str) -> Acting:
+    """Return that an option acts with any of the options *names*."""
+    *others, last = (f"--{name.replace('_', '-')}" for name in names)
+    where = f"with {', '.join(others)} or {last}" if others else f"with {last}"
+    return Acting(where, lambda s: any(getattr(s, name, None) for name in names))
+
+
+def without_option(name: str) -> Acting:
+    """Return that an option acts without the option *name*."""
+    return Acting(f"without --{name}", lambda s: not getattr(s, name))
+
+
 def acts_on_a_shape(settings: Any) -> bool:
     """Return True unless the object is a mesh."""
     from haptogram.settings.shape import SHAPES
@@ -76,7 +88,4 @@ def _acts_on_modulation(settings: Any) -> str | None:
     return kind
 
 
-STAMPED: Final = Acting(
-    "with --html, --junit or --summary",
-    lambda s: any(getattr(s, name, None) is not None for name in ("html", "junit", "summary")),
-)
+STAMPED: Final = with_option("html", "junit", "summary")

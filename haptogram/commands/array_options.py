@@ -11,7 +11,7 @@ from haptogram.settings.array import ArrayConfig
 from haptogram.settings.board import DEFAULT_ARRAY
 from haptogram.settings.command_line import (
     add_setting_options,
-    config_from_options,
+    given_options,
     setting_option_name,
 )
 from haptogram.settings.option import options_of
@@ -49,8 +49,8 @@ def array_model(arguments: argparse.Namespace) -> AcousticModel:
     from haptogram.published import find_preset
 
     if not arguments.preset:
-        given = {name: getattr(arguments, name) for name in ("array", *_OWN)}
-        return host_model_of_run_frames(config_from_options(ArrayConfig, given))
+        given = given_options(arguments, options_of(ArrayConfig))
+        return host_model_of_run_frames(ArrayConfig.of(**given))
     for name in _OWN:
         if getattr(arguments, name) is not None:
             raise ConfigurationError(

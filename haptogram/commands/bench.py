@@ -8,18 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.campaigns.bench.config import BenchConfig
-from haptogram.settings.command_line import add_command_options, config_from_options, given_options
+from haptogram.settings.command_line import add_command_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.run.outputs import OutputConfig
 
 from .acting_options import STAMPED, refuse_idle_options
-from .shell.exit_status import USAGE
-from .shell.job import annotate_job, provenance_of_run
+from .shell.exit_status import PASS, USAGE
 from .shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
-from .shell.recording import command_recording, is_command_recorded
 
 if TYPE_CHECKING:
-    from haptogram.campaigns.bench.measure import BenchRun
     from haptogram.settings.parser import Parser
 
 _EXAMPLES: Final = """\
@@ -63,8 +60,6 @@ def set_up_bench(parser: Parser) -> None:
     )
     parser.epilog = _EXAMPLES
     parser.main_options = "port rate_hz seconds baud lead_ms spin_us realtime json html compare"
-    parser.rename(link_baud="baud")
-    parser.refused["--goals"] = "is ci/timing-goals of a checkout now"
     parser.acting = _ACTING
     parser.set_defaults(run=run_bench)
     add_command_options(parser, options_of(BenchConfig).values())
@@ -78,16 +73,15 @@ def run_bench(arguments: argparse.Namespace) -> int:
     from haptogram.campaigns.bench.measure import run_bench
     from haptogram.campaigns.bench.result import bench_dict, read_bench_result
     from haptogram.report.bench.document import bench_document
+    from haptogram.report.bench.pictures import draw_bench_histograms
     from haptogram.report.formats.console import document_text
-    from haptogram.report.formats.html import write_document_page
-    from haptogram.report.formats.job_summary import write_job_summary
+    from haptogram.report.run import write_run_json
 
     refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "json", "html", "summary", "picture", "record")
-    provenance = provenance_of_run(arguments)
     old = None if arguments.compare is None else read_bench_result(arguments.compare)
-    config = config_from_options(BenchConfig, given_options(arguments, options_of(BenchConfig)))
-    with command_recording(arguments.record, "bench", config.as_dict()) as writer:
+    config = BenchConfig.of(**given_options(arguments, options_of(BenchConfig)))
+    with outputs.recording(config.as_dict()) as writer:
         # Without a progress bar: it would draw between the ticks.
         found = run_bench(config, writer)
         result = bench_dict(found)
@@ -101,17 +95,12 @@ def run_bench(arguments: argparse.Namespace) -> int:
         outputs.print(document_text(document))
     elif changes:
         outputs.print("\n".join(changes))
-    annotate_job(document, outputs)
-    _write_bench_results(arguments, found, result)
-    if arguments.html is not None:
-        write_document_page(arguments.html, document, provenance)
-    if arguments.summary is not None:
-        write_job_summary(arguments.summary, document, provenance)
-    recorded = is_command_recorded("bench", writer)
-    outputs.paths.pop("--record", None)
-    if not arguments.quiet:
-        outputs.announce()
-    return 0 if recorded else USAGE
+    written = outputs.write(
+        document,
+        json=lambda path: write_run_json(path, result),
+        picture=lambda path: write_picture_output(path, draw_bench_histograms(found.stages_us)),
+    )
+    return PASS if outputs.is_recorded(writer) and written else USAGE
 
 
 def _bench_changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
@@ -122,18 +111,3 @@ def _bench_changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     quiet = sum(not change.beyond_noise for change in changes)
     lines.append(f"unchanged within the noise: {quiet} of {len(changes)} comparisons")
     return lines + bench_differences(old, new)
-
-
-def _write_bench_results(
-    arguments: argparse.Namespace,
-    found: BenchRun,
-    result: dict[str, Any],
-) -> None:
-    from haptogram.report.run import write_run_json
-
-    if arguments.json is not None:
-        write_run_json(arguments.json, result)
-    if arguments.picture is not None:
-        from haptogram.report.bench.pictures import draw_bench_histograms
-
-        write_picture_output(arguments.picture, draw_bench_histograms(found.stages_us))

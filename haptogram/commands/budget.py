@@ -11,11 +11,10 @@ from haptogram.settings.arguments import check_choice
 from haptogram.settings.board import MOST_TRANSDUCERS
 from haptogram.settings.command_line import add_setting_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting
 from haptogram.settings.run.frames import PaceConfig
 from haptogram.settings.run.link import LinkConfig
 
-from .acting_options import refuse_idle_options
+from .acting_options import refuse_idle_options, with_option
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.frame_budget import FrameBudget
@@ -60,7 +59,7 @@ class BudgetConfig(Settings):
     boards: int = option(1, unit="N", low=1, high=16, help="boards on the line, with --dialect")
 
 
-_ACTING: Final = {"boards": Acting("with --dialect", lambda a: a.dialect is not None)}
+_ACTING: Final = {"boards": with_option("dialect")}
 
 
 def set_up_budget(parser: Parser) -> None:
@@ -72,7 +71,6 @@ def set_up_budget(parser: Parser) -> None:
         "answers and trace, is computed for USB adapters with a latency timer as well."
     )
     parser.epilog = _EXAMPLES
-    parser.rename(rate="rate_hz")
     parser.acting = _ACTING
     parser.set_defaults(run=run_budget)
     baud = f"{BudgetConfig.baud}, with --dialect: that of its boards"

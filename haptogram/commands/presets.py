@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING, Final
 
 from haptogram.machine.files import write_json_file
 from haptogram.settings.parser import file_name_option
 
-from .shell.exit_status import PASS
+from .shell.exit_status import PASS, USAGE
 from .shell.output_files import CommandOutputs
 
 if TYPE_CHECKING:
@@ -55,11 +54,11 @@ def run_presets(arguments: argparse.Namespace) -> int:
     from haptogram.published import PRESETS, compare_preset, find_preset
     from haptogram.report.presets import presets_text
 
-    CommandOutputs(arguments, "json")
+    outputs = CommandOutputs(arguments, "json")
     chosen = [find_preset(name) for name in arguments.names] or PRESETS
     compared = [(preset, compare_preset(preset)) for preset in chosen]
-    if arguments.json:
-        write_json_file(arguments.json, {"presets": [row for _, rows in compared for row in rows]})
-    else:
-        sys.stdout.write(presets_text(compared))
-    return PASS
+    rows = [row for _, rows in compared for row in rows]
+    if not outputs.paths:
+        outputs.print(presets_text(compared).rstrip())
+    written = outputs.write_files(json=lambda path: write_json_file(path, {"presets": rows}))
+    return PASS if written else USAGE

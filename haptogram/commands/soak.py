@@ -15,21 +15,19 @@ from typing import TYPE_CHECKING, Final
 from haptogram.campaigns.soak.setup import SoakSetup
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
-from haptogram.settings.command_line import add_command_options, config_from_options, given_options
+from haptogram.settings.command_line import add_command_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.run.outputs import OutputConfig
 
 from .acting_options import STAMPED, refuse_idle_options
 from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE
-from .shell.job import annotate_job, provenance_of_run
-from .shell.output_files import FILE_HELP, CommandOutputs, announce_output_file
-from .shell.recording import command_recording, is_command_recorded
+from .shell.output_files import FILE_HELP, CommandOutputs
+from .shell.progress import progress_bar
 
 if TYPE_CHECKING:
     from haptogram.campaigns.soak.campaign import SoakCampaign
     from haptogram.campaigns.soak.comparison import MakeBoard
     from haptogram.campaigns.soak.segment import Progress
-    from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
 
 _MEASURED_S: Final = 5.0  # before the estimate
@@ -86,7 +84,6 @@ def set_up_soak(
     )
     parser.epilog = _EPILOG
     parser.main_options = "hours fault_rate seed jobs resume json junit html record"
-    parser.refused["--virtual-time"] = "does nothing: a soak has no other time; leave it out"
     parser.acting = _ACTING
     parser.set_defaults(run=functools.partial(run_soak, board_maker=board_maker))
     add_command_options(parser, options_of(SoakSetup).values())
@@ -105,10 +102,9 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
     outputs = CommandOutputs(arguments, "json", "junit", "html", "summary", "resume", "record")
     if outputs.paths.get("--resume") == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
-    provenance = provenance_of_run(arguments)
     campaign = _soak_campaign_of_arguments(arguments)
     interrupted = False
-    with command_recording(arguments.record, "soak", campaign.setup.as_dict()) as writer:
+    with outputs.recording(campaign.setup.as_dict()) as writer:
         try:
             with _soak_command_progress(campaign, quiet=arguments.quiet) as progress:
                 campaign.run(
@@ -121,47 +117,23 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
         except Interrupted:
             interrupted = True
     # Before the file: a full disk must not cost the account.
+    document = soak_document(campaign)
     if campaign.done:
-        outputs.print(document_text(soak_document(campaign)))
+        outputs.print(document_text(document))
     if interrupted:
         print(_how_to_resume_soak_command(arguments, campaign), file=sys.stderr)
-    _write_soak_command_results(arguments, campaign, outputs, provenance)
-    if not is_command_recorded("soak", writer):
+    written = outputs.write(document, json=campaign.save)
+    if not outputs.is_recorded(writer) or not written:
         return USAGE
     if campaign.failures:
         return FAIL
     return INTERRUPTED if interrupted else PASS
 
 
-def _write_soak_command_results(
-    arguments: argparse.Namespace,
-    campaign: SoakCampaign,
-    outputs: CommandOutputs,
-    provenance: Provenance,
-) -> None:
-    from haptogram.report.formats.html import write_document_page
-    from haptogram.report.formats.job_summary import write_job_summary
-    from haptogram.report.formats.junit import write_document_junit
-    from haptogram.report.soak.document import soak_document
-
-    document = soak_document(campaign)
-    annotate_job(document, outputs)
-    writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
-        (arguments.json, campaign.save),
-        (arguments.junit, lambda path: write_document_junit(path, document, provenance)),
-        (arguments.html, lambda path: write_document_page(path, document, provenance)),
-        (arguments.summary, lambda path: write_job_summary(path, document, provenance)),
-    )
-    for path, write in writers:
-        if path is not None:
-            write(path)
-            announce_output_file(path)
-
-
 def _soak_campaign_of_arguments(arguments: argparse.Namespace) -> SoakCampaign:
     from haptogram.campaigns.soak.campaign import SoakCampaign
 
-    setup = config_from_options(SoakSetup, given_options(arguments, options_of(SoakSetup)))
+    setup = SoakSetup.of(**given_options(arguments, options_of(SoakSetup)))
     if arguments.resume is None:
         return SoakCampaign(setup)
     return SoakCampaign.load(arguments.resume, setup)
@@ -182,34 +154,17 @@ def _how_to_resume_soak_command(arguments: argparse.Namespace, campaign: SoakCam
 @contextlib.contextmanager
 def _soak_command_progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[Progress | None]:
     """Show the progress: a bar on a terminal; elsewhere an estimate, and a line a segment."""
-    if quiet:
-        yield None
-    elif sys.stderr.isatty():
-        with _soak_command_bar(campaign) as show:
-            yield show
-    else:
-        yield _soak_command_lines(campaign)
-
-
-@contextlib.contextmanager
-def _soak_command_bar(campaign: SoakCampaign) -> Iterator[Progress]:
-    from tqdm import tqdm
-
-    tqdm.monitor_interval = 0
+    if quiet or not sys.stderr.isatty():
+        yield None if quiet else _soak_command_lines(campaign)
+        return
     start_s, began_s = campaign.done_s, time.monotonic()
-    with tqdm(
-        total=round(campaign.setup.seconds / 60, 2),
-        initial=round(start_s / 60, 2),
-        desc="soak",
-        unit=" virtual min",
-        leave=False,
-        dynamic_ncols=True,
-    ) as bar:
+    with progress_bar("soak", quiet=quiet, unit="virtual min") as bar:
 
         def show(done_s: float) -> None:
             speed = (done_s - start_s) / max(time.monotonic() - began_s, 1e-9)
-            bar.set_postfix_str(f"{speed:.1f} x real time", refresh=False)
-            bar.update(max(0.0, round(done_s / 60, 2) - bar.n))
+            if bar is not None:
+                done_min, all_min = (round(s / 60, 2) for s in (done_s, campaign.setup.seconds))
+                bar(done_min, all_min, f"{speed:.1f} x real time")
 
         yield show
 

@@ -17,7 +17,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.parser import Acting, checked_option_type, file_name_option
 
 from .acting_options import refuse_idle_options
-from .shell.exit_status import PASS
+from .shell.exit_status import PASS, USAGE
 from .shell.output_files import CommandOutputs
 
 if TYPE_CHECKING:
@@ -132,9 +132,8 @@ def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> i
     }
     if arguments.html is None:
         return _serve_view(arguments, view_page(recorded.scene, **about))
-    write_view(arguments.html, recorded.scene, **about)
-    outputs.announce()
-    return PASS
+    written = outputs.write_files(html=lambda path: write_view(path, recorded.scene, **about))
+    return PASS if written else USAGE
 
 
 def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
@@ -154,15 +153,9 @@ def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
             return _serve_view(arguments, page, (scene, stream))
         while records := stream.read():
             scene.take(records)
-    write_view(
-        arguments.html,
-        scene.whole(),
-        title=scene.firmware,
-        lead=scene.lead,
-        provenance=provenance,
-    )
-    outputs.announce()
-    return PASS
+    about: dict[str, Any] = {"title": scene.firmware, "lead": scene.lead, "provenance": provenance}
+    written = outputs.write_files(html=lambda path: write_view(path, scene.whole(), **about))
+    return PASS if written else USAGE
 
 
 def _first_viewed_records(source: str, stream: BackdoorReader) -> list[dict[str, Any]]:

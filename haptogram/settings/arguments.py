@@ -92,8 +92,9 @@ def did_you_mean(word: str, known: Collection[str]) -> str:
     """
     import difflib
 
-    longer = [name for name in known if len(word) > 2 and name.startswith(word)]
     plain = {name.lstrip("-"): name for name in known}  # dashes make no option like another
+    longer = [name for name in known if len(word) > 2 and name.startswith(word)]
+    longer += [name for name in known if len(word) > 4 and word.lstrip("-") in name]
     near = difflib.get_close_matches(word.lstrip("-"), plain, n=1)
     found = longer or [plain[name] for name in near]
     return f"; did you mean {found[0]}?" if found else ""

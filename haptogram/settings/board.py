@@ -193,7 +193,6 @@ class BoardConfig(Settings):
     latch_lead_us: int = option(
         0,
         unit="US",
-        low=0,
         high=MOST_LEAD_US,
         help="time that the firmware takes from the arrival of a stream frame to its latch",
     )
@@ -219,7 +218,6 @@ class BoardConfig(Settings):
     fault_seed: int | None = option(
         None,
         unit="N",
-        low=0,
         high=MOST_FAULT_SEED,
         help="seed of the faults",
         absent="that of the plan, else of the board",

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Mapping
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
-from haptogram.errors import ConfigurationError
-
-from .option import Option, SettingError, Settings
+from .option import Option
 from .parser import checked_option_type
 
 _FLAG: Final = argparse.BooleanOptionalAction
-_S = TypeVar("_S", bound=Settings)
 
 
 def add_setting_options(
@@ -59,20 +56,6 @@ def given_options(arguments: argparse.Namespace, rows: Iterable[str]) -> dict[st
     """Return the options that *arguments* hold, by name."""
     values = {name: getattr(arguments, name) for name in rows}
     return {name: value for name, value in values.items() if value is not None}
-
-
-def config_from_options(kind: type[_S], overrides: Mapping[str, Any]) -> _S:
-    """Return the settings of *kind* from a command line; None is an option that was not given.
-
-    Raises
-    ------
-    ConfigurationError
-        Names the option, the value and the limit.
-    """
-    try:
-        return kind.of(**{name: value for name, value in overrides.items() if value is not None})
-    except SettingError as error:
-        raise ConfigurationError(f"{setting_option_name(error.name)} {error.message}") from error
 
 
 def setting_option_name(setting: str) -> str:

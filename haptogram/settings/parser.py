@@ -1,6 +1,6 @@
 """The parser of every command line: a refusal is one line with a guess at the right word.
 
-It takes no abbreviations, knows the former names of options, and notes which options were given.
+It takes no abbreviations, and notes which options were given.
 ``-h`` prints a page, ``--help`` all of it.
 """
 
@@ -110,8 +110,6 @@ class Parser(argparse.ArgumentParser):
 
     Attributes
     ----------
-    refused : dict of str to str
-        Options that exist no more, and the rest of the sentence that begins with their name.
     main_options : str
         Names of the options that ``-h`` shows, apart by spaces; all, if there are few.
     acting : mapping of str to Acting
@@ -134,7 +132,6 @@ class Parser(argparse.ArgumentParser):
             default=argparse.SUPPRESS,
             help="-h: the options that matter most; --help: all of them",
         )
-        self.refused: dict[str, str] = {}
         self.acting: Mapping[str, Acting] = {}
         self._in_file: dict[str, str] = {}
 
@@ -163,15 +160,6 @@ class Parser(argparse.ArgumentParser):
         about = textwrap.fill(about, _parser_columns())
         parts = (usage, about, formatter.format_help(), f"examples:\n{examples}", f"{more}.")
         return "\n\n".join(part.rstrip() for part in parts if part) + "\n"
-
-    def rename(self, **names: str) -> None:
-        """Refuse each former name of an option, in favour of its new one."""
-        self.refused.update(
-            {
-                _setting_as_option(old): f"is now {_setting_as_option(new)}"
-                for old, new in names.items()
-            }
-        )
 
     def parse_known_args(  # type: ignore[override]  # overloads; nothing is ever left unknown
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
@@ -225,12 +213,10 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, str(error).strip()) from None
 
     def _check_options(self, words: Sequence[str]) -> None:
-        """Refuse former and unknown options before a value that is missing is complained of."""
+        """Refuse unknown options before a value that is missing is complained of."""
         if self._subparsers is not None:  # those after a command are the command's
             words = words[: next(_places_of_command_words(words), len(words))]
         for word in _options_among_command_words(words):
-            if word in self.refused:
-                self.error(f"{word} {self.refused[word]}")
             if word not in self.option_actions and not self._is_short(word):
                 guess = did_you_mean(word, self.option_actions)
                 self.error(f"there is no option {_shown_option_value(word)}{guess}")

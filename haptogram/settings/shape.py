@@ -70,7 +70,6 @@ class ModulationConfig(Settings):
     depth: float = option(
         1.0,
         unit="SHARE",
-        low=0.0,
         high=1.0,
         help="depth of am: 1 swings between full force and none, 0 not at all; the force is the "
         "sine, not the pressure",

@@ -29,7 +29,6 @@ class ToleranceConfig(Settings):
     tolerance_mm: float = option(
         0.0,
         unit="MM",
-        low=0.0,
         high=MOST_MISS_MM,
         help="distance of a focus from its target that passes, if there is such a focus: at most "
         "half of its width",
@@ -37,14 +36,12 @@ class ToleranceConfig(Settings):
     tolerance_c: float = option(
         0.0,
         unit="C",
-        low=0.0,
         high=MOST_OFF_C,
         help="difference between the air that the host assumes and that over the board",
     )
     tolerance_humidity: float = option(
         0.0,
         unit="PERCENT",
-        low=0.0,
         high=MOST_OFF_HUMIDITY_PERCENT,
         help="difference between the relative humidity that the host assumes and that over the "
         "board",
@@ -58,7 +55,6 @@ class UncertaintyConfig(Settings):
     uncertainty_c: float | None = option(
         None,
         unit="C",
-        low=0.0,
         high=MOST_OFF_C,
         help="standard uncertainty of the air temperature",
         absent=f"{_REAL} {GUESS_C:g}",
@@ -66,7 +62,6 @@ class UncertaintyConfig(Settings):
     uncertainty_humidity: float | None = option(
         None,
         unit="PERCENT",
-        low=0.0,
         high=MOST_OFF_HUMIDITY_PERCENT,
         help="standard uncertainty of the relative humidity",
         absent=f"{_REAL} {GUESS_HUMIDITY_PERCENT:g}",
@@ -74,7 +69,6 @@ class UncertaintyConfig(Settings):
     uncertainty_position_mm: float | None = option(
         None,
         unit="MM",
-        low=0.0,
         high=MOST_OFF_POSITION_MM,
         help="standard uncertainty of each coordinate of each element",
         absent=f"{_REAL} {GUESS_POSITION_MM:g}",
@@ -82,7 +76,6 @@ class UncertaintyConfig(Settings):
     uncertainty_phase_rad: float | None = option(
         None,
         unit="RAD",
-        low=0.0,
         high=MOST_OFF_PHASE_RAD,
         help="standard uncertainty of the phase that each element adds",
         absent=f"{_REAL} {GUESS_PHASE_RAD:g}",

@@ -132,7 +132,7 @@ def test_one_word_writes_a_recording_and_another_reads_one(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([command, "--recording", "run.mcap"]) == 2
-    assert "--recording is now --from-recording" in capsys.readouterr().err
+    assert "did you mean --from-recording?" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["", *COMMANDS])

@@ -35,7 +35,6 @@ class BenchConfig(Settings):
     spin_us: int = option(
         0,
         unit="US",
-        low=0,
         high=10_000,
         help="watch the clock so long before a deadline; a quarter of the period at most",
     )

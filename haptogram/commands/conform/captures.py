@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.terminal import terminal_error_line
 
 from ..shell.captures import read_capture_arguments, wait_for_capture_arguments
+from ..shell.output_files import print_command_error
 
 if TYPE_CHECKING:
     from haptogram.conformance.verdict import SuiteResult
@@ -43,7 +43,7 @@ def conform_captures_at_port(
     except KeyboardInterrupt:
         print("haptogram conform: interrupted; --capture was not judged", file=sys.stderr)
     except ConfigurationError as error:
-        print(terminal_error_line("haptogram conform", str(error), sys.stderr), file=sys.stderr)
+        print_command_error("haptogram conform", error)
     return None
 
 

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import functools
 import os
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
 
 from ..acting_options import refuse_idle_options
-from ..shell.exit_status import USAGE
-from ..shell.job import annotate_job, provenance_of_run
-from ..shell.output_files import CommandOutputs, announce_interrupted_output, announce_output_file
-from ..shell.recording import command_recording, is_command_recorded
+from ..shell.exit_status import PASS, USAGE
+from ..shell.output_files import CommandOutputs, announce_interrupted_output
+from ..shell.progress import progress_bar
 from .captures import conform_captures_at_port, conform_recorded_captures
 from .options import (
     EXAMPLES,
@@ -33,11 +29,9 @@ from .options import (
 if TYPE_CHECKING:
     from haptogram.conformance.case import Case, Depth
     from haptogram.conformance.run.access import Access
-    from haptogram.conformance.run.runner import CaseProgress
     from haptogram.conformance.verdict import SuiteResult
     from haptogram.evidence.recordings.tap import RecordedBoards
     from haptogram.evidence.recordings.writer import RecordingWriter
-    from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
 
 #: Given URL (None: the default board), line rate, seed and the recording of its boards or None,
@@ -63,7 +57,6 @@ def set_up_conform(parser: Parser, virtual: Virtual) -> None:
         "  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)\n"
     )
     parser.main_options = "port baud spawn port_regex reset_cmd clause quick full junit html"
-    parser.rename(link_baud="baud", recording="from_recording")
     parser.set_defaults(run=functools.partial(run_conform, virtual=virtual))
     add_conform_options(parser)
 
@@ -93,17 +86,16 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
         "record",
         pictures=False,
     )
-    provenance = provenance_of_run(arguments)
     if captures.from_recording is not None:
         suite = conform_recorded_captures(
             captures, captures.from_recording, _expected_to_conform(arguments)
         )
         outputs.print(suite_text(suite, verbose=arguments.verbose))
-        _write_conform_results(arguments, suite, outputs, provenance)
-        return suite.exit_status
-    with command_recording(arguments.record, "conform", _conform_options(arguments)) as writer:
-        status = _run_conform(arguments, cases, captures, virtual, outputs, provenance, writer)
-        return status if is_command_recorded("conform", writer) else USAGE
+        return suite.exit_status if _write_conform_results(suite, outputs) else USAGE
+    given = {name: getattr(arguments, name) for name in sorted(arguments.given)}
+    with outputs.recording(given) as writer:
+        status = _run_conform(arguments, cases, captures, virtual, outputs, writer)
+        return status if outputs.is_recorded(writer) else USAGE
 
 
 def _refuse_unknown_clause(name: str, cases: Sequence[Case]) -> NoReturn:
@@ -120,18 +112,12 @@ def _refuse_unknown_clause(name: str, cases: Sequence[Case]) -> NoReturn:
     )
 
 
-def _conform_options(arguments: argparse.Namespace) -> dict[str, object]:
-    """Return the options that were given, for the recording."""
-    return {name: getattr(arguments, name) for name in sorted(arguments.given)}
-
-
 def _run_conform(
     arguments: argparse.Namespace,
     cases: tuple[Case, ...],
     captures: PinConfig,
     virtual: Virtual,
     outputs: CommandOutputs,
-    provenance: Provenance,
     writer: RecordingWriter | None,
 ) -> int:
     from haptogram.errors import LinkError
@@ -153,11 +139,10 @@ def _run_conform(
     suite = judged or suite
     # Before the files: a full disk must not cost it.
     outputs.print(suite_text(suite, verbose=arguments.verbose))
-    is_virtual = suite.settings["virtual_time"]
-    _write_conform_results(
-        arguments, suite, outputs, provenance.of_virtual_time() if is_virtual else provenance
+    is_written = _write_conform_results(
+        suite, outputs, in_virtual_time=bool(suite.settings["virtual_time"])
     )
-    return USAGE if judged is None else suite.exit_status
+    return suite.exit_status if is_written and judged is not None else USAGE
 
 
 def _run_conform_cases(
@@ -178,7 +163,7 @@ def _run_conform_cases(
         depth=_conform_depth(arguments),
         explore_s=60 * arguments.explore,
     )
-    with _conform_progress(quiet=arguments.quiet) as progress:
+    with progress_bar("conform", quiet=arguments.quiet, unit="cases") as progress:
         return SuiteRunner(_conform_access(arguments, virtual, writer), options, progress).run(
             cases
         )
@@ -249,25 +234,6 @@ def _conform_access_to_port(arguments: argparse.Namespace) -> Access:
     )
 
 
-@contextlib.contextmanager
-def _conform_progress(*, quiet: bool) -> Iterator[CaseProgress | None]:
-    """Show on standard error which case runs."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from tqdm import tqdm
-
-    tqdm.monitor_interval = 0
-    with tqdm(desc="conform", unit=" cases", leave=False, dynamic_ncols=True) as bar:
-
-        def show(done: int, total: int, name: str) -> None:
-            bar.total = total
-            bar.set_postfix_str(name, refresh=False)
-            bar.update(done - bar.n)
-
-        yield show
-
-
 def _list_conform_cases(cases: tuple[Case, ...]) -> int:
     for case in cases:
         kind = "" if case.body else " (not observable)"
@@ -284,39 +250,29 @@ def _compare_conform_results(arguments: argparse.Namespace) -> int:
         raise ConfigurationError("--compare writes a page: name it with --html")
     outputs = CommandOutputs(arguments, "html", pictures=False)
     suites = [read_suite_json(path) for path in arguments.compare]
-    write_conformance_comparison_page(
-        arguments.html, suites, provenance=provenance_of_run(arguments)
+    written = outputs.write_files(
+        html=lambda path: write_conformance_comparison_page(
+            path, suites, provenance=outputs.provenance
+        )
     )
-    outputs.announce()
-    return 0
+    return PASS if written else USAGE
 
 
 def _write_conform_results(
-    arguments: argparse.Namespace,
-    suite: SuiteResult,
-    outputs: CommandOutputs,
-    provenance: Provenance,
-) -> None:
+    suite: SuiteResult, outputs: CommandOutputs, *, in_virtual_time: bool = False
+) -> bool:
+    """Write the files; return False if one could not be written."""
     from haptogram.conformance.run.baseline import write_suite_baseline
     from haptogram.report.conformance.document import suite_document
     from haptogram.report.conformance.page import write_conformance_page
     from haptogram.report.conformance.result import write_suite_json
-    from haptogram.report.formats.job_summary import write_job_summary
-    from haptogram.report.formats.junit import write_document_junit
 
-    document = suite_document(suite)
-    annotate_job(document, outputs)
-    writers: tuple[tuple[Path | None, Callable[[Path], object]], ...] = (
-        (arguments.json, lambda path: write_suite_json(path, suite)),
-        (arguments.junit, lambda path: write_document_junit(path, document, provenance)),
-        (
-            arguments.html,
-            lambda path: write_conformance_page(path, suite, provenance=provenance),
-        ),
-        (arguments.summary, lambda path: write_job_summary(path, document, provenance)),
-        (arguments.write_baseline, lambda path: write_suite_baseline(path, suite)),
+    origin = outputs.provenance
+    origin = origin.of_virtual_time() if in_virtual_time else origin
+    return outputs.write(
+        suite_document(suite),
+        in_virtual_time=in_virtual_time,
+        json=lambda path: write_suite_json(path, suite),
+        html=lambda path: write_conformance_page(path, suite, provenance=origin),
+        write_baseline=lambda path: write_suite_baseline(path, suite),
     )
-    for path, write in writers:
-        if path is not None:
-            write(path)
-            announce_output_file(path)

@@ -18,7 +18,7 @@ from haptogram.settings.run.limits import LimitConfig
 from haptogram.settings.run.link import LinkConfig
 from haptogram.settings.run.outputs import OutputConfig
 
-from ..acting_options import STAMPED
+from ..acting_options import STAMPED, with_option
 from ..shell.output_files import FILE_HELP
 
 _SCHEME: Final = "haptogram://"
@@ -69,7 +69,6 @@ class BoardUnderTestConfig(Settings):
     boot_timeout: float = option(
         10.0,
         unit="S",
-        low=0.0,
         high=3600.0,
         help="longest time until the port of the board is there",
     )
@@ -94,7 +93,6 @@ class ChoiceConfig(Settings):
     explore: float = option(
         0.0,
         unit="MINUTES",
-        low=0.0,
         high=100_000.0,
         help="time of random dialogues that are compared with a model of the board",
     )
@@ -155,18 +153,15 @@ def _acts_in_conform_run(arguments: argparse.Namespace) -> bool:
     return not arguments.compare and not arguments.list
 
 
-def _acts_in_resets_of_a_port(arguments: argparse.Namespace) -> bool:
-    is_board = arguments.port is not None and not arguments.port.startswith(_SCHEME)
-    return arguments.spawn is not None or is_board
-
-
 _RUN: Final = Acting(
     "where cases are run (not with --list, --compare or --from-recording)",
     lambda a: _acts_in_conform_run(a) and a.from_recording is None,
 )
-_RUN_OPTIONS: Final = (
-    "port baud spawn port_regex reset_cmd fault_cmd dtr rts quick full explore strict timeout seed "
-    "repeat quiet record"
+_RUN_OPTIONS: Final = "port baud spawn quick full explore strict timeout seed repeat quiet record"
+_AT_PORT: Final = Acting("on a board at --port", lambda a: _RUN.is_there(a) and _is_conform_port(a))
+_REAL: Final = Acting(
+    "on a board at --port or from --spawn",
+    lambda a: _RUN.is_there(a) and (a.spawn is not None or _is_conform_port(a)),
 )
 _RESULT: Final = Acting(
     "where there is a result (not with --list or --compare)", _acts_in_conform_run
@@ -177,10 +172,9 @@ _RESULT_OPTIONS: Final = (
 _ACTING: Final = {
     **dict.fromkeys(_RUN_OPTIONS.split(), _RUN),
     **dict.fromkeys(_RESULT_OPTIONS.split(), _RESULT),
-    "boot_timeout": Acting(
-        "on a board at --port or from --spawn",
-        lambda a: _acts_in_conform_run(a) and _acts_in_resets_of_a_port(a),
-    ),
+    **dict.fromkeys(("boot_timeout", "fault_cmd"), _REAL),
+    **dict.fromkeys(("reset_cmd", "dtr", "rts"), _AT_PORT),
+    "port_regex": with_option("spawn"),
     "clause": Acting(
         "without --compare and --from-recording",
         lambda a: not a.compare and a.from_recording is None,
@@ -245,21 +239,8 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
         )
     if arguments.spawn is not None and arguments.port is not None:
         raise ConfigurationError("--spawn names its own port: --port is one too many")
-    if arguments.port_regex is not None and arguments.spawn is None:
-        raise ConfigurationError("--port-regex is about what --spawn prints; there is no --spawn")
     if arguments.port_regex is not None:
         _check_conform_regex(arguments.port_regex)
-    for name in ("reset_cmd", "dtr", "rts"):
-        if getattr(arguments, name) is not None and not _is_conform_port(arguments):
-            option = name.replace("_", "-")
-            raise ConfigurationError(f"--{option} is about a board at --port; there is none")
-
-    if (
-        arguments.fault_cmd is not None
-        and arguments.spawn is None
-        and not _is_conform_port(arguments)
-    ):
-        raise ConfigurationError("--fault-cmd is about a board at --port or --spawn; there is none")
 
 
 def _check_conform_regex(text: str) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -15,11 +13,18 @@ from haptogram.settings.parser import Acting
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig
 
-from ..acting_options import PITCH, acts_on_a_shape, acts_on_a_size, refuse_idle_options
+from ..acting_options import (
+    PITCH,
+    acts_on_a_shape,
+    acts_on_a_size,
+    refuse_idle_options,
+    with_option,
+)
 from ..array_options import add_array_options
-from ..shell.exit_status import PASS
+from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
 from ..shell.positions import Position, position_argument_mm
+from ..shell.progress import progress_bar
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -92,7 +97,7 @@ def _acts_for_an_ear(arguments: argparse.Namespace) -> bool:
     return arguments.ear_mm is not None and not arguments.object and not arguments.drive
 
 
-_WITH_PICTURE: Final = Acting("with --picture", lambda a: a.picture is not None)
+_WITH_PICTURE: Final = with_option("picture")
 _FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _acts_for_an_ear)
 _ACTING: Final = {
     "resolution_mm": Acting(
@@ -104,7 +109,7 @@ _ACTING: Final = {
         lambda a: a.object is not None and acts_on_a_size(a),
     ),
     "unit": Acting("with --object, on a mesh file", lambda a: a.object and not acts_on_a_shape(a)),
-    "center_mm": Acting("with --object", lambda a: a.object is not None),
+    "center_mm": with_option("object"),
     "rate_hz": Acting(
         "with --object, or on one focus with --ear-mm",
         lambda a: a.object is not None or _acts_for_an_ear(a),
@@ -144,7 +149,6 @@ def set_up_field(parser: Parser) -> None:
     _add_field_source(parser)
     add_array_options(parser.add_argument_group("array and air"))
     _add_field_picture(parser)
-    parser.rename(output="picture")
     parser.acting = _ACTING
     parser.set_defaults(run=run_field)
 
@@ -210,26 +214,10 @@ def run_field(arguments: argparse.Namespace) -> int:
     lines = [] if arguments.quiet else [*describe_field_scene(scene), *levels]
     for line in lines:
         print(line, file=outputs.text)
-    if arguments.picture is not None:
-        with _field_bar(quiet=arguments.quiet) as progress:
+
+    def write_picture(path: Path) -> None:
+        with progress_bar("field", quiet=arguments.quiet, unit="points") as progress:
             figure = draw_scene(arguments, scene, progress)
-        write_picture_output(arguments.picture, figure)
-        outputs.announce()
-    return PASS
+        write_picture_output(path, figure)
 
-
-@contextlib.contextmanager
-def _field_bar(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """Show a progress bar on standard error, if that is a terminal."""
-    if quiet:
-        yield None
-        return
-    from tqdm import tqdm
-
-    with tqdm(desc="field", unit=" points", leave=False, disable=None) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield show
+    return PASS if outputs.write_files(picture=write_picture) else USAGE

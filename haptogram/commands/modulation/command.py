@@ -27,7 +27,7 @@ from ..acting_options import (
     refuse_idle_options,
 )
 from ..array_options import add_array_options, array_model
-from ..shell.exit_status import PASS
+from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
 from ..shell.positions import metres_of_position, position_argument_mm
 
@@ -119,7 +119,6 @@ def set_up_modulation(parser: Parser) -> None:
     _add_modulation_object(parser)
     _add_modulation_skin(parser)
     _add_modulation_outputs(parser)
-    parser.rename(output="picture", frames="csv")
     parser.acting = _ACTING
     parser.set_defaults(run=run_modulation)
 
@@ -178,14 +177,12 @@ def run_modulation(arguments: argparse.Namespace) -> int:
     )
     for line in describe_felt(felt, arguments.bandwidth_hz):
         print(line, file=outputs.text)
-    if arguments.picture is not None:
-        write_picture_output(arguments.picture, draw_felt(felt))
-    if arguments.csv is not None:
-        write_file_atomically(arguments.csv, felt_csv(frames).encode("ascii"))
-    if arguments.json is not None:
-        write_json_file(arguments.json, felt_dict(felt, arguments.bandwidth_hz))
-    outputs.announce()
-    return PASS
+    written = outputs.write_files(
+        picture=lambda path: write_picture_output(path, draw_felt(felt)),
+        csv=lambda path: write_file_atomically(path, felt_csv(frames).encode("ascii")),
+        json=lambda path: write_json_file(path, felt_dict(felt, arguments.bandwidth_hz)),
+    )
+    return PASS if written else USAGE
 
 
 def _modulation_config(arguments: argparse.Namespace) -> VerifyConfig:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.settings.parser import file_name_option
 
-from ..shell.exit_status import INCONCLUSIVE
+from ..shell.exit_status import INCONCLUSIVE, USAGE
 from ..shell.output_files import CommandOutputs
 
 if TYPE_CHECKING:
@@ -75,9 +75,8 @@ def run_capture(arguments: argparse.Namespace) -> int:
     lines += [f"note: {note}" for note in document["notes"]]
     lines += [f"wrong: {text}" for text in wrong] or ["nothing wrong was found"]
     print("\n".join(lines), file=outputs.text)
-    for path in outputs.paths.values():
-        write_json_file(path, document)
-    outputs.announce()
+    if not outputs.write_files(json=lambda path: write_json_file(path, document)):
+        return USAGE
     if wrong:
         return 1
     return INCONCLUSIVE if document["cut"] else 0

@@ -14,12 +14,13 @@ from haptogram.machine.files import write_json_file
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting, file_name_option
+from haptogram.settings.parser import file_name_option
 from haptogram.settings.run.link import LinkConfig
 from haptogram.settings.run.outputs import OutputConfig
 
-from ..acting_options import refuse_idle_options
-from ..shell.output_files import FILE_HELP, CommandOutputs, announce_output_file
+from ..acting_options import refuse_idle_options, with_option, without_option
+from ..shell.exit_status import USAGE
+from ..shell.output_files import FILE_HELP, CommandOutputs
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.replay import RecordingReplayBoard, ReplayResult
@@ -64,10 +65,8 @@ class ReplayConfig(Settings):
 
 
 _ACTING: Final = {
-    "baud": Acting("with --port", lambda a: a.port is not None),
-    **dict.fromkeys(
-        ("healthy", "mutant", "array"), Acting("without --port", lambda a: a.port is None)
-    ),
+    "baud": with_option("port"),
+    **dict.fromkeys(("healthy", "mutant", "array"), without_option("port")),
 }
 
 
@@ -110,12 +109,9 @@ def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
             return make_board(_changed_replay_options(options, arguments), paced)
 
         result = replay_recording(recording, make)
-    text = "\n".join(_replay_lines(result, arguments.show))
-    outputs.print(text)
-    if arguments.json is not None:
-        write_json_file(arguments.json, _replay_as_dict(result))
-        announce_output_file(arguments.json)
-    return result.exit_status
+    outputs.print("\n".join(_replay_lines(result, arguments.show)))
+    written = outputs.write_files(json=lambda path: write_json_file(path, _replay_as_dict(result)))
+    return result.exit_status if written else USAGE
 
 
 def _changed_replay_options(

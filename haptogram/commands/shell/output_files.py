@@ -1,24 +1,36 @@
-"""The files that a command writes: checked before its work begins; - is standard output."""
+"""The text, the files and the recording of a command, checked before its work; - is stdout."""
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import TYPE_CHECKING, Any, Final, TextIO, TypeAlias
 
+from haptogram.errors import ConfigurationError
 from haptogram.machine.files import (
     STANDARD_OUTPUT,
     check_distinct_files,
     check_files_writable,
     is_standard_output,
 )
-from haptogram.machine.terminal import paint_verdicts_on_terminal
+from haptogram.machine.terminal import (
+    is_terminal_of_github_job,
+    paint_verdicts_on_terminal,
+    terminal_error_line,
+)
 from haptogram.settings.board import is_grid_setting
 from haptogram.settings.shape import SHAPES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from haptogram.evidence.recordings.writer import RecordingWriter
+    from haptogram.report.formats.document import Document
+
+WriteFile: TypeAlias = Callable[[Path], object]
 
 FILE_HELP: Final = "With - a file is standard output, and the text goes to standard error."
 
@@ -37,12 +49,12 @@ _POSITIONAL: Final = ("file", "source")
 
 
 class CommandOutputs:
-    """The files that the options of a command name.
+    """The text of a command, and the files that its options name.
 
     Parameters
     ----------
     settings : object
-        Has the options as attributes, those of :data:`INPUTS` among them.
+        Has the options as attributes, those of :data:`INPUTS` among them, and the ``parser``.
     *names : str
         The options that name a file; ``picture`` must be a format of pictures, and ``html`` needs
         the extra for pages.
@@ -53,14 +65,18 @@ class CommandOutputs:
     ----------
     paths : dict of str to Path
         The files by option, of those that were asked for.
+    provenance : Provenance
+        Origin of the result, if the command has the option ``stamp``: of a run that begins now.
 
     Raises
     ------
     ConfigurationError
-        If two options name one file, an output names an input, or an output cannot be written.
+        If two options name one file, an output names an input, an output cannot be written, or
+        ``stamp`` is no date.
     """
 
-    def __init__(self, settings: object, *names: str, pictures: bool = True) -> None:
+    def __init__(self, settings: Any, *names: str, pictures: bool = True) -> None:
+        self._program: str = settings.parser.prog
         given = {_output_as_option(name): getattr(settings, name) for name in names}
         self.paths: dict[str, Path] = {
             option: Path(path) for option, path in given.items() if path is not None
@@ -74,6 +90,10 @@ class CommandOutputs:
         for folder in dict.fromkeys(path.parent for path in self.paths.values()):
             if not folder.exists():
                 print(f"{folder}: a new folder, to be made for what is written", file=sys.stderr)
+        if hasattr(settings, "stamp"):
+            from haptogram.machine.provenance import Provenance
+
+            self.provenance = Provenance.of_run(settings.command_line, settings.stamp)
 
     def _check_formats(self, *, pictures: bool) -> None:
         if "--picture" in self.paths:
@@ -92,10 +112,90 @@ class CommandOutputs:
         """Print *text* to the stream for text, its verdicts in their colours."""
         print(paint_verdicts_on_terminal(text, self.text), file=self.text, flush=True)
 
-    def announce(self) -> None:
-        """Say on standard error what was written."""
-        for path in self.paths.values():
-            announce_output_file(path)
+    def write(
+        self, document: Document, *, in_virtual_time: bool = False, **writers: WriteFile
+    ) -> bool:
+        """Write *document* in every format that was asked for, and annotate a job of GitHub.
+
+        Parameters
+        ----------
+        in_virtual_time : bool
+            Whether the files must repeat byte for byte, without a date.
+        writers
+            Further files, as of :meth:`write_files`.
+        """
+        from haptogram.report.formats.html import write_document_page
+        from haptogram.report.formats.job_summary import github_job_annotations, write_job_summary
+        from haptogram.report.formats.junit import write_document_junit
+
+        if is_terminal_of_github_job():
+            for line in github_job_annotations(document):
+                print(line, file=self.text, flush=True)
+        formats: dict[str, Callable[..., None]] = {
+            "junit": write_document_junit,
+            "html": write_document_page,
+            "summary": write_job_summary,
+        }
+        origin = self.provenance.of_virtual_time() if in_virtual_time else self.provenance
+        every: dict[str, WriteFile] = {
+            name: functools.partial(write, document=document, provenance=origin)
+            for name, write in formats.items()
+        }
+        return self.write_files(**every | writers)
+
+    def write_files(self, **writers: WriteFile) -> bool:
+        """Write each file that was asked for by the writer with the name of its option.
+
+        Returns
+        -------
+        bool
+            False if one could not be written, which was said; it does not cost the others.
+        """
+        by_option = {_output_as_option(name): write for name, write in writers.items()}
+        written = [
+            self._is_written(path, by_option[option])
+            for option, path in self.paths.items()
+            if option in by_option
+        ]
+        return all(written)
+
+    def _is_written(self, path: Path, write: WriteFile) -> bool:
+        try:
+            write(path)
+        except ConfigurationError as error:
+            print_command_error(self._program, error)
+            return False
+        announce_output_file(path)
+        return True
+
+    @contextlib.contextmanager
+    def recording(self, configuration: Mapping[str, Any]) -> Iterator[RecordingWriter | None]:
+        """Give the recording of ``--record``, of a run with *configuration*; None without one.
+
+        Raises
+        ------
+        ConfigurationError
+            If it cannot be written.
+        """
+        if (path := self.paths.get("--record")) is None:
+            yield None
+            return
+        from haptogram.evidence.recordings.writer import RecordingWriter
+
+        command = self._program.rpartition(" ")[2]
+        with RecordingWriter(path, command=command, configuration=configuration) as writer:
+            yield writer
+
+    def is_recorded(self, writer: RecordingWriter | None) -> bool:
+        """Return True unless the recording ended early; say on standard error how it ended."""
+        if writer is None:
+            return True
+        writer.close()
+        if writer.failure:
+            print_command_error(self._program, writer.failure)
+            return False
+        announce_output_file(writer.path)
+        return True
 
 
 def _input_files_of(settings: object) -> Iterator[tuple[str, Path]]:
@@ -109,6 +209,11 @@ def _input_files_of(settings: object) -> Iterator[tuple[str, Path]]:
 
 def _output_as_option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
+
+
+def print_command_error(program: str, error: object) -> None:
+    """Print *error* on standard error, behind the name of *program*."""
+    print(terminal_error_line(program, str(error), sys.stderr), file=sys.stderr)
 
 
 def announce_output_file(path: Path) -> None:

@@ -8,17 +8,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.terminal import terminal_error_line
 
 from ..shell.captures import read_capture_arguments, wait_for_capture_arguments
 from ..shell.exit_status import USAGE
+from ..shell.output_files import print_command_error
+from ..shell.progress import progress_bar
 from .files import verify_seen_by_number, write_run_files
-from .progress import verify_bar
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
     from haptogram.evidence.run_record import RunRecord
-    from haptogram.machine.provenance import Provenance
     from haptogram.records.frame import Intended
     from haptogram.settings.run.verify import VerifyConfig
     from haptogram.verification import RunVerdict
@@ -48,9 +47,9 @@ def verify_run_by_captures(
     from haptogram.verification import tolerance_of, uncertainty_of
     from haptogram.verification.pins.joined import verify_captures
 
-    with verify_bar("reading captures", quiet=quiet, unit="captures") as progress:
+    with progress_bar("reading captures", quiet=quiet, unit="captures") as progress:
         records = read_capture_arguments(config.captures, progress)
-    with verify_bar("judging captures", quiet=quiet) as progress:
+    with progress_bar("judging captures", quiet=quiet) as progress:
         return verify_captures(
             records,
             intended,
@@ -87,15 +86,13 @@ def verified_captures_at_port(
         print("haptogram verify: interrupted; --capture was not judged", file=sys.stderr)
         return None
     except ConfigurationError as error:
-        print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
+        print_command_error("haptogram verify", error)
         return None
     outputs.print(f"drive pins\n{verdict}")
     return report.run_result_with_captures(result, verdict, is_run_judged=True)
 
 
-def verify_recorded_captures(
-    config: VerifyConfig, outputs: CommandOutputs, provenance: Provenance, *, quiet: bool
-) -> int:
+def verify_recorded_captures(config: VerifyConfig, outputs: CommandOutputs, *, quiet: bool) -> int:
     """Judge captures by the frames of a recording, and return the exit status."""
     from haptogram.evidence.recordings.reader import Recording
     from haptogram.evidence.recordings.recorded_run import recorded_run
@@ -129,7 +126,7 @@ def verify_recorded_captures(
     result = report.run_result_with_captures(result, verdict, is_run_judged=verdict.run is not None)
     outputs.print(str(verdict))
     seen = verify_seen_by_number(recorded.intended, verdict.observations)
-    if not write_run_files(config, run, result, recorded.model, seen, provenance, outputs):
+    if not write_run_files(config, run, result, recorded.model, seen, outputs):
         return USAGE
     return verdict.exit_status
 

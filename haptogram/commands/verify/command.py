@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import functools
-import sys
 import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
@@ -17,17 +16,19 @@ from haptogram.errors import (
     VersionMismatchError,
     WrongProtocolError,
 )
-from haptogram.machine.terminal import terminal_error_line
 from haptogram.settings.option import options_of
 from haptogram.settings.run.outputs import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig
-from haptogram.settings.run.verify_file import RENAMED, load_verify_config, read_settings_table
+from haptogram.settings.run.verify_file import load_verify_config, read_settings_table
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
-from ..shell.job import provenance_of_run
-from ..shell.output_files import CommandOutputs, announce_interrupted_output
-from ..shell.recording import command_recording, is_command_recorded
+from ..shell.output_files import (
+    CommandOutputs,
+    announce_interrupted_output,
+    print_command_error,
+)
+from ..shell.progress import progress_bar
 from .boards import (
     BehindUrl,
     InVirtualTime,
@@ -41,13 +42,11 @@ from .captures import verified_captures_at_port, verify_recorded_captures
 from .files import verify_seen_by_number, write_run_files
 from .live_view import VerifyLiveView, live_view
 from .options import add_verify_options
-from .progress import verify_bar
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
     from haptogram.evidence.recordings.writer import RecordingWriter
     from haptogram.evidence.run_record import RunRecord
-    from haptogram.machine.provenance import Provenance
     from haptogram.records.frame import Intended, Observation
     from haptogram.settings.arguments import Progress
     from haptogram.settings.board import BoardConfig
@@ -98,7 +97,6 @@ def set_up_verify(
     parser.main_options = (
         "object rate_hz array port dialect virtual_time fault tolerance_mm junit html"
     )
-    parser.rename(**RENAMED)
     parser.set_defaults(run=functools.partial(run_verify, made=made))
     add_verify_options(parser)
 
@@ -116,26 +114,24 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         frame_kind=config.frame_kind,
         config=arguments.config,
         command_line=arguments.command_line,
+        parser=arguments.parser,
     )
     refuse_idle_options(arguments, settings, file, in_file)
     outputs = CommandOutputs(
         settings, *(name for name in options_of(OutputConfig) if name != "stamp")
     )
-    provenance = provenance_of_run(settings)
     if config.captures.from_recording is not None:
-        return verify_recorded_captures(config, outputs, provenance, quiet=arguments.quiet)
+        return verify_recorded_captures(config, outputs, quiet=arguments.quiet)
     boards = RunBoards.of(config, arguments, made)
     boards.virtual  # noqa: B018  it checks, before anything starts
     if arguments.view:
         check_html_page(pictures=False)
     with (
         live_view(wanted=arguments.view) as view,
-        command_recording(
-            config.outputs.record, "verify", boards.config.result_options()
-        ) as writer,
+        outputs.recording(boards.config.result_options()) as writer,
     ):
-        status = _run_verify(arguments, boards, view, outputs, provenance, writer)
-        return status if is_command_recorded("verify", writer) else USAGE
+        status = _run_verify(arguments, boards, view, outputs, writer)
+        return status if outputs.is_recorded(writer) else USAGE
 
 
 def _run_verify(
@@ -143,7 +139,6 @@ def _run_verify(
     boards: RunBoards,
     view: VerifyLiveView,
     outputs: CommandOutputs,
-    provenance: Provenance,
     writer: RecordingWriter | None,
 ) -> int:
     """Run the job on the board that the settings name; write and print its result."""
@@ -160,17 +155,17 @@ def _run_verify(
     try:
         with (
             boards.open(view.show) as board,
-            verify_bar("displaying", quiet=quiet) as progress,
-            verify_bar("waiting for what the board saw", quiet=quiet) as settling,
+            progress_bar("displaying", quiet=quiet) as progress,
+            progress_bar("waiting for what the board saw", quiet=quiet) as settling,
             _blaming_planned_faults(planned, board),
         ):
             found = _measured_by_verify(boards, board, progress, settling, writer, view.sink)
     except _BrokenByPlanError as error:
-        print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
+        print_command_error("haptogram verify", error)
         return INCONCLUSIVE
     if found.interrupted:
         announce_interrupted_output("haptogram verify")
-    with verify_bar("verifying", quiet=quiet) as progress:
+    with progress_bar("verifying", quiet=quiet) as progress:
         verdict = found.verdict(
             min_verified=config.least_verified,
             tolerance=tolerance_of(config.tolerance),
@@ -206,7 +201,7 @@ def _run_verify(
         joined = verified_captures_at_port(config, found, result, begin_s, outputs, quiet=quiet)
         is_judged, result = joined is not None, joined or result
     seen = verify_seen_by_number(found.intended, found.observations)
-    if not write_run_files(config, verdict, result, found.model, seen, provenance, outputs):
+    if not write_run_files(config, verdict, result, found.model, seen, outputs):
         return USAGE
     if not is_judged:
         return USAGE

@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
-
-from haptogram.errors import ConfigurationError
-from haptogram.machine.terminal import terminal_error_line
-
-from ..shell.job import annotate_job
-from ..shell.output_files import announce_output_file
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
-    from haptogram.machine.provenance import Provenance
     from haptogram.records.frame import Intended, Observation
     from haptogram.settings.run.verify import VerifyConfig
     from haptogram.verification import RunVerdict
@@ -30,7 +21,6 @@ def write_run_files(
     result: Mapping[str, Any],
     model: AcousticModel,
     seen: Mapping[int, Observation],
-    provenance: Provenance,
     outputs: CommandOutputs,
 ) -> bool:
     """Write every file that was asked for; return False if one could not be written.
@@ -38,33 +28,22 @@ def write_run_files(
     *seen* holds the observation of each frame that has one, by its number.
     """
     from haptogram.report import run as report
-    from haptogram.report.formats.job_summary import write_job_summary
 
-    is_virtual = config.link.virtual_time
-    seconds = _verify_board_seconds(verdict) if is_virtual else provenance.elapsed_s
-    origin = provenance.of_virtual_time() if is_virtual else provenance
-    summary = report.run_summary(verdict, result)
-    annotate_job(summary, outputs)
-    files = config.outputs
-    writers: tuple[tuple[Path | None, Callable[[Path], None]], ...] = (
-        (files.frames, lambda path: report.write_run_frame_lines(path, verdict)),
-        (files.json, lambda path: report.write_run_json(path, result)),
-        (
-            files.junit,
-            lambda path: report.write_run_junit(
-                path, verdict, result, provenance=origin, seconds=seconds
-            ),
+    is_virtual, origin = config.link.virtual_time, outputs.provenance
+    seconds = _verify_board_seconds(verdict) if is_virtual else origin.elapsed_s
+    origin = origin.of_virtual_time() if is_virtual else origin
+    return outputs.write(
+        report.run_summary(verdict, result),
+        in_virtual_time=is_virtual,
+        frames=lambda path: report.write_run_frame_lines(path, verdict),
+        json=lambda path: report.write_run_json(path, result),
+        junit=lambda path: report.write_run_junit(
+            path, verdict, result, provenance=origin, seconds=seconds
         ),
-        (
-            files.html,
-            lambda path: report.write_run_page(
-                path, verdict, result, model, observations=seen, provenance=origin
-            ),
+        html=lambda path: report.write_run_page(
+            path, verdict, result, model, observations=seen, provenance=origin
         ),
-        (files.summary, lambda path: write_job_summary(path, summary, origin)),
     )
-    written = [_is_verify_file_written(path, write) for path, write in writers if path is not None]
-    return all(written)
 
 
 def verify_seen_by_number(
@@ -89,16 +68,6 @@ def verify_seen_by_number(
 def _verify_drive_by_crc(intended: Intended, seen: Observation) -> Observation:
     """Return *seen* with the intended drive if only a CRC was seen and is that of this drive."""
     return dataclasses.replace(seen, drive=intended.drive) if seen.shows_by_crc(intended) else seen
-
-
-def _is_verify_file_written(path: Path, write: Callable[[Path], None]) -> bool:
-    try:
-        write(path)
-    except ConfigurationError as error:
-        print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
-        return False
-    announce_output_file(path)
-    return True
 
 
 def _verify_board_seconds(verdict: RunVerdict) -> float:

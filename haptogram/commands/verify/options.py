@@ -17,7 +17,7 @@ from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
 from haptogram.settings.tolerance import ToleranceConfig, UncertaintyConfig
 
-from ..acting_options import AM, LM, MESH, RADIUS, RESOLUTION, STAMPED, acts_on_a_grid
+from ..acting_options import AM, LM, MESH, RADIUS, RESOLUTION, STAMPED, acts_on_a_grid, with_option
 from ..shell.output_files import FILE_HELP
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ _ACTING_ON_A_RUN: Final = {
     "resolution_mm": RESOLUTION,
     "radius_mm": RADIUS,
     "unit": MESH,
-    "modulation_hz": Acting("with --modulation", lambda s: s.modulation is not None),
+    "modulation_hz": with_option("modulation"),
     "depth": AM,
     "shift_mm": LM,
     "dwell_ms": Acting("without --modulation stm", lambda s: s.modulation != "stm"),
@@ -71,7 +71,7 @@ _ACTING_ON_A_RUN: Final = {
         "on a grid: without --port, or with --array NXxNY",
         lambda s: acts_on_a_grid(s) and (s.port is None or s.array is not None),
     ),
-    "dialect_option": Acting("with --dialect", lambda s: s.dialect is not None),
+    "dialect_option": with_option("dialect"),
     "backdoor": Acting(
         "at a --port that is no haptogram:// URL, which has its own",
         lambda s: s.port is not None and not s.port.startswith("haptogram://"),

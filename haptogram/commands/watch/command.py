@@ -22,9 +22,14 @@ from haptogram.settings.option import options_of
 from haptogram.settings.parser import Acting, name_option
 from haptogram.settings.tolerance import ToleranceConfig
 
-from ..acting_options import STAMPED, refuse_idle_options
-from ..shell.job import annotate_job, provenance_of_run
-from ..shell.output_files import FILE_HELP, CommandOutputs, announce_interrupted_output
+from ..acting_options import STAMPED, refuse_idle_options, with_option
+from ..shell.exit_status import USAGE
+from ..shell.output_files import (
+    FILE_HELP,
+    CommandOutputs,
+    announce_interrupted_output,
+    announce_output_file,
+)
 from ..shell.positions import position_argument_mm
 from .expected import Foci, expected_frames_mm, make_watch_expectation
 from .lines import LatchLines
@@ -32,7 +37,6 @@ from .options import WATCHED_BOARD_OPTIONS, WatchConfig
 from .records import Record, Replay, WatchedRecords, is_watched_latch, open_watched_records
 
 if TYPE_CHECKING:
-    from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
     from haptogram.verification.frame.verdict import FrameVerdict
     from haptogram.verification.watch import Watch, WatchedLatch, WatchResult
@@ -66,15 +70,12 @@ _OWN_BOARD: Final = Acting(
     "on a board that is started here, or on a file of bytes (not on a back door)",
     lambda s: s.source is None or (s.dialect is not None and not s.source.startswith("unix:")),
 )
-_EXPECTED: Final = Acting(
-    "with --expect or --expect-file", lambda s: bool(s.expect) or s.expect_file is not None
-)
 _ACTING: Final = {
     "stamp": STAMPED,
     **dict.fromkeys(
         ("dialect", "dialect_option", "array", "temperature_c", "calibration"), _OWN_BOARD
     ),
-    **dict.fromkeys(("tolerance_mm", "tolerance_c", "tolerance_humidity"), _EXPECTED),
+    **dict.fromkeys(options_of(ToleranceConfig), with_option("expect", "expect_file")),
 }
 
 
@@ -137,7 +138,6 @@ def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
     """Watch until the end, and return the exit status."""
     refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, *_FILES, "frames", pictures=False)
-    provenance = provenance_of_run(arguments)
     _check_watch_source(arguments)
     frames_mm = expected_frames_mm(arguments)
     with (
@@ -146,7 +146,7 @@ def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
     ):
         run = _WatchRun(arguments, frames_mm, frames, outputs.text, records)
         run.follow()
-    return run.finish(outputs, provenance)
+    return run.finish(outputs)
 
 
 def _check_watch_source(arguments: argparse.Namespace) -> None:
@@ -273,10 +273,8 @@ class _WatchRun:
             }
             self._frames(json.dumps(line, allow_nan=False) + "\n")
 
-    def finish(self, outputs: CommandOutputs, provenance: Provenance) -> int:
+    def finish(self, outputs: CommandOutputs) -> int:
         """Print the summary, write the files, and return the exit status."""
-        from haptogram.report.formats.job_summary import write_job_summary
-        from haptogram.report.formats.junit import write_document_junit
         from haptogram.report.watch import watch_document
 
         self._lines.print_modulation()
@@ -292,20 +290,20 @@ class _WatchRun:
         if (assumed := _assumed_layout(self._arguments)) and _shows_no_pattern(result):
             result = dataclasses.replace(result, hints=(*result.hints, assumed))
         outputs.print(str(result))
-        seconds = None if self._is_raw else provenance.elapsed_s
-        document = watch_document(result, self._verdicts, seconds)
-        annotate_job(document, outputs)
-        origin = provenance.of_virtual_time() if self._is_raw else provenance
-        if self._arguments.json is not None:
-            write_json_file(self._arguments.json, result.as_dict())
-        if self._arguments.junit is not None:
-            write_document_junit(self._arguments.junit, document, origin)
-        if self._page is not None:
-            self._page.write(self._arguments.html, result, self._expected_m, provenance=origin)
-        if self._arguments.summary is not None:
-            write_job_summary(self._arguments.summary, document, origin)
-        outputs.announce()
-        return result.verdict.exit_status
+        seconds = None if self._is_raw else outputs.provenance.elapsed_s
+        origin = outputs.provenance.of_virtual_time() if self._is_raw else outputs.provenance
+
+        def write_page(path: Path) -> None:
+            if self._page is not None:
+                self._page.write(path, result, self._expected_m, provenance=origin)
+
+        written = outputs.write(
+            watch_document(result, self._verdicts, seconds),
+            in_virtual_time=self._is_raw,
+            json=lambda path: write_json_file(path, result.as_dict()),
+            html=write_page,
+        )
+        return result.verdict.exit_status if written else USAGE
 
 
 def _assumed_layout(arguments: argparse.Namespace) -> str:
@@ -341,6 +339,7 @@ def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 file = open_file.enter_context(path.open("wb", buffering=0))
             yield functools.partial(_write_watch_line, file, path)
+        announce_output_file(path)
 
 
 def _write_watch_line(file: FileIO, path: Path, line: str) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.command_line import config_from_options
+from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
 from haptogram.settings.tolerance import ToleranceConfig
 
@@ -51,8 +51,8 @@ def make_watch_expectation(
 
     if not frames_mm:
         return None
-    given = {name: getattr(arguments, name) for name in options_of(ToleranceConfig)}
-    tolerance = tolerance_of(config_from_options(ToleranceConfig, given))
+    given = given_options(arguments, options_of(ToleranceConfig))
+    tolerance = tolerance_of(ToleranceConfig.of(**given))
     frames_m = [board.ours_m(np.array(foci) / _MM) for foci in frames_mm]
     return Expectation(board.model, frames_m, tolerance=tolerance)
 

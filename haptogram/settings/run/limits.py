@@ -14,7 +14,6 @@ class LimitConfig(Settings):
     min_verified: float | None = option(
         None,
         unit="SHARE",
-        low=0.0,
         high=1.0,
         help="share of frames that must be verified",
         absent="1 in virtual time, else 0.9",

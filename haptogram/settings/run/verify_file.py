@@ -14,9 +14,6 @@ from ..text_file import read_toml_file
 from .verify import VerifyConfig
 
 _SECTION: Final = "verify"
-#: Former keys, and those that replaced them.
-#: Former names of settings.
-RENAMED: Final = {"link_baud": "baud", "report": "html", "recording": "from_recording"}
 
 
 def load_verify_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig:
@@ -64,8 +61,6 @@ def read_settings_table(path: Path) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise ConfigurationError(f"{path}: must have one table [{_SECTION}]")
     for name in (name for name in table if name not in options_of(VerifyConfig)):
-        if name in RENAMED:
-            raise ConfigurationError(f"{path}: {name!r} is now {RENAMED[name]!r}")
         known = unknown_setting_text(name, options_of(VerifyConfig))
         raise ConfigurationError(f"{path}: {name!r} is not a setting{known}")
     return table

@@ -40,9 +40,13 @@ def test_the_same_figures_go_to_json(tmp_path, capsys):
         (("nothing",), "known are paper, tactile-display"),
         (("autd",), "did you mean autd3?"),
         (("autd3", "--json", "."), "it is a folder"),
-        (("autd3", "--json", "/dev/full"), "the disk is full"),
     ],
 )
 def test_what_cannot_be_shown_is_refused(words, message):
     with pytest.raises(ConfigurationError, match=message):
         run(*words)
+
+
+def test_a_file_that_cannot_be_written_is_said(capsys):
+    assert run("autd3", "--json", "/dev/full") == 2
+    assert "the disk is full" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The parser of every command line: refusals of one line, guesses, former names."""
+"""The parser of every command line: refusals of one line, guesses."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ def parser() -> Parser:
     made.add_argument("--at-mm", nargs="?", const="here")
     made.add_argument("--quiet", action="store_true")
     made.add_argument("-v", "--verbose", action="store_true")
-    made.rename(link_baud="baud")
     return made
 
 
@@ -45,8 +44,7 @@ def parser() -> Parser:
         ("--quiet=yes", "--quiet takes no value"),
         ("--mode phase", "--mode is 'phase'; known are phases, drives; did you mean phases?"),
         ("--mode 7", "--mode is '7'; known are phases, drives"),
-        ("--link-baud 9600", "--link-baud is now --baud"),
-        ("--link-baud=9600", "--link-baud is now --baud"),
+        ("--link-baud=9600", "there is no option --link-baud; did you mean --baud?"),
         ("--rate 1000", "there is no option --rate; did you mean --rate-hz?"),
         ("--ratehz 1000", "there is no option --ratehz; did you mean --rate-hz?"),
         ("--xyzzy", "there is no option --xyzzy"),

@@ -97,8 +97,6 @@ def test_a_bad_value_is_named_with_its_limit(values: dict[str, object], told: st
         ("[verify]\nxyzzy = 500\n", "'xyzzy' is not a setting; known are object, resolution_mm"),
         ("[verify]\nmode = 'morse'\n", r"run\.toml: mode is 'morse'; known are phases, drives"),
         ("[verify]\njson = ''\n", r"run\.toml: json is '', must be the name of a file"),
-        ("[verify]\nlink_baud = 9600\n", "'link_baud' is now 'baud'"),
-        ("[verify]\nrecording = 'a'\n", "'recording' is now 'from_recording'"),
         ("[verfy]\n", r"\[verfy\] is not read; .* one table \[verify\]; did you mean verify"),
         ("[other]\n", r"\[other\] is not read; all settings are in one table \[verify\]"),
         ("rate_hz = 5\n", r"\[rate_hz\] is not read"),
