@@ -138,12 +138,14 @@ def verify_run(
     drives = functools.cache(functools.partial(_frames_by_drive, intended))
     missed = _MissedFrames(intended, seen, losses, unseen, cut)
     quiet_us = sorted(check_whole("silences", t, -(2**63), 2**63, "µs") for t in silences)
+    pairs = [(frame, seen[frame.key][0]) for frame in intended if frame.key in seen]
+    verdicts = judge.judge_all(pairs)
     for number, (wanted, due) in enumerate(
         zip(intended, due_frames_of_consequences(intended, seen), strict=True)
     ):
         latches = seen.pop(wanted.key, [])
         if latches:
-            verdict = judge.judge(wanted, latches[0])
+            verdict = next(verdicts)
             if _is_run_frame_unnamed(verdict, latches[0]):
                 verdict = _named_by_other_frame(verdict, latches[0], drives())
         else:
@@ -152,7 +154,9 @@ def verify_run(
             effect = consequence_of_held_focus(model, wanted, focus_still_held(held, due, quiet_us))
             verdict = dataclasses.replace(verdict, consequence=effect)
         seen_by_board = sum(latch.evidence is not Evidence.WIRE for latch in latches)
-        frames.append(dataclasses.replace(verdict, latches=seen_by_board))
+        if verdict.latches != seen_by_board:
+            verdict = dataclasses.replace(verdict, latches=seen_by_board)
+        frames.append(verdict)
         if latches:
             held = HeldFocus.after(wanted, latches[0], verdict)
             missed.losses.latched(latches[0].t_latch_us)
@@ -163,7 +167,9 @@ def verify_run(
         if progress is not None:
             progress(number + 1, len(intended))
     run = _conclude_run_verdict(frames, sorted(seen), min_verified, cut, quiet_us, not_kept, losses)
-    return dataclasses.replace(run, tolerance=judge.tolerance, uncertainty=judge.uncertainty)
+    return dataclasses.replace(
+        run, tolerance=judge.tolerance, uncertainty=judge.uncertainty, ways=judge.ways
+    )
 
 
 def check_run_judgement(

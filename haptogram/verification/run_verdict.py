@@ -54,6 +54,8 @@ class RunVerdict:
         Which misses passed on top of what rounding makes.
     uncertainty : Uncertainty
         How well array and air were known.
+    ways : dict of str to int
+        How many frames were judged by compiled code, and of the others how many for each reason.
 
     Examples
     --------
@@ -75,6 +77,7 @@ class RunVerdict:
     effect: RunConsequences | None = None
     tolerance: Tolerance = field(default_factory=Tolerance)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    ways: dict[str, int] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:

@@ -124,6 +124,11 @@ class ReflectingDisc:
     normal : (3,) array_like, optional
         Which way the disc faces, of any length; that of the array's face (its own z) if not given.
 
+    Attributes
+    ----------
+    engine : FieldEngine
+        The engine.
+
     Raises
     ------
     ConfigurationError
@@ -137,12 +142,19 @@ class ReflectingDisc:
         normal: ArrayLike | None = None,
     ) -> None:
         check_number("radius_m", radius_m, 1e-6, 0.1)
-        self._engine = engine
+        self.engine = engine
         wavenumber, axes = engine.model.wavenumber, _force_disc_axes(engine.model.array, normal)
         nodes_m, self._areas_m2 = force_disc_nodes(radius_m, wavenumber)
         across = np.eye(3)[:2]
         stencil_m = np.concatenate([np.zeros((1, 3)), across, -across]) * _STENCIL_RAD / wavenumber
         self._nodes_m = (stencil_m[:, None] + nodes_m).reshape(-1, 3) @ axes
+
+    @property
+    def kernel_arguments(self) -> tuple[FloatArray, FloatArray, float, float]:
+        """Nodes of all stencils, areas, and stress per |p|^2 and per squared difference."""
+        per_pa2 = float(radiation_pressure_pa(1.0, self.engine.model.medium))
+        per_slope2 = per_pa2 / (2.0 * math.sin(_STENCIL_RAD)) ** 2
+        return np.ascontiguousarray(self._nodes_m), self._areas_m2, per_pa2, per_slope2
 
     def force_n(self, weights: ArrayLike, centre_m: ArrayLike) -> float:
         """Return the force, in newtons, of (N,) *weights* on the disc around (3,) *centre_m*.
@@ -154,14 +166,14 @@ class ReflectingDisc:
             array.
         """
         nodes_m = as_coordinates("centre_m", centre_m) + self._nodes_m
-        pressure = self._engine.pressure(weights, nodes_m)
+        pressure = self.engine.pressure(weights, nodes_m)
         if pressure.ndim != 1:
             raise ConfigurationError(f"{len(pressure)} drives, the force is that of one")
         here, *around = pressure.reshape(5, -1)
         # dp/d(kx), rho c v_t but for a factor j; the sine makes it exact for a wave along the disc.
         slopes = np.subtract(around[:2], around[2:]) / (2.0 * math.sin(_STENCIL_RAD))
-        along, across = radiation_pressure_pa(slopes, self._engine.model.medium)
-        stress = radiation_pressure_pa(here, self._engine.model.medium) - along - across
+        along, across = radiation_pressure_pa(slopes, self.engine.model.medium)
+        stress = radiation_pressure_pa(here, self.engine.model.medium) - along - across
         return float(stress @ self._areas_m2)
 
 

@@ -15,8 +15,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import takewhile
 from typing import Final, Literal
 
 import numpy as np
@@ -46,16 +48,19 @@ from haptogram.acoustics.reconstruct.estimates import (
     Vector,
 )
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
-from haptogram.acoustics.solvers.focus import (
-    MAX_TARGET_DISTANCE_M,
-    MIN_TARGET_DISTANCE_M,
-    focus_target_heights_m,
+from haptogram.acoustics.reconstruct.warm import (
+    CLEARANCE_M,
+    REACH_M,
+    DriveToFind,
+    WarmReconstructor,
 )
+from haptogram.acoustics.solvers.focus import focus_target_heights_m
 from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number
 
 _MIN_TRACKED: Final = 4
+_AT_ONCE: Final = 512  # drives of a call of compiled code
 _QUICK_MARGIN_RAD: Final = 1e-3  # the rounding of the quick fit, and of phases between two codes
 _SILENT: Final = 1e-6  # relative to full drive; far below half an amplitude step
 _MAX_STARTS: Final = 12
@@ -64,8 +69,6 @@ _MIN_AGREEING: Final = 8  # twice the unknowns: fewer would agree on some point 
 _COARSE_RAD: Final = math.tau / 8.0 * (1.0 - 1e-9)  # from 3 bits down, places can be equal
 _MAX_RIVAL_STARTS: Final = 48
 _EQUAL: Final = 3.0  # standard deviations of what rounding leaves
-_CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M  # a fit nearer to an element is no focus
-_REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a plane wave
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -165,10 +168,61 @@ class Reconstructor:
             )
         if drive.is_muted and not ramping:
             return NoFocus("muted")
+        step_rad = self.step_rad(drive, phase_bits)
+        (found,) = self.reconstruct_all([DriveToFind(drive, step_rad, slack_rad, ramping)])
+        return found
+
+    def step_rad(self, drive: Drive, phase_bits: int | None = None) -> float:
+        """Return the step of the phases by which *drive* is judged, in radians."""
         coarser = (bits or MAX_PHASE_BITS for bits in (self._phase_bits, phase_bits))
-        bits = min(drive.phase_bits, *coarser)
-        step_rad = phase_step_rad(bits)
-        return self._reconstruct(drive.weights(), step_rad, ramping=ramping, slack_rad=slack_rad)
+        return phase_step_rad(min(drive.phase_bits, *coarser))
+
+    def reconstruct_all(self, asked: Sequence[DriveToFind]) -> list[Reconstruction]:
+        """Return the foci of drives of this array, as one call of :meth:`reconstruct` for each.
+
+        Those that are beside the one before are found at once, in compiled code where it serves.
+        """
+        found: list[Reconstruction] = []
+        while len(found) < len(asked):
+            found += self._foci_beside_last(asked[len(found) :])
+            if len(found) < len(asked):
+                one = asked[len(found)]
+                if one.drive.is_muted and not one.ramping:
+                    found.append(NoFocus("muted"))
+                    continue
+                weights = one.drive.weights()
+                found.append(
+                    self._reconstruct(
+                        weights, one.step_rad, ramping=one.ramping, slack_rad=one.slack_rad
+                    )
+                )
+        return found
+
+    def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
+        """Return the foci of the first drives, as far as each is beside the last one."""
+        warm = self._warm
+        if warm is None or self._last_focus is None:
+            return []
+        some = list(takewhile(_is_sought_by_phases, asked[:_AT_ONCE]))
+        codes = warm.codes(some) if some else None
+        if codes is None:
+            return []
+        quick_rad = np.array([_quick_limit_rad(one.limit_rad) for one in some])
+        foci = warm.foci(some, codes, quick_rad, self._last_focus)
+        if foci:
+            self._last_focus = np.array(foci[-1].position_m)
+        return foci
+
+    @cached_property
+    def _warm(self) -> WarmReconstructor | None:
+        if self.why_not_compiled is not None or self._tracker is None:
+            return None
+        return WarmReconstructor(self._model, self._disc, self._tracker)
+
+    @cached_property
+    def why_not_compiled(self) -> str | None:
+        """Why no focus of this array is found in compiled code; None: it is, beside the last."""
+        return WarmReconstructor.why_not(self._model, self._disc)
 
     def reconstruct_weights(
         self,
@@ -309,7 +363,7 @@ class Reconstructor:
         """Return the focus of the compiled search, or None, and the kind of its start."""
         if self._tracker is None or radiated.codes is None:
             return None, "global"
-        limit_rad = max(radiated.limit_rad, phase_step_rad(REGISTER_BITS) / 2.0) + _QUICK_MARGIN_RAD
+        limit_rad = _quick_limit_rad(radiated.limit_rad)
         if self._last_focus is not None:
             fix = self._tracker.fit(radiated.codes, _reconstructed_vector(self._last_focus))
             if self._tracker.explains(fix, limit_rad):
@@ -386,7 +440,7 @@ class Reconstructor:
         nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
         height_m = float(array.axes[2] @ (position - array.centre_m))
         low_m = min(0.0, focus_target_heights_m(array)[0])
-        above = height_m > low_m and _CLEARANCE_M <= nearest <= _REACH_M
+        above = height_m > low_m and CLEARANCE_M <= nearest <= REACH_M
         return bool(above and points_in_front(self._model, position[None])[0])
 
     def _single(
@@ -448,6 +502,17 @@ class Reconstructor:
         arrivals = radiated.weights * propagators(self._model, point[None, :])[0]
         total, largest = abs(complex(arrivals.sum())), float(np.abs(arrivals).sum())
         return total / math.sqrt(2.0), (total / largest if largest > 0.0 else 0.0)
+
+
+def _quick_limit_rad(limit_rad: float) -> float:
+    """Return the residual that the search in single precision may leave."""
+    return max(limit_rad, phase_step_rad(REGISTER_BITS) / 2.0) + _QUICK_MARGIN_RAD
+
+
+def _is_sought_by_phases(asked: DriveToFind) -> bool:
+    """Return True unless a drive is on a ramp, finer than registers, or suits several places."""
+    is_usual = asked.step_rad < _COARSE_RAD and asked.drive.phase_bits <= REGISTER_BITS
+    return is_usual and not asked.ramping
 
 
 def _reconstructed_vector(values: FloatArray) -> Vector:

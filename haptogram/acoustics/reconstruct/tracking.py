@@ -116,6 +116,11 @@ class FocusTracker:
         self._bottom_m = float(model.array.centre_m @ model.array.axes[2])
         self._cells: FloatArray | None = None
 
+    @property
+    def kernel_arguments(self) -> tuple[object, ...]:
+        """What :meth:`fit` hands over besides codes and start, for other loops."""
+        return self._order, self._places, self._lags, self._frame, _MAX_STEPS
+
     def fit(self, codes: NDArray[np.uint8], start_m: Point) -> Fix:
         """Return the focus next to *start_m*.
 

@@ -21,6 +21,8 @@ from haptogram.errors import ConfigurationError
 # A direction in which moving the focus changes the phases 10 000 times less than in the best one.
 # Between a planar array and the furthest target the ratio is the aperture over the distance, 1e-3.
 _OBSERVABLE_RATIO: Final = 1e-4
+#: Of the least eigenvalue of the squared slopes in the largest: below it a direction is not seen.
+LEAST_SEEN_SHARE: Final = _OBSERVABLE_RATIO**2
 _MAX_ITERATIONS: Final = 32  # a fit that converges takes 4 to 8
 _MAX_STEP_M: Final = 0.020
 _STEP_TOLERANCE_M: Final = 1e-10
@@ -261,7 +263,7 @@ class _FocusPhaseProblem:
 def _focus_fit_spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return eigenvalues and eigenvectors of J^T J, and which of them the phases can see."""
     values, vectors = np.linalg.eigh(slopes.T @ slopes)
-    kept: BoolArray = values > max(values[-1], 1e-12) * _OBSERVABLE_RATIO**2
+    kept: BoolArray = values > max(values[-1], 1e-12) * LEAST_SEEN_SHARE
     return values, vectors, kept
 
 

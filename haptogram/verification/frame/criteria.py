@@ -113,8 +113,12 @@ def least_frame_coherence(target: FrameTarget, allowed_codes: int = 0) -> float:
     largest = float(target.amplitudes @ loudness)
     missing = allowed_codes * AMPLITUDE_STEP * float(loudness.sum())
     share = max(0.0, 1.0 - missing / largest) if largest > 0.0 else 0.0
-    least = math.cos(min(target.phase_limit_rad, math.pi))
-    return least * share - _ROUNDING_RAD
+    return least_coherence(target.phase_limit_rad, share)
+
+
+def least_coherence(limit_rad: float, share: float) -> float:
+    """Return the least coherence of phases within *limit_rad* with a *share* of the amplitudes."""
+    return math.cos(min(limit_rad, math.pi)) * share - _ROUNDING_RAD
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 import numpy as np
@@ -30,6 +31,7 @@ from ..tolerance import Tolerance, Uncertainty
 from . import criteria
 from .crc_drive import drive_of_crc
 from .ideal_drive import IdealFrameDrive
+from .ordinary import OrdinaryFrames, Pair
 from .several import judge_several_foci
 from .single import SingleFocusFrame, judge_silent_frame, verdict_not_radiated
 from .target import FrameTarget
@@ -38,6 +40,7 @@ from .verdict import WRONG, FrameStatus, FrameVerdict
 # Of targets, and as many drives of solvers and verdicts: a pass that repeats costs nothing new.
 _REMEMBERED_BYTES: Final = 1 << 27
 _CACHES: Final = 3
+_AT_ONCE: Final = 512  # frames of a call of compiled code
 _BYTES: Final = 6000  # of an entry, besides those per element
 _BYTES_PER_ELEMENT: Final = 160  # of a target: phases, pressures, the responses of focus and peaks
 _ANY: Final = FrameKey(0, 0, 0, 0)
@@ -85,6 +88,8 @@ class FrameJudge:
         self._target = functools.lru_cache(remembered)(self._make_target)
         self._ideals = functools.lru_cache(remembered)(self._make_ideals)
         self._judged = functools.lru_cache(remembered)(self._judge)
+        limit_rad = functools.partial(criteria.frame_phase_limit_rad, grain_rad=self._grain_rad)
+        self._ordinary = OrdinaryFrames(model, self.tolerance, self.uncertainty, limit_rad)
 
     def _make_target(
         self, position_m: tuple[float, float, float], amplitude_codes: bytes, limit_rad: float
@@ -124,6 +129,19 @@ class FrameJudge:
         yield model
         if self._grain_rad > _EXACT_RAD:
             yield dataclasses.replace(model, array=model.array.on_wire())
+
+    @property
+    def ways(self) -> dict[str, int]:
+        """How many frames of :meth:`judge_all` were judged in compiled code, or why not."""
+        return dict(self._ordinary.ways)
+
+    def judge_all(self, pairs: Iterable[Pair]) -> Iterator[FrameVerdict]:
+        """Yield the verdicts on frames and their latches, as one call of :meth:`judge` for each."""
+        coming = iter(pairs)
+        while some := list(itertools.islice(coming, _AT_ONCE)):
+            found = self._ordinary.verdicts(some, self._carrier_us)
+            for pair, verdict in zip(some, found, strict=True):
+                yield self.judge(*pair) if verdict is None else verdict
 
     def judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
         """Return the verdict on a frame that was latched, or seen on the wire."""

@@ -15,18 +15,23 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.levels.shift import focal_shift_covariance
 from haptogram.acoustics.model.own_axes import axes_about_normal
-from haptogram.acoustics.solvers.focus_fit import PhaseFit, focus_phase_response
+from haptogram.acoustics.solvers.focus_fit import (
+    LEAST_SEEN_SHARE,
+    PhaseFit,
+    focus_phase_response,
+)
 from haptogram.errors import ConfigurationError
 
 from ..tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
-from .peaks import LOST, ExpectedPeak, FramePeakAxes, expected_frame_peak
+from .peaks import LOST, TURNED_RATIO, ExpectedPeak, FramePeakAxes, expected_frame_peak
 
 Bools = NDArray[np.bool_]
 
 _MM: Final = 1e3
-_TURNED_RATIO: Final = 1e-6
 _NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proportion
 _SECOND_ORDER: Final = 1.04  # of the bound of the first order
+#: When a coordinate is observed, and how exactly, as the compiled loops take it.
+OBSERVED: Final[FloatArray] = np.array([LEAST_SEEN_SHARE, _NEAR, _SECOND_ORDER, LOST])
 _SAME_LINE: Final = 1e-6
 _AT_CENTRE_M: Final = 1e-6
 _AIRS: Final = 41  # between the slowest and the fastest that is tolerated
@@ -191,7 +196,7 @@ class FrameTarget:
         found = []
         for axes in (axes_about_normal(self.axis)[:2], self.axis[None, :]):
             direction = self.direction(axes)
-            if np.linalg.eigvalsh(direction.metric)[0] > _TURNED_RATIO * self.model.wavenumber**2:
+            if np.linalg.eigvalsh(direction.metric)[0] > TURNED_RATIO * self.model.wavenumber**2:
                 found.append(direction)
         return found
 

@@ -54,7 +54,7 @@ class NumbaEngine(SingleEngine):
         self._layout = EngineLayout.of(model)
         half = np.ptp(model.array.bounds_m, axis=0) / 2
         shift = np.abs(model.array.bounds_m.mean(axis=0) - model.array.centre_m)
-        self._bounds = np.concatenate([model.array.centre_m, half + shift + self._clearance_m])
+        self._bounds = np.concatenate([model.array.centre_m, half + shift + self.clearance_m])
         self._fronts = sounding_half_spaces(model).copy()  # writeable, as all that the loops take
 
     def warm_up(self) -> None:
@@ -70,6 +70,18 @@ class NumbaEngine(SingleEngine):
             self._fast(np.tile(drive, (2, 1)), points, careful=True)
 
     @property
+    def is_lattice(self) -> bool:
+        """Whether the elements lie on a lattice."""
+        return self._layout.lattice is not None
+
+    def kernel_arguments(self, *, careful: bool) -> tuple[object, ...]:
+        """Return what the loops take of a lattice, for other loops that call them."""
+        layout = self._layout
+        return (
+            layout.frame, layout.constants, careful, self._gain, layout.x, layout.y, layout.nodes,
+        )  # fmt: skip
+
+    @property
     def _wave_points(self) -> int:
         return 256
 
@@ -82,7 +94,7 @@ class NumbaEngine(SingleEngine):
                 self._fronts,
                 self._bounds,
                 reach_m,
-                self._clearance_m,
+                self.clearance_m,
                 usable[part],
             )
         return usable if refused else None

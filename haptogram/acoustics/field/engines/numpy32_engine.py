@@ -51,7 +51,7 @@ class Numpy32Engine(SingleEngine):
         """Return the points neither far away, nor behind, nor so near that r^2 loses digits."""
         distance = np.linalg.norm(points - self._model.array.centre_m, axis=1)
         # r >= |x| - |s|: outside of twice the aperture no r is below half of the largest term.
-        nearest = max(2.0 * self._radius_m, self._clearance_m)
+        nearest = max(2.0 * self._radius_m, self.clearance_m)
         within = (distance <= reach_m) & points_in_front(self._model, points)
         usable: BoolArray = within & (distance >= nearest)
         close = np.flatnonzero(within & ~usable)
@@ -63,7 +63,7 @@ class Numpy32Engine(SingleEngine):
         """Return a mask of the points that keep 0.6 of the aperture's radius from every element."""
         offsets = points[:, None, :] - self._model.array.positions_m
         nearest = np.sqrt(np.einsum("mni,mni->mn", offsets, offsets).min(axis=1))
-        limit = max(0.6 * self._radius_m, self._clearance_m)
+        limit = max(0.6 * self._radius_m, self.clearance_m)
         clear: BoolArray = nearest >= limit
         return clear
 

@@ -87,7 +87,7 @@ class SingleEngine(ABC):
         offsets = model.array.positions_m - model.array.centre_m
         self._radius_m = float(np.linalg.norm(offsets, axis=1).max())
         # The reference refuses what is nearer than the second.
-        self._clearance_m = max(_CLEARANCE * wavelength, MIN_DISTANCE_M)
+        self.clearance_m = max(_CLEARANCE * wavelength, MIN_DISTANCE_M)
         self._reach_of_few_m = self._reach_m(self.REACH.few)
         self._reach_of_many_m = self._reach_m(self.REACH.many)
 

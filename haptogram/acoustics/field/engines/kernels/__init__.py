@@ -14,21 +14,33 @@ from haptogram.acoustics.field.engines.kernels.fields import (
     polar_form_kernel,
 )
 from haptogram.acoustics.field.engines.kernels.foci import fit_phases_kernel, focus_codes_kernel
+from haptogram.acoustics.field.engines.kernels.focused import MEASURES as FOCUSED_MEASURES
+from haptogram.acoustics.field.engines.kernels.focused import focused_frames_kernel
+from haptogram.acoustics.field.engines.kernels.judged import HOLD, judged_frames_kernel
+from haptogram.acoustics.field.engines.kernels.judged import MEASURES as JUDGED_MEASURES
 from haptogram.acoustics.field.engines.kernels.multifocus import gerchberg_saxton_kernel
+from haptogram.acoustics.field.engines.kernels.pistons import MOST_GAIN_SQUARE, MOST_LOSS
 from haptogram.acoustics.field.engines.kernels.search import best_cell_kernel, cell_scores_kernel
 from haptogram.acoustics.field.engines.kernels.waves import ARCTANGENT, COSINE, SINE
 
 __all__ = [
     "ARCTANGENT",
     "COSINE",
+    "FOCUSED_MEASURES",
+    "HOLD",
+    "JUDGED_MEASURES",
+    "MOST_GAIN_SQUARE",
+    "MOST_LOSS",
     "SINE",
     "best_cell_kernel",
     "cell_scores_kernel",
     "fit_phases_kernel",
     "focus_codes_kernel",
+    "focused_frames_kernel",
     "free_pressure_kernel",
     "free_waves_kernel",
     "gerchberg_saxton_kernel",
+    "judged_frames_kernel",
     "lattice_pressure_kernel",
     "lattice_waves_kernel",
     "polar_form_kernel",

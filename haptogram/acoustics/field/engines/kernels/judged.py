@@ -1,0 +1,186 @@
+"""The criteria of frames that shall focus on one point, and whose arrays are parallel pistons.
+
+The arithmetic of :mod:`haptogram.verification.frame` for drives of full amplitude, frame by frame.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_sums
+from haptogram.acoustics.field.engines.kernels.peaks import (
+    climb_kernel,
+    expected_peak_kernel,
+    length_kernel,
+)
+from haptogram.acoustics.field.engines.kernels.pistons import (
+    arrivals_at_kernel,
+    cos_sin_turns_kernel,
+    inverse_symmetric_kernel,
+    mean_outer_kernel,
+    response_sums_kernel,
+)
+
+F8 = NDArray[np.float64]
+
+#: Numbers that :func:`judged_frames_kernel` finds of each frame.
+BOUND, SCATTER, DRIFT, PHASE, COHERENCE, LOUDNESS, PEAK, ACROSS, ALONG = 0, 3, 4, 5, 6, 7, 8, 9, 10
+MEASURES: Final = 11
+#: Answers: all criteria hold, or what the caller has to find out.
+HOLD, UNOBSERVED, PEAKLESS, FAILED = 0, 1, 2, 3
+
+
+@jit_sums
+def _turns_to_target_kernel(places: F8, target: F8, per_wavelength: float, codes: F8) -> float:
+    """Set the ideal phases of *places* in turns; return half the range of the errors of *codes*."""
+    px, py, pz, turns = places[0], places[1], places[2], places[3]
+    re, im = 0.0, 0.0
+    for n in range(px.size):
+        dx, dy, dz = target[0] - px[n], target[1] - py[n], target[2] - pz[n]
+        turns[n] = -per_wavelength * np.sqrt(dx * dx + dy * dy + dz * dz)
+        cosine, sine = cos_sin_turns_kernel(codes[n] - turns[n])
+        re += cosine
+        im += sine
+    common = math.atan2(im, re) / (2.0 * math.pi)
+    low, high = 1.0, -1.0
+    for n in range(px.size):
+        error = codes[n] - turns[n] - common
+        error -= np.rint(error)
+        low, high = error if error < low else low, error if error > high else high
+    return math.pi * (high - low)
+
+
+@jit_checked
+def _metric_kernel(covariance: F8, wavenumber: float, first: F8, second: F8, metric: F8) -> None:
+    """Set k^2 A C A^T (00, 01, 11) of the two directions of A."""
+    a, b, c = covariance[0], covariance[1], covariance[2]
+    d, e, f = covariance[3], covariance[4], covariance[5]
+    for i in range(3):
+        one, other = second if i == 2 else first, second if i > 0 else first
+        x = a * one[0] + b * one[1] + c * one[2]
+        y = b * one[0] + d * one[1] + e * one[2]
+        z = c * one[0] + e * one[1] + f * one[2]
+        metric[i] = wavenumber**2 * (x * other[0] + y * other[1] + z * other[2])
+
+
+@jit_checked
+def _bound_kernel(
+    waves: F8, distance: F8, matrix: F8, inverse: F8, wavenumber: float, limit: float,
+    distance_m: float, observed: F8, found: F8,
+) -> bool:  # fmt: skip
+    """Set the bound of the focus; return whether every coordinate is observed.
+
+    *observed*: the least share of the eigenvalues, the share of the distance from which on the
+    second order counts, how much that is, and the share at which a focus is lost.
+    """
+    if not inverse_symmetric_kernel(matrix, inverse) > observed[0]:
+        return False
+    sums, per_radian = np.empty(7), 1.0 / (wavenumber * distance.size)
+    response_sums_kernel(waves[3], waves[4], waves[5], distance, matrix[6:], inverse, sums)
+    for i in range(3):
+        bound = sums[i] * per_radian * limit
+        bound *= observed[2] if bound > observed[1] * distance_m else 1.0
+        if not bound < observed[3] * distance_m:
+            return False
+        found[BOUND + i] = bound
+    found[SCATTER] = math.sqrt(sums[3]) * per_radian
+    found[DRIFT] = math.sqrt(sums[4] ** 2 + sums[5] ** 2 + sums[6] ** 2) * per_radian
+    return True
+
+
+@jit_checked
+def _is_in_place_kernel(offset: F8, axis: F8, found: F8) -> bool:
+    """Set how far a focus is off across and along; return whether rounding explains it."""
+    along = offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2]
+    square, inside = 0.0, True
+    for i in range(3):
+        square += (offset[i] - along * axis[i]) ** 2
+        inside = inside and abs(offset[i]) <= found[BOUND + i]
+    found[ACROSS], found[ALONG] = math.sqrt(square), along
+    return inside
+
+
+@jit_checked
+def _peak_error_kernel(
+    latched: F8, ideal: F8, target: F8, axes: F8, metric: F8, both: bool, medium: F8,
+    settings: F8, limit: float, sides: F8,
+) -> float:  # fmt: skip
+    """Return the distance of the peak of *latched* from that of *ideal*, in radians.
+
+    Negative: -1 where either is unclear, -2 where it is more than rounding explains.
+    """
+    place, rounding, offset = np.empty(3), np.empty(2), np.zeros(2)
+    if not expected_peak_kernel(
+        ideal, target, axes, metric, both, medium, settings, limit, sides, place, rounding
+    ):
+        return -1.0
+    if not climb_kernel(latched, place, axes, metric, both, medium, settings, offset):
+        return -1.0
+    for i in range(2 if both else 1):
+        if not abs(offset[i]) <= settings[7] * rounding[i] + settings[8]:
+            return -2.0
+    return length_kernel(offset[0], offset[1], metric)
+
+
+@jit_checked
+def judged_frames_kernel(
+    codes: NDArray[np.uint8], turn: float, targets: F8, axes: F8, distances: F8, offsets: F8,
+    limits: F8, coherences: F8, latched: F8, medium: F8, observed: F8, settings: F8, found: F8,
+    answers: NDArray[np.int64],
+) -> None:  # fmt: skip
+    """Judge frames of phase *codes* (F, N), of a *turn* each, whose foci somebody found.
+
+    *axes* (F, 4, 3): two directions across the beam, that along it, and zeros; *distances* (F,) of
+    the targets from the centre, *offsets* (F, 3) of the foci from them; *limits*, *coherences*
+    (F,): the largest phase error and the least coherence. *latched* (4, N) and *settings* are
+    overwritten. Sets *found* (F, MEASURES) and *answers* (F,).
+    """
+    count, ideal = latched.shape[1], latched.copy()
+    waves, sides = np.empty((6, count)), np.empty((4, 6, count))
+    matrix, inverse, distance, equal = np.empty(9), np.empty(6), np.empty(count), np.ones(count)
+    metrics, wavenumber, lost_share = np.empty((2, 3)), 2.0 * math.pi * medium[0], settings[5]
+    for f in range(len(codes)):
+        target, measures, limit = targets[f], found[f], limits[f]
+        near = 1e30
+        for n in range(count):
+            latched[3, n] = codes[f, n] * turn
+        measures[PHASE] = _turns_to_target_kernel(ideal, target, medium[0], latched[3])
+        for n in range(count):
+            distance[n] = -ideal[3, n] / medium[0]
+            near = min(near, distance[n])
+        re, im, loud = arrivals_at_kernel(latched, target[0], target[1], target[2], medium, waves)
+        measures[COHERENCE], measures[LOUDNESS] = math.sqrt(re * re + im * im) / loud, loud
+        middle = (axes[f, 2, 0], axes[f, 2, 1], axes[f, 2, 2])
+        mean_outer_kernel(waves[3], waves[4], waves[5], equal, middle, matrix)
+        answers[f] = UNOBSERVED
+        if not _bound_kernel(
+            waves, distance, matrix, inverse, wavenumber, limit, max(distances[f], near), observed,
+            measures,
+        ):  # fmt: skip
+            continue
+        mean_outer_kernel(waves[3], waves[4], waves[5], waves[2], middle, matrix)
+        _metric_kernel(matrix, wavenumber, axes[f, 0], axes[f, 1], metrics[0])
+        _metric_kernel(matrix, wavenumber, axes[f, 2], axes[f, 3], metrics[1])
+        metrics[1, 2] = metrics[1, 0]  # that nothing is divided by 0
+        m00, m01, m11 = metrics[0, 0], metrics[0, 1], metrics[0, 2]
+        least = 0.5 * (m00 + m11) - math.hypot(0.5 * (m00 - m11), m01)
+        answers[f] = PEAKLESS
+        if not min(least, metrics[1, 0]) > settings[9] * wavenumber**2:
+            continue
+        settings[5] = lost_share * distances[f]
+        across, along = 0.0, 0.0
+        for i in range(2):
+            across, along = along, _peak_error_kernel(
+                latched, ideal, target, axes[f, 2 * i :], metrics[i], i == 0, medium, settings,
+                limit, sides,
+            )  # fmt: skip
+        measures[PEAK] = max(across, along)
+        if min(across, along) == -1.0:
+            continue
+        holds = measures[PHASE] <= limit and measures[COHERENCE] >= coherences[f]
+        holds = _is_in_place_kernel(offsets[f], axes[f, 2], measures) and holds
+        answers[f] = HOLD if holds and min(across, along) >= 0.0 else FAILED

@@ -1,0 +1,204 @@
+"""The waves of parallel pistons at one point, in double precision.
+
+*places* (4, N) holds positions in metres and the phases of the weights, in turns. *medium* (8,)
+holds 1 / wavelength, peak pressure at 1 m, absorption, (k a / 2)^2, the common normal, and the
+height of the highest element along it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.polynomial import Chebyshev, Polynomial
+from numpy.typing import NDArray
+
+from haptogram.acoustics.field.engines.kernels.jit import jit_inline, jit_sums
+
+MOST_GAIN_SQUARE: Final = 3.0  # (k a / 2)^2
+MOST_LOSS: Final = 0.25  # nepers
+
+
+def _power_series(terms: list[float], degree: int, high: float) -> tuple[float, ...]:
+    """Return the coefficients of lower degree by which a power series is met on [0, high]."""
+    angles = math.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)
+    nodes = (1.0 - np.cos(angles)) * high / 2.0
+    fit = Chebyshev.fit(nodes, Polynomial(terms)(nodes), degree, domain=[0.0, high])
+    return tuple(fit.convert(kind=Polynomial).coef.tolist())
+
+
+def _terms(count: int, base: float, first: int, step: int) -> list[float]:
+    """Return base^n / n! with alternating signs, n = first, first + step, ..."""
+    powers = range(first, first + step * count, step)
+    return [(-1) ** k * base**n / math.factorial(n) for k, n in enumerate(powers)]
+
+
+_SINE: Final = _power_series(_terms(16, math.pi, 1, 2), 8, 0.25)
+_COSINE: Final = _power_series(_terms(16, math.pi, 0, 2), 9, 0.25)
+_LOSS: Final = _power_series(_terms(16, 1.0, 0, 1), 7, MOST_LOSS)
+_GAIN: Final = _power_series(
+    [(-1) ** m / (math.factorial(m) * math.factorial(m + 1)) for m in range(24)],
+    12,
+    MOST_GAIN_SQUARE,
+)
+
+
+@jit_inline
+def cos_sin_turns_kernel(turns: Any) -> Any:
+    """Return cosine and sine of 2 pi *turns*; errors 1e-15."""
+    s0, s1, s2, s3, s4, s5, s6, s7, s8 = _SINE
+    c0, c1, c2, c3, c4, c5, c6, c7, c8, c9 = _COSINE
+    twice = 2.0 * turns
+    half = np.rint(twice)
+    x = twice - half
+    w = x * x
+    sine = s0 + w * (s1 + w * (s2 + w * (s3 + w * (s4 + w * (s5 + w * (s6 + w * (s7 + w * s8)))))))
+    high = c4 + w * (c5 + w * (c6 + w * (c7 + w * (c8 + w * c9))))
+    cosine = c0 + w * (c1 + w * (c2 + w * (c3 + w * high)))
+    sign = 1.0 - 4.0 * abs(0.5 * half - np.rint(0.5 * half))
+    return sign * cosine, sign * x * sine
+
+
+@jit_inline
+def wave_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
+    """Return distance, its inverse, and the magnitude of a piston at unit weight."""
+    d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, d12 = _GAIN
+    l0, l1, l2, l3, l4, l5, l6, l7 = _LOSS
+    square = dx * dx + dy * dy + dz * dz
+    distance = np.sqrt(square)
+    inverse = 1.0 / distance
+    height = dx * medium[4] + dy * medium[5] + dz * medium[6]
+    q = medium[3] * (1.0 - (height * inverse) * (height * inverse))
+    high = d6 + q * (d7 + q * (d8 + q * (d9 + q * (d10 + q * (d11 + q * d12)))))
+    gain = d0 + q * (d1 + q * (d2 + q * (d3 + q * (d4 + q * (d5 + q * high)))))
+    u = medium[2] * distance
+    loss = l0 + u * (l1 + u * (l2 + u * (l3 + u * (l4 + u * (l5 + u * (l6 + u * l7))))))
+    return distance, inverse, medium[1] * gain * loss * inverse
+
+
+@jit_inline
+def height_kernel(x: Any, y: Any, z: Any, medium: Any) -> Any:
+    """Return the height of a point above the highest element."""
+    return x * medium[4] + y * medium[5] + z * medium[6] - medium[7]
+
+
+@jit_sums
+def pressure_at_kernel(
+    places: NDArray[np.float64], x: float, y: float, z: float, medium: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the pressure: real and imaginary part."""
+    px, py, pz, turns = places[0], places[1], places[2], places[3]
+    re, im = 0.0, 0.0
+    for n in range(px.size):
+        distance, _, size = wave_kernel(x - px[n], y - py[n], z - pz[n], medium)
+        cosine, sine = cos_sin_turns_kernel(distance * medium[0] + turns[n])
+        re += size * cosine
+        im += size * sine
+    return re, im
+
+
+@jit_sums
+def arrivals_at_kernel(
+    places: NDArray[np.float64], x: float, y: float, z: float, medium: NDArray[np.float64],
+    waves: NDArray[np.float64],
+) -> tuple[float, float, float]:  # fmt: skip
+    """Set *waves* (6, N): real and imaginary part, magnitude, unit vector from each element.
+
+    Return the pressure, real and imaginary part, and the sum of magnitudes.
+    """
+    px, py, pz, turns = places[0], places[1], places[2], places[3]
+    wr, wi, sizes, ux, uy, uz = waves[0], waves[1], waves[2], waves[3], waves[4], waves[5]
+    re, im, loud = 0.0, 0.0, 0.0
+    for n in range(px.size):
+        dx, dy, dz = x - px[n], y - py[n], z - pz[n]
+        distance, inverse, size = wave_kernel(dx, dy, dz, medium)
+        cosine, sine = cos_sin_turns_kernel(distance * medium[0] + turns[n])
+        wr[n], wi[n], sizes[n] = size * cosine, size * sine, size
+        ux[n], uy[n], uz[n] = dx * inverse, dy * inverse, dz * inverse
+        re += size * cosine
+        im += size * sine
+        loud += size
+    return re, im, loud
+
+
+@jit_sums
+def mean_outer_kernel(
+    ux: NDArray[np.float64], uy: NDArray[np.float64], uz: NDArray[np.float64],
+    shares: NDArray[np.float64], middle: tuple[float, float, float],
+    matrix: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Set *matrix* (9,): the weighted covariance of unit vectors (xx, xy, xz, yy, yz, zz), mean.
+
+    *middle* is near to all of them: their squares less that of the mean would cancel.
+    """
+    total, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    mx, my, mz = middle
+    for n in range(ux.size):
+        w, dx, dy, dz = shares[n], ux[n] - mx, uy[n] - my, uz[n] - mz
+        total += w
+        sx += w * dx
+        sy += w * dy
+        sz += w * dz
+        xx += w * dx * dx
+        xy += w * dx * dy
+        xz += w * dx * dz
+        yy += w * dy * dy
+        yz += w * dy * dz
+        zz += w * dz * dz
+    sx, sy, sz = sx / total, sy / total, sz / total
+    matrix[0], matrix[1], matrix[2] = (
+        xx / total - sx * sx,
+        xy / total - sx * sy,
+        xz / total - sx * sz,
+    )
+    matrix[3], matrix[4], matrix[5] = (
+        yy / total - sy * sy,
+        yz / total - sy * sz,
+        zz / total - sz * sz,
+    )
+    matrix[6], matrix[7], matrix[8] = mx + sx, my + sy, mz + sz
+
+
+@jit_sums
+def inverse_symmetric_kernel(matrix: NDArray[np.float64], inverse: NDArray[np.float64]) -> float:
+    """Set the inverse of a symmetric 3 x 3 matrix (xx, xy, xz, yy, yz, zz); return its share.
+
+    That is its determinant over the cube of its trace: at most the least over the largest
+    eigenvalue.
+    """
+    a, b, c, d, e, f = matrix[0], matrix[1], matrix[2], matrix[3], matrix[4], matrix[5]
+    m11, m12, m13 = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * m11 + b * m12 + c * m13
+    inverse[0], inverse[1], inverse[2] = m11 / determinant, m12 / determinant, m13 / determinant
+    inverse[3], inverse[4] = (a * f - c * c) / determinant, (b * c - a * e) / determinant
+    inverse[5] = (a * d - b * b) / determinant
+    return determinant / (a + d + f) ** 3
+
+
+@jit_sums
+def response_sums_kernel(
+    ux: NDArray[np.float64], uy: NDArray[np.float64], uz: NDArray[np.float64],
+    distance: NDArray[np.float64], mean: NDArray[np.float64], inverse: NDArray[np.float64],
+    sums: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Set what unit vectors, their *mean* taken out and seen through *inverse*, add up to.
+
+    *sums* (7,): of the magnitudes along x, y and z, of the squares, and of x, y and z times the
+    distances.
+    """
+    ax, ay, az, squares, dx, dy, dz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(ux.size):
+        u, v, w = ux[n] - mean[0], uy[n] - mean[1], uz[n] - mean[2]
+        x = inverse[0] * u + inverse[1] * v + inverse[2] * w
+        y = inverse[1] * u + inverse[3] * v + inverse[4] * w
+        z = inverse[2] * u + inverse[4] * v + inverse[5] * w
+        ax += abs(x)
+        ay += abs(y)
+        az += abs(z)
+        squares += x * x + y * y + z * z
+        dx += x * distance[n]
+        dy += y * distance[n]
+        dz += z * distance[n]
+    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], sums[6] = ax, ay, az, squares, dx, dy, dz

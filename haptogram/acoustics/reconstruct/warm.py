@@ -1,0 +1,126 @@
+"""The foci of drive after drive, in compiled code, as long as none jumps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.field.engines.numba_engine import NumbaEngine
+from haptogram.acoustics.field.engines.parallel import ParallelPistons
+from haptogram.acoustics.levels.force import ReflectingDisc, level_db_spl
+from haptogram.acoustics.model.drive import (
+    FULL_AMPLITUDE,
+    REGISTER_BITS,
+    Drive,
+    dequantise_phase,
+)
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.estimates import SingleFocus, Vector
+from haptogram.acoustics.solvers.focus import MAX_TARGET_DISTANCE_M, MIN_TARGET_DISTANCE_M
+from haptogram.acoustics.solvers.focus_fit import LEAST_SEEN_SHARE
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.reconstruct.tracking import FocusTracker
+
+CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M  # a fit nearer to an element is no focus
+REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a plane wave
+_DISC_M: Final = 0.012  # above the highest element: a disc there touches none, however it lies
+_MANY: Final = 64  # elements whose errors average out in single precision
+_ALL: Final = (True, True, True)
+
+
+class DriveToFind(NamedTuple):
+    """A drive whose focus is asked for, and how exact its phases are.
+
+    Attributes
+    ----------
+    drive : Drive
+        The drive.
+    step_rad, slack_rad : float
+        As in :meth:`.Reconstructor.reconstruct_weights`.
+    ramping : bool
+        Whether its amplitude is still changing.
+    """
+
+    drive: Drive
+    step_rad: float
+    slack_rad: float = 0.0
+    ramping: bool = False
+
+    @property
+    def limit_rad(self) -> float:
+        """Half a phase step, and the slack: the largest RMS residual of a drive that focuses."""
+        return self.step_rad / 2.0 + 1e-9 + self.slack_rad
+
+
+class WarmReconstructor:
+    """Finds the foci of drives of full amplitude, each beside the one before.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and medium, of which :meth:`why_not` says nothing.
+    disc : ReflectingDisc
+        The disc that the force is exerted on, of a :class:`.NumbaEngine`.
+    tracker : FocusTracker
+        Says where the fit starts.
+    """
+
+    def __init__(self, model: AcousticModel, disc: ReflectingDisc, tracker: FocusTracker) -> None:
+        engine = disc.engine
+        assert isinstance(engine, NumbaEngine)
+        self._pistons = ParallelPistons.of(model)
+        self._phasors = np.exp(1j * dequantise_phase(np.arange(256, dtype=np.uint8), REGISTER_BITS))
+        self._tracker = tracker.kernel_arguments
+        self._engine = engine.kernel_arguments(careful=model.array.count < _MANY)
+        self._disc = disc.kernel_arguments
+        least_height_m = max(CLEARANCE_M, engine.clearance_m + _DISC_M)
+        self._bounds = np.array([CLEARANCE_M, REACH_M, least_height_m, LEAST_SEEN_SHARE])
+
+    @classmethod
+    def why_not(cls, model: AcousticModel, disc: ReflectingDisc) -> str | None:
+        """Return why a model has no such reconstructor; None: it has."""
+        if not isinstance(disc.engine, NumbaEngine) or not disc.engine.is_lattice:
+            return "another field engine, or an array that is no lattice"
+        return ParallelPistons.why_not(model)
+
+    def codes(self, asked: list[DriveToFind]) -> NDArray[np.uint8] | None:
+        """Return the (F, N) codes of 8 bits; None: a drive is not of full amplitude."""
+        amplitudes = np.array([one.drive.amplitude_codes for one in asked])
+        if amplitudes.min() < FULL_AMPLITUDE:
+            return None
+        bits = np.array([REGISTER_BITS - one.drive.phase_bits for one in asked], dtype=np.uint8)
+        return np.array([one.drive.phase_codes for one in asked]) << bits[:, None]
+
+    def foci(
+        self, asked: list[DriveToFind], codes: NDArray[np.uint8], quick_rad: FloatArray,
+        start: FloatArray,
+    ) -> list[SingleFocus]:  # fmt: skip
+        """Return the foci of the first of the drives, until one is not beside that before."""
+        kernels = self._pistons.kernels
+        found = np.empty((len(asked), kernels.FOCUSED_MEASURES))
+        steps_rad = np.array([one.step_rad for one in asked])
+        limits_rad = np.array([one.limit_rad for one in asked])
+        count = kernels.focused_frames_kernel(
+            codes, self._phasors, steps_rad, limits_rad, quick_rad, start.copy(), self._tracker,
+            self._bounds, self._pistons.places, self._pistons.medium, self._disc,
+            self._engine, found,
+        )  # fmt: skip
+        return [_warm_focus(row) for row in found[:count].tolist()]
+
+
+def _warm_focus(row: list[float]) -> SingleFocus:
+    place, std, bound = _vector(row[0:3]), _vector(row[3:6]), _vector(row[6:9])
+    residual_rad, coherence, pressure, force_n = row[9:]
+    return SingleFocus(
+        place, std, bound, _ALL, residual_rad, coherence, pressure, level_db_spl(pressure),
+        force_n, "warm",
+    )  # fmt: skip
+
+
+def _vector(values: list[float]) -> Vector:
+    x, y, z = values
+    return x, y, z

@@ -1,0 +1,202 @@
+"""Verdicts of ordinary frames, many at once, in compiled code.
+
+A frame is ordinary if its drive, of full amplitude and for one focus, was latched as it was sent,
+and all criteria hold. Of any other, and where nothing compiled serves the array, None is returned:
+then :class:`.judge.FrameJudge` asks the criteria one by one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, SingleFocus
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.field.engines.parallel import ParallelPistons
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE, REGISTER_BITS
+from haptogram.records.frame import Evidence, Intended, Observation
+
+from ..tolerance import Tolerance, Uncertainty, VerdictUncertainty
+from . import criteria
+from .peaks import PEAK_SETTINGS
+from .target import OBSERVED
+from .verdict import FrameStatus, FrameVerdict
+
+Pair: TypeAlias = tuple[Intended, Observation]
+
+_MM: Final = 1e3
+_HOLD: Final = ("S1", "S2", "S3", "S4", "S5")
+COMPILED: Final = "compiled"
+
+
+class OrdinaryFrames:
+    """Judges frames of one array that are as they should be.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air.
+    tolerance, uncertainty : Tolerance, Uncertainty
+        As of :class:`.judge.FrameJudge`.
+    limit_rad : callable
+        Returns S1's limit of a frame.
+
+    Attributes
+    ----------
+    ways : Counter of str
+        How many frames were judged here (`COMPILED`), and of the others how many for each reason.
+    """
+
+    def __init__(
+        self,
+        model: AcousticModel,
+        tolerance: Tolerance,
+        uncertainty: Uncertainty,
+        limit_rad: Callable[[Intended], float],
+    ) -> None:
+        self.ways: Counter[str] = Counter()
+        self._model, self._known, self._limit_rad = model, uncertainty, limit_rad
+        self._why_not = ParallelPistons.why_not(model)
+        if not tolerance.is_strict:
+            self._why_not = "a tolerance"
+        if self._why_not is None:
+            self._pistons = ParallelPistons.of(model)
+        self._air_rad_m = uncertainty.speed_share(model.medium) * model.wavenumber
+        self._full = bytes([FULL_AMPLITUDE]) * model.array.count
+        self._limits: dict[tuple[Any, ...], tuple[float, float]] = {}
+
+    def verdicts(self, pairs: Sequence[Pair], carrier_us: int) -> list[FrameVerdict | None]:
+        """Return the verdicts of frames and their latches; None: not ordinary."""
+        found: list[FrameVerdict | None] = [None] * len(pairs)
+        reasons = [self._why_not or _why_not_ordinary(*pair, self._full) for pair in pairs]
+        places = [place for place, reason in enumerate(reasons) if reason is None]
+        if places:
+            some = [pairs[place] for place in places]
+            for place, verdict in zip(places, self._judged(some, carrier_us), strict=True):
+                found[place] = verdict
+                reasons[place] = COMPILED if verdict else "a criterion that does not hold"
+        self.ways.update(reason for reason in reasons if reason is not None)
+        return found
+
+    def _judged(self, pairs: Sequence[Pair], carrier_us: int) -> list[FrameVerdict | None]:
+        pistons, kernels = self._pistons, self._pistons.kernels
+        codes = np.array([latch.drive.phase_codes for _, latch in pairs if latch.drive])
+        limits, coherences = np.array([self._limits_of(intended) for intended, _ in pairs]).T.copy()
+        targets = np.array([intended.foci[0].position_m for intended, _ in pairs])
+        offsets = np.array([_focus_of(latch).position_m for _, latch in pairs]) - targets
+        rays = targets - self._model.array.centre_m
+        distances = np.linalg.norm(rays, axis=1)
+        measures = np.empty((len(pairs), kernels.JUDGED_MEASURES))
+        answers = np.empty(len(pairs), dtype=np.int64)
+        kernels.judged_frames_kernel(
+            codes, 1.0 / (1 << REGISTER_BITS), targets, _beam_axes(rays / distances[:, None]),
+            distances, offsets, limits, coherences, pistons.places, pistons.medium, OBSERVED,
+            PEAK_SETTINGS.copy(), measures, answers,
+        )  # fmt: skip
+        holds = (answers == kernels.HOLD).tolist()
+        return [
+            self._verdict(*pair, row, carrier_us) if hold else None
+            for pair, row, hold in zip(pairs, measures.tolist(), holds, strict=True)
+        ]
+
+    def _limits_of(self, intended: Intended) -> tuple[float, float]:
+        """Return S1's and S3's limit of a drive of full amplitude."""
+        key = (intended.steps, intended.drive.phase_bits, intended.board_computed)
+        if key not in self._limits:
+            limit_rad = self._limit_rad(intended)
+            missing = criteria.allowed_frame_codes(intended) * criteria.AMPLITUDE_STEP
+            self._limits[key] = limit_rad, criteria.least_coherence(limit_rad, 1.0 - missing)
+        return self._limits[key]
+
+    def _verdict(
+        self, intended: Intended, latch: Observation, measures: list[float], carrier_us: int
+    ) -> FrameVerdict:
+        """Return the verdict on a frame of which all criteria hold."""
+        bx, by, bz, scatter, drift, phase_rad, coherence, loudness, peak_rad, across, along = (
+            measures
+        )
+        found, known = _focus_of(latch), self._known
+        target_m = intended.foci[0].position_m
+        due_us, seen_us = intended.t_apply_us, latch.t_latch_us
+        late_us = 0 if due_us is None else seen_us - due_us
+        # The order of the fields: by name they take a third more time.
+        return FrameVerdict(
+            intended.number,
+            intended.key,
+            FrameStatus.ON_TARGET,
+            latch.evidence,
+            target_m,
+            _sum_of_places(target_m, found.position_m),
+            _MM * across,
+            _MM * along,
+            (_MM * bx, _MM * by, _MM * bz),
+            _MM * math.sqrt(bx * bx + by * by + bz * bz),
+            VerdictUncertainty(
+                _MM * drift * self._air_rad_m,
+                _MM * scatter * self._model.wavenumber * known.position_mm / _MM,
+                _MM * scatter * known.phase_rad,
+            ),
+            phase_rad,
+            coherence,
+            None,
+            None,
+            peak_rad,
+            found.pressure_rms_pa,
+            found.force_n if math.isfinite(found.force_n) else None,
+            loudness / math.sqrt(2.0),
+            dict.fromkeys(_HOLD, True),
+            (),
+            "",
+            due_us,
+            seen_us,
+            latch.late or late_us >= carrier_us,
+            late_us < 0,
+            1,
+        )
+
+
+def _why_not_ordinary(intended: Intended, latch: Observation, full: bytes) -> str | None:
+    """Return why a frame and its latch are not ordinary, *full* amplitude; None: they may be."""
+    wanted, drive = intended.drive, latch.drive
+    if len(intended.foci) != 1:
+        return "several foci"
+    if latch.evidence is Evidence.WIRE or drive is None:
+        return "no drive of the board"
+    if not isinstance(latch.reconstruction, SingleFocus) or latch.reconstruction.rivals_m:
+        return "no single focus of somebody else"
+    if wanted.phase_bits != REGISTER_BITS or drive.phase_bits != REGISTER_BITS:
+        return "phases that are not of 8 bits"
+    if drive.amplitude_codes.tobytes() != full:
+        return "amplitudes"
+    is_other = latch.radiated is not None or latch.drive_crc not in (None, drive.digest())
+    if is_other or wanted != drive:
+        return "another drive than the intended one"
+    return None
+
+
+def _beam_axes(along: FloatArray) -> FloatArray:
+    """Return (F, 4, 3) two directions across each of (F, 3), itself, and zeros."""
+    axes, rows = np.zeros((len(along), 4, 3)), np.arange(len(along))
+    furthest_off = np.abs(along).argmin(axis=1)
+    first = -along[rows, furthest_off][:, None] * along
+    first[rows, furthest_off] += 1.0
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    axes[:, 0], axes[:, 1], axes[:, 2] = first, np.cross(along, first), along
+    return axes
+
+
+def _focus_of(latch: Observation) -> SingleFocus:
+    assert isinstance(latch.reconstruction, SingleFocus)
+    return latch.reconstruction
+
+
+def _sum_of_places(
+    target_m: tuple[float, float, float], found_m: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Return where a focus was found, as the target and the way from there add up."""
+    (x, y, z), (u, v, w) = target_m, found_m
+    return x + (u - x), y + (v - y), z + (w - z)
