@@ -16,7 +16,7 @@ from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig
 
 from ..acting_options import PITCH, acts_on_a_shape, acts_on_a_size, refuse_idle_options
-from ..array_options import add_array_options
+from ..shell.array_options import add_array_options
 from ..shell.exit_status import PASS
 from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
 from ..shell.positions import Position, position_argument_mm
