@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import io
 import os
 import shlex
 import signal
@@ -23,6 +24,7 @@ from . import boards
 
 _ENDINGS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _BOARD: Final = "board"
+_ALONE: Final = threading.Lock()  # standard output is that of the process
 #: Every command: the module that adds its options, and its line in the list of commands.
 COMMANDS: Final = {
     "verify": (".verify.command", "display a tactile object and verify where every focus is"),
@@ -34,6 +36,7 @@ COMMANDS: Final = {
     "view": (".view", "show a running board in a browser: phases, field, focus, time line"),
     "watch": (".watch.command", "tell what a board radiates while any program drives it"),
     "soak": (".soak", "stream for hours over a bad line and account for every fault"),
+    "sweep": (".sweep", "run verify, conform or soak over many values of their options"),
     "bench": (".bench", "measure the 1 kHz loop: percentiles, every miss with its cause"),
     "budget": (".budget", "show where the time of a frame goes, and the highest rate that fits"),
     "field": (".field.command", "compute the field of a focus, an object or a drive"),
@@ -64,12 +67,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     exit_at_once()
     with patient_standard_streams():
-        return _run_command(words)
+        return _run_command(words, [])
 
 
-def _run_command(words: Sequence[str]) -> int:
-    parser = _parser_of_commands(words)
+def result_of_command(words: Sequence[str]) -> tuple[int, bytes, str]:
+    """Run a command beside others, one at a time in a process, for its result as JSON.
+
+    Returns
+    -------
+    tuple of int, bytes and str
+        Exit status, the result, and the text on standard error.  A process that is told to end
+        does.
+    """
     heard: list[int] = []
+    content, said = io.BytesIO(), io.StringIO()
+    output = io.TextIOWrapper(content, encoding="utf-8")
+    with _ALONE, contextlib.redirect_stdout(output), contextlib.redirect_stderr(said):
+        status = _run_command([*words, "--quiet", "--json=-"], heard)
+        output.flush()
+    if heard:  # it holds but a part of the result
+        sys.exit(status)
+    return status, content.getvalue(), said.getvalue()
+
+
+def _run_command(words: Sequence[str], heard: list[int]) -> int:
+    """Run a command and return its exit status; the signals that came are added to *heard*."""
+    parser = _parser_of_commands(words)
     try:
         arguments = parser.parse_args(words)
         arguments.command_line = shlex.join([parser.prog, *words])
@@ -159,6 +182,7 @@ def _add_options_of_command(name: str, parser: Parser) -> None:
         ),
         "conform": (boards.access_in_program,),
         "soak": (boards.board_without_a_line,),
+        "sweep": (command_parser, result_of_command),
         "replay": (boards.replayed_board,),
         "watch": (boards.records_of_bytes,),
         _BOARD: (boards.open_recording_of_board,),

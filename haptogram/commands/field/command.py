@@ -20,7 +20,7 @@ from ..acting_options import (
     refuse_idle_options,
     with_option,
 )
-from ..array_options import add_array_options
+from ..shell.array_options import add_array_options
 from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
 from ..shell.positions import Position, position_argument_mm

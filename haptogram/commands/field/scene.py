@@ -23,7 +23,7 @@ from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
 from haptogram.settings.shape import ShapeConfig
 
-from ..array_options import array_model
+from ..shell.array_options import array_model
 from ..shell.positions import metres_of_position
 
 _PATH_RADIUS_M: Final = 0.020

@@ -26,7 +26,7 @@ from ..acting_options import (
     acts_on_a_size,
     refuse_idle_options,
 )
-from ..array_options import add_array_options, array_model
+from ..shell.array_options import add_array_options, array_model
 from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
 from ..shell.positions import metres_of_position, position_argument_mm

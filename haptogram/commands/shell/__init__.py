@@ -1,4 +1,4 @@
-"""Shared by all commands: exit status, interrupts, output files, positions, standard streams.
+"""Shared by commands: exit status, interrupts, array options, files, positions, standard streams.
 
 Nothing of a single command lives here.
 """

@@ -53,6 +53,7 @@ CASES = {
         "html": ("--compare a.json", "--list"),
         "list": ("", "--compare a.json"),
     },
+    "sweep": {"jobs": ("a.toml --scheduler local", "a.toml --scheduler tcp://127.0.0.1:1")},
     "budget": {"boards": ("--dialect ultraino", "")},
     "replay": {
         "baud": ("run.mcap --port a", "run.mcap"),
@@ -187,6 +188,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         "view",
         "watch.command",
         "soak",
+        "sweep",
         "bench",
     ):
         monkeypatch.setattr(f"haptogram.commands.{module}.CommandOutputs", stop)

@@ -21,6 +21,7 @@ NEEDED = {
     "board": ["--link", "board"],
     "soak": ["--hours", "0.01"],
     "modulation": ["am"],
+    "sweep": ["sweep.toml"],
 }
 LIMITS = re.compile(r"must be (a number, |a whole number, )?(\S+) to (\S+)")
 CHOICES = re.compile(r"known are (.*)")

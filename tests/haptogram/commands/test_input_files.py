@@ -15,7 +15,18 @@ from haptogram.settings.parser import file_name_option
 from sim_device.command import command as board_command
 
 OUTPUTS = {
-    *("csv", "frames", "html", "json", "junit", "picture", "record", "summary", "write_baseline")
+    *(
+        "csv",
+        "frames",
+        "html",
+        "json",
+        "junit",
+        "picture",
+        "record",
+        "rows",
+        "summary",
+        "write_baseline",
+    )
 }
 #: Read and written on purpose.
 BOTH = {"resume"}
@@ -31,6 +42,7 @@ NEEDED = {
     "replay": ["run.mcap"],
     "modulation": ["am"],
     "soak": ["--hours", "0.0001"],
+    "sweep": ["sweep.toml"],
 }
 #: What an input of a command that judges captures makes sense with.
 BESIDE = {

@@ -13,6 +13,7 @@ import pytest
 
 from haptogram.cli import main
 
+ROOT = Path(__file__).resolve().parents[3]
 CIRCLE = ["--object", "point", "--array", "6x6", "--virtual-time", "--quiet"]
 #: Every command that writes, with words that make it quick, and its options that name a file.
 WRITERS = {
@@ -29,9 +30,10 @@ WRITERS = {
         ("--picture", "--csv", "--json"),
     ),
     "presets": (["autd3"], ("--json",)),
+    "sweep": ([str(ROOT / "tests/data/sweep.toml"), "--quiet"], ("--rows", "--html")),
 }
 OPTIONS = [(command, option) for command, (_, options) in WRITERS.items() for option in options]
-SUFFIX = {"--picture": ".png", "--html": ".html"}
+SUFFIX = {"--picture": ".png", "--html": ".html", "--rows": ".csv"}
 
 
 def everything_in(folder: Path) -> dict[str, str]:

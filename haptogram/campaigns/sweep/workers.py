@@ -1,0 +1,125 @@
+"""Workers of a sweep: processes of this machine, or those of a Dask cluster."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Final
+
+from haptogram.errors import ConfigurationError, missing_extra, plain_reason
+
+LOCAL: Final = "local"
+_TIMEOUT_S: Final = 10
+#: What must be the same at both ends: for what they say to each other, and for the same rows.
+_WIRE: Final[tuple[str, ...]] = ("distributed", "cloudpickle", "msgpack")
+_ROWS: Final[tuple[str, ...]] = ("haptogram", "numpy", "scipy", "numba", "serial")
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Workers that take points.
+
+    Attributes
+    ----------
+    executor : Executor
+    count : int
+        Points that they run at a time.
+    """
+
+    executor: Executor
+    count: int
+
+
+@contextlib.contextmanager
+def process_workers(jobs: int) -> Iterator[Workers]:
+    """Give *jobs* processes of this machine; an error in the block ends what they are at.
+
+    They end with this process, however it ends.
+    """
+    others = set(multiprocessing.active_children())
+    # Spawned, not forked: no process inherits threads or memory of this one.
+    context = multiprocessing.get_context("spawn")
+    executor = ProcessPoolExecutor(jobs, context, _begin_worker)
+    try:
+        yield Workers(executor, jobs)
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        raise
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _begin_worker() -> None:
+    """Leave Ctrl-C to the process of the sweep, and end with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+@contextlib.contextmanager
+def dask_workers(address: str, jobs: int) -> Iterator[Workers]:
+    """Give the workers of the Dask scheduler at *address*, or of one that is started here.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no scheduler or worker, or one of them has other versions than this machine.
+    """
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise missing_extra("--scheduler needs distributed", "sweep") from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with contextlib.ExitStack() as stack:
+        place: Any = address
+        if address == LOCAL:
+            place = stack.enter_context(
+                LocalCluster(
+                    n_workers=jobs,
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+        try:
+            client = stack.enter_context(Client(place, timeout=_TIMEOUT_S, set_as_default=False))
+            count = _checked_dask_workers(client.get_versions(packages=_ROWS))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"--scheduler {address}: {error}") from error
+        except Exception as error:  # of the network, or of another version of Dask
+            raise ConfigurationError(f"--scheduler {address}: {plain_reason(error)}") from error
+        yield Workers(client.get_executor(pure=False), count)
+
+
+def _checked_dask_workers(found: dict[str, Any]) -> int:
+    """Return the number of workers, whose versions are those of this machine."""
+    own = found["client"]["packages"]
+    parts = [("the scheduler", found["scheduler"], _WIRE)]
+    parts += [(f"worker {name}", one, _WIRE + _ROWS) for name, one in found["workers"].items()]
+    for name, versions, packages in parts:
+        for package in packages:
+            theirs = versions["packages"].get(package)
+            if theirs != own.get(package):
+                raise ConfigurationError(
+                    f"{name} has {package} {theirs or 'not installed'}, this machine has "
+                    f"{own.get(package) or 'none'}: the rows would depend on who computes them"
+                )
+    if not found["workers"]:
+        raise ConfigurationError("the scheduler has no worker: start one with dask worker")
+    return len(found["workers"])

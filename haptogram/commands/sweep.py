@@ -1,0 +1,203 @@
+"""``haptogram sweep``: one command over many values of its options, on many processors."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import functools
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from haptogram.machine.files import Kind, kind_of_file
+from haptogram.settings.command_line import add_command_options
+from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.parser import Acting, file_name_option
+from haptogram.settings.run.outputs import OutputConfig
+
+from .acting_options import refuse_idle_options
+from .shell.exit_status import FAIL, INCONCLUSIVE, INTERRUPTED, PASS, USAGE
+from .shell.output_files import FILE_HELP, CommandOutputs, announce_output_file
+
+if TYPE_CHECKING:
+    from haptogram.campaigns.sweep.campaign import OpenWorkers, RunWords, SweepCampaign
+    from haptogram.campaigns.sweep.plan import ParserOf
+    from haptogram.machine.provenance import Provenance
+    from haptogram.settings.parser import Parser
+
+_LINES: Final = 10  # of progress, where there is no terminal
+_EPILOG: Final = """\
+examples:
+  haptogram sweep sweep.toml --jobs 4 --rows rows.csv --html sweep.html
+      every point of the file, in four processes; after an interrupt the same command goes on
+  haptogram sweep sweep.toml --scheduler tcp://10.0.0.1:8786 --rows rows.parquet
+      the same on the workers of a Dask cluster
+
+exit status:
+  0    every point passed
+  1    a point failed
+  2    usage or environment error, of the sweep or of a point, and no point failed
+  3    a point is inconclusive, and none is worse
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP), and no point failed until then
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkersConfig(Settings):
+    """Workers of a sweep, and the files of its result."""
+
+    jobs: int = option(1, unit="N", low=1, high=1024, help="processes of this machine")
+    scheduler: str | None = option(
+        None,
+        unit="ADDRESS|local",
+        help="run on the workers of this Dask scheduler, such as tcp://10.0.0.1:8786; local starts "
+        "one with --jobs workers",
+    )
+    rows: Path | None = option(
+        None,
+        unit="FILE",
+        help="write a row for every point, as .csv or .parquet; until the end they are in "
+        "FILE.part, from which the same command goes on after an interrupt",
+    )
+    html: Path | None = option_of(OutputConfig, "html")
+
+
+_ACTING: Final = {
+    "jobs": Acting(
+        "on this machine (a cluster has its workers)", lambda a: a.scheduler in (None, "local")
+    ),
+}
+
+
+def set_up_sweep(parser: Parser, parser_of: ParserOf, run_words: RunWords) -> None:
+    """Describe the command and add its options; *run_words* runs the command of a point."""
+    parser.description = (
+        "Run verify, conform or soak for every point of a grid, or for random points, over any of "
+        "their options, and show where they break. See docs/sweep.md."
+    )
+    parser.epilog = _EPILOG
+    parser.acting = _ACTING
+    parser.set_defaults(run=functools.partial(run_sweep, parser_of=parser_of, run_words=run_words))
+    parser.add_argument(
+        "file", type=file_name_option, metavar="FILE", help="the points, as TOML (docs/sweep.md)"
+    )
+    group = parser.add_argument_group("workers and result", FILE_HELP)
+    add_command_options(group, options_of(WorkersConfig).values())
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def run_sweep(arguments: argparse.Namespace, parser_of: ParserOf, run_words: RunWords) -> int:
+    """Run the points that are left, write and print the result, and return the exit status."""
+    from haptogram.campaigns.sweep.campaign import SweepCampaign
+    from haptogram.campaigns.sweep.plan import SweepPlan
+    from haptogram.campaigns.sweep.rows import check_rows_file
+    from haptogram.machine.provenance import Provenance
+    from haptogram.report.formats.console import document_text
+    from haptogram.report.sweep.document import sweep_document
+
+    refuse_idle_options(arguments)
+    outputs = CommandOutputs(arguments, "rows", "html")
+    if "--rows" in outputs.paths:
+        check_rows_file(outputs.paths["--rows"])
+    provenance = Provenance.of_run(arguments.command_line, None)
+    plan = SweepPlan.read(arguments.file, parser_of)
+    campaign = SweepCampaign.load(plan, _journal_of_rows(arguments.rows))
+    try:
+        with _sweep_progress(campaign, quiet=arguments.quiet) as show:
+            campaign.run(run_words, _workers_of_sweep(arguments), show)
+    except KeyboardInterrupt:
+        print(_how_to_resume_sweep(campaign), file=sys.stderr)
+    document = sweep_document(campaign)
+    if campaign.rows:
+        outputs.print(document_text(document))
+    if campaign.is_complete:
+        _write_sweep_results(arguments, campaign, provenance)
+    return _status_of_sweep(campaign)
+
+
+def _journal_of_rows(path: Path | None) -> Path | None:
+    """Return the file of the rows so far; there is none beside a pipe."""
+    if path is None or kind_of_file(path) is not Kind.FILE:
+        return None
+    return path.with_name(f"{path.name}.part")
+
+
+def _workers_of_sweep(arguments: argparse.Namespace) -> OpenWorkers:
+    from haptogram.campaigns.sweep.workers import dask_workers, process_workers
+
+    if arguments.scheduler is None:
+        return functools.partial(process_workers, arguments.jobs)
+    return functools.partial(dask_workers, arguments.scheduler, arguments.jobs)
+
+
+def _how_to_resume_sweep(campaign: SweepCampaign) -> str:
+    done = f"haptogram sweep: interrupted after {len(campaign.rows)} of {len(campaign.plan)} points"
+    if campaign.journal is None:
+        return f"{done}; with --rows FILE a sweep can be gone on with"
+    return f"{done}; the same command goes on from {campaign.journal}"
+
+
+def _write_sweep_results(
+    arguments: argparse.Namespace, campaign: SweepCampaign, provenance: Provenance
+) -> None:
+    from haptogram.campaigns.sweep.rows import write_rows
+    from haptogram.report.formats.html import write_document_page
+    from haptogram.report.sweep.document import sweep_document
+
+    if arguments.html is not None:
+        write_document_page(arguments.html, sweep_document(campaign), provenance)
+        announce_output_file(arguments.html)
+    if arguments.rows is not None:
+        write_rows(arguments.rows, campaign.rows_in_order)
+        announce_output_file(arguments.rows)
+    if campaign.journal is not None:
+        campaign.journal.unlink()
+
+
+def _status_of_sweep(campaign: SweepCampaign) -> int:
+    verdicts = {row["verdict"] for row in campaign.rows.values()}
+    if "fail" in verdicts:
+        return FAIL
+    if not campaign.is_complete:
+        return INTERRUPTED
+    if "error" in verdicts:
+        return USAGE
+    return INCONCLUSIVE if "inconclusive" in verdicts else PASS
+
+
+@contextlib.contextmanager
+def _sweep_progress(campaign: SweepCampaign, *, quiet: bool) -> Iterator[Callable[[], None]]:
+    """Show the progress: a bar on a terminal; elsewhere a line now and then."""
+    if quiet:
+        yield lambda: None
+    elif not sys.stderr.isatty():
+        yield _sweep_lines(campaign)
+    else:
+        from tqdm import tqdm
+
+        done, total = len(campaign.rows), len(campaign.plan)
+        with tqdm(
+            desc="sweep", unit=" points", total=total, initial=done, leave=False, dynamic_ncols=True
+        ) as bar:
+
+            def show() -> None:
+                bar.update(len(campaign.rows) - bar.n)
+
+            yield show
+
+
+def _sweep_lines(campaign: SweepCampaign) -> Callable[[], None]:
+    total, told = len(campaign.plan), _LINES * len(campaign.rows) // len(campaign.plan)
+
+    def show() -> None:
+        nonlocal told
+        part = _LINES * len(campaign.rows) // total
+        if part > told:
+            told = part
+            failed = sum(row["verdict"] != "pass" for row in campaign.rows.values())
+            text = f"sweep: {len(campaign.rows)} of {total} points, {failed} did not pass"
+            print(text, file=sys.stderr, flush=True)
+
+    return show
