@@ -6,11 +6,10 @@ import dataclasses
 import random
 from typing import Final
 
-from haptogram_protocol.messages import Arm, Config, Feature, HelloReply, Mute
+from haptogram_protocol.messages import Arm, Config, HelloReply, Mute
 
 from .actions import DialogueAction
-from .coverage import DialogueCoverage
-from .makers.conditions import DialogueConditions, Told
+from .makers.conditions import DialogueConditions, DialogueCoverage
 from .makers.requests import RandomRequests
 from .scenes.inputs import SceneInputs
 from .scenes.scenes import RandomScenes
@@ -35,7 +34,7 @@ _WEIGHTS: Final = {
     "frame": 9.0,
     "request": 9.0,
     "configuration": 1.0,
-    "limit": 3.0,
+    "value": 3.0,
     "HELLO": 1.5,
     "odd": 4.0,
     "burst": 0.6,
@@ -97,14 +96,13 @@ class DialogueGenerator:
             )
         )
         self._inputs = SceneInputs(makers)
-        self._scenes = RandomScenes(makers, self._inputs)
+        self._scenes = RandomScenes(self._inputs)
         self._table_share = _TABLE_SHARES.get((timed, exact), _TABLE_SHARE)
         self._seen = source.choice(_SEEN)
-        self._is_configurable = bool(identity.features & Feature.CONFIG)
         self._weights = [weight * source.choice(_SWARM) for weight in _WEIGHTS.values()]
         self._last = ""
         self._is_armed = False
-        self._script: list[Told] = []
+        self._script: list[DialogueAction] = []
 
     def config(self) -> Config:
         """Return the configuration that a dialogue begins with: no STATUS before slot 0."""
@@ -138,9 +136,9 @@ class DialogueGenerator:
             self._is_armed &= not is_quiet
         return self._apart(made)
 
-    def _batch(self, *, is_quiet: bool) -> list[Told]:
+    def _batch(self, *, is_quiet: bool) -> list[DialogueAction]:
         """Return what is told in a slot by chance."""
-        found: list[Told] = []
+        found: list[DialogueAction] = []
         if not self._script and self._random.random() < _UPLOAD_SHARE:
             self._script = self._makers.upload()
         if not self._is_armed and self._random.random() < 0.6:
@@ -154,8 +152,8 @@ class DialogueGenerator:
         for _ in range(self._random.choice((0, 1, 2, 2, 3, 4, 6))):
             found += map(self._damaged, self._rarest())
         found.sort(key=lambda told: not told.name.startswith(Mute.TYPE.name))
-        seen: list[Told] = []
-        if is_quiet and self._random.random() < 0.4 and self._is_configurable:
+        seen: list[DialogueAction] = []
+        if is_quiet and self._random.random() < 0.4:
             seen = [self._makers.new_config()]
         elif self._random.random() < self._seen:
             seen = self._makers.probe()
@@ -164,7 +162,7 @@ class DialogueGenerator:
         last = [told for told in found if told.ends_slot]
         return [*(told for told in found if not told.ends_slot), *seen, *last[:1]]
 
-    def _rarest(self) -> list[Told]:
+    def _rarest(self) -> list[DialogueAction]:
         """Return the one of a few inputs that has followed the last one least often."""
         (kind,) = self._random.choices(list(_WEIGHTS), self._weights)
         names = self._random.choices(self._inputs.kinds[kind] or ["nothing"], k=_CANDIDATES)
@@ -174,20 +172,17 @@ class DialogueGenerator:
         self._is_armed = name == "ARM" or (self._is_armed and not name.startswith(_DISARMING))
         return self._inputs.told(name)
 
-    def _damaged(self, told: Told) -> Told:
+    def _damaged(self, told: DialogueAction) -> DialogueAction:
         (damage,) = self._random.choices(_DAMAGES, _DAMAGE_WEIGHTS)
         return told._replace(damage=told.damage or damage)
 
-    def _actions(self, slot: int, *told: list[Told]) -> list[DialogueAction]:
+    def _actions(self, slot: int, *told: list[DialogueAction]) -> list[DialogueAction]:
         """Return what is told in *slot* and the next ones."""
         return [
-            DialogueAction(
-                number,
-                one.text + _DAMAGE_TEXT[one.damage],
-                one.body,
-                one.damage,
-                self._random.getrandbits(32),
-                one.wait_us,
+            one._replace(
+                slot=number,
+                text=one.text + _DAMAGE_TEXT[one.damage],
+                seed=self._random.getrandbits(32),
             )
             for number, some in enumerate(told, slot)
             for one in some
@@ -200,6 +195,6 @@ class DialogueGenerator:
             is_first = not found or found[-1].slot != action.slot
             share = _FIRST_APART if is_first else _APART
             if not action.wait_us and self._random.random() < share:
-                action = dataclasses.replace(action, wait_us=self._random.randrange(1, 26))
+                action = action._replace(wait_us=self._random.randrange(1, 26))
             found.append(action)
         return found or actions
