@@ -163,10 +163,6 @@ class RandomRequests(RandomUploads):
         messages += [make() for make in self._reads()]
         return self.frame(self._pick(messages))
 
-    def new_config(self) -> DialogueAction:
-        """Return SET_CONFIG as it should be: timers that run take their new lengths."""
-        return self.frame(SetConfig(self.configs.config()))
-
     # --- playbacks -------------------------------------------------------------------------------
 
     def any_play(self) -> DialogueAction:
