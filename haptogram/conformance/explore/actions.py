@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import random
+import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     HelloReply,
+    Message,
     MessageType,
     Ping,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
     build_body,
 )
 
@@ -49,8 +54,19 @@ def has_room_in_dialogue(identity: HelloReply) -> bool:
     return (len(UPLOADED) + 1) * STORED_FRAMES * frame <= identity.max_upload_bytes
 
 
-@dataclass(frozen=True, slots=True)
-class DialogueAction:
+def upload_in_dialogue(
+    kind: UploadKind, target: int, data: bytes, chunk: int, *, points: int = 0
+) -> list[Message]:
+    """Return the requests of an upload, in chunks of *chunk* bytes."""
+    parts = range(0, len(data), chunk)
+    return [
+        UploadBegin(kind, points, target, len(data), zlib.crc32(data)),
+        *(UploadChunk(at, data[at : at + chunk]) for at in parts),
+        UploadCommit(target),
+    ]
+
+
+class DialogueAction(NamedTuple):
     """One frame of a random host.
 
     Attributes
@@ -70,14 +86,20 @@ class DialogueAction:
     wait_us : int
         Time that passes between the arrival of the frame before, or the beginning of the slot, and
         that of this one; 0 where bytes do not arrive to the microsecond.
+    name : str
+        By what dialogues tell actions apart.
+    ends_slot : bool
+        Whether the frame may be latched right after its arrival.
     """
 
     slot: int
     text: str
-    body: Callable[[DialogueHost], bytes] = field(repr=False)
+    body: Callable[[DialogueHost], bytes]
     damage: int = 0
     seed: int = 0
     wait_us: int = 0
+    name: str = ""
+    ends_slot: bool = False
 
     def wire(self, host: DialogueHost) -> bytes:
         """Return the bytes on the line."""
@@ -104,6 +126,10 @@ class DialogueAction:
             size = source.choice((3, 40, 300, 4100)) if self.damage == 3 else _LONG_NOISE
             return b"\x00" + malformed_noise(source, size) + b"\x00"
         return wire
+
+
+#: Actions of one slot after the other.
+ActionSlots = list[list[DialogueAction]]
 
 
 def _short_random_run(source: random.Random, body: bytes) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final, Self
 
 from haptogram_protocol.annotation.words import annotated_type_name
@@ -78,46 +78,16 @@ class DialogueBase:
     stored: int = 0
 
 
-@dataclass(slots=True)
 class DialogueMemory:
-    """Replies of a board in its session, which are the same when it sends them again.
+    """Replies of a board, which are the same when it sends them again (HG-4.9/1)."""
 
-    Attributes
-    ----------
-    session : int
-        Nonce of the session.
-    due : int
-        Number of the next event: each is the one before and 1, from 0 in every session.
-    """
-
-    session: int
-    due: int = 0
-    _greeting: Message | None = None
-    _sent: dict[bytes, bytes] = field(default_factory=dict)
-
-    def first_wrong(self, frames: Iterable[FrameInDialogue]) -> str:
-        """Return the first frame of *frames* that does not go on so; empty if all do (HG-4.6)."""
-        for frame in frames:
-            header, message = frame.header, frame.message
-            if isinstance(message, HelloReply):
-                if message.nonce != self.session:
-                    self.session, self.due, self._greeting = message.nonce, 0, None
-                if message != (self._greeting or message):
-                    return "HG-4.6/1: HELLO_REPLY: another payload than that of the first one"
-                self._greeting = message
-            if header.type not in EVENT_RANGE:
-                continue
-            if header.seq != self.due:
-                name = _named_in_dialogue(message)
-                text = f"its number among the events is {header.seq}, due is {self.due}"
-                return f"HG-{'3.6/2' if self.due else '3.6/4'}: {name}: {text}"
-            self.due = (self.due + 1) & 0xFFFF
-        return ""
+    def __init__(self) -> None:
+        self._sent: dict[bytes, bytes] = {}
 
     def first_altered(
         self, ours: Sequence[FrameInDialogue], theirs: Sequence[FrameInDialogue]
     ) -> str:
-        """Return the first reply that is sent again, and with other bytes (HG-4.9/1).
+        """Return the first reply that is sent again, and with other bytes; empty without any.
 
         The model's bytes are those of an earlier slot only if its reply came from memory.
         """

@@ -6,21 +6,16 @@ import dataclasses
 import random
 from typing import Final
 
-from haptogram_protocol.messages import Arm, Config, Feature, HelloReply, Mute
+from haptogram_protocol.messages import Arm, Config, HelloReply, Mute
 
-from .actions import DialogueAction
-from .coverage import DialogueCoverage
-from .makers.conditions import DialogueConditions, Told
+from .actions import ActionSlots, DialogueAction
+from .makers.conditions import DialogueConditions, DialogueCoverage
 from .makers.requests import RandomRequests
 from .scenes.inputs import SceneInputs
 from .scenes.scenes import RandomScenes
 
-_QUIET: Final = (3, 4, 6)  # slots in which nothing is sent, so that timers end
-_QUIET_SHARE: Final = 0.15  # of the slots of a dialogue with timers
-#: Of the slots, with a scene out of the tables: of a dialogue with timers and of one without; where
-#: bytes arrive to the microsecond no slot has to be waited for.
-_TABLE_SHARES: Final = {(True, True): 0.9, (True, False): 0.6, (False, True): 0.1}
-_TABLE_SHARE: Final = 0.06
+#: Of the slots, with a scene: of a dialogue with timers, and of one without.
+_SCENE_SHARE: Final = {True: 0.75, False: 0.09}
 _GREETING_SHARE: Final = 0.4  # of the dialogues, with numbers that wrap
 _PAIR_SHARE: Final = 0.12
 _UPLOAD_SHARE: Final = 0.12
@@ -35,7 +30,7 @@ _WEIGHTS: Final = {
     "frame": 9.0,
     "request": 9.0,
     "configuration": 1.0,
-    "limit": 3.0,
+    "value": 3.0,
     "HELLO": 1.5,
     "odd": 4.0,
     "burst": 0.6,
@@ -97,14 +92,12 @@ class DialogueGenerator:
             )
         )
         self._inputs = SceneInputs(makers)
-        self._scenes = RandomScenes(makers, self._inputs)
-        self._table_share = _TABLE_SHARES.get((timed, exact), _TABLE_SHARE)
+        self._scenes = RandomScenes(self._inputs)
         self._seen = source.choice(_SEEN)
-        self._is_configurable = bool(identity.features & Feature.CONFIG)
         self._weights = [weight * source.choice(_SWARM) for weight in _WEIGHTS.values()]
         self._last = ""
         self._is_armed = False
-        self._script: list[Told] = []
+        self._script: list[DialogueAction] = []
 
     def config(self) -> Config:
         """Return the configuration that a dialogue begins with: no STATUS before slot 0."""
@@ -113,34 +106,26 @@ class DialogueGenerator:
     def before_hello(self) -> list[DialogueAction]:
         """Return actions for slots before 0, in which a board has no session."""
         told = self._scenes.before_hello()
-        return self._apart(self._actions(-len(told), *told))
+        return self._apart(self._actions(-len(told), told))
 
     def actions(self, slots: int) -> list[DialogueAction]:
         """Return a random dialogue of so many slots."""
-        made: list[DialogueAction] = []
-        slot = 0
+        told: ActionSlots = []
         if self._makers.configs.with_status:
-            made += self._actions(slot, [self._makers.new_config()])
-            slot = 1
+            told.append(self._inputs.told("another configuration"))
         elif self._random.random() < _GREETING_SHARE:
-            made += self._actions(slot, [self._makers.greeting()])
-            slot = 1
-        while slot < slots:
-            if self._random.random() < self._table_share:
-                scene = self._scenes.scene()
-                made += self._actions(slot, *scene)
-                slot += len(scene)
+            told.append([self._makers.greeting()])
+        while len(told) < slots:
+            if self._random.random() < _SCENE_SHARE[self._timed]:
+                told += self._scenes.scene()
                 self._is_armed = False
-                continue
-            is_quiet = self._random.random() < _QUIET_SHARE * self._timed
-            made += self._actions(slot, self._batch(is_quiet=is_quiet))
-            slot += self._random.choice(_QUIET) if is_quiet else 1
-            self._is_armed &= not is_quiet
-        return self._apart(made)
+            else:
+                told.append(self._batch())
+        return self._apart(self._actions(0, told))
 
-    def _batch(self, *, is_quiet: bool) -> list[Told]:
+    def _batch(self) -> list[DialogueAction]:
         """Return what is told in a slot by chance."""
-        found: list[Told] = []
+        found: list[DialogueAction] = []
         if not self._script and self._random.random() < _UPLOAD_SHARE:
             self._script = self._makers.upload()
         if not self._is_armed and self._random.random() < 0.6:
@@ -154,17 +139,13 @@ class DialogueGenerator:
         for _ in range(self._random.choice((0, 1, 2, 2, 3, 4, 6))):
             found += map(self._damaged, self._rarest())
         found.sort(key=lambda told: not told.name.startswith(Mute.TYPE.name))
-        seen: list[Told] = []
-        if is_quiet and self._random.random() < 0.4 and self._is_configurable:
-            seen = [self._makers.new_config()]
-        elif self._random.random() < self._seen:
-            seen = self._makers.probe()
+        seen = self._makers.probe() if self._random.random() < self._seen else []
         if self._exact:
             return found + seen
         last = [told for told in found if told.ends_slot]
         return [*(told for told in found if not told.ends_slot), *seen, *last[:1]]
 
-    def _rarest(self) -> list[Told]:
+    def _rarest(self) -> list[DialogueAction]:
         """Return the one of a few inputs that has followed the last one least often."""
         (kind,) = self._random.choices(list(_WEIGHTS), self._weights)
         names = self._random.choices(self._inputs.kinds[kind] or ["nothing"], k=_CANDIDATES)
@@ -174,22 +155,19 @@ class DialogueGenerator:
         self._is_armed = name == "ARM" or (self._is_armed and not name.startswith(_DISARMING))
         return self._inputs.told(name)
 
-    def _damaged(self, told: Told) -> Told:
+    def _damaged(self, told: DialogueAction) -> DialogueAction:
         (damage,) = self._random.choices(_DAMAGES, _DAMAGE_WEIGHTS)
         return told._replace(damage=told.damage or damage)
 
-    def _actions(self, slot: int, *told: list[Told]) -> list[DialogueAction]:
-        """Return what is told in *slot* and the next ones."""
+    def _actions(self, first: int, told: ActionSlots) -> list[DialogueAction]:
+        """Return what is told in slot *first* and the next ones."""
         return [
-            DialogueAction(
-                number,
-                one.text + _DAMAGE_TEXT[one.damage],
-                one.body,
-                one.damage,
-                self._random.getrandbits(32),
-                one.wait_us,
+            one._replace(
+                slot=number,
+                text=one.text + _DAMAGE_TEXT[one.damage],
+                seed=self._random.getrandbits(32),
             )
-            for number, some in enumerate(told, slot)
+            for number, some in enumerate(told, first)
             for one in some
         ]
 
@@ -200,6 +178,6 @@ class DialogueGenerator:
             is_first = not found or found[-1].slot != action.slot
             share = _FIRST_APART if is_first else _APART
             if not action.wait_us and self._random.random() < share:
-                action = dataclasses.replace(action, wait_us=self._random.randrange(1, 26))
+                action = action._replace(wait_us=self._random.randrange(1, 26))
             found.append(action)
         return found or actions

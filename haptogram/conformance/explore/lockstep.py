@@ -191,7 +191,7 @@ class Lockstep:
         timed: bool,
     ) -> Played:
         """Play the slots of a dialogue up to the first difference."""
-        self._memory = DialogueMemory(host.session)
+        self._memory = DialogueMemory()
         self._session = host.session
         self._near_us = self._least_near_us
         self._early: list[FrameInDialogue] = []
@@ -448,11 +448,8 @@ class Lockstep:
         wanted = DialogueAnswers.of(due, base[1])
         comparison = DialogueComparison(said, wanted, host, self._near_us)
         self._early = comparison.early()
-        return (
-            comparison.difference()
-            or self._memory.first_wrong(ours)
-            or self._memory.first_altered(said.responses, wanted.responses)
-        )
+        altered = self._memory.first_altered(said.responses, wanted.responses)
+        return comparison.difference() or altered
 
 
 def _arrivals_of_slot(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:

@@ -87,7 +87,6 @@ class DialogueModel:
             _dialogue_model_failure,
         )
         self._boot_us = 0
-        self._next: str | None = None
 
     def close(self) -> None:
         """End the process."""
@@ -96,29 +95,24 @@ class DialogueModel:
     def reset(self, boot_us: int) -> None:
         """Power the model up at a device time."""
         self._boot_us = boot_us
-        self._next = None
         self._process.step(f"reset {boot_us}")
 
     def receive(self, at_us: int, data: bytes) -> list[FrameInDialogue]:
         """Let *data* arrive; return the frames of the model."""
-        self._next = None
         return _frames_in_dialogue(self._process.receive(at_us - self._boot_us, data))
 
     def advance(self, end_us: int) -> list[FrameInDialogue]:
         """Let time pass; return the frames of the model, each event at its time."""
-        self._next = None
         return _frames_in_dialogue(self._process.advance_through(end_us - self._boot_us))
 
     def fault(self, at_us: int) -> list[FrameInDialogue]:
         """Let the hardware fail; return the frames of the model."""
-        self._next = None
         return _frames_in_dialogue(self._process.fault(at_us - self._boot_us))
 
     def next_us(self) -> int | None:
         """Return when the model does something by itself; None: never."""
-        if self._next is None:  # it is the same until a step
-            self._next = self._process.step("next")
-        return None if self._next == "-" else int(self._next) + self._boot_us
+        answer = self._process.step("next")
+        return None if answer == "-" else int(answer) + self._boot_us
 
 
 class DialogueModels:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import replace
-from itertools import pairwise
 from typing import Final
 
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
@@ -25,9 +23,6 @@ from haptogram_protocol.messages import (
     Play,
     SetConfig,
     StatusReply,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
     UploadKind,
 )
 
@@ -41,6 +36,7 @@ from .actions import (
     STORED_POINTS,
     UPLOADED,
     has_room_in_dialogue,
+    upload_in_dialogue,
 )
 from .comparison import DialogueBase
 from .host import DialogueHost
@@ -49,6 +45,8 @@ from .model import DialogueModels
 _QUICK_US: Final = 3000  # round trip of a host that was not held up
 _TRIES: Final = 8
 _BEFORE_US: Final = 1_000_000  # the model is on for so long already
+#: Focal points of the sequence that is stored, one a frame.
+_POINTS: Final = [FocalPoint(9000, y_um, 150_000, 50_000, 0) for y_um in (-4000, 1000, 6000)]
 _PING_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + Ping.LAYOUT.size)))
 
 
@@ -176,34 +174,23 @@ class DialogueOpening:
         return self._models.ask(now_us, encode_frame(body)).message
 
     def preamble(self, config: Config, seed: int) -> list[Message]:
-        """Return the requests before slot 0: what a dialogue finds."""
-        identity = self._board.identity
-        can, count = identity.features, identity.transducers
-        found: list[Message] = []
-        if can & Feature.CONFIG:
-            found.append(SetConfig(config))
-        has_room = has_room_in_dialogue(identity)
-        if can & Feature.SEQUENCE_PHASES and has_room:
-            data = bytes((seed + 37 * n) & 0xFF for n in range(count * STORED_FRAMES))
-            found += self._upload(UploadKind.PHASES, STORED_PHASES, data, 0)
-            others = UPLOADED[1:] if not can & Feature.SEQUENCE_POINTS else UPLOADED[2:]
-            for target in others:  # all that a dialogue before may have left there
-                other = bytes((seed + 37 * n) & 0xFF for n in range(target, target + count))
-                found += self._upload(UploadKind.PHASES, target, other, 0)
-        if can & Feature.SEQUENCE_POINTS and has_room:
-            points = (
-                FocalPoint(9000, 5000 * n - 4000, 150_000, 50_000, 0) for n in range(STORED_FRAMES)
-            )
-            data = b"".join(point.pack() for point in points)
-            for target in [STORED_POINTS] if can & Feature.SEQUENCE_PHASES else UPLOADED:
-                found += self._upload(UploadKind.POINTS, target, data, 1)
-        if can & Feature.CORRECTION:
-            found += self._upload(UploadKind.CORRECTION, 0, bytes(count), 0)
-        return [*found, Arm(), Disarm()]
+        """Return the requests before slot 0: what a dialogue finds.
 
-    def _upload(self, kind: UploadKind, target: int, data: bytes, points: int) -> list[Message]:
-        size = max(1, min(self._board.identity.max_chunk, 1024))
-        edges = [*range(0, len(data), size), len(data)]
-        chunks = [UploadChunk(a, data[a:b]) for a, b in pairwise(edges)]
-        begin = UploadBegin(kind, points, target, len(data), zlib.crc32(data))
-        return [begin, *chunks, UploadCommit(target)]
+        All is stored anew that a dialogue before may have left.
+        """
+        identity = self._board.identity
+        can, count = Feature(identity.features & sum(Feature)), identity.transducers
+        chunk = max(1, min(identity.max_chunk, 1024))
+        found: list[Message] = [SetConfig(config)]
+        for target in UPLOADED if has_room_in_dialogue(identity) else ():
+            is_first = target == (STORED_POINTS if Feature.SEQUENCE_PHASES in can else target)
+            if Feature.SEQUENCE_POINTS in can and is_first:
+                data = b"".join(point.pack() for point in _POINTS)
+                found += upload_in_dialogue(UploadKind.POINTS, target, data, chunk, points=1)
+            elif Feature.SEQUENCE_PHASES in can:
+                size = count * (STORED_FRAMES if target == STORED_PHASES else 1)
+                data = bytes((seed + 37 * n) & 0xFF for n in range(target, target + size))
+                found += upload_in_dialogue(UploadKind.PHASES, target, data, chunk)
+        if Feature.CORRECTION in can:
+            found += upload_in_dialogue(UploadKind.CORRECTION, 0, bytes(count), chunk)
+        return [*found, Arm(), Disarm()]

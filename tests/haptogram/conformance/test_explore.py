@@ -6,7 +6,6 @@ import random
 import re
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -42,12 +41,10 @@ from haptogram.conformance.explore.comparison import (
     DialogueMemory,
     FrameInDialogue,
 )
-from haptogram.conformance.explore.coverage import DialogueCoverage
 from haptogram.conformance.explore.generator import DialogueGenerator
 from haptogram.conformance.explore.host import DialogueHost
 from haptogram.conformance.explore.lockstep import Played
-from haptogram.conformance.explore.makers.conditions import DialogueConditions
-from haptogram.conformance.explore.makers.limit_requests import random_limit_requests
+from haptogram.conformance.explore.makers.conditions import DialogueConditions, DialogueCoverage
 from haptogram.conformance.explore.makers.requests import RandomRequests
 from haptogram.conformance.explore.model import (
     DialogueModels,
@@ -57,7 +54,7 @@ from haptogram.conformance.explore.model import (
 from haptogram.conformance.explore.opening import DialogueOpening
 from haptogram.conformance.explore.scenes.inputs import SceneInputs
 from haptogram.conformance.explore.scenes.scenes import RandomScenes
-from haptogram.conformance.explore.scenes.states import SceneStates
+from haptogram.conformance.explore.scenes.states import QUICK_STATES, TIMED_STATES
 from haptogram.conformance.explore.shrinking import shrink_dialogue
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
@@ -90,6 +87,7 @@ from haptogram_protocol.messages import (
     Pong,
     ReadDrive,
     ReadTrace,
+    SetConfig,
     StatusReply,
     Trace,
     TraceMode,
@@ -365,20 +363,11 @@ def test_the_same_seed_gives_the_same_dialogue():
     assert max(slot for slot, _, _ in texts[0]) < 20 + 16  # a scene may end later
 
 
-def every_frame(seed=1, **conditions):
+def every_frame(seed=1, features=2047, **conditions):
     """Makers of a dialogue at a board of all capabilities."""
-    fields = dict.fromkeys(HelloReply.WIRE, 9) | {"features": 2047, "firmware": "x"}
+    fields = dict.fromkeys(HelloReply.WIRE, 9) | {"features": features, "firmware": "x"}
     source, coverage = random.Random(seed), DialogueCoverage()
     return RandomRequests(DialogueConditions(HelloReply(**fields), source, coverage, **conditions))
-
-
-def test_limits_of_every_request_are_met_once_before_any_twice():
-    makers = every_frame(timed=False)
-    due = random_limit_requests(makers.conditions.identity)
-    assert {GetGeometry, ReadDrive, ReadTrace, UploadBegin, Play} == set(map(type, due))
-    assert 150 < len(due) < 400
-    told = Counter(makers.at_limit().text.partition(", due")[0] for _ in due)
-    assert told == Counter(makers.frame(message).text.partition(", due")[0] for message in due)
 
 
 @pytest.mark.parametrize("timed", [False, True])
@@ -386,15 +375,16 @@ def test_each_state_meets_each_group_of_inputs_before_any_does_again(timed):
     makers = every_frame(timed=timed, exact=True)
     makers.configs.with_timers = timed
     coverage, inputs = makers.conditions.coverage, SceneInputs(makers)
-    states, scenes = SceneStates(makers), RandomScenes(makers, inputs)
-    assert len(states.timed if timed else states.quick) > (12 if timed else 8)
+    scenes = RandomScenes(inputs)
+    assert {*scenes.quick} == {*QUICK_STATES}
+    assert {*scenes.timed} == {*TIMED_STATES}
     assert {"a fault", "foreign MUTE", "HELLO", "another ", "nothing"} < set(inputs.groups)
     kind = "states with timers" if timed else "states"
     due = met = 0
     while not met or due:
         assert any(scenes.scene())
-        met, due = met or kind in coverage.scenes, len(coverage.scenes.get(kind, "not yet"))
-    assert coverage.scenes[kind] == []
+        met, due = met or kind in coverage.due, len(coverage.due.get(kind, "not yet"))
+    assert coverage.due[kind] == []
     assert sum(map(len, inputs.groups.values())) == len(inputs.names) > 60
 
 
@@ -409,25 +399,50 @@ def test_what_happens_within_microseconds_is_met_where_bytes_take_no_time(exact)
         actions += [*generator.before_hello(), *generator.actions(60)]
     waits = {action.wait_us for action in actions}
     damages = {action.damage for action in actions}
-    everywhere = {"kinds of trios", "times of trios", "byte values", "steps of sessions"}
-    assert everywhere <= set(coverage.scenes)
+    everywhere = {"kinds of trios", "times of trios", "values of fields", "steps of sessions"}
+    assert everywhere <= set(coverage.due)
     moments = {"turns", "pauses with timers: True", "pauses with timers: False"}
-    assert moments <= set(coverage.scenes) if exact else not moments & set(coverage.scenes)
-    assert {*range(26), 1000, 38 * SLOT_US} <= waits if exact else waits == {0}
+    assert moments <= set(coverage.due) if exact else not moments & set(coverage.due)
+    assert {*range(27), 75 * SLOT_US} <= waits if exact else waits == {0}
     assert {PARTS, FAULT, REST} <= damages if exact else not {PARTS, FAULT, REST} & damages
 
 
-def test_each_byte_of_a_frame_has_many_values_but_where_timers_would_end():
+def test_a_state_is_a_row_of_inputs_and_a_board_without_them_lacks_it():
+    inputs = SceneInputs(every_frame(timed=True))
+    row = TIMED_STATES["in the ramp of the hold, the lease out too"]
+    (first, *silent) = inputs.slots(row)
+    assert [told.name for told in first[:3]] == ["DISARM", "SET_CONFIG", "ARM"]
+    assert first[3].ends_slot
+    assert silent == [[]] * 4
+    assert "ramp_ms=178" in first[1].text
+    lacks = SceneInputs(every_frame(timed=True, features=Feature.CONFIG))
+    assert not any("playback" in state for state in RandomScenes(lacks).timed)
+    assert not lacks.knows("ARM + PLAY once")
+
+
+def test_fields_of_every_frame_have_values_at_limits_but_where_timers_would_end():
     inputs = SceneInputs(every_frame(timed=False, exact=True))
-    values = Counter((name, offset) for name, offset, _ in inputs.byte_values())
-    trace_mode = HEADER_BYTES + Config.WIRE["trace_mode"].offset
-    assert values["read 0", HEADER_BYTES] == values["SET_CONFIG", trace_mode] == 256  # of a table
-    assert values["HELLO", HEADER_BYTES] == 256  # version
-    for name in ("read 0", "SET_CONFIG", "PHASES", "HELLO"):
-        assert 16 < values[name, 0] == values[name, 1] < 64  # type, flags
-    assert 16 < values["read 0", HEADER_BYTES + 1] < 64
-    assert ("SET_CONFIG", HEADER_BYTES + Config.WIRE["hold_ms"].offset) not in values
-    told = [inputs.with_any_byte() for _ in range(len(list(inputs.byte_values())))]
+    every = inputs.values()
+    values = {}
+    for message, offset, value in every:
+        values.setdefault((type(message), offset), set()).add(int.from_bytes(value, "little"))
+
+    def of(kind, name):
+        return values.get((kind, HEADER_BYTES + kind.WIRE[name].offset))
+
+    assert {Hello, GetGeometry, ReadDrive, ReadTrace, UploadBegin, Play} < {
+        kind for kind, _ in values
+    }
+    for kind, name in ((ReadDrive, "kind"), (UploadBegin, "points_per_frame"), (Hello, "major")):
+        assert len(of(kind, name)) >= 255  # and its own
+    assert values[Ping, 0] == values[Phases, 0] == set(range(256))  # type
+    assert values[Arm, 1] == {1 << bit for bit in range(8)}  # flags
+    assert {0, 1, 8, 10, 17, 18, 0xFFFF} <= of(ReadDrive, "count")  # of 9
+    hold_ms = HEADER_BYTES + Config.WIRE["hold_ms"].offset
+    assert (SetConfig, hold_ms) not in values
+    assert of(Hello, "nonce") is None
+    assert of(Play, "unattended_ms") == {0, 10, 0xFFFFFFFF}
+    told = [inputs.with_any_value() for _ in every]
     assert {action.wait_us for action in told} == {0, 1}  # MUTE has a write of its own
 
 
@@ -508,26 +523,8 @@ def test_every_counter_and_every_message_of_a_board_has_a_clause():
     assert codes_of_refusals == set(ErrorCode) - {ErrorCode.BUSY}
 
 
-def hello_reply(nonce, **changes):
-    fields = dict.fromkeys(HelloReply.WIRE, 1) | {"nonce": nonce, "firmware": "x"} | changes
-    return FrameInDialogue(Header(0x80, 0, 1, 0, nonce), HelloReply(**fields))
-
-
-def test_numbers_of_events_go_on_until_another_session():
-    def event(seq):
-        return FrameInDialogue(Header(0xC0, 0, seq, 0, 7), Arm())
-
-    memory = DialogueMemory(7)
-    assert memory.first_wrong([event(0), event(1), hello_reply(7), event(2)]) == ""
-    assert memory.first_wrong([hello_reply(8), event(0), hello_reply(7), event(0)]) == ""
-    assert "events is 0, due is 1" in memory.first_wrong([hello_reply(7), event(0)])
-
-
-def test_a_greeting_and_a_remembered_reply_are_sent_again_as_they_were():
-    memory = DialogueMemory(7)
-    assert memory.first_wrong([hello_reply(7), hello_reply(7)]) == ""
-    assert "another payload" in memory.first_wrong([hello_reply(7, boot_id=2)])
-    assert memory.first_wrong([hello_reply(8, boot_id=2)]) == ""
+def test_a_remembered_reply_is_sent_again_as_it_was():
+    memory = DialogueMemory()
 
     def reply(body):
         return [FrameInDialogue(Header(0x81, 0, 1, 0, 7), Arm(), body)]

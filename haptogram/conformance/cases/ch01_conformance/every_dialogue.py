@@ -16,9 +16,9 @@ from ...causes import cause_rank
 from ...client.board_client import BoardClient
 from ...client.wire import HELD_UP_US
 from ...explore.actions import SLOT_US, UPLOADED, DialogueAction, has_room_in_dialogue
-from ...explore.coverage import DialogueCoverage
 from ...explore.generator import DialogueGenerator
 from ...explore.lockstep import Lockstep, Played
+from ...explore.makers.conditions import DialogueCoverage
 from ...explore.model import HostLateError, identity_suits_lockstep_model
 from ...explore.shrinking import shrink_dialogue
 from ...outcome import SELF_REPORTED, HeldUpError, check, not_observed, require

@@ -1,45 +1,30 @@
-"""Conditions of a random dialogue, and what its makers make."""
+"""Conditions of a random dialogue, and what the dialogues before it have met."""
 
 from __future__ import annotations
 
 import random
+from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
 from haptogram_protocol.messages import Feature, HelloReply
 
-from ..coverage import DialogueCoverage
-from ..host import DialogueHost
 
-
-class Told(NamedTuple):
-    """A frame that a board is told.
+@dataclass(slots=True)
+class DialogueCoverage:
+    """Coverage of the dialogues of a run: the next ones send something else.
 
     Attributes
     ----------
-    name, text : str
-        What dialogues tell apart, and the description.
-    body : callable
-        Given the host, returns header and payload.
-    damage : int
-        See :class:`~..actions.DialogueAction`.
-    wait_us : int
-        Time between the arrival of the frame before, or the beginning of the slot, and its own.
-    ends_slot : bool
-        Whether the frame may be latched right after its arrival.
+    pairs : Counter
+        Names of two actions, one after the other: how often they were sent so.
+    due : dict of str to list of tuple
+        What of each kind is still to come: scenes by their parts, values of fields.
     """
 
-    name: str
-    text: str
-    body: Callable[[DialogueHost], bytes]
-    damage: int = 0
-    wait_us: int = 0
-    ends_slot: bool = False
-
-
-#: What is told in one slot after the other.
-ToldSlots = list[list[Told]]
+    pairs: Counter[tuple[str, str]] = field(default_factory=Counter)
+    due: dict[str, list[tuple[Any, ...]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +64,11 @@ class DialogueConditions:
 
     def next(self, kind: str, names: Callable[[], Iterable[tuple[Any, ...]]]) -> tuple[Any, ...]:
         """Return one of *names*, by chance: each once in the run before any twice."""
-        return self.coverage.next(kind, names, self.random)
+        due = self.coverage.due.setdefault(kind, [])
+        if not due:
+            due += names()
+            self.random.shuffle(due)
+        return due.pop()
 
 
 class DialogueMaker:

@@ -10,7 +10,7 @@ from haptogram_protocol.messages import Config, Feature, TraceMode
 
 from ..actions import LATE_WINDOWS_US, SLOT_US
 from .conditions import DialogueConditions, DialogueMaker
-from .limit_requests import REFUSED_CONFIG
+from .field_values import REFUSED_CONFIG
 
 _SLOT_MS: Final = SLOT_US // 1000
 #: Lengths that no dialogue outlasts; a board that keeps too few bits of them ends early.

@@ -16,9 +16,9 @@ from haptogram_protocol.messages import (
     UploadChunk,
 )
 
-from ..actions import LATE_WINDOWS_US, SLOT_US
+from ..actions import LATE_WINDOWS_US, SLOT_US, DialogueAction
 from ..host import NO_SESSION, DialogueHost
-from .conditions import DialogueMaker, Told
+from .conditions import DialogueMaker
 
 #: When a frame is due: slots ahead, the name of a time, or at once.
 At: TypeAlias = float | str | None
@@ -42,6 +42,8 @@ DEFECTS: Final[dict[str, dict[str, int]]] = {
     "the last number": {"number": -1},
     "an old number": {"number": -5},
     "half of all numbers back": {"number": -0x7FFF},
+    "numbers left out": {"number": 300},
+    "almost half of all numbers left out": {"number": 0x7FF0},
 }
 HELLOS: Final = ("open", "last", "earlier", "new", "near", "largest", "0", "next major")
 _FIRST_NUMBERS: Final = (0xFFFF, 0x7FFF, 0xFF, 0x100FE)
@@ -62,7 +64,7 @@ class RandomFrames(DialogueMaker):
         flags: int = 0,
         session: int = 0,
         length: int = 0,
-    ) -> Told:
+    ) -> DialogueAction:
         """Return a frame for a time.
 
         *number* is added to the next one, *length* to that of the frame; the open session is
@@ -87,9 +89,9 @@ class RandomFrames(DialogueMaker):
         when = " at once" if at is None else f", due {due_us} µs after the slot begins"
         name = f"{kind} for {at}" if is_stream else kind
         text = words_of_message(message) + when * (is_stream or kind == "PLAY") + odd
-        return Told(name, text, body, ends_slot=at in _LATCHED_AS_IT_COMES)
+        return DialogueAction(0, text, body, name=name, ends_slot=at in _LATCHED_AS_IT_COMES)
 
-    def defective(self, message: Message, *defects: str) -> Told:
+    def defective(self, message: Message, *defects: str) -> DialogueAction:
         """Return a request with some of :data:`DEFECTS`."""
         merged = {key: value for defect in defects for key, value in DEFECTS[defect].items()}
         if isinstance(message, Mute):
@@ -99,7 +101,7 @@ class RandomFrames(DialogueMaker):
         made = self.frame(message, self._pick((0.0, -2.0, 10_000.0)), **merged)
         return made._replace(name=f"{made.name} with {' and '.join(defects)}")
 
-    def again(self, which: str, age: int) -> Told:
+    def again(self, which: str, age: int) -> DialogueAction:
         """Return a request of the session open *age* ago once more; see DialogueHost.of_session."""
         text = f"the {which} request of the session {age} before once more"
 
@@ -109,16 +111,19 @@ class RandomFrames(DialogueMaker):
                 host.go_on_in(Hello.deserialize(found[HEADER_BYTES:]).nonce)
             return found or host.request(Ping(1))
 
-        return Told(text, text, body, ends_slot=True)
+        return DialogueAction(0, text, body, name=text, ends_slot=True)
 
-    def repeated(self, which: str = "remembered") -> Told:
+    def repeated(self, which: str = "remembered") -> DialogueAction:
         """Return the request that the board remembers, or the last one, once more."""
         text = f"the {which} request once more"
-        return Told(
-            text, text, lambda host: getattr(host, which) or host.request(Ping(0)), ends_slot=True
-        )
+        again = Ping(0)
 
-    def hello(self, which: str) -> Told:
+        def body(host: DialogueHost) -> bytes:
+            return getattr(host, which) or host.request(again)
+
+        return DialogueAction(0, text, body, name=text, ends_slot=True)
+
+    def hello(self, which: str) -> DialogueAction:
         """Return a HELLO with the open nonce, one of sessions before, a new one or none."""
         new, near = self._across(1, 0x10000), self._pick(WRONG_SESSIONS)
         minor, back = self._pick((0, 0, 1, 0xFF)), self._pick((0, 0, 0, 1, 5, 0x4000))
@@ -136,9 +141,10 @@ class RandomFrames(DialogueMaker):
             message = Hello(VERSION_MAJOR + (which == "next major"), minor, nonce, table)
             return host.hello(message, takes=takes)
 
-        return Told(f"HELLO {which}", f"HELLO, nonce: {which}, minor {minor}, {back} back", body)
+        text = f"HELLO, nonce: {which}, minor {minor}, {back} back"
+        return DialogueAction(0, text, body, name=f"HELLO {which}")
 
-    def greeting(self) -> Told:
+    def greeting(self) -> DialogueAction:
         """Return a HELLO of a new session, whose numbers soon wrap, or pass the middle."""
         seq = self._pick(_FIRST_NUMBERS) - self._across(6)
         hello = Hello(VERSION_MAJOR, 0, self._across(1, 0x10000))
@@ -147,7 +153,8 @@ class RandomFrames(DialogueMaker):
             host.seq = seq
             return host.hello(hello)
 
-        return Told("HELLO new", f"HELLO with the number {seq + 1:#x}", body)
+        text = f"HELLO with the number {seq + 1:#x}"
+        return DialogueAction(0, text, body, name="HELLO new")
 
     def _ahead_us(self, at: At) -> int:
         horizon_us = self._identity.max_horizon_us

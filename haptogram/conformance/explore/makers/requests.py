@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final
 
@@ -29,16 +29,24 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.rules import READ_CAPABILITIES
 
-from ..actions import ABSENT, REPLACED, SLOT_US, STORED_PHASES, UPLOADED
-from .conditions import DialogueConditions, Told
+from ..actions import (
+    ABSENT,
+    POINT_BYTES,
+    REPLACED,
+    SLOT_US,
+    STORED_PHASES,
+    UPLOADED,
+    DialogueAction,
+)
+from .conditions import DialogueConditions
 from .configurations import RandomConfigs
 from .frames import ODD_FLAGS
-from .limit_requests import random_limit_requests
 from .uploads import RandomUploads
 
 _MOST_U16: Final = 0xFFFF
 _MOST_U32: Final = 0xFFFFFFFF
-_LONG_PERIOD_US: Final = 450  # 100 loops of 1 to 3 frames, and 300, end where no bytes arrive
+_LONG_PERIOD_US: Final = 450
+_LONG_LOOPS: Final = 400  # of a sequence of three frames
 
 
 class RandomRequests(RandomUploads):
@@ -80,10 +88,9 @@ class RandomRequests(RandomUploads):
             "GET_STATUS": GetStatus,
             "GET_CONFIG": GetConfig,
             "GET_GEOMETRY": lambda: GetGeometry(across(count + 2), across(9)),
+            "SET_CONFIG": lambda: SetConfig(self.configs.last),
         }
         found |= {f"read {number}": read for number, read in enumerate(self._reads())}
-        if self._can & Feature.CONFIG:
-            found["SET_CONFIG"] = lambda: SetConfig(self.configs.last)
         if self.plays:
             found |= {
                 "STOP": Stop,
@@ -94,14 +101,20 @@ class RandomRequests(RandomUploads):
             }
         return found
 
-    def at_limit(self) -> Told:
-        """Return a request with one field at or beyond a limit: each once before any twice."""
-        limits = self.conditions.coverage.limits
-        if not limits:
-            limits += random_limit_requests(self._identity)
-            self._random.shuffle(limits)
-        made = self.frame(limits.pop(), 0.5)
-        return made._replace(name=f"{made.name} at a limit")
+    def whole_requests(self) -> list[Message]:
+        """Return requests of every type as they should be, and of every kind of upload and read."""
+        count, most = self._identity.transducers, self._identity.max_points
+        points = {1, min(2, most), most} if Feature.SEQUENCE_POINTS in self._can else set()
+        uploads = [UploadBegin(UploadKind.PHASES, 0, REPLACED, count, 0)] * self.plays
+        uploads += [
+            UploadBegin(UploadKind.POINTS, number, REPLACED, number * POINT_BYTES, 0)
+            for number in sorted(points)
+        ]
+        if Feature.CORRECTION in self._can:
+            uploads.append(UploadBegin(UploadKind.CORRECTION, 0, 0, count, 0))
+        found: list[Message] = [GetGeometry(0, count), *self._whole_drives(), *uploads]
+        others = (make() for make in self.messages().values())
+        return found + [other for other in others if type(other) not in set(map(type, found))]
 
     # --- what shows a board, and makes a dialogue go on ------------------------------------------
 
@@ -125,11 +138,11 @@ class RandomRequests(RandomUploads):
         kinds = (kind for kind, needed in READ_CAPABILITIES.items() if self._can & needed)
         return [ReadDrive(kind, 0, self._identity.transducers) for kind in kinds]
 
-    def read_backs(self) -> list[Told]:
+    def read_backs(self) -> list[DialogueAction]:
         """Return requests for the whole drive, latched and radiated."""
         return [self.frame(message) for message in self._whole_drives()]
 
-    def probe(self) -> list[Told]:
+    def probe(self) -> list[DialogueAction]:
         """Return requests that together show what a board may have changed."""
         asked: list[Message] = [*self._whole_drives()]
         if self.plays:  # its refusal shows how many sequences are stored
@@ -142,7 +155,7 @@ class RandomRequests(RandomUploads):
         again = [self.repeated()] * (self._random.random() < 0.4)
         return [*again, *map(self.frame, shown)]
 
-    def keeping(self) -> Told:
+    def keeping(self) -> DialogueAction:
         """Return a request that changes nothing and renews the lease."""
         count = self._identity.transducers
         messages: list[Message] = [Ping(0), GetStatus(), GetConfig(), GetGeometry(0, 1), Arm()]
@@ -150,13 +163,9 @@ class RandomRequests(RandomUploads):
         messages += [make() for make in self._reads()]
         return self.frame(self._pick(messages))
 
-    def new_config(self) -> Told:
-        """Return SET_CONFIG as it should be: timers that run take their new lengths."""
-        return self.frame(SetConfig(self.configs.config()))
-
     # --- playbacks -------------------------------------------------------------------------------
 
-    def any_play(self) -> Told:
+    def any_play(self) -> DialogueAction:
         """Return PLAY of any sequence, at once or for any time."""
         period_us, loops = self._pick(self._periods)
         sequence = self._pick((*UPLOADED, *UPLOADED, ABSENT))
@@ -167,23 +176,21 @@ class RandomRequests(RandomUploads):
         return self.frame(play, at, flags=self._pick((0,) * 24 + ODD_FLAGS))
 
     def start(
-        self, at: float | None = None, loops: int | None = None, unattended_ms: int | None = None
-    ) -> Told:
+        self, at: float, loops: Sequence[int] = (0, 0, 1, 2), unattended_ms: int | None = None
+    ) -> DialogueAction:
         """Return PLAY as it should be, from the middle of a slot on until something ends it."""
-        loops = self._pick((0, 0, 1, 2)) if loops is None else loops
-        at = at or self._pick((0.5, 0.5, 1.5, 8.5))
-        return self.frame(self._play(self._pick(UPLOADED), SLOT_US, loops, unattended_ms), at)
+        play = self._play(self._pick(UPLOADED), SLOT_US, self._pick(loops), unattended_ms)
+        return self.frame(play, at)
 
-    def long_play(self, loops: int) -> Told:
+    def long_play(self) -> DialogueAction:
         """Return PLAY of hundreds of frames within a few slots."""
-        made = self.frame(self._play(STORED_PHASES, _LONG_PERIOD_US, loops), 0.5)
-        return made._replace(name=f"{made.name} long")
+        return self.frame(self._play(STORED_PHASES, _LONG_PERIOD_US, _LONG_LOOPS), 0.5)
 
-    def play_at_once(self) -> Told:
+    def play_at_once(self) -> DialogueAction:
         """Return PLAY with IMMEDIATE, of a few frames."""
         return self.frame(self._play(self._pick(UPLOADED), self._pick((507, 1003)), 1), None)
 
-    def short_play(self) -> Told:
+    def short_play(self) -> DialogueAction:
         """Return PLAY of a long sequence, once and as fast as the board can."""
         period_us = -(-1_000_000 // max(1, self._identity.max_playback_rate_hz))
         return self.frame(self._play(REPLACED, period_us, 1), 0.5)

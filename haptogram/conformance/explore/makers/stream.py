@@ -7,8 +7,8 @@ from typing import Final
 
 from haptogram_protocol.messages import Drives, Feature, FocalPoint, Message, Phases, Points
 
-from ..actions import SLOT_US
-from .conditions import DialogueConditions, Told
+from ..actions import SLOT_US, DialogueAction
+from .conditions import DialogueConditions
 from .frames import RandomFrames
 
 _FAR_US: Final = 4_000_000  # later than any dialogue ends
@@ -34,7 +34,7 @@ class RandomStream(RandomFrames):
         has_points = bool(self._can & Feature.POINTS)
         self._most_points = min(identity.max_points, fitting) * has_points
 
-    def burst(self) -> list[Told]:
+    def burst(self) -> list[DialogueAction]:
         """Return so many short frames that a queue fills or a counter of few bits wraps."""
         exact = self.conditions.exact
         most = self._pick((_BURST, _LONG_BURST)) if exact else _BURST
@@ -46,13 +46,13 @@ class RandomStream(RandomFrames):
         step, session = self._pick(((0, 0), (0, 0), (1, 0), (-1, 0), (0, 1)))
         return self.row(min(number, most), first_us, step_us, number=step, session=session)
 
-    def full_queue(self) -> list[Told]:
+    def full_queue(self) -> list[DialogueAction]:
         """Return frames, far ahead, that fill the queue."""
         return self.row(min(self._identity.queue_depth, _BURST), _FAR_US)
 
     def row(
         self, count: int, first_us: int, step_us: int = 100, *, number: int = 0, session: int = 0
-    ) -> list[Told]:
+    ) -> list[DialogueAction]:
         """Return so many frames, of a format that is short."""
         kinds = self.kinds
         if self._identity.point_time_us:
@@ -65,7 +65,7 @@ class RandomStream(RandomFrames):
             for n in range(count)
         ]
 
-    def pair(self) -> list[Told]:
+    def pair(self) -> list[DialogueAction]:
         """Return two frames, often of two formats, for one carrier period or two neighbours.
 
         Or, where bytes arrive to the microsecond, for any two times.

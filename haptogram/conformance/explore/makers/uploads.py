@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-import zlib
 from typing import Final
 
 from haptogram_protocol.messages import (
     Feature,
     Message,
-    UploadBegin,
     UploadChunk,
     UploadCommit,
     UploadKind,
 )
 
-from ..actions import MOST_POINTS, REPLACED, STORED_FRAMES, UPLOADED, has_room_in_dialogue
-from .conditions import DialogueConditions, Told
+from ..actions import (
+    MOST_POINTS,
+    REPLACED,
+    STORED_FRAMES,
+    UPLOADED,
+    DialogueAction,
+    has_room_in_dialogue,
+    upload_in_dialogue,
+)
+from .conditions import DialogueConditions
 from .stream import RandomStream
 
 _LONGEST_CHUNK: Final = 512
@@ -24,6 +30,7 @@ _WAYS: Final = (
     *("overlap", "overlap", "again"),
 )
 _PIECES: Final = 6
+_MOST_CHUNKS: Final = 8  # where they can be longer
 _LONG_BYTES: Final = 70_000  # more than 16 bits count
 _ROOM: Final = 8  # uploads of so many bytes fit into the store at least
 
@@ -35,7 +42,7 @@ class RandomUploads(RandomStream):
         super().__init__(conditions)
         self._largest = min(self._identity.max_chunk, _LONGEST_CHUNK)
 
-    def upload(self) -> list[Told]:
+    def upload(self) -> list[DialogueAction]:
         """Return the requests of an upload; empty if the board has no room for one."""
         kinds = self._kinds()
         if not kinds:
@@ -46,11 +53,12 @@ class RandomUploads(RandomStream):
         points = self._random.randint(1, min(MOST_POINTS, self._identity.max_points))
         data = self._data(kind, points)
         of_frame = points if kind is UploadKind.POINTS else 0
-        begin = UploadBegin(kind, of_frame, target, len(data), zlib.crc32(data))
-        commit = UploadCommit(target)
-        chunks = self._chunks(data)
+        # A line carries few chunks.
+        least = max(pick((_LONGEST_CHUNK, _LONGEST_CHUNK, 13)), -(-len(data) // _MOST_CHUNKS))
+        chunk = min(self._largest, least)
+        steps = upload_in_dialogue(kind, target, data, chunk, points=of_frame)
+        begin, *chunks, commit = steps
         how = pick(_WAYS)
-        steps: list[Message] = [begin, *chunks, commit]
         if how == "gap":  # what is missing, and all behind it, comes after the refused commit
             missing = self._across(len(chunks))
             steps[1:-1] = [*chunks[:missing], *chunks[missing + 1 :], commit, *chunks[missing:]]
@@ -70,18 +78,17 @@ class RandomUploads(RandomStream):
             steps[-1:] = [end, pick(chunks), UploadChunk(len(data), b"x"), commit, commit]
         return [self._step(step, how) for step in steps]
 
-    def long_upload(self) -> list[Told]:
+    def long_upload(self) -> list[DialogueAction]:
         """Return the requests of an upload of more than 64 KiB, if there is much more room."""
         identity = self._identity
         frames = min(_LONG_BYTES // self._count + 1, identity.max_sequence_frames)
         data = self._random.randbytes(frames * self._count)
         if _ROOM * len(data) > identity.max_upload_bytes:
             return self.upload()
-        begin = UploadBegin(UploadKind.PHASES, 0, REPLACED, len(data), zlib.crc32(data))
-        chunks = _in_chunks(data, identity.max_chunk)
-        return [self._step(step, "long") for step in (begin, *chunks, UploadCommit(REPLACED))]
+        steps = upload_in_dialogue(UploadKind.PHASES, REPLACED, data, identity.max_chunk)
+        return [self._step(step, "long") for step in steps]
 
-    def _step(self, message: Message, how: str) -> Told:
+    def _step(self, message: Message, how: str) -> DialogueAction:
         made = self.frame(message)
         return made._replace(text=f"{made.text} ({how})")
 
@@ -100,17 +107,6 @@ class RandomUploads(RandomStream):
             return self._random.randbytes(frames * self._count)
         return b"".join(self.point().pack() for _ in range(frames * points))
 
-    def _chunks(self, data: bytes) -> list[Message]:
-        """Return *data* in chunks of random lengths, and not many: a line carries few of them."""
-        chunks: list[Message] = []
-        at = 0
-        while at < len(data):
-            size = min(self._largest, self._pick((self._largest, self._largest, self._count, 13)))
-            chunks.append(UploadChunk(at, data[at : at + size]))
-            at += size
-        few = _in_chunks(data, self._largest)
-        return few if len(chunks) > len(few) + 2 else chunks
-
     def _pieces(self, data: bytes) -> list[Message]:
         """Return some chunks from anywhere to anywhere in *data*."""
         pieces: list[Message] = []
@@ -119,7 +115,3 @@ class RandomUploads(RandomStream):
             size = self._random.randint(1, min(self._largest, len(data) - start))
             pieces.append(UploadChunk(start, data[start : start + size]))
         return pieces
-
-
-def _in_chunks(data: bytes, size: int) -> list[Message]:
-    return [UploadChunk(at, data[at : at + size]) for at in range(0, len(data), size)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from itertools import combinations
 from typing import Final, TypeAlias
@@ -11,22 +11,29 @@ from typing import Final, TypeAlias
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
 from haptogram_protocol.messages import (
     STREAM_RANGE,
+    VERSION_MAJOR,
+    Arm,
     Config,
-    Feature,
+    Disarm,
     Header,
     Hello,
     Message,
     Mute,
     Ping,
     SetConfig,
+    TraceMode,
 )
-from haptogram_protocol.record import Record
 
-from ..actions import FAULT, PARTS
+from ..actions import FAULT, PARTS, SLOT_US, ActionSlots, DialogueAction
 from ..host import NO_SESSION, DialogueHost
-from ..makers.conditions import Told
+from ..makers.field_values import (
+    MANY_LOOPS,
+    REFUSED_CONFIG,
+    FieldValue,
+    field_values,
+    play_values,
+)
 from ..makers.frames import DEFECTS, HELLOS, ODD_FLAGS, WRONG_SESSIONS, At
-from ..makers.limit_requests import REFUSED_CONFIG
 from ..makers.requests import RandomRequests
 
 _UNKNOWN_TYPES: Final = (0x00, 0x04, 0x3F, 0x50, 0x7E, 0x7F, 0x80, 0x90, 0xBF, 0xC0, 0xFF)
@@ -37,6 +44,8 @@ _GROUPS: Final = (
     *("any with", "HELLO", "type ", "another ", "refused ", "a frame", "a foreign frame", "damage"),
     *("GET_", "read ", "UPLOAD_", "PLAY"),
 )
+#: Loops of a playback that goes on: 0 for ever; 2 or 3 frames wrap a product of 32 bits.
+_MANY_OR_ALL: Final = (0, 0, *MANY_LOOPS)
 #: Stream frames, by what is odd about them.
 _FRAMES: Final[dict[str, tuple[At, dict[str, tuple[int, ...]]]]] = {
     "a frame ahead": (0.5, {"apart_us": (0, 0, 10, 25, 26, 1000, 3000)}),
@@ -54,15 +63,17 @@ _FRAMES: Final[dict[str, tuple[At, dict[str, tuple[int, ...]]]]] = {
     "a frame beyond the horizon": ("beyond", {}),
     "a frame far ahead": ("far", {}),
 }
-_Makers: TypeAlias = dict[str, Callable[[], Told]]
-#: Fields of which a byte may let timers end at any time, or ask for much.
-_NOT_ANY_BYTE: Final = frozenset(
-    {
-        *("hold_ms", "ramp_ms", "host_timeout_ms", "status_period_ms", "unattended_ms"),
-        *("period_us", "loops", "size", "nonce", "crc", "token"),
-    }
-)
-_SOME_VALUES: Final = 24  # of a byte of a longer field
+#: Steps to a state: PLAY for so many slots ahead, with so many loops.
+_PLAYS: Final[dict[str, tuple[float, tuple[int, ...]]]] = {
+    "PLAY that waits": (100.0, _MANY_OR_ALL),
+    "PLAY for ever": (0.5, (0,)),
+    "PLAY once": (0.5, (1,)),
+    "PLAY once, soon": (4.5, (1,)),
+    "PLAY once, later": (7.5, (1,)),
+}
+_TIMERS: Final = "timers "  # lease and hold in slots, ramp in ms (-: it never ends, any)
+_Makers: TypeAlias = dict[str, Callable[[], DialogueAction]]
+_FAULT: Final = DialogueAction(0, "the hardware fails", lambda _: b"", FAULT, name="a fault")
 
 
 class SceneInputs:
@@ -75,6 +86,8 @@ class SceneInputs:
 
     Attributes
     ----------
+    makers : RandomRequests
+        The same.
     kinds : dict of str to list of str
         Names of what can be told, by its kind.
     groups : dict of str to list of str
@@ -82,51 +95,111 @@ class SceneInputs:
     """
 
     def __init__(self, makers: RandomRequests) -> None:
-        self._makers, conditions = makers, makers.conditions
-        self._pick = conditions.random.choice
+        self.makers, self._pick = makers, makers.conditions.random.choice
+        exact = makers.conditions.exact
         of_kind: dict[str, _Makers] = {
             "frame": self._frames(),
             "request": self._requests(),
             "configuration": self._configs(),
-            "limit": {"a request at a limit": makers.at_limit},
+            "value": {"a frame with any value": self.with_any_value},
             "HELLO": {f"HELLO {which}": partial(makers.hello, which) for which in HELLOS},
             "odd": self._odd_requests(),
             "damage": {
                 f"damage {damage}": partial(self._damaged, damage)
-                for damage in (_DAMAGES if not conditions.exact else (*_DAMAGES, PARTS))
+                for damage in (*_DAMAGES, *(PARTS,) * exact)
             },
+            "fault": {"a fault": lambda: _FAULT} if exact else {},
         }
         self.kinds = {kind: list(some) for kind, some in of_kind.items()} | {"burst": ["a burst"]}
-        self._one = {name: make for some in of_kind.values() for name, make in some.items()}
-        self._some: dict[str, Callable[[], list[Told]]] = {
-            "nothing": list,
-            "frames of some slots": lambda: [self.frame(n + 0.5) for n in range(4)],
-            "two frames at once": makers.pair,
-            "a burst": makers.burst,
-            "an upload": makers.upload,
-        }
-        if conditions.exact:
-            self._one["a fault"] = fault_told
-        self.names = [*self._one, *self._some]
+        self.names = [name for names in self.kinds.values() for name in names]
+        self.names += ("nothing", "frames of some slots", "two frames at once", "an upload")
         self.groups: dict[str, list[str]] = {}
         for name in self.names:
             group = next((first for first in _GROUPS if name.startswith(first)), name)
             self.groups.setdefault(group, []).append(name)
+        one = {name: make for some in of_kind.values() for name, make in some.items()}
+        one |= self._steps() | self._steps_of_playbacks()
+        self._made = self._rows() | {name: partial(_alone, make) for name, make in one.items()}
 
-    def told(self, name: str) -> list[Told]:
-        """Return the frames that have a name of :attr:`names`."""
-        return [self._one[name]()] if name in self._one else self._some[name]()
+    def told(self, name: str) -> list[DialogueAction]:
+        """Return the frames that have a name: of :attr:`names`, or a step to a state."""
+        if name.startswith(_TIMERS):
+            lengths = (None if word == "-" else int(word) for word in name.split()[1:])
+            return self._configured(self.makers.configs.timed_config(*lengths))
+        return self._made[name]()
 
-    def frame(self, at: At, **odd: int) -> Told:
+    def knows(self, row: str) -> bool:
+        """Return True if all in a row has a name."""
+        names = {name for slot in _names_of_row(row) for name in slot}
+        return all(name in self._made or name.startswith(_TIMERS) for name in names)
+
+    def slots(self, row: str) -> ActionSlots:
+        """Return the frames of a row: names of a slot (+), slot by slot (|)."""
+        return [[one for name in names for one in self.told(name)] for names in _names_of_row(row)]
+
+    def frame(self, at: At, **odd: int) -> DialogueAction:
         """Return a stream frame of any kind; see :meth:`~..makers.frames.RandomFrames.frame`."""
-        return self._makers.frame(self._makers.any(), at, **odd)
+        return self.makers.frame(self.makers.any(), at, **odd)
+
+    # --- steps to a state ------------------------------------------------------------------------
+
+    def _steps(self) -> _Makers:
+        makers = self.makers
+        return {
+            "a frame due now": partial(self.frame, 0.0),
+            "a frame a period ahead": partial(self.frame, 0.0, apart_us=25),
+            "a keeping request": makers.keeping,
+            "a HELLO whose numbers wrap": makers.greeting,
+            "the same HELLO": partial(makers.again, "hello", 0),
+            "the HELLO of a session before": partial(makers.again, "hello", 1),
+            "the first request of this nonce": partial(makers.again, "first", 0),
+            "the first request of a session before": partial(makers.again, "first", 1),
+            "the last request of a session before": partial(makers.again, "last", 1),
+        }
+
+    def _steps_of_playbacks(self) -> _Makers:
+        makers = self.makers
+        if not makers.plays:
+            return {}
+        found: _Makers = {name: partial(makers.start, *how) for name, how in _PLAYS.items()}
+        return found | {
+            "PLAY unattended": lambda: makers.start(
+                0.5, _MANY_OR_ALL, makers.configs.short_unattended_ms
+            ),
+            "PLAY at once": makers.play_at_once,
+            "a long PLAY": makers.long_play,
+            "a short PLAY": makers.short_play,
+        }
+
+    def _rows(self) -> dict[str, Callable[[], list[DialogueAction]]]:
+        makers, configs = self.makers, self.makers.configs
+        return {
+            "nothing": list,
+            "frames of some slots": lambda: [self.frame(n + 0.5) for n in range(4)],
+            "two frames at once": makers.pair,
+            "a burst": makers.burst,
+            "a full queue": makers.full_queue,
+            "frames": lambda: makers.row(self._pick((1, 2, 3, 5)), SLOT_US // 2),
+            "an upload": makers.upload,
+            "a begun upload": lambda: makers.upload()[:2],
+            "a long upload": makers.long_upload,
+            "traces": lambda: self._configured(configs.traced_config(TraceMode.CRC, 1)),
+            "a ring": lambda: self._configured(configs.traced_config(TraceMode.RING, 1)),
+            "no trace": lambda: self._configured(replace(configs.last, trace_mode=TraceMode.OFF)),
+            "some traces": lambda: self._configured(
+                configs.traced_config(None, self._pick((2, 3)))
+            ),
+        }
+
+    def _configured(self, config: Config) -> list[DialogueAction]:
+        return [self.makers.frame(message) for message in (Disarm(), SetConfig(config), Arm())]
 
     # --- frames of the stream --------------------------------------------------------------------
 
     def _frames(self) -> _Makers:
-        conditions = self._makers.conditions
+        conditions = self.makers.conditions
         found: _Makers = {name: partial(self._odd_frame, *odd) for name, odd in _FRAMES.items()}
-        found["a refused frame"] = lambda: self._makers.frame(self._makers.refused(), 0.5)
+        found["a refused frame"] = lambda: self.makers.frame(self.makers.refused(), 0.5)
         if conditions.timed:
             ahead = (1.5, 1.5, 2.5, 3.5, 6.5)
             found["a frame some slots ahead"] = lambda: self.frame(self._pick(ahead))
@@ -134,28 +207,26 @@ class SceneInputs:
             found["a frame at a limit"] = partial(self.frame, "at a limit")
         return found
 
-    def _odd_frame(self, at: At, choices: dict[str, tuple[int, ...]]) -> Told:
+    def _odd_frame(self, at: At, choices: dict[str, tuple[int, ...]]) -> DialogueAction:
         return self.frame(at, **{name: self._pick(values) for name, values in choices.items()})
 
     # --- requests --------------------------------------------------------------------------------
 
     def _requests(self) -> _Makers:
-        makers = self._makers
+        makers = self.makers
         found: _Makers = {
             name: partial(self._plain, make) for name, make in makers.messages().items()
         }
         if makers.plays:
             found["PLAY"] = makers.any_play
-            found["PLAY in half a slot"] = lambda: makers.start(0.5)
+            found["PLAY in half a slot"] = partial(makers.start, 0.5)
         return found
 
-    def _plain(self, make: Callable[[], Message]) -> Told:
-        return self._makers.frame(make())
+    def _plain(self, make: Callable[[], Message]) -> DialogueAction:
+        return self.makers.frame(make())
 
     def _configs(self) -> _Makers:
-        if not self._makers.conditions.can & Feature.CONFIG:
-            return {}
-        configs = self._makers.configs
+        configs = self.makers.configs
         changes: dict[str, Callable[[], Config]] = {
             "another configuration": configs.config,
             **{f"another {f.name}": partial(configs.changed, f.name) for f in fields(Config)},
@@ -163,13 +234,13 @@ class SceneInputs:
         }
         return {name: partial(self._config, make) for name, make in changes.items()}
 
-    def _config(self, make: Callable[[], Config]) -> Told:
-        return self._makers.frame(SetConfig(make()))
+    def _config(self, make: Callable[[], Config]) -> DialogueAction:
+        return self.makers.frame(SetConfig(make()))
 
     # --- what is odd about a request -------------------------------------------------------------
 
     def _odd_requests(self) -> _Makers:
-        makers = self._makers
+        makers = self.makers
         found: _Makers = {f"any with {one}": partial(self._any_with, one) for one in DEFECTS}
         found |= {f"type {kind:#x}": partial(self._unknown, kind) for kind in _UNKNOWN_TYPES}
         found["foreign MUTE"] = lambda: makers.defective(Mute(), "another session")
@@ -185,74 +256,67 @@ class SceneInputs:
             for one, other in combinations(DEFECTS, 2)
             if DEFECTS[one].keys().isdisjoint(DEFECTS[other])
         ]
-        for name in self._makers.messages():
+        for name in self.makers.messages():
             yield from ((name, *some) for some in (*alone, *pairs))
 
-    def defective(self, name: str, *defects: str) -> Told:
+    def defective(self, name: str, *defects: str) -> DialogueAction:
         """Return the request with the defects."""
-        return self._makers.defective(self._makers.messages()[name](), *defects)
+        return self.makers.defective(self.makers.messages()[name](), *defects)
 
-    def _any_with(self, defect: str) -> Told:
-        return self.defective(self._pick(list(self._makers.messages())), defect)
+    def _any_with(self, defect: str) -> DialogueAction:
+        return self.defective(self._pick(list(self.makers.messages())), defect)
 
-    def _unknown(self, kind: int) -> Told:
+    def _unknown(self, kind: int) -> DialogueAction:
         size = self._pick((0, 1, 20, 256, 1000, _LARGEST - 1, _LARGEST))
         payload = self._pick((b"\0", b"U")) * size  # the one is stuffed, the other not
-        told = self.frame(0.5) if kind in STREAM_RANGE else self._makers.frame(Ping(0))
+        session = self._pick((0, 0, *WRONG_SESSIONS))
+        message = self.makers.any() if kind in STREAM_RANGE else Ping(0)
+        told = self.makers.frame(message, 0.5, session=session)
         return told._replace(
             name=f"type {kind:#x}",
-            text=f"type {kind:#x} with {size} bytes",
+            text=f"type {kind:#x} with {size} bytes, session ^ {session:#x}",
             body=lambda host: bytes([kind]) + told.body(host)[1:HEADER_BYTES] + payload,
         )
 
-    def _damaged(self, damage: int) -> Told:
-        told = self._pick((self.frame(0.5), self._makers.frame(Ping(0))))
+    def _damaged(self, damage: int) -> DialogueAction:
+        told = self._pick((self.frame(0.5), self.makers.frame(Ping(0))))
         return told._replace(name=f"damage {damage}", damage=damage)
 
-    # --- one byte of any value -------------------------------------------------------------------
+    # --- one field of any value ------------------------------------------------------------------
 
-    def with_any_byte(self) -> Told:
-        """Return a frame with one byte of any value; each of a short field comes once."""
-        name, offset, value = self._makers.conditions.next("byte values", self.byte_values)
-        makers = self._makers
-        messages = {**makers.messages(), **makers.kinds}
-        told = makers.frame(messages[name](), 0.5) if name in messages else makers.hello("open")
+    def with_any_value(self) -> DialogueAction:
+        """Return a frame with another value of one field: each once in a run before any twice."""
+        found: FieldValue = self.makers.conditions.next("values of fields", self.values)
+        message, offset, value = found
+        makers, end = self.makers, offset + len(value)
+        is_hello = isinstance(message, Hello)
+        told = makers.hello("open") if is_hello else makers.frame(message, 0.5)
 
         def body(host: DialogueHost) -> bytes:
             whole = told.body(host)
-            return whole[:offset] + bytes([value]) + whole[offset + 1 :]
+            return whole[:offset] + value + whole[end:]
 
         # A MUTE has a write of its own: it may overtake what is sent with it.
-        is_mute = offset == Header.WIRE["type"].offset and value == Mute.TYPE
-        text = f"{told.text}, byte {offset} of the body is {value:#04x}"
-        name = f"{told.name} with a byte"
-        return told._replace(name=name, text=text, body=body, wait_us=int(is_mute))
+        is_mute = (offset, value[0]) == (Header.WIRE["type"].offset, Mute.TYPE)
+        text = f"{told.text}, from byte {offset} of the body on {value.hex()}"
+        name = f"{told.name} with a value"
+        return told._replace(
+            name=name, text=text, body=body, wait_us=int(is_mute and makers.conditions.exact)
+        )
 
-    def byte_values(self) -> Iterator[tuple[str, int, int]]:
-        """Yield name, offset and value of bytes: all of a short field, some of a longer one.
-
-        Fields of one byte are enumerations, versions and counts; with type and flags goes what a
-        longer field has.
-        """
-        makers, sample = self._makers, self._makers.conditions.random.sample
-        messages = {**makers.messages(), **makers.kinds}
-        kinds: dict[str, type[Message]] = {name: type(make()) for name, make in messages.items()}
-        for name, kind in {**kinds, "HELLO": Hello}.items():
-            for offset, size in ((0, 2), *_fields_of_bytes(kind, HEADER_BYTES)):
-                values = range(256) if size == 1 else sample(range(256), _SOME_VALUES)
-                yield from ((name, offset + n, value) for n in range(size) for value in values)
+    def values(self) -> list[FieldValue]:
+        """Return every frame that :meth:`with_any_value` may return."""
+        makers, identity = self.makers, self.makers.conditions.identity
+        stream = [make() for make in makers.kinds.values()]
+        messages = [*makers.whole_requests(), *stream, Hello(VERSION_MAJOR, 0, 1)]
+        found = [*field_values(identity, messages)]
+        return [*found, *play_values(identity)] if makers.plays else found
 
 
-def _fields_of_bytes(record: type[Record], base: int) -> Iterator[tuple[int, int]]:
-    """Yield offset in the body and size of each field, records within records included."""
-    for name, field in record.WIRE.items():
-        if field.record is not None:
-            yield from _fields_of_bytes(field.record, base + field.offset)
-        elif name not in _NOT_ANY_BYTE:
-            yield base + field.offset, field.size
+def _alone(make: Callable[[], DialogueAction]) -> list[DialogueAction]:
+    return [make()]
 
 
-def fault_told() -> Told:
-    """Return a fault of the hardware."""
-    text = "the hardware fails"
-    return Told(text, text, lambda _: b"", FAULT)
+def _names_of_row(row: str) -> list[list[str]]:
+    slots = (slot.split("+") for slot in row.split("|"))
+    return [[name.strip() for name in names if name.strip()] for names in slots]

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import product
 from typing import Final
 
-from haptogram_protocol.messages import Arm, Disarm, Mute, SetConfig, Stop
-
-from ..actions import PARTS, REST, SLOT_US
-from ..makers.conditions import Told, ToldSlots
-from ..makers.frames import At
-from ..makers.requests import RandomRequests
-from .inputs import SceneInputs, fault_told
-from .states import SceneStates
+from ..actions import PARTS, REST, SLOT_US, ActionSlots, DialogueAction
+from .states import SceneMaker
 
 #: Microseconds behind a multiple of the carrier period of 25 us.
 _TIMES: Final = (-24, 0, 1, 10, 25, 26)
@@ -24,96 +17,69 @@ _WAITS: Final = (0, 0, 0, 1, 24, 25, 26)  # microseconds
 #: A pause within a frame, in microseconds and in slots: the longest is 3 s.
 _SHORT_PAUSES: Final = (1, 30, 1000)
 _LONG_PAUSES: Final = (1, 4, 38, 75)
+_LATCHES: Final = (
+    *("a frame at once", "a frame due now", "a late frame", "a frame a period ahead"),
+    "PLAY at once",
+)
+_ENDS: Final = (
+    *("MUTE", "DISARM", "HELLO new", "HELLO last", "STOP", "another configuration", "a fault"),
+    "ARM",
+)
 
 
-class MomentScenes:
-    """Makes scenes of moments.
+class MomentScenes(SceneMaker):
+    """Makes scenes of moments."""
 
-    Parameters
-    ----------
-    makers : RandomRequests
-        Makes frames.
-    states : SceneStates
-        Brings a board into a state.
-    inputs : SceneInputs
-        Makes what a board is told.
-    """
-
-    def __init__(self, makers: RandomRequests, states: SceneStates, inputs: SceneInputs) -> None:
-        self._makers, self._states, self._inputs = makers, states, inputs
-        self._pick, self._next = makers.conditions.random.choice, makers.conditions.next
-        self._times = _TIMES_EXACT if makers.conditions.exact else _TIMES
-        frame = makers.frame
-        self._latches: dict[str, Callable[[], Told]] = {
-            "at once": lambda: inputs.frame(None),
-            "due now": lambda: inputs.frame(0.0),
-            "late": lambda: inputs.frame("late"),
-            "a period ahead": lambda: inputs.frame(0.0, apart_us=25),
-        }
-        if makers.plays:
-            self._latches["PLAY"] = makers.play_at_once
-        self._ends: dict[str, Callable[[], Told]] = {
-            "MUTE": lambda: frame(Mute())._replace(wait_us=1),  # a write of its own
-            "DISARM": lambda: frame(Disarm()),
-            "HELLO": lambda: makers.hello("new"),
-            "the session before": lambda: makers.hello("last"),
-            "STOP": lambda: frame(Stop()),
-            "SET_CONFIG": lambda: frame(SetConfig(makers.configs.config())),
-            "a fault": fault_told,
-            "nothing": lambda: frame(Arm()),
-        }
-
-    def trios(self) -> ToldSlots:
+    def trios(self) -> ActionSlots:
         """Return three stream frames in each slot, for times within or around a carrier period."""
-        found: ToldSlots = [[self._makers.frame(Arm())]]
+        makers = self._makers
+        times = _TIMES_EXACT if makers.conditions.exact else _TIMES
+        found = self._inputs.slots("ARM")
         for _ in range(_TRIOS):
-            kinds = self._next("kinds of trios", lambda: product(self._makers.kinds, repeat=3))
-            times = self._next("times of trios", lambda: product(self._times, repeat=3))
-            found.append([self._frame(*one) for one in zip(kinds, times, strict=True)])
+            kinds = self._next("kinds of trios", lambda: product(makers.kinds, repeat=3))
+            picked = self._next("times of trios", lambda: product(times, repeat=3))
+            found.append(
+                [
+                    makers.frame(makers.kinds[kind](), 0.5, apart_us=time)
+                    if isinstance(time, int)
+                    else makers.frame(makers.kinds[kind](), time)
+                    for kind, time in zip(kinds, picked, strict=True)
+                ]
+            )
         return found
 
-    def turns(self) -> ToldSlots:
+    def turns(self) -> ActionSlots:
         """Return a latch, an end of the output, ARM and a latch, around one microsecond.
 
         Or the first latch is one that was queued for that time.
         """
-        makers = self._makers
-        first, end, last = self._next(
-            "turns", lambda: product(("queued", *self._latches), self._ends, self._latches)
-        )
-        wait_us = self._pick(_WAITS)
-        before = [makers.frame(Arm())]
-        turn: list[Told] = []
+        latches = [name for name in _LATCHES if self._inputs.knows(name)]
+        ends = [name for name in _ENDS if self._inputs.knows(name)]
+        first, end, last = self._next("turns", lambda: product(("queued", *latches), ends, latches))
+        wait_us = self._random.choice(_WAITS)
+        names = [first, end, "ARM", last]
+        before, turn = self._inputs.slots("ARM"), []
         if first == "queued":
-            before.append(self._inputs.frame(1.0, apart_us=wait_us))
-        else:
-            turn.append(self._latches[first]())
-        turn += [self._ends[end](), makers.frame(Arm()), self._latches[last]()]
-        waits = [wait_us, *(self._pick(_WAITS) for _ in turn[1:])]
-        timed = [
-            told._replace(wait_us=max(told.wait_us, wait))
-            for told, wait in zip(turn, waits, strict=True)
-        ]
-        return [before, timed, [makers.frame(Arm()), *makers.row(2, SLOT_US // 2)]]
+            before[0].append(self._inputs.frame(1.0, apart_us=wait_us))
+            del names[0]
+        for told in (self._inputs.told(name)[0] for name in names):
+            own_us = int(told.name == "MUTE")  # it has a write of its own
+            turn.append(told._replace(wait_us=max(own_us, wait_us)))
+            wait_us = self._random.choice(_WAITS)
+        return [*before, turn, *self._inputs.slots("ARM + frames")]
 
-    def pause(self, *, timed: bool) -> ToldSlots:
+    def pause(self, *, timed: bool) -> ActionSlots:
         """Return a frame with a pause in it, of a state; *timed*: of up to seconds.
 
         Pauses in a dialogue with timers are whole slots: no timer ends when a frame arrives.
         """
-        states, groups = self._states.timed if timed else self._states.quick, self._inputs.groups
+        states, groups = self.timed if timed else self.quick, self._inputs.groups
         state, group = self._next(f"pauses with timers: {timed}", lambda: product(states, groups))
-        told = self._inputs.told(self._pick(groups[group]))
+        told = self._inputs.told(self._random.choice(groups[group]))
         long_us = [slots * SLOT_US for slots in _LONG_PAUSES] if timed else []
-        pause_us = self._pick((*_SHORT_PAUSES, *long_us))
+        pause_us = self._random.choice((*_SHORT_PAUSES, *long_us))
         if told:
-            rest = Told("", f"the rest, {pause_us} µs later", lambda _: b"", REST, pause_us)
+            text = f"the rest, {pause_us} µs later"
+            rest = DialogueAction(0, text, lambda _: b"", REST, wait_us=pause_us)
             told[:1] = [told[0]._replace(damage=told[0].damage or PARTS), rest]
-        return [*states[state](), told]
-
-    def _frame(self, kind: str, time: At) -> Told:
-        """Return a frame for microseconds behind the middle of a slot, or for another time."""
-        message = self._makers.kinds[kind]()
-        if isinstance(time, int):
-            return self._makers.frame(message, 0.5, apart_us=time)
-        return self._makers.frame(message, time)
+        return [*self._state(state), told]

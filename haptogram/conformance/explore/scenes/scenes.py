@@ -8,18 +8,23 @@ from functools import partial
 from itertools import product
 from typing import Final
 
-from haptogram_protocol.messages import Arm, Config, Feature, SetConfig, Stop, TraceMode
+from haptogram_protocol.messages import Config, Feature, Stop
 
-from ..actions import SLOT_US
-from ..makers.conditions import Told, ToldSlots
-from ..makers.requests import RandomRequests
+from ..actions import ActionSlots, DialogueAction
 from .inputs import SceneInputs
 from .memories import MemoryScenes
 from .moments import MomentScenes
-from .states import SceneStates
+from .states import SceneMaker
 
 _SILENT: Final = (3, 3, 6)  # slots, until timers have ended
-_FILLED: Final = (5, 6, 6, 8)  # slots in which timers run
+_FILLED: Final = (4, 5, 5, 7)  # slots in which timers run
+#: What begins then.
+_RUNNING: Final = (
+    *("ARM", "ARM + a frame ahead", "ARM + frames of some slots", "ARM + PLAY in half a slot"),
+    *("another configuration + ARM + a frame at once", "timers - 4 - + a frame at once"),
+    *("another configuration + ARM + a frame ahead", "timers 3 4 - + a frame ahead"),
+    "another configuration + ARM + PLAY in half a slot",
+)
 #: What comes in each of them: nothing, what renews no lease, or (empty) a request that does.
 _FILLERS: Final = ("nothing", "nothing", "damage 1", "damage 2", "damage 5", "a foreign frame", "")
 _RENEWALS: Final = 4  # in a scene
@@ -29,67 +34,58 @@ _SET_AGAIN: Final = 0.3  # in such a slot
 _OF_RAMPS: Final = ("amplitude_ceiling", "ramp_ms")  # what a ramp keeps: set in each of them
 _LIKELY: Final = 6  # times as often as other fields
 _STATUS_SLOTS: Final = 7  # until the next STATUS
-_LONG_LOOPS: Final = 400  # of a sequence of three frames
-_LONG_SLOTS: Final = 14  # until they are over
+_LONG_SLOTS: Final = 14  # until hundreds of frames were played
 _CHUNKS: Final = 16  # in a slot
 _EARLY_SLOTS: Final = 6  # before the first HELLO
 _EARLY: Final = 3  # inputs in each of them
 _OPENS: Final = frozenset(f"HELLO {which}" for which in ("open", "last", "earlier", "new", "near"))
-_FRAMES: Final = 3  # that show whether all goes on
-_BYTE_SLOTS: Final = 3
-_BYTE_FRAMES: Final = {True: 24, False: 5}  # where bytes take no time, and where they do
+_VALUE_SLOTS: Final = 3
+_VALUE_FRAMES: Final = {True: 24, False: 5}  # where bytes take no time, and where they do
 _BYTES: Final = 8000  # of a slot, at most
+_DISTURBED: Final = 0.5  # of the scenes with the same input in each slot
+_GOES_ON: Final = 0.5  # of the scenes show whether a stream goes on
 
 
-class RandomScenes:
-    """Makes scenes, each of which no scene of the run was like.
+class RandomScenes(SceneMaker):
+    """Makes scenes, each of which no scene of the run was like."""
 
-    Parameters
-    ----------
-    makers : RandomRequests
-        Makes frames.
-    inputs : SceneInputs
-        Makes what a board is told.
-    """
-
-    def __init__(self, makers: RandomRequests, inputs: SceneInputs) -> None:
-        self._makers, self._inputs, self._states = makers, inputs, SceneStates(makers)
-        self._random, self._next = makers.conditions.random, makers.conditions.next
+    def __init__(self, inputs: SceneInputs) -> None:
+        super().__init__(inputs)
         self._kinds = self._shares()
 
-    def _shares(self) -> dict[Callable[[], ToldSlots], float]:
+    def _shares(self) -> dict[Callable[[], ActionSlots], float]:
         """Return how often scenes of each kind are played."""
         makers, conditions = self._makers, self._makers.conditions
-        moments = MomentScenes(makers, self._states, self._inputs)
-        if makers.configs.with_timers and conditions.can & Feature.CONFIG:
-            timed: dict[Callable[[], ToldSlots], float] = {
-                self._renewals: 0.15,
-                self._timed_pair: 0.4,
+        moments, memories = MomentScenes(self._inputs), MemoryScenes(self._inputs)
+        if makers.configs.with_timers:
+            return {
+                self._renewals: 0.13,
+                self._timed_pair: 0.37,
                 self._watched: 0.1,
-                self._filled: 0.3,
+                self._filled: 0.35,
+                partial(moments.pause, timed=True): 0.1 * conditions.exact,
             }
-            return timed | {partial(moments.pause, timed=True): 0.1 * conditions.exact}
-        memories = MemoryScenes(makers, self._inputs)
         return {
             memories.sessions: 0.07,
             memories.numbers: 0.05,
-            memories.ring: 0.04 * memories.has_ring,
+            memories.ring: 0.04 * (Feature.TRACE_RING in conditions.can),
             moments.trios: 0.08,
             moments.turns: 0.1 * conditions.exact,
             partial(moments.pause, timed=False): 0.05 * conditions.exact,
-            self._byte_values: 0.08,
+            self._values: 0.08,
             self._defects: 0.14,
             self._quick_pair: 0.5,
             self._long: 0.07 * (makers.plays and conditions.fast),
             self._late_until_status: 0.2 * makers.configs.with_status,
+            self._filled: 0.6 * makers.configs.with_status,
         }
 
-    def scene(self) -> ToldSlots:
+    def scene(self) -> ActionSlots:
         """Return the frames of a scene, slot by slot, and requests that show what it changed."""
         (make,) = self._random.choices(list(self._kinds), list(self._kinds.values()))
         return [*make(), self._makers.probe()]
 
-    def before_hello(self) -> ToldSlots:
+    def before_hello(self) -> ActionSlots:
         """Return frames for slots in which the board has no session."""
         names = [name for name in self._inputs.names if name not in _OPENS]
         return [
@@ -99,94 +95,99 @@ class RandomScenes:
 
     # --- with timers that end ------------------------------------------------------------------
 
-    def _renewals(self) -> ToldSlots:
+    def _renewals(self) -> ActionSlots:
         """Return leases of about a slot, each with a frame that renews it or does not."""
-        found: ToldSlots = [self._states.begun(1)]
+        found = self._inputs.slots("timers 1 - -")
         for _ in range(_RENEWALS):
             (name,) = self._next("renewals", lambda: ((name,) for name in self._inputs.names))
-            found += [self._inputs.told(name), [], [self._makers.frame(Arm())]]
+            found += self._inputs.slots(f"{name} | | ARM")
         return found[:-1]
 
-    def _timed_pair(self) -> ToldSlots:
-        timed, groups = self._states.timed, self._inputs.groups
-        state, group = self._next("states with timers", lambda: product(timed, groups))
-        told = self._inputs.told(self._random.choice(groups[group]))
-        return [*timed[state](), told, *self._silent(self._random.choice(_SILENT))]
+    def _timed_pair(self) -> ActionSlots:
+        return [
+            *self._pair("states with timers", self.timed),
+            *self._silent(self._random.choice(_SILENT)),
+        ]
 
-    def _watched(self) -> ToldSlots:
+    def _watched(self) -> ActionSlots:
         """Return one field set in a state with a timer, at times again, and read-backs meanwhile.
 
         Neither ends the ramp of a hold.
         """
-        timed, names = self._states.timed, [field.name for field in fields(Config)]
-        ramps = [state for state in timed if "ramp" in state]
+        names = [field.name for field in fields(Config)]
+        ramps = [state for state in self.timed if "ramp" in state]
         likely = [*product(ramps, _OF_RAMPS)] * _LIKELY
-        state, name = self._next("changes with timers", lambda: [*product(timed, names), *likely])
-        found = timed[state]()
+        state, name = self._next(
+            "changes with timers", lambda: [*product(self.timed, names), *likely]
+        )
+        found = self._state(state)
         for slot in range(_WATCHED):
             told = self._makers.read_backs()
-            if slot == 0 or self._random.random() < _SET_AGAIN:
-                config = self._makers.configs.changed(name)  # of the one that is in force
-                told = [self._makers.frame(SetConfig(config)), *told]
+            if slot == 0 or self._random.random() < _SET_AGAIN:  # of the one that is in force
+                told = [*self._inputs.told(f"another {name}"), *told]
             found.append(told)
         return found
 
-    def _filled(self) -> ToldSlots:
-        """Return a state and the same input in each slot behind it, but for one."""
-        states = self._states.quick | self._states.timed
-        state, filler = self._next("fillers", lambda: product(states, _FILLERS))
-        keeping = [self._makers.keeping()]
+    def _filled(self) -> ActionSlots:
+        """Return something that sounds or plays, and the same input in each slot behind it.
+
+        In one of them comes another input.
+        """
+        rows = [row for row in _RUNNING if self._inputs.knows(row)]
+        row, filler = self._next("fillers", lambda: product(rows, _FILLERS))
+        keeping = self._makers.keeping()
         slots = [
-            self._inputs.told(filler) if filler else list(keeping)
+            self._inputs.told(filler) if filler else [keeping]
             for _ in range(self._random.choice(_FILLED))
         ]
-        if self._random.random() < 0.5:
-            name = self._random.choice(self._inputs.names)
-            slots[self._random.randrange(len(slots))] = self._inputs.told(name)
-        return [*states[state](), [], *slots]
+        if self._random.random() < _DISTURBED:
+            group = self._random.choice(list(self._inputs.groups.values()))
+            place = self._random.randrange(len(slots))
+            slots[place] = self._inputs.told(self._random.choice(group))
+        return [*self._inputs.slots(row), [], *slots]
 
     # --- without ---------------------------------------------------------------------------------
 
-    def _quick_pair(self) -> ToldSlots:
-        quick, groups = self._states.quick, self._inputs.groups
-        state, group = self._next("states", lambda: product(quick, groups))
-        found = [*quick[state](), self._inputs.told(self._random.choice(groups[group]))]
-        if self._random.random() < 0.5:  # does all go on?
-            found.append([*self._states.begun(), *self._makers.row(_FRAMES, SLOT_US // 2)])
+    def _quick_pair(self) -> ActionSlots:
+        found = self._pair("states", self.quick)
+        if self._random.random() < _GOES_ON:
+            found += self._inputs.slots("ARM + frames")
         return found
 
-    def _late_until_status(self) -> ToldSlots:
-        """Return a late frame, and silence until a STATUS has told its margin."""
-        return [[*self._states.begun(), self._inputs.frame("late")], *self._silent(_STATUS_SLOTS)]
+    def _pair(self, kind: str, states: list[str]) -> ActionSlots:
+        """Return a state and one input: each state meets each group of inputs once."""
+        groups = self._inputs.groups
+        state, group = self._next(kind, lambda: product(states, groups))
+        return [*self._state(state), self._inputs.told(self._random.choice(groups[group]))]
 
-    def _long(self) -> ToldSlots:
+    def _late_until_status(self) -> ActionSlots:
+        """Return a late frame, and silence until a STATUS has told its margin."""
+        return self._inputs.slots("ARM + a late frame" + " |" * _STATUS_SLOTS)
+
+    def _long(self) -> ActionSlots:
         """Return more latches and events than 8 or 10 bits count, or more bytes than 16 bits."""
-        names = [("events",), ("records",), *[("an upload",)] * self._makers.conditions.exact]
-        (name,) = self._next("long", lambda: names)
-        if name == "an upload":
-            steps = [*self._states.traced(TraceMode.CRC), *self._makers.long_upload()]
-            steps.append(self._makers.short_play())
-            slots = [steps[at : at + _CHUNKS] for at in range(0, len(steps), _CHUNKS)]
-        else:
-            mode = TraceMode.CRC if name == "events" else TraceMode.RING
-            slots = [[*self._states.traced(mode), self._makers.long_play(_LONG_LOOPS)]]
+        rows = ["traces + a long PLAY", "a ring + a long PLAY"]
+        rows += ["traces + a long upload + a short PLAY"] * self._makers.conditions.exact
+        (row,) = self._next("long", lambda: ((row,) for row in rows))
+        (told,) = self._inputs.slots(row)
+        slots = [told[at : at + _CHUNKS] for at in range(0, len(told), _CHUNKS)]
         return [*slots, *self._silent(_LONG_SLOTS)]
 
-    def _defects(self) -> ToldSlots:
+    def _defects(self) -> ActionSlots:
         """Return requests with a defect each."""
         names = (self._next("defects", self._inputs.defects) for _ in range(_DEFECTS))
         return [[self._inputs.defective(*name)] for name in names]
 
-    def _byte_values(self) -> ToldSlots:
-        """Return slots of frames with one byte that has any value, and a probe behind each."""
+    def _values(self) -> ActionSlots:
+        """Return slots of frames with a field that has any value, and a probe behind each."""
         conditions = self._makers.conditions
         most = _BYTES // (64 + 2 * conditions.identity.transducers)
-        number = max(1, min(_BYTE_FRAMES[conditions.exact], most))
-        found: ToldSlots = []
-        for _ in range(_BYTE_SLOTS):
-            found.append([self._inputs.with_any_byte() for _ in range(number)])
+        number = max(1, min(_VALUE_FRAMES[conditions.exact], most))
+        found: ActionSlots = []
+        for _ in range(_VALUE_SLOTS):
+            found.append([self._inputs.with_any_value() for _ in range(number)])
             found.append([self._makers.frame(Stop()), *self._makers.probe()])
         return found
 
-    def _silent(self, slots: int) -> ToldSlots:
-        return [list[Told]() for _ in range(slots)]
+    def _silent(self, slots: int) -> ActionSlots:
+        return [list[DialogueAction]() for _ in range(slots)]
