@@ -231,19 +231,6 @@ def judge_status_period(
     check(len(pieces) >= least, f"{name}: {len(pieces)} STATUS came; due are {least} at least")
 
 
-def judge_lease_ends(board: BoardClient, since: int, text: str) -> None:
-    """FAILED with *text* unless a timer has muted the board; it must do so without any frame."""
-    if board.link.events(StateChanged, since):
-        return
-    lease_ms = board.config.host_timeout_ms
-    board.wire.idle(2 * (lease_ms + board.config.ramp_ms) * _MS)
-    muted = board.link.events(StateChanged, since)
-    check(bool(muted), f"a lease of {lease_ms} ms does not end, without any frame either")
-    fail(
-        f"{text}: MUTED only when none came any more; due is {lease_ms} ms after the last good one"
-    )
-
-
 def judge_within_hold(board: BoardClient, latched_us: int, holds: bool, text: str) -> None:
     """FAILED unless *holds*; INCONCLUSIVE if the hold may have run out since a latch."""
     lasted_ms = (board.wire.now_us() - latched_us) / _MS

@@ -34,11 +34,11 @@ from ...client.malformed_frames import (
 )
 from ...client.playback import play_now, send_phases_that_fit
 from ...client.wire import ReceivedByClient
-from ...judge.timers import judge_lease_ends, judge_within_hold
+from ...judge.timers import LEASE, judge_within_hold
 from ...outcome import SELF_REPORTED, check, fail, inconclusive
+from ..ch12_timers.every_restart import damaged_pings, judge_no_renewals
 
 _SEQUENCE: Final = 4
-_LEASE_MS: Final = 200
 _AHEAD_US: Final = 4_000_000
 _LONG: Final = 3000
 _LEAST: Final = 14  # bytes of a header and a CRC
@@ -106,14 +106,7 @@ def drops_frames_of_wrong_checksum(board: BoardClient) -> None:
 @case("HG-2.4/2-lease", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def wrong_checksums_renew_no_lease(board: BoardClient) -> None:
     """frames with a wrong CRC do not keep an ARMED board alive"""
-    board.configure(host_timeout_ms=_LEASE_MS)
-    body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())
-    since = board.arm()
-    for _ in range(2 * _LEASE_MS // 40):
-        board.link.send(malformed_frame(malformed_with_wrong_crc(body)))
-        board.wire.idle(40_000)
-    board.wire.idle_beyond(0)
-    judge_lease_ends(board, since, "damaged frames have renewed the lease")
+    judge_no_renewals(board, damaged_pings, LEASE)
 
 
 # --- Bytes that look like MUTE -----------------------------------------------------------------

@@ -9,7 +9,6 @@ from typing import Final, TypeAlias
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, cobs_encode, encode_frame
 from haptogram_protocol.messages import Arm, Feature, Phases, Ping, Pong, UploadChunk, UploadKind
-from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -25,7 +24,7 @@ from ...client.request_client import LONGEST_BURST_BYTES
 from ...client.stream_kinds import StreamKind, stream_kinds
 from ...client.uploads import begin_upload
 from ...judge.line_rules import judge_line_rule
-from ...judge.timers import judge_mute_time, judge_status_period, judged_mute_by_timer
+from ...judge.timers import HOLD, LEASE, judge_status_period
 from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, fail, named
 
 _PAUSE_US: Final = 120_000
@@ -290,11 +289,10 @@ def every_timer_goes_on_in_a_pause(board: BoardClient) -> None:
         now_us = board.clock.device_estimate_us()  # a PING would end the pause
         board.clock.require_before(times[0], "the frames and half a PING", now_us)
         board.wire.idle(_LONG_MS * _MS)
-        header, _ = judged_mute_by_timer(board, since, 0, MuteReason.HOLD_EXPIRED)
+        on_carrier_us = board.clock.on_carrier(times[1])
+        HOLD.judge(board, since, on_carrier_us, _HOLD_MS, "hold_ms in a pause within a PING")
         board.link.send(ping[half:])
         board.link.reply_in(board.link.answer_to(Ping.TYPE, seq, since), Pong, Ping.TYPE)
-    on_carrier_us = board.clock.on_carrier(times[1])
-    judge_mute_time(board, on_carrier_us, header, _HOLD_MS, "hold_ms in a pause within a PING")
     due = _LONG_MS // status_ms
     judge_status_period(board, since, status_ms, due - 1, f"a pause of {due} within a PING")
 
@@ -319,8 +317,7 @@ def every_byte_of_a_frame_renews_no_lease(board: BoardClient) -> None:
             answer = board.link.answer_to(Ping.TYPE, seq, since)
             pong = board.link.reply_in(answer, Pong, Ping.TYPE)
             start_us = board.clock.unwrap(pong.t_rx_us)
-        header, _ = judged_mute_by_timer(board, since, 2 * _LEASE_MS * _MS, MuteReason.HOST_SILENT)
-        judge_mute_time(board, start_us, header, _LEASE_MS, f"the lease, and {name}")
+        LEASE.judge(board, since, start_us, _LEASE_MS, f"the lease, and {name}")
         if late_ms is None:
             board.link.send(ping[-1:])
             board.link.answer_to(Ping.TYPE, seq, since)

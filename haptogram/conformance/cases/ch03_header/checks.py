@@ -40,7 +40,7 @@ from ...client.playback import (
 from ...client.request_client import flags_at_once
 from ...client.stream_kinds import stream_kinds
 from ...client.wire import ReceivedByClient
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...outcome import SELF_REPORTED, check, check_fields
 from .every_frame_type import (
     judge_mute,
     judge_two_defects_of_requests,
@@ -122,17 +122,13 @@ def frames_before_mute(board: BoardClient) -> None:
                 board.disarm()
             before = board.status().counters
             arm, *others = (_request_in_burst(board, message) for message in (Arm(), *ahead))
-            frame, mute = (
-                board.link.stream_wire(board.flat_phases()),
-                _mute_in_burst(board, session),
-            )
+            frame = board.link.stream_wire(board.flat_phases())
+            mute = _mute_in_burst(board, session)
             _judge_answers_in_burst(board, "MUTE behind others", arm, frame, *others, mute)
             board.clock.wait_latched()
             _judge_silence_behind_mute(board)
-            counted = board.counted_since(before)
-            found = counted["accepted"], counted["dropped_state"]
-            text = f"a stream frame, ... and MUTE at once: accepted and dropped_state count {found}"
-            check(found in ((1, 0), (0, 1)), text)
+            due = ({"accepted": taken, "dropped_state": 1 - taken} for taken in (1, 0))
+            board.check_counted(before, "a stream frame, ... and MUTE at once", *due)
 
 
 def _judge_answers_in_burst(board: BoardClient, name: str, *wires: bytes) -> None:
@@ -148,28 +144,24 @@ def _judge_answer_in_burst(
 ) -> None:
     got, text = answer.message, f"{name} is answered by {board.link.answer_text(answer)}"
     if isinstance(got, Error) and isinstance(sent, Arm | Play):
-        check((got.code, got.detail) == (ErrorCode.BAD_STATE, OutputState.MUTED), text)
+        check_fields(got, name, code=ErrorCode.BAD_STATE, detail=OutputState.MUTED)
         return
     check(got is not None and got.TYPE == sent.TYPE + RESPONSE_OFFSET, text)
     if isinstance(got, MuteReply):
-        check(got.state is OutputState.MUTED, text)
-    elif isinstance(sent, Hello) and isinstance(got, HelloReply):
-        check(got.nonce == sent.nonce, text)
+        check_fields(got, name, state=OutputState.MUTED)
+    elif isinstance(sent, Hello):
+        check_fields(got, name, nonce=sent.nonce)
 
 
 def _judge_silence_behind_mute(board: BoardClient) -> None:
     """FAILED unless the board is MUTED, silent, and stays so."""
-    found = board.status()
-    got = found.state, found.reason, found.queued
-    check_equal(got, (OutputState.MUTED, MuteReason.MUTE, 0), f"behind MUTE: {got}")
-    latched, begin_us = found.counters.latched, board.wire.now_us()
+    muted: dict[str, object] = {"state": OutputState.MUTED, "reason": MuteReason.MUTE, "queued": 0}
+    before = board.check_status("behind MUTE", **muted).counters
     if board.has(Feature.READ_RADIATED):
         check(is_board_silent(board), "behind MUTE the board radiates")
     wait_for_no_latch(board, 5000)
-    behind = board.status()
-    check_equal(behind.counters.latched, latched, "what arrived before MUTE is latched behind it")
-    text = f"{board.wire.now_us() - begin_us} µs behind MUTE: {behind.state.name}"
-    check_equal(behind.state, OutputState.MUTED, text)
+    behind = board.check_status("a while behind MUTE", **muted).counters
+    check_fields(behind, "what arrived before MUTE, behind it", latched=before.latched)
 
 
 @case("HG-3.8/3")
@@ -262,9 +254,8 @@ def _judge_burst_of_mutes(
     board.clock.wait_computed(stages * board.most_points)
     board.clock.wait_latched()
     _judge_silence_behind_mute(board)
-    latched = board.counted_since(before)["latched"]
-    text = f"{name}, which came at one moment: {latched} frames of before MUTE were latched"
-    check(latched == 0 or not at_one_moment, text)
+    if at_one_moment:
+        board.check_counted(before, f"{name}, which came at one moment", {"latched": 0})
     board.arm()
     with board.counting(latched=1):
         latch_now(board)

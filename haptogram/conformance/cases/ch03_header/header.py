@@ -20,6 +20,7 @@ from haptogram_protocol.messages import (
     Pong,
     TraceMode,
 )
+from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case, case_about_host
 from ...client.board_client import BoardClient
@@ -30,7 +31,7 @@ from ...client.malformed_frames import malformed_by_counter, malformed_noise
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import valid_requests_to_send
 from ...judge.line_rules import judge_line_rule
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...outcome import SELF_REPORTED, check, check_fields
 from ..ch05_stream.every_drop import judge_first_drop
 from .every_frame_type import judge_foreign_types, judge_unknown_flags, judge_unknown_requests
 
@@ -175,7 +176,7 @@ not_host_session = case_about_host("HG-3.7/3")
 @case("HG-3.9/3", evidence=SELF_REPORTED)
 def junk_headers_are_survived(board: BoardClient) -> None:
     """junk of every kind neither restarts the board nor moves a counter back nor disarms it"""
-    boot_id, before = board.identity.boot_id, board.status()
+    boot_id, before = board.identity.boot_id, board.status().counters
     board.arm()
     asked_us = board.wire.now_us()
     for _ in range(40):
@@ -185,10 +186,9 @@ def junk_headers_are_survived(board: BoardClient) -> None:
         if board.wire.now_us() - asked_us > 250 * board.config.host_timeout_ms:
             asked_us = board.wire.now_us()
             board.link.call(Ping(size), Pong)  # junk restarts no lease
-    after = board.status()
-    check_equal(after.state.name, "ARMED", f"junk has moved the board to {after.state.name}")
-    check(after.counters.frames > before.counters.frames, "the counters began anew: a restart")
-    check_equal(board.hello().boot_id, boot_id, "boot_id is another one: junk restarts the board")
+    board.check_status("junk", state=OutputState.ARMED)
+    board.check_counters_kept(before, "junk")
+    check_fields(board.hello(), "junk restarts the board: HELLO_REPLY", boot_id=boot_id)
 
 
 @case("HG-3.9/4", depth=Depth.DEFAULT)
@@ -201,9 +201,7 @@ def junk_leaks_no_memory(board: BoardClient) -> None:
         board.link.send(*junk)
         board.link.call(Ping(left), Pong)
         left -= sum(map(len, junk))
-    after = board.status()
-    got, due = after.free_bytes, before.free_bytes
-    check(got == due, f"free_bytes was {due}, after junk {got}: it leaks")
+    board.check_status("junk leaks", free_bytes=before.free_bytes)
 
 
 def _counted_junk_headers(board: BoardClient) -> bytes:

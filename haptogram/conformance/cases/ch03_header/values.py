@@ -35,7 +35,7 @@ from ...client.dialogue import full_client_dialogue
 from ...client.latching import latch_now
 from ...client.malformed_frames import ValueByte, value_bytes
 from ...client.uploads import upload_forms
-from ...outcome import SELF_REPORTED, check, check_equal, require
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 from ..ch05_stream.every_drop import judge_first_drop
 
 _TARGET: Final = 9
@@ -46,12 +46,10 @@ _ADDRESSES: Final = 8  # at which a frame may begin, modulo the widest field
 def values_are_little_endian(board: BoardClient) -> None:
     """numbers of 16, 32 and 64 bits, signed ones too, have their lowest byte first"""
     nonce = 0x1FE2 if board.link.session != 0x1FE2 else 0x1FE3
-    reply = board.hello(nonce)
-    check(reply.nonce == nonce, f"HELLO_REPLY has the nonce {reply.nonce:#06x}, not {nonce:#06x}")
-    check(reply.clock_hz == 1_000_000, f"clock_hz is {reply.clock_hz:#x}, not 1000000 = 0xf4240")
+    check_fields(board.hello(nonce), "HELLO_REPLY", nonce=nonce, clock_hz=1_000_000)
     echo = 0x0123456789ABCDEF
     pong = board.link.call(Ping(echo), Pong)
-    check(pong.echo == echo, f"PONG has {pong.echo:016x}, sent was {echo:016x}")
+    check_fields(pong, "PONG", echo=echo)
     apart_us = signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
     check(0 <= apart_us < 1_000_000, f"t_rx {pong.t_rx_us:#x} and t_tx {pong.t_tx_us:#x} disagree")
     board.link.refused(Ping(0), ErrorCode.STALE_SESSION, nonce, session=nonce ^ 0x0101)
@@ -72,8 +70,7 @@ def _check_geometry_values(board: BoardClient) -> None:
     check(not bent, f"a normal that is not of length 1 (32767): {bent[:1]}")
     if board.identity.transducers > 2:
         some = board.link.call(GetGeometry(1, 2), GeometryReply)
-        got = (some.first, len(some.elements))
-        check_equal(got, (1, 2), f"GET_GEOMETRY of 2 from 1: {got[1]} from {got[0]}")
+        check_equal((some.first, len(some.elements)), (1, 2), "GET_GEOMETRY of 2 from 1")
 
 
 @case("HG-3.2/1-pitch")
@@ -174,7 +171,7 @@ def reads_unaligned_values(board: BoardClient) -> None:
         for zeros in range(_ADDRESSES):  # the frame before it ends at another address each time
             echo = 0x0102030405060708 + zeros
             board.link.send(b"\x00" * zeros)
-            check_equal(board.link.call(Ping(echo), Pong).echo, echo, f"PING behind {zeros} zeros")
+            check_fields(board.link.call(Ping(echo), Pong), f"behind {zeros} zeros", echo=echo)
             check_equal(board.read_config(), board.config, f"GET_CONFIG behind {zeros} zeros")
             latch_now(board)
 

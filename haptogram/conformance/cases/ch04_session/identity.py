@@ -24,7 +24,7 @@ from haptogram_protocol.state import OutputState
 from ...case import case, case_about_host
 from ...client.board_client import BoardClient
 from ...client.malformed_frames import ValueByte
-from ...outcome import check, check_equal
+from ...outcome import check, check_fields
 
 _PLAYS: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
 _UPLOADS: Final = _PLAYS | Feature.CORRECTION
@@ -60,8 +60,7 @@ def greets_in_every_state(board: BoardClient) -> None:
     board.arm()
     board.hello()
     board.link.ask(Mute())
-    state = board.hello().state
-    check_equal(state, OutputState.MUTED, f"HELLO_REPLY of a muted board says {state.name}")
+    check_fields(board.hello(), "HELLO_REPLY of a muted board", state=OutputState.MUTED)
 
 
 @case("HG-4.3/2")
@@ -74,7 +73,7 @@ def carrier_divides_the_second(board: BoardClient) -> None:
 @case("HG-4.3/3")
 def clock_is_one_megahertz(board: BoardClient) -> None:
     """clock_hz is 1000000"""
-    check_equal(board.identity.clock_hz, 1_000_000, f"clock_hz is {board.identity.clock_hz}")
+    check_fields(board.identity, "HELLO_REPLY", clock_hz=1_000_000)
 
 
 @case("HG-4.3/4")
@@ -97,8 +96,7 @@ def boot_identity_differs(board: BoardClient) -> None:
 def hash_is_of_geometry(board: BoardClient) -> None:
     """geometry_hash is the CRC-32 of the geometry records of all transducers"""
     records = b"".join(element.pack() for element in board.read_geometry())
-    got, due = board.identity.geometry_hash, zlib.crc32(records)
-    check(got == due, f"geometry_hash is {got:#010x}, that of the records {due:#010x}")
+    check_fields(board.identity, "HELLO_REPLY", geometry_hash=zlib.crc32(records))
 
 
 @case("HG-4.3/8")
@@ -156,13 +154,12 @@ def no_session_at_reset(board: BoardClient) -> None:
 def hello_states_the_version(board: BoardClient) -> None:
     """HELLO_REPLY states the version that the board has"""
     reply = board.hello()
-    check_equal(reply.major, VERSION_MAJOR, f"HELLO_REPLY says version {reply.major}.{reply.minor}")
+    check_fields(reply, "HELLO_REPLY", major=VERSION_MAJOR)
     for minor in (0, 1, 255):
         hello = Hello(VERSION_MAJOR, minor, board.new_nonce(), 0xFFFFFFFF)
         again = board.link.call(hello, HelloReply)
         board.adopt(again)
-        told = f"to HELLO of minor {minor} the board says that it has {again.major}.{again.minor}"
-        check_equal(again.minor, reply.minor, told)
+        check_fields(again, f"to HELLO of minor {minor}: HELLO_REPLY", minor=reply.minor)
     hello = Hello(VERSION_MAJOR + 1, 0, board.new_nonce(), 0)
     board.link.refused(hello, ErrorCode.VERSION, reply.major)
 

@@ -39,7 +39,7 @@ from ...client.playback import play_now, play_out, send_phases_to_store
 from ...client.uploads import begin_upload, upload_correction
 from ...judge.repetition import every_request_to_repeat, judge_repeated_reply
 from ...judge.witness import judge_nothing_read_back
-from ...outcome import SELF_REPORTED, check, check_equal, named
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, named
 from ..ch05_stream.every_state import output_states
 from ..ch06_output.mute import check_flushes
 from ..ch07_configuration.playback import judge_ended_playback
@@ -96,9 +96,7 @@ def same_nonce_other_fields(board: BoardClient) -> None:
         for fields in others:
             again = board.link.call(dataclasses.replace(same, **fields), HelloReply)
             check_equal(again, first, f"HELLO with {fields}: another reply than the first")
-    status = board.status()
-    found = (status.state, status.last_seq)
-    check_equal(found, (OutputState.ARMED, index), f"HELLO of the open session has led to {found}")
+    board.check_status("HELLO of the open session", state=OutputState.ARMED, last_seq=index)
 
 
 @case("HG-4.6/2")
@@ -107,13 +105,10 @@ def new_nonce_and_state(board: BoardClient) -> None:
     board.arm()
     latch_now(board)
     board.hello()
-    status = board.status()
-    found = (status.state, status.reason)
-    due = (OutputState.DISARMED, MuteReason.NEW_SESSION)
-    check_equal(found, due, f"ARMED, then a new session: {found[0].name}, {found[1].name}")
+    due: dict[str, object] = {"state": OutputState.DISARMED, "reason": MuteReason.NEW_SESSION}
+    board.check_status("ARMED, then a new session", **due)
     board.link.ask(Mute())
-    state = board.hello().state
-    check_equal(state, OutputState.MUTED, f"MUTED, then a new session: {state.name}")
+    check_fields(board.hello(), "MUTED, then a new session: HELLO_REPLY", state=OutputState.MUTED)
     board.link.ask(Arm())
 
 
@@ -127,9 +122,7 @@ def new_nonce_flushes(board: BoardClient) -> None:
 def new_nonce_ends_playback(board: BoardClient) -> None:
     """a new nonce ends playback and abandons an upload"""
     judge_ended_playback(board, BoardClient.hello, "HELLO")
-    begin_upload(board, UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
-    board.hello()
-    _no_upload_in_session(board)
+    _judge_possession(board, "B", _no_upload_in_session)
 
 
 @case("HG-4.6/4")
@@ -144,31 +137,31 @@ def new_nonce_starts_anew(board: BoardClient) -> None:
     board.arm_at(5)
     with board.counting(latched=1):
         index = latch_now(board)
-    last = board.status().last_seq
-    check_equal(last, index, f"first frame of a session has the number {index}, last_seq is {last}")
+    board.check_status("the first frame of a session", last_seq=index)
 
 
 @case("HG-4.6/4-ring", needs=Feature.TRACE_RING | Feature.CONFIG, evidence=SELF_REPORTED)
 def new_nonce_empties_ring(board: BoardClient) -> None:
     """a new nonce empties the trace ring"""
-    board.arm(trace_mode=TraceMode.RING)
-    latch_random(board, 3)
-    board.hello()
-    _no_ring_in_session(board)
+    _judge_possession(board, "B", _no_ring_in_session)
 
 
 @case("HG-4.6/5", needs=Feature.CONFIG)
 def new_nonce_keeps_settings(board: BoardClient) -> None:
     """a new nonce keeps configuration and counters"""
-    sent = board.configure(hold_ms=4321, ramp_ms=77)
-    before = board.status()
-    board.hello()
-    after = board.status()
-    check_equal(board.read_config(), sent, "HELLO has changed the configuration")
-    crc, due = after.config_crc, before.config_crc
-    check_equal(crc, due, "config_crc has changed: the correction is gone")
-    grown = after.counters.requests - before.counters.requests
-    check_equal(grown, 2, f"requests went up by {grown} over HELLO and GET_STATUS")
+    board.configure(hold_ms=4321, ramp_ms=77)
+    _judge_kept_settings(board, "a new session")
+
+
+def _judge_kept_settings(board: BoardClient, name: str) -> None:
+    """FAILED unless a new session keeps configuration, correction and counters, and is off."""
+    before, config = board.status(), board.config
+    reply = board.hello()
+    check_fields(reply, f"{name}: HELLO_REPLY", config_crc=before.config_crc)
+    check(reply.state is not OutputState.ARMED, f"{name}: the board is ARMED in a new session")
+    check_equal(board.read_config(), config, f"{name}: the configuration has changed")
+    board.check_counters_kept(before.counters, name)
+    board.check_status(name, queued=0)
 
 
 @case("HG-4.6/5-sequences", needs=Feature.SEQUENCE_PHASES)
@@ -221,20 +214,12 @@ def every_session_keeps_settings(board: BoardClient) -> None:
     if board.has(Feature.CORRECTION):
         upload_correction(board)
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
-    config = _session_with_everything_set(board)
-    crc = board.status().config_crc
+    _session_with_everything_set(board)
     uploads = {"during an upload": partial(_uploading_session, board)}
     for name, bring in (output_states(board) | uploads).items():
         board.arm()
         bring()
-        before = board.status().counters
-        reply = board.hello()
-        check(reply.config_crc == crc, f"{name}: config_crc is {reply.config_crc:#x}, was {crc:#x}")
-        check_equal(board.read_config(), config, f"{name}: the configuration has changed")
-        board.check_counters_kept(before, name)
-        check_equal(board.status().queued, 0, f"{name}: frames are still queued")
-        is_armed = reply.state is OutputState.ARMED
-        check(not is_armed, f"{name}: the board is ARMED in a new session")
+        _judge_kept_settings(board, name)
         board.arm()
         text = f"{name}: the stored sequence in a new session"
         with named(text), board.counting(latched=_FRAMES):
@@ -271,9 +256,8 @@ def every_nonce_opens_session(board: BoardClient) -> None:
 
 def _check_hello_opens(board: BoardClient, nonce: int) -> None:
     """FAILED unless HELLO with a nonce that is not open opens a session, DISARMED."""
-    reply = board.hello(nonce)
-    found, due = (reply.nonce, reply.state), (nonce, OutputState.DISARMED)
-    check_equal(found, due, f"HELLO with {nonce:#06x} opens {reply.nonce:#06x}")
+    name = f"HELLO with {nonce:#06x}: HELLO_REPLY"
+    check_fields(board.hello(nonce), name, nonce=nonce, state=OutputState.DISARMED)
 
 
 @case("HG-4.6/1-effects")
@@ -306,8 +290,8 @@ def _check_playback_goes_on(board: BoardClient, hello: Hello) -> None:
     check(not ended, "HELLO of the open nonce has ended the playback")
     for start in range(half, len(data), max(1, half)):
         board.link.ask(UploadChunk(start, data[start : start + half]))
-    taken = board.link.call(UploadCommit(_PLAYED + 1), UploadCommitReply).frames
-    check_equal(taken, len(frames), f"an upload around HELLO of the open nonce: {taken} frames")
+    reply = board.link.call(UploadCommit(_PLAYED + 1), UploadCommitReply)
+    check_fields(reply, "an upload around HELLO of the open nonce", frames=len(frames))
 
 
 @case("HG-4.6/1-reply", needs=Feature.CONFIG)
@@ -385,16 +369,12 @@ def _no_drive_in_session(board: BoardClient) -> None:
 
 
 def _no_latch_in_session(board: BoardClient) -> None:
-    status = board.status()
-    found = status.last_seq, status.last_latch_us, status.queued
-    check_equal(found, (0, 0, 0), f"last_seq, last_latch_us, queued are {found}")
+    board.check_status("another session", last_seq=0, last_latch_us=0, queued=0)
 
 
 def _no_ring_in_session(board: BoardClient) -> None:
     if board.has(Feature.TRACE_RING):
-        reply = read_ring(board)
-        found = reply.oldest, reply.next, len(reply.records)
-        check_equal(found, (0, 0, 0), f"oldest, next and records of the ring are {found}")
+        check_fields(read_ring(board), "the ring", oldest=0, next=0, records=())
 
 
 def _no_upload_in_session(board: BoardClient) -> None:
@@ -431,15 +411,21 @@ def every_possession_ends_with_session(board: BoardClient) -> None:
     """drive, latches, ring, upload and numbers of a session are gone in the next, and in A
     behind B
     """
-    for path in _paths_of_sessions(board):
-        for judge in _OWNED:
-            if board.has(Feature.TRACE_RING | Feature.CONFIG):
-                board.configure(trace_mode=TraceMode.RING)
-            if board.has(Feature.SEQUENCE_PHASES):
-                begin_upload(board, UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
-            board.arm()
-            latch_random(board, _LATCHES)
-            waiting_us = board.clock.soon_us(bytes(2000), ahead_us=5_000_000)
-            board.link.stream(board.flat_phases(), waiting_us)
-            _open_sessions_in_turn(board, path, board.link.seq - 20)
-            judge(board)
+    for path, judge in itertools.product(_paths_of_sessions(board), _OWNED):
+        _judge_possession(board, path, judge, ahead_us=5_000_000)
+
+
+def _judge_possession(
+    board: BoardClient, path: str, judge: Callable[[BoardClient], None], ahead_us: int = 0
+) -> None:
+    """Let a session own all that it can, open those of *path*, and judge that something is gone."""
+    if board.has(Feature.TRACE_RING | Feature.CONFIG):
+        board.configure(trace_mode=TraceMode.RING)
+    if board.has(Feature.SEQUENCE_PHASES):
+        begin_upload(board, UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
+    board.arm()
+    latch_random(board, _LATCHES)
+    waiting_us = board.clock.soon_us(bytes(2000), ahead_us=ahead_us)
+    board.link.stream(board.flat_phases(), waiting_us)
+    _open_sessions_in_turn(board, path, board.link.seq - 20)
+    judge(board)

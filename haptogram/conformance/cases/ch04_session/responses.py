@@ -40,7 +40,7 @@ from ...client.board_client import BoardClient
 from ...client.playback import play_now, send_phases_that_fit
 from ...client.stream_kinds import request_types_of_host
 from ...client.wire import ReceivedByClient
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields
 
 _PROMPT_US: Final = 10_000
 _TRIES: Final = 8
@@ -187,24 +187,21 @@ def every_frame_when_closed(board: BoardClient) -> None:
                 answer = board.link.ask_raw(kind.TYPE, payload, session=session)
                 answers.append((name, kind.TYPE, answer))
     identity = board.hello()
+    check_fields(identity, "frames before the first HELLO", state=OutputState.DISARMED)
     lacking = unsupported_types(Feature(identity.features))  # these are refused in step 5
     for name, kind_of, answer in answers:
         unknown = kind_of in lacking
         code = ErrorCode.UNSUPPORTED if unknown else ErrorCode.STALE_SESSION
         board.link.error_in(answer, kind_of, code, kind_of if unknown else 0)
         check_answer_session(answer, 0, f"{name}, while none is open,")
-    state, counters = identity.state, board.status().counters
-    text = f"frames before the first HELLO have led to {state.name}"
-    check_equal(state, OutputState.DISARMED, text)
-    moved = {name: number for name in _OF_A_SESSION if (number := getattr(counters, name))}
-    check(not moved, f"frames before the first HELLO are counted in {moved}")
-    stale, requests = counters.stale_session, counters.requests
-    due = sum(kind not in lacking for kind in streamed)
-    check_equal(stale, due, f"{due} frames before HELLO; stale_session is {stale}")
+    due = dict.fromkeys(_OF_A_SESSION, 0)
+    due["stale_session"] = sum(kind not in lacking for kind in streamed)
+    counters = board.status().counters
+    check_fields(counters, f"{len(streamed)} frames before the first HELLO: counters", **due)
     asked = len(answers) + 2  # HELLO and GET_STATUS
     heard = board.link.knocks  # repetitions of the first one, to a board that boots
-    text = f"{asked} requests from the reset on; requests is {requests}"
-    check(asked <= requests <= asked + heard, text)
+    text = f"{asked} requests from the reset on; requests is {counters.requests}"
+    check(asked <= counters.requests <= asked + heard, text)
 
 
 @case("HG-4.11/1-closed", needs_reset=True)

@@ -27,6 +27,7 @@ from ...client.stream_kinds import random_point_to_send
 from ...client.uploads import upload_to_board
 from ...judge.witness import JudgeWitness
 from ...outcome import EXTERNAL, SELF_REPORTED, check, check_equal, require
+from .every_drop import judge_first_drop
 
 amplitude_is_linear = unobservable_case(
     "HG-5.3/2", "the pressure itself: only a microphone shows it", EXTERNAL
@@ -53,11 +54,8 @@ def drives_count_along_y_first(board: BoardClient) -> None:
     nx, ny = board.identity.grid_nx, board.identity.grid_ny
     require(nx * ny > 1, "this board is no grid of two transducers or more")
     places = [(element.x_um, element.y_um) for element in board.read_geometry()]
-    wrong = next((n for n, (a, b) in enumerate(itertools.pairwise(places)) if not a < b), None)
-    check(
-        wrong is None,
-        f"transducer {(wrong or 0) + 1} is not behind {wrong}, in its column or in the next one",
-    )
+    wrong = [n for n, (a, b) in enumerate(itertools.pairwise(places)) if not a < b]
+    check(not wrong, f"transducers {wrong[:4]} are before those behind, by column and row")
 
 
 @case("HG-5.1/3")
@@ -85,12 +83,7 @@ def stream_phases_reach_their_registers(board: BoardClient) -> None:
 @case("HG-5.2/3", evidence=SELF_REPORTED)
 def stream_phases_have_their_length(board: BoardClient) -> None:
     """PHASES with a byte less or more than N are counted in bad_length"""
-    count = board.identity.transducers
-    board.arm()
-    with board.counting(bad_length=2, latched=1):
-        for wrong in (count - 1, count + 1):
-            board.link.stream(Phases(bytes(wrong)))
-        latch_now(board, Phases(bytes(count)))
+    judge_first_drop(board, "HG-3.2/4")
 
 
 @case("HG-5.2/6", evidence=SELF_REPORTED)

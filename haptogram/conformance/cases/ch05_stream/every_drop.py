@@ -12,7 +12,7 @@ from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
 from ...client.latching import ask_for_board_latches_if_supported, latches_received_from_board
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, fail, named, require
+from ...outcome import SELF_REPORTED, check, named, require
 
 _STALE: Final = 0x0F0F
 _AHEAD_US: Final = 400_000
@@ -138,9 +138,7 @@ def judge_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
     require(bool(wires), f"no t_apply is {drop.summary}")
     with board.counting(**{drop.counter: len(wires)}, latched=0):
         board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
-        queued = board.status().queued
-        if queued != waiting:
-            fail(f"{waiting} frames wait, then {queued}")
+        board.check_status(f"{waiting} frames wait, then others are dropped", queued=waiting)
     board.link.call(Mute(), MuteReply)
 
 

@@ -34,9 +34,8 @@ from ...client.playback import (
     require_time_to_play,
     send_phases_to_store,
 )
-from ...client.recording import counter_steps
 from ...client.stream_kinds import StreamKind, stream_kinds
-from ...outcome import SELF_REPORTED, check, check_equal, require
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 from .every_drop import fill_queue
 
 _WINDOW_US: Final = 100_000
@@ -72,7 +71,7 @@ def every_format_is_streamed_at_once(board: BoardClient) -> None:
             with board.counting(flushed=waiting, latched=1, late=0):
                 board.link.stream(kind.make(), t_us - past_us, flags=Flag.IMMEDIATE)
                 board.clock.wait_latched()
-        check_equal(board.status().queued, 0, f"{kind.name}: frames wait behind IMMEDIATE")
+        board.check_status(f"{kind.name}, IMMEDIATE", queued=0)
 
 
 @case("HG-5.9/1-full", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -82,14 +81,12 @@ def every_format_flushes_a_full_queue(board: BoardClient) -> None:
     board.arm()
     for kind in stream_kinds(board):
         fill_queue(board, depth)
-        waiting = board.status().queued
+        found = board.status()
         board.clock.end_exchange()
-        check_equal(waiting, depth, f"{depth} frames wait, queued is {waiting}")
+        check_fields(found, f"{depth} frames wait: STATUS_REPLY", queued=depth)
         with board.counting(flushed=depth, latched=1):
             index = latch_now(board, kind.make())
-        found = board.status()
-        told = (found.queued, found.last_seq)
-        check(told == (0, index), f"{kind.name}: queued and last_seq {told}, due are {(0, index)}")
+        board.check_status(kind.name, queued=0, last_seq=index)
 
 
 def _arrival_of_frame_us(board: BoardClient) -> int:
@@ -166,16 +163,10 @@ def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
         t_us = _arrival_of_frame_us(board) + horizon_us + off_us
         board.link.stream(board.flat_phases(), t_us)
         found = board.status()
-        dropped = counter_steps(before, found.counters)["dropped_future"]
         ahead_us = board.clock.ready_us(found.margin_min_us)  # the margin is of the ready frame
-        within = ahead_us <= horizon_us
-        due = (int(within), int(not within))
-        check_equal(
-            (found.queued, dropped),
-            due,
-            f"a frame {ahead_us} µs ahead, the horizon is {horizon_us} µs: queued "
-            f"{found.queued}, dropped {dropped}",
-        )
+        within, text = ahead_us <= horizon_us, f"a frame {ahead_us} of {horizon_us} µs ahead"
+        check_fields(found, f"{text}: STATUS_REPLY", queued=int(within))
+        board.check_counted(before, text, {"dropped_future": int(not within)})
         board.link.ask(Mute())
 
 
@@ -196,9 +187,9 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
             *(board.link.stream_wire(board.flat_phases(), now_us + us) for us in ahead_us)
         )
         board.wire.idle(_LOOK_US)
-        queued = board.status().queued
+        found = board.status()
         board.clock.require_before(now_us + ahead_us[0], "a look at frames that wait")
-        check_equal(queued, len(ahead_us), f"{len(ahead_us)} frames wait, queued is {queued}")
+        check_fields(found, "frames wait: STATUS_REPLY", queued=len(ahead_us))
         board.link.ask(Mute())
 
 
@@ -274,8 +265,7 @@ def _send_behind_immediate(
     )
     rx_us = board.clock.unwrap(board.link.call(Ping(0), Pong).t_rx_us)
     board.clock.wait_until(due_us + board.clock.lead_us)
-    margins = board.status().margins
-    check_equal(margins, 1, f"a frame with IMMEDIATE and one without: margins is {margins}")
+    board.check_status("a frame with IMMEDIATE and one without", margins=1)
     return due_us, rx_us
 
 
@@ -295,14 +285,11 @@ def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None
         board.link.call(play, PlayReply, flags=Flag.IMMEDIATE, time_us=time_us)
         most_us = board.clock.on_carrier(board.clock.ready_us(board.clock.device_us()))
         ended = await_playback_end(board, since, _FRAMES * period_us)
-        check_equal(ended.frames, _FRAMES, f"PLAY with the time {name}: {ended.frames} frames")
+        check_fields(ended, f"PLAY with the time {name}", frames=_FRAMES)
         times = [x.t_us for x in latches_received_from_board(board, since, mode)][-_FRAMES:]
         least_us = board.clock.on_carrier(board.clock.ready_us(start_us))
-        text = f"PLAY with IMMEDIATE and the time {name}: latches at {times} µs"
-        check(
-            least_us <= times[0] <= most_us,
-            f"{text}; the first is due from {least_us} to {most_us} µs",
-        )
-        apart = {b - a for a, b in itertools.pairwise(times)}
-        check_equal(apart, {period_us}, f"{text}; the period is {period_us} µs")
+        text = f"PLAY with IMMEDIATE and the time {name}, first due from {least_us} to {most_us} µs"
+        check(least_us <= times[0] <= most_us, f"{text}: latches at {times} µs")
+        due = [times[0] + period_us * place for place in range(_FRAMES)]
+        check_equal(times, due, f"{text}: latches, {period_us} µs apart")
         board.link.ask(Stop())

@@ -15,7 +15,7 @@ from ...client.latching import latch_now, queue_frames
 from ...client.playback import play_later, play_now, send_phases_to_store
 from ...client.stream_kinds import stream_kinds
 from ...judge.timers import judge_status_period
-from ...outcome import SELF_REPORTED, check_equal, named
+from ...outcome import SELF_REPORTED, named
 from .every_drop import DROPS
 
 _MS: Final = 1000
@@ -99,8 +99,7 @@ def no_other_state_takes_stream_frames(board: BoardClient) -> None:
                 board.link.stream(message)
                 board.link.stream(message, t_us)
             board.clock.wait_latched()
-            queued = board.status().queued
-            check_equal(queued, 0, f"{queued} frames are queued")
+            board.check_status("frames dropped", queued=0)
         board.link.ask(Mute())
 
 
@@ -137,10 +136,8 @@ def every_state_counts_gaps_of_the_stream(board: BoardClient) -> None:
                 board.link.stream_next += _GAP
                 board.link.stream(kind.make(), **flags)
                 board.link.stream(kind.make(), **flags)
-                counted = board.counted_since(before)["gap"]
-                check_equal(
-                    counted, _GAP, f"{name}, a gap of {_GAP} before {kind.name} counts {counted}"
-                )
+                text = f"{name}, a gap of {_GAP} before {kind.name}"
+                board.check_counted(before, text, {"gap": _GAP})
         board.link.ask(Mute())
 
 

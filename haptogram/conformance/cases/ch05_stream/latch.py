@@ -30,8 +30,9 @@ from ...client.latching import (
     ask_for_board_latches,
     ask_for_board_latches_if_supported,
     client_drive_of_reply,
-    full_client_drive,
+    drive_crc,
     latch_now,
+    latch_timed,
     latches_received_from_board,
     queue_frames,
     send_to_arrive_at,
@@ -93,12 +94,8 @@ def latches_on_carrier_boundaries(board: BoardClient) -> None:
             check_equal(early.counters.latched, before, "a frame is latched before its t_apply")
         due_us = board.clock.on_carrier(t_us)
         board.clock.wait_until(due_us + 100)
-        got_us = board.last_latch_us()
-        check(
-            got_us == due_us,
-            f"t_apply {t_us} µs: latched at {got_us} µs, due is {due_us} µs "
-            f"({got_us - due_us:+d} µs)",
-        )
+        late_us = board.last_latch_us() - due_us
+        check_equal(late_us, 0, f"t_apply {t_us} µs, due {due_us} µs: latched {late_us:+d} µs off")
 
 
 @case("HG-5.8/1-immediate", evidence=SELF_REPORTED)
@@ -106,8 +103,7 @@ def latches_immediate_frames_on_the_carrier(board: BoardClient) -> None:
     """frames latched as soon as complete lie on multiples of the carrier period"""
     board.arm()
     for _ in range(12):
-        latch_now(board)
-        t_us = board.last_latch_us()
+        t_us = latch_timed(board)
         off_us = t_us % board.clock.carrier_us
         check_equal(off_us, 0, f"latched at {t_us} µs, {off_us} µs past a carrier period")
 
@@ -125,13 +121,9 @@ def latches_all_elements_at_once(board: BoardClient) -> None:
     for _ in range(3):
         _check_burst(board, drives)
     if mode is not TraceMode.OFF:
-        known = {zlib.crc32(full_client_drive(drive)) for drive in drives}
-        mixed = [
-            latch
-            for latch in latches_received_from_board(board, since, mode)
-            if latch.crc not in known
-        ]
-        check(not mixed, f"a traced drive is neither of the two: {mixed[:1]}")
+        seen = {latch.crc for latch in latches_received_from_board(board, since, mode)}
+        mixed = seen - set(map(drive_crc, drives))
+        check(not mixed, f"traced drives are neither of the two: CRC-32 {mixed}")
 
 
 def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
@@ -213,12 +205,7 @@ def immediate_frames_flush_the_queue(board: BoardClient) -> None:
     with board.counting(flushed=3, latched=1):
         queue_frames(board, t_us, 3)
         index = latch_now(board)
-        got = board.status()
-        check_equal(
-            (got.last_seq, got.queued),
-            (index, 0),
-            f"frame {index} as soon as complete: last_seq {got.last_seq}, queued {got.queued}",
-        )
+        board.check_status("a frame as soon as complete", last_seq=index, queued=0)
         board.clock.wait_until(t_us + 5000)
 
 
@@ -318,10 +305,10 @@ def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: TraceMode) 
     board.link.stream(kind.make(), _time_behind_burst_us(board))
     since = board.link.mark()
     play_out(board, _SEQUENCE, 2)
-    due = [zlib.crc32(full_client_drive(codes)) for codes in stored]
     seen = latches_received_from_board(board, since, mode)
     got = [latch.crc for latch in seen if latch.sequence == _SEQUENCE][-2:]
-    check_equal(got, due, f"PHASES, played, flush {kind.name}: latched as other drives than stored")
+    text = f"PHASES, played, flush {kind.name}: CRC-32 of the drives stored"
+    check_equal(got, list(map(drive_crc, stored)), text)
 
 
 def replace_in_period(
@@ -338,8 +325,7 @@ def replace_in_period(
         for place, message in enumerate(messages):
             board.link.stream(message, start_us + 1000 * (place // 2) - (2, 1)[place % 2])
         board.clock.wait_until(start_us + 1000 * len(frames))
-    last, due = board.status().last_seq, board.link.stream_next - 1
-    check(last == due, f"{pairs[-1][1].name}, in one period: latched was {last}, not {due}")
+    board.check_status(f"{pairs[-1][1].name}, in one period", last_seq=board.link.stream_next - 1)
     if mode is TraceMode.OFF:
         return
     alone = {  # points, whose drive is that of the same points alone

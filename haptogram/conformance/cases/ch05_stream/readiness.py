@@ -32,7 +32,7 @@ from ...client.stream_kinds import (
     random_points_to_send,
     stream_kinds,
 )
-from ...outcome import SELF_REPORTED, check, check_equal, require
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 
 _MOST_US: Final = 100_000
 _TRIES: Final = 6
@@ -87,11 +87,8 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
         board.clock.wait_latched()
         got_us = board.last_latch_us()
         least_us = board.clock.on_carrier(board.clock.ready_us(from_us, 2 * most))
-        check(
-            got_us >= least_us,
-            f"the second frame of {most} points was latched {got_us - from_us} µs after the PING "
-            f"before both; {board.clock.ready_us(0, 2 * most)} µs are due",
-        )
+        text = f"the second frame of {most} points, latched at {got_us} µs, due is {least_us} µs"
+        check(got_us >= least_us, f"{text}; the PING before both came at {from_us} µs")
 
 
 @case("HG-5.7/8", evidence=SELF_REPORTED)
@@ -119,16 +116,10 @@ def counts_accepted_stream_frames(board: BoardClient) -> None:
 def _check_accepted_stream_frames(
     first: StatusReply, now: StatusReply, accepted: int, queued: int
 ) -> None:
-    grown = {
-        name: (getattr(now.counters, name) - getattr(first.counters, name)) & 0xFFFFFFFF
-        for name in ("accepted", "latched", "flushed")
-    }
-    check_equal(now.queued, queued, f"{queued} frames wait, queued is {now.queued}")
-    check_equal(grown["accepted"], accepted, f"{accepted} frames were accepted; counted {grown}")
-    total = grown["latched"] + grown["flushed"] + now.queued
-    check_equal(
-        grown["accepted"], total, f"accepted, latched and flushed: {grown}, queued {queued}"
-    )
+    grown = counter_steps(first.counters, now.counters)
+    check_fields(now, f"{accepted} frames accepted: STATUS_REPLY", queued=queued)
+    told = grown["accepted"], grown["latched"] + grown["flushed"] + now.queued
+    check_equal(told, (accepted, accepted), "accepted; and latched, flushed and queued together")
 
 
 # --- Lateness: the board names the margin ---------------------------------------------------------
@@ -260,13 +251,11 @@ def _judge_margin(board: BoardClient, kind: str, message: Message, ahead_us: int
     got_us = after.margin_min_us
     ready_us = board.clock.ready_us(0, points_of_stream_kind(message))
     name = f"{kind}, margin {got_us} µs, ready {ready_us} µs after it came, window {window_us} µs"
-    told = (after.margins, after.margin_mean_us)
-    check_equal(told, (1, got_us), f"{name}: margins {told[0]}, margin_mean_us {told[1]}")
+    check_fields(after, f"{name}: STATUS_REPLY", margins=1, margin_mean_us=got_us)
     dropped, late = got_us < -window_us, -window_us <= got_us < 0
     due = {"accepted": not dropped, "latched": not dropped, "late": late, "dropped_late": dropped}
     steps = counter_steps(before, after.counters)
-    counted = {counter: steps[counter] for counter in due}
-    check(counted == due, f"{name}: counted {counted}, due is {due}")
+    check_equal({counter: steps[counter] for counter in due}, due, f"{name}: counted")
     if mode is not TraceMode.OFF:
         traced = [t for t in latches_received_from_board(board, since, mode) if t.index == index]
         flags = [latch.late for latch in traced]

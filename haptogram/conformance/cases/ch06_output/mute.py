@@ -30,7 +30,7 @@ from ...client.latching import (
     queue_frames,
     read_back_radiated,
 )
-from ...outcome import EXTERNAL, SELF_REPORTED, check, check_equal, check_fields
+from ...outcome import EXTERNAL, SELF_REPORTED, check, check_fields
 from ..ch07_configuration.playback import judge_ended_playback
 
 _STATES: Final = (OutputState.DISARMED, OutputState.ARMED, OutputState.MUTED)
@@ -140,8 +140,7 @@ def output_is_off_at_once(board: BoardClient) -> None:
         read = ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
         *_, answer = board.link.exchange(order, board.link.request_wire(read)[0])
         shown = client_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
-        text = f"right behind {message.TYPE.name}: amplitude {shown.loudest}"
-        check_equal(shown.loudest, 0, text)
+        check_fields(shown, f"right behind {message.TYPE.name}", loudest=0)
 
 
 @case("HG-6.6/2", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from haptogram_protocol.framing import encode_frame
-from haptogram_protocol.messages import Drives, Feature, Ping, PlaybackEnded, StateChanged
+from haptogram_protocol.messages import Drives, Feature, PlaybackEnded, StateChanged
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
@@ -21,10 +20,19 @@ from ...client.playback import (
     send_phases_to_store_if_supported,
 )
 from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp, judged_ramp_reading
-from ...judge.timers import judge_in_time, judge_lease_ends, judge_mute_time, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, check_equal, named
+from ...judge.timers import (
+    HOLD,
+    LEASE,
+    UNATTENDED,
+    TimerKind,
+    judge_in_time,
+    judged_mute_by_timer,
+    timer_kinds,
+)
+from ...outcome import SELF_REPORTED, check, check_fields, named
+from ..ch05_stream.every_drop import DROPS
 from ..ch07_configuration.every_setting import every_other_setting
-from ..ch12_timers.every_restart import SLOW_US
+from ..ch12_timers.every_restart import SLOW_US, judge_no_renewals, judge_renewals, stale_pings
 
 _MS: Final = 1000
 _HOLD_MS: Final = 100
@@ -51,9 +59,15 @@ _OTHER_MS: Final = 40
 _RAMP_MS: Final = 150
 _RENEWED_MS: Final = 145  # from the first latch: both timers have run out
 _SLOW_LINE_US: Final = 20_000  # for 200 bytes, or to a latch; beyond it all lengths grow
+_DROPPED: Final = ("duplicate", "bad_length", "dropped_late")
 _FRAME: Final = "a frame"
 _LATCH: Final = "a latch"
-_OTHERS: Final = (MuteReason.HOST_SILENT, MuteReason.UNATTENDED)
+#: Of the frames that renew a lease, one each that is dropped for type, flags, number, length, time.
+_RENEW_A_LEASE: Final = (
+    "an unknown event",
+    "PING with an unknown flag",
+    *(f"a frame {drop.summary}" for drop in DROPS if drop.counter in _DROPPED),
+)
 
 
 @case("HG-6.7/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
@@ -61,29 +75,8 @@ def any_frame_renews_the_output_lease(board: BoardClient) -> None:
     """frames dropped for type, flags, length, number or time renew the lease; stale frames do
     not
     """
-    board.configure(host_timeout_ms=600)  # a busy emulator may miss a few frames' time
-    good = board.flat_phases()
-    kinds: dict[str, Callable[[], bytes]] = {
-        "an unknown event": lambda: encode_frame(board.link.body(0xEE, b"", seq=0)),
-        "a stream frame seen before": lambda: board.link.stream_wire(good, seq=0xFF00),
-        "a stream frame of a wrong length": lambda: board.link.stream_raw(1, b"\x08"),
-        "a request with unknown flags": lambda: board.link.request_wire(Ping(0), flags=0x40)[0],
-        "a stream frame for the past": lambda: board.link.stream_wire(
-            good, board.clock.device_us() - 10**6
-        ),
-    }
-    for name, make in kinds.items():
-        since = board.arm()
-        for _ in range(7):
-            board.link.send(make())
-            board.wire.idle(100 * _MS)
-        check(not board.link.events(StateChanged, since), f"{name} does not renew the lease")
-    since = board.link.mark()
-    stale = board.link.session ^ 0x00F0
-    for _ in range(8):
-        board.link.send(encode_frame(board.link.body(0xEE, b"", seq=0, session=stale)))
-        board.wire.idle(100 * _MS)
-    judge_lease_ends(board, since, "frames of another session renew the lease")
+    judge_renewals(board, plays=False, names=_RENEW_A_LEASE)
+    judge_no_renewals(board, stale_pings, LEASE)
 
 
 @case("HG-6.10/1")
@@ -93,7 +86,7 @@ def mutes_the_output_after_hold(board: BoardClient) -> None:
     latch_now(board)
     timeout_us = (hold_ms + board.config.ramp_ms + 140) * _MS
     judged_mute_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
-    check_equal(board.status().reason, MuteReason.HOLD_EXPIRED, "STATUS does not say HOLD_EXPIRED")
+    board.check_status("behind the hold", reason=MuteReason.HOLD_EXPIRED)
 
 
 def _ramp_of_output(board: BoardClient, *, ramp_ms: int) -> list[RampReading]:
@@ -124,11 +117,7 @@ def output_ramps_reach_silence(board: BoardClient) -> None:
 @case("HG-6.11/3")
 def hard_mute_has_no_ramp(board: BoardClient) -> None:
     """with ramp_ms = 0 the board is muted right at the end of the hold"""
-    since = board.arm(hold_ms=80, ramp_ms=0)
-    latch_now(board)
-    start_us = board.last_latch_us()
-    header, _ = judged_mute_by_timer(board, since, 200 * _MS, MuteReason.HOLD_EXPIRED)
-    judge_mute_time(board, start_us, header, 80, "hold_ms = 80, ramp_ms = 0")
+    HOLD.judge_whole(board, 80, "hold_ms = 80, ramp_ms = 0", ramp_ms=0)
 
 
 @case("HG-6.11/4", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -140,13 +129,11 @@ def output_ramps_are_renewed(board: BoardClient) -> None:
     board.link.barrier()
     check(read_back_radiated(board).loudest < FULL, "a request ends the ramp of the hold")
     latch_now(board)
-    loudest = read_back_radiated(board).loudest
-    check_equal(loudest, FULL, "a latch does not end the ramp of the hold")
+    check_fields(read_back_radiated(board), "a latch in the ramp of the hold", loudest=FULL)
     since = board.arm(host_timeout_ms=100, ramp_ms=600)
     latch_now(board)
     board.wire.idle(400 * _MS)
-    loudest = read_back_radiated(board).loudest
-    check_equal(loudest, FULL, "a frame does not end the ramp of the lease")
+    check_fields(read_back_radiated(board), "a frame in the ramp of the lease", loudest=FULL)
     muted = board.link.events(StateChanged, since)
     check(not muted, "the lease muted the board before its ramp ended")
 
@@ -156,16 +143,12 @@ def output_ramps_end_muted(board: BoardClient) -> None:
     """a ramp ends in MUTED with its reason; the queue is flushed, timeouts + 1"""
     hold_ms = board.clock.timer_ms(60, 2 * board.identity.transducers + 200)
     ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0
-    board.arm(hold_ms=hold_ms, ramp_ms=60)
+    since = board.link.mark()
     with board.counting(timeouts=1, flushed=1, latched=1):
-        since = board.link.mark()
-        latch_now(board)
-        start_us = board.last_latch_us()
+        start_us = HOLD.start(board, hold_ms, ramp_ms=60)
         board.clock.require_horizon(2_000_000)
         board.link.stream(board.flat_phases(), start_us + 2_000_000)
-        timeout_us = (400 + hold_ms) * _MS
-        header, _ = judged_mute_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
-    judge_mute_time(board, start_us, header, hold_ms + ramp_ms, "the hold and its ramp")
+        HOLD.judge(board, since, start_us, hold_ms + ramp_ms, "the hold and its ramp")
 
 
 @case("HG-6.11/6-alone", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -302,9 +285,8 @@ def _judge_ramp_with_settings(
         name = f"ceiling {ceiling}, {dict(changes)} meanwhile: "
         cut = board.config.amplitude_ceiling
         judge_straight_ramp(board, [reading], ramp_ms, begins, name, cut=cut)
-    header, _ = judged_mute_by_timer(board, since, 2 * _LONG_MS * _MS, MuteReason.HOLD_EXPIRED)
     name = f"a ramp of {_SHORT_MS} + {ramp_ms} ms, {dict(steps[-1])} meanwhile"
-    judge_mute_time(board, latch_us, header, _SHORT_MS + ramp_ms, name)
+    HOLD.judge(board, since, latch_us, _SHORT_MS + ramp_ms, name)
 
 
 def _length_of_long_ramp_ms(board: BoardClient) -> int:
@@ -381,8 +363,8 @@ class TimerPair:
 
     Attributes
     ----------
-    other : MuteReason
-        Of the other timer: HOST_SILENT or UNATTENDED.
+    other : TimerKind
+        The other timer.
     is_hold_first : bool
         Whether the hold runs out first, and begins the ramp.
     ramp_ms : int
@@ -392,13 +374,13 @@ class TimerPair:
         hold; empty: nothing.
     """
 
-    other: MuteReason
+    other: TimerKind
     is_hold_first: bool
     ramp_ms: int
     renewed_by: str = ""
 
     def __str__(self) -> str:
-        names = [self.other.name]
+        names = [self.other.reason.name]
         names.insert(not self.is_hold_first, "HOLD_EXPIRED")
         renewed = f", and {self.renewed_by} behind both" if self.renewed_by else ""
         return f"{' and then '.join(names)} in a ramp of {self.ramp_ms} ms{renewed}"
@@ -407,7 +389,7 @@ class TimerPair:
 def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> None:
     """Judge pairs of both other timers."""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    others = _OTHERS if board.has(Feature.SEQUENCE_PHASES) else _OTHERS[:1]
+    others = timer_kinds(board, LEASE, UNATTENDED)
     ramp_ms = min(_LONG_MS, _ramp_time_ms(board, length_ms))
     for other, is_hold_first, renewed in itertools.product(others, (True, False), renewed_by):
         pair = TimerPair(other, is_hold_first, ramp_ms, renewed)
@@ -428,19 +410,14 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
         begins_us, both_us = _begin_ramp_of_pair(board, pair)
         if pair.renewed_by == _FRAME:
             board.clock.idle_until(both_us)
-            frame_us = board.clock.device_us()
-            board.clock.require_before(
-                begins_us + pair.ramp_ms * _MS, "a frame in a ramp", frame_us
-            )
-        reason = pair.other
-        if pair.renewed_by == _FRAME or (pair.is_hold_first and not pair.renewed_by):
-            reason = MuteReason.HOLD_EXPIRED
-        left_us = begins_us + pair.ramp_ms * _MS - board.clock.device_estimate_us()
-        header, _ = judged_mute_by_timer(board, since, left_us + 50 * _MS, reason)
-    judge_mute_time(board, begins_us, header, pair.ramp_ms, reason.name)
+            ends_us, frame_us = begins_us + pair.ramp_ms * _MS, board.clock.device_us()
+            board.clock.require_before(ends_us, "a frame in a ramp", frame_us)
+        by_hold = pair.renewed_by == _FRAME or (pair.is_hold_first and not pair.renewed_by)
+        timer = HOLD if by_hold else pair.other
+        timer.judge(board, since, begins_us, pair.ramp_ms, timer.reason.name)
     if board.has(Feature.READ_RADIATED):
         check(is_board_silent(board), "transducers are driven behind the end")
-    for kind, due in (StateChanged, 1), (PlaybackEnded, int(pair.other is MuteReason.UNATTENDED)):
+    for kind, due in (StateChanged, 1), (PlaybackEnded, int(pair.other is UNATTENDED)):
         got = len(board.link.events(kind, since))
         check(got == due, f"{got} {kind.TYPE.name}, due are {due}")
 
@@ -450,18 +427,18 @@ def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
     hold_ms = _ramp_time_ms(board, _SHORT_HOLD_MS if pair.is_hold_first else _LONG_HOLD_MS)
     other_ms = _ramp_time_ms(board, _OTHER_MS)
     settings: dict[str, Any] = {"hold_ms": hold_ms, "ramp_ms": pair.ramp_ms}
-    if pair.other is MuteReason.HOST_SILENT:
+    if pair.other is LEASE:
         settings["host_timeout_ms"] = other_ms
     board.arm(**settings)
     ahead_us = board.clock.on_carrier(_ramp_time_ms(board, _RENEWED_MS) * _MS)
-    if pair.other is MuteReason.UNATTENDED:
+    if pair.other is UNATTENDED:
         period_us = ahead_us if pair.renewed_by == _LATCH else SLOW_US
         play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=other_ms)
         board.clock.wait_latched(0)
     else:
         latch_now(board)
     latch_us = board.last_latch_us()
-    if pair.renewed_by == _LATCH and pair.other is MuteReason.HOST_SILENT:
+    if pair.renewed_by == _LATCH and pair.other is LEASE:
         board.link.stream(board.flat_phases(), latch_us + ahead_us)
     asked_us = board.clock.device_us()
     hold_us, other_us = latch_us + hold_ms * _MS, asked_us + other_ms * _MS

@@ -33,7 +33,7 @@ from ...client.playback import play_later, play_now, send_phases_to_store_if_sup
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_correction
 from ...judge.witness import expect_witnessed_drive, judge_nothing_read_back
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...outcome import SELF_REPORTED, check, check_fields
 from ..ch07_configuration.geometry import spans_of_elements
 
 _SEQUENCE: Final = 3
@@ -77,9 +77,8 @@ def judge_spans(
         reply = read_drive(board, kind, first, count)
         end = min(first + count, total)
         codes = whole.phases[first:end] + whole.amplitudes[first:end]
-        text = f"READ_DRIVE({kind.name}) of {count} from {first} shows other codes"
-        check_equal((reply.first, reply.data), (first, codes), text)
-        check_equal(reply.key, whole.reply.key, f"READ_DRIVE from {first} names another latch")
+        text = f"READ_DRIVE({kind.name}) of {count} from {first}"
+        check_fields(reply, text, first=first, data=codes, key=whole.reply.key)
 
 
 @case("HG-8.6/2")
@@ -102,9 +101,8 @@ def reads_back_one_latch(board: BoardClient) -> None:
         (registers,) = latch_random(board, 1)
         shown = read_back(board)
         expect_witnessed_drive(board, shown, registers, b"\xff" * len(registers))
-        check(shown.reply.key == LatchKey(0, 0, index), f"key {shown.reply.key}, due is {index}")
-        got, due = shown.reply.t_latch_us, board.status().last_latch_us
-        check(got == due, f"the read-back was latched at {got} µs, says STATUS {due} µs")
+        last = {"key": LatchKey(0, 0, index), "t_latch_us": board.status().last_latch_us}
+        check_fields(shown.reply, "DRIVE_REPLY", **last)
         if mode is not TraceMode.OFF:
             seen = latches_received_from_board(board, since, mode)
             check(bool(seen) and seen[-1].crc == shown.crc, "trace and read-back disagree")

@@ -24,7 +24,7 @@ from ...client.capabilities import trace_modes
 from ...client.latching import drive_crc, latch_now, latch_random, read_ring
 from ...client.playback import play_out, send_phases_to_store, shortest_period_to_play_us
 from ...judge.events import played_keys
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields
 
 _RING_TRIED: Final = 6000  # latches: a longer ring is not filled
 _FILLED_US: Final = 60_000_000  # nor one that takes longer
@@ -90,16 +90,11 @@ class _TraceRing:
         """FAILED unless READ_TRACE shows those of the latches *held* by the ring that it names."""
         reply = read_ring(self.board, first, count)
         name = f"{name}READ_TRACE of {count} from {first}"
-        edges, due_edges = (reply.oldest, reply.next), (held[0], len(self.due))
-        check(edges == due_edges, f"{name}: oldest and next are {edges}, due {due_edges}")
-        got = [record.number for record in reply.records]
-        due = [number for number in held if first <= number < first + count][:_FIT]
-        text = f"{name}: {len(got)} records from {got[:1]}, due {len(due)} from {due[:1]}"
-        check(got == due, text)
-        for record in reply.records:
-            told, sent = (record.key, record.crc), self.due[record.number]
-            text = f"{name}: latch {record.number} is told as (key, crc) {told}, it was {sent}"
-            check(told == sent, text)
+        check_fields(reply, name, oldest=held[0], next=len(self.due))
+        numbers = [number for number in held if first <= number < first + count][:_FIT]
+        got = [(record.number, record.key, record.crc) for record in reply.records]
+        due = [(number, *self.due[number]) for number in numbers]
+        check_equal(got, due, f"{name}: (number, key, crc) of its records")
 
     def judge_holes(self, name: str, least: int) -> None:
         """FAILED unless each READ_TRACE shows what the ring holds: the latches from *least* on."""
@@ -142,11 +137,11 @@ def ring_counts_every_mode(board: BoardClient) -> None:
         index = latch_now(board, board.flat_phases(total + 1))
         total += 2
         reply = read_ring(board)
-        check_equal(reply.next, total, f"{mode.name}: next of TRACE_REPLY is {reply.next}")
+        check_fields(reply, f"{mode.name}: TRACE_REPLY", next=total)
         if mode is TraceMode.RING:
             last = [(record.number, record.key.index) for record in reply.records[-2:]]
             due = [(total - 2, index - 1), (total - 1, index)]
-            check(last == due, f"the ring ends with (number, index) {last}, due is {due}")
+            check_equal(last, due, "(number, index) of the last records")
 
 
 # --- Spans -------------------------------------------------------------------------------------

@@ -45,7 +45,7 @@ from ...client.playback import (
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_correction
 from ...judge.events import judge_division, played_keys
-from ...outcome import SELF_REPORTED, check, check_equal, named, require
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, named, require
 from .read_back import judge_spans
 
 _KINDS: Final = (Trace, TracePlayback, TraceDrive)
@@ -113,9 +113,7 @@ def _judge_traced_keys(
     """FAILED unless the latches that are traced are these, in order, or the last in the ring."""
     due = due[-board.identity.trace_ring :] if mode is TraceMode.RING else due
     got = [latch.key for latch in latches_received_from_board(board, since, mode)]
-    wrong = [pair for pair in zip(got, due, strict=False) if pair[0] != pair[1]]
-    text = f"mode {mode.name}: keys seen and due: {wrong[:2]}, {len(got)} of {len(due)}"
-    check(got == due, text)
+    check_equal(got, due, f"mode {mode.name}: keys of {len(due)} latches")
 
 
 @case("HG-8.2/1", needs=Feature.CONFIG, evidence=SELF_REPORTED)
@@ -154,8 +152,7 @@ def _judge_latch_times(board: BoardClient, mode: TraceMode, offsets_us: Sequence
             times["DRIVE_REPLY"] = [board.clock.unwrap(shown_us)]
         latches = latches_received_from_board(board, since, mode)
         times[mode.name] = [latch.t_us for latch in latches]
-        wrong = {name: told for name, told in times.items() if told != [due_us]}
-        check(not wrong, f"one latch, due at {due_us} µs, is told at {wrong}")
+        check_equal(times, {name: [due_us] for name in times}, "times of one latch")
 
 
 @case("HG-8.3/3-before", needs=Feature.CONFIG | Feature.TRACE_RING, evidence=SELF_REPORTED)
@@ -170,15 +167,13 @@ def no_latch_before_time(board: BoardClient) -> None:
     board.link.stream(board.flat_phases(), t_us)
     waiting, ring = board.status(), read_ring(board)
     board.clock.end_exchange()
-    for name in ("last_seq", "last_latch_us"):
-        got, due = getattr(waiting, name), getattr(before, name)
-        check(got == due, f"{name} is {got} before the latch, was {due}")
-    got, due = waiting.counters.latched, before.counters.latched
-    check_equal(got, due, "latched counts a frame that waits")
-    check_equal(ring.next, 1, f"the ring says that latch {ring.next} is next, before latch 1")
+    last = before.last_seq
+    due = {"last_seq": last, "last_latch_us": before.last_latch_us}
+    check_fields(waiting, "before a latch: STATUS_REPLY", **due)
+    check_fields(waiting.counters, "a frame that waits", latched=before.counters.latched)
+    check_fields(ring, "before latch 1: the ring", next=1)
     if board.has(Feature.READ_LATCHED):
-        index = read_back(board).reply.key.index
-        check_equal(index, before.last_seq, "a read-back shows the drive of a frame that waits")
+        check_fields(read_back(board).reply.key, "a frame waits: the key read back", index=last)
     board.clock.wait_until(t_us + 200)
 
 
@@ -204,11 +199,8 @@ def drives_there_in_time(board: BoardClient) -> None:
         latches = latches_received_from_board(board, since, TraceMode.CRC)
         (latch,) = (latch for latch in latches if latch.index == index)
         behind_us = board.clock.unwrap(pong.t_rx_us) - latch.t_us
-        check(
-            behind_us < 0 or told == index,
-            f"frame {index} was latched at {latch.t_us} µs, says the trace; a read-back asked for "
-            f"{behind_us} µs later shows frame {told}",
-        )
+        text = f"frame {index}, by its trace: a read-back {behind_us} µs later shows frame {told}"
+        check(behind_us < 0 or told == index, text)
 
 
 # --- Drives ------------------------------------------------------------------------------------
@@ -225,9 +217,7 @@ def traces_hash_the_drive(board: BoardClient) -> None:
         drives += send_phases_to_store(board, 3, frames=3)
         play_out(board, 3, 3)
     got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
-    due = [drive_crc(registers) for registers in drives]
-    check(len(got) == len(due), f"{len(got)} of {len(due)} latches are traced")
-    check_equal(got, due, "TRACE: CRCs that are not those of the drives sent")
+    check_equal(got, list(map(drive_crc, drives)), "TRACE: CRC-32 of the drives sent")
 
 
 @case("HG-8.4/1", needs=Feature.TRACE_DRIVE | Feature.CONFIG, evidence=SELF_REPORTED)
@@ -253,8 +243,7 @@ def traces_delay_nothing(board: BoardClient) -> None:
     """while traces fill the line all of 400 frames are latched at the highest rate, in time"""
     before = board.status().counters
     _, frames = flood_with_traces(board)
-    counted = board.counted_since(before)
-    check_equal(counted["latched"], frames, f"{counted['latched']} of {frames} frames were latched")
+    board.check_counted(before, f"{frames} frames", {"latched": frames})
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(TraceDrive)]
     start = times[0] if times else 0
     off = [t_us for t_us in times if (t_us - start) % board.clock.carrier_us]
@@ -299,11 +288,10 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
                 shown = read_back(board)
                 name = f"{path.name}, trace {mode.name}"
                 if due is not None:
-                    same = (shown.phases, shown.amplitudes) == due
-                    check(same, f"{name}: the latched drive read back is not the one sent")
+                    check_equal((shown.phases, shown.amplitudes), due, f"{name}: drive read back")
                 seen = latches_received_from_board(board, since, mode)
-                check(bool(seen), f"{name}: no latch is traced")
-                check_equal(seen[-1].crc, shown.crc, f"{name}: traced is not the latched drive")
+                crcs = [latch.crc for latch in seen[-1:]]
+                check_equal(crcs, [shown.crc], f"{name}: CRC-32 of the drive read back")
 
 
 @case("HG-8.6/1-shaded", needs=_SHOWN, evidence=SELF_REPORTED)
@@ -366,10 +354,7 @@ def every_trace_of_like_keys(board: BoardClient) -> None:
                 check(shown.crc == due[-1], text)
         seen = latches_received_from_board(board, since, mode)
         got = [latch.crc for latch in seen if latch.sequence]
-        pairs = enumerate(zip(got, due, strict=False))
-        wrong = [place for place, (told, sent) in pairs if told != sent]
-        text = f"trace {mode.name}: of {len(due)} playbacks of one frame {len(got)} are told"
-        check(len(got) == len(due) and not wrong, f"{text}, those at {wrong} as other drives")
+        check_equal(got, due, f"trace {mode.name}: CRC-32 of playbacks of one frame")
 
 
 @case("HG-8.4/1-restarts", needs=_FLOODED, evidence=SELF_REPORTED)

@@ -21,7 +21,7 @@ from ...client.board_client import BoardClient
 from ...client.latching import send_between_pings
 from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import points_of_stream_kind, stream_kinds, valid_requests_to_send
-from ...outcome import SELF_REPORTED, CaseEndedError, check, named
+from ...outcome import SELF_REPORTED, CaseEndedError, check, check_fields, named
 from ..ch05_stream.every_drop import DROPS, frames_to_drop
 
 _MS: Final = 1000
@@ -42,7 +42,7 @@ def _send_ahead(board: BoardClient, good: Message, ahead_us: Sequence[int]) -> i
 def _check_margins(
     status: StatusReply, number: int, least_us: int, mean_us: int, later_us: int
 ) -> None:
-    check(status.margins == number, f"margins of {status.margins} frames, due are {number}")
+    check_fields(status, "STATUS_REPLY", margins=number)
     for name, got, due in (
         ("margin_min_us", status.margin_min_us, least_us),
         ("margin_mean_us", status.margin_mean_us, mean_us),
@@ -157,9 +157,8 @@ def every_dropped_margin(board: BoardClient) -> None:
         _, wires = frames_to_drop(board, drop, kind)
         board.status()  # margins begin anew
         board.link.send(*wires)
-        found, due = board.status().margins, len(wires) if drop.counter in _WITH_MARGIN else 0
-        text = f"{len(wires)} frames {drop.summary}"
-        check(found == due, f"{text}: the margins tell of {found}, {due} have one")
+        due = len(wires) if drop.counter in _WITH_MARGIN else 0
+        board.check_status(f"{len(wires)} frames {drop.summary}", margins=due)
         board.link.ask(Mute())
 
 

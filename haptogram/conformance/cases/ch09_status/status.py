@@ -49,8 +49,8 @@ from ...client.playback import (
 from ...client.recording import counter_steps
 from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import upload_correction
-from ...judge.timers import judge_mute_time, judge_status_period, judged_mute_by_timer
-from ...outcome import SELF_REPORTED, check, check_equal
+from ...judge.timers import HOLD, judge_status_period, judged_mute_by_timer
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields
 
 _MS: Final = 1000
 _ROUNDS: Final = 8
@@ -63,10 +63,6 @@ _WINDOW_US: Final = 100_000
 _HOLD_MS: Final = 300
 _HEADERS_BYTES: Final = 100  # of a PING and two stream frames
 _COUNTED: Final = ("accepted", "latched", "late", "flushed")
-
-
-#: The last latch: key, time, phases and amplitudes; number of the last stream frame, time again.
-LastLatch = tuple[LatchKey | None, int, bytes, int, int]
 
 
 @case("HG-9.1/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
@@ -104,11 +100,8 @@ def status_of_one_moment(board: BoardClient) -> None:
         is_whole = (counted["frames"] - sum(parts.values())) & 0xFFFFFFFF == 0
         check(is_whole, f"frames has grown by {counted['frames']}, its parts by {parts}")
         stream = counted["latched"] + counted["flushed"] + status.queued - found[0].queued
-        check(
-            (counted["accepted"] - stream) & 0xFFFFFFFF == 0,
-            f"accepted {counted['accepted']}, latched {counted['latched']}, "
-            f"flushed {counted['flushed']}, queued {status.queued}",
-        )
+        text = f"latched, flushed and queued together grew by {stream}; counted {parts}"
+        check((counted["accepted"] - stream) & 0xFFFFFFFF == 0, text)
 
 
 # --- The last latch ----------------------------------------------------------------------------
@@ -119,12 +112,9 @@ def status_begins_with_nothing(board: BoardClient) -> None:
     """last_seq and last_latch_us are 0 until a latch, and again in a new session"""
     board.arm()
     for _ in range(2):
-        found = board.status()
-        got = (found.last_seq, found.last_latch_us)
-        check_equal(got, (0, 0), f"before the first latch (last_seq, last_latch_us) is {got}")
+        board.check_status("before the first latch", last_seq=0, last_latch_us=0)
         index = latch_now(board)
-        found = board.status()
-        check(found.last_seq == index, f"last_seq is {found.last_seq}, due is {index}")
+        found = board.check_status("behind a latch", last_seq=index)
         check(found.last_latch_us != 0, "last_latch_us is 0 after a latch")
         board.hello()
         board.arm()
@@ -140,12 +130,11 @@ def every_playback_last_seq(board: BoardClient) -> None:
         _judge_latch_on_path(board, path, stored, TraceMode.OFF, path.name)
 
 
-def _read_last_latch(board: BoardClient) -> LastLatch:
+def _read_last_latch(board: BoardClient) -> dict[str, object]:
+    """Return what status and read-back tell of the last latch, by its name."""
     status = board.status()
-    if not board.has(Feature.READ_LATCHED):
-        return None, 0, b"", status.last_seq, status.last_latch_us
-    reply = read_back(board).reply
-    return reply.key, reply.t_latch_us, reply.data, status.last_seq, status.last_latch_us
+    told: dict[str, object] = {"seq": status.last_seq, "latch_us": status.last_latch_us}
+    return told | ({"read": read_back(board).reply} if board.has(Feature.READ_LATCHED) else {})
 
 
 def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -180,10 +169,7 @@ def _check_last_latch_stays(board: BoardClient, name: str) -> None:
     for what, do in _events_without_latch(board):
         do()
         board.link.barrier()
-        now = _read_last_latch(board)
-        names = ("key", "time", "codes", "last_seq", "last_latch_us")
-        changed = [n for n, a, b in zip(names, before, now, strict=True) if a != b]
-        check(not changed, f"after {name}, {what} changes {', '.join(changed)} of the last latch")
+        check_equal(_read_last_latch(board), before, f"the last latch after {name}, behind {what}")
 
 
 @case("HG-9.1/2-stays", evidence=SELF_REPORTED)
@@ -204,11 +190,11 @@ def every_latchless_event(board: BoardClient) -> None:
             play_now(board, _SEQUENCE, loops=0)
             let_play(board, 5)
             board.link.ask(Stop())
-        key, _, _, last_seq, _ = _read_last_latch(board)
-        check(last_seq == index, f"after a playback last_seq is {last_seq}, due is {index}")
-        if key is not None:
+        board.check_status("after a playback", last_seq=index)
+        if board.has(Feature.READ_LATCHED):
+            key = read_back(board).reply.key
             due = LatchKey(_SEQUENCE, 2 if ended == "by itself" else key.loop, 0)
-            check_equal(key, due, f"after passes of 1 frame, ended {ended}, the key is {key}")
+            check_equal(key, due, f"the key after passes of 1 frame, ended {ended}")
         _check_last_latch_stays(board, f"a playback that ended {ended}")
 
 
@@ -352,21 +338,18 @@ def _check_status(
     before: StatusReply, after: StatusReply, path: _Path, last: _LastLatch, text: str
 ) -> None:
     index = before.last_seq if path.plays else last.key.index
-    check(after.last_seq == index, f"{text}: last_seq is {after.last_seq}, due is {index}")
+    check_fields(after, f"{text}: STATUS_REPLY", last_seq=index)
     moved = after.last_latch_us != before.last_latch_us
     check(moved, f"{text}: last_latch_us stays {after.last_latch_us}")
-    for name, due in zip(_COUNTED, path.counted, strict=True):
-        got = (getattr(after.counters, name) - getattr(before.counters, name)) & 0xFFFFFFFF
-        check(got == due, f"{text}: {name} counts {got}, due is {due}")
+    steps = counter_steps(before.counters, after.counters)
+    check_equal(tuple(steps[name] for name in _COUNTED), path.counted, f"{text}: {_COUNTED} count")
 
 
 def _check_drives(board: BoardClient, after: StatusReply, last: _LastLatch, text: str) -> None:
     for kind in drive_kinds(board):
-        shown, name = read_back(board, kind), f"{text}: READ_DRIVE({kind.name})"
-        told, due = (shown.reply.key, shown.reply.t_latch_us), (last.key, after.last_latch_us)
-        check(told == due, f"{name} names {told}, due is {due}")
-        same = shown.phases + shown.amplitudes == full_client_drive(last.registers)
-        check(same, f"{name} shows other codes than were latched")
+        due = {"key": last.key, "t_latch_us": after.last_latch_us}
+        due |= {"data": full_client_drive(last.registers)}
+        check_fields(read_back(board, kind).reply, f"{text}: READ_DRIVE({kind.name})", **due)
 
 
 def _check_traces(
@@ -374,12 +357,9 @@ def _check_traces(
 ) -> None:
     _, latched, late, _ = path.counted
     new = latches[-latched:]
-    check(len(new) == latched, f"{text}: {len(new)} latches are traced, due are {latched}")
-    key, told_us = new[-1].key, new[-1].t_us
-    check(key == last.key, f"{text}: the trace names {key}, due is {last.key}")
-    check_equal(told_us, last_us, f"{text}: traced at {told_us} µs, latched at {last_us} µs")
     flags = [latch.late for latch in new]
-    check_equal(flags, [bool(late)] * latched, f"{text}: the traces have LATE {flags}")
+    check_equal(flags, [bool(late)] * latched, f"{text}: LATE of {latched} traces")
+    check_fields(new[-1], f"{text}: the last trace", key=last.key, t_us=last_us)
 
 
 @case("HG-12.3/1-latches", needs=Feature.CONFIG, depth=Depth.DEFAULT)
@@ -401,6 +381,4 @@ def every_latch_restarts_the_hold(board: BoardClient) -> None:
         first_us = start_us - (path.counted[1] - 1) * period_to_play(board)
         last_us = begun_us + (hold_ms - 50) * _MS
         board.clock.require_before(last_us, "a latch within the hold", first_us)
-        header, _ = judged_mute_by_timer(board, since, 3 * hold_ms * _MS, MuteReason.HOLD_EXPIRED)
-        text = f"hold_ms = {hold_ms}, behind {path.name}"
-        judge_mute_time(board, start_us, header, hold_ms, text)
+        HOLD.judge(board, since, start_us, hold_ms, f"hold_ms = {hold_ms}, behind {path.name}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -158,24 +158,27 @@ def every_type_renews_the_lease(board: BoardClient) -> None:
     """frames of every type, good, bad and repeated, each renew the lease: it runs out behind
     them
     """
-    _timer_renewed_by_each(board, plays=False)
+    judge_renewals(board, plays=False)
 
 
 @case("HG-6.7/1-playing", needs=PLAYS, depth=Depth.DEFAULT)
 def every_type_renews_the_unattended_time(board: BoardClient) -> None:
     """in a playback frames of every type, good, bad and repeated, each renew the unattended time"""
-    _timer_renewed_by_each(board, plays=True)
+    judge_renewals(board, plays=True)
 
 
 @case("HG-6.11/4-types", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def every_type_ends_the_ramp_of_a_lease(board: BoardClient) -> None:
     """during a ramp of the lease frames of every type, good and bad, each end it"""
-    _timer_renewed_by_each(board, plays=False, ramps=True)
+    judge_renewals(board, plays=False, ramps=True)
 
 
-def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = False) -> None:
+def judge_renewals(
+    board: BoardClient, *, plays: bool, ramps: bool = False, names: Collection[str] = ()
+) -> None:
     """FAILED unless the timer, renewed by one frame, runs out its whole length behind it.
 
+    With *names*: the frames named alone.
     If it *ramps*, the frame comes in the ramp, which makes up the second half of that length. A
     frame that seems to renew nothing is sent anew in longer times: host or board may have been
     late.
@@ -185,8 +188,10 @@ def _timer_renewed_by_each(board: BoardClient, *, plays: bool, ramps: bool = Fal
     size = 2 * 2 * 2 * board.identity.transducers
     repeated = _repeated_renewals(board, plays=plays)
     at_once = ((name, make, None) for name, make in _renewals(board, plays=plays))
-    is_long = (ramps or plays) and not board.wire.is_virtual
+    is_long = names or ((ramps or plays) and not board.wire.is_virtual)
     for name, make, first in itertools.chain(at_once, () if is_long else repeated):
+        if names and name not in names:
+            continue
         for least_ms, wait_ms in _LEASES_IN_RAMPS_MS if ramps else _LEASES_MS:
             lasts_ms = board.clock.timer_ms(least_ms, size)
             ramp_ms = least_ms // 2 if ramps else 0
@@ -341,6 +346,17 @@ def _wrong_crc_renews_no_lease(board: BoardClient) -> Frames:
     }
 
 
+def damaged_pings(board: BoardClient) -> Frames:
+    """Return a PING with a wrong CRC, by its name."""
+    return {"PING with a wrong CRC": [malformed_frames.malformed_ping(board.link)]}
+
+
+def stale_pings(board: BoardClient) -> Frames:
+    """Return a PING of another session, by its name."""
+    wire, _ = board.link.request_wire(Ping(0), session=board.link.session ^ _STALE)
+    return {"PING of another session": [wire]}
+
+
 def _defect_renews_no_lease(board: BoardClient) -> Frames:
     ping = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
     long = malformed_frames.malformed_noise(board.random, MAX_ENCODED_BYTES + 100)
@@ -388,11 +404,12 @@ def _lease_late_us(
     return board.clock.unwrap(header.time_us) - start_us - (length_ms + ramp_ms) * _MS
 
 
-def _judge_lease(board: BoardClient, make: Callable[[BoardClient], Frames]) -> None:
-    """FAILED if hold, lease or unattended time end late because of these frames."""
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_that_fit(board, TIMED, frames=2)
-    for timer in timer_kinds(board):
+def judge_no_renewals(
+    board: BoardClient, make: Callable[[BoardClient], Frames], *timers: TimerKind
+) -> None:
+    """FAILED if one of *timers*, or of all, ends late because of these frames."""
+    send_phases_to_store_if_supported(board, TIMED, frames=2)
+    for timer in timer_kinds(board, *timers):
         frames = make(board)
         if timer is not RAMP and _lease_length_ms(board, frames) <= timer.most_ms(board):
             late_us = partial(_lease_late_us, board, timer, make)
@@ -404,19 +421,19 @@ def damaged_frames_renew_no_timer(board: BoardClient) -> None:
     """frames of every type with a wrong CRC renew no hold, lease or unattended time, nor in a
     ramp
     """
-    _judge_lease(board, _wrong_crc_renews_no_lease)
+    judge_no_renewals(board, _wrong_crc_renews_no_lease)
 
 
 @case("HG-6.7/1-others", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def frames_of_other_sessions_renew_no_timer(board: BoardClient) -> None:
     """other damage and frames of another session do not renew hold, lease or unattended time"""
-    _judge_lease(board, _defect_renews_no_lease)
+    judge_no_renewals(board, _defect_renews_no_lease)
 
 
 @case("HG-4.6/1-timers", needs=Feature.CONFIG, depth=Depth.DEFAULT)
 def a_repeated_hello_renews_no_timer(board: BoardClient) -> None:
     """HELLO with the open nonce renews no hold, lease or unattended time, nor in a ramp"""
-    _judge_lease(board, _repeated_hello_renews_no_lease)
+    judge_no_renewals(board, _repeated_hello_renews_no_lease)
 
 
 def _repeated_hello_renews_no_lease(board: BoardClient) -> Frames:
